@@ -1,0 +1,181 @@
+"""Every name other people may match on: group, labels, annotations, conditions, reasons, field managers.
+
+A name that appears in an object, event or metric label is written here and nowhere else, because dashboards,
+policies and users' scripts depend on it. `docs/names.md` is generated from this module.
+"""
+
+from enum import StrEnum
+from typing import Final
+
+GROUP: Final = "robotics.io"
+VERSION: Final = "v1alpha1"
+API_VERSION: Final = f"{GROUP}/{VERSION}"
+
+SCHEDULER_NAME: Final = "ros-aware-scheduler"
+THESIS_SCHEDULER_NAME: Final = "kubernetes-scheduler"
+"""Second profile name: the Rigelfiles of the thesis ask for it."""
+
+OPERATOR_MANAGER: Final = "robotapp-operator"
+SCHEDULER_MANAGER: Final = "robotapp-scheduler"
+BRIDGE_MANAGER: Final = "rigel-bridge"
+FLEET_CONFIG_MAP: Final = "robot-fleet-assignments"
+ROBOT_END: Final = "@robot"
+"""End of an edge that is the robot's node itself rather than a component."""
+
+
+class Label(StrEnum):
+    """Labels on children, claims and nodes."""
+
+    APP = "robotics.io/app"
+    APP_UID = "robotics.io/app-uid"
+    COMPONENT = "robotics.io/component"
+    INSTANCE = "robotics.io/instance"
+    NAME = "app.kubernetes.io/name"
+    PART_OF = "app.kubernetes.io/part-of"
+    MANAGED_BY = "app.kubernetes.io/managed-by"
+    TIER = "robotics.io/tier"
+    ROBOT = "robotics.io/robot"
+    ZONE = "topology.kubernetes.io/zone"
+    HOSTNAME = "kubernetes.io/hostname"
+    CLAIM = "robotics.io/claim"
+    POOL = "robotics.io/pool"
+    HOLDER_UID = "robotics.io/holder-uid"
+
+
+HARDWARE_PREFIX: Final = "hardware.robotics.io/"
+
+
+class Annotation(StrEnum):
+    """Annotations read or written by our components."""
+
+    POLICIES = "scheduler.robotics.io/policies"
+    TOPOLOGY = "scheduler.robotics.io/topology"
+    AFFINITY = "scheduler.robotics.io/affinity"
+    SHARED_DATA = "scheduler.robotics.io/shared-data"
+    DDS_DOMAIN = "scheduler.robotics.io/dds-domain"
+    GRACEFUL_SHUTDOWN = "scheduler.robotics.io/graceful-shutdown"
+    GRANTED_DOMAIN = "granted.robotics.io/dds-domain"
+    GRANTED_DEVICES = "granted.robotics.io/devices"
+    ALLOWED_NAMESPACES = "robotics.io/allowed-namespaces"
+    APPROVE_UPDATE = "robotics.io/approve-update"
+    RENDERED_BY = "robotics.io/rendered-by"
+    """Operator version that wrote a template: a lower version never overwrites it (claims.md rule 5)."""
+    APP_GENERATION = "robotics.io/app-generation"
+    PARAMS_HASH = "robotics.io/params-hash"
+    THING = "robotics.io/thing"
+    HOLDER = "robotics.io/holder"
+    BETTER_NODE = "robotics.io/better-node"
+
+
+GRANTED_PREFIX: Final = "granted.robotics.io/"
+SCHEDULING_GATE: Final = "robotics.io/domain"
+"""Set by the operator on pods of schedulers that cannot do the bind check (claims.md rule 6)."""
+
+
+class Condition(StrEnum):
+    """Condition types of a RobotApp; all exist from creation by schema default."""
+
+    READY = "Ready"
+    ACCEPTED = "Accepted"
+    ALLOCATED = "Allocated"
+    PLACED = "Placed"
+    BUDGET_MET = "BudgetMet"
+    PROGRESSING = "Progressing"
+    STALLED = "Stalled"
+
+
+class Reason(StrEnum):
+    """Reasons of RobotApp conditions."""
+
+    PENDING = "Pending"
+    # Accepted
+    ACCEPTED = "Accepted"
+    INVALID_SPEC = "InvalidSpec"
+    UNKNOWN_DISTRO = "UnknownDistro"
+    NOT_ALLOWED_ON_ROBOT = "NotAllowedOnRobot"
+    NO_MATCHING_ROBOT = "NoMatchingRobot"
+    # Allocated
+    ALLOCATED = "Allocated"
+    DOMAIN_EXHAUSTED = "DomainExhausted"
+    DOMAIN_TAKEN = "DomainTaken"
+    QUOTA_EXCEEDED = "QuotaExceeded"
+    POOL_NOT_FOUND = "PoolNotFound"
+    DEVICE_BUSY = "DeviceBusy"
+    WAITING_FOR_DEVICES = "WaitingForDevices"
+    NOT_OUR_SCHEDULER = "NotOurScheduler"
+    NOTHING_TO_ALLOCATE = "NothingToAllocate"
+    # Placed
+    PLACED = "Placed"
+    UNSCHEDULABLE = "Unschedulable"
+    WAITING_FOR_PODS = "WaitingForPods"
+    # BudgetMet
+    WITHIN_BUDGET = "WithinBudget"
+    BUDGET_EXCEEDED = "BudgetExceeded"
+    NO_BUDGET = "NoBudget"
+    NOT_MEASURED = "NotMeasured"
+    # Ready, Progressing, Stalled
+    ALL_READY = "AllComponentsReady"
+    COMPONENTS_NOT_READY = "ComponentsNotReady"
+    FAILED_CREATE = "FailedCreate"
+    QUOTA_REFUSED = "QuotaRefused"
+    IMAGE_PULL = "ImagePullFailed"
+    CRASH_LOOP = "CrashLoop"
+    SUSPENDED = "Suspended"
+    ROLLING_OUT = "RollingOut"
+    UP_TO_DATE = "UpToDate"
+    UPDATE_HELD = "UpdateHeld"
+    NOT_STALLED = "NotStalled"
+    RECONCILE_ERROR = "ReconcileError"
+
+
+class Phase(StrEnum):
+    """Values our operator writes to RobotApp status.phase (a plain string in the schema, so it may grow)."""
+
+    PENDING = "Pending"
+    PLACING = "Placing"
+    RUNNING = "Running"
+    DEGRADED = "Degraded"
+    OFFLINE = "Offline"
+    SUSPENDED = "Suspended"
+    STOPPING = "Stopping"
+    FAILED = "Failed"
+
+
+class ClaimPhase(StrEnum):
+    """RobotClaim status.phase."""
+
+    RESERVED = "Reserved"
+    BOUND = "Bound"
+    DRAINING = "Draining"
+
+
+class EventReason(StrEnum):
+    """Reasons of Events our components write (upstream's Scheduled and FailedScheduling included)."""
+
+    DOMAIN_ALLOCATED = "DomainAllocated"
+    DOMAIN_EXHAUSTED = "DomainExhausted"
+    DEVICE_CLAIMED = "DeviceClaimed"
+    DEVICE_BUSY = "DeviceBusy"
+    DEVICE_LOST = "DeviceLost"
+    NODE_REJECTED = "NodeRejected"
+    PLACED = "Placed"
+    FALLBACK_USED = "FallbackUsed"
+    BUDGET_EXCEEDED = "BudgetExceeded"
+    RESCHEDULED = "Rescheduled"
+    CLAIM_CONFLICT = "ClaimConflict"
+    EOL_DISTRO = "EolDistro"
+    INVALID_SPEC = "InvalidSpec"
+    CHILD_FAILED = "ChildFailed"
+    SCHEDULED = "Scheduled"
+    FAILED_SCHEDULING = "FailedScheduling"
+
+
+class PodReason(StrEnum):
+    """Reasons of a pod's PodScheduled=False condition."""
+
+    UNSCHEDULABLE = "Unschedulable"
+    SCHEDULER_ERROR = "SchedulerError"
+    INVALID_ANNOTATION = "InvalidAnnotation"
+    WAITING_FOR_GROUP = "WaitingForGroup"
+    WAITING_FOR_PREDECESSOR = "WaitingForPredecessor"
+    WAITING_FOR_DOMAIN = "WaitingForDomain"
