@@ -1,0 +1,91 @@
+{{/* Rules of the operator inside a namespace it serves: a Role in each, or one ClusterRole. */}}
+{{- define "robotapp.operatorNamespacedRules" -}}
+- apiGroups: [robotics.io]
+  resources: [robotapps]
+  verbs: [get, list, watch]
+- apiGroups: [robotics.io]
+  resources: [robotapps/status]
+  verbs: [get, patch, update]
+# Children are written by server-side apply, which needs create and patch.
+- apiGroups: [apps]
+  resources: [deployments]
+  verbs: [get, list, watch, create, update, patch, delete]
+- apiGroups: [""]
+  resources: [services, configmaps]
+  verbs: [get, list, watch, create, update, patch, delete]
+- apiGroups: [apps]
+  resources: [replicasets]
+  verbs: [get, list, watch]
+# patch: takes the scheduling gate off pods of other schedulers once their domain is claimed.
+- apiGroups: [""]
+  resources: [pods]
+  verbs: [get, list, watch, patch]
+- apiGroups: [events.k8s.io]
+  resources: [events]
+  verbs: [create, patch]
+{{- end -}}
+
+{{/* Rules of the operator on cluster-scoped objects. */}}
+{{- define "robotapp.operatorClusterRules" -}}
+- apiGroups: [robotics.io]
+  resources: [robotclaims]
+  verbs: [get, list, watch, create, update, patch, delete]
+- apiGroups: [robotics.io]
+  resources: [robotclaims/status]
+  verbs: [get, update, patch]
+- apiGroups: [robotics.io]
+  resources: [domainpools]
+  verbs: [get, list, watch]
+- apiGroups: [robotics.io]
+  resources: [domainpools/status]
+  verbs: [get, update, patch]
+# spec.probe: which peers a node's agent should measure.
+- apiGroups: [robotics.io]
+  resources: [nodetelemetries]
+  verbs: [get, list, watch, create, patch]
+- apiGroups: [""]
+  resources: [nodes, namespaces]
+  verbs: [get, list, watch]
+- apiGroups: [apiextensions.k8s.io]
+  resources: [customresourcedefinitions]
+  verbs: [get, list, watch]
+{{- end -}}
+
+{{- define "robotapp.schedulerRules" -}}
+- apiGroups: [""]
+  resources: [nodes, namespaces, pods, persistentvolumeclaims, persistentvolumes]
+  verbs: [get, list, watch]
+- apiGroups: [storage.k8s.io]
+  resources: [storageclasses, csinodes]
+  verbs: [get, list, watch]
+# The sweep asks whether a domain is still named by a workload.
+- apiGroups: [apps]
+  resources: [deployments, replicasets]
+  verbs: [get, list, watch]
+- apiGroups: [robotics.io]
+  resources: [robotapps, domainpools, nodetelemetries]
+  verbs: [get, list, watch]
+- apiGroups: [""]
+  resources: [pods/binding]
+  verbs: [create]
+- apiGroups: [""]
+  resources: [pods/status]
+  verbs: [patch]
+- apiGroups: [robotics.io]
+  resources: [robotclaims]
+  verbs: [get, list, watch, create, update, patch, delete]
+- apiGroups: [robotics.io]
+  resources: [robotclaims/status]
+  verbs: [get, update, patch]
+- apiGroups: [events.k8s.io]
+  resources: [events]
+  verbs: [create, patch]
+{{- end -}}
+
+{{/* A binding of a role to a component's ServiceAccount; argument: root, component. */}}
+{{- define "robotapp.subject" -}}
+subjects:
+- kind: ServiceAccount
+  name: {{ include "robotapp.name" .root }}-{{ .component }}
+  namespace: {{ .root.Release.Namespace }}
+{{- end -}}
