@@ -9,7 +9,7 @@ from typing import Final
 
 GROUP: Final = "robotics.io"
 VERSION: Final = "v1alpha1"
-API_VERSION: Final = f"{GROUP}/{VERSION}"
+API_VERSION: Final = "robotics.io/v1alpha1"
 
 SCHEDULER_NAME: Final = "ros-aware-scheduler"
 THESIS_SCHEDULER_NAME: Final = "kubernetes-scheduler"

@@ -1,0 +1,130 @@
+"""Edges: who talks to whom, how often, with which QoS and within which time. The heart of placement."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, WithJsonSchema
+
+from robotapp_api.model.base import Model
+from robotapp_api.model.markers import Rule
+from robotapp_api.model.scalars import Duration, EdgeEnd, InterfaceType, Quantity, TopicName
+
+Reliability = Literal["reliable", "best_effort"]
+Durability = Literal["volatile", "transient_local"]
+Liveliness = Literal["automatic", "manual_by_topic"]
+Percentile = Literal[50, 95]
+Enforce = Literal["Required", "Preferred"]
+
+
+class Qos(Model):
+    """DDS quality of service; what is absent is not compared."""
+
+    reliability: Reliability | None = None
+    """reliable re-sends lost messages, best_effort does not."""
+    durability: Durability | None = None
+    """transient_local keeps messages for late joiners, volatile does not."""
+    history: Literal["keep_last", "keep_all"] | None = None
+    """keep_last holds `depth` messages, keep_all holds every message until it is read."""
+    depth: Annotated[int, Field(ge=0, le=100_000)] | None = None
+    """Messages held with keep_last."""
+    deadline: Duration | None = None
+    """Longest time between two messages."""
+    liveliness: Liveliness | None = None
+    """Who says that a publisher is alive: the middleware (automatic) or the application for each topic."""
+    lease: Duration | None = None
+    """Time after which a silent publisher counts as dead."""
+
+
+class EdgeLatency(Model):
+    """Ceiling of the round-trip time between the two ends of an edge."""
+
+    budget: Annotated[
+        Duration,
+        Rule(rule="duration(self) > duration('0s')", message="budget must be above zero; write for example 30ms"),
+    ]
+    """Round-trip time the nodes of the two ends may have between them, such as 30ms."""
+    percentile: Percentile = 95
+    """Percentile of the measured round-trip time that is compared, 50 or 95."""
+    enforce: Enforce = "Required"
+    """Required refuses nodes outside the budget, Preferred only ranks them lower."""
+
+
+def _qos_refusal(field: str, *, when: str, offered: str, asked: str) -> Rule:
+    """A pair of QoS values that DDS itself refuses, once both sides have stated `field`."""
+    both = f"has(self.qos) && has(self.requestedQos) && has(self.qos.{field}) && has(self.requestedQos.{field})"
+    return Rule(
+        rule=f"!({both}) || !({when})",
+        message=f"{field}: `from` offers less than `to` asks, so DDS refuses the pair; write {offered} or {asked}",
+        expression=f"'edge %s: {field} %s is offered but %s is asked, so DDS refuses the pair; write {offered} or {asked}'"
+        f".format([self.topic, self.qos.{field}, self.requestedQos.{field}])",
+        path=f".requestedQos.{field}",
+    )
+
+
+class Edge(Model):
+    """A topic, service or action between two components, or between a component and the robot itself."""
+
+    RULES = (
+        Rule(
+            rule="self.from != self.to",
+            message="an edge needs two different ends; write another component in from or to, or drop the edge",
+            expression="'edge %s: from and to are both %s; write another component in one of them, or drop the edge'.format([self.topic, self.from])",
+        ),
+        _qos_refusal(
+            "reliability",
+            when="self.requestedQos.reliability == 'reliable' && self.qos.reliability == 'best_effort'",
+            offered="qos.reliability: reliable",
+            asked="requestedQos.reliability: best_effort",
+        ),
+        _qos_refusal(
+            "durability",
+            when="self.requestedQos.durability == 'transient_local' && self.qos.durability == 'volatile'",
+            offered="qos.durability: transient_local",
+            asked="requestedQos.durability: volatile",
+        ),
+        _qos_refusal(
+            "liveliness",
+            when="self.requestedQos.liveliness == 'manual_by_topic' && self.qos.liveliness == 'automatic'",
+            offered="qos.liveliness: manual_by_topic",
+            asked="requestedQos.liveliness: automatic",
+        ),
+        _qos_refusal(
+            "deadline",
+            when="duration(self.requestedQos.deadline) < duration(self.qos.deadline)",
+            offered="a shorter qos.deadline",
+            asked="a longer requestedQos.deadline",
+        ),
+        _qos_refusal(
+            "lease",
+            when="duration(self.requestedQos.lease) < duration(self.qos.lease)",
+            offered="a shorter qos.lease",
+            asked="a longer requestedQos.lease",
+        ),
+    )
+
+    topic: TopicName
+    """Topic, service or action name, such as /cmd_vel."""
+    type: InterfaceType | None = None
+    """ROS interface type, such as geometry_msgs/msg/Twist."""
+    from_: Annotated[EdgeEnd, Field(alias="from")]
+    """Component that publishes or serves, or @robot for the robot's node itself."""
+    to: EdgeEnd
+    """Component that subscribes or calls, or @robot for the robot's node itself."""
+    rate_hz: Annotated[float, Field(ge=0, le=100_000)] | None = None
+    """Messages per second."""
+    message_bytes: (
+        Annotated[
+            int,
+            Field(ge=0, le=2_147_483_648),
+            WithJsonSchema({"type": "integer", "format": "int64", "minimum": 0, "maximum": 2_147_483_648}),
+        ]
+        | None
+    ) = None
+    """Typical size of a message in bytes."""
+    qos: Qos | None = None
+    """Quality of service offered by `from`."""
+    requested_qos: Qos | None = None
+    """Quality of service asked by `to`; pairs that DDS would refuse are refused here."""
+    latency: EdgeLatency | None = None
+    """Latency budget of the edge."""
+    bandwidth: Quantity | None = None
+    """Bits per second, such as 40M; a cost for placement, not a limit."""

@@ -1,0 +1,51 @@
+"""Where an app may run as a whole, what happens when nothing fits, and when running components may move."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from robotapp_api.model.base import Model
+from robotapp_api.model.scalars import Duration, ShortText, Text
+
+Objective = Literal["Latency", "Balance"]
+FallbackStep = Literal["RelaxPreferred", "Onboard", "Wait"]
+RescheduleWhen = Literal["Never", "BudgetExceeded"]
+
+
+class Fallback(Model):
+    """What happens when no placement fits."""
+
+    steps: Annotated[tuple[FallbackStep, ...], Field(max_length=8)] = ("RelaxPreferred", "Wait")
+    """Steps in order: RelaxPreferred drops wishes, Onboard puts components on the robot, Wait keeps the pods pending."""
+    after: Duration = "10s"
+    """Time without a placement before the next step."""
+
+
+class Reschedule(Model):
+    """When a running component may move to another node."""
+
+    when: RescheduleWhen = "Never"
+    """Never, or BudgetExceeded: a required edge stays above its budget."""
+    for_: Annotated[Duration, Field(alias="for")] = "15s"
+    """How long a budget must be exceeded before anything moves."""
+    cooldown: Duration = "2m"
+    """Rest between two moves of one component."""
+    max_per_day: Annotated[int, Field(ge=0, le=1000)] = 3
+    """Moves of one component within 24 hours."""
+
+
+class Placement(Model):
+    """Placement of the whole app."""
+
+    zones: Annotated[tuple[ShortText, ...], Field(max_length=16)] = ()
+    """Preferred values of topology.kubernetes.io/zone, best first."""
+    master_node: Text = ""
+    """Node that latencies are counted to when a component has no edges; empty means the robot's node."""
+    objective: Objective = "Latency"
+    """What placement optimises: Latency keeps edges short, Balance spreads load over the nodes."""
+    all_or_nothing: bool = True
+    """Place all components of an instance or none."""
+    fallback: Fallback = Fallback()
+    """What happens when no placement fits."""
+    reschedule: Reschedule = Reschedule()
+    """When running components may move."""

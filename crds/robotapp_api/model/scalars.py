@@ -1,0 +1,55 @@
+"""Strings and numbers with the bounds and patterns of the API. RE2 and pydantic's engine share the syntax used here."""
+
+from typing import Annotated, Any
+
+from pydantic import Field, StringConstraints, WithJsonSchema
+
+LABEL_PATTERN = r"^[a-z0-9]([-a-z0-9]*[a-z0-9])?$"
+SUBDOMAIN_PATTERN = r"^[a-z0-9]([-a-z0-9]*[a-z0-9])?(\.[a-z0-9]([-a-z0-9]*[a-z0-9])?)*$"
+DURATION_PATTERN = r"^([0-9]{1,6}(\.[0-9]{1,3})?(us|ms|s|m|h)){1,3}$"
+QUANTITY_PATTERN = r"^(([0-9]{1,15}(\.[0-9]{0,9})?)|(\.[0-9]{1,9}))(([KMGTPE]i)|[numkMGTPE]|([eE][+-]?[0-9]{1,2}))?$"
+DEVICE_ID_PATTERN = LABEL_PATTERN
+
+DnsLabel = Annotated[str, StringConstraints(min_length=1, max_length=63, pattern=LABEL_PATTERN)]
+DnsName = Annotated[str, StringConstraints(min_length=1, max_length=253, pattern=SUBDOMAIN_PATTERN)]
+AppName = Annotated[str, StringConstraints(min_length=1, max_length=40, pattern=LABEL_PATTERN)]
+"""Name of a RobotApp or DomainPool: names of children and claims are derived from it."""
+
+NodeName = Annotated[str, StringConstraints(min_length=1, max_length=253)]
+ShortText = Annotated[str, StringConstraints(max_length=63)]
+Text = Annotated[str, StringConstraints(max_length=253)]
+Image = Annotated[str, StringConstraints(min_length=1, max_length=512)]
+OptionalImage = Annotated[str, StringConstraints(max_length=512)]
+Token = Annotated[str, StringConstraints(min_length=1, max_length=32, pattern=LABEL_PATTERN)]
+"""Type of a device or capability, such as usb or gpu."""
+
+Duration = Annotated[str, StringConstraints(max_length=24, pattern=DURATION_PATTERN)]
+Timestamp = Annotated[
+    str, StringConstraints(max_length=64), WithJsonSchema({"type": "string", "format": "date-time", "maxLength": 64})
+]
+
+TopicName = Annotated[
+    str,
+    StringConstraints(
+        min_length=1, max_length=255, pattern=r"^(~/|/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*$"
+    ),
+]
+InterfaceType = Annotated[
+    str, StringConstraints(max_length=255, pattern=r"^[a-zA-Z][a-zA-Z0-9_]*/((msg|srv|action)/)?[A-Z][A-Za-z0-9_]*$")
+]
+EdgeEnd = Annotated[str, StringConstraints(max_length=63, pattern=r"^(@robot|[a-z0-9]([-a-z0-9]*[a-z0-9])?)$")]
+
+DomainId = Annotated[int, Field(ge=0, le=232)]
+Count = Annotated[int, Field(ge=0)]
+Generation = Annotated[int, Field(ge=0), WithJsonSchema({"type": "integer", "format": "int64", "minimum": 0})]
+Percent = Annotated[float, Field(ge=0, le=100)]
+Microseconds = Annotated[int, WithJsonSchema({"type": "integer", "format": "int64", "minimum": 0})]
+
+QUANTITY_SCHEMA: dict[str, Any] = {
+    "x-kubernetes-int-or-string": True,
+    "anyOf": [{"type": "integer"}, {"type": "string"}],
+    "maxLength": 32,
+    "pattern": QUANTITY_PATTERN,
+}
+Quantity = Annotated[int | str, WithJsonSchema(QUANTITY_SCHEMA)]
+"""A Kubernetes quantity, such as 40M. Kept as written; `robotapp_api.values.quantity` reads it."""

@@ -1,0 +1,119 @@
+"""NodeTelemetry: what one node's agent measured. Named after the node."""
+
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field, StringConstraints
+
+from robotapp_api.model import names
+from robotapp_api.model.base import Model, ObjectMeta, Observed
+from robotapp_api.model.markers import Column, Kind, ListSet
+from robotapp_api.model.scalars import DnsLabel, Generation, Microseconds, NodeName, Percent, ShortText, Token
+
+
+class TelemetrySpec(Model):
+    """What the agent is asked to measure."""
+
+    probe: Annotated[tuple[NodeName, ...], ListSet(), Field(max_length=16)] = ()
+    """Nodes to measure in every round: the other ends of placed edges. Written by the operator."""
+
+
+class Kernel(Observed):
+    """Kernel of the node."""
+
+    realtime: bool = False
+    """The kernel is built with PREEMPT_RT."""
+
+
+class TelemetryDevice(Observed):
+    """A device attached to the node."""
+
+    id: DnsLabel
+    """Id that stays the same when the device is unplugged and plugged in again."""
+    type: Token
+    """Type of device, such as usb, can, serial or gpio."""
+    model: ShortText = ""
+    """Model of the device."""
+    interface: ShortText = ""
+    """Network interface of the device, such as can0."""
+    identity: Annotated[str, StringConstraints(max_length=128)] = ""
+    """Vendor, product and serial, such as 8086:0b3a:0123."""
+    present: bool
+    """The device is attached now."""
+    path: Annotated[str, StringConstraints(max_length=255)] = ""
+    """Device file, such as /dev/video0."""
+
+
+class Rtt(Observed):
+    """Round-trip time to another node."""
+
+    peer: NodeName
+    """Node at the other end."""
+    p50_us: Annotated[Microseconds | None, Field(alias="p50Us")] = None
+    """Median round-trip time in microseconds."""
+    p95_us: Annotated[Microseconds | None, Field(alias="p95Us")] = None
+    """95th percentile of the round-trip time in microseconds."""
+    loss_percent: Percent | None = None
+    """Probes that got no answer, in percent."""
+
+
+class Load(Observed):
+    """How busy the node is."""
+
+    cpu_percent: Percent | None = None
+    """CPU in use, in percent of all cores."""
+    memory_percent: Percent | None = None
+    """Memory in use, in percent."""
+    gpu_percent: Percent | None = None
+    """GPU in use, in percent; absent without a GPU."""
+    network_bps: Annotated[Generation | None, Field(alias="networkBps")] = None
+    """Traffic in both directions, in bit/s."""
+
+
+class TelemetryStatus(Observed):
+    """What the agent of the node measured; it alone writes it."""
+
+    interval_seconds: Annotated[int, Field(ge=1, le=3600)] | None = None
+    """Heartbeat of the agent; a status that got no update for three intervals counts as unknown."""
+    seq: Generation | None = None
+    """Number of the measurement round; readers age by the time at which they see it change."""
+    arch: Annotated[str, StringConstraints(max_length=32)] = ""
+    """CPU architecture, such as arm64."""
+    kernel: Kernel | None = None
+    """Kernel of the node."""
+    devices: Annotated[tuple[TelemetryDevice, ...], Field(max_length=128)] = ()
+    """Devices attached to the node."""
+    rtt: Annotated[tuple[Rtt, ...], Field(max_length=64)] = ()
+    """Round-trip times to other nodes."""
+    load: Load | None = None
+    """How busy the node is."""
+
+
+class NodeTelemetry(Model):
+    """Round-trip times, devices and load of one node. Its name is the node's name."""
+
+    CRD: ClassVar = Kind(
+        plural="nodetelemetries",
+        singular="nodetelemetry",
+        short_names=("ntel",),
+        namespaced=False,
+        columns=(
+            Column("Arch", ".status.arch"),
+            Column("Realtime", ".status.kernel.realtime", type="boolean"),
+            Column("CPU%", ".status.load.cpuPercent", type="number"),
+            Column("Mem%", ".status.load.memoryPercent", type="number"),
+            Column("Interval", ".status.intervalSeconds", type="integer"),
+            Column("Age", ".metadata.creationTimestamp", type="date"),
+            Column("Seq", ".status.seq", type="integer", wide=True),
+        ),
+    )
+
+    api_version: Literal["robotics.io/v1alpha1"] = names.API_VERSION
+    """Version of the schema this object is written in."""
+    kind: Literal["NodeTelemetry"] = "NodeTelemetry"
+    """Kind of this object."""
+    metadata: ObjectMeta = ObjectMeta()
+    """Name, labels and annotations; the name is the node's."""
+    spec: TelemetrySpec = TelemetrySpec()
+    """What the agent is asked to measure."""
+    status: TelemetryStatus = TelemetryStatus()
+    """What the agent measured."""
