@@ -1,0 +1,182 @@
+"""What can go wrong between us and the API server.
+
+`ApiError` is an answer that says no; `Unreachable` is no (complete) answer. Both carry `maybe_applied`: whether a write
+may have taken effect all the same. Nobody retries a write on our behalf: the caller reads first, then decides.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+
+
+class ClientError(Exception):
+    """Base of everything this package raises on purpose."""
+
+    maybe_applied: bool = False
+
+
+class Unreachable(ClientError):
+    """No complete answer: refused, reset, truncated or timed out. `maybe_applied` is False only if nothing was sent."""
+
+    def __init__(self, message: str, *, maybe_applied: bool) -> None:
+        super().__init__(message)
+        self.maybe_applied = maybe_applied
+
+
+class LoginError(ClientError):
+    """No usable credentials; the text names the file or plug-in and the cure."""
+
+
+class ApiError(ClientError):
+    """An answer with status >= 400.
+
+    `reason` is the machine word of the Status object ("AlreadyExists"), `causes` its (field, reason, message) triples,
+    `retry_after_s` the server's wish from the Retry-After header or the Status details, None when it has none.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        status: int,
+        reason: str = "",
+        causes: tuple[tuple[str, str, str], ...] = (),
+        retry_after_s: float | None = None,
+    ) -> None:
+        super().__init__(message)
+        self.status = status
+        self.reason = reason
+        self.message = message
+        self.causes = causes
+        self.retry_after_s = retry_after_s
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.status} {self.reason}: {self.message})"
+
+
+class BadRequest(ApiError):
+    """400: the request itself is malformed."""
+
+
+class Unauthorized(ApiError):
+    """401: credentials missing, wrong or expired (refreshed and tried once more before this is raised)."""
+
+
+class Forbidden(ApiError):
+    """403: known to the server, not allowed; quota and admission refusals come here too."""
+
+
+class NotFound(ApiError):
+    """404."""
+
+
+class Conflict(ApiError):
+    """409: resourceVersion, uid or field-ownership conflict."""
+
+
+class AlreadyExists(ApiError):
+    """409 with reason AlreadyExists: a create found the name taken. Not a Conflict: the cure is another one."""
+
+
+class Gone(ApiError):
+    """410: the resourceVersion or continue token is older than the server's history."""
+
+
+class Invalid(ApiError):
+    """422: schema, CEL or validation refused the object; `causes` name the fields."""
+
+
+class TooManyRequests(ApiError):
+    """429: not executed; also an eviction that a disruption budget forbids for now."""
+
+
+class ServerError(ApiError):
+    """5xx: the server or its etcd is in trouble; a write may have been applied (a 504 often was)."""
+
+    maybe_applied = True
+
+
+_BY_STATUS: dict[int, type[ApiError]] = {
+    400: BadRequest,
+    401: Unauthorized,
+    403: Forbidden,
+    404: NotFound,
+    409: Conflict,
+    410: Gone,
+    422: Invalid,
+    429: TooManyRequests,
+}
+
+
+class _Cause(msgspec.Struct):
+    field: str = ""
+    reason: str = ""
+    message: str = ""
+
+
+class _Details(msgspec.Struct):
+    causes: list[_Cause] | None = None
+    retryAfterSeconds: float = 0  # noqa: N815 - the wire name; a rename table would say less
+
+
+class Status(msgspec.Struct):
+    """meta/v1 Status as far as we read it: the body of errors and the object of ERROR watch events."""
+
+    message: str = ""
+    reason: str = ""
+    code: int = 0
+    details: _Details | None = None
+
+
+_STATUS = msgspec.json.Decoder(Status)
+
+
+def parse_retry_after(header: str | None) -> float | None:
+    """Seconds of a Retry-After header; None for absence and for the HTTP-date form, which Kubernetes never sends."""
+    if header is None:
+        return None
+    try:
+        seconds = float(header)
+    except ValueError:
+        return None
+    return seconds if 0 <= seconds < float("inf") else None
+
+
+def error_from_status(status: Status, *, code: int = 0, retry_after_s: float | None = None) -> ApiError:
+    """Turn a Status object into its exception; `code` is the HTTP status when there was one."""
+    code = code or status.code or 500
+    details = status.details or _Details()
+    if retry_after_s is None and details.retryAfterSeconds > 0:
+        retry_after_s = details.retryAfterSeconds
+    kind = _BY_STATUS.get(code, ServerError if code >= 500 else ApiError)
+    if code == 409 and status.reason == "AlreadyExists":
+        kind = AlreadyExists
+    if code == 500 and status.reason == "Expired":
+        kind = Gone
+    return kind(
+        status.message or status.reason or f"HTTP {code}",
+        status=code,
+        reason=status.reason,
+        causes=tuple((cause.field, cause.reason, cause.message) for cause in details.causes or ()),
+        retry_after_s=retry_after_s,
+    )
+
+
+def error_from_response(code: int, headers: Mapping[str, str], body: bytes) -> ApiError:
+    """The exception for an HTTP answer >= 400, whatever its body (proxies in between answer in plain text or HTML)."""
+    try:
+        status = _STATUS.decode(body)
+    except (msgspec.DecodeError, UnicodeDecodeError):
+        status = Status(message=body[:400].decode("utf-8", "replace").strip())
+    return error_from_status(status, code=code, retry_after_s=parse_retry_after(headers.get("Retry-After")))
+
+
+def describe(error: BaseException) -> dict[str, Any]:
+    """Log fields of an error, the same words everywhere."""
+    fields: dict[str, Any] = {"error": type(error).__name__, "message": str(error)}
+    if isinstance(error, ApiError):
+        fields |= {"status": error.status, "reason": error.reason}
+    if isinstance(error, ClientError):
+        fields["maybe_applied"] = error.maybe_applied
+    return fields

@@ -1,0 +1,59 @@
+"""The API resources we talk to and their URL paths."""
+
+from dataclasses import dataclass
+from typing import Final
+
+from robotapp_api.model.names import GROUP, VERSION
+
+
+@dataclass(frozen=True, slots=True)
+class Resource:
+    """One resource of the API server; `group` is empty for the core group."""
+
+    group: str
+    version: str
+    plural: str
+    kind: str
+    namespaced: bool
+
+    @property
+    def api_version(self) -> str:
+        return f"{self.group}/{self.version}" if self.group else self.version
+
+    @property
+    def root(self) -> str:
+        """Path of the group and version, without a trailing slash."""
+        return f"/apis/{self.group}/{self.version}" if self.group else f"/api/{self.version}"
+
+    def path(self, namespace: str | None = None, name: str | None = None, subresource: str = "") -> str:
+        """URL path of a collection, an object or its subresource.
+
+        A namespaced resource without `namespace` is the collection over all namespaces; it has no objects by name.
+        """
+        if self.namespaced:
+            if name is not None and not namespace:
+                raise ValueError(f"{self.plural} {name!r} needs a namespace")
+            scope = f"/namespaces/{namespace}" if namespace else ""
+        else:
+            scope = ""
+        path = f"{self.root}{scope}/{self.plural}"
+        if name is not None:
+            if not name:
+                raise ValueError(f"a name of {self.plural} must not be empty: that would address the whole collection")
+            path += f"/{name}"
+        return f"{path}/{subresource}" if subresource else path
+
+
+PODS: Final = Resource("", "v1", "pods", "Pod", namespaced=True)
+NODES: Final = Resource("", "v1", "nodes", "Node", namespaced=False)
+SERVICES: Final = Resource("", "v1", "services", "Service", namespaced=True)
+CONFIGMAPS: Final = Resource("", "v1", "configmaps", "ConfigMap", namespaced=True)
+NAMESPACES: Final = Resource("", "v1", "namespaces", "Namespace", namespaced=False)
+DEPLOYMENTS: Final = Resource("apps", "v1", "deployments", "Deployment", namespaced=True)
+REPLICASETS: Final = Resource("apps", "v1", "replicasets", "ReplicaSet", namespaced=True)
+EVENTS: Final = Resource("events.k8s.io", "v1", "events", "Event", namespaced=True)
+LEASES: Final = Resource("coordination.k8s.io", "v1", "leases", "Lease", namespaced=True)
+ROBOTAPPS: Final = Resource(GROUP, VERSION, "robotapps", "RobotApp", namespaced=True)
+ROBOTCLAIMS: Final = Resource(GROUP, VERSION, "robotclaims", "RobotClaim", namespaced=False)
+DOMAINPOOLS: Final = Resource(GROUP, VERSION, "domainpools", "DomainPool", namespaced=False)
+NODETELEMETRIES: Final = Resource(GROUP, VERSION, "nodetelemetries", "NodeTelemetry", namespaced=False)

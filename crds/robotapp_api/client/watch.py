@@ -1,0 +1,181 @@
+"""Bytes of a watch stream to typed events: line splitting, a cheap envelope, and who an object is."""
+
+from collections.abc import AsyncIterator, Callable
+from typing import Any, Final, Generic, NamedTuple, TypeVar, get_type_hints
+
+import msgspec
+
+from robotapp_api.client.api import ListMeta, Page
+from robotapp_api.client.errors import Status, Unreachable, error_from_status
+
+T = TypeVar("T")
+
+ADDED: Final = "ADDED"
+MODIFIED: Final = "MODIFIED"
+DELETED: Final = "DELETED"
+BOOKMARK: Final = "BOOKMARK"
+ERROR: Final = "ERROR"
+
+MAX_LINE_BYTES: Final = 32 * 2**20
+"""etcd refuses objects above 1.5 MiB; a longer line means we lost the thread."""
+INITIAL_EVENTS_END: Final = "k8s.io/initial-events-end"
+
+
+class Identity(NamedTuple):
+    """Which object this is (`key`: "namespace/name" or "name"), which life of it (`uid`), in which state (`version`)."""
+
+    key: str
+    uid: str
+    version: str
+
+
+class WatchEvent(NamedTuple):
+    """One line. `obj` is None for bookmarks and for objects that do not fit the type (`problem` says why)."""
+
+    kind: str
+    obj: Any
+    identity: Identity
+    initial_end: bool = False
+    problem: str = ""
+
+
+class _Meta(msgspec.Struct, rename="camel"):
+    name: str = ""
+    namespace: str = ""
+    uid: str = ""
+    resource_version: str = ""
+    annotations: dict[str, str] | None = None
+
+
+class _Bare(msgspec.Struct):
+    metadata: _Meta
+
+
+class _Envelope(msgspec.Struct):
+    type: str
+    object: msgspec.Raw
+
+
+class _Typed(msgspec.Struct, Generic[T], gc=False):
+    type: str
+    object: T
+
+
+class _RawPage(msgspec.Struct):
+    metadata: ListMeta
+    items: list[msgspec.Raw] | None = None
+
+
+_ENVELOPE = msgspec.json.Decoder(_Envelope)
+_RAW_PAGE = msgspec.json.Decoder(_RawPage)
+_BARE = msgspec.json.Decoder(_Bare)
+_STATUS = msgspec.json.Decoder(Status)
+_USUAL = (b'{"type":"MODIFIED"', b'{"type":"ADDED"', b'{"type":"DELETED"')
+
+
+async def lines(chunks: AsyncIterator[bytes], *, limit: int = MAX_LINE_BYTES) -> AsyncIterator[list[bytes]]:
+    """Complete lines, all that a chunk completes at once. A last line without its newline was cut off and is dropped."""
+    rest = b""
+    parts: list[bytes] = []  # of a line longer than a chunk: joined once, not copied for every chunk
+    size = 0
+    async for chunk in chunks:
+        if b"\n" not in chunk:
+            parts.append(chunk)
+            size += len(chunk)
+            if size > limit:
+                raise Unreachable(f"a watch line is longer than {limit} bytes", maybe_applied=False)
+            continue
+        if parts:
+            parts.append(chunk)
+            chunk = b"".join(parts)  # noqa: PLW2901 - the chunk as it should have come
+            parts = []
+        *complete, rest = chunk.split(b"\n")
+        size = len(rest)
+        if rest:
+            parts.append(rest)
+        yield complete
+
+
+def identify_with(as_type: Any, *, namespaced: bool) -> Callable[[Any], Identity]:
+    """How to read the identity of a decoded object: a dict, or a struct with metadata.{name, namespace, uid, ...}.
+
+    Raises TypeError at once when a struct lacks what a reflector needs, rather than at the first event.
+    """
+    if as_type is dict:
+        return _dict_identity
+    meta = get_type_hints(as_type).get("metadata")
+    have = set(get_type_hints(meta)) if meta is not None else set()
+    wanted = {"name", "uid", "resource_version"} | ({"namespace"} if namespaced else set())
+    if missing := sorted(wanted - have):
+        raise TypeError(f"{as_type.__name__}.metadata lacks {', '.join(missing)} (snake_case, rename='camel')")
+    return _namespaced_identity if namespaced else _cluster_identity
+
+
+def _dict_identity(obj: Any) -> Identity:
+    meta = obj["metadata"]
+    namespace = meta.get("namespace", "")
+    name = meta["name"]
+    return Identity(f"{namespace}/{name}" if namespace else name, meta.get("uid", ""), meta.get("resourceVersion", ""))
+
+
+def _namespaced_identity(obj: Any) -> Identity:
+    meta = obj.metadata
+    return Identity(f"{meta.namespace}/{meta.name}", meta.uid, meta.resource_version)
+
+
+def _cluster_identity(obj: Any) -> Identity:
+    meta = obj.metadata
+    return Identity(meta.name, meta.uid, meta.resource_version)
+
+
+Read = tuple[T | None, Identity, str]
+"""An object as read, its identity and, when it does not fit the type (then it is None), the problem."""
+
+
+class WatchDecoder(Generic[T]):
+    """Decodes list pages and watch lines of objects of `as_type`; one that does not fit never stops the others."""
+
+    def __init__(self, as_type: type[T], *, namespaced: bool) -> None:
+        self.identify = identify_with(as_type, namespaced=namespaced)
+        self._typed: msgspec.json.Decoder[Any] = msgspec.json.Decoder(_Typed[as_type])  # type: ignore[valid-type]
+        self._page: msgspec.json.Decoder[Page[T]] = msgspec.json.Decoder(Page[as_type])  # type: ignore[valid-type]
+        self._object: msgspec.json.Decoder[T] = msgspec.json.Decoder(as_type)
+
+    def page(self, body: bytes) -> "Page[Read[T]]":
+        """A list page, in one pass unless an object in it does not fit."""
+        try:
+            page = self._page.decode(body)
+            return Page(page.metadata, [(obj, self.identify(obj), "") for obj in page.items or ()])
+        except (msgspec.ValidationError, KeyError, TypeError):
+            raw = _RAW_PAGE.decode(body)
+            return Page(raw.metadata, [self._tolerant(item) for item in raw.items or ()])
+
+    def event(self, line: bytes) -> WatchEvent:
+        """One line. Raises Unreachable when it is no watch event, the ApiError of an ERROR event."""
+        try:
+            if line.startswith(_USUAL):  # one pass over the bytes; the rest pays for two
+                try:
+                    event = self._typed.decode(line)
+                    return WatchEvent(event.type, event.object, self.identify(event.object))
+                except (msgspec.ValidationError, KeyError, TypeError):
+                    pass
+            envelope = _ENVELOPE.decode(line)
+            if envelope.type == ERROR:
+                raise error_from_status(_STATUS.decode(envelope.object))
+            if envelope.type == BOOKMARK:
+                meta = _BARE.decode(envelope.object).metadata
+                end = (meta.annotations or {}).get(INITIAL_EVENTS_END) == "true"
+                return WatchEvent(BOOKMARK, None, Identity("", "", meta.resource_version), initial_end=end)
+            obj, identity, problem = self._tolerant(envelope.object)
+            return WatchEvent(envelope.type, obj, identity, problem=problem)
+        except (msgspec.DecodeError, UnicodeDecodeError) as error:
+            raise Unreachable(f"a watch line is no event: {error}", maybe_applied=False) from error
+
+    def _tolerant(self, raw: msgspec.Raw) -> "Read[T]":
+        try:
+            obj = self._object.decode(raw)
+            return obj, self.identify(obj), ""
+        except (msgspec.ValidationError, KeyError, TypeError) as error:
+            meta = _BARE.decode(raw).metadata
+            key = f"{meta.namespace}/{meta.name}" if meta.namespace else meta.name
+            return None, Identity(key, meta.uid, meta.resource_version), str(error) or type(error).__name__
