@@ -1,0 +1,56 @@
+"""Durations as the API writes them (`30ms`, `1m30s`) and as our code counts them (microseconds, milliseconds)."""
+
+import math
+import re
+from functools import lru_cache
+from typing import Final
+
+from robotapp_api.model.scalars import DURATION_PATTERN
+
+INT64_MAX: Final = 2**63 - 1
+MAX_LENGTH: Final = 24
+
+_WHOLE: Final = re.compile(DURATION_PATTERN)
+_PART: Final = re.compile(r"([0-9]+)(?:\.([0-9]+))?(us|ms|s|m|h)")
+_NANOSECONDS: Final = {"us": 1_000, "ms": 1_000_000, "s": 1_000_000_000, "m": 60_000_000_000, "h": 3_600_000_000_000}
+
+
+@lru_cache(maxsize=4_096)
+def parse_ns(text: str) -> int:
+    """Nanoseconds. Raises ValueError unless `text` has the API's duration pattern and fits int64, as Go requires."""
+    if len(text) > MAX_LENGTH or not _WHOLE.fullmatch(text):
+        raise ValueError(f"{text[:MAX_LENGTH]!r} is not a duration; write for example 250us, 30ms, 15s, 5m or 1m30s")
+    total = 0
+    for whole, fraction, unit in _PART.findall(text):
+        total += int(whole + fraction) * _NANOSECONDS[unit] // 10 ** len(fraction)
+    if total > INT64_MAX:
+        raise ValueError(f"{text!r} is longer than 292 years; write a shorter duration")
+    return total
+
+
+def parse_us(text: str) -> int:
+    """Microseconds, rounded up, so that a positive duration never becomes 0."""
+    return -(-parse_ns(text) // 1_000)
+
+
+def parse_ms(text: str) -> float:
+    """Milliseconds."""
+    return parse_ns(text) / 1_000_000
+
+
+def parse_s(text: str) -> float:
+    """Seconds."""
+    return parse_ns(text) / 1_000_000_000
+
+
+def format_ms(ms: float) -> str:
+    """Shortest duration string within about three digits of `ms`: 0.35ms, 2.5ms, 18ms, 61.3ms, 250ms, 1500s.
+
+    Raises ValueError for negative, infinite or undefined values and beyond 999999 s.
+    """
+    if not (math.isfinite(ms) and 0 <= ms < 1_000_000_000):
+        raise ValueError(f"{ms!r} ms is not a duration")
+    unit, value = ("ms", ms) if ms < 999_999.5 else ("s", ms / 1_000)
+    digits = 0 if value >= 100 else 1 if value >= 10 else 3
+    text = f"{value:.{digits}f}" if digits else f"{min(value, 999_999):.0f}"
+    return (text.rstrip("0").rstrip(".") if "." in text else text) + unit

@@ -1,0 +1,29 @@
+"""Names of children, derived so that every component finds them without asking."""
+
+import hashlib
+import re
+from typing import Final
+
+MAX_NAME: Final = 63
+HASH_LENGTH: Final = 8
+
+
+def short_hash(text: str, length: int) -> str:
+    """First `length` hex digits of the SHA-256 of `text`."""
+    return hashlib.sha256(text.encode()).hexdigest()[:length]
+
+
+def sanitise(text: str) -> str:
+    """`text` in the characters of a DNS label that starts with a letter (Services ask for that); no length limit."""
+    label = re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")
+    return label if label[:1].isalpha() else f"ra-{label}".rstrip("-")
+
+
+def child_name(app: str, robot: str = "", component: str = "") -> str:
+    """Name of the child of one instance (`robot` is "" without robots) and component ("" for the instance's own children).
+
+    A DNS label of at most 63 characters; different arguments give different names, because the hash covers all of them.
+    """
+    readable = sanitise("-".join(part for part in (app, robot, component) if part))
+    suffix = short_hash(f"{app}/{robot}/{component}", HASH_LENGTH)
+    return f"{readable[: MAX_NAME - HASH_LENGTH - 1].rstrip('-')}-{suffix}"

@@ -1,0 +1,31 @@
+"""The table of ROS distributions."""
+
+from datetime import date
+
+import pytest
+
+from robotapp_api.model.distros import DISTROS, nearest
+from robotapp_api.model.robotapp import RobotApp
+
+
+def test_every_ros_2_distribution_has_a_middleware_and_no_ros_1_one_has() -> None:
+    assert all(bool(distro.rmw) == (distro.version == 2) for distro in DISTROS.values())
+
+
+def test_support_ends_after_its_last_day() -> None:
+    noetic = DISTROS["noetic"]
+    assert not noetic.is_past_end_of_life(date(2025, 5, 31))
+    assert noetic.is_past_end_of_life(date(2025, 6, 1))
+    assert not DISTROS["rolling"].is_past_end_of_life(date(2100, 1, 1))
+
+
+@pytest.mark.parametrize(
+    ("typo", "meant"), [("humbel", "humble"), ("Jazy", "jazzy"), ("neotic", "noetic"), ("xyz", "")]
+)
+def test_the_nearest_name_is_offered_for_a_typo(typo: str, meant: str) -> None:
+    assert nearest(typo) == meant
+
+
+def test_the_default_distribution_is_known_and_supported() -> None:
+    app = RobotApp.model_validate({"spec": {"components": [{"name": "a", "image": "i"}]}})
+    assert not DISTROS[app.spec.ros.distro].is_past_end_of_life(date(2026, 11, 1))
