@@ -36,7 +36,8 @@ def _scaled(text: str, power: int) -> int:
         raise ValueError(f"{text[:MAX_LENGTH]!r} is not a quantity; write for example 500m, 2, 1.5, 40M or 512Mi")
     fraction = match["fraction"] or ""
     suffix = match["suffix"] or ""
-    numerator = int(match["whole"] + fraction) * 1024 ** _POWER_OF_1024.get(suffix, 0)
     power += _POWER_OF_TEN.get(suffix, 0) + int(match["exponent"] or 0) - len(fraction)
-    magnitude = numerator * 10**power if power >= 0 else -(-numerator // 10**-power)
+    up: int = 10 ** max(power, 0) * 1024 ** _POWER_OF_1024.get(suffix, 0)
+    down: int = 10 ** max(-power, 0)
+    magnitude = -(-int(match["whole"] + fraction) * up // down)
     return min(magnitude, INT64_MAX) * (-1 if match["sign"] == "-" else 1)

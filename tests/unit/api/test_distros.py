@@ -20,7 +20,7 @@ def test_support_ends_after_its_last_day() -> None:
 
 
 @pytest.mark.parametrize(
-    ("typo", "meant"), [("humbel", "humble"), ("Jazy", "jazzy"), ("neotic", "noetic"), ("xyz", "")]
+    ("typo", "meant"), [("humbel", "humble"), ("Jazy", "jazzy"), ("neotic", "noetic"), ("quux", "")]
 )
 def test_the_nearest_name_is_offered_for_a_typo(typo: str, meant: str) -> None:
     assert nearest(typo) == meant
