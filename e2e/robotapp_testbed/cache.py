@@ -1,0 +1,104 @@
+"""The cache outside the repository: where finished binaries live, and how two callers share it.
+
+A binary is complete when it is there: it is written under another name and renamed. One lock file per binary makes
+the second caller wait for the first instead of doing the work twice.
+"""
+
+import fcntl
+import hashlib
+import os
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from robotapp_testbed import pins
+
+_LOCK_POLL_S = 0.2
+
+
+def cache_home(env: Mapping[str, str] = os.environ) -> Path:
+    """`$XDG_CACHE_HOME/robotapp` or `~/.cache/robotapp`."""
+    base = env.get("XDG_CACHE_HOME", "")
+    if not Path(base).is_absolute():  # the specification tells to ignore relative paths
+        base = str(Path(env["HOME"]) / ".cache") if env.get("HOME") else str(Path.home() / ".cache")
+    return Path(base) / "robotapp"
+
+
+def module_key(go_version: str, *, module_dir: Path = pins.MODULE_DIR) -> str:
+    """Hash of everything a compiled binary depends on."""
+    digest = hashlib.sha256()
+    for part in (
+        (module_dir / "go.mod").read_bytes(),
+        (module_dir / "go.sum").read_bytes(),
+        go_version.encode(),
+        pins.LDFLAGS.encode(),
+    ):
+        digest.update(hashlib.sha256(part).digest())
+    return digest.hexdigest()[:16]
+
+
+def release_key() -> str:
+    """Hash of the pinned versions of the official releases."""
+    return hashlib.sha256(repr(pins.BINARIES).encode()).hexdigest()[:16]
+
+
+@dataclass(frozen=True, slots=True)
+class Store:
+    """One folder of finished binaries."""
+
+    directory: Path
+
+    def path(self, name: str) -> Path:
+        return self.directory / name
+
+    def get(self, name: str) -> Path | None:
+        path = self.path(name)
+        return path if path.is_file() and os.access(path, os.X_OK) else None
+
+    @contextmanager
+    def adding(self, name: str, *, on_wait: Callable[[], None] = lambda: None) -> Iterator[Path | None]:
+        """Hold the binary's lock; yields where to write it, or None when another caller finished it meanwhile.
+
+        On success the file written there becomes the binary, atomically; otherwise nothing of it is left.
+        """
+        self.directory.mkdir(parents=True, exist_ok=True)
+        with locked(self.directory / f".{name}.lock", on_wait=on_wait):
+            if self.get(name):
+                yield None
+                return
+            partial = self.directory / f".{name}.partial"  # also what an earlier, killed caller may have left
+            partial.unlink(missing_ok=True)
+            try:
+                yield partial
+                if partial.is_file():
+                    partial.chmod(0o755)
+                    partial.replace(self.path(name))
+            finally:
+                partial.unlink(missing_ok=True)
+
+
+@contextmanager
+def locked(path: Path, *, on_wait: Callable[[], None] = lambda: None) -> Iterator[None]:
+    """An exclusive lock that ends with its holder, also when that one is killed. `on_wait` is called once if it is taken."""
+    with path.open("w") as file:
+        waited = False
+        while True:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                if not waited:
+                    waited = True
+                    on_wait()
+                time.sleep(_LOCK_POLL_S)
+        yield
+
+
+def built_store(go_version: str, *, home: Path | None = None) -> Store:
+    return Store((home or cache_home()) / "controlplane" / f"built-{module_key(go_version)}")
+
+
+def release_store(*, home: Path | None = None) -> Store:
+    return Store((home or cache_home()) / "controlplane" / f"release-{release_key()}")

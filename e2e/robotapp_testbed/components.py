@@ -1,0 +1,169 @@
+"""The command lines of the control plane's programs. Pure: paths and ports in, argument lists out."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import yaml
+
+from robotapp_testbed import ports
+
+STAGES_DIR = Path(__file__).with_name("stages")
+NODE_SELECTOR = "robotics.io/simulated=kwok"
+"""kwok plays the kubelet of nodes with this label only, so real nodes can join the same control plane."""
+
+_ETCD_QUOTA_BYTES = 8 << 30
+_GRACE_OVER_LEASE_S = 10
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where one control plane keeps its files and listens."""
+
+    run_dir: Path
+    etcd_port: int
+    etcd_peer_port: int
+    api_port: int
+    kwok_port: int
+
+    @classmethod
+    def create(cls, run_dir: Path) -> "Layout":
+        for folder in ("logs", "certificates", "kubeconfigs"):
+            (run_dir / folder).mkdir()
+        return cls(run_dir, *ports.free_ports(4))
+
+    @property
+    def server_url(self) -> str:
+        return f"https://127.0.0.1:{self.api_port}"
+
+    @property
+    def etcd_url(self) -> str:
+        return f"http://127.0.0.1:{self.etcd_port}"
+
+    @property
+    def serving_certificate(self) -> Path:
+        """kube-apiserver writes its certificate and, after it, that of the authority that signed it at its first start."""
+        return self.run_dir / "certificates" / "apiserver.crt"
+
+    @property
+    def ca_file(self) -> Path:
+        """The authority alone, as pods get it; written when the server has made it."""
+        return self.run_dir / "certificates" / "ca.crt"
+
+    @property
+    def token_file(self) -> Path:
+        return self.run_dir / "tokens.csv"
+
+    @property
+    def signing_key(self) -> Path:
+        return self.run_dir / "service-account.key"
+
+    @property
+    def audit_policy(self) -> Path:
+        return self.run_dir / "audit-policy.yaml"
+
+    @property
+    def audit_log(self) -> Path:
+        return self.logs_dir / "audit.jsonl"
+
+    @property
+    def logs_dir(self) -> Path:
+        return self.run_dir / "logs"
+
+    def kubeconfig(self, identity: str) -> Path:
+        return self.run_dir / "kubeconfigs" / f"{identity}.yaml"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What differs between control planes."""
+
+    controller_manager: bool = True
+    audit: bool = False
+    node_lease_s: int = 40
+    extra: Mapping[str, Sequence[str]] = field(default_factory=dict)
+
+
+def etcd(layout: Layout) -> list[str]:
+    peer = f"http://127.0.0.1:{layout.etcd_peer_port}"
+    return [
+        f"--data-dir={layout.run_dir / 'etcd'}",
+        f"--listen-client-urls={layout.etcd_url}",
+        f"--advertise-client-urls={layout.etcd_url}",
+        f"--listen-peer-urls={peer}",
+        f"--initial-advertise-peer-urls={peer}",
+        f"--initial-cluster=default={peer}",
+        "--unsafe-no-fsync",  # the data is thrown away with the control plane
+        f"--quota-backend-bytes={_ETCD_QUOTA_BYTES}",
+        "--log-level=error",
+    ]
+
+
+def kube_apiserver(layout: Layout, settings: Settings) -> list[str]:
+    args = [
+        f"--etcd-servers={layout.etcd_url}",
+        "--bind-address=127.0.0.1",
+        f"--secure-port={layout.api_port}",
+        "--endpoint-reconciler-type=none",  # else the server refuses a loopback address
+        f"--cert-dir={layout.serving_certificate.parent}",
+        f"--token-auth-file={layout.token_file}",
+        "--authorization-mode=Node,RBAC",
+        "--service-account-issuer=https://kubernetes.default.svc",
+        f"--service-account-key-file={layout.signing_key}",
+        f"--service-account-signing-key-file={layout.signing_key}",
+        "--service-cluster-ip-range=10.96.0.0/16",
+        "--allow-privileged=true",
+    ]
+    if not settings.controller_manager:  # nobody would create the default ServiceAccounts that pods need
+        args.append("--disable-admission-plugins=ServiceAccount")
+    if settings.audit:
+        args += [
+            f"--audit-policy-file={layout.audit_policy}",
+            f"--audit-log-path={layout.audit_log}",
+            "--audit-log-maxsize=4096",
+        ]
+    return args
+
+
+def kube_controller_manager(layout: Layout, settings: Settings) -> list[str]:
+    return [
+        f"--kubeconfig={layout.kubeconfig('kube-controller-manager')}",
+        f"--service-account-private-key-file={layout.signing_key}",
+        f"--root-ca-file={layout.ca_file}",
+        "--use-service-account-credentials=true",  # each controller has the rights it has in any cluster
+        "--kube-api-qps=1000",  # the default of 20 would be the limit of every test that creates many pods
+        "--kube-api-burst=1000",
+        "--leader-elect=false",
+        "--secure-port=0",
+        f"--node-monitor-grace-period={settings.node_lease_s + _GRACE_OVER_LEASE_S}s",
+    ]
+
+
+def kwok(layout: Layout, settings: Settings) -> list[str]:
+    stages = [f"--config={path}" for path in sorted(STAGES_DIR.glob("*.yaml"))]
+    return [
+        f"--kubeconfig={layout.kubeconfig('kwok')}",
+        f"--manage-nodes-with-label-selector={NODE_SELECTOR}",
+        f"--node-lease-duration-seconds={settings.node_lease_s}",
+        f"--server-address=127.0.0.1:{layout.kwok_port}",
+        "--cidr=10.64.0.0/10",
+        *stages,
+    ]
+
+
+def kube_scheduler(config: Path) -> list[str]:
+    return [f"--config={config}", "--secure-port=0"]
+
+
+def oracle_config(kubeconfig: Path) -> str:
+    """kube-scheduler as the oracle of comparisons: every node is scored, one goroutine, no client-side rate limit."""
+    return yaml.safe_dump(
+        {
+            "apiVersion": "kubescheduler.config.k8s.io/v1",
+            "kind": "KubeSchedulerConfiguration",
+            "clientConnection": {"kubeconfig": str(kubeconfig), "qps": 10000, "burst": 10000},
+            "leaderElection": {"leaderElect": False},
+            "percentageOfNodesToScore": 100,
+            "parallelism": 1,
+        }
+    )

@@ -1,0 +1,241 @@
+"""A real Kubernetes control plane on this machine, as a context manager.
+
+with ControlPlane() as cp:
+    cp.kubectl("get", "nodes")
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from robotapp_testbed import audit as audit_log
+from robotapp_testbed import components, guard, identity, logs, servers
+from robotapp_testbed.api import Api
+from robotapp_testbed.assets import Assets
+from robotapp_testbed.commands import Commands
+from robotapp_testbed.failures import TestbedError
+from robotapp_testbed.process import Process
+from robotapp_testbed.servers import Program
+
+_INTERNAL_IDENTITIES = {
+    # The user names the built-in RBAC roles are bound to: these programs have the rights they have everywhere.
+    Program.CONTROLLER_MANAGER: "system:kube-controller-manager",
+    Program.SCHEDULER: "system:kube-scheduler",
+}
+
+
+class ControlPlane:
+    """etcd and kube-apiserver, and as asked: kube-controller-manager, kwok (simulated kubelets), kube-scheduler.
+
+    `kube_scheduler` is True for a configuration meant for comparisons, or the path of a configuration file.
+    `audit` is True for one metadata record per request, or an audit level with bodies (Request, RequestResponse).
+    `identities` come on top of admin, operator, scheduler, tenant and tenant-b.
+    `extra_args` are appended to a program's arguments, by its name.
+    `node_lease_s`: above 500 nodes use 400 or more, else the leases alone keep the API server busy.
+    """
+
+    def __init__(
+        self,
+        *,
+        kwok: bool = True,
+        controller_manager: bool = True,
+        kube_scheduler: bool | str | Path = False,
+        audit: bool | str = False,
+        identities: Mapping[str, identity.Identity] | None = None,
+        extra_args: Mapping[str, Sequence[str]] | None = None,
+        node_lease_s: int = 40,
+        assets: Assets | None = None,
+    ) -> None:
+        self._wanted = [Program.ETCD, Program.API]
+        self._wanted += [Program.CONTROLLER_MANAGER] if controller_manager else []
+        self._wanted += [Program.KWOK] if kwok else []
+        self._wanted += [Program.SCHEDULER] if kube_scheduler else []
+        self._kube_scheduler = kube_scheduler
+        self._audit_level = "Metadata" if audit is True else audit or ""
+        self._identities = {**identity.standard_identities(), **(identities or {})}
+        self._identities |= {str(name): identity.Identity(user=user) for name, user in _INTERNAL_IDENTITIES.items()}
+        self._identities[Program.KWOK] = identity.Identity(user="system:kwok", groups=("system:masters",))
+        self._extra_args = dict(extra_args or {})
+        self._node_lease_s = node_lease_s
+        self._assets = assets or Assets()
+        self._processes: dict[str, Process] = {}
+        self._guard: subprocess.Popen[bytes] | None = None
+        self._layout: components.Layout | None = None
+        self._commands: Commands | None = None
+        self._api: Api | None = None
+        self._keep_logs = False
+
+    def __repr__(self) -> str:
+        return f"<ControlPlane {self._layout.server_url if self._layout else 'not started'} {list(self._processes.values())}>"
+
+    def __enter__(self) -> Self:
+        return self.start()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    # --- what callers use -------------------------------------------------------------------------------------
+
+    @property
+    def server_url(self) -> str:
+        return self._started().server_url
+
+    @property
+    def ca_file(self) -> Path:
+        return self._started().ca_file
+
+    @property
+    def run_dir(self) -> Path:
+        """Removed at the end; the place for temporary files of whatever runs against this control plane."""
+        return self._started().run_dir
+
+    @property
+    def logs_dir(self) -> Path:
+        return self._started().logs_dir
+
+    @property
+    def has_controllers(self) -> bool:
+        return Program.CONTROLLER_MANAGER in self._wanted
+
+    @property
+    def api(self) -> Api:
+        """Raw access as admin."""
+        if self._api is None:
+            raise TestbedError("the control plane is not started")
+        return self._api
+
+    def kubeconfig(self, name: str = identity.ADMIN) -> Path:
+        if name not in self._identities:
+            known = ", ".join(self._identities)
+            raise TestbedError(
+                f"no identity {name!r}, known are {known}: pass identities={{{name!r}: Identity(…)}} to ControlPlane"
+            )
+        return self._started().kubeconfig(name)
+
+    def kubectl(self, *args: str, identity: str = "admin", stdin: object = None, check: bool = True) -> str:
+        """Standard output of kubectl. `stdin` is text, or an object (or list of them) sent as JSON.
+
+        CommandError when it fails; with check=False what it wrote to both outputs instead.
+        """
+        return self._run("kubectl", args, identity, stdin=stdin, check=check)
+
+    def helm(self, *args: str, identity: str = "admin", stdin: object = None, check: bool = True) -> str:
+        return self._run("helm", args, identity, stdin=stdin, check=check)
+
+    def process(self, name: str) -> Process:
+        try:
+            return self._processes[name]
+        except KeyError:
+            raise TestbedError(
+                f"{name} is not part of this control plane, which has {', '.join(self._processes)}"
+            ) from None
+
+    def audit(self) -> list[dict[str, Any]]:
+        """All audit records so far. Needs audit=True."""
+        if not self._audit_level:
+            raise TestbedError("this control plane keeps no audit log: start it with audit=True")
+        return audit_log.read(self._started().audit_log)
+
+    # --- life -------------------------------------------------------------------------------------------------
+
+    def start(self) -> Self:
+        """Start everything and wait until it serves (2 to 4 s). On failure nothing is left behind."""
+        binaries = self._assets.resolve([*self._wanted, "kubectl", "helm"])
+        run_dir = Path(tempfile.mkdtemp(prefix="robotapp-testbed-"))
+        try:
+            self._guard = _start_guard(run_dir)
+            self._layout = components.Layout.create(run_dir)
+            self._commands = Commands(binaries, run_dir)
+            self._write_files(self._layout)
+            self._start_servers(self._layout, binaries)
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def close(self) -> None:
+        """End every process and remove all files. SIGKILL is right: the state is thrown away."""
+        for process in self._processes.values():
+            process.kill()
+        self._processes.clear()
+        if self._api:
+            self._api.close()
+        if self._layout:
+            if self._keep_logs:
+                logs.keep(self._layout.logs_dir, self.kept_logs_dir)
+            shutil.rmtree(self._layout.run_dir, ignore_errors=True)
+        self._layout = self._api = None
+        if self._guard:
+            self._guard.kill()
+            self._guard.wait()
+            self._guard = None
+
+    def keep_logs(self) -> Path:
+        """Ask that the logs survive the end; returns where they will be (in the cache, which keeps the ten newest)."""
+        self._keep_logs = True
+        return self.kept_logs_dir
+
+    @property
+    def kept_logs_dir(self) -> Path:
+        return logs.kept_root() / self.run_dir.name
+
+    def add_process(self, process: Process) -> Process:
+        """Adopt a program so that it ends with this control plane (used by robotapp_testbed.product)."""
+        self._processes[process.name] = process
+        return process
+
+    # --- inside -----------------------------------------------------------------------------------------------
+
+    def _started(self) -> components.Layout:
+        if self._layout is None:
+            raise TestbedError("the control plane is not started: use `with ControlPlane() as cp:`")
+        return self._layout
+
+    def _run(self, program: str, args: Sequence[str], name: str, *, stdin: object, check: bool) -> str:
+        if self._commands is None:
+            raise TestbedError("the control plane is not started")
+        return self._commands.run(program, args, kubeconfig=self.kubeconfig(name), stdin=stdin, check=check)
+
+    def _write_files(self, layout: components.Layout) -> None:
+        layout.token_file.write_text(identity.token_file(self._identities))
+        layout.signing_key.write_text(identity.signing_key())
+        layout.audit_policy.write_text(audit_log.policy(self._audit_level or "None"))
+
+    def _start_servers(self, layout: components.Layout, binaries: Mapping[str, Path]) -> None:
+        self._api = Api(
+            layout.server_url, ca_file=layout.serving_certificate, token=self._identities[identity.ADMIN].token
+        )
+        settings = components.Settings(
+            controller_manager=self.has_controllers,
+            audit=bool(self._audit_level),
+            node_lease_s=self._node_lease_s,
+            extra=self._extra_args,
+        )
+        build = servers.Builder(layout, settings, binaries, self._api)
+        self._processes = build.store_and_api()
+        self._processes[Program.API].wait_ready()
+        layout.ca_file.write_text(identity.last_certificate(layout.serving_certificate.read_text()))
+        for name, each in self._identities.items():
+            text = identity.kubeconfig(each, server_url=layout.server_url, ca_file=layout.ca_file)
+            layout.kubeconfig(name).write_text(text)
+            layout.kubeconfig(name).chmod(0o600)
+        self._processes |= build.clients(
+            [name for name in self._wanted if name not in self._processes], self._kube_scheduler
+        )
+        for process in self._processes.values():
+            process.wait_ready()
+
+
+def _start_guard(run_dir: Path) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-I", "-S", guard.__file__, str(os.getpid()), str(run_dir)]
+    return subprocess.Popen(
+        command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    )

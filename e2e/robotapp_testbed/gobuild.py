@@ -1,0 +1,68 @@
+"""Compile one binary of the control plane from its Go modules (e2e/controlplane/go.mod pins every version)."""
+
+import os
+import signal
+import subprocess
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from robotapp_testbed import pins
+from robotapp_testbed.failures import TestbedError
+from robotapp_testbed.toolchain import Go
+
+_ERROR_LINES = 6
+
+
+def build_environment(env: Mapping[str, str]) -> dict[str, str]:
+    """The user's module proxy and caches stay; what would change the result is fixed."""
+    fixed = {"CGO_ENABLED": "0", "GOFLAGS": "-mod=readonly", "GOWORK": "off", "GOTOOLCHAIN": "local"}
+    return {**env, **fixed}
+
+
+def command(go: Go, binary: pins.Binary, target: Path) -> list[str]:
+    # -v prints each package as it is compiled: the progress shown to the user.
+    return [str(go.program), "build", "-v", "-trimpath", "-ldflags", pins.LDFLAGS, "-o", str(target), binary.package]
+
+
+def build(
+    go: Go,
+    binary: pins.Binary,
+    target: Path,
+    *,
+    on_line: Callable[[str], None],
+    env: Mapping[str, str] = os.environ,
+    module_dir: Path = pins.MODULE_DIR,
+) -> None:
+    """Write the binary to `target`. `on_line` gets each line Go prints. An interrupt ends the compiler as well."""
+    last: list[str] = []
+    process = subprocess.Popen(
+        command(go, binary, target),
+        cwd=module_dir,
+        env=build_environment(env),
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,  # so that the compiler's own children can be ended with it
+    )
+    with process:
+        try:
+            for line in process.stderr or ():
+                last = [*last[1 - _ERROR_LINES :], line.rstrip()]
+                on_line(line.rstrip())
+        except BaseException:
+            os.killpg(process.pid, signal.SIGKILL)
+            raise
+    if process.returncode != 0:
+        raise TestbedError(_explain(binary, last))
+
+
+def _explain(binary: pins.Binary, lines: list[str]) -> str:
+    text = "\n".join(lines)
+    if any(sign in text for sign in ("dial tcp", "lookup ", "proxyconnect", "i/o timeout", "TLS handshake")):
+        advice = "the Go module proxy cannot be reached: check the network and `go env GOPROXY`, then run it again (it resumes)"
+    elif "no space left" in text:
+        advice = "the disk is full: free about 3 GB for the Go cache (`go env GOCACHE GOMODCACHE`) and run it again (it resumes)"
+    else:
+        advice = "run it again (it resumes); the compiler's last lines are above"
+    return f"{text}\n{binary.name} could not be compiled: {advice}"

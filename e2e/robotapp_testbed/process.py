@@ -1,0 +1,188 @@
+"""One operating-system process of ours: started, watched, hurt and ended by its own pid."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from pathlib import Path
+from typing import Self
+
+from robotapp_testbed import guard
+from robotapp_testbed.failures import TestbedError
+
+_LAUNCH = Path(__file__).with_name("launch.py")
+_TICKS_PER_S = os.sysconf("SC_CLK_TCK")
+_PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
+_POLL_S = 0.02
+_LOG_TAIL_LINES = 15
+
+# The kernel ends a process when the *thread* that forked it ends (prctl PR_SET_PDEATHSIG), so all are forked by one
+# thread that lives as long as the interpreter; a test's own worker threads may come and go.
+_SPAWNER = ThreadPoolExecutor(max_workers=1, thread_name_prefix="testbed-spawner")
+
+
+def wait_until(condition: Callable[[], bool], *, timeout_s: float, poll_s: float = _POLL_S) -> bool:
+    """Poll `condition` until it holds; False when `timeout_s` passed first."""
+    deadline = time.monotonic() + timeout_s
+    while not condition():
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(poll_s)
+    return True
+
+
+def spawn(
+    argv: Sequence[str | Path],
+    *,
+    run_dir: Path,
+    log: int,
+    env: Mapping[str, str] | None = None,
+    cwd: Path | None = None,
+) -> subprocess.Popen[bytes]:
+    """Start `argv` (absolute program path) so that it dies with this process; output goes to descriptor `log`."""
+    register = run_dir / guard.REGISTER
+    register.mkdir(parents=True, exist_ok=True)
+    command = [sys.executable, "-I", "-S", str(_LAUNCH), str(os.getpid()), str(register), *map(str, argv)]
+
+    def start() -> subprocess.Popen[bytes]:
+        return subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=log,
+            env=env,
+            cwd=cwd or run_dir,
+            start_new_session=True,  # Ctrl-C in the terminal is for the owner, who then ends us in order
+        )
+
+    return _SPAWNER.submit(start).result()
+
+
+class Process:
+    """A program of the testbed. `kill`, `pause`, `resume`, `restart` are the faults tests inject.
+
+    `ready` tells whether the program serves; `wait_ready` polls it. The log file is appended to over restarts.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        argv: Sequence[str | Path],
+        *,
+        run_dir: Path,
+        log_path: Path,
+        env: Mapping[str, str] | None = None,
+        ready: Callable[[], bool] | None = None,
+        ready_timeout_s: float = 60.0,
+        health_url: str = "",
+    ) -> None:
+        self.name = name
+        self.argv = [str(part) for part in argv]
+        self.log_path = log_path
+        self.health_url = health_url
+        self._run_dir = run_dir
+        self._env = dict(env) if env is not None else None
+        self._ready = ready
+        self._ready_timeout_s = ready_timeout_s
+        self._popen: subprocess.Popen[bytes] | None = None
+
+    def __repr__(self) -> str:
+        state = f"pid {self.pid}" if self.running else f"ended {self.returncode}" if self._popen else "not started"
+        return f"<Process {self.name} {state}, log {self.log_path}>"
+
+    @property
+    def pid(self) -> int:
+        if self._popen is None:
+            raise TestbedError(f"{self.name} was never started")
+        return self._popen.pid
+
+    @property
+    def returncode(self) -> int | None:
+        """As subprocess: None while it runs, minus N when signal N ended it."""
+        return self._popen.poll() if self._popen else None
+
+    @property
+    def running(self) -> bool:
+        return self._popen is not None and self._popen.poll() is None
+
+    def start(self) -> Self:
+        if self.running:
+            return self
+        with self.log_path.open("ab") as log:
+            self._popen = spawn(self.argv, run_dir=self._run_dir, log=log.fileno(), env=self._env)
+        return self
+
+    def wait_ready(self, timeout_s: float | None = None) -> Self:
+        """Block until the program serves; TestbedError with the log's end when it ends or is late."""
+        allowed_s = timeout_s or self._ready_timeout_s
+        wait_until(lambda: not self.running or self._ready is None or self._ready(), timeout_s=allowed_s)
+        if not self.running:
+            raise TestbedError(f"{self.name} ended with {self.returncode} while starting. {self._log_tail()}")
+        if self._ready is not None and not self._ready():
+            raise TestbedError(f"{self.name} was not ready after {allowed_s:.0f} s. {self._log_tail()}")
+        return self
+
+    def kill(self) -> None:
+        """SIGKILL, then wait until it is gone."""
+        self.send(signal.SIGKILL)
+        self.wait()
+
+    def stop(self, timeout_s: float = 10.0) -> int | None:
+        """SIGTERM, SIGKILL after `timeout_s`; the exit status."""
+        self.send(signal.SIGTERM)
+        try:
+            return self.wait(timeout_s)
+        except subprocess.TimeoutExpired:
+            self.kill()
+            return self.returncode
+
+    def pause(self) -> None:
+        """SIGSTOP: the process stands still but keeps its sockets, like a machine that hangs."""
+        self.send(signal.SIGSTOP)
+
+    def resume(self) -> None:
+        self.send(signal.SIGCONT)
+
+    def restart(self) -> Self:
+        """SIGKILL what runs, start again with the same arguments, wait until it serves."""
+        self.kill()
+        return self.start().wait_ready()
+
+    def send(self, number: signal.Signals) -> None:
+        if self._popen is not None and self._popen.poll() is None:
+            self._popen.send_signal(number)
+
+    def wait(self, timeout_s: float | None = None) -> int | None:
+        """Wait for the end; subprocess.TimeoutExpired when it is late."""
+        if self._popen is None:
+            return None
+        code = self._popen.wait(timeout_s)
+        (self._run_dir / guard.REGISTER / str(self._popen.pid)).unlink(missing_ok=True)
+        return code
+
+    def cpu_seconds(self) -> float:
+        """User plus system time so far (all threads); 0 when it does not run."""
+        fields = self._proc("stat").rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / _TICKS_PER_S if fields else 0.0
+
+    def rss_bytes(self) -> int:
+        fields = self._proc("statm").split()
+        return int(fields[1]) * _PAGE_BYTES if fields else 0
+
+    def log_text(self) -> str:
+        with suppress(FileNotFoundError):
+            return self.log_path.read_text(errors="replace")
+        return ""
+
+    def _proc(self, name: str) -> str:
+        with suppress(FileNotFoundError, ProcessLookupError):
+            return Path(f"/proc/{self.pid}/{name}").read_text()
+        return ""
+
+    def _log_tail(self) -> str:
+        tail = "\n".join(self.log_text().splitlines()[-_LOG_TAIL_LINES:])
+        return f"The end of {self.log_path}:\n{tail}"

@@ -1,0 +1,125 @@
+"""Our product on a testbed: its rights and policies from the chart, its programs as local processes.
+
+A local operator or scheduler uses the identity its pod would have, so RBAC and admission policies decide as in production.
+"""
+
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from robotapp_testbed import ports
+from robotapp_testbed.controlplane import ControlPlane
+from robotapp_testbed.identity import SYSTEM_NAMESPACE
+from robotapp_testbed.pins import REPOSITORY
+from robotapp_testbed.process import Process
+from robotapp_testbed.servers import answers
+
+CHART = REPOSITORY / "helm" / "robotapp"
+CRDS = REPOSITORY / "crds"
+_WORKLOADS = frozenset({"Deployment", "DaemonSet", "StatefulSet", "Job", "CronJob", "PodDisruptionBudget", "Pod"})
+_FIRST = ("Namespace", "CustomResourceDefinition")
+_MANAGER = "robotapp-testbed"
+_PROCESS_READY_S = 30.0
+
+
+def install(cp: ControlPlane, *, values: Mapping[str, Any] | None = None) -> None:
+    """Apply what the chart installs except its workloads: CRDs, default pool, RBAC, policies, configuration. May be repeated.
+
+    `values` are chart values. A tree without a chart gets the CRDs alone.
+    """
+    objects = _rendered(cp, values or {}) if (CHART / "Chart.yaml").exists() else []
+    objects = [*_crds(objects), *objects]
+    definitions = [obj for obj in objects if obj["kind"] in _FIRST]
+    _apply(cp, [_namespace(), *definitions])
+    names = [obj["metadata"]["name"] for obj in definitions if obj["kind"] == "CustomResourceDefinition"]
+    if names:
+        cp.kubectl("wait", "--for=condition=Established", "--timeout=30s", "crd", *names)
+    _apply(cp, [obj for obj in objects if obj["kind"] not in _FIRST])
+
+
+def start_operator(cp: ControlPlane, *, name: str = "operator", wait: bool = True, **flags: object) -> Process:
+    """`python -m robotapp_operator` as the operator's identity. `sweep_seconds=1` becomes `--sweep-seconds 1`, True a bare flag."""
+    return _start(cp, "robotapp_operator", identity="operator", name=name, wait=wait, flags=flags)
+
+
+def start_scheduler(
+    cp: ControlPlane, config: Path | None = None, *, name: str = "scheduler", wait: bool = True, **flags: object
+) -> Process:
+    """`python -m robotapp_scheduler` as the scheduler's identity."""
+    extra = {"config": config} if config else {}
+    return _start(cp, "robotapp_scheduler", identity="scheduler", name=name, wait=wait, flags={**extra, **flags})
+
+
+def arguments(flags: Mapping[str, object]) -> list[str]:
+    """Keyword arguments as command-line flags; None and False are left out."""
+    args: list[str] = []
+    for name, value in flags.items():
+        flag = "--" + name.replace("_", "-")
+        if value is True:
+            args.append(flag)
+        elif value is not None and value is not False:
+            args += [flag, str(value)]
+    return args
+
+
+def _start(
+    cp: ControlPlane, module: str, *, identity: str, name: str, wait: bool, flags: Mapping[str, object]
+) -> Process:
+    (port,) = ports.free_ports(1)
+    own = {"kubeconfig": cp.kubeconfig(identity), "health_port": port}
+    url = f"http://127.0.0.1:{port}"
+    process = Process(
+        name,
+        [sys.executable, "-m", module, *arguments({**own, **flags})],
+        run_dir=cp.run_dir,
+        log_path=cp.logs_dir / f"{name}.log",
+        env={key: value for key, value in os.environ.items() if key != "KUBECONFIG"},
+        ready=lambda: answers(f"{url}/readyz"),
+        ready_timeout_s=_PROCESS_READY_S,
+        health_url=url,
+    )
+    cp.add_process(process).start()
+    return process.wait_ready() if wait else process
+
+
+def _namespace() -> dict[str, Any]:
+    return {"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": SYSTEM_NAMESPACE}}
+
+
+def _rendered(cp: ControlPlane, values: Mapping[str, Any]) -> list[dict[str, Any]]:
+    text = cp.helm(
+        "template",
+        "robotapp",
+        str(CHART),
+        f"--namespace={SYSTEM_NAMESPACE}",
+        "--include-crds",
+        "--values=-",
+        stdin=yaml.safe_dump(dict(values)),
+    )
+    objects = [obj for obj in yaml.safe_load_all(text) if obj and obj["kind"] not in _WORKLOADS]
+    return [obj for obj in objects if "helm.sh/hook" not in obj["metadata"].get("annotations", {})]
+
+
+def _crds(rendered: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """The generated CRD files the chart does not bring itself."""
+    present = {obj["metadata"]["name"] for obj in rendered if obj["kind"] == "CustomResourceDefinition"}
+    files = [yaml.safe_load(path.read_text()) for path in sorted(CRDS.glob("*.yaml"))]
+    return [obj for obj in files if obj["metadata"]["name"] not in present]
+
+
+def _apply(cp: ControlPlane, objects: Sequence[Mapping[str, Any]]) -> None:
+    if objects:
+        cp.kubectl(
+            "apply",
+            "--server-side",
+            "--force-conflicts",
+            f"--field-manager={_MANAGER}",
+            f"--namespace={SYSTEM_NAMESPACE}",
+            "-f",
+            "-",
+            stdin=list(objects),
+        )

@@ -1,0 +1,122 @@
+"""Say what is being done and how long it will still take: a bar on a terminal, plain lines elsewhere."""
+
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TextIO
+
+_BAR_CELLS = 24
+_REDRAW_S = 0.25
+_LINE_EVERY_S = 20.0
+_FASTEST_RATIO = 0.02
+
+
+class Progress:
+    """Steps with an expected duration. What finished steps really took corrects the expectation of the rest."""
+
+    def __init__(
+        self,
+        stream: TextIO | None = None,
+        *,
+        interactive: bool | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._stream = stream or sys.stderr
+        self._interactive = self._stream.isatty() if interactive is None else interactive
+        self._clock = clock
+        self._plan: list[tuple[str, float]] = []
+        self._index = 0
+        self._expected_done_s = 0.0
+        self._took_s = 0.0
+        self._started_s = 0.0
+        self._said_s = 0.0
+        self._note = ""
+        self._write_lock = threading.Lock()
+
+    def say(self, text: str) -> None:
+        with self._write_lock:
+            self._stream.write(f"{self._erase()}{text}\n")
+            self._stream.flush()
+
+    def plan(self, steps: Sequence[tuple[str, float]]) -> None:
+        """The steps to come, each with the seconds it should take on this machine."""
+        self._plan, self._index, self._expected_done_s, self._took_s = list(steps), 0, 0.0, 0.0
+
+    @contextmanager
+    def step(self) -> Iterator[Callable[[str], None]]:
+        """Run the next planned step; yields a function that takes a note on what is happening just now."""
+        title, expected_s = self._plan[self._index]
+        self._started_s = self._said_s = self._clock()
+        self._note = ""
+        if not self._interactive:
+            self.say(f"{self._prefix()} {title}: {self._remaining_text()}")
+        try:
+            with self._ticking():
+                yield self._take_note
+            outcome = f"done in {self._elapsed_s():.0f} s"
+            self._took_s += self._elapsed_s()
+            self._expected_done_s += expected_s
+        except BaseException:
+            outcome = "not done"
+            raise
+        finally:
+            self.say(f"{self._prefix()} {title}: {outcome}")
+            self._index += 1
+
+    @contextmanager
+    def _ticking(self) -> Iterator[None]:
+        finished = threading.Event()
+        ticker = threading.Thread(target=self._tick, args=(finished,), name="testbed-progress", daemon=True)
+        ticker.start()
+        try:
+            yield
+        finally:
+            finished.set()
+            ticker.join()
+
+    def remaining_s(self) -> float:
+        """Expected seconds until the last planned step ends."""
+        ratio = max(self._took_s / self._expected_done_s, _FASTEST_RATIO) if self._expected_done_s else 1.0
+        ahead_s = sum(expected_s for _, expected_s in self._plan[self._index + 1 :]) * ratio
+        return ahead_s + max(self._plan[self._index][1] * ratio - self._elapsed_s(), 0.0)
+
+    def _elapsed_s(self) -> float:
+        return self._clock() - self._started_s
+
+    def _take_note(self, text: str) -> None:
+        self._note = text
+
+    def _tick(self, finished: threading.Event) -> None:
+        while not finished.wait(_REDRAW_S):
+            self.redraw()
+
+    def redraw(self) -> None:
+        if self._interactive:
+            with self._write_lock:
+                self._stream.write(f"{self._erase()}{self._bar()}")
+                self._stream.flush()
+        elif self._clock() - self._said_s >= _LINE_EVERY_S:
+            self._said_s = self._clock()
+            self.say(
+                f"{self._prefix()} {self._plan[self._index][0]}: {self._elapsed_s():.0f} s, {self._remaining_text()}"
+            )
+
+    def _prefix(self) -> str:
+        return f"[{self._index + 1}/{len(self._plan)}]"
+
+    def _bar(self) -> str:
+        title, expected_s = self._plan[self._index]
+        share = min(self._elapsed_s() / expected_s, 1.0) if expected_s else 1.0
+        cells = "█" * round(share * _BAR_CELLS)
+        return f"{self._prefix()} {title} {cells:░<{_BAR_CELLS}} {self._remaining_text()} {self._note[:40]}"
+
+    def _remaining_text(self) -> str:
+        seconds = self.remaining_s()
+        if seconds < 1:
+            return "nearly done"
+        return f"about {seconds / 60:.0f} min left" if seconds >= 90 else f"about {seconds:.0f} s left"
+
+    def _erase(self) -> str:
+        return "\r\x1b[2K" if self._interactive else ""

@@ -1,0 +1,103 @@
+"""Turn settings into the control plane's processes, each with what tells that it serves."""
+
+import urllib.error
+import urllib.request
+from collections.abc import Iterable, Mapping
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from robotapp_testbed import components
+from robotapp_testbed.api import Api
+from robotapp_testbed.failures import ApiStatusError
+from robotapp_testbed.process import Process
+
+_PROBE_TIMEOUT_S = 1.0
+
+
+class Program(StrEnum):
+    ETCD = "etcd"
+    API = "kube-apiserver"
+    CONTROLLER_MANAGER = "kube-controller-manager"
+    KWOK = "kwok"
+    SCHEDULER = "kube-scheduler"
+
+
+def answers(url: str) -> bool:
+    """Whether an HTTP GET of a local address succeeds now."""
+    try:
+        with urllib.request.urlopen(url, timeout=_PROBE_TIMEOUT_S) as response:  # noqa: S310 - our own loopback URLs
+            return bool(response.status == 200)
+    except (OSError, urllib.error.URLError):
+        return False
+
+
+class Builder:
+    def __init__(
+        self, layout: components.Layout, settings: components.Settings, binaries: Mapping[str, Path], api: Api
+    ) -> None:
+        self._layout = layout
+        self._settings = settings
+        self._binaries = binaries
+        self._api = api
+
+    def store_and_api(self) -> dict[str, Process]:
+        """etcd and kube-apiserver, started together: the server retries until its store answers."""
+        layout = self._layout
+        etcd = self._process(Program.ETCD, components.etcd(layout))
+        server = self._process(Program.API, components.kube_apiserver(layout, self._settings))
+        etcd.start()
+        server.start()
+        return {etcd.name: etcd, server.name: server}
+
+    def clients(self, names: Iterable[str], scheduler_config: bool | str | Path) -> dict[str, Process]:
+        """The programs that need a serving API server, started together."""
+        made = [self._client(Program(name), scheduler_config).start() for name in names]
+        return {process.name: process for process in made}
+
+    def _client(self, program: Program, scheduler_config: bool | str | Path) -> Process:
+        if program is Program.CONTROLLER_MANAGER:
+            return self._process(program, components.kube_controller_manager(self._layout, self._settings))
+        if program is Program.KWOK:
+            return self._process(program, components.kwok(self._layout, self._settings))
+        return self._process(program, components.kube_scheduler(self._write_scheduler_config(scheduler_config)))
+
+    def _process(self, program: Program, args: list[str]) -> Process:
+        layout = self._layout
+        ready = {
+            Program.ETCD: lambda: answers(f"{layout.etcd_url}/health"),
+            Program.API: self._api.is_ready,
+            Program.CONTROLLER_MANAGER: self._controllers_work,
+            Program.KWOK: lambda: answers(f"http://127.0.0.1:{layout.kwok_port}/healthz"),
+        }
+        return Process(
+            program,
+            [self._binaries[program], *args, *self._settings.extra.get(program, ())],
+            run_dir=layout.run_dir,
+            log_path=layout.logs_dir / f"{program}.log",
+            env={"HOME": str(layout.run_dir), "PATH": ""},
+            ready=ready.get(program),
+        )
+
+    def _controllers_work(self) -> bool:
+        """It has no health port here; pods can be created once it made the default ServiceAccount."""
+        try:
+            self._api.get("/api/v1/namespaces/default/serviceaccounts/default")
+        except (OSError, ApiStatusError):
+            return False
+        return True
+
+    def _write_scheduler_config(self, wanted: bool | str | Path) -> Path:
+        """The caller's configuration with our kubeconfig and without leader election, or the one for comparisons."""
+        kubeconfig = self._layout.kubeconfig(Program.SCHEDULER)
+        path = self._layout.run_dir / "kube-scheduler.yaml"
+        if isinstance(wanted, bool):
+            path.write_text(components.oracle_config(kubeconfig))
+            return path
+        config: dict[str, Any] = yaml.safe_load(Path(wanted).read_text())
+        config["clientConnection"] = {**config.get("clientConnection", {}), "kubeconfig": str(kubeconfig)}
+        config["leaderElection"] = {"leaderElect": False}
+        path.write_text(yaml.safe_dump(config))
+        return path

