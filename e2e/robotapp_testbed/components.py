@@ -6,10 +6,12 @@ from pathlib import Path
 
 import yaml
 
+from robotapp_api.model.names import Label
 from robotapp_testbed import ports
 
 STAGES_DIR = Path(__file__).with_name("stages")
-NODE_SELECTOR = "robotics.io/simulated=kwok"
+SIMULATED_BY_KWOK = "kwok"
+NODE_SELECTOR = f"{Label.SIMULATED}={SIMULATED_BY_KWOK}"
 """kwok plays the kubelet of nodes with this label only, so real nodes can join the same control plane."""
 
 _ETCD_QUOTA_BYTES = 8 << 30

@@ -40,6 +40,8 @@ class Label(StrEnum):
     CLAIM = "robotics.io/claim"
     POOL = "robotics.io/pool"
     HOLDER_UID = "robotics.io/holder-uid"
+    SIMULATED = "robotics.io/simulated"
+    """On Node and NodeTelemetry objects that no machine stands behind (tests and the demo)."""
 
 
 HARDWARE_PREFIX: Final = "hardware.robotics.io/"

@@ -1,0 +1,175 @@
+"""A stand-in for the node agents: writes the NodeTelemetry of every simulated node, labelled as simulated."""
+
+import logging
+import threading
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+from robotapp_api.model.names import API_VERSION, Label
+from robotapp_testbed.controlplane import ControlPlane
+from robotapp_testbed.failures import ApiStatusError, TestbedError
+from robotapp_testbed.nodes import Device
+
+if TYPE_CHECKING:
+    from robotapp_testbed.topology import Topology
+
+PATH = f"/apis/{API_VERSION}/nodetelemetries"
+PEER_LIMIT = 64
+_SHORTEST_INTERVAL_S = 10
+_NODES_PER_INTERVAL_SECOND = 50
+_LOG = logging.getLogger(__name__)
+
+
+@dataclass
+class _Agent:
+    """What one node's agent would know."""
+
+    absent: set[str] = field(default_factory=set)
+    load: dict[str, float] = field(default_factory=dict)
+    sequence: int = 0
+    silent: bool = False
+
+
+class SimulatedTelemetry:
+    """Writes at once whatever is changed through it, and everything again as heartbeat while it runs.
+
+    A round trip has no jitter: median and 95th percentile are the value of the topology.
+    """
+
+    def __init__(self, cp: ControlPlane, topology: "Topology", *, interval_s: int | None = None) -> None:
+        self._cp = cp
+        self._topology = topology
+        self._interval_s = interval_s or max(_SHORTEST_INTERVAL_S, len(topology) // _NODES_PER_INTERVAL_SECOND)
+        self._agents = {node.name: _Agent() for node in topology}
+        self._lock = threading.Lock()
+        self._stopped = threading.Event()
+        self._heart: threading.Thread | None = None
+
+    def __enter__(self) -> Self:
+        return self.start()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stop()
+
+    def start(self) -> Self:
+        """Write all objects, then keep the heartbeat."""
+        self._cp.api.each(self._create, self._agents)
+        self.write()
+        self._heart = threading.Thread(target=self._beat, name="simulated-telemetry", daemon=True)
+        self._heart.start()
+        return self
+
+    def stop(self) -> None:
+        """No more heartbeats; the objects stay, and age."""
+        self._stopped.set()
+        if self._heart:
+            self._heart.join()
+
+    def set_rtt(self, one: str, other: str, value_ms: float) -> None:
+        self._topology.set_rtt(one, other, value_ms)
+        self.write(one, other)
+
+    def unplug(self, node: str, device_id: str) -> None:
+        self._agents[node].absent.add(self._device(node, device_id).id)
+        self.write(node)
+
+    def plug(self, node: str, device_id: str) -> None:
+        self._agents[node].absent.discard(self._device(node, device_id).id)
+        self.write(node)
+
+    def set_load(self, node: str, **percent: float) -> None:
+        """`cpu`, `memory` and `gpu`, in percent."""
+        self._agents[node].load.update(percent)
+        self.write(node)
+
+    def silence(self, node: str) -> None:
+        """The node's agent stops writing, as if it had crashed."""
+        self._agents[node].silent = True
+
+    def speak(self, node: str) -> None:
+        self._agents[node].silent = False
+        self.write(node)
+
+    def write(self, *names: str) -> None:
+        """Write the status of these nodes, or of all, now."""
+        probes = self._probes()
+        wanted = [name for name in names or self._agents if not self._agents[name].silent]
+        self._cp.api.each(lambda name: self._write_one(name, probes.get(name, ())), wanted)
+
+    def status(self, name: str, *, asked: Iterable[str] = ()) -> dict[str, Any]:
+        """The status an agent on this node would write; `asked` are the peers its object asks to measure."""
+        agent, node = self._agents[name], self._topology.node(name)
+        status: dict[str, Any] = {
+            "intervalSeconds": self._interval_s,
+            "seq": agent.sequence,
+            "arch": node.arch,
+            "kernel": {"realtime": node.realtime},
+            "devices": [_device_status(device, present=device.id not in agent.absent) for device in node.devices],
+            "rtt": [self._rtt_status(name, peer) for peer in self._peers(name, asked)],
+        }
+        if agent.load:
+            status["load"] = {f"{kind}Percent": value for kind, value in agent.load.items()}
+        return status
+
+    def _create(self, name: str) -> None:
+        metadata = {"name": name, "labels": {Label.SIMULATED: "true"}}
+        try:
+            self._cp.api.create(PATH, {"apiVersion": API_VERSION, "kind": "NodeTelemetry", "metadata": metadata})
+        except ApiStatusError as error:
+            if error.status != 409:
+                raise
+
+    def _write_one(self, name: str, asked: Iterable[str]) -> None:
+        with self._lock:
+            self._agents[name].sequence += 1
+            status = self.status(name, asked=asked)
+        self._cp.api.patch(f"{PATH}/{name}/status", {"status": status})
+
+    def _beat(self) -> None:
+        while not self._stopped.wait(self._interval_s):
+            try:
+                self.write()
+            except (OSError, ApiStatusError):  # the API server may be down on purpose; the next round tries again
+                _LOG.warning("simulated telemetry: a round could not be written", exc_info=True)
+
+    def _probes(self) -> Mapping[str, list[str]]:
+        items = self._cp.api.get(PATH)["items"]
+        return {item["metadata"]["name"]: item.get("spec", {}).get("probe", []) for item in items}
+
+    def _peers(self, name: str, asked: Iterable[str]) -> list[str]:
+        """All others while they fit; else those asked for, one of each zone, and the own zone."""
+        others = [node for node in self._topology if node.name != name]
+        if len(others) <= PEER_LIMIT:
+            return [node.name for node in others]
+        of_zone = {node.zone: node.name for node in reversed(others)}
+        own_zone = self._topology.node(name).zone
+        wanted = [peer for peer in asked if peer in self._topology.nodes and peer != name]
+        wanted += [*of_zone.values(), *(node.name for node in others if node.zone == own_zone)]
+        return list(dict.fromkeys(wanted))[:PEER_LIMIT]
+
+    def _rtt_status(self, name: str, peer: str) -> dict[str, Any]:
+        value_us = round(self._topology.rtt_ms(name, peer) * 1000)
+        return {"peer": peer, "p50Us": value_us, "p95Us": value_us, "lossPercent": 0}
+
+    def _device(self, node: str, device_id: str) -> Device:
+        devices = self._topology.node(node).devices
+        for device in devices:
+            if device.id == device_id:
+                return device
+        raise TestbedError(
+            f"{node} has no device {device_id!r}, it has {', '.join(each.id for each in devices) or 'none'}"
+        )
+
+
+def _device_status(device: Device, *, present: bool) -> dict[str, Any]:
+    texts = {"model": device.model, "interface": device.interface, "identity": device.identity, "path": device.path}
+    return {
+        "id": device.id,
+        "type": device.type,
+        "present": present,
+        **{key: value for key, value in texts.items() if value},
+    }

@@ -1,0 +1,137 @@
+"""A small world of simulated nodes and the network between them.
+
+nodes = fleet(robots=["amr-07", "amr-08"], edges=2, clouds=1)
+apply(cp, nodes)
+with SimulatedTelemetry(cp, nodes) as telemetry:
+    telemetry.set_rtt("edge-1", "amr-07", 45.0)
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+from robotapp_testbed.controlplane import ControlPlane
+from robotapp_testbed.failures import ApiStatusError, TestbedError
+from robotapp_testbed.nodes import Device, SimulatedNode, Tier, cloud, edge, robot
+from robotapp_testbed.telemetry import SimulatedTelemetry
+
+__all__ = [
+    "Device",
+    "SimulatedNode",
+    "SimulatedTelemetry",
+    "Tier",
+    "Topology",
+    "apply",
+    "cloud",
+    "edge",
+    "fleet",
+    "remove",
+    "robot",
+]
+
+NEAR_MS = 2.0
+FAR_MS = 15.0
+CLOUD_MS = 60.0
+_NODES = "/api/v1/nodes"
+
+
+class Topology:
+    """Nodes and the round-trip time of every pair, in milliseconds.
+
+    Unless a pair is given in `rtt_ms`, it follows from the zones: 2 within a zone, 15 between zones on site, 60 to the cloud.
+    """
+
+    def __init__(
+        self, nodes: Iterable[SimulatedNode], *, rtt_ms: Mapping[tuple[str, str], float] | None = None
+    ) -> None:
+        self.nodes = {node.name: node for node in nodes}
+        self._pairs: dict[frozenset[str], float] = {}
+        for (one, other), value in (rtt_ms or {}).items():
+            self.set_rtt(one, other, value)
+
+    def __iter__(self) -> Iterator[SimulatedNode]:
+        return iter(self.nodes.values())
+
+    def __len__(self) -> int:
+        return len(self.nodes)
+
+    def __repr__(self) -> str:
+        return f"<Topology {', '.join(f'{node.name}@{node.zone}' for node in self)}>"
+
+    def node(self, name: str) -> SimulatedNode:
+        try:
+            return self.nodes[name]
+        except KeyError:
+            raise TestbedError(f"no simulated node {name!r}, there are {', '.join(self.nodes)}") from None
+
+    def rtt_ms(self, one: str, other: str) -> float:
+        given = self._pairs.get(frozenset((one, other)))
+        return given if given is not None else _default_rtt_ms(self.node(one), self.node(other))
+
+    def set_rtt(self, one: str, other: str, value_ms: float) -> None:
+        """Both directions: a round trip has none."""
+        self._pairs[frozenset((self.node(one).name, self.node(other).name))] = value_ms
+
+
+def fleet(
+    robots: int | Sequence[str] = 2,
+    edges: int | Sequence[str] = 2,
+    clouds: int | Sequence[str] = 1,
+    *,
+    devices: Mapping[str, Sequence[Device]] | None = None,
+) -> Topology:
+    """Robots and edge servers spread over halls (as many as edges), clouds apart. Numbers give names such as robot-1.
+
+    `devices` are per node name.
+    """
+    attached = devices or {}
+    names = {tier: _names(tier, wanted) for tier, wanted in zip(Tier, (robots, edges, clouds), strict=True)}
+    halls = max(len(names[Tier.EDGE]), 1)
+    made = [
+        robot(name, zone=_hall(index, halls), devices=attached.get(name, ()))
+        for index, name in enumerate(names[Tier.ROBOT])
+    ]
+    made += [
+        edge(name, zone=_hall(index, halls), devices=attached.get(name, ()))
+        for index, name in enumerate(names[Tier.EDGE])
+    ]
+    made += [cloud(name, devices=attached.get(name, ())) for name in names[Tier.CLOUD]]
+    return Topology(made)
+
+
+def apply(cp: ControlPlane, nodes: Iterable[SimulatedNode]) -> None:
+    """Create the nodes, Ready and free of the not-ready taint; existing ones get the wanted labels, taints and status."""
+    cp.api.each(lambda node: _apply_one(cp, node), nodes)
+
+
+def remove(cp: ControlPlane, nodes: Iterable[SimulatedNode]) -> None:
+    cp.api.each(lambda node: cp.api.delete(f"{_NODES}/{node.name}"), nodes)
+
+
+def _apply_one(cp: ControlPlane, node: SimulatedNode) -> None:
+    manifest = node.manifest()
+    path = f"{_NODES}/{node.name}"
+    try:
+        stored: dict[str, Any] = cp.api.create(_NODES, manifest)
+    except ApiStatusError as error:
+        if error.status != 409:
+            raise
+        stored = cp.api.patch(path, {"metadata": manifest["metadata"]})
+        cp.api.patch(f"{path}/status", {"status": manifest["status"]})
+    if stored["spec"].get("taints", []) != manifest["spec"]["taints"]:  # admission taints every new node as not ready
+        cp.api.patch(path, {"spec": manifest["spec"]})
+
+
+def _default_rtt_ms(one: SimulatedNode, other: SimulatedNode) -> float:
+    if one.name == other.name:
+        return 0.0
+    if one.zone == other.zone:
+        return NEAR_MS
+    return CLOUD_MS if Tier.CLOUD in {one.tier, other.tier} else FAR_MS
+
+
+def _names(tier: Tier, wanted: int | Sequence[str]) -> list[str]:
+    return [f"{tier}-{number + 1}" for number in range(wanted)] if isinstance(wanted, int) else list(wanted)
+
+
+def _hall(index: int, halls: int) -> str:
+    return f"hall-{index % halls + 1}"
