@@ -1,0 +1,201 @@
+"""RobotApps, the owner chain of their pods, and where their components are.
+
+Labels find candidates; that a pod belongs to an app is decided by its ownerReference chain
+pod → ReplicaSet → Deployment → RobotApp inside one namespace.
+"""
+
+from typing import NamedTuple
+
+from robotapp_api.model.names import ROBOT_END
+from robotapp_api.values.duration import parse_us
+from robotapp_scheduler.core.objects import Owned, Pod
+from robotapp_scheduler.core.pods import Member, controller_of, member_of
+from robotapp_scheduler.core.robotics import Component, Edge, RobotApp
+
+
+class Link(NamedTuple):
+    """An edge as one of its ends sees it."""
+
+    topic: str
+    peer: str
+    """Component name, or `@robot`."""
+    budget_us: int | None
+    percentile: int
+    required: bool
+
+
+class App(NamedTuple):
+    """A RobotApp with its edges turned into links per component; `problems` are values that cannot be read."""
+
+    source: RobotApp
+    components: dict[str, Component]
+    links: dict[str, tuple[Link, ...]]
+    problems: tuple[str, ...]
+
+    @property
+    def uid(self) -> str:
+        """The app's uid."""
+        return self.source.metadata.uid
+
+    @property
+    def observed(self) -> bool:
+        """Has the operator acted on the generation we see?"""
+        return self.source.status.observed_generation >= self.source.metadata.generation
+
+
+class Replica(NamedTuple):
+    """One pod of a component; `node` is "" while it is not placed."""
+
+    pod: Pod
+    node: str
+
+
+def tied(component: Component) -> bool:
+    """Bound to a robot or device: never refused because of a peer that could go elsewhere."""
+    return component.runs_on == "Robot" or bool(component.devices)
+
+
+def read_app(source: RobotApp) -> App:
+    """Prepare an app. Durations that cannot be read are collected, never guessed."""
+    problems: list[str] = []
+    links: dict[str, list[Link]] = {}
+    for i, edge in enumerate(source.spec.edges):
+        budget_us = _duration(edge.latency.budget if edge.latency else "", f"edges[{i}].latency.budget", problems)
+        for here, peer in ((edge.from_, edge.to), (edge.to, edge.from_)):
+            if here != ROBOT_END:
+                links.setdefault(here, []).append(_link(edge, peer, budget_us))
+    for i, component in enumerate(source.spec.components):
+        _duration(component.policies.latency_budget, f"components[{i}].policies.latencyBudget", problems)
+        _duration(component.policies.deadline, f"components[{i}].policies.deadline", problems)
+    return App(
+        source=source,
+        components={component.name: component for component in source.spec.components},
+        links={name: tuple(found) for name, found in links.items()},
+        problems=tuple(problems),
+    )
+
+
+def _link(edge: Edge, peer: str, budget_us: int | None) -> Link:
+    latency = edge.latency
+    return Link(
+        topic=edge.topic,
+        peer=peer,
+        budget_us=budget_us,
+        percentile=latency.percentile if latency else 95,
+        required=latency is None or latency.enforce == "Required",
+    )
+
+
+def _duration(text: str, field: str, problems: list[str]) -> int | None:
+    if not text:
+        return None
+    try:
+        return parse_us(text)
+    except ValueError:
+        problems.append(f"spec.{field}: {text!r} is not a duration such as 30ms")
+        return None
+
+
+class AppIndex:
+    """RobotApps by uid, owners by uid, and all live pods that carry an app's labels."""
+
+    def __init__(self) -> None:
+        self._apps: dict[str, App] = {}
+        self._owners: dict[str, Owned] = {}
+        self._replicas: dict[tuple[str, str], dict[str, dict[str, Replica]]] = {}
+
+    def __repr__(self) -> str:
+        return f"AppIndex({len(self._apps)} apps, {len(self._owners)} owners, {len(self._replicas)} instances)"
+
+    def apply_app(self, source: RobotApp) -> bool:
+        """Take in an app; True when anything but its name is new to us."""
+        old = self._apps.get(source.metadata.uid)
+        if old is not None and (
+            old.source.metadata.generation == source.metadata.generation
+            and old.source.status.observed_generation == source.status.observed_generation
+        ):
+            return False
+        self._apps[source.metadata.uid] = read_app(source)
+        return True
+
+    def remove_app(self, uid: str) -> bool:
+        """The app is gone."""
+        return self._apps.pop(uid, None) is not None
+
+    def app(self, uid: str) -> App | None:
+        """The app of this uid, if we have seen it."""
+        return self._apps.get(uid)
+
+    def apply_owner(self, owner: Owned) -> bool:
+        """Take in a ReplicaSet or Deployment; True when its owner is news."""
+        old = self._owners.get(owner.metadata.uid)
+        self._owners[owner.metadata.uid] = owner
+        return old is None or old.metadata.owner_references != owner.metadata.owner_references
+
+    def remove_owner(self, uid: str) -> bool:
+        """A ReplicaSet or Deployment is gone."""
+        return self._owners.pop(uid, None) is not None
+
+    def belongs(self, pod: Pod, app_uid: str) -> bool:
+        """Does the owner chain lead from the pod to this app, inside one namespace?"""
+        namespace = pod.metadata.namespace
+        references = pod.metadata.owner_references
+        for _ in range(3):
+            owner = controller_of(references)
+            if owner is None:
+                return False
+            if owner.uid == app_uid:
+                return owner.kind == "RobotApp"
+            known = self._owners.get(owner.uid)
+            if known is None or known.metadata.namespace != namespace:
+                return False
+            references = known.metadata.owner_references
+        return False
+
+    def root_of(self, owner: Owned) -> tuple[str, ...]:
+        """Uid of the RobotApp an owner belongs to, as far as the chain is known."""
+        for _ in range(3):
+            above = controller_of(owner.metadata.owner_references)
+            if above is None:
+                return ()
+            if above.kind == "RobotApp":
+                return (above.uid,)
+            known = self._owners.get(above.uid)
+            if known is None:
+                return ()
+            owner = known
+        return ()
+
+    def place(self, pod: Pod, node: str) -> str:
+        """Count a live pod of an app where it is (node "" = still waiting); answers the app's uid, "" for others."""
+        member = member_of(pod.metadata.labels or {})
+        if member is None:
+            return ""
+        instance = self._replicas.setdefault((member.app_uid, member.instance), {})
+        instance.setdefault(member.component, {})[pod.metadata.uid] = Replica(pod, node)
+        return member.app_uid
+
+    def drop(self, pod: Pod) -> str:
+        """Stop counting a pod that is gone or terminal; answers as `place`."""
+        member = member_of(pod.metadata.labels or {})
+        if member is None:
+            return ""
+        instance = self._replicas.get((member.app_uid, member.instance), {})
+        replicas = instance.get(member.component, {})
+        replicas.pop(pod.metadata.uid, None)
+        if not replicas:
+            instance.pop(member.component, None)
+        if not instance:
+            self._replicas.pop((member.app_uid, member.instance), None)
+        return member.app_uid
+
+    def replicas(self, member: Member, component: str) -> list[Replica]:
+        """Live pods of a component of the same instance that truly belong to the app."""
+        instance = self._replicas.get((member.app_uid, member.instance), {})
+        return [
+            replica for replica in instance.get(component, {}).values() if self.belongs(replica.pod, member.app_uid)
+        ]
+
+    def labelled(self, member: Member) -> list[Replica]:
+        """Live pods with exactly these labels, owner chain not asked."""
+        return list(self._replicas.get((member.app_uid, member.instance), {}).get(member.component, {}).values())

@@ -1,0 +1,108 @@
+"""What can change, as flags, and the log that lets cached results be repaired row by row.
+
+One vocabulary serves three readers: the change log (which node rows a cached result must look at again), the queue
+(which waiting pods a change may help) and the plugins (`node_reads` and `events`).
+"""
+
+from enum import IntFlag, auto
+from typing import Final
+
+
+class Change(IntFlag):
+    """Kinds of change. Cluster methods return what they changed; the queue is told by `move`."""
+
+    NONE = 0
+    NODE_ADDED = auto()
+    NODE_REMOVED = auto()
+    ALLOCATABLE = auto()
+    LABELS = auto()
+    TAINTS = auto()
+    """Taints or spec.unschedulable."""
+    ANNOTATIONS = auto()
+    POD_ADDED = auto()
+    """A pod was placed on a node (assumed or seen)."""
+    POD_REMOVED = auto()
+    """A placed pod is gone, terminal or forgotten: room was freed."""
+    POD_UPDATED = auto()
+    """A placed pod changed labels, size or started to terminate."""
+    POD_SEEN = auto()
+    """A pod without a node appeared, changed or disappeared (groups count them)."""
+    RTT = auto()
+    DEVICES = auto()
+    """What telemetry or labels say a node has."""
+    CLAIMS = auto()
+    """A RobotClaim appeared, changed or disappeared."""
+    LOAD = auto()
+    APPS = auto()
+    """A RobotApp changed."""
+    OWNERS = auto()
+    """A ReplicaSet or Deployment changed."""
+    ALL = (1 << 16) - 1
+
+
+NODE: Final = Change.NODE_ADDED | Change.NODE_REMOVED
+PLACED: Final = Change.POD_ADDED | Change.POD_REMOVED | Change.POD_UPDATED
+
+READS: Final[dict[str, Change]] = {
+    "name": NODE,
+    "allocatable": NODE | Change.ALLOCATABLE,
+    "requested": NODE | PLACED,
+    "ports": NODE | PLACED,
+    "pods": NODE | PLACED,
+    "labels": NODE | Change.LABELS,
+    "taints": NODE | Change.TAINTS,
+    "annotations": NODE | Change.ANNOTATIONS,
+    "rtt": NODE | Change.RTT,
+    "devices": NODE | Change.DEVICES | Change.LABELS | Change.CLAIMS | PLACED,
+    "load": NODE | Change.LOAD,
+}
+"""`node_reads` of a plugin → the changes after which its result for that row must be computed again."""
+
+EVERY_ROW: Final = -1
+
+
+class ChangeLog:
+    """Bounded log of (row, change). Positions only grow; a reader that fell behind starts over.
+
+    A row of EVERY_ROW means that all rows changed (a new RTT model, for example).
+    """
+
+    __slots__ = ("_base", "_entries", "_limit")
+
+    def __init__(self, limit: int = 8192) -> None:
+        self._limit = limit
+        self._base = 0
+        self._entries: list[tuple[int, Change]] = []
+
+    def __repr__(self) -> str:
+        return f"ChangeLog({self.position=}, kept={len(self._entries)})"
+
+    @property
+    def position(self) -> int:
+        """Where a reader that is up to date stands."""
+        return self._base + len(self._entries)
+
+    def add(self, row: int, change: Change) -> None:
+        """Note that `row` changed."""
+        self._entries.append((row, change))
+        if len(self._entries) > self._limit:
+            drop = self._limit // 2
+            del self._entries[:drop]
+            self._base += drop
+
+    def since(self, position: int, interest: Change, *, most: int) -> list[int] | None:
+        """Rows with a change of interest after `position`, each once; None: look at all rows.
+
+        None is answered when the reader fell behind, when more than `most` log entries would have to be read,
+        or when a change touched every row.
+        """
+        start = position - self._base
+        if start < 0 or len(self._entries) - start > most:
+            return None
+        rows: dict[int, None] = {}
+        for row, change in self._entries[start:]:
+            if change & interest:
+                if row == EVERY_ROW:
+                    return None
+                rows[row] = None
+        return list(rows)

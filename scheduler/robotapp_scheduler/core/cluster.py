@@ -1,0 +1,333 @@
+"""The scheduler's picture of the cluster: fed by watch events, read by every rule.
+
+Every method that takes something in answers which kinds of `Change` it made (NONE for news that decides nothing), so
+the shell can wake exactly the waiting pods that may profit. Rows that changed go to the change log, from which cached
+results are repaired.
+"""
+
+from collections.abc import Callable, Iterable
+
+from robotapp_scheduler.core.affinity_index import AntiAffinityIndex
+from robotapp_scheduler.core.apps import AppIndex
+from robotapp_scheduler.core.changes import EVERY_ROW, Change, ChangeLog
+from robotapp_scheduler.core.counts import PodCounts
+from robotapp_scheduler.core.devices import DeviceGrant, DeviceIndex
+from robotapp_scheduler.core.node_table import SCORED_CPU, SCORED_MEMORY, NodeTable
+from robotapp_scheduler.core.objects import Node, Owned, Pod
+from robotapp_scheduler.core.pods import PlacedPod, PodInfo, controller_of
+from robotapp_scheduler.core.ports import PortUsers
+from robotapp_scheduler.core.robotics import NodeTelemetry, RobotApp, RobotClaim
+from robotapp_scheduler.core.telemetry import RttModel
+
+
+class Cluster:
+    """Nodes, placed pods of any scheduler, apps, claims and telemetry.
+
+    `clock` is monotonic seconds; it only ages telemetry.
+    """
+
+    def __init__(self, *, clock: Callable[[], float]) -> None:
+        self.nodes = NodeTable()
+        self.ports = PortUsers()
+        self.counts = PodCounts()
+        self.anti_affinity = AntiAffinityIndex()
+        self.apps = AppIndex()
+        self.devices = DeviceIndex()
+        self.rtt = RttModel(self.nodes, clock)
+        self.log = ChangeLog()
+        self.placed: dict[str, PlacedPod] = {}
+        """Pods on nodes by uid, assumed ones included."""
+        self._by_node: dict[str, dict[str, PlacedPod]] = {}
+        self._by_name: dict[tuple[str, str], dict[str, PlacedPod]] = {}
+        self._seen: dict[str, Pod] = {}
+        """Live pods without a node, by uid."""
+        self._touched: set[str] = set()
+
+    def __repr__(self) -> str:
+        return f"Cluster({self.nodes.count} nodes, {len(self.placed)} placed, {len(self._seen)} waiting)"
+
+    def take_touched_apps(self) -> frozenset[str]:
+        """Uids of RobotApps around which something changed since the last call: only their gates need a test."""
+        touched = frozenset(self._touched)
+        self._touched.clear()
+        return touched
+
+    # --- Nodes ---------------------------------------------------------------------------------------------------
+
+    def apply_node(self, node: Node) -> Change:
+        """Add or update a node. Pods that were seen on it before it appeared are counted in."""
+        row, change = self.nodes.apply(node)
+        name = node.metadata.name
+        if change & Change.NODE_ADDED:
+            for pod in self._by_node.get(name, {}).values():
+                self._count(pod, row, +1)
+        if change & (Change.NODE_ADDED | Change.LABELS) and self.devices.set_labels(name, self.nodes.labels.of(row)):
+            change |= Change.DEVICES
+        self._note(row, change)
+        if change & (Change.NODE_ADDED | Change.LABELS):
+            # Zones are read from labels, so every estimate may be different now.
+            self.log.add(EVERY_ROW, Change.RTT)
+        return change
+
+    def remove_node(self, name: str) -> Change:
+        """The Node object is gone. Its pods stay known until their own objects go."""
+        row = self.nodes.row_of.get(name)
+        if row is None:
+            return Change.NONE
+        for pod in self._by_node.get(name, {}).values():
+            self._count(pod, row, -1)
+        self.nodes.remove(name)
+        self.devices.set_labels(name, {})
+        self._note(row, Change.NODE_REMOVED)
+        return Change.NODE_REMOVED
+
+    # --- Pods ----------------------------------------------------------------------------------------------------
+
+    def apply_pod(self, pod: Pod) -> Change:
+        """Any pod of any scheduler, as the watch shows it. Terminal pods hold nothing.
+
+        News about an assumed pod that shows no node yet leaves the assumption alone.
+        """
+        uid = pod.metadata.uid
+        if pod.terminal:
+            return self.remove_pod(pod)
+        if not pod.spec.node_name:
+            if uid in self.placed:
+                return Change.NONE
+            self._seen[uid] = pod
+            self._member(pod, "")
+            return Change.POD_SEEN
+        return self._see_placed(pod)
+
+    def remove_pod(self, pod: Pod) -> Change:
+        """The pod object is gone (or terminal)."""
+        uid = pod.metadata.uid
+        self._member(pod, None)
+        self.devices.release(uid)
+        change = Change.POD_SEEN if self._seen.pop(uid, None) is not None else Change.NONE
+        if uid in self.placed:
+            self._take_off(uid)
+            change |= Change.POD_REMOVED
+        return change
+
+    def assume(self, pod: PodInfo, node: str, grants: Iterable[DeviceGrant] = ()) -> None:
+        """Count a pod on a node before the API server has said so. Raises ValueError when it is counted already."""
+        if pod.uid in self.placed:
+            raise ValueError(f"{pod.key} is already counted on {self.placed[pod.uid].node}")
+        self._seen.pop(pod.uid, None)
+        self._put_on(self._record(pod.pod, pod, node, assumed=True), Change.POD_ADDED)
+        self.devices.promise(pod.uid, grants)
+
+    def forget(self, uid: str) -> Change:
+        """Take an assumption back; a confirmed pod stays. Idempotent."""
+        record = self.placed.get(uid)
+        if record is None or not record.assumed:
+            return Change.NONE
+        self.devices.release(uid)
+        self._take_off(uid)
+        self._seen[uid] = record.pod
+        self._member(record.pod, "")
+        return Change.POD_REMOVED
+
+    def is_assumed(self, uid: str) -> bool:
+        """Counted, but not yet seen on its node."""
+        record = self.placed.get(uid)
+        return record is not None and record.assumed
+
+    def pods_on(self, node: str) -> Iterable[PlacedPod]:
+        """Placed pods of one node."""
+        return self._by_node.get(node, {}).values()
+
+    def placed_named(self, namespace: str, name: str) -> list[PlacedPod]:
+        """Placed pods with this name, or of the Deployment (or ReplicaSet) with this name."""
+        return list(self._by_name.get((namespace, name), {}).values())
+
+    # --- RobotApps, owners, claims, telemetry ----------------------------------------------------------------------
+
+    def apply_app(self, app: RobotApp) -> Change:
+        """A RobotApp appeared or changed."""
+        self._touched.add(app.metadata.uid)
+        return Change.APPS if self.apps.apply_app(app) else Change.NONE
+
+    def remove_app(self, app: RobotApp) -> Change:
+        """A RobotApp is gone."""
+        self._touched.add(app.metadata.uid)
+        return Change.APPS if self.apps.remove_app(app.metadata.uid) else Change.NONE
+
+    def apply_owner(self, owner: Owned) -> Change:
+        """A ReplicaSet or Deployment appeared or changed."""
+        if not self.apps.apply_owner(owner):
+            return Change.NONE
+        self._touched.update(self.apps.root_of(owner))
+        return Change.OWNERS
+
+    def remove_owner(self, owner: Owned) -> Change:
+        """A ReplicaSet or Deployment is gone."""
+        return Change.OWNERS if self.apps.remove_owner(owner.metadata.uid) else Change.NONE
+
+    def apply_claim(self, claim: RobotClaim) -> Change:
+        """A RobotClaim appeared or changed."""
+        return self._claims_changed(self.devices.apply_claim(claim))
+
+    def remove_claim(self, claim: RobotClaim) -> Change:
+        """A RobotClaim is gone: its device or domain is free."""
+        return self._claims_changed(self.devices.remove_claim(claim.metadata.name))
+
+    def apply_telemetry(self, telemetry: NodeTelemetry) -> Change:
+        """A node's agent reported."""
+        name = telemetry.metadata.name
+        change = Change.LOAD
+        if self.rtt.apply(telemetry):
+            change |= Change.RTT
+        if self.devices.set_telemetry(name, telemetry.status.devices):
+            change |= Change.DEVICES
+        return self._telemetry_changed(name, change)
+
+    def remove_telemetry(self, telemetry: NodeTelemetry) -> Change:
+        """A node's agent object is gone: labels say what it has, its RTTs are unknown."""
+        name = telemetry.metadata.name
+        row = self.nodes.row_of.get(name)
+        change = Change.LOAD
+        if self.rtt.remove(name):
+            change |= Change.RTT
+        if self.devices.drop_telemetry(name, self.nodes.labels.of(row) if row is not None else {}):
+            change |= Change.DEVICES
+        return self._telemetry_changed(name, change)
+
+    def tick(self) -> Change:
+        """Let old telemetry expire; call about once a second."""
+        if not self.rtt.expire():
+            return Change.NONE
+        self.log.add(EVERY_ROW, Change.RTT)
+        return Change.RTT
+
+    def robot_nodes(self, robot: str) -> tuple[str, ...]:
+        """Names of the nodes of a robot, sorted."""
+        return tuple(sorted(self.nodes.robots.get(robot, ())))
+
+    # --- Inside --------------------------------------------------------------------------------------------------
+
+    def _member(self, pod: Pod, node: str | None) -> None:
+        """Count a pod of an app where it is; None = it is gone."""
+        uid = self.apps.place(pod, node) if node is not None else self.apps.drop(pod)
+        if uid:
+            self._touched.add(uid)
+
+    def _note(self, row: int, change: Change) -> None:
+        if change:
+            self.log.add(row, change)
+
+    def _claims_changed(self, node: str | None) -> Change:
+        row = self.nodes.row_of.get(node) if node is not None else None
+        if row is not None:
+            self.log.add(row, Change.CLAIMS)
+        return Change.CLAIMS
+
+    def _telemetry_changed(self, name: str, change: Change) -> Change:
+        row = self.nodes.row_of.get(name)
+        if row is not None:
+            self.log.add(row, change & ~Change.RTT)
+        if change & Change.RTT:
+            self.log.add(EVERY_ROW, Change.RTT)
+        return change
+
+    def _see_placed(self, pod: Pod) -> Change:
+        uid = pod.metadata.uid
+        self._seen.pop(uid, None)
+        old = self.placed.get(uid)
+        record = self._record(pod, PodInfo(pod), pod.spec.node_name, assumed=False)
+        if old is None:
+            self._put_on(record, Change.POD_ADDED)
+            return Change.POD_ADDED
+        if old.node != record.node or _footprint(old) != _footprint(record):
+            self._take_off(uid)
+            self._put_on(record, Change.POD_UPDATED)
+            return Change.POD_UPDATED
+        # Same footprint: the record is exchanged without touching a column. A confirmed assumption ends here.
+        self._by_node[record.node][uid] = self.placed[uid] = record
+        self._name(old, add=False)
+        self._name(record, add=True)
+        self._member(pod, record.node)
+        return Change.NONE
+
+    def _record(self, pod: Pod, info: PodInfo, node: str, *, assumed: bool) -> PlacedPod:
+        requests = info.requests
+        return PlacedPod(
+            uid=info.uid,
+            name=info.name,
+            namespace=info.namespace,
+            node=node,
+            labels=info.labels,
+            priority=info.priority,
+            requested=self.nodes.resources.coded(requests.exact),
+            scored_cpu_milli=requests.placed.get("cpu", 0),
+            scored_memory_bytes=requests.placed.get("memory", 0),
+            ports=info.host_ports,
+            terminating=info.deleting,
+            assumed=assumed,
+            member=info.member,
+            pod=pod,
+        )
+
+    def _put_on(self, record: PlacedPod, change: Change) -> None:
+        self.placed[record.uid] = record
+        self._by_node.setdefault(record.node, {})[record.uid] = record
+        self._name(record, add=True)
+        self._member(record.pod, record.node)
+        row = self.nodes.row_of.get(record.node)
+        if row is not None:
+            self._count(record, row, +1)
+            self.log.add(row, change)
+
+    def _take_off(self, uid: str) -> None:
+        record = self.placed.pop(uid)
+        on_node = self._by_node[record.node]
+        del on_node[uid]
+        if not on_node:
+            del self._by_node[record.node]
+        self._name(record, add=False)
+        row = self.nodes.row_of.get(record.node)
+        if row is not None:
+            self._count(record, row, -1)
+            self.log.add(row, Change.POD_REMOVED)
+
+    def _count(self, record: PlacedPod, row: int, sign: int) -> None:
+        table = self.nodes
+        table.resources.add(row, record.requested, sign)
+        table.scored[SCORED_CPU, row] += sign * record.scored_cpu_milli
+        table.scored[SCORED_MEMORY, row] += sign * record.scored_memory_bytes
+        table.pod_count[row] += sign
+        if record.ports:
+            self.ports.count(row, record.ports, sign)
+        self.counts.count(row, record, sign)
+        self.anti_affinity.count(record, sign)
+
+    def _name(self, record: PlacedPod, *, add: bool) -> None:
+        for name in _names(record.pod):
+            key = (record.namespace, name)
+            if add:
+                self._by_name.setdefault(key, {})[record.uid] = record
+                continue
+            found = self._by_name.get(key, {})
+            found.pop(record.uid, None)
+            if not found:
+                self._by_name.pop(key, None)
+
+
+def _names(pod: Pod) -> tuple[str, ...]:
+    """The pod's own name and that of its Deployment (the ReplicaSet's name without its hash)."""
+    owner = controller_of(pod.metadata.owner_references)
+    if owner is None or owner.kind != "ReplicaSet":
+        return (pod.metadata.name,)
+    return (pod.metadata.name, owner.name.rpartition("-")[0] or owner.name)
+
+
+def _footprint(record: PlacedPod) -> tuple[object, ...]:
+    return (
+        record.requested,
+        record.scored_cpu_milli,
+        record.scored_memory_bytes,
+        record.ports,
+        record.labels,
+        record.terminating,
+    )

@@ -1,0 +1,188 @@
+"""Growable node columns: one array element per node row, and string columns as integer codes.
+
+Rows are stable while a node lives and are handed out again after it is gone, so every array has holes; `valid` says
+which rows are nodes. Arrays grow by doubling, so a view taken earlier must not be kept across an added node.
+"""
+
+from collections.abc import Callable, Iterable
+from typing import Final, Generic, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+BoolArray = npt.NDArray[np.bool_]
+IntArray = npt.NDArray[np.int64]
+CodeArray = npt.NDArray[np.int32]
+FloatArray = npt.NDArray[np.float64]
+
+T = TypeVar("T")
+
+START_ROWS: Final = 64
+CPU: Final = 0
+MEMORY: Final = 1
+EPHEMERAL: Final = 2
+BASE_RESOURCES: Final = ("cpu", "memory", "ephemeral-storage")
+LARGEST: Final = 2**53
+"""Amounts are cut here: sums and products with 100 stay inside int64, and no real node offers more."""
+
+
+def grown(array: npt.NDArray[np.generic], rows: int) -> npt.NDArray[np.generic]:
+    """A copy whose last axis has `rows` elements; the new ones are zero."""
+    result = np.zeros((*array.shape[:-1], rows), dtype=array.dtype)
+    result[..., : array.shape[-1]] = array
+    return result
+
+
+class Vocabulary:
+    """Strings (or any hashable values) as small codes; 0 is kept for "absent"."""
+
+    __slots__ = ("codes", "values")
+
+    def __init__(self) -> None:
+        self.codes: dict[str, int] = {}
+        self.values: list[str] = [""]
+
+    def __repr__(self) -> str:
+        return f"Vocabulary({len(self.codes)} values)"
+
+    def code(self, value: str) -> int:
+        """The code of a value, given out at first sight."""
+        code = self.codes.get(value)
+        if code is None:
+            code = len(self.values)
+            self.codes[value] = code
+            self.values.append(value)
+        return code
+
+    def table(self, test: Callable[[str | None], bool]) -> BoolArray:
+        """`test` per code: index it with a code column and the whole column is tested. Code 0 is tested as None."""
+        result = np.empty(len(self.values), dtype=np.bool_)
+        result[0] = test(None)
+        for code in range(1, len(self.values)):
+            result[code] = test(self.values[code])
+        return result
+
+
+class LabelColumns:
+    """One code column per label key, made when a rule first asks for the key and kept up to date from then on."""
+
+    __slots__ = ("_columns", "_labels", "_rows")
+
+    def __init__(self) -> None:
+        self._rows = START_ROWS
+        self._labels: list[dict[str, str]] = []
+        self._columns: dict[str, tuple[CodeArray, Vocabulary]] = {}
+
+    def __repr__(self) -> str:
+        return f"LabelColumns(keys={sorted(self._columns)})"
+
+    def grow(self, rows: int) -> None:
+        """Make room for `rows` rows."""
+        self._rows = rows
+        for key, (codes, vocabulary) in self._columns.items():
+            self._columns[key] = (grown(codes, rows).astype(np.int32, copy=False), vocabulary)
+
+    def set(self, row: int, labels: dict[str, str]) -> None:
+        """Replace all labels of a row; {} for a node that is gone."""
+        while len(self._labels) <= row:
+            self._labels.append({})
+        self._labels[row] = labels
+        for key, (codes, vocabulary) in self._columns.items():
+            value = labels.get(key)
+            codes[row] = 0 if value is None else vocabulary.code(value)
+
+    def of(self, row: int) -> dict[str, str]:
+        """Labels of one row."""
+        return self._labels[row]
+
+    def column(self, key: str) -> tuple[CodeArray, Vocabulary]:
+        """Codes per row (0 = label absent) and their vocabulary."""
+        found = self._columns.get(key)
+        if found is None:
+            found = self._build(key)
+        return found
+
+    def _build(self, key: str) -> tuple[CodeArray, Vocabulary]:
+        vocabulary = Vocabulary()
+        codes = np.zeros(self._rows, dtype=np.int32)
+        for row, labels in enumerate(self._labels):
+            value = labels.get(key)
+            if value is not None:
+                codes[row] = vocabulary.code(value)
+        self._columns[key] = (codes, vocabulary)
+        return codes, vocabulary
+
+
+class Interned(Generic[T]):
+    """Distinct values (taint sets, for instance) as codes, with a code column per row."""
+
+    __slots__ = ("_codes", "column", "values")
+
+    def __init__(self, first: T) -> None:
+        self.values: list[T] = [first]
+        self._codes: dict[T, int] = {first: 0}
+        self.column: CodeArray = np.zeros(START_ROWS, dtype=np.int32)
+
+    def __repr__(self) -> str:
+        return f"Interned({len(self.values)} distinct)"
+
+    def grow(self, rows: int) -> None:
+        """Make room for `rows` rows."""
+        self.column = grown(self.column, rows).astype(np.int32, copy=False)
+
+    def set(self, row: int, value: T) -> None:
+        """Store the value of a row."""
+        code = self._codes.get(value)
+        if code is None:
+            code = len(self.values)
+            self._codes[value] = code
+            self.values.append(value)
+        self.column[row] = code
+
+
+class ResourceColumns:
+    """int64 amounts per (resource, row): cpu in milli, everything else in whole units."""
+
+    __slots__ = ("allocatable", "index", "names", "requested")
+
+    def __init__(self) -> None:
+        self.names: list[str] = list(BASE_RESOURCES)
+        self.index: dict[str, int] = {name: i for i, name in enumerate(self.names)}
+        self.allocatable: IntArray = np.zeros((len(self.names), START_ROWS), dtype=np.int64)
+        self.requested: IntArray = np.zeros((len(self.names), START_ROWS), dtype=np.int64)
+
+    def __repr__(self) -> str:
+        return f"ResourceColumns({self.names})"
+
+    def grow(self, rows: int) -> None:
+        """Make room for `rows` rows."""
+        self.allocatable = grown(self.allocatable, rows).astype(np.int64, copy=False)
+        self.requested = grown(self.requested, rows).astype(np.int64, copy=False)
+
+    def code(self, name: str) -> int:
+        """Index of a resource, added at first sight."""
+        found = self.index.get(name)
+        if found is None:
+            found = len(self.names)
+            self.names.append(name)
+            self.index[name] = found
+            empty = np.zeros((1, self.allocatable.shape[1]), dtype=np.int64)
+            self.allocatable = np.concatenate([self.allocatable, empty])
+            self.requested = np.concatenate([self.requested, empty])
+        return found
+
+    def coded(self, amounts: dict[str, int]) -> tuple[tuple[int, int], ...]:
+        """(index, amount) pairs of a resource list, zero amounts left out."""
+        return tuple((self.code(name), min(value, LARGEST)) for name, value in amounts.items() if value)
+
+    def set_allocatable(self, row: int, amounts: Iterable[tuple[int, int]]) -> None:
+        """Replace what a row offers."""
+        self.allocatable[:, row] = 0
+        for code, value in amounts:
+            self.allocatable[code, row] = value
+
+    def add(self, row: int, amounts: Iterable[tuple[int, int]], sign: int) -> None:
+        """Count a pod in (+1) or out (-1)."""
+        requested = self.requested
+        for code, value in amounts:
+            requested[code, row] += sign * value

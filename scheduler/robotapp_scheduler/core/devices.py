@@ -1,0 +1,217 @@
+"""Which devices nodes have, which are claimed, and which one a pod may take.
+
+A requirement always resolves to a device id, so that one device has one name. The claims here are the watch's copy:
+good enough to choose a node, never to grant (the shell's create of the RobotClaim decides).
+"""
+
+import re
+from collections.abc import Iterable, Sequence
+from typing import Final, NamedTuple
+
+from robotapp_api.model.names import HARDWARE_PREFIX, ClaimPhase
+from robotapp_scheduler.core.robotics import RobotClaim, TelemetryDevice
+from robotapp_scheduler.core.ros import DeviceHolder, DeviceWish
+
+_USB_IDENTITY: Final = re.compile(r"^(?:usb:)?([0-9a-f]{4}):([0-9a-f]{4})(?::(.+))?$", re.IGNORECASE)
+
+
+class Device(NamedTuple):
+    """A device of a node as rules see it."""
+
+    id: str
+    type: str
+    model: str = ""
+    interface: str = ""
+    identity: str = ""
+
+
+class DeviceGrant(NamedTuple):
+    """The device chosen for one wish; `exclusive` ones need a RobotClaim before the bind."""
+
+    wish: str
+    node: str
+    device: Device
+    exclusive: bool
+
+
+class Busy(NamedTuple):
+    """Who keeps a device from a pod."""
+
+    device: Device
+    namespace: str
+    holder: str
+
+
+def matches(wish: DeviceWish, device: Device) -> bool:
+    """Is this the kind of device the wish names? Empty fields of the wish accept anything."""
+    if wish.type != device.type:
+        return False
+    if wish.model and wish.model != device.model:
+        return False
+    if wish.interface and wish.interface != device.interface:
+        return False
+    return not wish.match or identity_matches(wish.match, device.identity)
+
+
+def identity_matches(wanted: str, identity: str) -> bool:
+    """`vid:pid[:serial]` against an identity such as `usb:1d50:606f:00A1`; a wish without serial takes any."""
+    want, have = _USB_IDENTITY.match(wanted), _USB_IDENTITY.match(identity)
+    if want is None or have is None:
+        return wanted == identity
+    same_model = want[1].lower() == have[1].lower() and want[2].lower() == have[2].lower()
+    return same_model and (want[3] is None or want[3] == have[3])
+
+
+def devices_of_labels(labels: dict[str, str]) -> tuple[Device, ...]:
+    """Devices of a node that has no telemetry: hardware.robotics.io/<type>[-<interface>]: <model or true>."""
+    found = []
+    for key in sorted(labels):
+        if key.startswith(HARDWARE_PREFIX):
+            ident = key.removeprefix(HARDWARE_PREFIX)
+            kind, _, interface = ident.partition("-")
+            value = labels[key]
+            found.append(Device(id=ident, type=kind, model="" if value == "true" else value, interface=interface))
+    return tuple(found)
+
+
+class DeviceIndex:
+    """Devices per node, claims per device, and what this process has promised but not yet seen as a claim."""
+
+    def __init__(self) -> None:
+        self._devices: dict[str, tuple[Device, ...]] = {}
+        self._with_telemetry: set[str] = set()
+        self._claims: dict[tuple[str, str], RobotClaim] = {}
+        self._claim_names: dict[str, tuple[str, str]] = {}
+        self._promised: dict[tuple[str, str], str] = {}
+
+    def __repr__(self) -> str:
+        return f"DeviceIndex({len(self._devices)} nodes, {len(self._claims)} claims, {len(self._promised)} promised)"
+
+    def set_labels(self, node: str, labels: dict[str, str]) -> bool:
+        """Labels say what a node has only while no telemetry does. True when something is different."""
+        if node in self._with_telemetry:
+            return False
+        return self._set(node, devices_of_labels(labels))
+
+    def set_telemetry(self, node: str, devices: Iterable[TelemetryDevice]) -> bool:
+        """What the agent sees; absent devices do not count. True when something is different."""
+        self._with_telemetry.add(node)
+        present = (Device(d.id, d.type, d.model, d.interface, d.identity) for d in devices if d.present)
+        return self._set(node, tuple(sorted(present)))
+
+    def drop_telemetry(self, node: str, labels: dict[str, str]) -> bool:
+        """The agent's object is gone: labels count again."""
+        self._with_telemetry.discard(node)
+        return self.set_labels(node, labels)
+
+    def apply_claim(self, claim: RobotClaim) -> str | None:
+        """Take in a device claim; answers the node it is on, None for a domain claim."""
+        thing = claim.spec.device
+        if thing is None:
+            return None
+        key = (thing.node, thing.id)
+        self._claims[key] = claim
+        self._claim_names[claim.metadata.name] = key
+        return thing.node
+
+    def remove_claim(self, name: str) -> str | None:
+        """A claim is gone; answers the node whose device is free now."""
+        key = self._claim_names.pop(name, None)
+        if key is None:
+            return None
+        self._claims.pop(key, None)
+        return key[0]
+
+    def promise(self, pod_uid: str, grants: Iterable[DeviceGrant]) -> None:
+        """Keep devices for an assumed pod until its claims are seen or it is forgotten."""
+        for grant in grants:
+            if grant.exclusive:
+                self._promised[grant.node, grant.device.id] = pod_uid
+
+    def release(self, pod_uid: str) -> None:
+        """Drop all promises to a pod."""
+        for key in [key for key, uid in self._promised.items() if uid == pod_uid]:
+            del self._promised[key]
+
+    def of(self, node: str) -> tuple[Device, ...]:
+        """Devices of a node, sorted by id."""
+        return self._devices.get(node, ())
+
+    def nodes(self) -> Iterable[str]:
+        """Names of nodes that have any device."""
+        return self._devices.keys()
+
+    def blocker(self, node: str, device: Device, holder: DeviceHolder) -> Busy | None:
+        """Who stands in the way of this holder taking the device; None when it is free for it.
+
+        A claim of the same app, instance and component is ours when it names no other pod, or is Draining (handover).
+        """
+        promised = self._promised.get((node, device.id))
+        if promised is not None and promised != holder.pod_uid:
+            return Busy(device, holder.namespace, "a pod being placed")
+        claim = self._claims.get((node, device.id))
+        if claim is None:
+            return None
+        held_by = claim.spec.holder
+        same = (held_by.uid, held_by.instance, held_by.component) == (holder.uid, holder.instance, holder.component)
+        ours = claim.status.phase == ClaimPhase.DRAINING or claim.status.pod in {"", holder.pod_uid}
+        if same and ours:
+            return None
+        return Busy(device, held_by.namespace, held_by.name)
+
+    def choose(self, wishes: Sequence[DeviceWish], node: str, holder: DeviceHolder) -> tuple[DeviceGrant, ...] | None:
+        """A different device for every exclusive wish, all or nothing; None when the node cannot give that."""
+        devices = self.of(node)
+        taken: dict[int, int] = {}
+        choices = [self._choices(wish, devices, node, holder) for wish in wishes]
+        for wanted in range(len(wishes)):
+            if wishes[wanted].exclusive and not _assign(wanted, choices, taken, set()):
+                return None
+            if not choices[wanted]:
+                return None
+        chosen = {wish: device for device, wish in taken.items()}
+        return tuple(
+            DeviceGrant(wish.name, node, devices[chosen.get(i, choices[i][0])], wish.exclusive)
+            for i, wish in enumerate(wishes)
+        )
+
+    def blockers(self, wishes: Sequence[DeviceWish], node: str, holder: DeviceHolder) -> tuple[Busy, ...]:
+        """For the event: every matching but taken device of a node."""
+        found = (
+            self.blocker(node, device, holder)
+            for wish in wishes
+            if wish.exclusive
+            for device in self.of(node)
+            if matches(wish, device)
+        )
+        return tuple(busy for busy in found if busy is not None)
+
+    def _choices(self, wish: DeviceWish, devices: Sequence[Device], node: str, holder: DeviceHolder) -> list[int]:
+        found = [
+            i
+            for i, device in enumerate(devices)
+            if matches(wish, device) and (not wish.exclusive or self.blocker(node, device, holder) is None)
+        ]
+        # What is already claimed for this holder comes first: a retry must not collect a second device.
+        return sorted(found, key=lambda i: (node, devices[i].id) not in self._claims)
+
+    def _set(self, node: str, devices: tuple[Device, ...]) -> bool:
+        if self._devices.get(node, ()) == devices:
+            return False
+        if devices:
+            self._devices[node] = devices
+        else:
+            self._devices.pop(node, None)
+        return True
+
+
+def _assign(wanted: int, choices: list[list[int]], taken: dict[int, int], tried: set[int]) -> bool:
+    """Augmenting path of a bipartite matching: `taken` maps device → wish."""
+    for device in choices[wanted]:
+        if device in tried:
+            continue
+        tried.add(device)
+        if device not in taken or _assign(taken[device], choices, taken, tried):
+            taken[device] = wanted
+            return True
+    return False

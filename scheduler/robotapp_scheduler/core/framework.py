@@ -1,0 +1,301 @@
+"""The plugin contract: how a rule is written, and what it may answer.
+
+A plugin is a class with a `name` and any of the hooks below; nothing has to be inherited. The smallest useful one:
+
+    class QuietNodes:
+        name = "QuietNodes"
+        reads = ()                      # pod features the result depends on (core.pods.FEATURES)
+        node_reads = ("requested",)     # node facts it depends on (core.changes.READS)
+        normalize = "minmax"
+
+        def score(self, pod, nodes):
+            return nodes.free("cpu")
+
+Hooks, in the order of a cycle:
+
+`pre_enqueue(pod) -> Status | None`          keep the pod out of the queue (gated)
+`queue_key(pod, queued_s) -> tuple`          order of the active queue; exactly one plugin
+`pre_filter(pod, nodes) -> PreFilter | None` narrow the nodes by name, or reject at once
+`filter(pod, nodes) -> mask | Verdict | None`  bool per row, True = may run there; None = the rule has no opinion (Skip)
+`score(pod, nodes) -> array | None`          number per row, higher is better; None = Skip (adds 0)
+`reserve(pod, node, ctx) -> Status | None`, `unreserve(pod, node, ctx)`, `permit`, `pre_bind`, `post_bind`
+                                             called by the shell; `unreserve` never deletes a claim
+
+Class attributes and their defaults:
+
+`reads`       features of the pod; default: everything (the result is never shared between pods)
+`node_reads`  facts of the nodes; default: everything
+`row_local`   True: a row's result depends on that row alone, so only changed rows are computed again; default False
+`events`      changes that may help a pod this plugin rejected; default: every change
+`reason`      text for rows a bare mask rejects
+`resolvable`  False: taking other pods away cannot help (UnschedulableAndUnresolvable)
+`normalize`   "none" (raw is 0…100), "max", "inverse" or "minmax"; see `normalized`
+`Args`        msgspec.Struct of the arguments; the class is then called with an instance of it
+
+Arrays have one element per row of `nodes` (holes included: rows without a node never win), masks are bool, scores are
+integers or floats without NaN. Anything else is an Error: the pod is not placed and the text names the plugin.
+"""
+
+from collections.abc import Callable, Sequence
+from enum import StrEnum
+from functools import wraps
+from typing import Any, Final, NamedTuple, Protocol
+
+import msgspec
+import numpy as np
+import numpy.typing as npt
+
+from robotapp_scheduler.core.changes import READS, Change
+from robotapp_scheduler.core.columns import BoolArray, FloatArray, IntArray
+from robotapp_scheduler.core.pods import FEATURES, PodInfo
+from robotapp_scheduler.core.view import Nodes
+
+MAX_SCORE: Final = 100
+MAX_MESSAGE: Final = 1024
+
+
+class Code(StrEnum):
+    """Outcome of a hook, in kube-scheduler's words."""
+
+    SUCCESS = "Success"
+    ERROR = "Error"
+    UNSCHEDULABLE = "Unschedulable"
+    UNRESOLVABLE = "UnschedulableAndUnresolvable"
+    WAIT = "Wait"
+    SKIP = "Skip"
+    PENDING = "Pending"
+
+
+class Status(NamedTuple):
+    """What a hook says about the whole pod."""
+
+    code: Code
+    reason: str = ""
+    plugin: str = ""
+
+
+class PreFilter(NamedTuple):
+    """Answer of `pre_filter`: only these nodes (None = no limit), or a rejection of the pod."""
+
+    names: frozenset[str] | None = None
+    status: Status | None = None
+
+
+class Verdict(NamedTuple):
+    """Answer of `filter` with more to say than a mask.
+
+    `codes` index `reasons` per row (only rows with mask False are read); one entry of `reasons` may hold several texts,
+    all of which are reported. `detail` is a number per row for explain (milliseconds, free devices …), named by
+    `detail_unit`. `resolvable` is one value or one per row.
+    """
+
+    mask: BoolArray
+    codes: npt.NDArray[np.integer[Any]] | None = None
+    reasons: Sequence[tuple[str, ...]] = ()
+    detail: FloatArray | None = None
+    detail_unit: str = ""
+    resolvable: BoolArray | bool | None = None
+
+
+FilterResult = BoolArray | Verdict | None
+ScoreResult = npt.NDArray[Any] | None
+
+
+class FilterPlugin(Protocol):
+    """A plugin that excludes nodes."""
+
+    name: str
+
+    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult: ...
+
+
+class ScorePlugin(Protocol):
+    """A plugin that prefers nodes."""
+
+    name: str
+
+    def score(self, pod: PodInfo, nodes: Nodes) -> ScoreResult: ...
+
+
+class PluginError(Exception):
+    """A plugin answered something that cannot be used; the pod gets SchedulerError with this text."""
+
+    def __init__(self, plugin: str, text: str) -> None:
+        super().__init__(f"plugin {plugin}: {text}")
+        self.plugin = plugin
+
+
+class NoArgs(msgspec.Struct, forbid_unknown_fields=True):
+    """Arguments of plugins that have none."""
+
+
+class Loaded:
+    """A plugin with its attributes checked once: hooks looked up, names of features turned into flags."""
+
+    def __init__(self, plugin: Any, *, weight: int = 1, shadow: bool = False) -> None:
+        self.plugin = plugin
+        self.name: str = plugin.name
+        self.weight = weight
+        self.shadow = shadow
+        """Scored and recorded, but the choice does not look at it."""
+        self.row_local: bool = getattr(plugin, "row_local", False)
+        self.reason: str = getattr(plugin, "reason", f"node(s) were rejected by {self.name}")
+        self.resolvable: bool = getattr(plugin, "resolvable", True)
+        self.normalize: str = getattr(plugin, "normalize", "none")
+        self.events: Change = getattr(plugin, "events", Change.ALL)
+        self.reads: tuple[str, ...] = tuple(sorted(getattr(plugin, "reads", ("uid",))))
+        node_reads: tuple[str, ...] = tuple(getattr(plugin, "node_reads", READS))
+        unknown = [name for name in self.reads if name not in FEATURES]
+        unknown += [name for name in node_reads if name not in READS and not name.startswith("column:")]
+        if unknown or self.normalize not in NORMALIZERS:
+            raise PluginError(
+                self.name,
+                f"unknown reads {unknown} (pod: {sorted(FEATURES)}, node: {sorted(READS)}) or "
+                f"normalize {self.normalize!r} (one of {sorted(NORMALIZERS)})",
+            )
+        self.interest = Change.NONE
+        for name in node_reads:
+            self.interest |= READS.get(name, Change.NONE)
+        self.filter: Callable[[PodInfo, Nodes], FilterResult] | None = getattr(plugin, "filter", None)
+        self.score: Callable[[PodInfo, Nodes], ScoreResult] | None = getattr(plugin, "score", None)
+        self.pre_filter: Callable[[PodInfo, Nodes], PreFilter | None] | None = getattr(plugin, "pre_filter", None)
+        self.pre_enqueue: Callable[[PodInfo], Status | None] | None = getattr(plugin, "pre_enqueue", None)
+
+    def __repr__(self) -> str:
+        return f"Loaded({self.name}, weight={self.weight}{', shadow' if self.shadow else ''})"
+
+
+# --- Checks and arithmetic the framework does for every plugin --------------------------------------------------------
+
+
+def checked_mask(plugin: str, mask: object, rows: int) -> BoolArray:
+    """The mask of a filter, or PluginError."""
+    if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_ or mask.shape != (rows,):
+        found = f"{mask.dtype} {mask.shape}" if isinstance(mask, np.ndarray) else type(mask).__name__
+        raise PluginError(plugin, f"filter must answer a bool array of shape ({rows},), got {found}")
+    return mask
+
+
+def checked_scores(plugin: str, scores: object, rows: int) -> npt.NDArray[Any]:
+    """The raw scores of a plugin, or PluginError: numbers, one per row, no NaN, no infinity."""
+    if not isinstance(scores, np.ndarray) or scores.dtype.kind not in "iuf" or scores.shape != (rows,):
+        found = f"{scores.dtype} {scores.shape}" if isinstance(scores, np.ndarray) else type(scores).__name__
+        raise PluginError(plugin, f"score must answer a number array of shape ({rows},), got {found}")
+    if scores.dtype.kind == "f" and not np.isfinite(scores).all():
+        raise PluginError(plugin, f"score has NaN or infinite values in {int((~np.isfinite(scores)).sum())} rows")
+    return scores
+
+
+def _integers(raw: npt.NDArray[Any]) -> IntArray:
+    return raw.astype(np.int64)  # truncates floats toward zero, as Go's int64() does
+
+
+def _by_max(raw: npt.NDArray[Any]) -> IntArray:
+    top = raw.max()
+    return _integers(MAX_SCORE * raw // top) if top > 0 else np.zeros(len(raw), dtype=np.int64)
+
+
+def _inverse(raw: npt.NDArray[Any]) -> IntArray:
+    top = raw.max()
+    if top <= 0:
+        return np.full(len(raw), MAX_SCORE, dtype=np.int64)
+    return MAX_SCORE - _integers(MAX_SCORE * raw // top)
+
+
+def _minmax(raw: npt.NDArray[Any]) -> IntArray:
+    low, high = raw.min(), raw.max()
+    if high == low:
+        return np.zeros(len(raw), dtype=np.int64)
+    # Dividing first is upstream's order of operations: 29 of 100 gives 28.
+    return _integers(float(MAX_SCORE) * ((raw - low) / (high - low)))
+
+
+NORMALIZERS: Final[dict[str, Callable[[npt.NDArray[Any]], IntArray]]] = {
+    "none": _integers,
+    "max": _by_max,
+    "inverse": _inverse,
+    "minmax": _minmax,
+}
+
+
+def normalized(plugin: Loaded, raw: npt.NDArray[Any]) -> IntArray:
+    """Scores 0…100 of the feasible rows from their raw values (the array holds only those rows).
+
+    "max": 100·s // max, 0 when max is 0. "inverse": 100 - 100·s // max, 100 when max is 0.
+    "minmax": int(100·((s-min)/(max-min))), 0 when all are equal. "none": the integer part.
+    Raises PluginError when the result leaves 0…100.
+    """
+    scores = NORMALIZERS[plugin.normalize](raw)
+    if len(scores) and (scores.min() < 0 or scores.max() > MAX_SCORE):
+        bad = int(scores.min()) if scores.min() < 0 else int(scores.max())
+        raise PluginError(plugin.name, f"returns an invalid score {bad}, it should in the range of [0, {MAX_SCORE}]")
+    return scores
+
+
+# --- Messages --------------------------------------------------------------------------------------------------------
+
+
+def histogram(total: int, counts: dict[str, int]) -> str:
+    """kube-scheduler's text for a pod no node accepts; entries are sorted as strings ("10 x" before "2 y")."""
+    if total == 0:
+        return "no nodes available to schedule pods"
+    entries = sorted(f"{count} {reason}" for reason, count in counts.items() if count)
+    return f"0/{total} nodes are available" + (f": {', '.join(entries)}." if entries else ".")
+
+
+def pre_filter_message(total: int, text: str) -> str:
+    """The text when a pre_filter rejected the pod."""
+    return f"0/{total} nodes are available: {text}."
+
+
+# --- Scalar plugins ----------------------------------------------------------------------------------------------------
+
+
+def per_node(function: Callable[[Any, PodInfo, "NodeRow"], Any]) -> Callable[[Any, PodInfo, Nodes], npt.NDArray[Any]]:
+    """Turn `(self, pod, node) -> bool | number` into a hook over all nodes: slow, fine for a first try.
+
+    `node` has name, labels, free(resource), allocatable(resource) and requested(resource).
+    """
+
+    @wraps(function)
+    def hook(self: Any, pod: PodInfo, nodes: Nodes) -> npt.NDArray[Any]:
+        values = [function(self, pod, NodeRow(nodes, i)) if name else None for i, name in enumerate(nodes.names)]
+        example = next((value for value in values if value is not None), False)
+        blank: Any = False if isinstance(example, bool) else 0
+        return np.array(
+            [blank if value is None else value for value in values], dtype=np.bool_ if blank is False else None
+        )
+
+    return hook
+
+
+class NodeRow:
+    """One node as a `per_node` function sees it."""
+
+    __slots__ = ("_i", "_nodes")
+
+    def __init__(self, nodes: Nodes, i: int) -> None:
+        self._nodes = nodes
+        self._i = i
+
+    @property
+    def name(self) -> str:
+        """The node's name."""
+        return self._nodes.names[self._i]
+
+    @property
+    def labels(self) -> dict[str, str]:
+        """The node's labels."""
+        return self._nodes.labels_of(self._i)
+
+    def free(self, resource: str) -> int:
+        """Allocatable minus requested: cpu in milli, others in whole units."""
+        return int(self._nodes.free(resource)[self._i])
+
+    def allocatable(self, resource: str) -> int:
+        """What the node offers."""
+        return int(self._nodes.allocatable(resource)[self._i])
+
+    def requested(self, resource: str) -> int:
+        """What its pods ask for."""
+        return int(self._nodes.requested(resource)[self._i])

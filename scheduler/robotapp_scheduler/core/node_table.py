@@ -1,0 +1,169 @@
+"""Nodes as columns with stable rows."""
+
+from hashlib import blake2b
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from robotapp_api.model.names import Annotation, Label
+from robotapp_api.values.requests import amounts
+from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.columns import (
+    LARGEST,
+    START_ROWS,
+    BoolArray,
+    IntArray,
+    Interned,
+    LabelColumns,
+    ResourceColumns,
+    grown,
+)
+from robotapp_scheduler.core.objects import Node, Taint
+
+SCORED_CPU: Final = 0
+SCORED_MEMORY: Final = 1
+
+
+class NodeTable:
+    """One row per node: what it offers, its labels and taints, and how much is taken.
+
+    `size` rows are in use (holes included), `count` of them are nodes. A row's requested amounts are kept by the
+    cluster, which counts pods in and out.
+    """
+
+    def __init__(self) -> None:
+        self.size = 0
+        self.count = 0
+        self.names: list[str] = []
+        self.row_of: dict[str, int] = {}
+        self.resources = ResourceColumns()
+        self.labels = LabelColumns()
+        self.taints: Interned[tuple[Taint, ...]] = Interned(())
+        self.valid: BoolArray = np.zeros(START_ROWS, dtype=np.bool_)
+        self.unschedulable: BoolArray = np.zeros(START_ROWS, dtype=np.bool_)
+        self.draining: BoolArray = np.zeros(START_ROWS, dtype=np.bool_)
+        """Node annotation graceful-shutdown is "true": no new ROS pods."""
+        self.allowed_pods: IntArray = np.zeros(START_ROWS, dtype=np.int64)
+        self.pod_count: IntArray = np.zeros(START_ROWS, dtype=np.int64)
+        self.scored: IntArray = np.zeros((2, START_ROWS), dtype=np.int64)
+        """cpu milli and memory bytes with defaults for containers that ask for nothing (the Fit scorer's view)."""
+        self.name_hash: npt.NDArray[np.uint64] = np.zeros(START_ROWS, dtype=np.uint64)
+        self.annotations: list[dict[str, str]] = []
+        self.robots: dict[str, dict[str, None]] = {}
+        """Robot name → names of its nodes."""
+        self.generation = 0
+        """Grows when a node comes, goes or changes labels."""
+        self._free: list[int] = []
+
+    def __repr__(self) -> str:
+        return f"NodeTable({self.count} nodes in {self.size} rows)"
+
+    def apply(self, node: Node) -> tuple[int, Change]:
+        """Add or update a node; answers its row and what is different. Raises ValueError for unreadable amounts."""
+        name = node.metadata.name
+        offered = amounts(node.status.allocatable)
+        row = self.row_of.get(name)
+        change = Change.NONE
+        if row is None:
+            row, change = self._take_row(name), Change.NODE_ADDED
+        change |= self._set_offered(row, offered)
+        change |= self._set_labels(row, node.metadata.labels or {})
+        change |= self._set_taints(row, node)
+        change |= self._set_annotations(row, node.metadata.annotations or {})
+        if change & (Change.NODE_ADDED | Change.LABELS):
+            self.generation += 1
+        return row, change
+
+    def remove(self, name: str) -> int | None:
+        """Forget a node; answers the row that became free."""
+        row = self.row_of.pop(name, None)
+        if row is None:
+            return None
+        self._set_labels(row, {})
+        self.valid[row] = False
+        self.names[row] = ""
+        self.annotations[row] = {}
+        self.taints.set(row, ())
+        self.unschedulable[row] = self.draining[row] = False
+        self.resources.set_allocatable(row, ())
+        self.resources.requested[:, row] = 0
+        self.allowed_pods[row] = self.pod_count[row] = 0
+        self.scored[:, row] = 0
+        self.count -= 1
+        self.generation += 1
+        self._free.append(row)
+        return row
+
+    def named(self, label: Label, value: str) -> tuple[str, ...]:
+        """Names of the nodes with this label value, in row order."""
+        codes, vocabulary = self.labels.column(str(label))
+        code = vocabulary.codes.get(value)
+        if code is None:
+            return ()
+        return tuple(self.names[row] for row in np.flatnonzero(codes[: self.size] == code))
+
+    def _take_row(self, name: str) -> int:
+        if self._free:
+            row = self._free.pop()
+        else:
+            row = self.size
+            self.size += 1
+            self.names.append("")
+            self.annotations.append({})
+            if self.size > len(self.valid):
+                self._grow(2 * len(self.valid))
+        self.names[row] = name
+        self.row_of[name] = row
+        self.valid[row] = True
+        self.name_hash[row] = int.from_bytes(blake2b(name.encode(), digest_size=8).digest(), "little")
+        self.labels.set(row, {})
+        self.count += 1
+        return row
+
+    def _grow(self, rows: int) -> None:
+        for name in ("valid", "unschedulable", "draining", "allowed_pods", "pod_count", "scored", "name_hash"):
+            setattr(self, name, grown(getattr(self, name), rows))
+        self.resources.grow(rows)
+        self.labels.grow(rows)
+        self.taints.grow(rows)
+
+    def _set_offered(self, row: int, offered: dict[str, int]) -> Change:
+        allowed = min(offered.pop("pods", 0), LARGEST)
+        coded = self.resources.coded(offered)
+        column = self.resources.allocatable[:, row]
+        same = self.allowed_pods[row] == allowed and np.count_nonzero(column) == len(coded)
+        if same and all(column[code] == value for code, value in coded):
+            return Change.NONE
+        self.resources.set_allocatable(row, coded)
+        self.allowed_pods[row] = allowed
+        return Change.ALLOCATABLE
+
+    def _set_labels(self, row: int, labels: dict[str, str]) -> Change:
+        old = self.labels.of(row)
+        if old == labels:
+            return Change.NONE
+        name = self.names[row]
+        if (robot := old.get(Label.ROBOT)) and robot in self.robots:
+            self.robots[robot].pop(name, None)
+            if not self.robots[robot]:
+                del self.robots[robot]
+        if robot := labels.get(Label.ROBOT):
+            self.robots.setdefault(robot, {})[name] = None
+        self.labels.set(row, labels)
+        return Change.LABELS
+
+    def _set_taints(self, row: int, node: Node) -> Change:
+        unschedulable = node.spec.unschedulable
+        if self.taints.values[self.taints.column[row]] == node.spec.taints and self.unschedulable[row] == unschedulable:
+            return Change.NONE
+        self.taints.set(row, node.spec.taints)
+        self.unschedulable[row] = unschedulable
+        return Change.TAINTS
+
+    def _set_annotations(self, row: int, annotations: dict[str, str]) -> Change:
+        if self.annotations[row] == annotations:
+            return Change.NONE
+        self.annotations[row] = annotations
+        self.draining[row] = annotations.get(Annotation.GRACEFUL_SHUTDOWN) == "true"
+        return Change.ANNOTATIONS

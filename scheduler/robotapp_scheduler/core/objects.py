@@ -1,0 +1,272 @@
+"""What the scheduler reads of Kubernetes objects: slim structs, decoded straight from the API server's bytes.
+
+Only fields that a rule looks at are here, everything else is skipped by the decoder. The structs are `gc=False`
+(the collector would otherwise walk 50,000 pods) and are never changed after decoding.
+The RobotApp side (RobotApp, RobotClaim, NodeTelemetry) is in `robotics.py`.
+"""
+
+from typing import Any
+
+import msgspec
+
+Labels = dict[str, str]
+Quantity = str | int | float
+Resources = dict[str, Quantity]
+
+
+class Slim(msgspec.Struct, rename="camel", gc=False, kw_only=True, omit_defaults=True):
+    """Base of all decoded structs: camelCase on the wire, unknown fields skipped."""
+
+
+class SlimValue(msgspec.Struct, rename="camel", gc=False, kw_only=True, omit_defaults=True, frozen=True):
+    """The same for values that serve as keys: hashable."""
+
+
+class OwnerReference(Slim):
+    """One entry of metadata.ownerReferences."""
+
+    kind: str = ""
+    name: str = ""
+    uid: str = ""
+    api_version: str = ""
+    controller: bool = False
+
+
+class Metadata(Slim):
+    """The part of metadata every object shares."""
+
+    name: str = ""
+    namespace: str = ""
+    uid: str = ""
+    resource_version: str = ""
+    generation: int = 0
+    labels: Labels | None = None
+    annotations: Labels | None = None
+    owner_references: list[OwnerReference] | None = None
+    deletion_timestamp: str | None = None
+    creation_timestamp: str | None = None
+
+
+# --- Pod ---------------------------------------------------------------------------------------------------------
+
+
+class ContainerPort(Slim):
+    """A declared port; only host ports matter here."""
+
+    container_port: int = 0
+    host_port: int = 0
+    host_ip: str = msgspec.field(name="hostIP", default="")
+    protocol: str = "TCP"
+
+
+class ResourceRequirements(Slim):
+    """Requests of a container or of a whole pod. Limits default requests at the API server already."""
+
+    requests: Resources | None = None
+
+
+class Container(Slim):
+    """A container or init container; `restart_policy: Always` on an init container makes it a sidecar."""
+
+    name: str = ""
+    image: str = ""
+    resources: ResourceRequirements = msgspec.field(default_factory=ResourceRequirements)
+    ports: list[ContainerPort] | None = None
+    restart_policy: str = ""
+
+
+class Toleration(SlimValue, frozen=True):
+    """spec.tolerations entry."""
+
+    key: str = ""
+    operator: str = ""
+    value: str = ""
+    effect: str = ""
+
+
+class Requirement(SlimValue, frozen=True):
+    """One expression of a node selector term or a label selector."""
+
+    key: str = ""
+    operator: str = ""
+    values: tuple[str, ...] = ()
+
+
+class NodeSelectorTerm(SlimValue, frozen=True):
+    """Expressions that must all hold. A term without any matches nothing."""
+
+    match_expressions: tuple[Requirement, ...] = ()
+    match_fields: tuple[Requirement, ...] = ()
+
+
+class NodeSelector(SlimValue, frozen=True):
+    """Terms of which one must hold."""
+
+    node_selector_terms: tuple[NodeSelectorTerm, ...] = ()
+
+
+class PreferredTerm(SlimValue, frozen=True):
+    """A term that adds its weight where it holds."""
+
+    weight: int = 0
+    preference: NodeSelectorTerm = msgspec.field(default_factory=NodeSelectorTerm)
+
+
+class NodeAffinity(SlimValue, frozen=True):
+    """affinity.nodeAffinity."""
+
+    required: NodeSelector | None = msgspec.field(name="requiredDuringSchedulingIgnoredDuringExecution", default=None)
+    preferred: tuple[PreferredTerm, ...] = msgspec.field(
+        name="preferredDuringSchedulingIgnoredDuringExecution", default=()
+    )
+
+
+class PodAffinityTerm(Slim):
+    """One inter-pod (anti-)affinity term."""
+
+    topology_key: str = ""
+    label_selector: dict[str, Any] | None = None
+    namespaces: tuple[str, ...] = ()
+    namespace_selector: dict[str, Any] | None = None
+
+
+class PodAffinity(Slim):
+    """affinity.podAffinity or affinity.podAntiAffinity; preferred terms only score."""
+
+    required: tuple[PodAffinityTerm, ...] = msgspec.field(
+        name="requiredDuringSchedulingIgnoredDuringExecution", default=()
+    )
+
+
+class Affinity(Slim):
+    """spec.affinity."""
+
+    node_affinity: NodeAffinity | None = None
+    pod_affinity: PodAffinity | None = None
+    pod_anti_affinity: PodAffinity | None = None
+
+
+class ClaimVolume(Slim):
+    """volumes[].persistentVolumeClaim."""
+
+    claim_name: str = ""
+
+
+class Volume(Slim):
+    """Only what decides where a pod may run."""
+
+    name: str = ""
+    persistent_volume_claim: ClaimVolume | None = None
+    ephemeral: dict[str, Any] | None = None
+
+
+class TopologySpreadConstraint(Slim):
+    """spec.topologySpreadConstraints entry."""
+
+    topology_key: str = ""
+    when_unsatisfiable: str = "DoNotSchedule"
+
+
+class Named(Slim):
+    """Anything of which only the name matters: scheduling gates, resource claims."""
+
+    name: str = ""
+
+
+class PodSpec(Slim):
+    """spec of a Pod."""
+
+    node_name: str = ""
+    scheduler_name: str = ""
+    containers: list[Container] = []
+    init_containers: list[Container] | None = None
+    overhead: Resources | None = None
+    resources: ResourceRequirements | None = None
+    node_selector: Labels | None = None
+    affinity: Affinity | None = None
+    tolerations: tuple[Toleration, ...] = ()
+    topology_spread_constraints: tuple[TopologySpreadConstraint, ...] = ()
+    priority: int = 0
+    preemption_policy: str = ""
+    host_network: bool = False
+    volumes: list[Volume] | None = None
+    scheduling_gates: tuple[Named, ...] = ()
+    resource_claims: tuple[Named, ...] = ()
+
+
+class PodCondition(Slim):
+    """status.conditions entry; the shell compares it before it writes PodScheduled."""
+
+    type: str = ""
+    status: str = ""
+    reason: str = ""
+    message: str = ""
+
+
+class PodStatus(Slim):
+    """status of a Pod."""
+
+    phase: str = ""
+    reason: str = ""
+    nominated_node_name: str = ""
+    start_time: str | None = None
+    conditions: list[PodCondition] | None = None
+
+
+class Pod(Slim):
+    """A pod of any scheduler."""
+
+    metadata: Metadata = msgspec.field(default_factory=Metadata)
+    spec: PodSpec = msgspec.field(default_factory=PodSpec)
+    status: PodStatus = msgspec.field(default_factory=PodStatus)
+
+    @property
+    def key(self) -> str:
+        """namespace/name."""
+        return f"{self.metadata.namespace}/{self.metadata.name}"
+
+    @property
+    def terminal(self) -> bool:
+        """Succeeded and Failed pods hold nothing, for ever."""
+        return self.status.phase in {"Succeeded", "Failed"}
+
+
+# --- Node --------------------------------------------------------------------------------------------------------
+
+
+class Taint(SlimValue, frozen=True):
+    """spec.taints entry; the time it was added plays no role."""
+
+    key: str = ""
+    value: str = ""
+    effect: str = ""
+
+
+class NodeSpec(Slim):
+    """spec of a Node."""
+
+    unschedulable: bool = False
+    taints: tuple[Taint, ...] = ()
+
+
+class NodeStatus(Slim):
+    """status of a Node. Heartbeats change only fields that are not here."""
+
+    allocatable: Resources | None = None
+
+
+class Node(Slim):
+    """A node as the scheduler sees it."""
+
+    metadata: Metadata = msgspec.field(default_factory=Metadata)
+    spec: NodeSpec = msgspec.field(default_factory=NodeSpec)
+    status: NodeStatus = msgspec.field(default_factory=NodeStatus)
+
+
+# --- Owners ------------------------------------------------------------------------------------------------------
+
+
+class Owned(Slim):
+    """A ReplicaSet or Deployment: only its metadata, for the ownerReference chain pod → RobotApp."""
+
+    metadata: Metadata = msgspec.field(default_factory=Metadata)

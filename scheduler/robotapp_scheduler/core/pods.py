@@ -1,0 +1,209 @@
+"""A pod prepared for scheduling, and the compact record of a pod that is placed.
+
+`PodInfo` computes everything a rule reads once, when the pod is first seen; `PlacedPod` keeps under 1 kB of each of
+tens of thousands of running pods.
+"""
+
+from collections.abc import Callable, Hashable
+from functools import cached_property
+from typing import Final, NamedTuple
+
+import msgspec
+
+from robotapp_api.model.names import Label
+from robotapp_api.values.requests import PodRequests, pod_requests
+from robotapp_scheduler.core.annotations import parse_annotations
+from robotapp_scheduler.core.objects import Affinity, Container, NodeAffinity, OwnerReference, Pod, Toleration
+from robotapp_scheduler.core.ros import InvalidAnnotation, RosContext, RosRequest
+
+ANY_IP: Final = "0.0.0.0"  # noqa: S104 - the wildcard a hostPort without hostIP stands for, nothing is bound here
+SYSTEM_CRITICAL: Final = 2_000_000_000
+"""Priorities from here on belong to system-node-critical and system-cluster-critical."""
+
+
+class HostPort(NamedTuple):
+    """A port the pod takes on its node."""
+
+    ip: str
+    protocol: str
+    port: int
+
+
+class Member(NamedTuple):
+    """Which part of which RobotApp a pod says it is (labels; the owner chain confirms it)."""
+
+    app_uid: str
+    instance: str
+    component: str
+
+
+class PodInfo:
+    """One pod as rules see it. Everything is read-only; `ros` is set anew at the start of each attempt."""
+
+    def __init__(self, pod: Pod) -> None:
+        meta = pod.metadata
+        self.pod = pod
+        self.uid = meta.uid
+        self.name = meta.name
+        self.namespace = meta.namespace
+        self.labels: dict[str, str] = meta.labels or {}
+        self.annotations: dict[str, str] = meta.annotations or {}
+        self.priority = pod.spec.priority
+        self.member = member_of(self.labels)
+        self.ros: RosContext | None = None
+        self._keys: dict[tuple[str, ...], tuple[Hashable, ...]] = {}
+
+    def __repr__(self) -> str:
+        return f"PodInfo({self.key}, uid={self.uid}, priority={self.priority})"
+
+    @property
+    def key(self) -> str:
+        """namespace/name."""
+        return f"{self.namespace}/{self.name}"
+
+    @property
+    def scheduler_name(self) -> str:
+        """Profile that is asked for."""
+        return self.pod.spec.scheduler_name
+
+    @property
+    def deleting(self) -> bool:
+        """A pod that is being deleted is never bound."""
+        return self.pod.metadata.deletion_timestamp is not None
+
+    @property
+    def system_critical(self) -> bool:
+        """Stands before every ROS tier in the queue."""
+        return self.priority >= SYSTEM_CRITICAL
+
+    @cached_property
+    def requests(self) -> PodRequests:
+        """Sums of resources; raises ValueError when a quantity cannot be read."""
+        return pod_requests(self.pod.spec)
+
+    @property
+    def tolerations(self) -> tuple[Toleration, ...]:
+        """spec.tolerations."""
+        return self.pod.spec.tolerations
+
+    @property
+    def node_selector(self) -> dict[str, str]:
+        """spec.nodeSelector."""
+        return self.pod.spec.node_selector or {}
+
+    @property
+    def affinity(self) -> Affinity | None:
+        """spec.affinity."""
+        return self.pod.spec.affinity
+
+    @property
+    def node_affinity(self) -> NodeAffinity | None:
+        """spec.affinity.nodeAffinity."""
+        return self.pod.spec.affinity.node_affinity if self.pod.spec.affinity else None
+
+    @cached_property
+    def host_ports(self) -> tuple[HostPort, ...]:
+        """Ports the pod takes on its node, each once."""
+        return host_ports(self.pod)
+
+    @property
+    def controller(self) -> OwnerReference | None:
+        """The owner that manages this pod."""
+        return controller_of(self.pod.metadata.owner_references)
+
+    @cached_property
+    def ros_request(self) -> RosRequest | InvalidAnnotation | None:
+        """What the scheduler.robotics.io annotations ask for; None without any."""
+        return parse_annotations(self.annotations)
+
+    def features(self, names: tuple[str, ...]) -> tuple[Hashable, ...]:
+        """The values of some features as a key: two pods with equal keys are equal to every rule that reads these."""
+        if "ros" in names:  # resolved anew at each attempt, so never kept
+            return tuple(FEATURES[name](self) for name in names)
+        key = self._keys.get(names)
+        if key is None:
+            key = tuple(FEATURES[name](self) for name in names)
+            self._keys[names] = key
+        return key
+
+
+def _sorted_items(mapping: dict[str, str]) -> Hashable:
+    return tuple(sorted(mapping.items()))
+
+
+def _request_key(pod: PodInfo) -> Hashable:
+    requests = pod.requests
+    return (tuple(sorted(requests.exact.items())), tuple(sorted(requests.scored.items())))
+
+
+FEATURES: Final[dict[str, Callable[[PodInfo], Hashable]]] = {
+    "uid": lambda pod: pod.uid,
+    "name": lambda pod: pod.name,
+    "namespace": lambda pod: pod.namespace,
+    "labels": lambda pod: _sorted_items(pod.labels),
+    "annotations": lambda pod: _sorted_items(pod.annotations),
+    "priority": lambda pod: pod.priority,
+    "requests": _request_key,
+    "node_name": lambda pod: pod.pod.spec.node_name,
+    "node_selector": lambda pod: _sorted_items(pod.node_selector),
+    "node_affinity": lambda pod: pod.node_affinity,
+    "affinity": lambda pod: msgspec.json.encode(pod.affinity) if pod.affinity else b"",
+    "tolerations": lambda pod: pod.tolerations,
+    "host_ports": lambda pod: pod.host_ports,
+    "spread": lambda pod: msgspec.json.encode(pod.pod.spec.topology_spread_constraints),
+    "volumes": lambda pod: msgspec.json.encode(pod.pod.spec.volumes),
+    "resource_claims": lambda pod: msgspec.json.encode(pod.pod.spec.resource_claims),
+    "ros": lambda pod: pod.ros,
+}
+"""What a plugin may name in `reads`."""
+
+
+class PlacedPod(msgspec.Struct, gc=False):
+    """What a running pod occupies. `requested` and `scored` are (resource index, amount) pairs."""
+
+    uid: str
+    name: str
+    namespace: str
+    node: str
+    labels: dict[str, str]
+    priority: int
+    requested: tuple[tuple[int, int], ...]
+    scored_cpu_milli: int
+    scored_memory_bytes: int
+    ports: tuple[HostPort, ...]
+    terminating: bool
+    assumed: bool
+    member: Member | None
+    pod: Pod
+    """Kept for owner chains and for events about the pod; shared with the watch's store, so it costs a pointer."""
+
+
+def member_of(labels: dict[str, str]) -> Member | None:
+    """The RobotApp part named by the labels, None for any other pod."""
+    uid = labels.get(Label.APP_UID)
+    if not uid:
+        return None
+    return Member(uid, labels.get(Label.INSTANCE, ""), labels.get(Label.COMPONENT, ""))
+
+
+def controller_of(owners: list[OwnerReference] | None) -> OwnerReference | None:
+    """The managing owner, if any."""
+    for owner in owners or ():
+        if owner.controller:
+            return owner
+    return None
+
+
+def host_ports(pod: Pod) -> tuple[HostPort, ...]:
+    """Host ports of containers and sidecars, in order, each once. Equal ports of one pod never clash with themselves."""
+    found: dict[HostPort, None] = {}
+    for container in _port_holders(pod):
+        for port in container.ports or ():
+            if port.host_port > 0:
+                found[HostPort(port.host_ip or ANY_IP, port.protocol or "TCP", port.host_port)] = None
+    return tuple(found)
+
+
+def _port_holders(pod: Pod) -> list[Container]:
+    sidecars = [c for c in pod.spec.init_containers or () if c.restart_policy == "Always"]
+    return [*pod.spec.containers, *sidecars]

@@ -1,0 +1,197 @@
+"""What a pod's ROS wishes mean right now: annotations or RobotApp in, `RosContext` out."""
+
+from typing import Protocol
+
+from robotapp_api.model.names import ROBOT_END, Label
+from robotapp_api.values.duration import parse_us
+from robotapp_scheduler.core.apps import App, AppIndex, Link, tied
+from robotapp_scheduler.core.pods import Member, PlacedPod, PodInfo
+from robotapp_scheduler.core.robotics import Component
+from robotapp_scheduler.core.ros import (
+    DEFAULT_QOS_CLASS,
+    EXCLUSIVE_TYPES,
+    DeviceHolder,
+    DeviceWish,
+    Endpoint,
+    Hardware,
+    InvalidAnnotation,
+    PeerGroup,
+    RosContext,
+    RosRequest,
+)
+
+
+class Surroundings(Protocol):
+    """What resolving looks at (the Cluster)."""
+
+    @property
+    def apps(self) -> AppIndex: ...
+    def robot_nodes(self, robot: str) -> tuple[str, ...]:
+        """Nodes of a robot."""
+
+    def placed_named(self, namespace: str, name: str) -> list[PlacedPod]:
+        """Placed pods of this name, or of the Deployment of this name."""
+
+
+def resolve(pod: PodInfo, around: Surroundings) -> RosContext | None:
+    """The pod's context; None when it has no ROS field at all, so that every ROS plugin skips it.
+
+    A pod of a RobotApp takes everything from the app; annotations only count on other pods.
+    """
+    if pod.member is not None:
+        app = around.apps.app(pod.member.app_uid)
+        component = app.components.get(pod.member.component) if app else None
+        if app is not None and component is not None:
+            return _of_app(pod, pod.member, app, component, around)
+    request = pod.ros_request
+    if request is None or isinstance(request, InvalidAnnotation) or request == RosRequest():
+        return None
+    return _of_annotations(pod, request, around)
+
+
+# --- Pods of a RobotApp ----------------------------------------------------------------------------------------------
+
+
+def _of_app(pod: PodInfo, member: Member, app: App, component: Component, around: Surroundings) -> RosContext:
+    spec = app.source.spec
+    own_budget_us = _us(component.policies.latency_budget)
+    endpoints = _app_endpoints(pod, member, app, component, around)
+    if not endpoints and own_budget_us is not None:
+        endpoints = _robot_endpoint(member.instance, around, budget_us=own_budget_us)
+    wishes = tuple(
+        DeviceWish(d.name, d.type, d.model, d.interface, d.match, d.exclusive)
+        for d in component.devices
+        if d.type != "gpu"
+    )
+    shared = component.shared_data
+    return RosContext(
+        qos_class=component.qos_class,
+        endpoints=endpoints,
+        deadline_us=_us(component.policies.deadline),
+        has_budget=own_budget_us is not None or any(end.budget_us is not None for end in endpoints),
+        zones=spec.placement.zones,
+        master_node=spec.placement.master_node,
+        hardware=_app_hardware(component),
+        devices=wishes,
+        holder=DeviceHolder(app.uid, pod.namespace, member.instance, member.component, pod.uid) if wishes else None,
+        together=(
+            *_component_peers(member, (*component.colocate_with, *shared.with_), around),
+            *_named_peers(pod, shared.peer_pods, around),
+        ),
+        apart=_nodes_of(member, component.separate_from, around),
+        volume_claims=shared.claims,
+    )
+
+
+def _app_hardware(component: Component) -> tuple[Hardware, ...]:
+    # A GPU is never held by us: its device plugin shares it, the node only has to have one.
+    gpus = tuple(Hardware(d.type, d.model, d.interface) for d in component.devices if d.type == "gpu")
+    return tuple(Hardware(r.type, r.model, r.interface) for r in component.requires) + gpus
+
+
+def _app_endpoints(
+    pod: PodInfo, member: Member, app: App, component: Component, around: Surroundings
+) -> tuple[Endpoint, ...]:
+    fallback_us = _us(component.policies.latency_budget)
+    found: list[Endpoint] = []
+    for link in app.links.get(component.name, ()):
+        budget_us = link.budget_us if link.budget_us is not None else fallback_us
+        if link.peer == ROBOT_END:
+            nodes = around.robot_nodes(member.instance)
+            if nodes:
+                found.append(_end(link, nodes, budget_us, required=link.required))
+            continue
+        peer = app.components.get(link.peer)
+        # A pod that cannot go elsewhere is placed all the same; the peer, which can, has to come closer.
+        required = link.required and not (tied(component) and peer is not None and not tied(peer))
+        found.extend(
+            _end(link, (replica.node,), budget_us, required=required)
+            for replica in around.apps.replicas(member, link.peer)
+            if replica.node and replica.pod.metadata.uid != pod.uid
+        )
+    return tuple(dict.fromkeys(found))
+
+
+def _end(link: Link, nodes: tuple[str, ...], budget_us: int | None, *, required: bool) -> Endpoint:
+    what = f"{link.topic} to {link.peer}"
+    return Endpoint(what=what, nodes=nodes, budget_us=budget_us, percentile=link.percentile, required=required)
+
+
+def _component_peers(member: Member, names: tuple[str, ...], around: Surroundings) -> tuple[PeerGroup, ...]:
+    return tuple(
+        PeerGroup(what=f"component {name}", nodes=_nodes_of(member, (name,), around)) for name in dict.fromkeys(names)
+    )
+
+
+def _nodes_of(member: Member, components: tuple[str, ...], around: Surroundings) -> tuple[str, ...]:
+    nodes = {replica.node for name in components for replica in around.apps.replicas(member, name) if replica.node}
+    return tuple(sorted(nodes))
+
+
+# --- Pods with annotations -------------------------------------------------------------------------------------------
+
+
+def _of_annotations(pod: PodInfo, request: RosRequest, around: Surroundings) -> RosContext:
+    wishes = tuple(
+        DeviceWish(name=f"{h.type}{i}", type=h.type, model=h.model, interface=h.interface)
+        for i, h in enumerate(request.hardware)
+        if h.type in EXCLUSIVE_TYPES
+    )
+    return RosContext(
+        qos_class=request.qos_class,
+        endpoints=_annotated_endpoints(pod, request, around),
+        deadline_us=request.deadline_us,
+        has_budget=request.latency_budget_us is not None,
+        zones=request.zones,
+        master_node=request.master_node,
+        hardware=request.hardware,
+        devices=wishes,
+        holder=DeviceHolder(uid=pod.uid, namespace=pod.namespace, pod_uid=pod.uid) if wishes else None,
+        together=_named_peers(pod, request.peer_pods, around),
+        volume_claims=request.volume_claims,
+    )
+
+
+def _annotated_endpoints(pod: PodInfo, request: RosRequest, around: Surroundings) -> tuple[Endpoint, ...]:
+    """The other end of a bare pod's budget: master node, else its placed peers, else the robot of its label."""
+    budget_us = request.latency_budget_us
+    if request.master_node:
+        return (Endpoint(f"master node {request.master_node}", (request.master_node,), budget_us),)
+    peers = _named_peers(pod, request.peer_pods, around)
+    placed = tuple(Endpoint(f"peer {peer.what}", (node,), budget_us) for peer in peers for node in peer.nodes)
+    return placed or _robot_endpoint(pod.labels.get(Label.ROBOT, ""), around, budget_us=budget_us)
+
+
+def _robot_endpoint(robot: str, around: Surroundings, *, budget_us: int | None) -> tuple[Endpoint, ...]:
+    nodes = around.robot_nodes(robot) if robot else ()
+    return (Endpoint(f"robot {robot}", nodes, budget_us),) if nodes else ()
+
+
+def _named_peers(pod: PodInfo, names: tuple[str, ...], around: Surroundings) -> tuple[PeerGroup, ...]:
+    """Peers by pod or Deployment name in the pod's own namespace; order of start does not matter."""
+    groups = []
+    for name in dict.fromkeys(names):
+        nodes = sorted({peer.node for peer in around.placed_named(pod.namespace, name) if peer.uid != pod.uid})
+        groups.append(PeerGroup(what=name, nodes=tuple(nodes)))
+    return tuple(groups)
+
+
+def _us(text: str) -> int | None:
+    """A duration of an app; unreadable ones are in `App.problems` and hold the pod before it gets here."""
+    try:
+        return parse_us(text) if text else None
+    except ValueError:
+        return None
+
+
+def qos_fields(pod: PodInfo, apps: AppIndex) -> tuple[str, str, str] | None:
+    """(qos class, reliability, liveliness) for the queue; None for a pod without ROS fields."""
+    if pod.member is not None:
+        app = apps.app(pod.member.app_uid)
+        component = app.components.get(pod.member.component) if app else None
+        if component is not None:
+            return component.qos_class, component.policies.reliability, component.policies.liveliness
+    request = pod.ros_request
+    if isinstance(request, RosRequest):
+        return request.qos_class, request.reliability, request.liveliness
+    return (DEFAULT_QOS_CLASS, "", "") if pod.member is not None else None

@@ -1,0 +1,223 @@
+"""The robotics.io objects as the scheduler reads them: slim structs beside `objects.py`.
+
+`robotapp_api.model` is the full, validated form; on the scheduler's hot path only the fields that decide a placement
+are decoded. Durations stay Go strings here and are parsed once per app in `apps.py`.
+"""
+
+import msgspec
+
+from robotapp_scheduler.core.objects import Metadata, Slim, SlimValue
+
+
+class ComponentPolicies(Slim):
+    """components[].policies: the thesis' fields."""
+
+    latency_budget: str = ""
+    deadline: str = ""
+    reliability: str = ""
+    liveliness: str = ""
+
+
+class ComponentDevice(Slim):
+    """components[].devices entry: one device to be held while the pod runs."""
+
+    name: str = ""
+    type: str = ""
+    model: str = ""
+    interface: str = ""
+    match: str = ""
+    exclusive: bool = True
+
+
+class ComponentRequirement(Slim):
+    """components[].requires entry: a capability of the node, not held."""
+
+    type: str = ""
+    model: str = ""
+    interface: str = ""
+
+
+class SharedData(Slim):
+    """components[].sharedData."""
+
+    with_: tuple[str, ...] = msgspec.field(name="with", default=())
+    peer_pods: tuple[str, ...] = ()
+    claims: tuple[str, ...] = ()
+
+
+class Component(Slim):
+    """One component of a RobotApp: one Deployment per instance."""
+
+    name: str = ""
+    runs_on: str = "Any"
+    qos_class: str = "system_default"
+    policies: ComponentPolicies = msgspec.field(default_factory=ComponentPolicies)
+    devices: tuple[ComponentDevice, ...] = ()
+    requires: tuple[ComponentRequirement, ...] = ()
+    shared_data: SharedData = msgspec.field(default_factory=SharedData)
+    colocate_with: tuple[str, ...] = ()
+    separate_from: tuple[str, ...] = ()
+    replicas: int = 1
+    on_disconnect: str = ""
+
+
+class EdgeLatency(Slim):
+    """edges[].latency."""
+
+    budget: str = ""
+    percentile: int = 95
+    enforce: str = "Required"
+
+
+class Edge(Slim):
+    """A topic between two components, or a component and the robot's node (`@robot`)."""
+
+    topic: str = ""
+    from_: str = msgspec.field(name="from", default="")
+    to: str = ""
+    latency: EdgeLatency | None = None
+
+
+class Placement(Slim):
+    """spec.placement."""
+
+    zones: tuple[str, ...] = ()
+    master_node: str = ""
+    all_or_nothing: bool = True
+
+
+class Dds(Slim):
+    """spec.dds: the pool names the claim of the bind check."""
+
+    pool: str = "default"
+    isolation: str = "Domain"
+
+
+class RobotAppSpec(Slim):
+    """spec of a RobotApp as far as placement needs it."""
+
+    suspend: bool = False
+    components: tuple[Component, ...] = ()
+    edges: tuple[Edge, ...] = ()
+    placement: Placement = msgspec.field(default_factory=Placement)
+    dds: Dds | None = None
+    scheduler_name: str = ""
+
+
+class ObservedStatus(Slim):
+    """status of a RobotApp: the operator has seen this generation."""
+
+    observed_generation: int = 0
+
+
+class RobotApp(Slim):
+    """robotics.io RobotApp."""
+
+    metadata: Metadata = msgspec.field(default_factory=Metadata)
+    spec: RobotAppSpec = msgspec.field(default_factory=RobotAppSpec)
+    status: ObservedStatus = msgspec.field(default_factory=ObservedStatus)
+
+
+# --- RobotClaim ----------------------------------------------------------------------------------------------------
+
+
+class Holder(SlimValue, frozen=True):
+    """Who holds a claim. Instance and component are empty for bare pods."""
+
+    api_version: str = ""
+    kind: str = ""
+    namespace: str = ""
+    name: str = ""
+    uid: str = ""
+    instance: str = ""
+    component: str = ""
+
+
+class DomainThing(SlimValue, frozen=True):
+    """spec.domain of a claim."""
+
+    pool: str = ""
+    scope: str = ""
+    scope_value: str = ""
+    id: int = 0
+
+
+class DeviceThing(SlimValue, frozen=True):
+    """spec.device of a claim."""
+
+    node: str = ""
+    type: str = ""
+    id: str = ""
+    identity: str = ""
+
+
+class ClaimSpec(Slim):
+    """spec of a RobotClaim: exactly one of domain and device."""
+
+    domain: DomainThing | None = None
+    device: DeviceThing | None = None
+    holder: Holder = msgspec.field(default_factory=Holder)
+
+
+class ClaimStatus(Slim):
+    """status of a RobotClaim; `pod` is the uid of the pod that uses the device."""
+
+    phase: str = "Reserved"
+    attempt: int = 0
+    pod: str = ""
+
+
+class RobotClaim(Slim):
+    """robotics.io RobotClaim: its name is the claimed thing."""
+
+    metadata: Metadata = msgspec.field(default_factory=Metadata)
+    spec: ClaimSpec = msgspec.field(default_factory=ClaimSpec)
+    status: ClaimStatus = msgspec.field(default_factory=ClaimStatus)
+
+
+# --- NodeTelemetry ---------------------------------------------------------------------------------------------------
+
+
+class TelemetryDevice(SlimValue, frozen=True):
+    """A device the agent sees on its node."""
+
+    id: str = ""
+    type: str = ""
+    model: str = ""
+    interface: str = ""
+    identity: str = ""
+    present: bool = True
+
+
+class Rtt(SlimValue, frozen=True):
+    """Measured round trip to one peer node, microseconds."""
+
+    peer: str = ""
+    p50_us: int = msgspec.field(name="p50Us", default=0)
+    p95_us: int = msgspec.field(name="p95Us", default=0)
+    loss_percent: float = 0.0
+
+
+class Load(SlimValue, frozen=True):
+    """Load of the node in per cent; absent values are None."""
+
+    cpu_percent: float | None = None
+    memory_percent: float | None = None
+    gpu_percent: float | None = None
+
+
+class TelemetryStatus(Slim):
+    """status of a NodeTelemetry, written by that node's agent alone."""
+
+    interval_seconds: float = 10.0
+    seq: int = 0
+    devices: tuple[TelemetryDevice, ...] = ()
+    rtt: tuple[Rtt, ...] = ()
+    load: Load | None = None
+
+
+class NodeTelemetry(Slim):
+    """robotics.io NodeTelemetry; its name is the node's."""
+
+    metadata: Metadata = msgspec.field(default_factory=Metadata)
+    status: TelemetryStatus = msgspec.field(default_factory=TelemetryStatus)

@@ -1,0 +1,126 @@
+"""The ROS side of one pod: what it asks for (`RosRequest`) and what that means right now (`RosContext`)."""
+
+from typing import Final
+
+import msgspec
+
+DEFAULT_QOS_CLASS: Final = "system_default"
+TIERS: Final = {"realtime": 3, "sensor_data": 2, "system_default": 1, "best_effort": 0}
+"""Queue tier per QoS class. DDS reliability is another thing: best-effort cameras must not starve."""
+EXCLUSIVE_TYPES: Final = frozenset({"usb", "can", "serial", "gpio"})
+"""Hardware requirement types of bare pods that are held by one pod at a time. GPUs are shared by their device plugin."""
+
+
+class Hardware(msgspec.Struct, frozen=True, gc=False):
+    """A capability of the node: a hardware.robotics.io label, or an extended resource."""
+
+    type: str
+    model: str = ""
+    interface: str = ""
+
+
+class DeviceWish(msgspec.Struct, frozen=True, gc=False):
+    """One device the pod wants. `match` is vid:pid or vid:pid:serial; not exclusive = it must be there, is not held."""
+
+    name: str
+    type: str
+    model: str = ""
+    interface: str = ""
+    match: str = ""
+    exclusive: bool = True
+
+
+class InvalidAnnotation(msgspec.Struct, frozen=True, gc=False):
+    """Why an annotation cannot be used: where, what was found, what is allowed."""
+
+    key: str
+    field: str
+    value: str
+    allowed: str
+
+    @property
+    def message(self) -> str:
+        """One sentence for the pod's PodScheduled condition."""
+        where = f"annotation {self.key}" + (f", field {self.field}" if self.field else "")
+        return f"{where}: {self.value} is not valid; allowed: {self.allowed}"
+
+
+class RosRequest(msgspec.Struct, frozen=True, gc=False):
+    """The scheduler.robotics.io annotations of one pod, checked. Absent fields are None or empty."""
+
+    latency_budget_us: int | None = None
+    deadline_us: int | None = None
+    qos_class: str = DEFAULT_QOS_CLASS
+    reliability: str = ""
+    liveliness: str = ""
+    master_node: str = ""
+    zones: tuple[str, ...] = ()
+    hardware: tuple[Hardware, ...] = ()
+    peer_pods: tuple[str, ...] = ()
+    volume_claims: tuple[str, ...] = ()
+    dds_domain: str = ""
+    """"auto", a decimal id, or empty."""
+
+
+class Endpoint(msgspec.Struct, frozen=True, gc=False):
+    """The far end of a connection: nodes of which the nearest counts (a robot may be more than one computer)."""
+
+    what: str
+    """For people: `/cmd_vel to driver`, `robot amr-07`."""
+    nodes: tuple[str, ...]
+    budget_us: int | None = None
+    percentile: int = 95
+    required: bool = True
+    """False: only scored (edge says Preferred, or the peer moves after us)."""
+
+
+class PeerGroup(msgspec.Struct, frozen=True, gc=False):
+    """Nodes one of which the pod must share with a peer; no nodes = the peer is not placed yet."""
+
+    what: str
+    nodes: tuple[str, ...]
+
+
+class DeviceHolder(msgspec.Struct, frozen=True, gc=False):
+    """Whose claim a device wish may use. `uid` is the RobotApp's, or the pod's for a bare pod."""
+
+    uid: str
+    namespace: str
+    instance: str = ""
+    component: str = ""
+    pod_uid: str = ""
+
+
+class RosContext(msgspec.Struct, frozen=True, gc=False):
+    """A pod's ROS wishes resolved against the cluster at one moment. Equal contexts get equal verdicts."""
+
+    qos_class: str = DEFAULT_QOS_CLASS
+    endpoints: tuple[Endpoint, ...] = ()
+    deadline_us: int | None = None
+    has_budget: bool = False
+    zones: tuple[str, ...] = ()
+    master_node: str = ""
+    hardware: tuple[Hardware, ...] = ()
+    devices: tuple[DeviceWish, ...] = ()
+    holder: DeviceHolder | None = None
+    together: tuple[PeerGroup, ...] = ()
+    apart: tuple[str, ...] = ()
+    """Nodes of peers the pod must not share (separateFrom)."""
+    volume_claims: tuple[str, ...] = ()
+
+
+def tier(qos_class: str, *, reliability: str, liveliness: str) -> int:
+    """Queue tier 0 to 3; a manual_by_topic publisher that must be reliable is at least 2."""
+    base = TIERS.get(qos_class, TIERS[DEFAULT_QOS_CLASS])
+    if liveliness == "manual_by_topic" and reliability == "reliable":
+        return max(base, 2)
+    return base
+
+
+def thesis_tier(qos_class: str, *, reliability: str, liveliness: str) -> int:
+    """Tier by the thesis' rule, which puts every best-effort pod last whatever its class."""
+    if reliability == "best_effort":
+        return 0
+    if reliability == "reliable" and liveliness == "manual_by_topic":
+        return 2
+    return TIERS.get(qos_class, TIERS[DEFAULT_QOS_CLASS])

@@ -1,0 +1,181 @@
+"""Round-trip times between nodes: measured pairs first, zone estimates for the rest, unknown when old.
+
+Readings age by the time we received them, never by a clock in the object. A reading older than three of its agent's
+intervals is unknown.
+"""
+
+from collections.abc import Callable
+from statistics import median
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from robotapp_api.model.names import Label
+from robotapp_scheduler.core.columns import FloatArray
+from robotapp_scheduler.core.node_table import NodeTable
+from robotapp_scheduler.core.robotics import Load, NodeTelemetry
+
+INTERVALS_KEPT: Final = 3
+ZONE_REFRESH_S: Final = 1.0
+CACHED_ROWS: Final = 512
+UNKNOWN, ESTIMATED, MEASURED = 0, 1, 2
+SOURCE_NAMES: Final = ("unknown", "estimated", "measured")
+
+
+class RttRow(NamedTuple):
+    """RTT from one node to every row, microseconds (NaN = unknown), and how it is known (UNKNOWN…MEASURED)."""
+
+    rtt_us: FloatArray
+    source: npt.NDArray[np.int8]
+
+
+class _Reading(NamedTuple):
+    received_s: float
+    expires_s: float
+    pairs: dict[str, tuple[float, float]]
+    load: Load | None
+
+
+class RttModel:
+    """All readings by node name, with rows computed on demand and kept until something changes."""
+
+    def __init__(self, table: NodeTable, clock: Callable[[], float]) -> None:
+        self._table = table
+        self._clock = clock
+        self._readings: dict[str, _Reading] = {}
+        self._seen_by: dict[str, set[str]] = {}
+        self._rows: dict[tuple[str, int], tuple[tuple[int, int], RttRow]] = {}
+        self._zones: dict[tuple[str, str], tuple[float, float]] = {}
+        self._zones_key: tuple[int, int] | None = None
+        self._zones_made_s = float("-inf")
+        self.version = 0
+
+    def __repr__(self) -> str:
+        return f"RttModel({len(self._readings)} agents, version={self.version})"
+
+    def apply(self, telemetry: NodeTelemetry) -> bool:
+        """Take in a reading; True when any RTT is different from before."""
+        name, status = telemetry.metadata.name, telemetry.status
+        now = self._clock()
+        pairs = {entry.peer: (float(entry.p50_us), float(entry.p95_us)) for entry in status.rtt}
+        old = self._readings.get(name)
+        interval_s = max(status.interval_seconds, 0.1)
+        self._readings[name] = _Reading(now, now + INTERVALS_KEPT * interval_s, pairs, status.load)
+        if old is not None and old.pairs == pairs and old.expires_s > now:
+            return False
+        self._reindex(name, old.pairs if old else {}, pairs)
+        self.version += 1
+        return True
+
+    def remove(self, name: str) -> bool:
+        """The agent's object is gone."""
+        old = self._readings.pop(name, None)
+        if old is None:
+            return False
+        self._reindex(name, old.pairs, {})
+        self.version += 1
+        return True
+
+    def expire(self) -> bool:
+        """Drop readings that grew too old; True when there were any."""
+        now = self._clock()
+        late = [name for name, reading in self._readings.items() if reading.expires_s <= now]
+        for name in late:
+            self.remove(name)
+        return bool(late)
+
+    def load(self, name: str) -> Load | None:
+        """Load the agent of a node reported, None when unknown."""
+        reading = self._readings.get(name)
+        return reading.load if reading else None
+
+    def from_node(self, name: str, percentile: int) -> RttRow:
+        """RTT from a node to all rows of the table; the node itself is 0."""
+        key = (self.version, self._table.generation)
+        found = self._rows.get((name, percentile))
+        if found is not None and found[0] == key and len(found[1].rtt_us) == self._table.size:
+            return found[1]
+        row = self._compute(name, 1 if percentile >= 95 else 0)
+        if len(self._rows) >= CACHED_ROWS:
+            self._rows.clear()
+        self._rows[name, percentile] = (key, row)
+        return row
+
+    def between(self, left: str, right: str, percentile: int) -> tuple[float | None, str]:
+        """One pair: microseconds (None = unknown) and "measured", "estimated" or "unknown"."""
+        row = self._table.row_of.get(right)
+        if row is None:
+            return None, SOURCE_NAMES[UNKNOWN]
+        rtt = self.from_node(left, percentile)
+        value = float(rtt.rtt_us[row])
+        return (None if np.isnan(value) else value), SOURCE_NAMES[int(rtt.source[row])]
+
+    def _reindex(self, name: str, old: dict[str, tuple[float, float]], new: dict[str, tuple[float, float]]) -> None:
+        for peer in old.keys() - new.keys():
+            self._seen_by[peer].discard(name)
+        for peer in new.keys() - old.keys():
+            self._seen_by.setdefault(peer, set()).add(name)
+
+    def _compute(self, name: str, which: int) -> RttRow:
+        table = self._table
+        rtt = np.full(table.size, np.nan)
+        source = np.zeros(table.size, dtype=np.int8)
+        own = table.row_of.get(name)
+        if own is not None:
+            self._estimate(own, which, rtt, source)
+            rtt[own], source[own] = 0.0, MEASURED
+        for peer, value in self._measured(name, which).items():
+            row = table.row_of.get(peer)
+            if row is not None and peer != name:
+                rtt[row], source[row] = value, MEASURED
+        rtt.flags.writeable = source.flags.writeable = False
+        return RttRow(rtt, source)
+
+    def _measured(self, name: str, which: int) -> dict[str, float]:
+        """Pairs with this node from both ends; of two readings the younger counts."""
+        own = self._readings.get(name)
+        found = {peer: pair[which] for peer, pair in own.pairs.items()} if own else {}
+        for other in self._seen_by.get(name, ()):
+            reading = self._readings[other]
+            if other not in found or (own is not None and reading.received_s > own.received_s):
+                found[other] = reading.pairs[name][which]
+        return found
+
+    def _estimate(self, own: int, which: int, rtt: FloatArray, source: npt.NDArray[np.int8]) -> None:
+        codes, vocabulary = self._table.labels.column(str(Label.ZONE))
+        zone = vocabulary.values[codes[own]]
+        if not zone:
+            return
+        self._refresh_zones()
+        per_zone = np.full(len(vocabulary.values), np.nan)
+        for code in range(1, len(per_zone)):
+            other = vocabulary.values[code]
+            pair = self._zones.get((min(zone, other), max(zone, other)))
+            if pair is not None:
+                per_zone[code] = pair[which]
+        size = self._table.size
+        rtt[:] = per_zone[codes[:size]]
+        source[~np.isnan(rtt)] = ESTIMATED
+
+    def _refresh_zones(self) -> None:
+        key = (self.version, self._table.generation)
+        now = self._clock()
+        if self._zones_key is not None and (self._zones_key == key or now - self._zones_made_s < ZONE_REFRESH_S):
+            return
+        codes, vocabulary = self._table.labels.column(str(Label.ZONE))
+        zone_of = {name: vocabulary.values[codes[row]] for name, row in self._table.row_of.items()}
+        gathered: dict[tuple[str, str], list[tuple[float, float]]] = {}
+        for name, reading in self._readings.items():
+            mine = zone_of.get(name)
+            if not mine:
+                continue
+            for peer, pair in reading.pairs.items():
+                theirs = zone_of.get(peer)
+                if theirs and peer != name:
+                    gathered.setdefault((min(mine, theirs), max(mine, theirs)), []).append(pair)
+        self._zones = {
+            zones: (median(p50 for p50, _ in pairs), median(p95 for _, p95 in pairs))
+            for zones, pairs in gathered.items()
+        }
+        self._zones_key, self._zones_made_s = key, now

@@ -1,0 +1,181 @@
+"""`Nodes`: what a plugin sees. Read-only columns over all rows, or over the few rows that changed."""
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.columns import BoolArray, CodeArray, FloatArray, IntArray, Vocabulary
+from robotapp_scheduler.core.node_table import SCORED_CPU, SCORED_MEMORY
+from robotapp_scheduler.core.objects import Taint
+from robotapp_scheduler.core.telemetry import RttRow
+
+_SCORED: Final = {"cpu": SCORED_CPU, "memory": SCORED_MEMORY}
+
+
+class LabelColumn(NamedTuple):
+    """Values of one label as codes (0 = absent); `vocabulary.values[code]` is the text."""
+
+    codes: CodeArray
+    vocabulary: Vocabulary
+
+    def equals(self, value: str) -> BoolArray:
+        """Rows whose label has this value."""
+        return np.equal(self.codes, self.vocabulary.codes.get(value, -1))
+
+    @property
+    def exists(self) -> BoolArray:
+        """Rows that have the label."""
+        return np.not_equal(self.codes, 0)
+
+    def texts(self) -> list[str]:
+        """Value per row, "" where absent."""
+        values = self.vocabulary.values
+        return [values[code] for code in self.codes]
+
+
+class Nodes:
+    """A read-only view of the node columns. All arrays have `n` elements in the same order as `names`.
+
+    Rows without a node (holes) have name "" and zeros everywhere; results for them are ignored.
+    """
+
+    def __init__(self, cluster: Cluster, rows: Sequence[int] | None = None) -> None:
+        self.cluster = cluster
+        self._table = cluster.nodes
+        self.full = rows is None
+        """All rows are in view."""
+        self.rows: npt.NDArray[np.intp] | slice
+        if rows is None:
+            self.rows = slice(0, self._table.size)
+            self.n = self._table.size
+        else:
+            self.rows = np.array(rows, dtype=np.intp)
+            self.n = len(rows)
+
+    def __repr__(self) -> str:
+        return f"Nodes({self.n} rows of {self._table.count} nodes)"
+
+    @cached_property
+    def names(self) -> list[str]:
+        """Node names, "" for holes."""
+        if isinstance(self.rows, slice):
+            return self._table.names
+        return [self._table.names[row] for row in self.rows]
+
+    @property
+    def valid(self) -> BoolArray:
+        """Rows that are nodes."""
+        return self._pick(self._table.valid)
+
+    def indices(self, names: Sequence[str]) -> list[int]:
+        """Positions in this view of nodes by name; names that are not in view are left out."""
+        rows = [self._table.row_of.get(name) for name in names]
+        if isinstance(self.rows, slice):
+            return [row for row in rows if row is not None]
+        position = {int(row): i for i, row in enumerate(self.rows)}
+        return [position[row] for row in rows if row is not None and row in position]
+
+    def labels_of(self, i: int) -> dict[str, str]:
+        """All labels of the node at position i."""
+        row = i if isinstance(self.rows, slice) else int(self.rows[i])
+        return self._table.labels.of(row)
+
+    def label(self, key: str) -> LabelColumn:
+        """One label as codes."""
+        codes, vocabulary = self._table.labels.column(key)
+        return LabelColumn(self._pick(codes), vocabulary)
+
+    def label_float(self, key: str) -> FloatArray:
+        """One label as numbers, NaN where absent or not a number."""
+        column = self.label(key)
+        table = np.array([_number(value) for value in column.vocabulary.values])
+        return table[column.codes]
+
+    def allocatable(self, resource: str) -> IntArray:
+        """What nodes offer: cpu in milli, everything else in whole units; zeros for a resource nobody has."""
+        if resource == "pods":
+            return self._pick(self._table.allowed_pods)
+        return self._resource(self._table.resources.allocatable, resource)
+
+    def requested(self, resource: str) -> IntArray:
+        """What the pods on each node ask for."""
+        if resource == "pods":
+            return self._pick(self._table.pod_count)
+        return self._resource(self._table.resources.requested, resource)
+
+    def free(self, resource: str) -> IntArray:
+        """Allocatable - requested; may be negative."""
+        return self.allocatable(resource) - self.requested(resource)
+
+    def scored(self, resource: str) -> IntArray:
+        """As `requested`, but containers that name no cpu or memory count with a default (the Fit scorer's view)."""
+        index = _SCORED.get(resource)
+        return self.requested(resource) if index is None else self._pick(self._table.scored[index])
+
+    @property
+    def unschedulable(self) -> BoolArray:
+        """spec.unschedulable."""
+        return self._pick(self._table.unschedulable)
+
+    @property
+    def draining(self) -> BoolArray:
+        """Annotation graceful-shutdown is "true"."""
+        return self._pick(self._table.draining)
+
+    @property
+    def taint_sets(self) -> tuple[CodeArray, Sequence[tuple[Taint, ...]]]:
+        """Code per row into the distinct taint lists: evaluate each list once, then index."""
+        return self._pick(self._table.taints.column), self._table.taints.values
+
+    def has_taint(self, key: str, value: str | None = None, effect: str | None = None) -> BoolArray:
+        """Rows with such a taint."""
+        codes, sets = self.taint_sets
+        table = np.array(
+            [
+                any(
+                    taint.key == key and value in {None, taint.value} and effect in {None, taint.effect}
+                    for taint in taints
+                )
+                for taints in sets
+            ],
+            dtype=np.bool_,
+        )
+        return table[codes]
+
+    def count_pods(self, selector: Mapping[str, Any], namespace: str) -> IntArray:
+        """Running pods of a namespace that match a label selector (plain JSON), per node; terminating ones left out."""
+        column = self.cluster.counts.column(namespace, selector, self._table.size)
+        return self._pick(column)
+
+    def rtt_from(self, node: str, percentile: int = 95) -> RttRow:
+        """RTT from a node to every row in microseconds (NaN unknown), and how each is known."""
+        row = self.cluster.rtt.from_node(node, percentile)
+        return RttRow(self._pick(row.rtt_us), self._pick(row.source))
+
+    def load(self, field: str) -> FloatArray:
+        """cpu_percent, memory_percent or gpu_percent as reported by the agents, NaN where unknown."""
+        found = (self.cluster.rtt.load(name) for name in self.names)
+        values = [getattr(load, field) if load is not None else None for load in found]
+        return np.array([np.nan if value is None else value for value in values])
+
+    def _resource(self, columns: IntArray, resource: str) -> IntArray:
+        index = self._table.resources.index.get(resource)
+        if index is None:
+            return np.zeros(self.n, dtype=np.int64)
+        return self._pick(columns[index])
+
+    def _pick(self, column: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        picked = column[self.rows]
+        picked.flags.writeable = False
+        return picked
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return float("nan")
