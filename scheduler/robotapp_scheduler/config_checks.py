@@ -1,0 +1,133 @@
+"""Value checks of the configuration with upstream's texts (reference: kube-scheduler 1.37.1).
+
+Every check returns texts of the form `path: Invalid value: v: what is allowed`; all of them are reported at once.
+"""
+
+from collections.abc import Iterator
+
+from robotapp_api.values.duration import parse_us
+from robotapp_scheduler.config_model import (
+    ClientConnectionModel,
+    ConfigurationModel,
+    LeaderElectionModel,
+    PluginSet,
+    ProfileModel,
+)
+from robotapp_scheduler.config_plugins import PART_OF, point_set
+
+COMPAT_VERSIONS = ("1.37", "1.35")
+
+
+def check(config: ConfigurationModel) -> list[str]:
+    """All problems of a well-formed configuration, in file order; empty when it may be used."""
+    return [
+        *_top_level(config),
+        *_leader_election(config.leader_election),
+        *_client(config.client_connection),
+        *_profile_names(config.profiles),
+        *(text for index, profile in enumerate(config.profiles) for text in _profile(profile, f"profiles[{index}]")),
+    ]
+
+
+def invalid(path: str, value: object, allowed: str) -> str:
+    shown = f'"{value}"' if isinstance(value, str) else value
+    return f"{path}: Invalid value: {shown}: {allowed}"
+
+
+def unsupported(path: str, why: str) -> str:
+    return f"{path}: not supported here: {why}"
+
+
+def _top_level(config: ConfigurationModel) -> Iterator[str]:
+    if config.compat_version not in COMPAT_VERSIONS:
+        allowed = ", ".join(f'"{version}"' for version in COMPAT_VERSIONS)
+        yield f'compatVersion: Unsupported value: "{config.compat_version}": supported values: {allowed}'
+    if config.parallelism <= 0:
+        yield invalid("parallelism", config.parallelism, "should be an integer value greater than zero")
+    yield from _percentage("percentageOfNodesToScore", config.percentage_of_nodes_to_score)
+    if config.pod_initial_backoff_seconds <= 0:
+        yield invalid("podInitialBackoffSeconds", config.pod_initial_backoff_seconds, "must be greater than 0")
+    if config.pod_max_backoff_seconds < config.pod_initial_backoff_seconds:
+        text = "must be greater than or equal to PodInitialBackoffSeconds"
+        yield invalid("podMaxBackoffSeconds", config.pod_max_backoff_seconds, text)
+    if config.extenders:
+        yield unsupported("extenders", "an HTTP round trip per pod; write a plugin (module:Class) instead")
+    if config.delay_cache_until_active:
+        yield unsupported("delayCacheUntilActive", "standby caches are kept warm, so that taking over costs no re-list")
+
+
+def _percentage(path: str, value: int | None) -> Iterator[str]:
+    if value is not None and not 0 <= value <= 100:
+        yield invalid(path, value, "not in valid range [0-100]")
+    elif value not in (None, 0, 100):
+        yield unsupported(path, "all nodes are scored; leave it out or write 100")
+
+
+def _leader_election(model: LeaderElectionModel) -> Iterator[str]:
+    if model.resource_lock != "leases":
+        yield invalid("leaderElection.resourceLock", model.resource_lock, 'resourceLock value must be "leases"')
+    if not model.leader_elect:
+        return
+    if not model.resource_name:
+        yield "leaderElection.resourceName: Required value: resourceName is required"
+    seconds: dict[str, int] = {}
+    for name in ("leaseDuration", "renewDeadline", "retryPeriod"):
+        text = {
+            "leaseDuration": model.lease_duration,
+            "renewDeadline": model.renew_deadline,
+            "retryPeriod": model.retry_period,
+        }[name]
+        try:
+            seconds[name] = parse_us(text)
+        except ValueError:
+            yield invalid(f"leaderElection.{name}", text, 'must be a duration such as "15s"')
+            continue
+        if seconds[name] <= 0:
+            yield invalid(f"leaderElection.{name}", text, "must be greater than zero")
+    if len(seconds) == 3 and not seconds["leaseDuration"] > seconds["renewDeadline"] > seconds["retryPeriod"]:
+        text = "must be greater than renewDeadline, which must be greater than retryPeriod"
+        yield invalid("leaderElection.leaseDuration", model.lease_duration, text)
+
+
+def _client(model: ClientConnectionModel) -> Iterator[str]:
+    if model.content_type not in ("", "application/json"):
+        yield unsupported("clientConnection.contentType", "application/json is what this client speaks")
+    if model.accept_content_types not in ("", "application/json"):
+        yield unsupported("clientConnection.acceptContentTypes", "application/json is what this client speaks")
+    if model.burst < 0:
+        yield invalid("clientConnection.burst", model.burst, "must be non-negative")
+
+
+def _profile_names(profiles: list[ProfileModel]) -> Iterator[str]:
+    seen: dict[str, int] = {}
+    for index, profile in enumerate(profiles):
+        name = profile.scheduler_name
+        if name is None and len(profiles) > 1:
+            yield f"profiles[{index}].schedulerName: Required value"
+        if name is not None and name in seen:
+            yield f'profiles[{index}].schedulerName: Duplicate value: "profiles[{seen[name]}].schedulerName"'
+        seen.setdefault(name or "", index)
+
+
+def _profile(profile: ProfileModel, path: str) -> Iterator[str]:
+    yield from _percentage(f"{path}.percentageOfNodesToScore", profile.percentage_of_nodes_to_score)
+    for point, whole in PART_OF.items():
+        yield from _part_of(
+            point_set(profile.plugins, point), point_set(profile.plugins, whole), f"{path}.plugins", point
+        )
+    names: set[str] = set()
+    for index, entry in enumerate(profile.plugin_config):
+        if entry.name in names:
+            yield f'{path}.pluginConfig[{index}]: Duplicate value: "{entry.name}"'
+        names.add(entry.name)
+
+
+def _part_of(part: PluginSet, whole: PluginSet, path: str, point: str) -> Iterator[str]:
+    """PreFilter and preScore have no hooks of their own: naming a plugin there must mean what it means upstream."""
+    if part.enabled:
+        yield unsupported(f"{path}.{point}.enabled", f"{point} is part of {PART_OF[point]} here; name the plugin there")
+    off = {ref.name for ref in whole.disabled}
+    for ref in part.disabled:
+        if ref.name not in off and "*" not in off:
+            text = f"{point} is part of {PART_OF[point]} here; disable {ref.name} there too"
+            yield unsupported(f"{path}.{point}.disabled", text)

@@ -1,0 +1,72 @@
+"""Command line and environment of the scheduler process: every flag is also `ROBOTAPP_SCHEDULER_<FLAG>`."""
+
+import argparse
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+PREFIX = "ROBOTAPP_SCHEDULER_"
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What the command line decides; everything about scheduling itself is in the configuration file."""
+
+    kubeconfig: Path | None
+    config: Path | None
+    health_host: str
+    health_port: int
+    sweep_seconds: float
+    log_format: str
+    log_level: str
+    insecure_explain: bool
+    lease_namespace: str
+
+
+def parse(argv: Sequence[str] | None = None, environment: Mapping[str, str] | None = None) -> Options:
+    """Flags win over the environment. Exits with a usage text on a mistake, as argparse does."""
+    found = _parser(os.environ if environment is None else environment).parse_args(argv)
+    return Options(
+        kubeconfig=found.kubeconfig,
+        config=found.config,
+        health_host=found.health_host,
+        health_port=found.health_port,
+        sweep_seconds=found.sweep_seconds,
+        log_format=found.log_format,
+        log_level=found.log_level,
+        insecure_explain=found.insecure_explain,
+        lease_namespace=found.lease_namespace or "",
+    )
+
+
+def _parser(environment: Mapping[str, str]) -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="robotapp-scheduler",
+        description="Places the pods of robot applications by ROS rules, all others exactly as kube-scheduler does.",
+        epilog="example: robotapp-scheduler --kubeconfig ~/.kube/config --config scheduler.yaml",
+    )
+
+    def given(flag: str, default: str) -> str:
+        return environment.get(PREFIX + flag.upper().replace("-", "_"), default)
+
+    def add(flag: str, text: str, *, default: str, convert: type = str, choices: Sequence[str] | None = None) -> None:
+        value = given(flag, default)
+        # A string default is converted by argparse like a typed argument, so a bad variable is a usage error too.
+        parser.add_argument(f"--{flag}", default=value or None, type=convert, choices=choices, help=text)
+
+    add("kubeconfig", "default: the service account of the pod it runs in", default="", convert=Path)
+    add("config", "KubeSchedulerConfiguration file; default: built in", default="", convert=Path)
+    add("health-host", "address of the HTTP endpoint", default="0.0.0.0")  # noqa: S104 - probes come from the node
+    add("health-port", "port of the HTTP endpoint, 0 takes a free one", default="10259", convert=int)
+    add("sweep-seconds", "period of the claim sweep", default="30", convert=float)
+    add("log-format", "json for machines, text for people", default="json", choices=("json", "text"))
+    add("log-level", "debug, info, warning or error", default="info", choices=("debug", "info", "warning", "error"))
+    add("lease-namespace", "overrides leaderElection.resourceNamespace", default="")
+    parser.add_argument(
+        "--insecure-explain",
+        action="store_true",
+        default=given("insecure-explain", "").lower() in {"1", "true", "yes"},
+        help="development only: /explain answers without asking who you are",
+    )
+    return parser

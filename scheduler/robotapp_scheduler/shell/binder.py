@@ -1,0 +1,169 @@
+"""Binds one pod to one node: a single write, carried out at most once, its outcome known or said to be unknown.
+
+The Binding carries the pod's uid, so that a pod re-created under the same name is never bound by mistake, and the
+grants as annotations: the API server merges them into the pod in the same write that sets nodeName. A bind that hands
+out grants also carries the resourceVersion read before the claims were made (claims.md).
+Nothing here ever deletes a claim: a lost reply may mean "bound".
+"""
+
+import asyncio
+import random
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+import msgspec
+
+from robotapp_api.client.api import ApiClient
+from robotapp_api.client.errors import (
+    ApiError,
+    ClientError,
+    Conflict,
+    NotFound,
+    ServerError,
+    TooManyRequests,
+    Unreachable,
+)
+from robotapp_api.client.resources import PODS
+from robotapp_scheduler.core.objects import Pod
+
+TRIES = 4
+FIRST_DELAY_S = 0.01
+DELAY_FACTOR = 5.0
+JITTER = 0.1
+"""Retry policy of kube-scheduler 1.37: 4 tries, 10 ms, each delay five times the last, 10 % jitter."""
+
+
+class BindResult(StrEnum):
+    """What is known after a bind."""
+
+    BOUND = "Bound"
+    GONE = "Gone"  # deleted, re-created or being deleted: nothing to retry
+    TAKEN = "Taken"  # another scheduler bound it
+    CHANGED = "Changed"  # still pending, but not the version we decided on
+    FAILED = "Failed"
+
+
+@dataclass(frozen=True, slots=True)
+class BindOutcome:
+    """`message` says why it was not bound; `node` is where the pod is when somebody bound it."""
+
+    result: BindResult
+    message: str = ""
+    node: str = ""
+
+
+class _Reference(msgspec.Struct, rename="camel"):
+    name: str
+    api_version: str = "v1"
+    kind: str = "Node"
+
+
+class _Metadata(msgspec.Struct, omit_defaults=True, rename="camel"):
+    name: str
+    namespace: str
+    uid: str
+    resource_version: str = ""
+    annotations: dict[str, str] = {}
+
+
+class _Binding(msgspec.Struct, rename="camel"):
+    metadata: _Metadata
+    target: _Reference
+    api_version: str = "v1"
+    kind: str = "Binding"
+
+
+class Binder:
+    """Posts Bindings and finds out what became of them."""
+
+    def __init__(
+        self,
+        client: ApiClient,
+        *,
+        sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
+        uniform: Callable[[], float] = random.random,
+    ) -> None:
+        self._client = client
+        self._sleep = sleep
+        self._uniform = uniform
+        self._encoder = msgspec.json.Encoder()
+
+    async def bind(
+        self, pod: Pod, node: str, *, grants: Mapping[str, str] | None = None, resource_version: str = ""
+    ) -> BindOutcome:
+        """Bind `pod` to `node`; `grants` are annotations, `resource_version` a precondition (both optional).
+
+        Never raises for anything the API server or the network may do.
+        """
+        meta = pod.metadata
+        path = PODS.path(meta.namespace, meta.name, "binding")
+        body = self._encoder.encode(
+            _Binding(
+                metadata=_Metadata(
+                    name=meta.name,
+                    namespace=meta.namespace,
+                    uid=meta.uid,
+                    resource_version=resource_version,
+                    annotations=dict(grants or {}),
+                ),
+                target=_Reference(name=node),
+            )
+        )
+        problem = ""
+        for attempt in range(TRIES):
+            if attempt:
+                await self._sleep(self._delay_s(attempt))
+            try:
+                await self._client.post_raw(path, body)
+            except TooManyRequests as error:
+                problem = str(error)
+                await self._sleep(error.retry_after_s or 0.0)
+            except (Conflict, NotFound) as error:
+                return await self._look(pod, node, problem=str(error))
+            except ServerError as error:
+                problem = str(error)
+                if error.status not in {500, 503}:
+                    return await self._look(pod, node, problem=problem)
+            except Unreachable as error:
+                problem = str(error)
+                if error.maybe_applied:
+                    return await self._look(pod, node, problem=problem)
+            except ApiError as error:
+                return BindOutcome(BindResult.FAILED, str(error))
+            else:
+                return BindOutcome(BindResult.BOUND, node=node)
+        return await self._look(pod, node, problem=problem)
+
+    async def _look(self, pod: Pod, node: str, *, problem: str) -> BindOutcome:
+        """Read the pod after an unclear answer: the only way to know whether the bind took effect."""
+        for attempt in range(TRIES):
+            if attempt:
+                await self._sleep(self._delay_s(attempt))
+            try:
+                found = await self._client.get(PODS, pod.metadata.name, namespace=pod.metadata.namespace, as_type=Pod)
+            except NotFound:
+                return BindOutcome(BindResult.GONE, problem)
+            except ClientError as error:
+                problem = f"{problem}; reading the pod: {error}" if attempt == 0 else problem
+                continue
+            return judge(found, pod, node, problem=problem)
+        return BindOutcome(BindResult.FAILED, problem)
+
+    def _delay_s(self, attempt: int) -> float:
+        return FIRST_DELAY_S * DELAY_FACTOR ** (attempt - 1) * (1 + JITTER * self._uniform())
+
+
+def judge(found: Pod, wanted: Pod, node: str, *, problem: str) -> BindOutcome:
+    """What the pod as stored says about our bind of `wanted` to `node`."""
+    if found.metadata.uid != wanted.metadata.uid:
+        return BindOutcome(BindResult.GONE, problem)
+    if found.spec.node_name == node:
+        return BindOutcome(BindResult.BOUND, node=node)
+    if found.metadata.deletion_timestamp:
+        return BindOutcome(BindResult.GONE, problem)
+    if found.spec.node_name:
+        return BindOutcome(BindResult.TAKEN, problem, node=found.spec.node_name)
+    if found.metadata.resource_version != wanted.metadata.resource_version:
+        return BindOutcome(BindResult.CHANGED, problem)
+    return BindOutcome(BindResult.FAILED, problem)

@@ -1,0 +1,163 @@
+"""Watches the API server and keeps cluster and queue in step with it.
+
+One reflector per resource; every change is taken into the cluster, which answers what kind of change it was, and that
+wakes exactly the waiting pods it may help. An object that cannot be taken over is logged and counted, and the next one
+is taken: no object can stop the feed.
+"""
+
+import asyncio
+import logging
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from typing import Any
+
+from robotapp_api.client.api import ApiClient
+from robotapp_api.client.errors import ClientError, NotFound
+from robotapp_api.client.reflector import Change as Seen
+from robotapp_api.client.reflector import Reflector
+from robotapp_api.client.resources import (
+    DEPLOYMENTS,
+    NODES,
+    NODETELEMETRIES,
+    PODS,
+    REPLICASETS,
+    ROBOTAPPS,
+    ROBOTCLAIMS,
+    Resource,
+)
+from robotapp_api.model.names import Label
+from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.objects import Node, Owned, Pod
+from robotapp_scheduler.core.robotics import NodeTelemetry, RobotApp, RobotClaim
+from robotapp_scheduler.shell.metrics import Metrics
+
+log = logging.getLogger(__name__)
+
+LIVE_PODS = "status.phase!=Succeeded,status.phase!=Failed"
+"""Ended pods hold nothing; leaving them out keeps the watch small. A pod that ends is seen as a deletion."""
+CRD_POLL_S = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """One watched resource: how its objects are decoded and where they go."""
+
+    resource: Resource
+    as_type: type[Any]
+    apply: Callable[[Any], Change]
+    remove: Callable[[Any], Change]
+    label_selector: str = ""
+    field_selector: str = ""
+
+
+class Feed:
+    """All reflectors. `run` until cancelled; `synced` once everything there was at the start is in the cluster.
+
+    `on_change` is told what changed (never `Change.NONE`) after the cluster has taken it in.
+    """
+
+    def __init__(
+        self,
+        client: ApiClient,
+        cluster: Cluster,
+        *,
+        on_pod: Callable[[Seen], Change],
+        on_change: Callable[[Change, Any], None],
+        metrics: Metrics,
+    ) -> None:
+        self._client = client
+        self._on_change = on_change
+        self._metrics = metrics
+        self.synced = asyncio.Event()
+        self._reflectors: list[Reflector[Any]] = []
+        pods = Route(PODS, Pod, lambda _: Change.NONE, lambda _: Change.NONE, field_selector=LIVE_PODS)
+        self._core = (
+            (pods, on_pod),
+            *self._routed(
+                Route(NODES, Node, cluster.apply_node, lambda node: cluster.remove_node(node.metadata.name)),
+                Route(DEPLOYMENTS, Owned, cluster.apply_owner, cluster.remove_owner, label_selector=Label.APP_UID),
+                Route(REPLICASETS, Owned, cluster.apply_owner, cluster.remove_owner, label_selector=Label.APP_UID),
+            ),
+        )
+        self._robotics = self._routed(
+            Route(ROBOTAPPS, RobotApp, cluster.apply_app, cluster.remove_app),
+            Route(ROBOTCLAIMS, RobotClaim, cluster.apply_claim, cluster.remove_claim),
+            Route(NODETELEMETRIES, NodeTelemetry, cluster.apply_telemetry, cluster.remove_telemetry),
+        )
+
+    def __repr__(self) -> str:
+        state = "synced" if self.synced.is_set() else "filling"
+        return f"<Feed {state}: {', '.join(map(repr, self._reflectors))}>"
+
+    @property
+    def silence_s(self) -> float:
+        """Longest time any watch has heard nothing; a healthy one hears a bookmark a minute."""
+        return max((reflector.last_contact_s for reflector in self._reflectors), default=0.0)
+
+    async def run(self) -> None:
+        """Watch until cancelled. Resources whose CRD is not installed are watched as soon as it is."""
+        async with asyncio.TaskGroup() as group:
+            for route, handle in self._core:
+                self._start(group, route, handle)
+            installed = await self._installed()
+            if installed:
+                self._start_robotics(group)
+            await asyncio.gather(*(reflector.synced.wait() for reflector in self._reflectors))
+            self.synced.set()
+            while not installed:
+                await self._client.sleep(CRD_POLL_S)
+                installed = await self._installed()
+                if installed:
+                    self._start_robotics(group)
+
+    def _start_robotics(self, group: asyncio.TaskGroup) -> None:
+        for route, handle in self._robotics:
+            self._start(group, route, handle)
+
+    def _routed(self, *routes: Route) -> tuple[tuple[Route, Callable[[Seen], Change]], ...]:
+        return tuple((route, self._taking(route)) for route in routes)
+
+    @staticmethod
+    def _taking(route: Route) -> Callable[[Seen], Change]:
+        def take(seen: Seen) -> Change:
+            return route.remove(seen.old) if seen.new is None else route.apply(seen.new)
+
+        return take
+
+    def _start(self, group: asyncio.TaskGroup, route: Route, handle: Callable[[Seen], Change]) -> None:
+        reflector: Reflector[Any] = Reflector(
+            self._client,
+            route.resource,
+            as_type=route.as_type,
+            on_change=lambda seen: self._take(route.resource, handle, seen),
+            label_selector=route.label_selector,
+            field_selector=route.field_selector,
+        )
+        self._reflectors.append(reflector)
+        group.create_task(reflector.run(), name=f"watch {route.resource.plural}")
+
+    def _take(self, resource: Resource, handle: Callable[[Seen], Change], seen: Seen) -> None:
+        try:
+            change = handle(seen)
+            if change:
+                self._on_change(change, seen)
+        except Exception:  # one object must never stop the feed; the log has the stack, the metric the count
+            self._metrics.poison_objects.labels(resource.plural).inc()
+            log.exception("%s %s could not be taken over", resource.kind, seen.key)
+
+    async def _installed(self) -> bool:
+        """Whether the API server serves our kinds."""
+        try:
+            await self._client.request("GET", ROBOTAPPS.root)
+        except NotFound:
+            return False
+        except ClientError as error:
+            log.warning("cannot tell whether the robotics.io CRDs are installed: %s", error)
+            return True
+        return True
+
+
+def serves(pod: Pod, names: Collection[str]) -> bool:
+    """Whether this pod is ours to place: our scheduler name, no node yet, not ended."""
+    return pod.spec.scheduler_name in names and not pod.spec.node_name and not pod.terminal

@@ -1,0 +1,143 @@
+"""Tells the user what became of a pod: the PodScheduled condition and an Event, written only when they say something new.
+
+Nothing here delays a decision. Condition writes wait in a queue that keeps the latest text per pod, so a storm of
+attempts costs one write; one that fails is repeated at the next attempt, because the pod's condition still differs.
+"""
+
+import asyncio
+import logging
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Protocol
+
+from robotapp_api.client.api import ApiClient
+from robotapp_api.client.errors import ApiError, ClientError, Conflict, NotFound
+from robotapp_api.client.resources import PODS
+from robotapp_api.model.names import EventReason
+from robotapp_scheduler.core.objects import Pod
+from robotapp_scheduler.shell import texts
+
+log = logging.getLogger(__name__)
+
+STRATEGIC_MERGE = "application/strategic-merge-patch+json"
+REMEMBERED = 20_000
+"""Last text per pod; the oldest are forgotten beyond this and at worst written once more."""
+WRITERS = 4
+TRIES = 3
+
+
+class Events(Protocol):
+    """Where Events go; must not block and must not raise."""
+
+    def pod_event(self, pod: Pod, *, warning: bool, reason: str, action: str, note: str) -> None: ...
+
+
+@dataclass(frozen=True, slots=True)
+class _Text:
+    pod: Pod
+    reason: str
+    message: str
+
+
+def utc_now() -> str:
+    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+class Reporter:
+    """Condition and event writer. `run` does the writing; the other methods only note what is to be said."""
+
+    def __init__(self, client: ApiClient, events: Events, *, now: Callable[[], str] = utc_now) -> None:
+        self._client = client
+        self._events = events
+        self._now = now
+        self._said: OrderedDict[str, tuple[str, str]] = OrderedDict()
+        self._latest: dict[str, _Text] = {}
+        self._order: asyncio.Queue[str] = asyncio.Queue()
+
+    def __repr__(self) -> str:
+        return f"<Reporter {len(self._latest)} conditions to write, {len(self._said)} remembered>"
+
+    def scheduled(self, pod: Pod, node: str) -> None:
+        """The bind was confirmed; the API server itself has set PodScheduled=True."""
+        self.forget(pod.metadata.uid)
+        self._events.pod_event(
+            pod, warning=False, reason=EventReason.SCHEDULED, action="Binding", note=texts.assigned(pod, node)
+        )
+
+    def unscheduled(self, pod: Pod, *, reason: str, message: str, event: str = EventReason.FAILED_SCHEDULING) -> None:
+        """An attempt failed. Writes condition and event unless exactly this was the last thing said about the pod."""
+        uid = pod.metadata.uid
+        if self._said.get(uid) == (reason, message):
+            return
+        self._remember(uid, (reason, message))
+        self._events.pod_event(pod, warning=True, reason=event, action="Scheduling", note=texts.note(message))
+        if texts.says_already(pod, reason=reason, message=message):
+            return
+        if uid not in self._latest:
+            self._order.put_nowait(uid)
+        self._latest[uid] = _Text(pod, reason, message)
+
+    def deleting(self, pod: Pod) -> None:
+        """The pod was deleted while it waited: one Warning, no condition."""
+        note = texts.skipped_deleting(pod)
+        if self._said.get(pod.metadata.uid) == ("", note):
+            return
+        self._remember(pod.metadata.uid, ("", note))
+        self._events.pod_event(pod, warning=True, reason=EventReason.FAILED_SCHEDULING, action="Scheduling", note=note)
+
+    def forget(self, uid: str) -> None:
+        """The pod is bound or gone: nothing more will be said about it."""
+        self._said.pop(uid, None)
+        self._latest.pop(uid, None)
+
+    async def run(self) -> None:
+        """Write conditions until cancelled."""
+        async with asyncio.TaskGroup() as group:
+            for _ in range(WRITERS):
+                group.create_task(self._write_forever())
+
+    async def _write_forever(self) -> None:
+        while True:
+            uid = await self._order.get()
+            text = self._latest.pop(uid, None)
+            if text is not None:
+                await self._write(text)
+
+    async def _write(self, text: _Text) -> None:
+        meta = text.pod.metadata
+        patch = texts.unscheduled_patch(text.pod, reason=text.reason, message=text.message, now=self._now())
+        for attempt in range(TRIES):
+            if attempt:
+                await self._client.sleep(0.1 * attempt)
+            try:
+                await self._client.patch(
+                    PODS,
+                    meta.name,
+                    patch,
+                    namespace=meta.namespace,
+                    subresource="status",
+                    content_type=STRATEGIC_MERGE,
+                )
+            except NotFound:
+                return
+            except Conflict as error:
+                if "uid" in error.message.lower():
+                    return  # another pod of the same name
+            except ApiError as error:
+                if error.status < 500 and error.status != 429:
+                    log.warning("PodScheduled of %s cannot be written: %s", text.pod.key, error)
+                    break
+            except ClientError:
+                continue
+            else:
+                return
+        # Said in vain: the next attempt says it again.
+        self._said.pop(meta.uid, None)
+
+    def _remember(self, uid: str, said: tuple[str, str]) -> None:
+        self._said[uid] = said
+        self._said.move_to_end(uid)
+        if len(self._said) > REMEMBERED:
+            self._said.popitem(last=False)

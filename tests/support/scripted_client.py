@@ -1,0 +1,82 @@
+"""An ApiClient whose answers are written in the test: for logic around writes, where order and errors matter.
+
+Everything about the wire itself is tested against a real server elsewhere.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from robotapp_api.client.resources import Resource
+
+Answer = Any
+"""A value to return, or an exception to raise, or a function of the call."""
+
+
+class ScriptedClient:
+    """Answers calls in order from per-method scripts, and records every call as (method, path or name, body)."""
+
+    def __init__(self) -> None:
+        self.calls: list[tuple[str, str, Any]] = []
+        self.slept_s: list[float] = []
+        self.scripts: dict[str, deque[Answer]] = {}
+        self.fallback: dict[str, Answer] = {}
+        self.now_s = 0.0
+
+    def script(self, method: str, *answers: Answer) -> "ScriptedClient":
+        self.scripts.setdefault(method, deque()).extend(answers)
+        return self
+
+    def always(self, method: str, answer: Answer) -> "ScriptedClient":
+        self.fallback[method] = answer
+        return self
+
+    def methods(self) -> list[str]:
+        return [method for method, _, _ in self.calls]
+
+    def clock(self) -> float:
+        return self.now_s
+
+    @staticmethod
+    def uniform() -> float:
+        return 0.0
+
+    async def sleep(self, seconds: float) -> None:
+        self.slept_s.append(seconds)
+        self.now_s += seconds
+
+    async def post_raw(self, path: str, body: bytes) -> Any:
+        return self._answer("post_raw", path, body)
+
+    async def get(self, resource: Resource, name: str, *, namespace: str | None = None, as_type: Any = dict) -> Any:
+        return self._answer("get", resource.path(namespace, name), as_type)
+
+    async def create(self, resource: Resource, obj: Any, *, namespace: str | None = None) -> Any:
+        return self._answer("create", resource.path(namespace), obj)
+
+    async def patch(
+        self,
+        resource: Resource,
+        name: str,
+        patch: Any,
+        *,
+        namespace: str | None = None,
+        subresource: str = "",
+        content_type: str = "",
+    ) -> Any:
+        return self._answer("patch", resource.path(namespace, name, subresource), (content_type, patch))
+
+    def _answer(self, method: str, path: str, body: Any) -> Any:
+        self.calls.append((method, path, body))
+        script = self.scripts.get(method)
+        if script:
+            answer = script.popleft()
+        elif method in self.fallback:
+            answer = self.fallback[method]
+        else:
+            raise AssertionError(f"unexpected {method} {path}")
+        if isinstance(answer, Callable):  # type: ignore[arg-type]
+            answer = answer(path, body)
+        if isinstance(answer, BaseException):
+            raise answer
+        return answer

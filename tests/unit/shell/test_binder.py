@@ -1,0 +1,125 @@
+from typing import Any
+
+import msgspec
+import pytest
+from tests.support.scripted_client import ScriptedClient
+
+from robotapp_api.client.errors import (
+    ClientError,
+    Conflict,
+    Forbidden,
+    NotFound,
+    ServerError,
+    TooManyRequests,
+    Unreachable,
+)
+from robotapp_scheduler.core.objects import Metadata, Pod, PodSpec
+from robotapp_scheduler.shell.binder import Binder, BindOutcome, BindResult
+
+PATH = "/api/v1/namespaces/team-a/pods/drv-0/binding"
+
+
+def pod(*, uid: str = "u1", node: str = "", version: str = "7", deleting: bool = False) -> Pod:
+    meta = Metadata(
+        name="drv-0",
+        namespace="team-a",
+        uid=uid,
+        resource_version=version,
+        deletion_timestamp="2026-01-01T00:00:00Z" if deleting else None,
+    )
+    return Pod(metadata=meta, spec=PodSpec(node_name=node))
+
+
+def conflict() -> Conflict:
+    return Conflict("already assigned", status=409, reason="Conflict")
+
+
+def server_error(status: int) -> ServerError:
+    return ServerError("boom", status=status)
+
+
+async def bind(client: ScriptedClient, **options: Any) -> BindOutcome:
+    binder = Binder(client, sleep=client.sleep, uniform=lambda: 0.0)  # type: ignore[arg-type]
+    return await binder.bind(pod(), "edge-1", **options)
+
+
+async def test_the_binding_names_pod_uid_and_node_and_nothing_else() -> None:
+    client = ScriptedClient().script("post_raw", b"")
+    assert await bind(client) == BindOutcome(BindResult.BOUND, node="edge-1")
+    assert client.calls[0][1] == PATH
+    assert msgspec.json.decode(client.calls[0][2]) == {
+        "apiVersion": "v1",
+        "kind": "Binding",
+        "metadata": {"name": "drv-0", "namespace": "team-a", "uid": "u1"},
+        "target": {"apiVersion": "v1", "kind": "Node", "name": "edge-1"},
+    }
+
+
+async def test_grants_and_the_version_they_were_decided_on_travel_in_the_binding() -> None:
+    client = ScriptedClient().script("post_raw", b"")
+    await bind(client, grants={"granted.robotics.io/devices": "can-can0"}, resource_version="7")
+    metadata = msgspec.json.decode(client.calls[0][2])["metadata"]
+    assert metadata["resourceVersion"] == "7"
+    assert metadata["annotations"] == {"granted.robotics.io/devices": "can-can0"}
+
+
+@pytest.mark.parametrize(
+    ("first", "waits"),
+    [
+        (server_error(500), [0.01]),
+        (server_error(503), [0.01]),
+        (Unreachable("refused", maybe_applied=False), [0.01]),
+        (TooManyRequests("slow", status=429, retry_after_s=2.0), [2.0, 0.01]),
+    ],
+)
+async def test_what_surely_or_probably_was_not_applied_is_tried_again(first: ClientError, waits: list[float]) -> None:
+    client = ScriptedClient().script("post_raw", first, b"")
+    assert (await bind(client)).result is BindResult.BOUND
+    assert client.slept_s == waits
+
+
+async def test_four_tries_with_growing_delays_then_the_pod_is_read() -> None:
+    client = ScriptedClient().always("post_raw", server_error(500)).always("get", pod())
+    assert (await bind(client)).result is BindResult.FAILED
+    assert client.methods() == ["post_raw"] * 4 + ["get"]
+    assert client.slept_s == pytest.approx([0.01, 0.05, 0.25])
+
+
+@pytest.mark.parametrize("error", [Unreachable("reset", maybe_applied=True), server_error(504), conflict()])
+@pytest.mark.parametrize(
+    ("found", "result"),
+    [
+        (pod(node="edge-1"), BindResult.BOUND),
+        (pod(node="edge-2"), BindResult.TAKEN),
+        (pod(node="edge-1", deleting=True), BindResult.BOUND),
+        (pod(deleting=True), BindResult.GONE),
+        (pod(uid="other", node="edge-1"), BindResult.GONE),
+        (pod(version="8"), BindResult.CHANGED),
+        (pod(), BindResult.FAILED),
+        (NotFound("gone", status=404), BindResult.GONE),
+    ],
+)
+async def test_after_an_unclear_answer_the_stored_pod_decides(
+    error: ClientError, found: Any, result: BindResult
+) -> None:
+    client = ScriptedClient().script("post_raw", error).script("get", found)
+    assert (await bind(client)).result is result
+    assert client.methods() == ["post_raw", "get"]
+
+
+async def test_a_deleted_pod_is_gone() -> None:
+    client = ScriptedClient().script("post_raw", NotFound("no pod", status=404)).script("get", NotFound("", status=404))
+    assert (await bind(client)).result is BindResult.GONE
+
+
+async def test_a_refusal_is_reported_with_the_servers_words_and_not_repeated() -> None:
+    client = ScriptedClient().script("post_raw", Forbidden("policy says no", status=403))
+    assert await bind(client) == BindOutcome(BindResult.FAILED, "policy says no")
+
+
+async def test_while_the_pod_cannot_be_read_the_outcome_stays_failed_with_both_reasons() -> None:
+    client = ScriptedClient().script("post_raw", conflict()).always("get", Unreachable("down", maybe_applied=False))
+    outcome = await bind(client)
+    assert outcome.result is BindResult.FAILED
+    assert "already assigned" in outcome.message
+    assert "down" in outcome.message

@@ -1,0 +1,254 @@
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME
+from robotapp_scheduler.config import ConfigError, SchedulerConfig, built_in, load, parse
+from robotapp_scheduler.config_model import API_VERSION, KIND, PluginRef
+from robotapp_scheduler.plugin_catalog import Catalog
+
+
+class Sorter:
+    def queue_key(self) -> None: ...
+
+
+class OtherSorter(Sorter): ...
+
+
+class Filtering:
+    def filter(self) -> None: ...
+
+
+class Scoring(Filtering):
+    def score(self) -> None: ...
+
+
+class Binding:
+    def bind(self) -> None: ...
+
+
+REGISTRY: dict[str, type] = {
+    "ROSQueueSort": Sorter,
+    "PrioritySort": OtherSorter,
+    "NodeName": Filtering,
+    "NodeAffinity": Scoring,
+    "NodeResourcesFit": Scoring,
+    "LatencyFilter": Filtering,
+    "TopologyScore": Scoring,
+    "DefaultBinder": Binding,
+}
+DEFAULTS = tuple(
+    PluginRef(name=name, weight=weight)
+    for name, weight in [
+        ("ROSQueueSort", 0),
+        ("NodeName", 0),
+        ("NodeAffinity", 2),
+        ("NodeResourcesFit", 1),
+        ("LatencyFilter", 0),
+        ("TopologyScore", 10),
+        ("DefaultBinder", 0),
+    ]
+)
+
+
+def catalog() -> Catalog:
+    return Catalog(registry=REGISTRY, defaults=DEFAULTS)
+
+
+def config(**fields: Any) -> SchedulerConfig:
+    return parse({"apiVersion": API_VERSION, "kind": KIND, **fields}, catalog=catalog())
+
+
+def problems(**fields: Any) -> list[str]:
+    with pytest.raises(ConfigError) as caught:
+        config(**fields)
+    return list(caught.value.problems)
+
+
+def profile(**fields: Any) -> list[dict[str, Any]]:
+    return [{"schedulerName": "mine", **fields}]
+
+
+def test_without_a_file_both_scheduler_names_are_served_with_the_same_plugins() -> None:
+    found = load(None, catalog=catalog())
+    assert [entry.scheduler_name for entry in found.profiles] == [SCHEDULER_NAME, THESIS_SCHEDULER_NAME]
+    assert found.profiles[0].points == found.profiles[1].points
+    assert found.leader_election.name == "robotapp-scheduler"
+    assert (found.leader_election.lease_s, found.leader_election.renew_s, found.leader_election.retry_s) == (15, 10, 2)
+
+
+def test_one_nameless_profile_gets_our_scheduler_name() -> None:
+    assert config(profiles=[{}]).profiles[0].scheduler_name == SCHEDULER_NAME
+
+
+def test_a_file_of_kube_scheduler_is_read_with_its_weights_and_arguments(tmp_path: Path) -> None:
+    file = tmp_path / "config.yaml"
+    file.write_text(f"""
+apiVersion: {API_VERSION}
+kind: {KIND}
+leaderElection: {{leaderElect: false}}
+clientConnection: {{qps: 10000, burst: 20000, kubeconfig: /etc/k}}
+profiles:
+- schedulerName: mine
+  plugins:
+    score:
+      enabled: [{{name: TopologyScore, weight: 4}}]
+      disabled: [{{name: NodeAffinity}}]
+  pluginConfig:
+  - name: NodeResourcesFit
+    args:
+      apiVersion: {API_VERSION}
+      kind: NodeResourcesFitArgs
+      scoringStrategy: {{type: MostAllocated, resources: [{{name: cpu, weight: 3}}]}}
+""")
+    found = load(file, catalog=catalog())
+    assert [(use.name, use.weight) for use in found.profiles[0].points["score"]] == [
+        ("TopologyScore", 4),
+        ("NodeResourcesFit", 1),
+    ]
+    assert found.profiles[0].args["NodeResourcesFit"]["scoring_strategy"]["type"] == "MostAllocated"
+    assert (found.kubeconfig, found.qps, found.burst) == ("/etc/k", 10000, 20000)
+    assert not found.leader_election.enabled
+
+
+@pytest.mark.parametrize(
+    ("fields", "text"),
+    [
+        ({"parallelism": 0}, "parallelism: Invalid value: 0: should be an integer value greater than zero"),
+        ({"percentageOfNodesToScore": 101}, "percentageOfNodesToScore: Invalid value: 101: not in valid range [0-100]"),
+        ({"podInitialBackoffSeconds": 0}, "podInitialBackoffSeconds: Invalid value: 0: must be greater than 0"),
+        (
+            {"podMaxBackoffSeconds": 0},
+            "podMaxBackoffSeconds: Invalid value: 0: must be greater than or equal to PodInitialBackoffSeconds",
+        ),
+        (
+            {"leaderElection": {"resourceLock": "endpoints"}},
+            'leaderElection.resourceLock: Invalid value: "endpoints": resourceLock value must be "leases"',
+        ),
+        (
+            {"leaderElection": {"resourceName": ""}},
+            "leaderElection.resourceName: Required value: resourceName is required",
+        ),
+        ({"unknownField": 1}, 'strict decoding error: unknown field "unknownField"'),
+        (
+            {"profiles": [{"plugins": {"score": {"enable": []}}}]},
+            'strict decoding error: unknown field "profiles[0].plugins.score.enable"',
+        ),
+        (
+            {"profiles": [{"pluginConfig": [{"name": "NodeResourcesFit", "args": {"scoring": {}}}]}]},
+            'strict decoding error: unknown field "profiles[0].pluginConfig[0].args.scoring"',
+        ),
+        (
+            {"profiles": profile() + profile()},
+            'profiles[1].schedulerName: Duplicate value: "profiles[0].schedulerName"',
+        ),
+        ({"profiles": [*profile(), {}]}, "profiles[1].schedulerName: Required value"),
+        (
+            {"extenders": [{"urlPrefix": "http://x"}]},
+            "extenders: not supported here: an HTTP round trip per pod; write a plugin (module:Class) instead",
+        ),
+        (
+            {"compatVersion": "1.20"},
+            'compatVersion: Unsupported value: "1.20": supported values: "1.37", "1.35"',
+        ),
+        (
+            {"profiles": profile(plugins={"multiPoint": {"enabled": [{"name": "PrioritySort"}]}})},
+            "profiles[0].plugins.queueSort: only one queue sort plugin can be enabled",
+        ),
+        (
+            {"profiles": profile(plugins={"filter": {"enabled": [{"name": "DefaultBinder"}]}})},
+            'profiles[0].plugins.filter.enabled[0].name: plugin "DefaultBinder" does not extend filter',
+        ),
+        (
+            {"profiles": profile(plugins={"multiPoint": {"disabled": [{"name": "DefaultBinder"}]}})},
+            "profiles[0].plugins.bind: at least one bind plugin is needed",
+        ),
+        (
+            {"profiles": profile(plugins={"multiPoint": {"enabled": [{"name": "A.b"}]}})},
+            (
+                'profiles[0].plugins.multiPoint.enabled[0].name: plugin "A.b" cannot be loaded: '
+                "no plugin and no entry point of this name; write module:Class for a file of your own"
+            ),
+        ),
+        (
+            {"profiles": profile(plugins={"preScore": {"disabled": [{"name": "*"}]}})},
+            "profiles[0].plugins.preScore.disabled: not supported here: preScore is part of score here; disable * there too",
+        ),
+    ],
+)
+def test_a_mistake_is_told_with_its_path_and_what_is_allowed(fields: dict[str, Any], text: str) -> None:
+    assert problems(**fields) == [text]
+
+
+def test_all_mistakes_are_reported_in_one_bracketed_list() -> None:
+    with pytest.raises(ConfigError) as caught:
+        config(parallelism=0, podInitialBackoffSeconds=-1)
+    assert str(caught.value).startswith("[parallelism: Invalid value: 0")
+    assert str(caught.value).endswith("must be greater than 0]")
+
+
+def test_upstream_plugins_that_are_not_built_are_named_as_such() -> None:
+    plugins = {"score": {"enabled": [{"name": "ImageLocality", "weight": 3}]}}
+    assert problems(profiles=profile(plugins=plugins)) == [
+        (
+            "profiles[0].plugins.score.enabled[0].name: not supported here: "
+            'plugin "ImageLocality" is not built into this scheduler yet'
+        )
+    ]
+
+
+def test_disabling_what_is_not_built_is_harmless() -> None:
+    plugins = {"postFilter": {"disabled": [{"name": "*"}]}, "multiPoint": {"disabled": [{"name": "InterPodAffinity"}]}}
+    assert config(profiles=profile(plugins=plugins)).profiles[0].points["postFilter"] == ()
+
+
+def test_profiles_must_share_the_queue_sort_plugin() -> None:
+    other = {"queueSort": {"enabled": [{"name": "PrioritySort"}], "disabled": [{"name": "*"}]}}
+    profiles = [{"schedulerName": "a"}, {"schedulerName": "b", "plugins": other}]
+    assert problems(profiles=profiles) == ["profiles: queueSort must be the same for all profiles"]
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("a: [", "strict decoding error: yaml"),
+        (f"apiVersion: {API_VERSION}\nkind: {KIND}\nkind: {KIND}\n", 'key "kind" already set in map'),
+        ("kind: Deployment\napiVersion: apps/v1\n", "apiVersion: Invalid value"),
+        ("[]", "configuration: Invalid value"),
+        ("", "configuration: Invalid value"),
+    ],
+)
+def test_a_file_that_is_no_configuration_is_refused(tmp_path: Path, text: str, expected: str) -> None:
+    file = tmp_path / "config.yaml"
+    file.write_text(text)
+    with pytest.raises(ConfigError, match=expected.replace("[", r"\[")):
+        load(file, catalog=catalog())
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"none\.yaml: No such file"):
+        load(tmp_path / "none.yaml", catalog=catalog())
+
+
+def test_a_third_party_plugin_is_loaded_by_module_and_class_with_its_arguments_untouched() -> None:
+    name = "tests.support.third_party_plugin:PreferQuietNodes"
+    found = config(
+        profiles=profile(
+            plugins={"multiPoint": {"enabled": [{"name": name, "weight": 7}]}},
+            pluginConfig=[{"name": name, "args": {"whatEver": [1]}}],
+        )
+    )
+    assert found.profiles[0].points["score"][-1].name == name
+    assert found.profiles[0].args[name] == {"whatEver": [1]}
+
+
+def test_equal_files_have_equal_digests_and_a_weight_changes_it() -> None:
+    heavier = profile(plugins={"score": {"enabled": [{"name": "TopologyScore", "weight": 99}]}})
+    assert config(profiles=profile()).digest == config(profiles=profile()).digest
+    assert config(profiles=profile()).digest != config(profiles=heavier).digest
+
+
+def test_parallelism_is_accepted_with_a_warning() -> None:
+    assert "one event loop" in config(parallelism=4).warnings[0]
+    assert built_in(catalog()).warnings == ()

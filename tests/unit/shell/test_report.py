@@ -1,0 +1,149 @@
+import asyncio
+from typing import Any
+
+import pytest
+from tests.support.scripted_client import ScriptedClient
+
+from robotapp_api.client.errors import ClientError, Conflict, Forbidden, NotFound, Unreachable
+from robotapp_scheduler.core.objects import Metadata, Pod, PodCondition, PodSpec, PodStatus
+from robotapp_scheduler.shell import texts
+from robotapp_scheduler.shell.report import Reporter
+
+NOW = "2026-11-21T00:00:00Z"
+
+
+def pod(*conditions: PodCondition, uid: str = "u1") -> Pod:
+    meta = Metadata(name="drv-0", namespace="team-a", uid=uid, generation=3)
+    return Pod(metadata=meta, spec=PodSpec(scheduler_name="ours"), status=PodStatus(conditions=list(conditions)))
+
+
+def refused(message: str = "0/1 nodes are available: 1 Too many pods.") -> PodCondition:
+    return PodCondition(type="PodScheduled", status="False", reason="Unschedulable", message=message)
+
+
+class Recorded:
+    def __init__(self) -> None:
+        self.notes: list[tuple[str, str, str]] = []
+
+    def pod_event(self, pod: Pod, *, warning: bool, reason: str, action: str, note: str) -> None:
+        assert pod.metadata.name == "drv-0"
+        self.notes.append((f"{'Warning' if warning else 'Normal'} {reason}", action, note))
+
+
+class Desk:
+    """A reporter whose writes are carried out by `settle`."""
+
+    def __init__(self) -> None:
+        self.client = ScriptedClient().always("patch", {})
+        self.events = Recorded()
+        self.reporter = Reporter(self.client, self.events, now=lambda: NOW)  # type: ignore[arg-type]
+
+    async def settle(self) -> list[Any]:
+        task = asyncio.create_task(self.reporter.run())
+        for _ in range(50):
+            await asyncio.sleep(0)
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+        return [body for method, _, body in self.client.calls if method == "patch"]
+
+
+async def test_an_unschedulable_pod_gets_one_condition_and_one_event() -> None:
+    desk = Desk()
+    for _ in range(3):
+        desk.reporter.unscheduled(pod(), reason="Unschedulable", message="0/1 nodes are available.")
+    patches = await desk.settle()
+    assert desk.events.notes == [("Warning FailedScheduling", "Scheduling", "0/1 nodes are available.")]
+    assert patches == [
+        (
+            "application/strategic-merge-patch+json",
+            {
+                "metadata": {"uid": "u1"},
+                "status": {
+                    "conditions": [
+                        {
+                            "type": "PodScheduled",
+                            "status": "False",
+                            "reason": "Unschedulable",
+                            "message": "0/1 nodes are available.",
+                            "observedGeneration": 3,
+                            "lastTransitionTime": NOW,
+                        }
+                    ]
+                },
+            },
+        )
+    ]
+
+
+async def test_another_text_is_written_without_moving_the_transition_time() -> None:
+    desk = Desk()
+    desk.reporter.unscheduled(pod(refused()), reason="Unschedulable", message="other")
+    ((_, patch),) = await desk.settle()
+    assert "lastTransitionTime" not in patch["status"]["conditions"][0]
+
+
+async def test_a_pod_that_carries_the_condition_already_costs_no_write_after_a_restart() -> None:
+    desk = Desk()
+    desk.reporter.unscheduled(pod(refused("same")), reason="Unschedulable", message="same")
+    assert await desk.settle() == []
+    assert len(desk.events.notes) == 1
+
+
+async def test_only_the_latest_text_of_a_pod_is_written() -> None:
+    desk = Desk()
+    for message in ("one", "two", "three"):
+        desk.reporter.unscheduled(pod(), reason="Unschedulable", message=message)
+    patches = await desk.settle()
+    assert [patch["status"]["conditions"][0]["message"] for _, patch in patches] == ["three"]
+
+
+async def test_a_pod_that_was_bound_meanwhile_is_not_called_unschedulable() -> None:
+    desk = Desk()
+    desk.reporter.unscheduled(pod(), reason="Unschedulable", message="no room")
+    desk.reporter.scheduled(pod(), "edge-1")
+    assert await desk.settle() == []
+    assert desk.events.notes[-1] == ("Normal Scheduled", "Binding", "Successfully assigned team-a/drv-0 to edge-1")
+
+
+@pytest.mark.parametrize(
+    ("failures", "writes"),
+    [
+        ([NotFound("gone", status=404)], 1),
+        ([Conflict("Precondition failed: UID in precondition: u1", status=409)], 1),
+        ([Conflict("the object has been modified", status=409)], 2),
+        ([Unreachable("reset", maybe_applied=True)], 2),
+        ([Forbidden("no", status=403)], 1),
+    ],
+)
+async def test_a_failed_write_is_repeated_only_where_that_can_help(failures: list[ClientError], writes: int) -> None:
+    desk = Desk()
+    desk.client.script("patch", *failures)
+    desk.reporter.unscheduled(pod(), reason="Unschedulable", message="no room")
+    assert len(await desk.settle()) == writes
+
+
+async def test_what_could_not_be_written_is_said_again_at_the_next_attempt() -> None:
+    desk = Desk()
+    desk.client.script("patch", *[Unreachable("down", maybe_applied=False)] * 3)
+    desk.reporter.unscheduled(pod(), reason="Unschedulable", message="no room")
+    await desk.settle()
+    desk.reporter.unscheduled(pod(), reason="Unschedulable", message="no room")
+    assert len(await desk.settle()) == 4
+
+
+async def test_a_deleting_pod_gets_one_warning_and_no_condition() -> None:
+    desk = Desk()
+    desk.reporter.deleting(pod())
+    desk.reporter.deleting(pod())
+    assert desk.events.notes == [("Warning FailedScheduling", "Scheduling", "skip schedule deleting pod: team-a/drv-0")]
+    assert await desk.settle() == []
+
+
+@pytest.mark.parametrize("length", [1, 1024])
+def test_a_note_up_to_1024_bytes_is_kept(length: int) -> None:
+    assert texts.note("x" * length) == "x" * length
+
+
+def test_a_longer_note_is_cut_to_1020_bytes_and_marked() -> None:
+    assert texts.note("x" * 1025) == "x" * 1020 + " ..."
+    assert len(texts.note("ä" * 600).encode()) <= 1024
