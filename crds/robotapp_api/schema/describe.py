@@ -30,7 +30,11 @@ def flat(text: str) -> str:
 
 
 def _attributes(cls: type) -> dict[str, str]:
-    definition = ast.parse(textwrap.dedent(inspect.getsource(cls))).body[0]
+    try:
+        source = inspect.getsource(cls)
+    except OSError:  # made at run time: nobody wrote a sentence
+        return {}
+    definition = ast.parse(textwrap.dedent(source)).body[0]
     if not isinstance(definition, ast.ClassDef):
         return {}
     texts = {}

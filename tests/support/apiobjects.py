@@ -1,0 +1,71 @@
+"""Small valid objects of our four kinds, to be bent by tests."""
+
+from typing import Any
+
+Object = dict[str, Any]
+
+API_VERSION = "robotics.io/v1alpha1"
+AMR_07 = {"selector": {"matchLabels": {"robotics.io/robot": "amr-07"}}}
+
+
+def component(name: str = "driver", **fields: Any) -> Object:
+    return {"name": name, "image": "ros:humble", **fields}
+
+
+def edge(from_: str = "operator", to: str = "driver", **fields: Any) -> Object:
+    return {"topic": "/cmd_vel", "from": from_, "to": to, **fields}
+
+
+def app(name: str = "teleop", **spec: Any) -> Object:
+    """A RobotApp with the components operator and driver, unless told otherwise."""
+    components = spec.pop("components", [component("operator"), component("driver")])
+    return {
+        "apiVersion": API_VERSION,
+        "kind": "RobotApp",
+        "metadata": {"name": name, "namespace": "default"},
+        "spec": {"components": components, **spec},
+    }
+
+
+def domain(**fields: Any) -> Object:
+    return {"pool": "default", "scope": "Cluster", "id": 7, **fields}
+
+
+def device(**fields: Any) -> Object:
+    return {"node": "amr-07", "type": "can", "id": "can-can0", **fields}
+
+
+def holder(**fields: Any) -> Object:
+    return {
+        "apiVersion": API_VERSION,
+        "kind": "RobotApp",
+        "namespace": "default",
+        "name": "teleop",
+        "uid": "u-1",
+        **fields,
+    }
+
+
+def claim(name: str = "dds.default.c.7", **spec: Any) -> Object:
+    """A RobotClaim of domain 7, or of what `spec` says."""
+    things = spec if {"domain", "device"} & spec.keys() else {"domain": domain(), **spec}
+    return {
+        "apiVersion": API_VERSION,
+        "kind": "RobotClaim",
+        "metadata": {"name": name},
+        "spec": {"holder": holder(), **things},
+    }
+
+
+def pool(name: str = "default", **spec: Any) -> Object:
+    return {"apiVersion": API_VERSION, "kind": "DomainPool", "metadata": {"name": name}, "spec": spec}
+
+
+def telemetry(name: str = "amr-07", **status: Any) -> Object:
+    return {
+        "apiVersion": API_VERSION,
+        "kind": "NodeTelemetry",
+        "metadata": {"name": name},
+        "spec": {},
+        "status": status,
+    }
