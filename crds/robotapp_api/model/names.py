@@ -66,6 +66,8 @@ class Annotation(StrEnum):
     PARAMS_HASH = "robotics.io/params-hash"
     THING = "robotics.io/thing"
     HOLDER = "robotics.io/holder"
+    DOMAIN_CLAIM = "robotics.io/domain-claim"
+    """On templates of RobotApp children: name of the RobotClaim whose id ROS_DOMAIN_ID carries."""
     BETTER_NODE = "robotics.io/better-node"
 
 

@@ -1,0 +1,209 @@
+"""Names of claims, holders and grants. The name of a claim is the claimed thing, so creating it is taking it."""
+
+import hashlib
+import re
+from collections.abc import Collection, Iterable
+from enum import StrEnum
+from functools import lru_cache
+from typing import Any, Final
+
+from robotapp_api.claims.objects import Claim, ClaimSpec, DeviceThing, DomainThing, Holder
+from robotapp_api.model.names import API_VERSION, Annotation, Label
+
+DNS_LABEL: Final = re.compile(r"[a-z0-9]([-a-z0-9]{0,61}[a-z0-9])?")
+
+
+def hash10(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:10]
+
+
+def scope_part(scope: str, scope_value: str) -> str:
+    """`c` for the cluster, else `z` or `n` and the hash of the zone's or node's name."""
+    return "c" if scope == "Cluster" else f"{scope[0].lower()}{hash10(scope_value)}"
+
+
+def claim_name_domain(pool: str, scope: str, scope_value: str, domain_id: int) -> str:
+    return f"dds.{pool}.{scope_part(scope, scope_value)}.{domain_id}"
+
+
+def claim_name_device(node: str, device_id: str) -> str:
+    return f"dev.n{hash10(node)}.{device_label(device_id)}"
+
+
+@lru_cache(maxsize=4096)
+def device_label(device_id: str) -> str:
+    """`device_id` as a DNS label: itself when it is one, else a readable start and a hash of the whole."""
+    if DNS_LABEL.fullmatch(device_id):
+        return device_id
+    start = re.sub(r"[^a-z0-9]+", "-", device_id.lower()).strip("-")[:40].strip("-")
+    return f"{start or 'device'}-{hash10(device_id)}"
+
+
+def claim_name(spec: ClaimSpec) -> str:
+    if spec.domain is not None:
+        return claim_name_domain(spec.domain.pool, spec.domain.scope, spec.domain.scope_value, spec.domain.id)
+    if spec.device is None:
+        raise ValueError("a claim is for a domain or a device")
+    return claim_name_device(spec.device.node, spec.device.id)
+
+
+def id_order(ids: Iterable[int], uid: str, instance: str) -> tuple[int, ...]:
+    """`ids` in the order in which this instance tries them.
+
+    Two operators serving one instance must try the same id first, and different instances different ones: the first
+    keeps an instance from taking two domains, the second keeps 200 apps from queueing for id 1.
+    """
+    return tuple(sorted(set(ids), key=lambda number: hashlib.sha256(f"{uid}/{instance}/{number}".encode()).digest()))
+
+
+def holder_of_app(*, namespace: str, name: str, uid: str, instance: str = "", component: str = "") -> Holder:
+    return Holder(
+        api_version=API_VERSION,
+        kind="RobotApp",
+        namespace=namespace,
+        name=name,
+        uid=uid,
+        instance=instance,
+        component=component,
+    )
+
+
+def holder_of_pod(*, namespace: str, name: str, uid: str) -> Holder:
+    return Holder(api_version="v1", kind="Pod", namespace=namespace, name=name, uid=uid)
+
+
+def same_holder(one: Holder, other: Holder) -> bool:
+    """The same owner, instance and component. The API version may change with an upgrade, the uid cannot."""
+    return (one.uid, one.namespace, one.kind, one.instance, one.component) == (
+        other.uid,
+        other.namespace,
+        other.kind,
+        other.instance,
+        other.component,
+    )
+
+
+def same_thing(one: ClaimSpec, other: ClaimSpec) -> bool:
+    """The same domain or device. Type and identity of a device describe it; node and id name it."""
+    if one.device is not None and other.device is not None:
+        return (one.device.node, one.device.id) == (other.device.node, other.device.id)
+    return one.device is None and other.device is None and one.domain == other.domain
+
+
+class Found(StrEnum):
+    """What a create that met an existing claim (409) found."""
+
+    MINE = "Mine"
+    TAKEN = "Taken"
+    COLLISION = "Collision"
+    """Another thing with the same hash in its name: refused, which is safe."""
+
+
+def same_tuple(wanted: ClaimSpec, existing: ClaimSpec) -> Found:
+    if not same_thing(wanted, existing):
+        return Found.COLLISION
+    return Found.MINE if same_holder(wanted.holder, existing.holder) else Found.TAKEN
+
+
+def domain_spec(*, pool: str, scope: str, scope_value: str, domain_id: int, holder: Holder) -> ClaimSpec:
+    return ClaimSpec(holder=holder, domain=DomainThing(pool=pool, scope=scope, scope_value=scope_value, id=domain_id))
+
+
+def device_spec(*, node: str, device_type: str, device_id: str, identity: str, holder: Holder) -> ClaimSpec:
+    thing = DeviceThing(node=node, type=device_type, id=device_label(device_id), identity=identity)
+    return ClaimSpec(holder=holder, device=thing)
+
+
+def thing_text(spec: ClaimSpec) -> str:
+    """The claimed thing for people: `domain 7 of default`, `can-can0 on edge-1`."""
+    if spec.domain is not None:
+        where = f" in {spec.domain.scope_value}" if spec.domain.scope_value else ""
+        return f"domain {spec.domain.id} of {spec.domain.pool}{where}"
+    assert spec.device is not None  # noqa: S101 - claim_name() refuses anything else before this is shown
+    return f"{spec.device.id} on {spec.device.node}"
+
+
+def claim_object(spec: ClaimSpec) -> dict[str, Any]:
+    """The RobotClaim to create. Printed texts are annotations: they stay outside the tuple compared on 409."""
+    holder = spec.holder
+    labels = {Label.CLAIM: "dds" if spec.domain else "device", Label.HOLDER_UID: holder.uid}
+    if spec.domain:
+        labels[Label.POOL] = spec.domain.pool
+    return {
+        "apiVersion": API_VERSION,
+        "kind": "RobotClaim",
+        "metadata": {
+            "name": claim_name(spec),
+            "labels": {str(key): value for key, value in labels.items()},
+            "annotations": {
+                str(Annotation.THING): thing_text(spec),
+                str(Annotation.HOLDER): f"{holder.namespace}/{holder.name}",
+            },
+        },
+        "spec": _spec_object(spec),
+    }
+
+
+def _spec_object(spec: ClaimSpec) -> dict[str, Any]:
+    thing: dict[str, Any]
+    if spec.domain:
+        domain = spec.domain
+        thing = {
+            "domain": {
+                "pool": domain.pool,
+                "scope": domain.scope,
+                "scopeValue": domain.scope_value,
+                "id": domain.id,
+            }
+        }
+    else:
+        device = spec.device
+        assert device is not None  # noqa: S101 - claim_name() has refused a spec without thing
+        thing = {
+            "device": {"node": device.node, "type": device.type, "id": device.id, "identity": device.identity},
+        }
+    holder = spec.holder
+    return thing | {
+        "holder": {
+            "apiVersion": holder.api_version,
+            "kind": holder.kind,
+            "namespace": holder.namespace,
+            "name": holder.name,
+            "uid": holder.uid,
+            "instance": holder.instance,
+            "component": holder.component,
+        }
+    }
+
+
+def holder_text(holder: Holder, *, for_namespace: str) -> str:
+    """Who holds, for an event or condition in `for_namespace`: tenants do not see each other's names."""
+    if holder.namespace != for_namespace:
+        return "another namespace"
+    kind = "pod " if not holder.is_app else ""
+    return f"{kind}{holder.namespace}/{holder.name}" + (f" ({holder.instance})" if holder.instance else "")
+
+
+def grants(*, domain: int | None = None, devices: Collection[str] = ()) -> dict[str, str]:
+    """Annotations for the Binding that tell a pod what it was given."""
+    given: dict[str, str] = {}
+    if domain is not None:
+        given[str(Annotation.GRANTED_DOMAIN)] = str(domain)
+    if devices:
+        given[str(Annotation.GRANTED_DEVICES)] = ",".join(sorted(device_label(device) for device in devices))
+    return given
+
+
+def granted_domain(annotations: dict[str, str]) -> int | None:
+    text = annotations.get(Annotation.GRANTED_DOMAIN, "")
+    return int(text) if text.isdecimal() else None
+
+
+def granted_devices(annotations: dict[str, str]) -> frozenset[str]:
+    return frozenset(part for part in annotations.get(Annotation.GRANTED_DEVICES, "").split(",") if part)
+
+
+def domain_claims(claims: Iterable[Claim], holder: Holder) -> tuple[Claim, ...]:
+    """Domain claims of this holder's instance, by name."""
+    mine = (c for c in claims if c.spec.domain is not None and same_holder(c.holder, holder))
+    return tuple(sorted(mine, key=lambda claim: claim.name))

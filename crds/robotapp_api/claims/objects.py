@@ -1,0 +1,261 @@
+"""The parts of Kubernetes objects the claim rules read, as small structs.
+
+Sweeps decode thousands of these straight from bytes; every field that is not named here is skipped by the decoder.
+Optional lists and maps have empty defaults, because the API server leaves empty ones out.
+"""
+
+from typing import Final
+
+import msgspec
+
+from robotapp_api.model.names import ClaimPhase, Label
+
+ROS_DOMAIN_ID: Final = "ROS_DOMAIN_ID"
+
+
+class Object(msgspec.Struct, rename="camel", frozen=True, kw_only=True):
+    """Base of all structs here: camelCase on the wire, immutable, compared by value.
+
+    Subclasses repeat `frozen` for the type checker; the wire names are inherited.
+    """
+
+
+class Meta(Object, frozen=True, kw_only=True):
+    name: str = ""
+    namespace: str = ""
+    uid: str = ""
+    resource_version: str = ""
+    generation: int = 0
+    labels: dict[str, str] = {}
+    annotations: dict[str, str] = {}
+    deletion_timestamp: str | None = None
+
+    @property
+    def app_uid(self) -> str:
+        return self.labels.get(Label.APP_UID, "")
+
+    @property
+    def instance(self) -> str:
+        return self.labels.get(Label.INSTANCE, "")
+
+
+# Claims
+
+
+class DomainThing(Object, frozen=True, kw_only=True):
+    pool: str
+    scope: str
+    id: int
+    scope_value: str = ""
+
+
+class DeviceThing(Object, frozen=True, kw_only=True):
+    node: str
+    type: str
+    id: str
+    identity: str = ""
+
+
+class Holder(Object, frozen=True, kw_only=True):
+    """Who holds: a RobotApp's instance (and component, for devices) or a bare pod."""
+
+    api_version: str
+    kind: str
+    namespace: str
+    name: str
+    uid: str
+    instance: str = ""
+    component: str = ""
+
+    @property
+    def is_app(self) -> bool:
+        return self.kind != "Pod"
+
+
+class ClaimSpec(Object, frozen=True, kw_only=True):
+    holder: Holder
+    domain: DomainThing | None = None
+    device: DeviceThing | None = None
+
+
+class ClaimStatus(Object, frozen=True, kw_only=True):
+    phase: str = ClaimPhase.RESERVED
+    attempt: int = 0
+    node: str = ""
+    pod: str = ""
+    draining_since: str | None = None
+
+
+class Claim(Object, frozen=True, kw_only=True):
+    """A RobotClaim. `metadata.name` is the claimed thing."""
+
+    metadata: Meta
+    spec: ClaimSpec
+    status: ClaimStatus = ClaimStatus()
+
+    @property
+    def name(self) -> str:
+        return self.metadata.name
+
+    @property
+    def holder(self) -> Holder:
+        return self.spec.holder
+
+    @property
+    def draining(self) -> bool:
+        return self.status.phase == ClaimPhase.DRAINING
+
+
+class PoolQuota(Object, frozen=True, kw_only=True):
+    default: int = 0
+    namespaces: dict[str, int] = {}
+
+
+class PoolSpec(Object, frozen=True, kw_only=True):
+    scope: str = "Cluster"
+    ids: str = ""
+    shared_ids: str = ""
+    reserved: tuple[int, ...] = ()
+    quarantine_seconds: int = 60
+    quota: PoolQuota = PoolQuota()
+
+
+class Pool(Object, frozen=True, kw_only=True):
+    metadata: Meta
+    spec: PoolSpec = PoolSpec()
+
+
+# Workloads
+
+
+class EnvVar(Object, frozen=True, kw_only=True):
+    name: str
+    value: str = ""
+
+
+class Container(Object, frozen=True, kw_only=True):
+    env: tuple[EnvVar, ...] = ()
+
+
+class PodSpec(Object, frozen=True, kw_only=True):
+    containers: tuple[Container, ...] = ()
+    init_containers: tuple[Container, ...] = ()
+    node_name: str = ""
+
+
+class PodStatus(Object, frozen=True, kw_only=True):
+    phase: str = ""
+
+
+class Pod(Object, frozen=True, kw_only=True):
+    metadata: Meta
+    spec: PodSpec = PodSpec()
+    status: PodStatus = PodStatus()
+
+    @property
+    def terminal(self) -> bool:
+        """The containers have ended for good. A terminating pod is not terminal: it may still transmit."""
+        return self.status.phase in {"Succeeded", "Failed"}
+
+
+class Template(Object, frozen=True, kw_only=True):
+    metadata: Meta = Meta()
+    spec: PodSpec = PodSpec()
+
+
+class DeploymentSpec(Object, frozen=True, kw_only=True):
+    template: Template = Template()
+    replicas: int = 1
+
+
+class Deployment(Object, frozen=True, kw_only=True):
+    metadata: Meta
+    spec: DeploymentSpec = DeploymentSpec()
+
+
+class ReplicaSetStatus(Object, frozen=True, kw_only=True):
+    replicas: int = 0
+
+
+class ReplicaSet(Object, frozen=True, kw_only=True):
+    metadata: Meta
+    spec: DeploymentSpec = DeploymentSpec()
+    status: ReplicaSetStatus = ReplicaSetStatus()
+
+
+# Apps, as far as the sweep asks whether they still want something
+
+
+class SharedApp(Object, frozen=True, kw_only=True):
+    name: str
+    namespace: str = ""
+
+
+class Dds(Object, frozen=True, kw_only=True):
+    domain: int | None = None
+    pool: str = "default"
+    isolation: str = "Domain"
+    share_with: tuple[SharedApp, ...] = ()
+
+
+class LabelExpression(Object, frozen=True, kw_only=True):
+    key: str
+    operator: str
+    values: tuple[str, ...] = ()
+
+
+class LabelSelector(Object, frozen=True, kw_only=True):
+    match_labels: dict[str, str] = {}
+    match_expressions: tuple[LabelExpression, ...] = ()
+
+
+class Robots(Object, frozen=True, kw_only=True):
+    selector: LabelSelector = LabelSelector()
+    instances: str = "Each"
+
+
+class DeviceRequirement(Object, frozen=True, kw_only=True):
+    name: str = ""
+    type: str = ""
+    model: str = ""
+    interface: str = ""
+    match: str | None = None
+    exclusive: bool = True
+
+
+class Component(Object, frozen=True, kw_only=True):
+    name: str
+    devices: tuple[DeviceRequirement, ...] = ()
+    replicas: int = 1
+
+
+class Ros(Object, frozen=True, kw_only=True):
+    version: int | None = None
+    distro: str = ""
+
+
+class AppSpec(Object, frozen=True, kw_only=True):
+    suspend: bool = False
+    components: tuple[Component, ...] = ()
+    dds: Dds | None = None
+    robots: Robots | None = None
+    ros: Ros | None = None
+
+
+class App(Object, frozen=True, kw_only=True):
+    """A RobotApp."""
+
+    metadata: Meta
+    spec: AppSpec = AppSpec()
+
+
+class TelemetryDevice(Object, frozen=True, kw_only=True):
+    """A device a node's agent reports (NodeTelemetry status.devices)."""
+
+    id: str
+    type: str
+    model: str = ""
+    interface: str = ""
+    identity: str = ""
+    present: bool = True
+    path: str = ""

@@ -1,0 +1,95 @@
+"""Rule 2: how a claim is given back. In two phases, only on facts that were read after the claim itself."""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from enum import StrEnum
+
+from robotapp_api.claims.domain import wanted_id
+from robotapp_api.claims.identity import granted_devices, granted_domain
+from robotapp_api.claims.objects import App, Claim, Pod
+
+
+class Release(StrEnum):
+    """What the sweep does with a claim now."""
+
+    KEEP = "Keep"
+    RESTORE = "Restore"
+    """Draining but used or wanted again: back to Reserved."""
+    DRAIN = "Drain"
+    """Phase 1: unused. Adopters and bindings stop here, nobody has lost anything yet."""
+    WAIT = "Wait"
+    """Draining, and the quarantine (domains) or handover (devices) still runs."""
+    DELETE = "Delete"
+    """Phase 2: still unused after the rest."""
+
+
+@dataclass(frozen=True, slots=True)
+class Preconditions:
+    """What a destructive write must carry: with the uid alone a claim that was adopted meanwhile would be lost."""
+
+    uid: str
+    resource_version: str
+
+
+def preconditions(claim: Claim) -> Preconditions:
+    return Preconditions(claim.metadata.uid, claim.metadata.resource_version)
+
+
+def release_domain(*, draining: bool, wanted: bool, used: bool, rested: bool) -> Release:
+    """The two phases. `wanted` and `used` come from reads made after the claim was read in this very phase."""
+    if wanted or used:
+        return Release.RESTORE if draining else Release.KEEP
+    if not draining:
+        return Release.DRAIN
+    return Release.DELETE if rested else Release.WAIT
+
+
+def is_gone(found: App | Pod | None, uid: str) -> bool:
+    """Gone is a 404 (None) or another uid under the name. Errors never get here: they end the pass."""
+    return found is None or found.metadata.uid != uid
+
+
+def wants_domain(app: App, claim: Claim, siblings: Collection[Claim], *, named: Collection[int]) -> bool:
+    """Whether a live app, whose instance is wanted, wants this very claim (rule 4).
+
+    siblings: all domain claims of the same instance, this one included. named: ids its Deployments name.
+    """
+    dds, thing = app.spec.dds, claim.spec.domain
+    pool, requested = (dds.pool, dds.domain) if dds else ("default", None)
+    joins = dds is not None and (dds.isolation == "Discovery" or bool(joined(app)))
+    ros1 = app.spec.ros is not None and app.spec.ros.version == 1
+    if thing is None or thing.pool != pool or joins or ros1:
+        return False
+    held = {c.spec.domain.id for c in siblings if c.spec.domain and c.spec.domain.pool == pool}
+    wanted = wanted_id(
+        held=held, named=named, uid=claim.holder.uid, instance=claim.holder.instance, requested=requested
+    )
+    return thing.id == wanted
+
+
+def joined(app: App) -> tuple[tuple[str, str], ...]:
+    """(namespace, name) of the apps whose domain this app asks to share."""
+    shared = app.spec.dds.share_with if app.spec.dds else ()
+    return tuple((other.namespace or app.metadata.namespace, other.name) for other in shared)
+
+
+# Bare pods (F1-F3 of the reference): the pod itself holds
+
+
+def pod_lost(pod: Pod | None, claim: Claim) -> bool:
+    """F1 the pod is gone, F2 it has ended, F3 it is bound and was not granted this thing."""
+    if pod is None or is_gone(pod, claim.holder.uid) or pod.terminal:
+        return True
+    return bool(pod.spec.node_name) and not names_thing(pod, claim)
+
+
+def names_thing(pod: Pod, claim: Claim) -> bool:
+    """Whether the grants of a bound pod name the claimed thing."""
+    if claim.spec.domain:
+        return granted_domain(pod.metadata.annotations) == claim.spec.domain.id
+    device = claim.spec.device
+    return (
+        device is not None
+        and pod.spec.node_name == device.node
+        and device.id in granted_devices(pod.metadata.annotations)
+    )

@@ -1,0 +1,127 @@
+"""The other direction of the sweep: something runs with a grant whose claim is gone, for example deleted by hand.
+
+The claim is created again for who runs. If somebody else holds the thing by then, nobody is robbed silently: both are
+told (ClaimConflict) and a person decides.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from robotapp_api.claims.identity import (
+    Found,
+    claim_name,
+    device_spec,
+    domain_spec,
+    granted_devices,
+    granted_domain,
+    holder_of_app,
+    holder_of_pod,
+    holder_text,
+    same_tuple,
+    thing_text,
+)
+from robotapp_api.claims.objects import Claim, ClaimSpec, Holder, Meta, Pod
+from robotapp_api.claims.usage import named_ids
+from robotapp_api.model.names import Annotation, Label
+
+UNKNOWN_DEVICE_TYPE = "unknown"
+"""Type written when a claim is re-created: only its node and id name the device."""
+
+
+@dataclass(frozen=True, slots=True)
+class Missing:
+    """A claim that must exist. pod_uid: for a device, the pod that uses it."""
+
+    spec: ClaimSpec
+    pod_uid: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ClaimConflict:
+    """Somebody runs with a thing that another one holds. Told about, never resolved by stealing."""
+
+    runs: Holder
+    holds: Holder
+    claim: str
+    thing: str
+
+    def message(self, *, for_namespace: str) -> str:
+        runs = holder_text(self.runs, for_namespace=for_namespace)
+        holds = holder_text(self.holds, for_namespace=for_namespace)
+        return f"{self.thing} is held by {holds}, but {runs} runs with it: delete the pods of one of them"
+
+
+def runs(pod: Pod) -> bool:
+    """Bound and not ended: its containers may have the thing in use."""
+    return bool(pod.spec.node_name) and not pod.terminal
+
+
+def app_holder(meta: Meta, *, component: str = "") -> Holder:
+    return holder_of_app(
+        namespace=meta.namespace,
+        name=meta.labels.get(Label.APP, ""),
+        uid=meta.app_uid,
+        instance=meta.instance,
+        component=component,
+    )
+
+
+def needed_by(pod: Pod) -> Iterable[Missing]:
+    """Claims a running pod stands on. Claims per zone or node are rebuilt where the pod's node says which."""
+    if not runs(pod):
+        return
+    meta, node = pod.metadata, pod.spec.node_name
+    is_child = bool(meta.app_uid)
+    component = meta.labels.get(Label.COMPONENT, "")
+    device_holder = (
+        app_holder(meta, component=component)
+        if is_child
+        else holder_of_pod(namespace=meta.namespace, name=meta.name, uid=meta.uid)
+    )
+    for device in sorted(granted_devices(meta.annotations)):
+        spec = device_spec(
+            node=node, device_type=UNKNOWN_DEVICE_TYPE, device_id=device, identity="", holder=device_holder
+        )
+        yield Missing(spec, pod_uid=meta.uid)
+    domain = _domain_spec(pod, device_holder)
+    if domain is not None:
+        yield Missing(domain)
+
+
+def _domain_spec(pod: Pod, pod_holder: Holder) -> ClaimSpec | None:
+    meta = pod.metadata
+    if meta.app_uid:
+        parts = meta.annotations.get(Annotation.DOMAIN_CLAIM, "").split(".")
+        ids = named_ids(pod.spec)
+        if len(parts) != 4 or len(ids) != 1 or not meta.labels.get(Label.APP):
+            return None
+        holder, number = app_holder(meta), next(iter(ids))
+    else:
+        granted = granted_domain(meta.annotations)
+        if granted is None:
+            return None
+        holder, number, parts = pod_holder, granted, ["dds", "default", "c", str(granted)]
+    scope, value = ("Cluster", "") if parts[2] == "c" else ("Node", pod.spec.node_name)
+    spec = domain_spec(pool=parts[1], scope=scope, scope_value=value, domain_id=number, holder=holder)
+    return spec if claim_name(spec) == ".".join(parts) else None
+
+
+def missing_claims(pods: Iterable[Pod], claims: Mapping[str, Claim]) -> dict[str, Missing]:
+    """By claim name, what running pods stand on and nobody holds. Decide on pods that were read before the claims."""
+    return {
+        name: missing for pod in pods for missing in needed_by(pod) if (name := claim_name(missing.spec)) not in claims
+    }
+
+
+def conflicts(pods: Iterable[Pod], claims: Mapping[str, Claim]) -> list[ClaimConflict]:
+    """Running pods whose thing another holder has."""
+    found = {}
+    for pod in pods:
+        for needed in needed_by(pod):
+            claim = claims.get(claim_name(needed.spec))
+            if claim is not None and same_tuple(needed.spec, claim.spec) is Found.TAKEN:
+                key = (claim.name, needed.spec.holder.uid, needed.spec.holder.instance)
+                found[key] = ClaimConflict(
+                    runs=needed.spec.holder, holds=claim.holder, claim=claim.name, thing=thing_text(claim.spec)
+                )
+    return list(found.values())

@@ -1,0 +1,98 @@
+"""The five writes of the claim protocol. Each names the exact version it is about; none is ever repeated blindly.
+
+`Refused` means that the object changed or vanished since it was read: the caller reads again and decides anew.
+"""
+
+from typing import Any, Protocol, TypeVar
+
+import msgspec
+
+from robotapp_api.claims.identity import claim_object
+from robotapp_api.claims.objects import Claim, ClaimSpec
+from robotapp_api.claims.release import preconditions
+from robotapp_api.client.api import Json, Listing
+from robotapp_api.client.errors import AlreadyExists, Conflict, NotFound
+from robotapp_api.client.resources import ROBOTCLAIMS, Resource
+from robotapp_api.model.names import API_VERSION, ClaimPhase
+
+T = TypeVar("T")
+
+
+class Api(Protocol):
+    """What claims need of an ApiClient; all reads are quorum reads."""
+
+    async def get(self, resource: Resource, name: str, *, namespace: str | None = None, as_type: type[T]) -> T: ...
+    async def list(
+        self,
+        resource: Resource,
+        *,
+        namespace: str | None = None,
+        label_selector: str = "",
+        field_selector: str = "",
+        as_type: type[T],
+    ) -> Listing[T]: ...
+    async def create(self, resource: Resource, obj: Json, *, namespace: str | None = None) -> Json: ...
+    async def replace(
+        self, resource: Resource, obj: Json, *, namespace: str | None = None, subresource: str = ""
+    ) -> Json: ...
+    async def delete(
+        self, resource: Resource, name: str, *, uid: str | None = None, resource_version: str | None = None
+    ) -> None: ...
+
+
+class Refused(Exception):  # noqa: N818 - a normal answer of the protocol, not an error
+    """The precondition did not hold any more."""
+
+
+async def create_claim(client: Api, spec: ClaimSpec) -> Claim | None:
+    """Take the thing; None when somebody (possibly ourselves, earlier) has it."""
+    try:
+        return msgspec.convert(await client.create(ROBOTCLAIMS, claim_object(spec)), Claim)
+    except AlreadyExists:
+        return None
+
+
+async def touch(client: Api, claim: Claim, *, pod: str = "", node: str = "") -> Claim:
+    """Adopt: attempt + 1, phase Reserved, by compare-and-swap. A release that has read the claim before now fails."""
+    return await _write_status(
+        client, claim, {"phase": ClaimPhase.RESERVED.value, "attempt": claim.status.attempt + 1} | _use(pod, node)
+    )
+
+
+async def drain(client: Api, claim: Claim) -> Claim:
+    """Phase 1 of a release; the pod of a device is forgotten, so that a successor may take it."""
+    return await _write_status(client, claim, {"phase": ClaimPhase.DRAINING.value, "attempt": claim.status.attempt})
+
+
+async def delete_claim(client: Api, claim: Claim) -> None:
+    """Phase 2 of a release, on condition of uid and resourceVersion. Already gone is fine."""
+    condition = preconditions(claim)
+    try:
+        await client.delete(ROBOTCLAIMS, claim.name, uid=condition.uid, resource_version=condition.resource_version)
+    except Conflict as refusal:
+        raise Refused from refusal
+    except NotFound:
+        return
+
+
+def _use(pod: str, node: str) -> dict[str, Any]:
+    return {key: value for key, value in (("pod", pod), ("node", node)) if value}
+
+
+async def _write_status(client: Api, claim: Claim, status: dict[str, Any]) -> Claim:
+    condition = preconditions(claim)
+    body = {
+        "apiVersion": API_VERSION,
+        "kind": "RobotClaim",
+        "metadata": {
+            "name": claim.name,
+            "uid": condition.uid,
+            "resourceVersion": condition.resource_version,
+        },
+        "spec": claim_object(claim.spec)["spec"],
+        "status": status,
+    }
+    try:
+        return msgspec.convert(await client.replace(ROBOTCLAIMS, body, subresource="status"), Claim)
+    except (Conflict, NotFound) as refusal:
+        raise Refused from refusal

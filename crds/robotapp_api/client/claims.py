@@ -1,0 +1,286 @@
+"""Domains: the steps of an operator (rule 5) and the scheduler's bind check (rule 1), with their reads in order."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+
+from robotapp_api.claims import domain as rules
+from robotapp_api.claims.bind import ALLOWED, BindVerdict, bind_verdict, needs_check, shared_verdict
+from robotapp_api.claims.domain import DomainOutcome, DomainPlan, DomainRequest, Step
+from robotapp_api.claims.identity import Found, claim_name, same_tuple
+from robotapp_api.claims.objects import App, Claim, Deployment, Holder, Pod, Pool
+from robotapp_api.claims.release import joined
+from robotapp_api.claims.share import AppKey, Join, owner_of, sharer_instance
+from robotapp_api.claims.usage import deployment_ids, named_ids
+from robotapp_api.client.claim_writes import Api, Refused, create_claim, touch
+from robotapp_api.client.errors import NotFound
+from robotapp_api.client.resources import DEPLOYMENTS, DOMAINPOOLS, ROBOTAPPS, ROBOTCLAIMS
+from robotapp_api.model.names import Annotation, Label, Reason
+from robotapp_api.values.ranges import parse_ids
+
+RESTARTS = 5
+"""Start over this often within one call when another writer was faster; then the caller's queue backs off."""
+LIST_AFTER_CONFLICTS = 3
+"""In a crowded pool one LIST is cheaper than trying every id."""
+
+
+async def ensure_domain(
+    client: Api,
+    request: DomainRequest,
+    *,
+    deployments: Sequence[Deployment] | None = None,
+    shared_uses: Mapping[int, int] | None = None,
+) -> DomainOutcome:
+    """The domain of one app instance: kept, adopted, created, joined, or a value that says why there is none.
+
+    deployments: the instance's Deployments when the caller has them (a cache will do: their resourceVersion fences the
+    template write); read here otherwise. shared_uses: users per shared id, for isolation Discovery.
+    Raises ApiError or Unreachable; a claim whose create got no answer is found and adopted by the next call.
+    """
+    for _ in range(RESTARTS):
+        try:
+            return await _ensure_once(client, request, deployments=deployments, shared_uses=shared_uses or {})
+        except Refused:
+            deployments = None
+    return DomainOutcome(Reason.PENDING, "another operator works on this app; trying again")
+
+
+async def _ensure_once(
+    client: Api,
+    request: DomainRequest,
+    *,
+    deployments: Sequence[Deployment] | None,
+    shared_uses: Mapping[int, int],
+) -> DomainOutcome:
+    holder = request.holder
+    app = await find_app(client, (holder.namespace, holder.name))
+    if app is None or app.metadata.uid != holder.uid:
+        return DomainOutcome(Reason.PENDING, f"RobotApp {holder.namespace}/{holder.name} is gone", gone=True)
+    if deployments is None:
+        deployments = await instance_deployments(client, holder)
+    join = await resolve_owner(client, app) if request.share_with else Join((holder.namespace, holder.name))
+    if join.owner is None:
+        return _without(DomainOutcome(Reason.INVALID_SPEC, join.message), deployments, held=())
+    if join.owner != (holder.namespace, holder.name):
+        return await _join(client, request, join.owner, deployments)
+    try:
+        pool = await client.get(DOMAINPOOLS, request.pool, as_type=Pool)
+    except NotFound:
+        return _without(rules.pool_not_found(request.pool), deployments, held=())
+    if request.isolation == "Discovery":
+        named = {number for deployment in deployments for number in deployment_ids(deployment)}
+        outcome = rules.shared_id(pool, uses=shared_uses, named=named, uid=holder.uid, instance=holder.instance)
+        return _without(outcome, deployments, held=() if outcome.id is None else (outcome.id,))
+    refusal = rules.check_request(request, pool)
+    if refusal is not None:
+        return _without(refusal, deployments, held=())
+    return await _own(client, request, pool, deployments)
+
+
+async def _own(client: Api, request: DomainRequest, pool: Pool, deployments: Sequence[Deployment]) -> DomainOutcome:
+    holder = request.holder
+    claims = await instance_claims(client, holder.uid, instance=holder.instance)
+    held = rules.held_ids(claims, request, pool.spec.scope)
+    plan = rules.plan_domain(
+        held={number: claim.draining for number, claim in held.items()},
+        named=[deployment_ids(deployment) for deployment in deployments],
+        free=rules.free_ids(pool, claims, request),
+        uid=holder.uid,
+        instance=holder.instance,
+        requested=request.requested_id,
+    )
+    if plan.id is None:
+        outcome = await _create(client, request, pool, plan)
+    else:
+        claim = held[plan.id]
+        if plan.step is Step.ADOPT:
+            await touch(client, claim)
+        outcome = _held(claim)
+    own = set(held) if outcome.id is None else {outcome.id}
+    return _without(outcome, deployments, held=own)
+
+
+async def _create(client: Api, request: DomainRequest, pool: Pool, plan: DomainPlan) -> DomainOutcome:
+    """Try the candidates in their order. Only a create decides; the LIST merely spares tries that would fail."""
+    if rules.quota_of(pool, request.holder.namespace):
+        mine = [c for c in await pool_claims(client, request) if c.holder.namespace == request.holder.namespace]
+        refusal = rules.over_quota(request, pool, held=len(mine))
+        if refusal is not None:
+            return refusal
+    taken: set[int] = set()
+    conflicts = 0
+    for number in plan.candidates:
+        if number in taken:
+            continue
+        spec = rules.spec_for(request, pool.spec.scope, number)
+        claim = await create_claim(client, spec)
+        if claim is not None:
+            return replace(_held(claim), created=True)
+        name = claim_name(spec)
+        existing = await find_claim(client, name)
+        if existing is None or same_tuple(spec, existing.spec) is Found.MINE:
+            raise Refused  # it was freed just now, or an earlier create of ours is here: start over and adopt it
+        if request.requested_id is not None:
+            return rules.taken(request, existing.holder)
+        conflicts += 1
+        if conflicts % LIST_AFTER_CONFLICTS == 0:
+            claims = await pool_claims(client, request)
+            if rules.held_ids(claims, request, pool.spec.scope):
+                raise Refused  # another operator took one for this instance meanwhile
+            taken = {c.spec.domain.id for c in claims if c.spec.domain and _same_scope(c, request)}
+    claims = [c for c in await pool_claims(client, request) if _same_scope(c, request)]
+    return rules.exhausted(request, pool, claimed=len(claims), resting=sum(c.draining for c in claims))
+
+
+def _same_scope(claim: Claim, request: DomainRequest) -> bool:
+    return claim.spec.domain is not None and claim.spec.domain.scope_value == request.scope_value
+
+
+def _held(claim: Claim) -> DomainOutcome:
+    domain = claim.spec.domain
+    assert domain is not None  # noqa: S101 - only domain claims get here
+    return DomainOutcome(Reason.ALLOCATED, f"domain {domain.id} of pool {domain.pool}", id=domain.id, claim=claim.name)
+
+
+def _without(outcome: DomainOutcome, deployments: Sequence[Deployment], *, held: Iterable[int]) -> DomainOutcome:
+    """The outcome with what the caller's template writes need."""
+    return replace(
+        outcome,
+        fences=rules.fences_of(deployments),
+        unheld=rules.naming_unheld(deployments, set(held)),
+    )
+
+
+async def _join(client: Api, request: DomainRequest, owner: AppKey, deployments: Sequence[Deployment]) -> DomainOutcome:
+    """shareWith: carry the id that the owner's instance holds; wait while it has none."""
+    app = await find_app(client, owner)
+    claims = [] if app is None else await instance_claims(client, app.metadata.uid)
+    instances = tuple(sorted({claim.holder.instance for claim in claims if not claim.draining}))
+    instance = sharer_instance(request.holder.instance, instances)
+    claim = next((c for c in claims if c.holder.instance == instance and not c.draining), None)
+    if claim is None:
+        text = f"waits for the domain of {'/'.join(owner)}, which dds.shareWith names"
+        return _without(DomainOutcome(Reason.PENDING, text), deployments, held=())
+    outcome = _held(claim)
+    joined = replace(outcome, message=f"{outcome.message}, shared with {'/'.join(owner)}")
+    return _without(joined, deployments, held=() if joined.id is None else (joined.id,))
+
+
+# Reads
+
+
+async def find_app(client: Api, key: AppKey) -> App | None:
+    try:
+        return await client.get(ROBOTAPPS, key[1], namespace=key[0], as_type=App)
+    except NotFound:
+        return None
+
+
+async def find_claim(client: Api, name: str) -> Claim | None:
+    try:
+        return await client.get(ROBOTCLAIMS, name, as_type=Claim)
+    except NotFound:
+        return None
+
+
+async def instance_deployments(client: Api, holder: Holder) -> list[Deployment]:
+    selector = f"{Label.APP_UID}={holder.uid},{Label.INSTANCE}={holder.instance}"
+    listing = await client.list(DEPLOYMENTS, namespace=holder.namespace, label_selector=selector, as_type=Deployment)
+    return listing.items
+
+
+async def instance_claims(client: Api, uid: str, *, instance: str | None = None) -> list[Claim]:
+    """Domain claims of an app or of one instance. By spec fields: labels of a claim can be changed, its spec cannot."""
+    selector = f"spec.holder.uid={uid}"
+    if instance is not None:
+        selector += f",spec.holder.instance={instance}"
+    listing = await client.list(ROBOTCLAIMS, field_selector=selector, as_type=Claim)
+    return [claim for claim in listing.items if claim.spec.domain is not None]
+
+
+async def pool_claims(client: Api, request: DomainRequest) -> list[Claim]:
+    listing = await client.list(ROBOTCLAIMS, field_selector=f"spec.domain.pool={request.pool}", as_type=Claim)
+    return listing.items
+
+
+async def resolve_owner(client: Api, app: App) -> Join:
+    """Read the apps that shareWith leads to, then decide."""
+    known: dict[AppKey, App | None] = {(app.metadata.namespace, app.metadata.name): app}
+    while True:
+        wanted: list[AppKey] = []
+
+        def lookup(key: AppKey, wanted: list[AppKey] = wanted) -> App | None:
+            if key not in known:
+                wanted.append(key)
+            return known.get(key)
+
+        join = owner_of(app, lookup)
+        if not wanted:
+            return join
+        for key in wanted:
+            known[key] = await find_app(client, key)
+
+
+# The scheduler's side
+
+
+async def check_bind(client: Api, pod: Pod) -> BindVerdict:
+    """Rule 1 for one pod. Call it after the pod was seen pending; bind with the pod's uid at once when allowed."""
+    return (await check_bind_all(client, (pod,)))[0]
+
+
+async def check_bind_all(client: Api, pods: Sequence[Pod]) -> list[BindVerdict]:
+    """Rule 1 for pods that have all been seen pending before this call: one read per claim, not per pod."""
+    read: dict[str, Claim | None] = {}
+    verdicts: list[BindVerdict] = []
+    for pod in pods:
+        if not needs_check(pod):
+            verdicts.append(ALLOWED)
+            continue
+        name = pod.metadata.annotations.get(Annotation.DOMAIN_CLAIM, "")
+        if not name:
+            verdicts.append(await _check_without_annotation(client, pod))
+            continue
+        if name not in read:
+            read[name] = await find_claim(client, name)
+        claim = read[name]
+        verdict = bind_verdict(pod, claim)
+        if not verdict.allowed and claim is not None and await _shares(client, pod, claim):
+            verdict = bind_verdict(pod, claim, sharing=(claim.holder.uid,))
+        verdicts.append(verdict)
+    return verdicts
+
+
+async def _check_without_annotation(client: Api, pod: Pod) -> BindVerdict:
+    claims = await instance_claims(client, pod.metadata.app_uid, instance=pod.metadata.instance)
+    ids = named_ids(pod.spec)
+    match = [claim for claim in claims if claim.spec.domain and {claim.spec.domain.id} == ids]
+    standing = [claim for claim in match if not claim.draining]
+    verdict = bind_verdict(pod, next(iter(standing or match), None))
+    if match:
+        return verdict
+    app = await _app_of(client, pod)
+    if app is None or app.spec.dds is None or app.spec.dds.isolation != "Discovery":
+        return verdict
+    try:
+        pool = await client.get(DOMAINPOOLS, app.spec.dds.pool, as_type=Pool)
+    except NotFound:
+        return verdict
+    return shared_verdict(pod, parse_ids(pool.spec.shared_ids))
+
+
+async def _app_of(client: Api, pod: Pod) -> App | None:
+    name = pod.metadata.labels.get(Label.APP, "")
+    app = await find_app(client, (pod.metadata.namespace, name)) if name else None
+    return app if app is not None and app.metadata.uid == pod.metadata.app_uid else None
+
+
+async def _shares(client: Api, pod: Pod, claim: Claim) -> bool:
+    """Whether the pod's app joins the holder's domain on purpose, as both apps say now."""
+    holder = claim.holder
+    if not holder.is_app or holder.uid == pod.metadata.app_uid:
+        return False
+    app = await _app_of(client, pod)
+    if app is None or not joined(app):
+        return False
+    join = await resolve_owner(client, app)
+    return join.owner == (holder.namespace, holder.name)

@@ -1,0 +1,183 @@
+"""The sweep gives claims back. Operator and scheduler both run it; any number of sweepers may run at once.
+
+Level-triggered: a pass looks at the state and never at what an event said. Events only make the next pass come sooner.
+Time is this process's monotonic clock since it first saw a claim Draining; a restart begins the rest anew.
+"""
+
+import asyncio
+import logging
+import time
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable
+from typing import Final
+
+import msgspec
+
+from robotapp_api.claims.device import PodUse, pod_use, release_device, wants_devices
+from robotapp_api.claims.objects import Claim, Pod
+from robotapp_api.claims.release import Release, pod_lost, release_domain
+from robotapp_api.claims.repair import ClaimConflict
+from robotapp_api.client.claim_repair import repair
+from robotapp_api.client.claim_writes import Api, Refused, delete_claim, drain, touch
+from robotapp_api.client.errors import ClientError, describe
+from robotapp_api.client.sweep_view import View, read_view, used_on_node
+
+log = logging.getLogger(__name__)
+
+PERIOD_S: Final = 30.0
+HANDOVER_S: Final = 15.0
+PAUSE_S: Final = 0.1
+"""Least time between passes: a burst of deletions is one pass."""
+DUTY: Final = 4.0
+"""A pass is followed by a pause of this many times its length, so that a storm costs a fifth of the time at most."""
+
+
+class Rests:
+    """Since when each Draining claim has been resting: by uid and version, so that a touch starts over."""
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        self._clock = clock
+        self._since: dict[tuple[str, str], float] = {}
+        self._due: list[float] = []
+
+    def __repr__(self) -> str:
+        return f"<Rests of {len(self._since)} claims>"
+
+    def start_pass(self, claims: Iterable[Claim]) -> None:
+        present = {self._key(claim) for claim in claims}
+        self._since = {key: since for key, since in self._since.items() if key in present}
+        self._due = []
+
+    def rested(self, claim: Claim, rest_s: float) -> bool:
+        """Whether `rest_s` have passed since this sweeper first saw the claim in this version."""
+        now = self._clock()
+        end = self._since.setdefault(self._key(claim), now) + rest_s
+        if end > now:
+            self._due.append(end)
+        return end <= now
+
+    def next_due_s(self) -> float | None:
+        """Seconds until the first rest ends."""
+        return min(self._due) - self._clock() if self._due else None
+
+    @staticmethod
+    def _key(claim: Claim) -> tuple[str, str]:
+        return (claim.metadata.uid, claim.metadata.resource_version)
+
+
+class Sweeper:
+    """Gives back what nobody uses, and re-creates claims that something running stands on.
+
+    namespaces: sweep only holders there (a namespaced operator); None sweeps all. granted_pods: bare pods with grants,
+    from a cache, to be repaired. on_conflict is told about things with two users. counts: writes and passes by kind.
+    """
+
+    def __init__(
+        self,
+        client: Api,
+        *,
+        period_s: float = PERIOD_S,
+        handover_s: float = HANDOVER_S,
+        namespaces: Collection[str] | None = None,
+        granted_pods: Callable[[], Iterable[Pod]] = tuple,
+        on_conflict: Callable[[ClaimConflict], None] | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.counts: Counter[str] = Counter()
+        self._client = client
+        self._period_s = period_s
+        self._handover_s = handover_s
+        self._namespaces = namespaces
+        self._granted_pods = granted_pods
+        self._on_conflict = on_conflict or (lambda _: None)
+        self._clock = clock
+        self._rests = Rests(clock)
+        self._woken = asyncio.Event()
+
+    def __repr__(self) -> str:
+        return f"<Sweeper every {self._period_s} s: {dict(self.counts)}>"
+
+    def wake(self) -> None:
+        """Sweep soon: call it when a pod, Deployment, RobotApp or claim was deleted or has ended."""
+        self._woken.set()
+
+    async def run(self) -> None:
+        """Sweep for ever; failed passes are logged and counted, and the next one starts from nothing."""
+        while True:
+            started = self._clock()
+            self._woken.clear()
+            due_s: float | None = None
+            try:
+                await self.sweep_once()
+                due_s = self._rests.next_due_s()
+            except (ClientError, msgspec.ValidationError) as error:
+                self.counts["failed passes"] += 1
+                log.warning("sweep ended early, nothing was concluded from it: %s", describe(error))
+            await asyncio.sleep(max(PAUSE_S, DUTY * (self._clock() - started)))
+            wait_s = self._period_s if due_s is None else min(self._period_s, max(due_s, 0))
+            try:
+                await asyncio.wait_for(self._woken.wait(), max(0, started + wait_s - self._clock()))
+            except TimeoutError:
+                continue
+
+    async def sweep_once(self) -> None:
+        """One pass. Raises what a read or write raised; whatever it has done so far stands on its own."""
+        view = await read_view(self._client, self._namespaces)
+        self._rests.start_pass(view.claims)
+        for claim in view.claims:
+            decision = await self._decide(view, claim)
+            try:
+                await self._act(claim, decision)
+            except Refused:
+                self.counts["refused"] += 1  # somebody else wrote to it: the next pass sees what
+        pods = [*view.pods.values(), *self._granted_pods()]
+        for conflict in await repair(self._client, pods, view.claims, counts=self.counts):
+            self._on_conflict(conflict)
+        self.counts["passes"] += 1
+
+    async def _decide(self, view: View, claim: Claim) -> Release:
+        if not claim.holder.is_app:
+            return await self._decide_pod(view, claim)
+        return await (self._decide_device(view, claim) if claim.spec.device else self._decide_domain(view, claim))
+
+    async def _decide_domain(self, view: View, claim: Claim) -> Release:
+        used = view.usage.uses(claim)
+        return release_domain(
+            draining=claim.draining,
+            wanted=not used and await view.wants(claim),
+            used=used,
+            rested=claim.draining and self._rests.rested(claim, view.rest_s(claim)),
+        )
+
+    async def _decide_device(self, view: View, claim: Claim) -> Release:
+        use = pod_use(claim, view.pods.get(claim.status.pod))
+        if use is PodUse.USES or (use is PodUse.GONE and await used_on_node(self._client, claim)):
+            return Release.KEEP
+        app = await view.app(claim.holder)
+        wanted = wants_devices(app, claim.holder) and (
+            app is not None and await view.instance_exists(app, claim.holder.instance)
+        )
+        waiting = use is PodUse.NONE
+        return release_device(
+            use=use, wanted=wanted, handed_over=waiting and self._rests.rested(claim, self._handover_s)
+        )
+
+    async def _decide_pod(self, view: View, claim: Claim) -> Release:
+        lost = pod_lost(await view.holder_pod(claim.holder), claim)
+        if claim.spec.device:
+            return Release.DELETE if lost else Release.KEEP
+        rested = claim.draining and self._rests.rested(claim, view.rest_s(claim))
+        return release_domain(draining=claim.draining, wanted=False, used=not lost, rested=rested)
+
+    async def _act(self, claim: Claim, decision: Release) -> None:
+        if decision in {Release.KEEP, Release.WAIT}:
+            return
+        if decision is Release.RESTORE:
+            await touch(self._client, claim)
+        elif decision is Release.DRAIN:
+            drained = await drain(self._client, claim)
+            self._rests.rested(drained, self._handover_s)
+        else:
+            await delete_claim(self._client, claim)
+        self.counts[decision.value] += 1
+        log.info("claim %s: %s", claim.name, decision.value)

@@ -1,0 +1,158 @@
+"""What one sweep pass knows: claims first, then everything that could use them, then single holders on demand.
+
+Every read here is a quorum read made after the claims were read. An error of any kind ends the pass: nothing may be
+concluded from an answer that did not come.
+"""
+
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field
+
+from robotapp_api.claims.identity import same_holder
+from robotapp_api.claims.instances import chosen_instance, robot_selector
+from robotapp_api.claims.objects import App, Claim, Deployment, Holder, Meta, Object, Pod, Pool, ReplicaSet
+from robotapp_api.claims.release import is_gone, wants_domain
+from robotapp_api.claims.usage import Usage, usage_of
+from robotapp_api.client.claim_writes import Api, T
+from robotapp_api.client.errors import NotFound
+from robotapp_api.client.resources import (
+    DEPLOYMENTS,
+    DOMAINPOOLS,
+    NODES,
+    PODS,
+    REPLICASETS,
+    ROBOTAPPS,
+    ROBOTCLAIMS,
+    Resource,
+)
+from robotapp_api.model.names import Label
+
+DEFAULT_QUARANTINE_S = 60
+
+
+class Named(Object, frozen=True, kw_only=True):
+    """Any object, by its metadata alone."""
+
+    metadata: Meta
+
+
+@dataclass(slots=True)
+class View:
+    """One pass over the cluster, or over `namespaces`."""
+
+    client: Api
+    claims: list[Claim]
+    usage: Usage
+    pods: dict[str, Pod]
+    """Pods of RobotApps by uid."""
+    quarantine_s: Mapping[str, int]
+    _apps: dict[tuple[str, str], App | None] = field(default_factory=dict)
+    _holder_pods: dict[tuple[str, str], Pod | None] = field(default_factory=dict)
+    _robots: dict[tuple[str, str], bool] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return f"<View of {len(self.claims)} claims, {len(self.pods)} pods>"
+
+    def rest_s(self, claim: Claim) -> float:
+        """Quarantine of a domain claim; a pool that was deleted keeps the default."""
+        pool = claim.spec.domain.pool if claim.spec.domain else ""
+        return self.quarantine_s.get(pool, DEFAULT_QUARANTINE_S)
+
+    async def app(self, holder: Holder) -> App | None:
+        """The holder's RobotApp; None when it is gone (404 or another uid). Read once per pass, after the listings."""
+        key = (holder.namespace, holder.name)
+        if key not in self._apps:
+            self._apps[key] = await find(self.client, ROBOTAPPS, holder.name, holder.namespace, App)
+        app = self._apps[key]
+        return None if is_gone(app, holder.uid) else app
+
+    async def holder_pod(self, holder: Holder) -> Pod | None:
+        """The bare pod that holds; None when it is gone."""
+        key = (holder.namespace, holder.name)
+        if key not in self._holder_pods:
+            self._holder_pods[key] = await find(self.client, PODS, holder.name, holder.namespace, Pod)
+        pod = self._holder_pods[key]
+        return None if is_gone(pod, holder.uid) else pod
+
+    async def wants(self, claim: Claim) -> bool:
+        """Whether the app behind a domain claim lives and wants exactly this id for this instance."""
+        app = await self.app(claim.holder)
+        if app is None or not await self.instance_exists(app, claim.holder.instance):
+            return False
+        siblings = [c for c in self.claims if c.spec.domain and same_holder(c.holder, claim.holder)]
+        return wants_domain(app, claim, siblings, named=self.usage.named_by_deployments(claim.holder))
+
+    async def instance_exists(self, app: App, instance: str) -> bool:
+        robots = app.spec.robots
+        if robots is None:
+            return not instance
+        if not instance or not await self._is_robot(app, instance):
+            return False
+        if robots.instances != "Any":
+            return True
+        uid = app.metadata.uid
+        claimed = {claim.holder.instance for claim in self.claims if claim.holder.uid == uid}
+        deployed = {key[1] for key in self.usage.deployments if key[0] == uid}
+        return chosen_instance(uid, claimed=claimed, deployed=deployed) == instance
+
+    async def _is_robot(self, app: App, robot: str) -> bool:
+        key = (app.metadata.uid, robot)
+        if key not in self._robots:
+            assert app.spec.robots is not None  # noqa: S101 - the caller has looked
+            selector = robot_selector(app.spec.robots.selector, robot)
+            nodes = await self.client.list(NODES, label_selector=selector, as_type=Named)
+            self._robots[key] = bool(nodes.items)
+        return self._robots[key]
+
+
+async def read_view(client: Api, namespaces: Collection[str] | None) -> View:
+    """Claims, then pools, Deployments, ReplicaSets and pods, one LIST each (one per namespace for a namespaced one)."""
+    listing = await client.list(ROBOTCLAIMS, as_type=Claim)
+    claims = [c for c in listing.items if namespaces is None or c.holder.namespace in namespaces]
+    pools = await client.list(DOMAINPOOLS, as_type=Pool)
+    deployments = await _children(client, DEPLOYMENTS, namespaces, Deployment)
+    replica_sets = await _children(client, REPLICASETS, namespaces, ReplicaSet)
+    pods = await _children(client, PODS, namespaces, Pod)
+    return View(
+        client=client,
+        claims=claims,
+        usage=usage_of(deployments=deployments, replica_sets=replica_sets, pods=pods),
+        pods={pod.metadata.uid: pod for pod in pods},
+        quarantine_s={pool.metadata.name: pool.spec.quarantine_seconds for pool in pools.items},
+    )
+
+
+async def _children(client: Api, resource: Resource, namespaces: Collection[str] | None, as_type: type[T]) -> list[T]:
+    """Objects of RobotApps: the label's existence keeps everybody else's pods out of the answer."""
+    places: Iterable[str | None] = (None,) if namespaces is None else sorted(namespaces)
+    found: list[T] = []
+    for namespace in places:
+        listing = await client.list(resource, namespace=namespace, label_selector=Label.APP_UID, as_type=as_type)
+        found += listing.items
+    return found
+
+
+async def find(client: Api, resource: Resource, name: str, namespace: str, as_type: type[T]) -> T | None:
+    """The object, or None when the API server itself says that this very object does not exist.
+
+    A 404 of a proxy, or of a resource the server does not serve at the moment, is an error like any other.
+    """
+    try:
+        return await client.get(resource, name, namespace=namespace, as_type=as_type)
+    except NotFound as error:
+        if error.reason == "NotFound" and f'"{name}" not found' in error.message:
+            return None
+        raise
+
+
+async def used_on_node(client: Api, claim: Claim) -> bool:
+    """Whether the pod of a device claim is still on the device's node, whatever became of its labels.
+
+    The last look before a device goes to somebody else: a person may have taken the labels off a running pod.
+    """
+    device = claim.spec.device
+    if device is None or not claim.status.pod:
+        return False
+    pods = await client.list(
+        PODS, namespace=claim.holder.namespace, field_selector=f"spec.nodeName={device.node}", as_type=Pod
+    )
+    return any(pod.metadata.uid == claim.status.pod and not pod.terminal for pod in pods.items)

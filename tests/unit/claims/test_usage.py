@@ -1,0 +1,116 @@
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.support.claims_objects import (
+    app_holder,
+    deployment,
+    device_claim,
+    domain_claim,
+    labels,
+    pod,
+    pod_spec,
+    replica_set,
+)
+
+from robotapp_api.claims.objects import Deployment, Pod, ReplicaSet
+from robotapp_api.claims.usage import named_ids, usage_of
+
+seven = domain_claim(7)
+
+
+@pytest.mark.parametrize(
+    ("objects", "used"),
+    [
+        ({"deployments": [deployment(7)]}, True),
+        ({"deployments": [deployment(7, replicas=0)]}, True),
+        ({"deployments": [deployment(8)]}, False),
+        ({"deployments": [deployment()]}, False),
+        ({"deployments": [deployment("seven")]}, False),
+        ({"deployments": [deployment(7, of=labels("app-2"))]}, False),
+        ({"deployments": [deployment(7, of=labels(instance="amr-1"))]}, False),
+        ({"deployments": [deployment(7, of={})]}, False),
+        ({"replica_sets": [replica_set(7)]}, True),
+        ({"replica_sets": [replica_set(7, wanted=0, present=1)]}, True),
+        ({"replica_sets": [replica_set(7, wanted=1, present=0)]}, True),
+        ({"replica_sets": [replica_set(7, wanted=0, present=0)]}, False),
+        ({"pods": [pod(7)]}, True),
+        ({"pods": [pod(7, node="edge-1", phase="Running")]}, True),
+        ({"pods": [pod(7, phase="Succeeded")]}, False),
+        ({"pods": [pod(7, phase="Failed")]}, False),
+        ({"pods": [pod(8, 7)]}, True),
+        ({"pods": [pod(7, of={})]}, False),
+    ],
+)
+def test_an_id_is_used_by_what_names_it_and_can_still_run(objects: dict[str, list[object]], used: bool) -> None:
+    assert usage_of(**objects).uses(seven) is used  # type: ignore[arg-type]  # a table of keyword arguments
+
+
+def test_an_app_that_shares_keeps_the_owners_claim_in_use() -> None:
+    sharer = labels("app-2", app="mapper")
+    assert usage_of(deployments=[deployment(7, of=sharer, claim=seven.name)]).uses(seven)
+    assert not usage_of(deployments=[deployment(7, of=sharer)]).uses(seven)
+
+
+def test_an_annotation_that_the_environment_does_not_back_keeps_nothing() -> None:
+    assert not usage_of(deployments=[deployment(8, of=labels("app-2"), claim=seven.name)]).uses(seven)
+
+
+def test_taking_the_annotation_off_a_running_pod_does_not_free_its_id() -> None:
+    marked = pod(7, annotations={"robotics.io/domain-claim": "dds.default.c.8"})
+    assert usage_of(pods=[marked]).uses(seven)
+
+
+def test_a_device_claim_is_never_used_as_a_domain() -> None:
+    assert not usage_of(deployments=[deployment(7)]).uses(device_claim())
+
+
+def test_deployments_say_which_ids_are_preferred_but_pods_do_not() -> None:
+    usage = usage_of(deployments=[deployment(7), deployment(8, name="b")], pods=[pod(9)])
+    assert usage.named_by_deployments(app_holder()) == {7, 8}
+    assert usage.named_by_deployments(app_holder("app-2")) == frozenset()
+
+
+def test_init_containers_count_too() -> None:
+    spec = pod_spec(3)
+    assert named_ids(type(spec)(init_containers=spec.containers)) == {3}
+
+
+numbers = st.integers(0, 4)
+owners = st.sampled_from([labels("a"), labels("b"), labels("a", "r"), {}])
+objects = st.one_of(
+    st.builds(lambda n, of: deployment(n, of=of), numbers, owners),
+    st.builds(
+        lambda n, of, w, p: replica_set(n, of=of, wanted=w, present=p),
+        numbers,
+        owners,
+        st.integers(0, 1),
+        st.integers(0, 1),
+    ),
+    st.builds(
+        lambda n, of, phase: pod(n, of=of, phase=phase),
+        numbers,
+        owners,
+        st.sampled_from(["Pending", "Running", "Failed"]),
+    ),
+)
+
+
+def _usage(found: list[Deployment | ReplicaSet | Pod]) -> set[tuple[str, str, int]]:
+    usage = usage_of(
+        deployments=[one for one in found if isinstance(one, Deployment)],
+        replica_sets=[one for one in found if isinstance(one, ReplicaSet)],
+        pods=[one for one in found if isinstance(one, Pod)],
+    )
+    holders = [app_holder("a"), app_holder("b"), app_holder("a", instance="r")]
+    return {(h.uid, h.instance, n) for h in holders for n in range(5) if usage.uses(domain_claim(n, h))}
+
+
+@given(st.lists(objects, max_size=8), st.lists(objects, max_size=4))
+def test_more_objects_never_mean_less_use(some: list[Deployment | ReplicaSet | Pod], more: list[Pod]) -> None:
+    assert _usage(some) <= _usage(some + more)
+    assert _usage(some) | _usage(list(more)) == _usage(some + more)
+
+
+@given(st.lists(objects, max_size=8))
+def test_use_does_not_depend_on_the_order_of_objects(found: list[Deployment | ReplicaSet | Pod]) -> None:
+    assert _usage(found) == _usage(found[::-1])
