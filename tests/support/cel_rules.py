@@ -16,7 +16,7 @@ _FUNCTIONS = {
     "setsContains": lambda whole, part: all(item in whole for item in part),
     "flatten": lambda lists: [item for one in lists for item in one],
     "isSorted": lambda items: list(items) == sorted(items),
-    "split": lambda text, separator: text.split(separator),
+    "split": lambda text, separator, limit=0: text.split(separator, limit - 1),
     "format": lambda template, values: template % tuple(_shown(value) for value in values),
 }
 

@@ -48,14 +48,14 @@ class ObjectMeta(Model):
 
 
 def dump(model: Model) -> dict[str, Any]:
-    """The model as plain JSON with wire names: without nulls and without lists and maps nobody wrote."""
-    optional = (str, int, tuple, dict) if isinstance(model, ObjectMeta) else (tuple, dict)
-    return {
-        field.alias or name: _plain(value)
-        for name, field in type(model).model_fields.items()
-        if (value := getattr(model, name)) is not None
-        and (value or name in model.model_fields_set or not isinstance(value, optional))
-    }
+    """The model as plain JSON with wire names: without nulls, and without empty values nobody wrote."""
+    empty: tuple[Any, ...] = ([], {}, "", 0) if isinstance(model, ObjectMeta) else ([], {})
+    result = {}
+    for name, field in type(model).model_fields.items():
+        value = _plain(getattr(model, name))
+        if value is not None and (value not in empty or name in model.model_fields_set):
+            result[field.alias or name] = value
+    return result
 
 
 def _plain(value: Any) -> Any:

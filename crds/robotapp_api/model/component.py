@@ -25,9 +25,9 @@ class Params(Model):
     """ROS parameters file from a ConfigMap."""
 
     config_map: DnsName
-    """ConfigMap of this namespace; its keys are parameter files, passed with --ros-args --params-file."""
+    """ConfigMap of this namespace; its key params.yaml (or its only key) is passed with --ros-args --params-file."""
     per_robot: bool = False
-    """Use only the key named after the robot (<robot>.yaml), else default.yaml."""
+    """Take the key <robot>.yaml of the instance's robot when there is one."""
 
 
 class Policies(Model):

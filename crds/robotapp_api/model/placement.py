@@ -40,7 +40,8 @@ class Placement(Model):
     zones: Annotated[tuple[ShortText, ...], Field(max_length=16)] = ()
     """Preferred values of topology.kubernetes.io/zone, best first."""
     master_node: Text = ""
-    """Node that latencies are counted to when a component has no edges; empty means the robot's node."""
+    """Node of the ROS 1 master, and the node that latencies of components without edges are counted to; empty means the
+    robot's node."""
     objective: Objective = "Latency"
     """What placement optimises: Latency keeps edges short, Balance spreads load over the nodes."""
     all_or_nothing: bool = True

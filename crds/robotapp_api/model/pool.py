@@ -29,7 +29,7 @@ NamespaceLimits = Annotated[
 
 def _ascending(field: str, example: str) -> Rule:
     """Doubled bounds (2*first, 2*last + 1) are sorted exactly when the ranges ascend and no two of them touch an id twice."""
-    bounds = f"self.{field}.split(',').map(r, [2 * int(r.split('-')[0]), 2 * int(r.split('-')[size(r.split('-')) - 1]) + 1]).flatten()"
+    bounds = f"self.{field}.split(',', 32).map(r, [2 * int(r.split('-')[0]), 2 * int(r.split('-')[size(r.split('-')) - 1]) + 1]).flatten()"
     return Rule(
         rule=f"self.{field} == '' || ({bounds}.isSorted() && {bounds}.all(b, b <= 465))",
         message=f"{field} must be ascending ranges without overlap, up to 232; write for example {example}",
@@ -61,7 +61,7 @@ class PoolSpec(Model):
         _ascending("ids", DEFAULT_IDS),
         _ascending("sharedIds", "90-101"),
         Rule(
-            rule=f"self.ids == '' || self.sharedIds == '' || self.ids.split(',').all(a, self.sharedIds.split(',').all(b, {_last('a')} < {_first('b')} || {_last('b')} < {_first('a')}))",
+            rule=f"self.ids == '' || self.sharedIds == '' || self.ids.split(',', 32).all(a, self.sharedIds.split(',', 32).all(b, {_last('a')} < {_first('b')} || {_last('b')} < {_first('a')}))",
             message="an id is either claimed or shared; write ids and sharedIds that do not overlap",
             expression="'ids %s and sharedIds %s overlap, but an id is either claimed or shared; take the common ones out of one of them'.format([self.ids, self.sharedIds])",
             path=".sharedIds",

@@ -51,5 +51,7 @@ QUANTITY_SCHEMA: dict[str, Any] = {
     "maxLength": 32,
     "pattern": QUANTITY_PATTERN,
 }
-Quantity = Annotated[int | str, WithJsonSchema(QUANTITY_SCHEMA)]
+Quantity = Annotated[
+    int | Annotated[str, StringConstraints(max_length=32, pattern=QUANTITY_PATTERN)], WithJsonSchema(QUANTITY_SCHEMA)
+]
 """A Kubernetes quantity, such as 40M. Kept as written; `robotapp_api.values.quantity` reads it."""

@@ -111,17 +111,24 @@ def _cell(text: str) -> str:
 
 def names_page() -> str:
     """docs/names.md"""
-    enums = {node.name: describe_members(node) for node in _module().body if isinstance(node, ast.ClassDef)}
-    sections = []
-    for name, comments in enums.items():
-        members: type[StrEnum] = getattr(names, name)
-        lines = [f"\n## {name}\n", f"{describe.flat(members.__doc__ or '')}\n"]
-        lines += [
-            f"- `{member.value}`" + (f": {comments[member.name]}" if comments.get(member.name) else "")
-            for member in members
-        ]
-        sections.append("\n".join(lines) + "\n")
+    sections = ["\n## Constants\n\n" + "".join(f"- `{name}`: `{value}`\n" for name, value in _constants())]
+    for node in _module().body:
+        if isinstance(node, ast.ClassDef):
+            members: type[StrEnum] = getattr(names, node.name)
+            comments = describe_members(node)
+            lines = [f"\n## {node.name}\n", f"{describe.flat(members.__doc__ or '')}\n"]
+            lines += [_bullet(member.value, comments.get(member.name, "")) for member in members]
+            sections.append("\n".join(lines) + "\n")
     return _BANNER + _NAMES_INTRO + "".join(sections)
+
+
+def _bullet(value: str, comment: str) -> str:
+    return f"- `{value}`: {comment}" if comment else f"- `{value}`"
+
+
+def _constants() -> list[tuple[str, str]]:
+    found = [(name, value) for name, value in vars(names).items() if name.isupper() and isinstance(value, str)]
+    return [(name.replace("_", " ").lower(), value) for name, value in found]
 
 
 def _module() -> ast.Module:

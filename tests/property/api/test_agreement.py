@@ -1,0 +1,55 @@
+"""What the API server's rules accept and what our own parsers accept is the same."""
+
+import re
+
+import cel
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.support.apiobjects import pool
+from tests.support.cel_rules import broken_rules
+
+from robotapp_api.model.pool import DomainPool
+from robotapp_api.model.scalars import DURATION_PATTERN
+from robotapp_api.schema.crd import schema_of
+from robotapp_api.values.duration import parse_ns
+from robotapp_api.values.ranges import parse_ids
+
+POOL = schema_of(DomainPool)
+IDS = re.compile(POOL["properties"]["spec"]["properties"]["ids"]["pattern"])
+BOUNDS = st.integers(0, 240)
+RANGES = st.lists(
+    st.one_of(BOUNDS.map(str), st.tuples(BOUNDS, BOUNDS).map(lambda pair: f"{pair[0]}-{pair[1]}")), max_size=4
+)
+
+
+@given(RANGES.map(",".join))
+def test_a_pool_accepts_exactly_the_ranges_we_can_read(text: str) -> None:
+    assert IDS.fullmatch(text)
+    accepted = not broken_rules(POOL, pool(ids=text))
+    try:
+        parse_ids(text)
+    except ValueError:
+        assert not accepted
+    else:
+        assert accepted
+
+
+@given(RANGES.map(",".join), RANGES.map(",".join))
+def test_a_pool_refuses_exactly_the_ids_that_are_both_claimed_and_shared(ids: str, shared: str) -> None:
+    try:
+        overlap = set(parse_ids(ids)) & set(parse_ids(shared))
+    except ValueError:
+        return
+    assert bool(broken_rules(POOL, pool(ids=ids, sharedIds=shared))) == bool(overlap)
+
+
+@given(st.from_regex(DURATION_PATTERN, fullmatch=True).filter(lambda text: len(text) <= 24 and text.isascii()))
+def test_durations_mean_the_same_in_rules_and_in_python(text: str) -> None:
+    try:
+        nanoseconds = parse_ns(text)
+    except ValueError:
+        return
+    if nanoseconds < 2**53:
+        seconds = cel.evaluate("duration(text)", {"text": text}).total_seconds()
+        assert seconds == pytest.approx(nanoseconds / 1e9, abs=2e-6)
