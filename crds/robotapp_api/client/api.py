@@ -185,7 +185,7 @@ class ApiClient:
         while True:
             wish_s: float | None = None
             try:
-                return _decode(decode, await self.request("GET", path), maybe_applied=False)
+                return _decode(decode, await self.request("GET", path))
             except Unreachable:
                 if backoff.attempt >= READ_ATTEMPTS - 1:
                     raise
@@ -291,21 +291,24 @@ def with_query(path: str, query: dict[str, str]) -> str:
     return f"{path}{'&' if '?' in path else '?'}{urlencode(query)}" if query else path
 
 
-def _decode(decode: Callable[[bytes], T], response: Response, *, maybe_applied: bool) -> T:
+def _decode(decode: Callable[[bytes], T], response: Response) -> T:
     try:
         return decode(response.body)
     except msgspec.ValidationError:
         raise
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise Unreachable(f"the answer is no JSON: {error}", maybe_applied=maybe_applied) from error
+        raise Unreachable(f"the answer is no JSON: {error}", maybe_applied=False) from error
 
 
 _OBJECT = msgspec.json.Decoder(Json).decode
 
 
 def _object(response: Response) -> Json:
-    # A write answered with success and garbage was applied, but we cannot know what the object looks like now.
-    return _decode(_OBJECT, response, maybe_applied=True)
+    try:
+        return _OBJECT(response.body)
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        # Answered with success, so probably applied, but we cannot know what the object looks like now.
+        raise Unreachable(f"the answer is no JSON object: {error}", maybe_applied=True) from error
 
 
 def _namespace_of(resource: Resource, obj: Json) -> str | None:

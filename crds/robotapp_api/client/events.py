@@ -1,0 +1,291 @@
+"""Events (events.k8s.io/v1) that never get in the way: bounded, aggregated, rate-limited, and silent when they fail."""
+
+import asyncio
+import itertools
+import logging
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any, Final
+
+from robotapp_api.client.api import ApiClient, Json
+from robotapp_api.client.apply import encode
+from robotapp_api.client.backoff import Backoff
+from robotapp_api.client.errors import AlreadyExists, ApiError, ClientError, NotFound, ServerError, TooManyRequests
+from robotapp_api.client.resources import EVENTS
+from robotapp_api.client.times import Now, micro_time, utc_now
+
+log = logging.getLogger(__name__)
+
+QUEUE: Final = 1000
+WORKERS: Final = 4
+REMEMBERED: Final = 4096
+SERIES_FLUSH_S: Final = 300.0
+"""A repeated event is written again at most this often: counts may lag, the API server may not."""
+SERIES_END_S: Final = 360.0
+"""Silence after which the same event is a new one; upstream's value."""
+BURST: Final = 20
+REFILL_S: Final = 60.0
+ATTEMPTS: Final = 3
+NOTE_BYTES: Final = 1024
+
+
+@dataclass(slots=True)
+class EventStats:
+    """Counters since the start. `dropped`: queue full; `limited`: too many of one object; `failed`: given up."""
+
+    created: int = 0
+    repeated: int = 0
+    dropped: int = 0
+    limited: int = 0
+    failed: int = 0
+
+
+@dataclass(slots=True)
+class _Series:
+    """One event already written and what happened to it since."""
+
+    namespace: str
+    name: str
+    body: bytes
+    seen: datetime
+    seen_at: float
+    written_at: float
+    count: int = 1
+    written: int = 1
+    patching: bool = False
+
+
+@dataclass(slots=True)
+class _Bucket:
+    tokens: float
+    filled_at: float
+
+
+def reference(
+    *, api_version: str, kind: str, name: str, namespace: str = "", uid: str = "", resource_version: str = ""
+) -> Json:
+    """An ObjectReference; empty parts are left out."""
+    parts = {
+        "apiVersion": api_version,
+        "kind": kind,
+        "namespace": namespace,
+        "name": name,
+        "uid": uid,
+        "resourceVersion": resource_version,
+    }
+    return {key: value for key, value in parts.items() if value}
+
+
+def reference_to(obj: Json) -> Json:
+    """ObjectReference to a full object (with apiVersion and kind, as get and watch return custom resources)."""
+    meta = obj["metadata"]
+    return reference(
+        api_version=obj["apiVersion"],
+        kind=obj["kind"],
+        name=meta["name"],
+        namespace=meta.get("namespace", ""),
+        uid=meta.get("uid", ""),
+        resource_version=meta.get("resourceVersion", ""),
+    )
+
+
+class EventRecorder:
+    """Call `event` from anywhere in the loop's thread; run `run()` as a task to have them written.
+
+    The same event again (same object, type, reason, action and note) becomes a count on the first one. An object gets
+    `burst` new events at once and one more every `refill_s` seconds.
+    """
+
+    def __init__(
+        self,
+        client: ApiClient,
+        *,
+        controller: str,
+        instance: str,
+        queue: int = QUEUE,
+        burst: int = BURST,
+        refill_s: float = REFILL_S,
+        flush_s: float = SERIES_FLUSH_S,
+        now: Now = utc_now,
+        unique: Callable[[], str] | None = None,
+    ) -> None:
+        self._client = client
+        self._controller = controller
+        self._instance = instance[:128]
+        self._burst = burst
+        self._refill_s = refill_s
+        self._flush_s = flush_s
+        self._now = now
+        self._unique = unique or _counter()
+        self._queue: asyncio.Queue[tuple[_Key, _Series]] = asyncio.Queue(queue)
+        self._series: OrderedDict[_Key, _Series] = OrderedDict()
+        self._buckets: OrderedDict[str, _Bucket] = OrderedDict()
+        self.stats = EventStats()
+
+    def __repr__(self) -> str:
+        return f"<EventRecorder {self._controller}: {self._queue.qsize()} queued, {self.stats.created} created>"
+
+    def event(
+        self,
+        regarding: Json,
+        *,
+        reason: str,
+        note: str,
+        action: str,
+        warning: bool = False,
+        related: Json | None = None,
+    ) -> None:
+        """Queue one event about `regarding` (an ObjectReference). Never waits, never raises."""
+        kind = "Warning" if warning else "Normal"
+        note = _fit(note)
+        who = regarding.get("uid") or f"{regarding.get('kind')}/{regarding.get('namespace')}/{regarding.get('name')}"
+        key = (who, kind, reason, action, note)
+        at = self._client.clock()
+        series = self._series.get(key)
+        if series is not None and at - series.seen_at < SERIES_END_S:
+            self._series.move_to_end(key)
+            series.count += 1
+            series.seen, series.seen_at = self._now(), at
+            self.stats.repeated += 1
+            self._flush(key, series, at)
+            return
+        if not self._allowed(who, at):
+            self.stats.limited += 1
+            return
+        namespace = regarding.get("namespace") or "default"  # where events of cluster-scoped objects live
+        name = f"{regarding.get('name', 'unknown')[:220]}.{self._unique()}"
+        seen = self._now()
+        body: dict[str, Any] = {
+            "apiVersion": "events.k8s.io/v1",
+            "kind": "Event",
+            "metadata": {"name": name, "namespace": namespace},
+            "eventTime": micro_time(seen),
+            "reportingController": self._controller,
+            "reportingInstance": self._instance,
+            "action": action,
+            "reason": reason,
+            "regarding": regarding,
+            "note": note,
+            "type": kind,
+        }
+        if related:
+            body["related"] = related
+        series = _Series(namespace, name, encode(body), seen, at, at)
+        if self._put(key, series):
+            self._series[key] = series
+            while len(self._series) > REMEMBERED:
+                self._series.popitem(last=False)
+
+    def _put(self, key: "_Key", series: _Series) -> bool:
+        try:
+            self._queue.put_nowait((key, series))
+        except asyncio.QueueFull:
+            self.stats.dropped += 1
+            return False
+        return True
+
+    def _allowed(self, who: str, at: float) -> bool:
+        bucket = self._buckets.get(who)
+        if bucket is None:
+            bucket = self._buckets[who] = _Bucket(float(self._burst), at)
+            while len(self._buckets) > REMEMBERED:
+                self._buckets.popitem(last=False)
+        else:
+            self._buckets.move_to_end(who)
+            bucket.tokens = min(self._burst, bucket.tokens + (at - bucket.filled_at) / self._refill_s)
+            bucket.filled_at = at
+        if bucket.tokens < 1:
+            return False
+        bucket.tokens -= 1
+        return True
+
+    def _flush(self, key: "_Key", series: _Series, at: float) -> None:
+        due = series.count > series.written and at - series.written_at >= self._flush_s
+        if due and not series.patching:
+            series.patching = self._put(key, series)
+
+    async def run(self) -> None:
+        """Write events until cancelled."""
+        async with asyncio.TaskGroup() as group:
+            for _ in range(WORKERS):
+                group.create_task(self._work())
+            group.create_task(self._tick())
+
+    async def drain(self, timeout_s: float = 2.0) -> None:
+        """Wait until everything queued is written, at most `timeout_s`: for an orderly stop, while `run` still runs."""
+        try:
+            async with asyncio.timeout(timeout_s):
+                await self._queue.join()
+        except TimeoutError:
+            log.info("%s: stopped with events unwritten", self)
+
+    async def _tick(self) -> None:
+        while True:
+            await self._client.sleep(max(1.0, self._flush_s / 10))
+            at = self._client.clock()
+            for key, series in list(self._series.items()):
+                self._flush(key, series, at)
+                if at - series.seen_at >= SERIES_END_S and series.count == series.written:
+                    del self._series[key]
+
+    async def _work(self) -> None:
+        while True:
+            key, series = await self._queue.get()
+            try:
+                await self._write(key, series)
+            except Exception:  # a bug in here must not silence all events that follow
+                self.stats.failed += 1
+                log.exception("%s: event lost", self)
+            finally:
+                self._queue.task_done()
+
+    async def _write(self, key: "_Key", series: _Series) -> None:
+        backoff = Backoff(base_s=0.2, cap_s=5.0, uniform=self._client.uniform)
+        while True:
+            try:
+                await (self._patch(series) if series.patching else self._create(series))
+            except AlreadyExists:
+                return  # an earlier attempt whose answer was lost: the name is ours alone
+            except ClientError as error:
+                transient = not isinstance(error, ApiError) or isinstance(error, ServerError | TooManyRequests)
+                if transient and backoff.attempt < ATTEMPTS - 1:
+                    wish_s = error.retry_after_s if isinstance(error, ApiError) else None
+                    await self._client.sleep(backoff.next_s(at_least_s=wish_s))
+                    continue
+                series.patching = False
+                if self._series.get(key) is series:
+                    del self._series[key]  # the next occurrence starts over
+                if not isinstance(error, NotFound):  # the namespace or the event is gone: nobody misses it
+                    self.stats.failed += 1
+                    log.warning("%s: event not written: %s", self, error)
+            return
+
+    async def _create(self, series: _Series) -> None:
+        await self._client.post_raw(EVENTS.path(series.namespace), series.body)
+        series.body = b""
+        self.stats.created += 1
+
+    async def _patch(self, series: _Series) -> None:
+        count = series.count
+        patch = {"series": {"count": count, "lastObservedTime": micro_time(series.seen)}}
+        await self._client.patch(EVENTS, series.name, patch, namespace=series.namespace)
+        series.written, series.written_at, series.patching = count, self._client.clock(), False
+
+
+_Key = tuple[str, str, str, str, str]
+
+
+def _fit(note: str) -> str:
+    encoded = note.encode()
+    if len(encoded) <= NOTE_BYTES:
+        return note
+    return encoded[: NOTE_BYTES - 3].decode("utf-8", "ignore") + "…"
+
+
+def _counter() -> Callable[[], str]:
+    """Names that differ between events and between lives of the process, as upstream's do."""
+    numbers = itertools.count(time.time_ns())
+    return lambda: f"{next(numbers):x}"

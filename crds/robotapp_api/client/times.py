@@ -1,0 +1,19 @@
+"""Wall-clock times as the API writes them. Never compared across machines: leases and ages use our own clock."""
+
+from collections.abc import Callable
+from datetime import UTC, datetime
+
+Now = Callable[[], datetime]
+
+
+def utc_now() -> datetime:
+    return datetime.now(UTC)
+
+
+def micro_time(moment: datetime) -> str:
+    """RFC 3339 with exactly six digits (meta/v1 MicroTime).
+
+    >>> micro_time(datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC))
+    '2026-01-02T03:04:05.000000Z'
+    """
+    return moment.astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")

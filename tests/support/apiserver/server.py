@@ -1,0 +1,187 @@
+"""HTTP in front of the store: verbs, lists in pages, watches with bookmarks and 410."""
+
+import asyncio
+import json
+import secrets
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any, Self
+
+from aiohttp import web
+from tests.support.apiserver import verbs
+from tests.support.apiserver.selectors import matches_fields, matches_labels
+from tests.support.apiserver.store import Json, Refused, Step, Store
+from tests.support.apiserver.verbs import Target
+
+from robotapp_api.client.login import Endpoint
+
+Match = Callable[[Json], bool]
+
+
+class FakeApiServer:
+    """`async with FakeApiServer() as api:` then `ApiClient(api.endpoint, ...)`; `api.store` is the truth.
+
+    `bookmark_s` is the period of bookmarks, `compact` on the store makes resuming watches fail with 410,
+    `end_watches` ends the open ones as a server's time-out does.
+    """
+
+    def __init__(self, *, bookmark_s: float = 60.0) -> None:
+        self.store = Store()
+        self.requests: list[tuple[str, str]] = []
+        self._bookmark_s = bookmark_s
+        self._watches: set[asyncio.Queue[Step | None]] = set()
+        self._pages: dict[str, tuple[int, list[Json]]] = {}
+        self._runner = web.ServerRunner(
+            web.Server(self._handle, handler_cancellation=True, access_log=None), shutdown_timeout=0.2
+        )
+        self.endpoint = Endpoint("")
+        self.store.watchers.append(self._spread)
+
+    async def __aenter__(self) -> Self:
+        await self._runner.setup()
+        site = web.TCPSite(self._runner, "127.0.0.1", 0)
+        await site.start()
+        self.endpoint = Endpoint(f"http://127.0.0.1:{self._runner.addresses[0][1]}")
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.end_watches()
+        await self._runner.cleanup()
+
+    def end_watches(self) -> None:
+        for queue in self._watches:
+            queue.put_nowait(None)
+
+    def _spread(self, step: Step) -> None:
+        for queue in self._watches:
+            queue.put_nowait(step)
+
+    async def _handle(self, request: web.BaseRequest) -> web.StreamResponse:
+        self.requests.append((request.method, request.raw_path))
+        try:
+            where = verbs.target(request.path)
+            if request.method == "GET" and not where.name:
+                if request.query.get("watch") in ("1", "true"):
+                    return await self._watch(request, where)
+                return web.json_response(self._list(request, where))
+            body = await request.read()
+            return web.json_response(self._act(request, where, body), status=201 if request.method == "POST" else 200)
+        except Refused as refusal:
+            return web.json_response(_status(refusal), status=refusal.code)
+        except json.JSONDecodeError as error:
+            return web.json_response(_status(Refused(400, "BadRequest", str(error))), status=400)
+
+    def _act(self, request: web.BaseRequest, where: Target, body: bytes) -> Json:
+        match request.method:
+            case "GET":
+                return self.store.get(where.key())
+            case "POST":
+                return verbs.post(self.store, where, json.loads(body))
+            case "PUT":
+                return self.store.update(where.key(), json.loads(body), subresource=where.subresource)
+            case "PATCH":
+                return verbs.patch(self.store, where, json.loads(body), request.content_type)
+            case "DELETE":
+                return verbs.delete(self.store, where, body)
+        raise Refused(405, "MethodNotAllowed", request.method)
+
+    def _list(self, request: web.BaseRequest, where: Target) -> Json:
+        query = request.query
+        if token := query.get("continue"):
+            if token not in self._pages or self._pages[token][0] < self.store.floor:
+                raise Refused(410, "Expired", "the provided continue parameter is too old")
+            version, items = self._pages.pop(token)
+        else:
+            match = _match(query)
+            version = self.store.version
+            items = [obj for obj in self.store.select(where.collection, where.namespace) if match(obj)]
+        meta: Json = {"resourceVersion": str(version)}
+        limit = int(query.get("limit") or 0)
+        if limit and len(items) > limit:
+            meta["continue"] = secrets.token_hex(8)
+            self._pages[meta["continue"]] = (version, items[limit:])
+            items = items[:limit]
+        return {"kind": f"{where.kind}List", "apiVersion": where.api_version, "metadata": meta, "items": items}
+
+    async def _watch(self, request: web.BaseRequest, where: Target) -> web.StreamResponse:
+        out = web.StreamResponse(headers={"Content-Type": "application/json"})
+        await out.prepare(request)
+        queue: asyncio.Queue[Step | None] = asyncio.Queue()
+        self._watches.add(queue)  # before reading the past, or changes in between would be lost
+        try:
+            await self._catch_up(request, where, out)
+            await self._follow(request, where, out, queue)
+        except Refused as refusal:
+            await _send(out, "ERROR", _status(refusal))
+        except ConnectionError:
+            pass
+        finally:
+            self._watches.discard(queue)
+        return out
+
+    async def _catch_up(self, request: web.BaseRequest, where: Target, out: web.StreamResponse) -> None:
+        match = _match(request.query)
+        if request.query.get("sendInitialEvents") == "true" or not request.query.get("resourceVersion"):
+            version = self.store.version
+            for obj in self.store.select(where.collection, where.namespace):
+                if match(obj):
+                    await _send(out, "ADDED", obj)
+            if request.query.get("sendInitialEvents") == "true":
+                annotations = {"k8s.io/initial-events-end": "true"}
+                await _send(out, "BOOKMARK", _bookmark(where, version, annotations))
+            return
+        for step in self.store.since(int(request.query["resourceVersion"])):
+            await _send_step(out, step, where, match)
+
+    async def _follow(
+        self, request: web.BaseRequest, where: Target, out: web.StreamResponse, queue: asyncio.Queue[Step | None]
+    ) -> None:
+        match = _match(request.query)
+        while True:
+            try:
+                step = await asyncio.wait_for(queue.get(), self._bookmark_s)
+            except TimeoutError:
+                if request.query.get("allowWatchBookmarks") == "true":
+                    await _send(out, "BOOKMARK", _bookmark(where, self.store.version, {}))
+                continue
+            if step is None:
+                return
+            await _send_step(out, step, where, match)
+
+
+def _match(query: Any) -> Match:
+    labels, fields = query.get("labelSelector", ""), query.get("fieldSelector", "")
+    return lambda obj: matches_labels(labels, obj["metadata"].get("labels") or {}) and matches_fields(fields, obj)
+
+
+async def _send_step(out: web.StreamResponse, step: Step, where: Target, match: Match) -> None:
+    """What the change looks like through the selector: an object that stops matching is gone."""
+    if step.key.collection != where.collection or where.namespace not in (None, step.key.namespace):
+        return
+    before = step.old is not None and match(step.old)
+    after = step.new is not None and match(step.new)
+    if before or after:
+        await _send(out, "DELETED" if not after else "MODIFIED" if before else "ADDED", step.last)
+
+
+async def _send(out: web.StreamResponse, kind: str, obj: Json) -> None:
+    await out.write(json.dumps({"type": kind, "object": obj}, separators=(",", ":")).encode() + b"\n")
+
+
+def _bookmark(where: Target, version: int, annotations: dict[str, str]) -> Json:
+    meta: Json = {"resourceVersion": str(version)} | ({"annotations": annotations} if annotations else {})
+    return {"kind": where.kind, "apiVersion": where.api_version, "metadata": meta}
+
+
+def _status(refusal: Refused) -> Json:
+    return {
+        "kind": "Status",
+        "apiVersion": "v1",
+        "metadata": {},
+        "status": "Failure",
+        "message": refusal.message,
+        "reason": refusal.reason,
+        "code": refusal.code,
+    }

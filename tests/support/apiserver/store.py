@@ -1,0 +1,166 @@
+"""Objects with one global, growing resourceVersion and a history that can be compacted: etcd in miniature."""
+
+import copy
+import itertools
+import uuid
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import Any, NamedTuple
+
+Json = dict[str, Any]
+
+
+class Refused(Exception):  # noqa: N818 - an answer, not a bug
+    """An error answer."""
+
+    def __init__(self, code: int, reason: str, message: str) -> None:
+        super().__init__(message)
+        self.code = code
+        self.reason = reason
+        self.message = message
+
+
+class Key(NamedTuple):
+    """Collection ("apps/deployments", "/pods"), namespace ("" when cluster-scoped) and name."""
+
+    collection: str
+    namespace: str
+    name: str
+
+
+class Step(NamedTuple):
+    """One change: `old` None for a creation, `new` None for a deletion (then `last` is the final state)."""
+
+    version: int
+    key: Key
+    old: Json | None
+    new: Json | None
+    last: Json
+
+
+@dataclass(slots=True)
+class Store:
+    """`watchers` are called synchronously after each change."""
+
+    version: int = 1
+    floor: int = 0
+    objects: dict[Key, Json] = field(default_factory=dict)
+    history: list[Step] = field(default_factory=list)
+    watchers: list[Callable[[Step], None]] = field(default_factory=list)
+    _uids: Iterator[int] = field(default_factory=itertools.count)
+
+    def compact(self) -> None:
+        """Forget the history: every watch that has to resume gets 410 from now on."""
+        self.floor = self.version
+        self.history.clear()
+
+    def since(self, version: int) -> list[Step]:
+        if version < self.floor:
+            raise Refused(410, "Expired", f"too old resource version: {version} ({self.floor})")
+        return [step for step in self.history if step.version > version]
+
+    def get(self, key: Key) -> Json:
+        try:
+            return copy.deepcopy(self.objects[key])
+        except KeyError:
+            plural = key.collection.rpartition("/")[2]
+            raise Refused(404, "NotFound", f'{plural} "{key.name}" not found') from None
+
+    def select(self, collection: str, namespace: str | None) -> list[Json]:
+        chosen = [
+            (key, obj)
+            for key, obj in self.objects.items()
+            if key.collection == collection and namespace in (None, key.namespace)
+        ]
+        return [copy.deepcopy(obj) for _, obj in sorted(chosen, key=lambda pair: pair[0])]
+
+    def create(self, key: Key, obj: Json) -> Json:
+        if key in self.objects:
+            plural = key.collection.rpartition("/")[2]
+            raise Refused(409, "AlreadyExists", f'{plural} "{key.name}" already exists')
+        obj = copy.deepcopy(obj)
+        meta = obj.setdefault("metadata", {})
+        meta.pop("resourceVersion", None)
+        meta |= {"name": key.name, "uid": str(uuid.UUID(int=next(self._uids) + 2**80)), "generation": 1}
+        meta["creationTimestamp"] = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+        if key.namespace:
+            meta["namespace"] = key.namespace
+        return self._commit(key, None, obj)
+
+    def update(self, key: Key, obj: Json, *, subresource: str = "") -> Json:
+        """Replace; a resourceVersion or uid in `obj` is a precondition. No change, no new version."""
+        old = self.get(key)
+        check(old, obj.get("metadata") or {})
+        new = copy.deepcopy(obj)
+        if subresource == "status":
+            new = {**old, "status": new.get("status")}
+        elif "status" in old:
+            new["status"] = old["status"]
+        meta = new.setdefault("metadata", {})
+        for own in ("name", "namespace", "uid", "creationTimestamp", "deletionTimestamp", "generation"):
+            if own in old["metadata"]:
+                meta[own] = old["metadata"][own]
+        meta["resourceVersion"] = old["metadata"]["resourceVersion"]
+        if new == old:
+            return old
+        if new.get("spec") != old.get("spec"):
+            meta["generation"] = old["metadata"].get("generation", 1) + 1
+        if meta.get("deletionTimestamp") and not meta.get("finalizers"):
+            return self._remove(key, new)
+        return self._commit(key, old, new)
+
+    def delete(self, key: Key, preconditions: Json) -> Json:
+        obj = self.get(key)
+        check(obj, preconditions)
+        if obj["metadata"].get("finalizers"):
+            if "deletionTimestamp" not in obj["metadata"]:
+                old = copy.deepcopy(obj)
+                obj["metadata"]["deletionTimestamp"] = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+                return self._commit(key, old, obj)
+            return obj
+        return self._remove(key, obj)
+
+    def overwrite(self, key: Key, new: Json) -> Json:
+        """All of the object in one step, status included: what only the server itself does."""
+        return self._commit(key, self.get(key), copy.deepcopy(new))
+
+    def _commit(self, key: Key, old: Json | None, new: Json) -> Json:
+        self.version += 1
+        new["metadata"]["resourceVersion"] = str(self.version)
+        self.objects[key] = new
+        self._tell(Step(self.version, key, old, copy.deepcopy(new), copy.deepcopy(new)))
+        return copy.deepcopy(new)
+
+    def _remove(self, key: Key, last: Json) -> Json:
+        self.version += 1
+        old = self.objects.pop(key)
+        last["metadata"]["resourceVersion"] = str(self.version)
+        self._tell(Step(self.version, key, copy.deepcopy(old), None, last))
+        return last
+
+    def _tell(self, step: Step) -> None:
+        self.history.append(step)
+        for watcher in list(self.watchers):
+            watcher(step)
+
+
+def check(obj: Json, wanted: Json) -> None:
+    """uid and resourceVersion preconditions; empty ones are none."""
+    for name in ("uid", "resourceVersion"):
+        have, want = obj["metadata"][name], wanted.get(name)
+        if want and want != have:
+            raise Refused(409, "Conflict", f"the {name} in the precondition ({want}) does not match {have}")
+
+
+def merge(target: Any, patch: Any) -> Any:
+    """RFC 7386."""
+    if not isinstance(patch, dict):
+        return copy.deepcopy(patch)
+    merged = dict(target) if isinstance(target, dict) else {}
+    for key, value in patch.items():
+        if value is None:
+            merged.pop(key, None)
+        else:
+            merged[key] = merge(merged.get(key), value)
+    return merged

@@ -1,0 +1,161 @@
+"""An HTTP server that answers each request with the next line of a script, byte by byte as written."""
+
+import asyncio
+import json
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Self
+from urllib.parse import parse_qs
+
+from robotapp_api.client import Endpoint
+
+Play = Callable[[asyncio.StreamWriter], Awaitable[None]]
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """A request as it arrived."""
+
+    method: str
+    path: str
+    headers: dict[str, str]
+    body: bytes
+
+    @property
+    def query(self) -> dict[str, str]:
+        return {key: values[0] for key, values in parse_qs(self.path.partition("?")[2]).items()}
+
+
+def reply(obj: Any, *, status: int = 200, headers: dict[str, str] | None = None) -> Play:
+    """A complete JSON answer."""
+    body = obj if isinstance(obj, bytes) else json.dumps(obj).encode()
+    return raw(_head(status, {"Content-Length": str(len(body)), **(headers or {})}) + body)
+
+
+def refusal(status: int, reason: str = "", *, headers: dict[str, str] | None = None, message: str = "no") -> Play:
+    body = {"kind": "Status", "code": status, "reason": reason, "message": message}
+    return reply(body, status=status, headers=headers)
+
+
+def raw(data: bytes) -> Play:
+    async def play(writer: asyncio.StreamWriter) -> None:
+        writer.write(data)
+        await writer.drain()
+
+    return play
+
+
+def hang_up(data: bytes = b"") -> Play:
+    """Some bytes, then the end of the connection."""
+
+    async def play(writer: asyncio.StreamWriter) -> None:
+        writer.write(data)
+        await writer.drain()
+        writer.close()
+
+    return play
+
+
+def silence() -> Play:
+    async def play(_writer: asyncio.StreamWriter) -> None:
+        await asyncio.Event().wait()
+
+    return play
+
+
+def watch(*events: dict[str, Any] | bytes, then: str = "end") -> Play:
+    """A watch that sends `events` (bytes go out as they are) and then "end"s, "hang"s, or is "cut" off."""
+
+    async def play(writer: asyncio.StreamWriter) -> None:
+        writer.write(_head(200, {"Transfer-Encoding": "chunked"}))
+        for event in events:
+            line = event if isinstance(event, bytes) else json.dumps(event, separators=(",", ":")).encode() + b"\n"
+            writer.write(f"{len(line):x}\r\n".encode() + line + b"\r\n")
+        await writer.drain()
+        if then == "end":
+            writer.write(b"0\r\n\r\n")
+        elif then == "hang":
+            await asyncio.Event().wait()
+        else:
+            writer.close()
+
+    return play
+
+
+def listing(version: int, *items: dict[str, Any], token: str = "") -> Play:
+    meta = {"resourceVersion": str(version)} | ({"continue": token} if token else {})
+    return reply({"metadata": meta, "items": list(items)})
+
+
+def item(name: str, version: int, *, uid: str = "", namespace: str = "default", **more: Any) -> dict[str, Any]:
+    meta = {"name": name, "namespace": namespace, "uid": uid or f"uid-{name}", "resourceVersion": str(version)}
+    return {"metadata": meta, **more}
+
+
+def event(kind: str, obj: dict[str, Any]) -> dict[str, Any]:
+    return {"type": kind, "object": obj}
+
+
+def bookmark(version: int, *, initial_end: bool = False) -> dict[str, Any]:
+    meta: dict[str, Any] = {"resourceVersion": str(version)}
+    if initial_end:
+        meta["annotations"] = {"k8s.io/initial-events-end": "true"}
+    return event("BOOKMARK", {"kind": "ConfigMap", "metadata": meta})
+
+
+def error_event(code: int, reason: str = "", **more: Any) -> dict[str, Any]:
+    return event("ERROR", {"kind": "Status", "code": code, "reason": reason, "message": "no", **more})
+
+
+def _head(status: int, headers: dict[str, str]) -> bytes:
+    lines = [f"HTTP/1.1 {status} X", "Content-Type: application/json", *(f"{k}: {v}" for k, v in headers.items())]
+    return "\r\n".join([*lines, "", ""]).encode()
+
+
+class ScriptedServer:
+    """Plays `script` in order, one item per request whatever the connection; silent when the script has ended."""
+
+    def __init__(self, *script: Play) -> None:
+        self.script = list(script)
+        self.seen: list[Seen] = []
+        self.connections = 0
+        self._tasks: set[asyncio.Task[None]] = set()
+        self.endpoint = Endpoint("")
+
+    async def __aenter__(self) -> Self:
+        self._server = await asyncio.start_server(self._accept, "127.0.0.1", 0)
+        self.endpoint = Endpoint(f"http://127.0.0.1:{self._server.sockets[0].getsockname()[1]}")
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._server.close()
+        for task in list(self._tasks):
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.current_task()
+        assert task is not None
+        self._tasks.add(task)
+        self.connections += 1
+        try:
+            while not writer.is_closing():
+                self.seen.append(await self._read(reader))
+                play = self.script.pop(0) if self.script else silence()
+                await play(writer)
+        except (asyncio.IncompleteReadError, ConnectionError, asyncio.CancelledError):
+            pass
+        finally:
+            self._tasks.discard(task)
+            writer.close()
+
+    @staticmethod
+    async def _read(reader: asyncio.StreamReader) -> Seen:
+        head = (await reader.readuntil(b"\r\n\r\n")).decode().split("\r\n")
+        method, path, _ = head[0].split(" ")
+        headers = dict(line.split(": ", 1) for line in head[1:] if line)
+        body = await reader.readexactly(int(headers.get("Content-Length", "0")))
+        return Seen(method, path, headers, body)
