@@ -3,7 +3,7 @@
 import copy
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +12,7 @@ import cel
 Schema = dict[str, Any]
 _MISSING: Any = object()
 
-_FUNCTIONS = {
+_FUNCTIONS: dict[str, Callable[..., Any]] = {
     "setsContains": lambda whole, part: all(item in whole for item in part),
     "flatten": lambda lists: [item for one in lists for item in one],
     "isSorted": lambda items: list(items) == sorted(items),

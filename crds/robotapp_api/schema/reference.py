@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from robotapp_api.model import names
 from robotapp_api.model.base import Model
+from robotapp_api.model.scalars import DURATION_PATTERN
 from robotapp_api.schema import crd, describe
 from robotapp_api.schema.collect import RULES_KEYWORD, Schema
 from robotapp_api.schema.vendor import wanted
@@ -78,6 +79,10 @@ def _type(member: Schema) -> str:
         return ", ".join(f"`{value}`" for value in member["enum"])
     if "x-kubernetes-int-or-string" in member:
         return "quantity"
+    if member.get("pattern") == DURATION_PATTERN:
+        return "duration"
+    if member.get("format") == "date-time":
+        return "time"
     if "additionalProperties" in member:
         return f"map of {_type(member['additionalProperties'])}"
     if member["type"] == "array":
@@ -94,7 +99,7 @@ def _limits(member: Schema, low: str, high: str) -> str:
 
 def _rules(node: Schema, *, path: str) -> Iterator[str]:
     for rule in node.get(RULES_KEYWORD, ()):
-        yield f"- `{path or 'metadata.name'}`: {rule['message']}"
+        yield f"- `{path or 'metadata.name'}`: {_cell(rule['message'])}"
     for key, member in node.get("properties", {}).items():
         yield from _rules(member, path=f"{path}.{key}".lstrip("."))
     if "items" in node:
@@ -106,7 +111,7 @@ def _inline(value: Any) -> str:
 
 
 def _cell(text: str) -> str:
-    return text.replace("|", "\\|")
+    return text.replace("|", "\\|").replace("<", "&lt;")
 
 
 def names_page() -> str:

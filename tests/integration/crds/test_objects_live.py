@@ -68,7 +68,7 @@ def test_stored_objects_show_the_defaults_and_the_model_reads_both_alike(
     assert {key: stored.get(key) for key in ("spec", "status")} == {
         key: expected.get(key) for key in ("spec", "status")
     }
-    unlike = {"metadata": {}}
+    unlike: dict[str, Any] = {"metadata": {}}
     assert model.model_validate(obj | unlike) == model.model_validate(stored | unlike)
 
 

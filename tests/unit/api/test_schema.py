@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 import yaml
 
+from robotapp_api.model.robotapp import RobotApp
 from robotapp_api.schema import crd, vendor
 from robotapp_api.schema.__main__ import ROOT, check, write
 from robotapp_api.schema.output import chart_template, generate, to_yaml
@@ -94,7 +95,7 @@ def test_keys_of_keyed_lists_are_required_or_have_a_default() -> None:
 
 
 def test_an_app_cannot_reach_the_host() -> None:
-    paths = [path for path, _ in nodes(crd.schema_of(crd.RobotApp))]
+    paths = [path for path, _ in nodes(crd.schema_of(RobotApp))]
     withheld = {
         "hostPath",
         "hostPort",
@@ -119,7 +120,7 @@ def test_core_defaults_that_restate_absence_are_dropped() -> None:
 
 def test_the_bridge_ships_the_schema_of_a_robotapp() -> None:
     shipped = json.loads(FILES[Path("rigel_bridge/rigel_bridge/data/robotapp.schema.json")])
-    assert shipped == crd.schema_of(crd.RobotApp)
+    assert shipped == crd.schema_of(RobotApp)
 
 
 def test_the_pages_name_every_field_and_every_reason() -> None:
