@@ -2,6 +2,8 @@
 
 import os
 from collections.abc import Iterable, Mapping
+from contextlib import AbstractContextManager
+from functools import partial
 from pathlib import Path
 
 from robotapp_testbed import cache, gobuild, pins, release, toolchain
@@ -34,14 +36,17 @@ class Assets:
         wanted = [pins.binary(name) for name in names]
         found = self.present(binary.name for binary in wanted)
         missing = [binary for binary in wanted if binary.name not in found]
-        if missing:
-            pins.platform_names()
-            self._progress.say(
-                f"Control plane: {', '.join(binary.name for binary in missing)} still to get, into {self._home}"
-            )
+        if not missing:
+            return found
+        pins.platform_names()
+        self._progress.say(f"Control plane: getting {', '.join(binary.name for binary in missing)} into {self._home}")
+        try:
             found |= self._download([binary for binary in missing if binary.release])
-            found |= self._compile([binary for binary in missing if binary.name not in found])
-        return found
+            return found | self._compile([binary for binary in missing if binary.name not in found])
+        except OSError as error:
+            raise TestbedError(
+                f"the cache {self._home} cannot be used ({error}): make room there, or set XDG_CACHE_HOME to a folder you may write"
+            ) from error
 
     def present(self, names: Iterable[str] = pins.NAMES) -> dict[str, Path]:
         """What is there already; touches nothing."""
@@ -80,10 +85,7 @@ class Assets:
             if not downloader.offers(binary):  # its source was given up on meanwhile
                 continue
             try:
-                with (
-                    self._progress.step() as note,
-                    store.adding(binary.name, on_wait=self._say_waiting(binary)) as target,
-                ):
+                with self._progress.step(f"downloading {binary.name}") as note, self._adding(store, binary) as target:
                     if target:
                         downloader.fetch(binary, target, note=note)
                 found[binary.name] = store.path(binary.name)
@@ -99,19 +101,11 @@ class Assets:
         scale = _REFERENCE_CORES / min(os.cpu_count() or _REFERENCE_CORES, 8)
         self._progress.plan([(f"compiling {binary.name}", binary.compile_s * scale) for binary in wanted])
         for binary in wanted:
-            with self._progress.step() as note, store.adding(binary.name, on_wait=self._say_waiting(binary)) as target:
+            with self._progress.step(f"compiling {binary.name}") as note, self._adding(store, binary) as target:
                 if target:
                     gobuild.build(go, binary, target, on_line=note, env=self._env)
         return {binary.name: store.path(binary.name) for binary in wanted}
 
-    def _say_waiting(self, binary: pins.Binary) -> "_Waiting":
-        return _Waiting(self._progress, binary.name)
-
-
-class _Waiting:
-    def __init__(self, progress: Progress, name: str) -> None:
-        self._progress = progress
-        self._name = name
-
-    def __call__(self) -> None:
-        self._progress.say(f"{self._name} is being made by another process: waiting for it")
+    def _adding(self, store: cache.Store, binary: pins.Binary) -> AbstractContextManager[Path | None]:
+        waiting = f"{binary.name} is being made by another process: waiting for it"
+        return store.adding(binary.name, on_wait=partial(self._progress.say, waiting))

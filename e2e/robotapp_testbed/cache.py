@@ -68,8 +68,9 @@ class Store:
             if self.get(name):
                 yield None
                 return
-            partial = self.directory / f".{name}.partial"  # also what an earlier, killed caller may have left
-            partial.unlink(missing_ok=True)
+            for left in self.directory.glob(f".{name}.*.partial*"):  # of callers that were killed
+                left.unlink()
+            partial = self.directory / f".{name}.{os.getpid()}.partial"
             try:
                 yield partial
                 if partial.is_file():

@@ -30,7 +30,7 @@ class Layout:
 
     @classmethod
     def create(cls, run_dir: Path) -> "Layout":
-        for folder in ("logs", "certificates", "kubeconfigs"):
+        for folder in ("bin", "logs", "certificates", "kubeconfigs"):
             (run_dir / folder).mkdir()
         return cls(run_dir, *ports.free_ports(4))
 
@@ -67,6 +67,10 @@ class Layout:
     @property
     def audit_log(self) -> Path:
         return self.logs_dir / "audit.jsonl"
+
+    @property
+    def bin_dir(self) -> Path:
+        return self.run_dir / "bin"
 
     @property
     def logs_dir(self) -> Path:

@@ -98,6 +98,11 @@ class ControlPlane:
         return self._started().run_dir
 
     @property
+    def bin_dir(self) -> Path:
+        """A folder for PATH with kubectl, helm and the servers of this control plane."""
+        return self._started().bin_dir
+
+    @property
     def logs_dir(self) -> Path:
         return self._started().logs_dir
 
@@ -138,6 +143,10 @@ class ControlPlane:
                 f"{name} is not part of this control plane, which has {', '.join(self._processes)}"
             ) from None
 
+    def pids(self) -> dict[str, int]:
+        """Process ids by program name, of what runs now."""
+        return {str(name): process.pid for name, process in self._processes.items() if process.running}
+
     def audit(self) -> list[dict[str, Any]]:
         """All audit records so far. Needs audit=True."""
         if not self._audit_level:
@@ -151,10 +160,10 @@ class ControlPlane:
         binaries = self._assets.resolve([*self._wanted, "kubectl", "helm"])
         run_dir = Path(tempfile.mkdtemp(prefix="robotapp-testbed-"))
         try:
-            self._guard = _start_guard(run_dir)
+            self._guard = start_guard(run_dir)
             self._layout = components.Layout.create(run_dir)
             self._commands = Commands(binaries, run_dir)
-            self._write_files(self._layout)
+            self._write_files(self._layout, binaries)
             self._start_servers(self._layout, binaries)
         except BaseException:
             self.close()
@@ -204,7 +213,9 @@ class ControlPlane:
             raise TestbedError("the control plane is not started")
         return self._commands.run(program, args, kubeconfig=self.kubeconfig(name), stdin=stdin, check=check)
 
-    def _write_files(self, layout: components.Layout) -> None:
+    def _write_files(self, layout: components.Layout, binaries: Mapping[str, Path]) -> None:
+        for name, path in binaries.items():
+            (layout.bin_dir / name).symlink_to(path.resolve())
         layout.token_file.write_text(identity.token_file(self._identities))
         layout.signing_key.write_text(identity.signing_key())
         layout.audit_policy.write_text(audit_log.policy(self._audit_level or "None"))
@@ -234,7 +245,7 @@ class ControlPlane:
             process.wait_ready()
 
 
-def _start_guard(run_dir: Path) -> subprocess.Popen[bytes]:
+def start_guard(run_dir: Path) -> subprocess.Popen[bytes]:
     command = [sys.executable, "-I", "-S", guard.__file__, str(os.getpid()), str(run_dir)]
     return subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True

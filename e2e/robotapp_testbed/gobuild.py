@@ -8,6 +8,7 @@ from pathlib import Path
 
 from robotapp_testbed import pins
 from robotapp_testbed.failures import TestbedError
+from robotapp_testbed.process import launcher
 from robotapp_testbed.toolchain import Go
 
 _ERROR_LINES = 6
@@ -36,7 +37,7 @@ def build(
     """Write the binary to `target`. `on_line` gets each line Go prints. An interrupt ends the compiler as well."""
     last: list[str] = []
     process = subprocess.Popen(
-        command(go, binary, target),
+        launcher(command(go, binary, target)),
         cwd=module_dir,
         env=build_environment(env),
         stdin=subprocess.DEVNULL,

@@ -1,6 +1,6 @@
 """Run as a script: become the wanted program, after making sure it cannot outlive the process that asked for it.
 
-    python -I -S launch.py OWNER_PID REGISTER_DIR PROGRAM [ARGUMENT…]
+    python -I -S launch.py OWNER_PID REGISTER_DIR|- PROGRAM [ARGUMENT…]
 
 Two safeguards, because each has a gap. Linux kills the program when the owner's spawning thread ends, however it
 ends. And the program is written to REGISTER_DIR, where the guard of the control plane finds it. Uses nothing of the package: it
@@ -22,9 +22,10 @@ def start_time(pid: int) -> str:
 
 
 def main() -> None:
-    owner, register, argv = int(sys.argv[1]), Path(sys.argv[2]), sys.argv[3:]
+    owner, register, argv = int(sys.argv[1]), sys.argv[2], sys.argv[3:]
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-    (register / str(os.getpid())).write_text(start_time(os.getpid()))
+    if register != "-":
+        Path(register, str(os.getpid())).write_text(start_time(os.getpid()))
     if os.getppid() != owner:  # the owner died before the two lines above: nobody would end us
         sys.exit("the process that asked for this program is gone")
     os.execv(argv[0], argv)  # noqa: S606 - becoming the program is the purpose

@@ -35,6 +35,12 @@ def wait_until(condition: Callable[[], bool], *, timeout_s: float, poll_s: float
     return True
 
 
+def launcher(argv: Sequence[str | Path], *, register: Path | None = None) -> list[str]:
+    """The command line that runs `argv` (absolute program path) so that it dies with the calling thread."""
+    safeguard = [sys.executable, "-I", "-S", str(_LAUNCH), str(os.getpid()), str(register or "-")]
+    return [*safeguard, *map(str, argv)]
+
+
 def spawn(
     argv: Sequence[str | Path],
     *,
@@ -43,10 +49,10 @@ def spawn(
     env: Mapping[str, str] | None = None,
     cwd: Path | None = None,
 ) -> subprocess.Popen[bytes]:
-    """Start `argv` (absolute program path) so that it dies with this process; output goes to descriptor `log`."""
+    """Start `argv` so that it dies with this process; output goes to descriptor `log`."""
     register = run_dir / guard.REGISTER
     register.mkdir(parents=True, exist_ok=True)
-    command = [sys.executable, "-I", "-S", str(_LAUNCH), str(os.getpid()), str(register), *map(str, argv)]
+    command = launcher(argv, register=register)
 
     def start() -> subprocess.Popen[bytes]:
         return subprocess.Popen(
@@ -60,6 +66,24 @@ def spawn(
         )
 
     return _SPAWNER.submit(start).result()
+
+
+def cpu_seconds(pid: int) -> float:
+    """User plus system time of a process so far, all threads; 0 when there is none (proc(5), stat fields 14 and 15)."""
+    fields = _proc_file(pid, "stat").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / _TICKS_PER_S if fields else 0.0
+
+
+def rss_bytes(pid: int) -> int:
+    """Memory of a process in RAM; 0 when there is none."""
+    fields = _proc_file(pid, "statm").split()
+    return int(fields[1]) * _PAGE_BYTES if fields else 0
+
+
+def _proc_file(pid: int, name: str) -> str:
+    with suppress(FileNotFoundError, ProcessLookupError):
+        return Path(f"/proc/{pid}/{name}").read_text()
+    return ""
 
 
 class Process:
@@ -76,6 +100,7 @@ class Process:
         run_dir: Path,
         log_path: Path,
         env: Mapping[str, str] | None = None,
+        before_start: Callable[[], None] = lambda: None,
         ready: Callable[[], bool] | None = None,
         ready_timeout_s: float = 60.0,
         health_url: str = "",
@@ -86,6 +111,7 @@ class Process:
         self.health_url = health_url
         self._run_dir = run_dir
         self._env = dict(env) if env is not None else None
+        self._before_start = before_start
         self._ready = ready
         self._ready_timeout_s = ready_timeout_s
         self._popen: subprocess.Popen[bytes] | None = None
@@ -112,6 +138,7 @@ class Process:
     def start(self) -> Self:
         if self.running:
             return self
+        self._before_start()
         with self.log_path.open("ab") as log:
             self._popen = spawn(self.argv, run_dir=self._run_dir, log=log.fileno(), env=self._env)
         return self
@@ -132,8 +159,9 @@ class Process:
         self.wait()
 
     def stop(self, timeout_s: float = 10.0) -> int | None:
-        """SIGTERM, SIGKILL after `timeout_s`; the exit status."""
+        """SIGTERM (to a paused program as well), SIGKILL after `timeout_s`; the exit status."""
         self.send(signal.SIGTERM)
+        self.send(signal.SIGCONT)
         try:
             return self.wait(timeout_s)
         except subprocess.TimeoutExpired:
@@ -165,22 +193,15 @@ class Process:
         return code
 
     def cpu_seconds(self) -> float:
-        """User plus system time so far (all threads); 0 when it does not run."""
-        fields = self._proc("stat").rpartition(")")[2].split()
-        return (int(fields[11]) + int(fields[12])) / _TICKS_PER_S if fields else 0.0
+        """User plus system time so far, all threads; 0 when it does not run."""
+        return cpu_seconds(self.pid)
 
     def rss_bytes(self) -> int:
-        fields = self._proc("statm").split()
-        return int(fields[1]) * _PAGE_BYTES if fields else 0
+        return rss_bytes(self.pid)
 
     def log_text(self) -> str:
         with suppress(FileNotFoundError):
             return self.log_path.read_text(errors="replace")
-        return ""
-
-    def _proc(self, name: str) -> str:
-        with suppress(FileNotFoundError, ProcessLookupError):
-            return Path(f"/proc/{self.pid}/{name}").read_text()
         return ""
 
     def _log_tail(self) -> str:

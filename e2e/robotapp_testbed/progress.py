@@ -45,25 +45,23 @@ class Progress:
         self._plan, self._index, self._expected_done_s, self._took_s = list(steps), 0, 0.0, 0.0
 
     @contextmanager
-    def step(self) -> Iterator[Callable[[str], None]]:
-        """Run the next planned step; yields a function that takes a note on what is happening just now."""
-        title, expected_s = self._plan[self._index]
+    def step(self, title: str) -> Iterator[Callable[[str], None]]:
+        """Run the planned step `title` (steps before it that did not run are passed over).
+
+        Yields a function that takes a note on what is happening just now. A step that raises leaves it to the caller
+        to say what happened.
+        """
+        self._index = [planned for planned, _ in self._plan].index(title)
         self._started_s = self._said_s = self._clock()
         self._note = ""
         if not self._interactive:
             self.say(f"{self._prefix()} {title}: {self._remaining_text()}")
-        try:
-            with self._ticking():
-                yield self._take_note
-            outcome = f"done in {self._elapsed_s():.0f} s"
-            self._took_s += self._elapsed_s()
-            self._expected_done_s += expected_s
-        except BaseException:
-            outcome = "not done"
-            raise
-        finally:
-            self.say(f"{self._prefix()} {title}: {outcome}")
-            self._index += 1
+        with self._ticking():
+            yield self._take_note
+        took_s = self._elapsed_s()
+        self._took_s += took_s
+        self._expected_done_s += self._plan[self._index][1]
+        self.say(f"{self._prefix()} {title}: done in {took_s:.0f} s")
 
     @contextmanager
     def _ticking(self) -> Iterator[None]:

@@ -3,6 +3,7 @@
 import urllib.error
 import urllib.request
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -72,14 +73,21 @@ class Builder:
             Program.CONTROLLER_MANAGER: self._controllers_work,
             Program.KWOK: lambda: answers(f"http://127.0.0.1:{layout.kwok_port}/healthz"),
         }
+        before_start = {Program.KWOK: self._drop_node_leases}
         return Process(
             program,
             [self._binaries[program], *args, *self._settings.extra.get(program, ())],
             run_dir=layout.run_dir,
             log_path=layout.logs_dir / f"{program}.log",
             env={"HOME": str(layout.run_dir), "PATH": ""},
+            before_start=before_start.get(program, lambda: None),
             ready=ready.get(program),
         )
+
+    def _drop_node_leases(self) -> None:
+        """A restarted kubelet goes on with its Lease; a restarted kwok has a new name and would wait for the old one's to expire."""
+        with suppress(OSError, ApiStatusError):  # without an API server it waits, as two instances would
+            self._api.delete("/apis/coordination.k8s.io/v1/namespaces/kube-node-lease/leases")
 
     def _controllers_work(self) -> bool:
         """It has no health port here; pods can be created once it made the default ServiceAccount."""

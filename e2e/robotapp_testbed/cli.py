@@ -1,0 +1,183 @@
+"""`python -m robotapp_testbed build | up | env | status | down`: a real control plane by hand."""
+
+import argparse
+import shlex
+import sys
+from collections.abc import Sequence
+from contextlib import ExitStack
+
+from robotapp_testbed import pins, product
+from robotapp_testbed.assets import Assets
+from robotapp_testbed.controlplane import ControlPlane
+from robotapp_testbed.detached import Cluster, State
+from robotapp_testbed.failures import TestbedError
+from robotapp_testbed.process import cpu_seconds, rss_bytes
+from robotapp_testbed.topology import SimulatedTelemetry, apply, fleet
+
+_EXAMPLES = """examples:
+  python -m robotapp_testbed build                       get or compile all binaries, once (safe to interrupt)
+  python -m robotapp_testbed up --install --fleet 2,2,1  a cluster with our CRDs and five simulated nodes
+  eval "$(python -m robotapp_testbed env)"               use it from this shell
+  python -m robotapp_testbed status
+  python -m robotapp_testbed down
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Exit status: 0 done, 1 it failed with a message for a person, 3 nothing runs."""
+    arguments = _parser().parse_args(argv)
+    try:
+        return int(arguments.run(arguments))
+    except TestbedError as error:
+        print(error, file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("interrupted: what is finished stays, run it again to go on", file=sys.stderr)
+        return 130
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m robotapp_testbed",
+        description="A real Kubernetes control plane on this machine, without containers and without root.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    build = commands.add_parser("build", help="get the binaries: cache, official releases, or compile them")
+    _add_release_option(build)
+    build.set_defaults(run=_build)
+
+    up = commands.add_parser("up", help="start a cluster that stays until `down`")
+    _add_release_option(up)
+    up.add_argument("--install", action="store_true", help="apply our CRDs, default pool, RBAC and policies")
+    up.add_argument(
+        "--fleet", metavar="R,E,C", type=_numbers, help="simulated robots, edge servers and clouds, for example 2,2,1"
+    )
+    up.add_argument("--audit", action="store_true", help="keep an audit log")
+    up.add_argument(
+        "--kube-scheduler", nargs="?", const=True, default=False, metavar="FILE", help="run kube-scheduler as well"
+    )
+    up.add_argument("--hold", action="store_true", help="stay in the foreground until interrupted")
+    up.set_defaults(run=_up)
+
+    env = commands.add_parser("env", help="print the shell lines that point KUBECONFIG and PATH at the cluster")
+    env.add_argument(
+        "--identity", default="admin", help="whose kubeconfig: admin, operator, scheduler, tenant, tenant-b"
+    )
+    env.set_defaults(run=_env)
+
+    status = commands.add_parser("status", help="what runs, with CPU and memory")
+    status.set_defaults(run=_status)
+    down = commands.add_parser("down", help="end the cluster and remove its files")
+    down.set_defaults(run=_down)
+    for command in (up, env, status, down):
+        command.add_argument("--name", default="default", help="several clusters can run side by side")
+    return parser
+
+
+def _add_release_option(parser: argparse.ArgumentParser) -> None:
+    sources = ", ".join(pins.BASE_URLS)
+    text = f"base URL of the official releases of one source ({sources}); empty: never download from it. Repeatable"
+    parser.add_argument(
+        "--release-url", action="append", default=[], type=_release_url, metavar="SOURCE=URL", help=text
+    )
+
+
+def _release_url(text: str) -> tuple[str, str]:
+    source, separator, url = text.partition("=")
+    if source not in pins.BASE_URLS or not separator:
+        raise argparse.ArgumentTypeError(f"{text!r} is not SOURCE=URL with SOURCE one of {', '.join(pins.BASE_URLS)}")
+    return source, url
+
+
+def _numbers(text: str) -> tuple[int, int, int]:
+    parts = text.split(",")
+    if len(parts) != 3 or not all(part.isdecimal() for part in parts):
+        raise argparse.ArgumentTypeError(f"{text!r} is not three numbers such as 2,2,1")
+    robots, edges, clouds = map(int, parts)
+    return robots, edges, clouds
+
+
+def _build(arguments: argparse.Namespace) -> int:
+    for name, path in Assets(base_urls=dict(arguments.release_url)).resolve().items():
+        print(f"{name:24} {path}")
+    return 0
+
+
+def _up(arguments: argparse.Namespace) -> int:
+    assets = Assets(base_urls=dict(arguments.release_url))
+    assets.resolve()  # here, so that the user sees the progress
+    cluster = Cluster(arguments.name)
+    if arguments.hold:
+        plane = ControlPlane(assets=assets, audit=arguments.audit, kube_scheduler=arguments.kube_scheduler)
+        cluster.hold(plane, prepare=lambda cp, stack: _prepare(cp, stack, arguments))
+        return 0
+    state = cluster.up(_passed_on(arguments))
+    print(f"{state.server_url} serves, logs in {state.run_dir}/logs", file=sys.stderr)
+    print(f"export KUBECONFIG={shlex.quote(str(state.kubeconfig('admin')))}")
+    return 0
+
+
+def _passed_on(arguments: argparse.Namespace) -> list[str]:
+    """The options of `up` for the holder it starts."""
+    options = [f"--release-url={source}={url}" for source, url in arguments.release_url]
+    options += [flag for flag, wanted in (("--install", arguments.install), ("--audit", arguments.audit)) if wanted]
+    options += [f"--fleet={','.join(map(str, arguments.fleet))}"] if arguments.fleet else []
+    if arguments.kube_scheduler:
+        options.append(
+            "--kube-scheduler" if arguments.kube_scheduler is True else f"--kube-scheduler={arguments.kube_scheduler}"
+        )
+    return options
+
+
+def _prepare(cp: ControlPlane, stack: ExitStack, arguments: argparse.Namespace) -> None:
+    if arguments.install:
+        product.install(cp)
+    if arguments.fleet:
+        world = fleet(*arguments.fleet)
+        apply(cp, world)
+        if arguments.install:  # without our CRDs there is nowhere to write telemetry
+            stack.enter_context(SimulatedTelemetry(cp, world))
+
+
+def _env(arguments: argparse.Namespace) -> int:
+    state = _running(arguments.name)
+    if state is None:
+        return 3
+    kubeconfig = state.kubeconfig(arguments.identity)
+    if not kubeconfig.exists():
+        raise TestbedError(
+            f"no identity {arguments.identity!r}, there are {', '.join(sorted(path.stem for path in kubeconfig.parent.iterdir()))}"
+        )
+    print(f"export KUBECONFIG={shlex.quote(str(kubeconfig))}")
+    print(f'export PATH={shlex.quote(f"{state.run_dir}/bin")}:"$PATH"')
+    return 0
+
+
+def _status(arguments: argparse.Namespace) -> int:
+    state = _running(arguments.name)
+    if state is None:
+        return 3
+    print(f"{arguments.name}: {state.server_url}, files in {state.run_dir}, held by pid {state.holder_pid}")
+    print(f"{'PROGRAM':26}{'PID':>8}{'CPU S':>9}{'RSS MB':>9}")
+    for name, pid in state.processes.items():
+        print(f"{name:26}{pid:>8}{cpu_seconds(pid):>9.1f}{rss_bytes(pid) / 1e6:>9.0f}")
+    return 0
+
+
+def _down(arguments: argparse.Namespace) -> int:
+    if not Cluster(arguments.name).down():
+        print(f"no cluster {arguments.name!r} runs", file=sys.stderr)
+    return 0
+
+
+def _running(name: str) -> State | None:
+    state = Cluster(name).state()
+    if state is None:
+        print(
+            f"no cluster {name!r} runs: start one with `python -m robotapp_testbed up`",
+            file=sys.stderr,
+        )
+    return state

@@ -1,0 +1,109 @@
+"""Faults and repair of each process, on a control plane of its own."""
+
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from robotapp_testbed import ApiStatusError, ControlPlane, TestbedError, audit, wait_until
+from robotapp_testbed.topology import apply, edge
+
+pytestmark = pytest.mark.live
+
+START_S = 5.0
+
+
+@pytest.fixture(scope="module")
+def plane() -> Iterator[ControlPlane]:
+    with ControlPlane(kube_scheduler=True, audit=True) as running:
+        apply(running, [edge()])
+        yield running
+
+
+def create_pod(plane: ControlPlane, name: str) -> None:
+    spec = {"containers": [{"name": "main", "image": "registry.invalid/main:1"}]}
+    plane.api.create("/api/v1/namespaces/default/pods", {"metadata": {"name": name}, "spec": spec})
+
+
+def phase(plane: ControlPlane, name: str) -> str:
+    return str(plane.api.get(f"/api/v1/namespaces/default/pods/{name}")["status"]["phase"])
+
+
+def runs(plane: ControlPlane, name: str, *, timeout_s: float = 20) -> bool:
+    return wait_until(lambda: phase(plane, name) == "Running", timeout_s=timeout_s)
+
+
+def test_it_serves_within_five_seconds() -> None:
+    started = time.monotonic()
+    with ControlPlane(controller_manager=False) as plane:
+        took_s = time.monotonic() - started
+        assert plane.api.get("/readyz") == "ok"
+    assert took_s < START_S
+
+
+def test_kube_scheduler_places_pods(plane: ControlPlane) -> None:
+    create_pod(plane, "placed")
+    assert runs(plane, "placed")
+    assert plane.api.get("/api/v1/namespaces/default/pods/placed")["spec"]["nodeName"] == "edge-1"
+
+
+@pytest.mark.parametrize("name", ["etcd", "kube-apiserver", "kube-controller-manager", "kwok", "kube-scheduler"])
+def test_after_kill_and_restart_pods_run_again_and_nothing_is_lost(name: str, plane: ControlPlane) -> None:
+    create_pod(plane, f"before-{name}")
+    assert runs(plane, f"before-{name}")
+    plane.process(name).kill()
+    assert not plane.process(name).running
+    plane.process(name).start().wait_ready()
+    assert wait_until(plane.api.is_ready, timeout_s=20)
+    assert phase(plane, f"before-{name}") == "Running"
+    create_pod(plane, f"after-{name}")
+    assert runs(plane, f"after-{name}", timeout_s=60)
+
+
+def test_without_kube_apiserver_requests_fail_until_it_is_back(plane: ControlPlane) -> None:
+    plane.process("kube-apiserver").kill()
+    with pytest.raises(OSError, match=r"refused|reset|closed"):
+        plane.api.get("/api/v1/nodes")
+    plane.process("kube-apiserver").start().wait_ready()
+    assert plane.api.get("/api/v1/nodes")["items"]
+
+
+@pytest.mark.parametrize("name", ["kube-scheduler", "kwok"])
+def test_a_paused_program_does_nothing_until_it_is_resumed(name: str, plane: ControlPlane) -> None:
+    plane.process(name).pause()
+    create_pod(plane, f"paused-{name}")
+    assert not runs(plane, f"paused-{name}", timeout_s=0.5)
+    plane.process(name).resume()
+    assert runs(plane, f"paused-{name}")
+
+
+def test_cpu_and_memory_of_each_process_can_be_read(plane: ControlPlane) -> None:
+    for name in plane.pids():
+        assert plane.process(name).cpu_seconds() > 0
+        assert plane.process(name).rss_bytes() > 10_000_000
+
+
+def test_the_audit_log_tells_who_wrote_what(plane: ControlPlane) -> None:
+    create_pod(plane, "audited")
+    assert runs(plane, "audited")
+
+    def writers() -> list[tuple[str, str, str]]:
+        found = audit.writes(plane.audit(), resource="pods")
+        named = [record for record in found if record["objectRef"].get("name") == "audited"]
+        return [
+            (record["user"]["username"], record["verb"], record["objectRef"].get("subresource", "")) for record in named
+        ]
+
+    expected = [("system:kube-scheduler", "create", "binding"), ("system:kwok", "patch", "status")]
+    assert wait_until(lambda: set(expected) <= set(writers()), timeout_s=5), writers()
+
+
+def test_a_process_it_does_not_have_is_explained(plane: ControlPlane) -> None:
+    with pytest.raises(TestbedError, match="kubelet is not part of this control plane, which has etcd, kube-apiserver"):
+        plane.process("kubelet")
+
+
+def test_an_error_of_the_server_keeps_its_status_and_text(plane: ControlPlane) -> None:
+    with pytest.raises(ApiStatusError, match='pods "none" not found') as caught:
+        plane.api.get("/api/v1/namespaces/default/pods/none")
+    assert caught.value.status == 404

@@ -1,0 +1,93 @@
+import io
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robotapp_testbed.progress import Progress
+
+PLAN = [("compiling etcd", 25.0), ("compiling kube-apiserver", 235.0)]
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.now_s = 100.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+def started(*, interactive: bool = False) -> tuple[Progress, io.StringIO, Clock]:
+    stream, clock = io.StringIO(), Clock()
+    progress = Progress(stream, interactive=interactive, clock=clock)
+    progress.plan(PLAN)
+    return progress, stream, clock
+
+
+def test_lines_name_step_number_and_time_left() -> None:
+    progress, stream, clock = started()
+    with progress.step("compiling etcd"):
+        clock.now_s += 5
+    assert stream.getvalue() == "[1/2] compiling etcd: about 4 min left\n[1/2] compiling etcd: done in 5 s\n"
+
+
+def test_what_finished_steps_took_corrects_the_rest() -> None:
+    progress, stream, clock = started()
+    with progress.step("compiling etcd"):
+        clock.now_s += 5  # a fifth of what was expected: the compiler's cache is warm
+    with progress.step("compiling kube-apiserver"):
+        pass
+    assert "[2/2] compiling kube-apiserver: about 47 s left" in stream.getvalue()
+
+
+def test_a_long_step_says_every_twenty_seconds_that_it_lives() -> None:
+    progress, stream, clock = started()
+    with progress.step("compiling etcd"):
+        for _ in range(5):
+            clock.now_s += 9
+            progress.redraw()
+    assert stream.getvalue().count("compiling etcd: 27 s, ") == 1
+    assert len(stream.getvalue().splitlines()) == 3
+
+
+def test_a_terminal_gets_one_bar_that_is_redrawn() -> None:
+    progress, stream, clock = started(interactive=True)
+    with progress.step("compiling etcd") as note:
+        clock.now_s += 12.5
+        note("net/http")
+        progress.redraw()
+    assert "\r\x1b[2K[1/2] compiling etcd ████████████░░░░░░░░░░░░ about 4 min left net/http" in stream.getvalue()
+    assert stream.getvalue().endswith("\r\x1b[2K[1/2] compiling etcd: done in 12 s\n")
+
+
+def test_a_step_that_takes_longer_than_expected_is_nearly_done() -> None:
+    progress, _, clock = started()
+    with progress.step("compiling kube-apiserver"):
+        clock.now_s += 1000
+        assert progress.remaining_s() == 0.0
+
+
+def test_a_failed_step_is_not_called_done() -> None:
+    progress, stream, _ = started()
+    with pytest.raises(OSError, match="disk"), progress.step("compiling etcd"):
+        raise OSError("disk")
+    assert "done" not in stream.getvalue()
+
+
+def test_steps_may_be_passed_over() -> None:
+    progress, stream, _ = started()
+    with progress.step("compiling kube-apiserver"):
+        pass
+    assert stream.getvalue().startswith("[2/2] compiling kube-apiserver: about 4 min left")
+
+
+@given(expected=st.lists(st.floats(0, 1e4), min_size=1, max_size=6), took=st.floats(0, 1e4))
+def test_the_time_left_is_never_negative(expected: list[float], took: float) -> None:
+    clock = Clock()
+    progress = Progress(io.StringIO(), interactive=False, clock=clock)
+    plan = [(f"step {number}", seconds) for number, seconds in enumerate(expected)]
+    progress.plan(plan)
+    for title, _ in plan:
+        with progress.step(title):
+            assert progress.remaining_s() >= 0
+            clock.now_s += took
