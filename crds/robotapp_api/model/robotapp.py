@@ -62,9 +62,9 @@ class RobotAppSpec(Model):
             advice="write the name of a component; foreign pods belong in sharedData.peerPods",
         ),
         Rule(
-            rule="self.components.all(c, !has(c.colocateWith) || !self.components.exists(o, o.name in c.colocateWith && has(o.separateFrom) && c.name in o.separateFrom))",
+            rule="self.components.all(c, !has(c.colocateWith) || !self.components.exists(o, has(o.separateFrom) && o.name in c.colocateWith && c.name in o.separateFrom))",
             message="one component wants to be with another that wants to be apart from it; remove one of the two names",
-            expression="'colocateWith of %s contradicts separateFrom of the component it names; remove one of the two names'.format([self.components.filter(c, has(c.colocateWith) && self.components.exists(o, o.name in c.colocateWith && has(o.separateFrom) && c.name in o.separateFrom)).map(c, c.name)])",
+            expression="'colocateWith of %s contradicts separateFrom of the component it names; remove one of the two names'.format([self.components.filter(c, has(c.colocateWith) && self.components.exists(o, has(o.separateFrom) && o.name in c.colocateWith && c.name in o.separateFrom)).map(c, c.name)])",
             path=".components",
         ),
         Rule(
