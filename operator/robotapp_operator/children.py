@@ -1,0 +1,221 @@
+"""One instance's children: cheap look into the caches first, then the protocol of the claims with fresh reads.
+
+The order of reads is the protocol (docs/claims.md, rule 5): app and Deployments, then claims, then the template write that
+carries the Deployment's resourceVersion as it was before the claims were listed.
+"""
+
+import logging
+from collections import Counter
+from typing import Final
+
+import msgspec
+
+from robotapp_api.claims.domain import DomainOutcome, DomainRequest, Fence
+from robotapp_api.claims.identity import holder_of_app
+from robotapp_api.claims.objects import Deployment as ClaimsDeployment
+from robotapp_api.client import ApiClient, NotFound
+from robotapp_api.client.claims import ensure_domain
+from robotapp_api.client.resources import DEPLOYMENTS, ROBOTAPPS, SERVICES
+from robotapp_api.model.names import Label, Reason
+from robotapp_operator.cache import Cache
+from robotapp_operator.execute import StartOver, execute
+from robotapp_operator.gather import cached_domain, needs_domain, params_files, wanted_instances
+from robotapp_operator.memory import Memory
+from robotapp_operator.plan.app import problems_of
+from robotapp_operator.plan.changes import Observed, Plan, deployment_domain, plan, ref_of, wanted_children
+from robotapp_operator.plan.children import Child
+from robotapp_operator.plan.instances import Instance
+from robotapp_operator.plan.objects import ChildRef, Deployment, Service
+from robotapp_operator.plan.record import Record
+from robotapp_operator.plan.wish import App, Domain, wish_of
+
+log = logging.getLogger(__name__)
+
+TURNS: Final = 4
+"""Start over this often at once; then the queue backs off."""
+
+
+class Children:
+    """Reconciles instances. `version` is the operator's, written on everything it renders."""
+
+    def __init__(self, client: ApiClient, cache: Cache, memory: Memory, *, version: str) -> None:
+        self._client = client
+        self._cache = cache
+        self._memory = memory
+        self._version = version
+
+    async def reconcile(self, uid: str, robot: str) -> bool:
+        """Bring one instance's children in place. True when all is written; raises StartOver when others keep writing."""
+        if self._settled(uid, robot):
+            return True
+        for turn in range(TURNS):
+            try:
+                return await self._turn(uid, robot)
+            except StartOver as race:
+                log.info("instance %s of %s: %s", robot, uid, race)
+                if turn == TURNS - 1:
+                    raise
+        raise AssertionError("the last turn returns or raises")
+
+    def _settled(self, uid: str, robot: str) -> bool:
+        """Do the caches already show what we would write?"""
+        record = self._cache.apps.get(uid)
+        if record is None or record.deleting or record.app is None:
+            return True
+        app = record.app
+        if problems_of(app, self._cache.nodes):
+            return True
+        instance = find_instance(wanted_instances(app, self._cache), robot)
+        observed = self._cache.children(uid, robot)
+        if instance is None:
+            return not self._plan(app, [], observed)
+        domain = cached_domain(app, robot, self._cache, self._memory.outcome(uid, robot))
+        if needs_domain(app) and domain is None:
+            return False
+        result = self._plan(app, self._wanted(app, robot, domain), observed)
+        self._memory.of(uid).held[robot] = result.held
+        return not result and not result.foreign
+
+    async def _turn(self, uid: str, robot: str) -> bool:
+        app = await self._fresh_app(uid)
+        if app is None or problems_of(app, self._cache.nodes):
+            return True
+        observed = await self._observe(app, robot)
+        instance = find_instance(wanted_instances(app, self._cache), robot)
+        fences = {
+            item.metadata.name: Fence(item.metadata.uid, item.metadata.resource_version)
+            for item in observed.values()
+            if isinstance(item, Deployment)
+        }
+        if instance is None:
+            return await self._write(app, robot, self._plan(app, [], observed), fences)
+        if not needs_domain(app):
+            return await self._write(app, robot, self._plan(app, self._wanted(app, robot, None), observed), fences)
+        outcome = await ensure_domain(
+            self._client,
+            domain_request(app, instance, scope_value=self._scope_value(app, instance)),
+            deployments=[protocol_view(item) for item in observed.values() if isinstance(item, Deployment)],
+            shared_uses=self._shared_uses(),
+        )
+        memory = self._memory.of(uid)
+        memory.outcomes[robot] = outcome
+        if outcome.id is None:
+            return await self._without_domain(app, robot, observed, outcome, fences)
+        if outcome.created:
+            memory.new_domains[robot] = outcome.id
+        if outcome.fences != fences:
+            raise StartOver("a Deployment changed while the domain was taken")
+        wanted = self._wanted(app, robot, Domain(outcome.id, outcome.claim))
+        return await self._write(app, robot, self._plan(app, wanted, observed), fences)
+
+    async def _without_domain(
+        self, app: App, robot: str, observed: dict[ChildRef, Observed], outcome: DomainOutcome, fences: dict[str, Fence]
+    ) -> bool:
+        """No id to be had: a template that names an id the instance does not hold must not start pods."""
+        if outcome.gone:
+            return True
+        named = {
+            number
+            for item in observed.values()
+            if isinstance(item, Deployment) and (number := deployment_domain(item)) is not None
+        }
+        if named and outcome.unheld:
+            wish = wish_of(app, robot)
+            stale = Domain(min(named))
+            params = params_files(app, robot, self._cache)
+            stopped = wanted_children(wish, domain=stale, params=params, running=False)
+            wanted = [child for child in stopped if child.ref in observed]
+            await self._write(app, robot, self._plan(app, wanted, observed), fences)
+        return outcome.reason != Reason.PENDING
+
+    async def _write(self, app: App, robot: str, what: Plan, fences: dict[str, Fence]) -> bool:
+        memory = self._memory.of(app.uid)
+        memory.held[robot] = what.held
+        memory.troubles.pop(robot, None)
+        if what.foreign:
+            text = f"{', '.join(what.foreign)} exists and belongs to somebody else; delete or rename it"
+            memory.troubles[robot] = (Reason.FAILED_CREATE, text)
+        written = await execute(self._client, app, what, fences=fences, version=self._version)
+        memory.settled.update(written.settled)
+        if written.refusals:
+            memory.troubles[robot] = written.refusals[0]
+        return not written.refusals and not what.foreign
+
+    async def _fresh_app(self, uid: str) -> App | None:
+        """The app as it is now; None when it is gone, going, replaced by another, or unreadable."""
+        known = self._cache.apps.get(uid)
+        if known is None:
+            return None
+        try:
+            body = await self._client.get(ROBOTAPPS, known.name, namespace=known.namespace)
+        except NotFound:
+            self._gone(known)
+            return None
+        record = self._cache.update_app(body)
+        if record.uid != uid:
+            self._gone(known)
+            return None
+        return None if record.deleting else record.app
+
+    def _gone(self, record: Record) -> None:
+        self._cache.forget_app(record.uid)
+        self._memory.forget(record.uid)
+
+    async def _observe(self, app: App, robot: str) -> dict[ChildRef, Observed]:
+        """Deployments and Services of the instance, read with a quorum."""
+        mine = f"{Label.APP_UID}={app.uid},{Label.INSTANCE}={robot}"
+        deployments = await self._client.list(
+            DEPLOYMENTS, namespace=app.namespace, label_selector=mine, as_type=Deployment
+        )
+        services = await self._client.list(SERVICES, namespace=app.namespace, label_selector=mine, as_type=Service)
+        found: list[Observed] = [*deployments.items, *services.items]
+        return {ref_of(item): item for item in found}
+
+    def _wanted(self, app: App, robot: str, domain: Domain | None) -> list[Child]:
+        params = params_files(app, robot, self._cache)
+        return wanted_children(wish_of(app, robot), domain=domain, params=params, running=not app.spec.suspend)
+
+    def _plan(self, app: App, wanted: list[Child], observed: dict[ChildRef, Observed]) -> Plan:
+        settled = self._memory.of(app.uid).settled
+        return plan(app, wanted, observed, version=self._version, settled=settled)
+
+    def _scope_value(self, app: App, instance: Instance) -> str:
+        """Zone and node pools serve the place where the robot is; without a robot the one zone the app names."""
+        pool = self._cache.pools.get(app.pool)
+        scope = pool.spec.scope if pool else "Cluster"
+        node = self._cache.nodes.get(instance.node)
+        if scope == "Node":
+            return instance.node
+        if scope != "Zone":
+            return ""
+        if node is not None:
+            return node.metadata.labels.get(Label.ZONE, "")
+        zones = app.spec.placement.zones
+        return zones[0] if len(zones) == 1 else ""
+
+    def _shared_uses(self) -> dict[int, int]:
+        """Deployments per domain id over all apps, for pools with shared ids."""
+        named = (deployment_domain(item) for group in self._cache.deployments.values() for item in group.values())
+        return dict(Counter(number for number in named if number is not None))
+
+
+def domain_request(app: App, instance: Instance, *, scope_value: str) -> DomainRequest:
+    """What the instance asks of its pool."""
+    dds = app.spec.dds
+    return DomainRequest(
+        holder=holder_of_app(namespace=app.namespace, name=app.name, uid=app.uid, instance=instance.robot),
+        pool=app.pool,
+        scope_value=scope_value,
+        requested_id=app.requested_domain,
+        isolation=dds.isolation if dds else "Domain",
+        share_with=tuple((other.namespace or app.namespace, other.name) for other in dds.share_with) if dds else (),
+    )
+
+
+def find_instance(instances: tuple[Instance, ...], robot: str) -> Instance | None:
+    return next((instance for instance in instances if instance.robot == robot), None)
+
+
+def protocol_view(item: Deployment) -> ClaimsDeployment:
+    """The Deployment in the form the claim rules read."""
+    return msgspec.convert(msgspec.to_builtins(item), ClaimsDeployment)

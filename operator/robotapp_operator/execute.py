@@ -1,0 +1,115 @@
+"""Carry out a plan. Every write of a template is fenced by the resourceVersion read before the claims were listed.
+
+Nothing here decides what is right; it only refuses to write over what it has not seen.
+"""
+
+import dataclasses
+import logging
+from collections.abc import Mapping
+from typing import Any, Final
+
+from robotapp_api.claims.domain import Fence
+from robotapp_api.client import AlreadyExists, ApiClient, ApiError, Conflict, Forbidden, Invalid, NotFound
+from robotapp_api.client.apply import JSON_PATCH
+from robotapp_api.client.resources import DEPLOYMENTS, SERVICES, Resource
+from robotapp_api.model.names import OPERATOR_MANAGER, Reason
+from robotapp_operator.plan.changes import Change, Observed, Plan, ref_of
+from robotapp_operator.plan.children import DEPLOYMENT, SERVICE
+from robotapp_operator.plan.wish import App
+
+log = logging.getLogger(__name__)
+
+RESOURCES: Final[Mapping[str, Resource]] = {DEPLOYMENT: DEPLOYMENTS, SERVICE: SERVICES}
+
+
+class StartOver(Exception):  # noqa: N818 - a turn of the protocol, not an error
+    """Somebody else was faster: read everything again."""
+
+
+@dataclasses.dataclass(slots=True)
+class Written:
+    """What a run did: objects as the server has them now, and refusals a user must cure."""
+
+    settled: dict[str, tuple[int, str]] = dataclasses.field(default_factory=dict)
+    refusals: list[tuple[Reason, str]] = dataclasses.field(default_factory=list)
+    count: int = 0
+
+
+async def execute(client: ApiClient, app: App, plan: Plan, *, fences: Mapping[str, Fence], version: str) -> Written:
+    """Deletes first: a renamed component must not publish beside its old self. Raises StartOver on 409 and 404."""
+    done = Written()
+    for item in plan.deletes:
+        await _delete(client, item)
+        done.count += 1
+    for change in plan.changes:
+        try:
+            result = await _write(client, app, change, fences=fences, version=version)
+        except (Forbidden, Invalid) as refusal:
+            done.refusals.append(_refusal(change, refusal))
+            continue
+        except (Conflict, NotFound, AlreadyExists) as race:
+            raise StartOver(str(race)) from race
+        meta = result["metadata"]
+        done.settled[meta["uid"]] = (meta.get("generation", 0), change.child.hash)
+        done.count += 1
+    return done
+
+
+async def _write(
+    client: ApiClient, app: App, change: Change, *, fences: Mapping[str, Fence], version: str
+) -> dict[str, Any]:
+    child, over = change.child, change.over
+    resource = RESOURCES[child.ref.kind]
+    body = child.body(app, version=version)
+    if over is None:
+        return await client.create(resource, body)
+    fence = fences.get(child.ref.name) if child.ref.kind == DEPLOYMENT else None
+    if fence is None:
+        fence = Fence(over.metadata.uid, over.metadata.resource_version)
+    resource_version = await _own_by_apply(client, resource, app.namespace, child.ref.name, fence)
+    body["metadata"] |= {"uid": fence.uid, "resourceVersion": resource_version}
+    return await client.apply(resource, body)
+
+
+async def _own_by_apply(client: ApiClient, resource: Resource, namespace: str, name: str, fence: Fence) -> str:
+    """Make the fields we created with POST ours by apply, or apply could never remove one. Returns the new version.
+
+    A POST is recorded as operation Update, which co-owns its fields for ever; renaming the record costs one write, once
+    per object, and only when the object is changed for the first time.
+    """
+    live = await client.get(resource, name, namespace=namespace)
+    if live["metadata"]["uid"] != fence.uid or live["metadata"]["resourceVersion"] != fence.resource_version:
+        raise StartOver(f"{name} changed since it was read")
+    entries = live["metadata"].get("managedFields") or []
+    for index, entry in enumerate(entries):
+        if (entry.get("manager"), entry.get("operation"), entry.get("subresource", "")) == (
+            OPERATOR_MANAGER,
+            "Update",
+            "",
+        ):
+            patch = [
+                {"op": "test", "path": "/metadata/resourceVersion", "value": fence.resource_version},
+                {"op": "replace", "path": f"/metadata/managedFields/{index}/operation", "value": "Apply"},
+            ]
+            result = await client.patch(resource, name, patch, namespace=namespace, content_type=JSON_PATCH)
+            version: str = result["metadata"]["resourceVersion"]
+            return version
+    return fence.resource_version
+
+
+async def _delete(client: ApiClient, item: Observed) -> None:
+    """By uid: what has our name but another uid is not what we decided about."""
+    meta = item.metadata
+    ref = ref_of(item)
+    try:
+        await client.delete(
+            RESOURCES[ref.kind], ref.name, namespace=meta.namespace, uid=meta.uid, propagation="Background"
+        )
+    except (NotFound, Conflict):
+        log.debug("%s %s is gone already", ref.kind, ref.name)
+
+
+def _refusal(change: Change, error: ApiError) -> tuple[Reason, str]:
+    quota = "exceeded quota" in error.message
+    reason = Reason.QUOTA_REFUSED if quota else Reason.FAILED_CREATE
+    return reason, f"{change.child.ref.kind} {change.child.ref.name}: {error.message}"[:1024]

@@ -1,0 +1,100 @@
+"""Writes the fleet ConfigMap of a namespace: a plain update, and only when a line changed."""
+
+import logging
+from typing import Any
+
+from robotapp_api.claims.identity import granted_domain
+from robotapp_api.client import AlreadyExists, ApiClient, Conflict, NotFound
+from robotapp_api.client.resources import CONFIGMAPS
+from robotapp_api.model.names import FLEET_CONFIG_MAP, OPERATOR_MANAGER, Annotation, Label
+from robotapp_operator.cache import Cache
+from robotapp_operator.gather import wanted_instances
+from robotapp_operator.plan.app import problems_of
+from robotapp_operator.plan.fleet import Assignment, fleet_lines, shards
+
+log = logging.getLogger(__name__)
+
+_ANNOTATIONS = (
+    Annotation.POLICIES,
+    Annotation.TOPOLOGY,
+    Annotation.AFFINITY,
+    Annotation.SHARED_DATA,
+    Annotation.DDS_DOMAIN,
+)
+
+
+class FleetView:
+    def __init__(self, client: ApiClient, cache: Cache) -> None:
+        self._client = client
+        self._cache = cache
+        self._written: dict[str, list[dict[str, str]]] = {}
+
+    async def publish(self, namespace: str) -> None:
+        """Bring the namespace's ConfigMaps up to date. Lost races are settled by the next call."""
+        pieces = list(shards(fleet_lines(self._assignments(namespace))))
+        before = self._written.get(namespace)
+        if pieces == before:
+            return
+        count = max(len(pieces), len(before or ()), 1)
+        for index in range(count):
+            await self._put(namespace, index, pieces[index] if index < len(pieces) else None)
+        self._written[namespace] = pieces
+
+    def forget(self) -> None:
+        """Compare with the server again next time: somebody may have edited or deleted a ConfigMap."""
+        self._written.clear()
+
+    def _assignments(self, namespace: str) -> list[Assignment]:
+        found: list[Assignment] = []
+        for record in self._cache.apps.values():
+            if record.namespace != namespace or record.app is None or problems_of(record.app, self._cache.nodes):
+                continue
+            nodes: dict[tuple[str, str], str] = {}
+            for pod in self._cache.pods.of(record.uid).values():
+                labels = pod.metadata.labels
+                if pod.spec.node_name and not pod.terminal:
+                    nodes[labels.get(Label.INSTANCE, ""), labels.get(Label.COMPONENT, "")] = pod.spec.node_name
+            for instance in wanted_instances(record.app, self._cache):
+                held = sorted(self._cache.domains_held(record.uid, instance.robot))
+                parts = tuple(
+                    (component.name, nodes.get((instance.robot, component.name), ""))
+                    for component in record.app.spec.components
+                )
+                found.append(Assignment(record.name, instance.robot, held[0] if held else None, parts))
+        for pod in self._cache.bare_pods.of(namespace).values():
+            if not pod.terminal and any(name in pod.metadata.annotations for name in _ANNOTATIONS):
+                domain = granted_domain(pod.metadata.annotations)
+                found.append(Assignment("", "", domain, ((pod.metadata.name, pod.spec.node_name),)))
+        return found
+
+    async def _put(self, namespace: str, index: int, data: dict[str, str] | None) -> None:
+        name = FLEET_CONFIG_MAP if index == 0 else f"{FLEET_CONFIG_MAP}-{index + 1}"
+        try:
+            live: dict[str, Any] | None = await self._client.get(CONFIGMAPS, name, namespace=namespace)
+        except NotFound:
+            live = None
+        if live and (live["metadata"].get("labels") or {}).get(Label.MANAGED_BY) != OPERATOR_MANAGER:
+            log.warning("ConfigMap %s/%s is not ours, the fleet view is not written", namespace, name)
+            return
+        if data == (live.get("data") or {} if live else None):
+            return
+        try:
+            await self._write(namespace, name, live, data)
+        except (Conflict, AlreadyExists, NotFound) as race:
+            log.info("fleet view of %s: %s", namespace, race)
+
+    async def _write(self, namespace: str, name: str, live: dict[str, Any] | None, data: dict[str, str] | None) -> None:
+        if data is None:
+            if live:
+                await self._client.delete(CONFIGMAPS, name, namespace=namespace, uid=live["metadata"]["uid"])
+            return
+        metadata: dict[str, Any] = {
+            "name": name,
+            "namespace": namespace,
+            "labels": {Label.MANAGED_BY.value: OPERATOR_MANAGER},
+        }
+        if live:
+            metadata["resourceVersion"] = live["metadata"]["resourceVersion"]
+            await self._client.replace(CONFIGMAPS, {"metadata": metadata, "data": data})
+        else:
+            await self._client.create(CONFIGMAPS, {"metadata": metadata, "data": data})

@@ -1,0 +1,45 @@
+"""Scheduling gates: other schedulers cannot check a pod's domain before they bind it, so we do it for them."""
+
+from robotapp_api.claims.objects import Pod as ClaimsPod
+from robotapp_api.client import ApiClient, Conflict, NotFound
+from robotapp_api.client.claims import check_bind
+from robotapp_api.client.resources import PODS
+from robotapp_api.model.names import SCHEDULING_GATE, Label
+from robotapp_operator.cache import Cache
+from robotapp_operator.plan.objects import Pod
+
+
+class Gates:
+    """Removes our gate from pods whose domain claim stands (claims, rule 6)."""
+
+    def __init__(self, client: ApiClient, cache: Cache) -> None:
+        self._client = client
+        self._cache = cache
+
+    async def open(self, uid: str, robot: str) -> bool:
+        """True when no pod of the instance is left gated by us."""
+        done = True
+        for pod in list(self._cache.pods.of(uid).values()):
+            gates = [gate.name for gate in pod.spec.scheduling_gates]
+            if SCHEDULING_GATE in gates and pod.metadata.labels.get(Label.INSTANCE, "") == robot:
+                done = await self._open(pod, gates) and done
+        return done
+
+    async def _open(self, pod: Pod, gates: list[str]) -> bool:
+        meta = pod.metadata
+        try:
+            seen = await self._client.get(PODS, meta.name, namespace=meta.namespace, as_type=ClaimsPod)
+            if seen.metadata.uid != meta.uid:
+                return True
+            if not (await check_bind(self._client, seen)).allowed:
+                return False
+            left = [{"name": name} for name in gates if name != SCHEDULING_GATE]
+            precondition = {"uid": meta.uid, "resourceVersion": seen.metadata.resource_version}
+            await self._client.patch(
+                PODS, meta.name, {"metadata": precondition, "spec": {"schedulingGates": left}}, namespace=meta.namespace
+            )
+        except NotFound:
+            return True
+        except Conflict:
+            return False
+        return True

@@ -1,0 +1,168 @@
+"""From caches to the facts that plans and status are made of. No I/O, no decisions."""
+
+import hashlib
+from collections.abc import Iterable, Mapping
+
+from robotapp_api.claims.domain import DomainOutcome
+from robotapp_api.model.component import Params
+from robotapp_api.model.names import Label, Reason
+from robotapp_operator.cache import Cache
+from robotapp_operator.plan.app import problems_of
+from robotapp_operator.plan.components import component_view
+from robotapp_operator.plan.facts import AppFacts, InstanceFacts
+from robotapp_operator.plan.instances import Instance, instances_of
+from robotapp_operator.plan.latency import edge_views
+from robotapp_operator.plan.objects import ConfigMap, Deployment, Pod
+from robotapp_operator.plan.record import Record
+from robotapp_operator.plan.template import PARAMS_FILE, ParamsFile
+from robotapp_operator.plan.wish import App, Domain, wish_of
+
+
+def wanted_instances(app: App, cache: Cache) -> tuple[Instance, ...]:
+    recorded = cache.claimed_instances(app.uid) or cache.instance_keys(app.uid)
+    return instances_of(app, cache.nodes, recorded=recorded)
+
+
+def needs_domain(app: App) -> bool:
+    return app.ros_version == 2
+
+
+def cached_domain(app: App, robot: str, cache: Cache, outcome: DomainOutcome | None) -> Domain | None:
+    """The instance's domain as far as caches can tell; None sends the caller to the API server."""
+    if app.spec.dds and (app.spec.dds.share_with or app.spec.dds.isolation == "Discovery"):
+        return Domain(outcome.id, outcome.claim) if outcome and outcome.id is not None else None
+    standing = {
+        number: claim
+        for number, claim in cache.domains_held(app.uid, robot).items()
+        if not claim.draining and claim.spec.domain and claim.spec.domain.pool == app.pool
+    }
+    if len(standing) != 1:
+        return None
+    ((number, claim),) = standing.items()
+    return Domain(number, claim.name) if app.requested_domain in (None, number) else None
+
+
+def params_files(app: App, robot: str, cache: Cache) -> dict[str, ParamsFile]:
+    """Per component with params: which key is its file, and the hash that rolls its pods."""
+    found: dict[str, ParamsFile] = {}
+    for component in app.spec.components:
+        if component.params:
+            config_map = cache.config_maps.get(f"{app.namespace}/{component.params.config_map}")
+            found[component.name] = params_file(component.params, robot, config_map)
+    return found
+
+
+def params_file(params: Params, robot: str, config_map: ConfigMap | None) -> ParamsFile:
+    """`perRobot`: the key `<robot>.yaml` when there is one. Else params.yaml, or the only key there is."""
+    data: Mapping[str, str] = config_map.data if config_map else {}
+    own = f"{robot}.yaml"
+    if params.per_robot and robot and own in data:
+        key = own
+    else:
+        key = next(iter(data)) if len(data) == 1 and PARAMS_FILE not in data else PARAMS_FILE
+    content = data.get(key)
+    return ParamsFile(key, hashlib.sha256(content.encode()).hexdigest()[:16] if content is not None else "")
+
+
+def app_facts(
+    record: Record,
+    cache: Cache,
+    *,
+    outcomes: Mapping[str, DomainOutcome],
+    troubles: Mapping[str, tuple[Reason, str]],
+    held: Mapping[str, tuple[str, ...]],
+    now: str,
+    latency_rested: bool,
+    bug: str = "",
+) -> AppFacts | None:
+    """None for an app whose spec cannot be parsed: there is nothing to compute from."""
+    app = record.app
+    if app is None:
+        return None
+    problems = problems_of(app, cache.nodes)
+    instances: tuple[InstanceFacts, ...] = ()
+    if not problems:
+        pods = cache.pods_by_deployment(app.uid)
+        instances = tuple(
+            _instance_facts(
+                app,
+                instance,
+                cache,
+                pods=pods,
+                outcome=outcomes.get(instance.robot),
+                trouble=troubles.get(instance.robot),
+                held=held.get(instance.robot, ()),
+            )
+            for instance in wanted_instances(app, cache)
+        )
+    wish = wish_of(app, "")
+    return AppFacts(
+        app=app,
+        problems=problems,
+        instances=instances,
+        previous=record.status,
+        now=now,
+        latency_rested=latency_rested,
+        rmw=wish.rmw,
+        discovery=wish.discovery,
+        bug=bug,
+    )
+
+
+def _instance_facts(
+    app: App,
+    instance: Instance,
+    cache: Cache,
+    *,
+    pods: Mapping[str, list[Pod]],
+    outcome: DomainOutcome | None,
+    trouble: tuple[Reason, str] | None,
+    held: tuple[str, ...],
+) -> InstanceFacts:
+    owned = owned_deployments(app, instance.robot, cache)
+    by_component = {item.metadata.labels.get(Label.COMPONENT, ""): item for item in owned}
+    views = []
+    for component in app.spec.components:
+        deployment = by_component.get(component.name)
+        mine = pods.get(deployment.metadata.uid, ()) if deployment else ()
+        views.append(component_view(component, deployment, mine))
+    domain = cached_domain(app, instance.robot, cache, outcome)
+    robot = cache.nodes.get(instance.node)
+    placed = {view.name: view.node for view in views if view.node}
+    devices = cache.devices_held(app.uid, instance.robot)
+    domains = cache.domains_held(app.uid, instance.robot).values()
+    return InstanceFacts(
+        instance=instance,
+        components=tuple(views),
+        edges=tuple(edge_views(app.spec.edges, placed=placed, robot_node=instance.node, telemetry=cache.telemetry)),
+        domain=domain.id if domain else None,
+        needs_domain=needs_domain(app),
+        devices_wanted=sum(device.exclusive for component in app.spec.components for device in component.devices),
+        devices_held=len(devices),
+        claims=tuple(sorted(claim.name for claim in (*domains, *devices))),
+        refusal=(outcome.reason, outcome.message) if outcome and outcome.id is None and domain is None else None,
+        trouble=trouble,
+        held=held,
+        robot_online=robot is None or robot.ready,
+        infrastructure_ready=_infrastructure_ready(owned),
+    )
+
+
+def owned_deployments(app: App, robot: str, cache: Cache) -> list[Deployment]:
+    """The instance's Deployments the app controls, by name."""
+    found = (
+        item
+        for item in cache.deployments.of(app.uid).values()
+        if item.metadata.controller_uid() == app.uid and item.metadata.labels.get(Label.INSTANCE, "") == robot
+    )
+    return sorted(found, key=lambda item: item.metadata.name)
+
+
+def _infrastructure_ready(deployments: Iterable[Deployment]) -> bool:
+    """Of several equal parts one suffices: that is what the second discovery server is for."""
+    ready: dict[str, bool] = {}
+    for item in deployments:
+        role = item.metadata.labels.get(Label.ROLE)
+        if role:
+            ready[role] = ready.get(role, False) or item.status.ready_replicas > 0
+    return all(ready.values())

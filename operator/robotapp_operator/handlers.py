@@ -1,0 +1,32 @@
+"""The only thing kopf calls: remember the RobotApp, add a key. Nothing here can fail, so nothing can be lost."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import kopf
+
+from robotapp_api.model.names import GROUP, VERSION
+from robotapp_operator.cache import Cache
+from robotapp_operator.keys import Work
+from robotapp_operator.queue import Key, Queue
+
+
+def register(registry: kopf.OperatorRegistry, cache: Cache, queue: Queue) -> None:
+    """Listen to RobotApps."""
+
+    @kopf.on.event(GROUP, VERSION, "robotapps", registry=registry)
+    async def seen(event: Mapping[str, Any], **_: Any) -> None:
+        observe(event["type"], event["object"], cache, queue)
+
+
+def observe(kind: str | None, body: Mapping[str, Any], cache: Cache, queue: Queue) -> None:
+    """A status write (ours, mostly) only needs the status compared; everything else plans the app anew."""
+    uid = body["metadata"]["uid"]
+    before = cache.apps.get(uid)
+    if kind == "DELETED":
+        cache.forget_app(uid)
+        queue.add(Key(Work.APP, uid))
+        return
+    after = cache.update_app(body)
+    same = before is not None and before.wish_mark == after.wish_mark
+    queue.add(Key(Work.STATUS if same else Work.APP, uid))

@@ -1,0 +1,52 @@
+"""Health and metrics over HTTP. A probe that only says "the process exists" would keep a stuck operator alive."""
+
+from collections.abc import Callable
+from typing import Final
+
+from aiohttp import web
+
+SILENCE_LIMIT_S: Final = 180.0
+"""Bookmarks come every minute: nothing for three minutes means that we look at an old picture."""
+
+
+class Health:
+    """`silence_s`: seconds since the quietest watch heard something; `synced`: caches are filled, or we stand by."""
+
+    def __init__(
+        self, *, silence_s: Callable[[], float], synced: Callable[[], bool], metrics: Callable[[], bytes]
+    ) -> None:
+        self._silence_s = silence_s
+        self._synced = synced
+        self._metrics = metrics
+        self._runner: web.AppRunner | None = None
+
+    async def start(self, port: int) -> None:
+        if not port:
+            return
+        app = web.Application()
+        app.add_routes(
+            [
+                web.get("/healthz", self._healthz),
+                web.get("/readyz", self._readyz),
+                web.get("/metrics", self._metrics_page),
+            ]
+        )
+        self._runner = web.AppRunner(app, access_log=None)
+        await self._runner.setup()
+        await web.TCPSite(self._runner, port=port).start()
+
+    async def stop(self) -> None:
+        if self._runner:
+            await self._runner.cleanup()
+
+    async def _healthz(self, _: web.Request) -> web.Response:
+        silence_s = self._silence_s()
+        if silence_s > SILENCE_LIMIT_S:
+            return web.Response(status=503, text=f"a watch has been silent for {silence_s:.0f} s\n")
+        return web.Response(text="ok\n")
+
+    async def _readyz(self, _: web.Request) -> web.Response:
+        return web.Response(text="ok\n") if self._synced() else web.Response(status=503, text="caches are filling\n")
+
+    async def _metrics_page(self, _: web.Request) -> web.Response:
+        return web.Response(body=self._metrics(), headers={"Content-Type": "text/plain; version=0.0.4; charset=utf-8"})

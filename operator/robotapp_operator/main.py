@@ -1,0 +1,214 @@
+"""The operator process: log in, fill caches, watch RobotApps through kopf, work until told to stop."""
+
+import asyncio
+import contextlib
+import gc
+import logging
+import os
+import random
+import secrets
+import signal
+import socket
+import sys
+import time
+from collections.abc import Callable, Coroutine
+from datetime import UTC, datetime
+from typing import Any, Final
+
+import kopf
+from robotapp_api.client.events import EventRecorder
+from robotapp_api.client.lease import LeaderElection
+
+from robotapp_api.client import ApiClient, Endpoint, LoginError, load
+from robotapp_api.client.resources import ROBOTAPPS
+from robotapp_api.client.sweep import Sweeper
+from robotapp_api.model.names import OPERATOR_MANAGER
+from robotapp_operator import __version__, logs
+from robotapp_operator.cache import Cache
+from robotapp_operator.children import Children
+from robotapp_operator.controller import Controller
+from robotapp_operator.fleet_view import FleetView
+from robotapp_operator.gates import Gates
+from robotapp_operator.handlers import register
+from robotapp_operator.health import Health
+from robotapp_operator.informers import Informers
+from robotapp_operator.kopf_settings import kopf_settings
+from robotapp_operator.memory import Memory
+from robotapp_operator.metrics import Metrics
+from robotapp_operator.probes import Probes
+from robotapp_operator.queue import Queue
+from robotapp_operator.reporter import Reporter
+from robotapp_operator.settings import Settings, parse
+
+log = logging.getLogger(__name__)
+
+DRAIN_S: Final = 10.0
+
+
+class Operator:
+    """Everything one process owns, wired together."""
+
+    def __init__(self, settings: Settings, client: ApiClient) -> None:
+        self.settings = settings
+        self.client = client
+        identity = f"{socket.gethostname()}-{secrets.token_hex(4)}"
+        self.identity = identity
+        self.cache = Cache()
+        self.memory = Memory()
+        self.metrics = Metrics()
+        self.queue = Queue(clock=time.monotonic, jitter=random.random)
+        self.recorder = EventRecorder(client, controller=OPERATOR_MANAGER, instance=identity)
+        self.sweeper = Sweeper(
+            client,
+            period_s=settings.sweep_seconds,
+            handover_s=settings.handover_seconds,
+            namespaces=settings.namespaces or None,
+        )
+        self.informers = Informers(
+            client, self.cache, self.queue, namespaces=settings.namespaces, wake_sweep=self.sweeper.wake
+        )
+        self.fleet = FleetView(client, self.cache)
+        self.controller = Controller(
+            self.cache,
+            self.queue,
+            self.memory,
+            self.metrics,
+            children=Children(client, self.cache, self.memory, version=__version__),
+            reporter=Reporter(
+                client, self.cache, self.memory, self.recorder, clock=time.monotonic, now=lambda: datetime.now(UTC)
+            ),
+            fleet=self.fleet,
+            gates=Gates(client, self.cache),
+            probes=Probes(client, self.cache),
+            list_apps=self._list_apps,
+            wake_sweep=self.sweeper.wake,
+        )
+        self.metrics.watch(self.queue, self.cache, client)
+        self.leading = False
+
+    def ready(self) -> bool:
+        """Caches are filled; a process that waits for the Lease is ready to take over."""
+        return self.informers.synced if self.leading else True
+
+    def silence_s(self) -> float:
+        return self.informers.silence_s if self.leading and self.informers.synced else 0.0
+
+    async def work(self, stop: asyncio.Event) -> None:
+        """Fill the caches, then work until `stop`. Keys are not touched before: an empty cache looks like an empty fleet."""
+        self.leading = True
+        async with contextlib.AsyncExitStack() as stack:
+            for reflector in self.informers.reflectors:
+                stack.push_async_callback(_ended, asyncio.create_task(reflector.run()))
+            for reflector in self.informers.reflectors:
+                await _first(reflector.synced.wait(), stop.wait())
+            if stop.is_set():
+                return
+            gc.freeze()  # caches live for ever; scanning them again and again is the largest cost of the process
+            helpers: list[Coroutine[Any, Any, None]] = [self.recorder.run(), self.sweeper.run()]
+            for helper in helpers:
+                stack.push_async_callback(_ended, asyncio.create_task(helper))
+            worker = asyncio.create_task(self.controller.run())
+            stack.push_async_callback(self._drain, worker)
+            await self._watch_apps(stop)
+
+    async def _watch_apps(self, stop: asyncio.Event) -> None:
+        registry = kopf.OperatorRegistry()
+        register(registry, self.cache, self.queue)
+        kopf.on.login(registry=registry)(self._login)
+        await kopf.operator(
+            registry=registry,
+            settings=kopf_settings(),
+            standalone=True,
+            clusterwide=not self.settings.namespaces,
+            namespaces=self.settings.namespaces,
+            stop_flag=stop,
+        )
+        stop.set()
+
+    async def _login(self, **kwargs: Any) -> kopf.ConnectionInfo | None:
+        if self.settings.kubeconfig is None:
+            return kopf.login_with_service_account(**kwargs)
+        os.environ["KUBECONFIG"] = str(self.settings.kubeconfig)  # the only way to tell kopf which file
+        return kopf.login_with_kubeconfig(**kwargs)
+
+    async def _drain(self, worker: asyncio.Task[None]) -> None:
+        """Let keys in progress finish; everything else starts again from the API server's state after a restart."""
+        self.queue.close()
+        await asyncio.wait([worker], timeout=DRAIN_S)
+        await self.recorder.drain()
+        await _ended(worker)
+
+    async def _list_apps(self) -> list[dict[str, Any]]:
+        self.fleet.forget()
+        bodies: list[dict[str, Any]] = []
+        for namespace in self.settings.namespaces or (None,):
+            bodies += (await self.client.list(ROBOTAPPS, namespace=namespace)).items
+        return bodies
+
+
+async def run(settings: Settings, endpoint: Endpoint) -> None:
+    """Serve until SIGTERM, SIGINT or the loss of the Lease."""
+    stop = asyncio.Event()
+    _on_signals(stop.set)
+    agent = f"{OPERATOR_MANAGER}/{__version__}"
+    async with ApiClient(endpoint, user_agent=agent, field_manager=OPERATOR_MANAGER) as client:
+        operator = Operator(settings, client)
+        health = Health(silence_s=operator.silence_s, synced=operator.ready, metrics=operator.metrics.render)
+        await health.start(settings.health_port)
+        try:
+            if settings.leader_election:
+                await _elected(operator, client, settings.lease_namespace or endpoint.namespace, stop)
+            else:
+                await operator.work(stop)
+        finally:
+            await health.stop()
+
+
+async def _elected(operator: Operator, client: ApiClient, namespace: str, stop: asyncio.Event) -> None:
+    """Work while holding the Lease; when it is lost, stop: a fresh start reads everything anew."""
+    started = asyncio.Event()
+    election = LeaderElection(client, namespace, OPERATOR_MANAGER, operator.identity)
+    task = asyncio.create_task(election.run(started.set, stop.set))
+    try:
+        await _first(started.wait(), stop.wait())
+        if not stop.is_set():
+            log.info("%s holds the Lease and starts to work", operator.identity)
+            await operator.work(stop)
+    finally:
+        await _ended(task)
+
+
+async def _first(*waits: Coroutine[Any, Any, Any]) -> None:
+    """Return when one of `waits` is over."""
+    tasks = [asyncio.ensure_future(wait) for wait in waits]
+    await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+    for task in tasks:
+        await _ended(task)
+
+
+async def _ended(task: asyncio.Task[Any]) -> None:
+    task.cancel()
+    with contextlib.suppress(asyncio.CancelledError):
+        await task
+
+
+def _on_signals(stop: Callable[[], None]) -> None:
+    loop = asyncio.get_running_loop()
+    for name in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(name, stop)
+
+
+def main(argv: list[str] | None = None) -> int:
+    settings = parse(sys.argv[1:] if argv is None else argv, os.environ)
+    logs.configure(settings.log_format)
+    try:
+        endpoint = load(settings.kubeconfig)
+    except LoginError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+    asyncio.run(run(settings, endpoint))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

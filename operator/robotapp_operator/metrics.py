@@ -1,0 +1,85 @@
+"""Metrics under controller-runtime's names, so that existing dashboards and alerts fit."""
+
+import contextlib
+import time
+from collections.abc import Callable, Iterator
+
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram
+from prometheus_client.exposition import generate_latest
+
+from robotapp_api.client import ApiClient
+from robotapp_operator.cache import Cache
+from robotapp_operator.queue import Queue
+
+CONTROLLER = "robotapp"
+
+
+class Metrics:
+    """One registry per process; labels are bounded (kinds of work, results, phases)."""
+
+    def __init__(self) -> None:
+        self.registry = CollectorRegistry()
+        labels = ["controller"]
+        self._total = Counter(
+            "controller_runtime_reconcile", "Reconciliations by result", [*labels, "result"], registry=self.registry
+        )
+        self._errors = Counter(
+            "controller_runtime_reconcile_errors",
+            "Reconciliations that ended in an error",
+            labels,
+            registry=self.registry,
+        )
+        self._panics = Counter(
+            "controller_runtime_reconcile_panics", "Bugs met while reconciling", labels, registry=self.registry
+        )
+        self._time = Histogram(
+            "controller_runtime_reconcile_time_seconds", "Duration of a reconciliation", labels, registry=self.registry
+        )
+        self._active = Gauge(
+            "controller_runtime_active_workers", "Keys being worked on", labels, registry=self.registry
+        )
+        self._waited = Histogram(
+            "workqueue_queue_duration_seconds", "Wait of a key beyond its due time", ["name"], registry=self.registry
+        )
+        self._worked = Histogram(
+            "workqueue_work_duration_seconds", "Duration of work on a key", ["name"], registry=self.registry
+        )
+
+    def watch(self, queue: Queue, cache: Cache, client: ApiClient) -> None:
+        """Read gauges from their owners at scrape time."""
+        gauges: list[tuple[str, str, Callable[[], float]]] = [
+            ("workqueue_depth", "Keys waiting", lambda: queue.depth),
+            ("workqueue_adds_total", "Keys added", lambda: queue.adds),
+            ("workqueue_retries_total", "Keys put back after a failure", lambda: queue.retries),
+            ("robotapp_operator_apps", "RobotApps known", lambda: len(cache.apps)),
+            ("rest_client_requests_total", "Requests to the API server", client.requests.total),
+        ]
+        for name, text, read in gauges:
+            Gauge(name, text, registry=self.registry).set_function(read)
+
+    @contextlib.contextmanager
+    def reconciling(self, work: str, late_s: float) -> Iterator[Callable[[str], None]]:
+        """Times one reconciliation; call the yielded function with its result."""
+        name = f"{CONTROLLER}-{work}"
+        started = time.perf_counter()
+        self._waited.labels(name).observe(late_s)
+        self._active.labels(name).inc()
+
+        def result(outcome: str) -> None:
+            self._total.labels(name, outcome).inc()
+            if outcome == "error":
+                self._errors.labels(name).inc()
+
+        try:
+            yield result
+        finally:
+            self._active.labels(name).dec()
+            elapsed = time.perf_counter() - started
+            self._time.labels(name).observe(elapsed)
+            self._worked.labels(name).observe(elapsed)
+
+    def bug(self) -> None:
+        self._panics.labels(CONTROLLER).inc()
+
+    def render(self) -> bytes:
+        return generate_latest(self.registry)

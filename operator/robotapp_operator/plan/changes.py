@@ -1,0 +1,147 @@
+"""From wanted and observed children to the writes that are missing: `plan()` is total, pure and deterministic."""
+
+import dataclasses
+from collections.abc import Collection, Mapping
+
+from robotapp_api.model.names import Annotation, Label
+from robotapp_operator.plan.children import DEPLOYMENT, SERVICE, Child
+from robotapp_operator.plan.compare import covers
+from robotapp_operator.plan.deployments import component_deployments
+from robotapp_operator.plan.environment import DOMAIN_VARIABLE
+from robotapp_operator.plan.infrastructure import infrastructure
+from robotapp_operator.plan.objects import ChildRef, Deployment, Service
+from robotapp_operator.plan.services import peers_service
+from robotapp_operator.plan.template import ParamsFile
+from robotapp_operator.plan.versions import is_newer
+from robotapp_operator.plan.wish import App, Domain, Wish
+
+Observed = Deployment | Service
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Change:
+    """Write `child`: create it, or apply it over `over` (its uid and resourceVersion become preconditions)."""
+
+    child: Child
+    over: Observed | None
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Plan:
+    """`held`: children whose new template waits for approval. `foreign`: names somebody else has."""
+
+    changes: tuple[Change, ...] = ()
+    deletes: tuple[Observed, ...] = ()
+    held: tuple[str, ...] = ()
+    foreign: tuple[str, ...] = ()
+
+    def __bool__(self) -> bool:
+        """Is there anything to write?"""
+        return bool(self.changes or self.deletes)
+
+
+def wanted_children(
+    wish: Wish, *, domain: Domain | None, params: Mapping[str, ParamsFile], running: bool
+) -> list[Child]:
+    """Everything the instance should have, infrastructure first: it starts while the components are scheduled.
+
+    Nothing while a ROS 2 instance has no domain: pods without one would all meet on domain 0.
+    """
+    if wish.app.ros_version == 2 and domain is None:
+        return []
+    children = infrastructure(wish, running=running)
+    if wish.app.ros_version == 2:
+        children.append(peers_service(wish))
+    return [*children, *component_deployments(wish, domain=domain, params=params, running=running)]
+
+
+def plan(
+    app: App,
+    wanted: Collection[Child],
+    observed: Mapping[ChildRef, Observed],
+    *,
+    version: str,
+    settled: Mapping[str, tuple[int, str]],
+) -> Plan:
+    """What to write so that `observed` becomes `wanted`.
+
+    `settled`: uid -> (generation, content hash) of objects as our last apply left them. Where the server's canonical
+    form differs from ours in a way `covers` does not know, this ends what would be an endless series of equal writes.
+    """
+    changes: list[Change] = []
+    held: list[str] = []
+    foreign: list[str] = []
+    for child in wanted:
+        over = observed.get(child.ref)
+        if over is None:
+            changes.append(Change(child, None))
+        elif over.metadata.controller_uid() != app.uid:
+            foreign.append(f"{child.ref.kind} {child.ref.name}")
+        elif in_place(child, over, settled):
+            continue
+        elif is_held(app, child, over, version):
+            held.append(child.ref.name)
+        elif not is_newer(over.metadata.annotations.get(Annotation.RENDERED_BY, ""), version):
+            changes.append(Change(child, over))
+    names = {child.ref for child in wanted}
+    deletes = [item for ref, item in sorted(observed.items()) if ref not in names and _prunable(app, item)]
+    return Plan(tuple(changes), tuple(deletes), tuple(held), tuple(foreign))
+
+
+def in_place(child: Child, over: Observed, settled: Mapping[str, tuple[int, str]]) -> bool:
+    """Does `over` say what `child` wants? Who rendered it is no difference."""
+    meta = over.metadata
+    if meta.annotations.get(Annotation.CONTENT_HASH) != child.hash or not covers(meta.labels, child.labels):
+        return False
+    return settled.get(meta.uid) == (meta.generation, child.hash) or covers(over.spec, child.spec)
+
+
+def is_held(app: App, child: Child, over: Observed, version: str) -> bool:
+    """OnDemand: would only our being a newer version change the template?
+
+    Another generation, parameters file or domain is the user's doing or the protocol's, and rolls at once.
+    """
+    if app.spec.update.policy != "OnDemand" or child.ref.kind != DEPLOYMENT or not isinstance(over, Deployment):
+        return False
+    rendered_by = over.metadata.annotations.get(Annotation.RENDERED_BY, "")
+    if not is_newer(version, rendered_by) or app.annotations.get(Annotation.APPROVE_UPDATE) == version:
+        return False
+    return over.metadata.annotations.get(Annotation.APP_GENERATION) == str(app.generation) and _inputs(
+        over.spec
+    ) == _inputs(child.spec)
+
+
+def deployment_domain(deployment: Deployment) -> int | None:
+    """The id a Deployment's template names, None without one."""
+    text = template_env(deployment.spec).get(DOMAIN_VARIABLE)
+    return int(text) if text and text.isdecimal() else None
+
+
+def template_env(spec: Mapping[str, object]) -> dict[str, str]:
+    """Literal variables of a Deployment spec's first container."""
+    template = spec.get("template")
+    pod = template.get("spec") if isinstance(template, Mapping) else None
+    containers = pod.get("containers") if isinstance(pod, Mapping) else None
+    env = containers[0].get("env") if containers else None
+    return {variable["name"]: variable.get("value", "") for variable in env or ()}
+
+
+def _inputs(spec: Mapping[str, object]) -> tuple[object, object, object]:
+    template = spec.get("template")
+    metadata = template.get("metadata") if isinstance(template, Mapping) else None
+    annotations = (metadata.get("annotations") if isinstance(metadata, Mapping) else None) or {}
+    return template_env(spec).get(DOMAIN_VARIABLE), annotations.get(Annotation.PARAMS_HASH), spec.get("replicas")
+
+
+def _prunable(app: App, item: Observed) -> bool:
+    """Only what the app controls, and what we made: the owner chain decides, the label is the cross-check."""
+    meta = item.metadata
+    return (
+        meta.controller_uid() == app.uid
+        and meta.labels.get(Label.APP_UID) == app.uid
+        and meta.deletion_timestamp is None
+    )
+
+
+def ref_of(item: Observed) -> ChildRef:
+    return ChildRef(DEPLOYMENT if isinstance(item, Deployment) else SERVICE, item.metadata.name)

@@ -1,0 +1,84 @@
+"""Children of an app: what all of them have in common."""
+
+import dataclasses
+from typing import Any, Final
+
+from robotapp_api.model.names import API_VERSION, OPERATOR_MANAGER, Annotation, Label
+from robotapp_operator.plan.compare import content_hash
+from robotapp_operator.plan.objects import ChildRef
+from robotapp_operator.plan.wish import App, Wish
+
+DEPLOYMENT: Final = "Deployment"
+SERVICE: Final = "Service"
+_API_VERSIONS: Final = {DEPLOYMENT: "apps/v1", SERVICE: "v1"}
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Child:
+    """A wanted object. `hash` covers labels and spec; it is written as an annotation and compared before any write."""
+
+    ref: ChildRef
+    labels: dict[str, str]
+    spec: dict[str, Any]
+    annotations: dict[str, str] = dataclasses.field(default_factory=dict)
+
+    @property
+    def hash(self) -> str:
+        return content_hash([self.labels, self.spec])
+
+    def body(self, app: App, *, version: str) -> dict[str, Any]:
+        """The object to write: complete, with owner, hash and the operator version that rendered it."""
+        ours = {
+            Annotation.RENDERED_BY.value: version,
+            Annotation.APP_GENERATION.value: str(app.generation),
+            Annotation.CONTENT_HASH.value: self.hash,
+        }
+        return {
+            "apiVersion": _API_VERSIONS[self.ref.kind],
+            "kind": self.ref.kind,
+            "metadata": {
+                "name": self.ref.name,
+                "namespace": app.namespace,
+                "labels": self.labels,
+                "annotations": self.annotations | ours,
+                "ownerReferences": [owner_reference(app)],
+            },
+            "spec": self.spec,
+        }
+
+
+def owner_reference(app: App) -> dict[str, Any]:
+    return {
+        "apiVersion": API_VERSION,
+        "kind": "RobotApp",
+        "name": app.name,
+        "uid": app.uid,
+        "controller": True,
+        "blockOwnerDeletion": True,
+    }
+
+
+def instance_labels(wish: Wish) -> dict[str, str]:
+    """Labels every child of an instance carries; they find candidates, the owner chain decides membership."""
+    return {
+        Label.APP.value: wish.app.name,
+        Label.APP_UID.value: wish.app.uid,
+        Label.INSTANCE.value: wish.robot,
+        Label.PART_OF.value: wish.app.name,
+        Label.MANAGED_BY.value: OPERATOR_MANAGER,
+    }
+
+
+def component_labels(wish: Wish, component: str) -> dict[str, str]:
+    return instance_labels(wish) | {Label.COMPONENT.value: component, Label.NAME.value: component}
+
+
+def role_labels(wish: Wish, role: str) -> dict[str, str]:
+    """Infrastructure pods have a role instead of a component: they are no members of the scheduling group."""
+    return instance_labels(wish) | {Label.ROLE.value: role, Label.NAME.value: role}
+
+
+def selector(labels: dict[str, str]) -> dict[str, str]:
+    """The immutable part: without the uid, so that an app re-created under its name keeps working."""
+    kept = (Label.APP, Label.INSTANCE, Label.COMPONENT, Label.ROLE, Label.PART)
+    return {label.value: labels[label.value] for label in kept if label.value in labels}

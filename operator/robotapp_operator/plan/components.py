@@ -1,0 +1,108 @@
+"""The state of one component of one instance: its Deployment and pods, and what to tell the user about them."""
+
+import dataclasses
+from collections.abc import Sequence
+
+from robotapp_api.model.component import Component
+from robotapp_api.model.names import Reason
+from robotapp_operator.plan.objects import ContainerStatus, Deployment, Pod
+
+MAX_MESSAGE = 1024
+_PULLING = frozenset(
+    {"ErrImagePull", "ImagePullBackOff", "InvalidImageName", "ErrImageNeverPull", "RegistryUnavailable"}
+)
+_CONFIG = frozenset({"CreateContainerConfigError", "CreateContainerError", "RunContainerError"})
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class ComponentView:
+    """`reason` and `message` are "" while all is well; `nodes` are those its pods are bound to."""
+
+    name: str
+    replicas: int
+    ready: bool
+    exists: bool
+    bound: bool
+    rolling: bool
+    nodes: tuple[str, ...] = ()
+    restarts: int = 0
+    reason: Reason | None = None
+    message: str = ""
+
+    @property
+    def node(self) -> str:
+        return self.nodes[0] if self.nodes else ""
+
+    @property
+    def badness(self) -> int:
+        """0 for ready; a component with a stated failure is worse than one that is starting."""
+        return 0 if self.ready else 2 if self.reason else 1
+
+
+def component_view(component: Component, deployment: Deployment | None, pods: Sequence[Pod]) -> ComponentView:
+    """`pods`: those the Deployment owns, terminating and finished ones included."""
+    if deployment is None:
+        return ComponentView(
+            name=component.name, replicas=component.replicas, ready=False, exists=False, bound=False, rolling=True
+        )
+    live = sorted(
+        (pod for pod in pods if not pod.terminal and pod.metadata.deletion_timestamp is None),
+        key=lambda pod: pod.metadata.name,
+    )
+    replicas = int(deployment.spec.get("replicas", 1))
+    status = deployment.status
+    current = status.observed_generation >= deployment.metadata.generation
+    up_to_date = current and status.updated_replicas == replicas == status.replicas
+    ready = up_to_date and status.ready_replicas == replicas > 0
+    reason, message = (None, "") if ready else _failure(deployment, pods, live)
+    return ComponentView(
+        name=component.name,
+        replicas=replicas,
+        ready=ready,
+        exists=True,
+        bound=len(live) >= replicas and all(pod.spec.node_name for pod in live),
+        rolling=not up_to_date,
+        nodes=tuple(sorted({pod.spec.node_name for pod in live if pod.spec.node_name})),
+        restarts=sum(status.restart_count for pod in live for status in pod.status.container_statuses),
+        reason=reason,
+        message=message[:MAX_MESSAGE],
+    )
+
+
+def _failure(deployment: Deployment, pods: Sequence[Pod], live: Sequence[Pod]) -> tuple[Reason | None, str]:
+    """The most telling reason why it is not ready: refused pods, then containers, then scheduling."""
+    for condition in deployment.status.conditions:
+        if condition.type == "ReplicaFailure" and condition.status == "True":
+            quota = "exceeded quota" in condition.message
+            cure = "raise the quota or lower the requests" if quota else "mend what the API server refuses"
+            return (Reason.QUOTA_REFUSED if quota else Reason.FAILED_CREATE), f"{condition.message}; {cure}"
+    for pod in live:
+        for container in (*pod.status.init_container_statuses, *pod.status.container_statuses):
+            found = _container_failure(container)
+            if found:
+                return found
+    for pod in live:
+        for condition in pod.status.conditions:
+            if condition.type == "PodScheduled" and condition.status == "False":
+                return Reason.UNSCHEDULABLE, condition.message or condition.reason
+    if not live and any(pod.metadata.deletion_timestamp for pod in pods):
+        return None, "waiting until the previous pod has ended"
+    return None, ""
+
+
+def _container_failure(container: ContainerStatus) -> tuple[Reason, str] | None:
+    waiting = container.state.waiting
+    if waiting is None:
+        return None
+    if waiting.reason in _PULLING:
+        return Reason.IMAGE_PULL, f"{waiting.reason}: {waiting.message}; check image and imagePullSecrets"
+    if waiting.reason == "CrashLoopBackOff":
+        last = container.last_state.terminated
+        code = f"exit code {last.exit_code} ({last.reason})" if last else "unknown exit code"
+        return (
+            Reason.CRASH_LOOP,
+            f"{container.name} restarted {container.restart_count} times, last with {code}; see kubectl logs --previous",
+        )
+    if waiting.reason in _CONFIG:
+        return Reason.FAILED_CREATE, f"{waiting.reason}: {waiting.message}"
+    return None

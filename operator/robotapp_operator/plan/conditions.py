@@ -1,0 +1,221 @@
+"""The seven conditions: reason code, numbers, next step. lastTransitionTime moves only with the status."""
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, Final, NamedTuple
+
+from robotapp_api.model.names import Condition, Reason
+from robotapp_api.values.duration import format_ms
+from robotapp_operator.plan.facts import AppFacts, InstanceFacts
+from robotapp_operator.plan.latency import EdgeView
+
+MAX_MESSAGE: Final = 2048
+
+
+class Verdict(NamedTuple):
+    """Status True, False or Unknown with its reason and a sentence."""
+
+    status: str
+    reason: Reason
+    message: str
+
+
+def conditions(facts: AppFacts) -> list[dict[str, Any]]:
+    """All seven as plain JSON, in the order of the enum."""
+    previous = {item["type"]: item for item in _items(facts.previous.get("conditions"))}
+    return [_condition(kind, _RULES[kind](facts), facts, previous.get(kind.value)) for kind in Condition]
+
+
+def ready(facts: AppFacts) -> Verdict:
+    if facts.problems:
+        return Verdict("False", Reason.INVALID_SPEC, str(facts.problems[0]))
+    if facts.app.spec.suspend:
+        return Verdict("False", Reason.SUSPENDED, "suspended; set spec.suspend: false to start the pods")
+    total = sum(len(instance.components) for instance in facts.instances)
+    up = sum(component.ready for instance in facts.instances for component in instance.components)
+    if facts.instances and all(instance.ready for instance in facts.instances):
+        return Verdict("True", Reason.ALL_READY, f"{up} of {total} components are ready")
+    return Verdict("False", *_why_not_ready(facts, up, total))
+
+
+def accepted(facts: AppFacts) -> Verdict:
+    if not facts.problems:
+        return Verdict("True", Reason.ACCEPTED, "the spec is understood")
+    more = f" (and {len(facts.problems) - 3} more)" if len(facts.problems) > 3 else ""
+    text = "; ".join(map(str, facts.problems[:3])) + more
+    return Verdict("False", facts.problems[0].reason, text)
+
+
+def allocated(facts: AppFacts) -> Verdict:
+    if facts.problems:
+        return _not_accepted()
+    for instance in facts.instances:
+        if instance.refusal:
+            return Verdict("False", instance.refusal[0], _named(instance, instance.refusal[1]))
+    without = [instance for instance in facts.instances if instance.needs_domain and instance.domain is None]
+    if without or not facts.instances:
+        return Verdict(
+            "Unknown", Reason.PENDING, f"{len(without)} of {len(facts.instances)} instances wait for a domain"
+        )
+    wanted = sum(instance.devices_wanted for instance in facts.instances)
+    held = sum(instance.devices_held for instance in facts.instances)
+    if wanted and not facts.app.our_scheduler:
+        return Verdict(
+            "Unknown",
+            Reason.NOT_OUR_SCHEDULER,
+            f"{facts.app.spec.scheduler_name} claims no devices; leave schedulerName out",
+        )
+    if held < wanted and not facts.app.spec.suspend:
+        return Verdict(
+            "False",
+            Reason.WAITING_FOR_DEVICES,
+            f"{held} of {wanted} devices are claimed; kubectl robotapp devices shows who holds them",
+        )
+    domains = sorted({instance.domain for instance in facts.instances if instance.domain is not None})
+    if not domains and not wanted:
+        return Verdict("True", Reason.NOTHING_TO_ALLOCATE, "the app needs neither a domain nor devices")
+    return Verdict("True", Reason.ALLOCATED, f"domain {_shown(domains)}; {held} of {wanted} devices")
+
+
+def placed(facts: AppFacts) -> Verdict:
+    if facts.problems:
+        return _not_accepted()
+    if facts.app.spec.suspend:
+        return Verdict("Unknown", Reason.SUSPENDED, "no pods while suspended")
+    parts = [component for instance in facts.instances for component in instance.components]
+    bound = sum(component.bound for component in parts)
+    for instance in facts.instances:
+        for component in instance.components:
+            if component.reason == Reason.UNSCHEDULABLE:
+                text = f"{component.name}: {component.message}"
+                return Verdict(
+                    "False", Reason.UNSCHEDULABLE, f"{bound} of {len(parts)} placed; {_named(instance, text)}"
+                )
+    if parts and bound == len(parts):
+        nodes = sorted({node for component in parts for node in component.nodes})
+        return Verdict("True", Reason.PLACED, f"{bound} of {len(parts)} components on {_shown(nodes)}")
+    return Verdict(
+        "Unknown", Reason.WAITING_FOR_PODS, f"{bound} of {len(parts)} components have all their pods on nodes"
+    )
+
+
+def budget_met(facts: AppFacts) -> Verdict:
+    edges = [edge for instance in facts.instances for edge in instance.edges if edge.budget_us is not None]
+    if not edges:
+        return Verdict("True", Reason.NO_BUDGET, "no edge has a latency budget")
+    over = [edge for edge in edges if edge.met is False]
+    if over:
+        worst = max(over, key=lambda edge: edge.use)
+        cure = "allow reschedule.when: BudgetExceeded, move a component closer, or raise the budget"
+        return Verdict(
+            "False",
+            Reason.BUDGET_EXCEEDED,
+            f"{len(over)} of {len(edges)} edges are over budget, worst {edge_text(worst)}; {cure}",
+        )
+    unknown = [edge for edge in edges if edge.met is None]
+    if unknown:
+        return Verdict(
+            "Unknown",
+            Reason.NOT_MEASURED,
+            f"{len(unknown)} of {len(edges)} edges are not measured yet, for example {edge_text(unknown[0])}",
+        )
+    worst = max(edges, key=lambda edge: edge.use)
+    return Verdict(
+        "True", Reason.WITHIN_BUDGET, f"{len(edges)} of {len(edges)} edges within budget, tightest {edge_text(worst)}"
+    )
+
+
+def progressing(facts: AppFacts) -> Verdict:
+    held = [name for instance in facts.instances for name in instance.held]
+    if held:
+        return Verdict(
+            "False",
+            Reason.UPDATE_HELD,
+            f"{len(held)} templates of a newer operator wait; annotate robotics.io/approve-update with its version to roll them",
+        )
+    if facts.problems or facts.app.spec.suspend:
+        return Verdict("False", Reason.UP_TO_DATE, "nothing to roll out")
+    rolling = [component.name for instance in facts.instances for component in instance.components if component.rolling]
+    if rolling or not facts.instances:
+        return Verdict(
+            "True", Reason.ROLLING_OUT, f"{len(rolling)} components are rolling out: {_shown(sorted(set(rolling)))}"
+        )
+    return Verdict("False", Reason.UP_TO_DATE, "every component runs its newest template")
+
+
+def stalled(facts: AppFacts) -> Verdict:
+    if facts.problems:
+        return Verdict("True", Reason.INVALID_SPEC, f"waits for a change of the spec: {facts.problems[0]}")
+    if facts.bug:
+        return Verdict("True", Reason.RECONCILE_ERROR, facts.bug)
+    for instance in facts.instances:
+        if instance.trouble:
+            return Verdict("True", instance.trouble[0], _named(instance, instance.trouble[1]))
+    return Verdict("False", Reason.NOT_STALLED, "reconciling works")
+
+
+_RULES: Final[Mapping[Condition, Callable[[AppFacts], Verdict]]] = {
+    Condition.READY: ready,
+    Condition.ACCEPTED: accepted,
+    Condition.ALLOCATED: allocated,
+    Condition.PLACED: placed,
+    Condition.BUDGET_MET: budget_met,
+    Condition.PROGRESSING: progressing,
+    Condition.STALLED: stalled,
+}
+
+
+def edge_text(edge: EdgeView) -> str:
+    """`/cmd_vel operator -> driver 18ms of 30ms`."""
+    name = f"{edge.edge.topic} {edge.edge.from_} -> {edge.edge.to}"
+    time = "unknown" if edge.p95_us is None else format_ms(edge.p95_us / 1000)
+    return f"{name} {time} of {format_ms((edge.budget_us or 0) / 1000)}"
+
+
+def _why_not_ready(facts: AppFacts, up: int, total: int) -> tuple[Reason, str]:
+    """The worst instance speaks: without a domain, then with a failing component, then with one that is starting."""
+    for instance in facts.instances:
+        for problem in (instance.refusal, instance.trouble):
+            if problem:
+                return problem[0], _named(instance, problem[1])
+    failing = [instance for instance in facts.instances if not instance.ready]
+    failing.sort(key=lambda instance: -(instance.worst.badness if instance.worst else 0))
+    count = f"{up} of {total} components are ready"
+    if not failing:
+        return Reason.COMPONENTS_NOT_READY, f"{count}; no instance yet"
+    worst = failing[0].worst
+    if worst is None:
+        return Reason.COMPONENTS_NOT_READY, _named(failing[0], f"{count}; its discovery or master is not ready")
+    text = worst.message or ("is starting" if worst.exists else "is being created")
+    return worst.reason or Reason.COMPONENTS_NOT_READY, _named(failing[0], f"{count}; {worst.name}: {text}")
+
+
+def _not_accepted() -> Verdict:
+    return Verdict("Unknown", Reason.INVALID_SPEC, "waits for an accepted spec")
+
+
+def _named(instance: InstanceFacts, text: str) -> str:
+    return f"{instance.name}: {text}" if instance.name else text
+
+
+def _shown(values: Iterable[object], limit: int = 8) -> str:
+    listed = [str(value) for value in values]
+    more = f" and {len(listed) - limit} more" if len(listed) > limit else ""
+    return (", ".join(listed[:limit]) or "none") + more
+
+
+def _items(value: object) -> list[dict[str, Any]]:
+    return [item for item in value if isinstance(item, dict)] if isinstance(value, list) else []
+
+
+def _condition(kind: Condition, verdict: Verdict, facts: AppFacts, before: Mapping[str, Any] | None) -> dict[str, Any]:
+    same = (
+        before is not None and before.get("status") == verdict.status and before.get("observedGeneration") is not None
+    )
+    return {
+        "type": kind.value,
+        "status": verdict.status,
+        "reason": verdict.reason.value,
+        "message": verdict.message[:MAX_MESSAGE],
+        "lastTransitionTime": before["lastTransitionTime"] if same and before else facts.now,
+        "observedGeneration": facts.app.generation,
+    }

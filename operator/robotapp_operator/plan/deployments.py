@@ -1,0 +1,48 @@
+"""One Deployment per component per instance."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from robotapp_api.model.component import Component
+from robotapp_operator.plan.children import DEPLOYMENT, Child, component_labels, selector
+from robotapp_operator.plan.objects import ChildRef
+from robotapp_operator.plan.template import ParamsFile, pod_template
+from robotapp_operator.plan.wish import Domain, Wish
+
+NO_PARAMS = ParamsFile()
+
+
+def component_deployments(
+    wish: Wish, *, domain: Domain | None, params: Mapping[str, ParamsFile], running: bool
+) -> list[Child]:
+    """`running` False: no pods (suspended, or no domain to be had), everything else stays."""
+    return [
+        _deployment(component, wish, domain=domain, params=params.get(component.name, NO_PARAMS), running=running)
+        for component in wish.app.spec.components
+    ]
+
+
+def _deployment(component: Component, wish: Wish, *, domain: Domain | None, params: ParamsFile, running: bool) -> Child:
+    labels = component_labels(wish, component.name)
+    template = pod_template(component, wish, domain=domain, params=params)
+    return Child(
+        ref=ChildRef(DEPLOYMENT, wish.name_of(component.name)),
+        labels=labels,
+        spec=deployment_spec(labels, template, replicas=component.replicas, running=running),
+    )
+
+
+def deployment_spec(
+    labels: dict[str, str], template: dict[str, Any], *, replicas: int, running: bool
+) -> dict[str, Any]:
+    """Recreate where there is one replica: two publishers of one command topic must never overlap.
+
+    revisionHistoryLimit 0: an empty old ReplicaSet would keep naming a domain the instance no longer holds.
+    """
+    return {
+        "replicas": replicas if running else 0,
+        "revisionHistoryLimit": 0,
+        "strategy": {"type": "Recreate" if replicas == 1 else "RollingUpdate"},
+        "selector": {"matchLabels": selector(labels)},
+        "template": template,
+    }

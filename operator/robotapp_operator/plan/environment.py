@@ -1,0 +1,83 @@
+"""The ROS 2 environment of a component: domain, middleware and discovery variables.
+
+Facts (reference: ROS 2 and vendor documentation). Multicast does not cross most pod networks, so `Auto` never means
+multicast for a known middleware. `ROS_LOCALHOST_ONLY` is the switch up to Humble, `ROS_AUTOMATIC_DISCOVERY_RANGE` since
+Iron, where a leftover `ROS_LOCALHOST_ONLY=1` would win over everything else.
+"""
+
+from collections.abc import Sequence
+from typing import Final
+from xml.sax.saxutils import quoteattr
+
+from robotapp_operator.plan.middleware import BEFORE_IRON, CONNEXT, CYCLONE, FAST_DDS
+from robotapp_operator.plan.wish import EnvVar, Wish
+
+DISCOVERY_SERVER_PORT: Final = 11811
+ZENOH_PORT: Final = 7447
+DISCOVERY_SERVERS: Final = 2
+"""Two, on different nodes: while one is replaced the other still introduces late joiners."""
+CYCLONE_MAX_INDEX: Final = 15
+"""ROS processes per component that find each other without multicast; every peer is probed on this many ports."""
+
+DOMAIN_VARIABLE: Final = "ROS_DOMAIN_ID"
+OURS: Final = {
+    "ROS_DOMAIN_ID": "spec.dds.domain",
+    "RMW_IMPLEMENTATION": "spec.dds.rmw",
+    "ROS_MASTER_URI": "spec.ros1",
+}
+"""Variables a component may not set itself, and the field that does it for all components alike."""
+
+
+def ros2_environment(wish: Wish, *, domain: int) -> list[EnvVar]:
+    """Variables of every ROS 2 container of an instance, in a fixed order."""
+    variables = {"ROS_DOMAIN_ID": str(domain), "RMW_IMPLEMENTATION": wish.rmw}
+    variables |= _discovery_range(wish)
+    variables |= _discovery(wish)
+    variables |= _transport(wish)
+    return [EnvVar(name, value) for name, value in variables.items()]
+
+
+def _discovery_range(wish: Wish) -> dict[str, str]:
+    local = wish.discovery == "Localhost"
+    if wish.distro in BEFORE_IRON:
+        return {"ROS_LOCALHOST_ONLY": "1" if local else "0"}
+    return {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST" if local else "SUBNET"}
+
+
+def _discovery(wish: Wish) -> dict[str, str]:
+    match wish.discovery:
+        case "Server":
+            return {"ROS_DISCOVERY_SERVER": ";".join(f"{name}:{DISCOVERY_SERVER_PORT}" for name in wish.server_names)}
+        case "Router":
+            endpoint = f'mode="client";connect/endpoints=["tcp/{wish.router_name}:{ZENOH_PORT}"]'
+            # 0 = wait for the router: a session that starts without one would join the graph at an unknown time.
+            return {"ZENOH_CONFIG_OVERRIDE": endpoint, "ZENOH_ROUTER_CHECK_ATTEMPTS": "0"}
+        case "Peers" if wish.rmw in CYCLONE:
+            return {"CYCLONEDDS_URI": cyclone_config(wish.peer_names)}
+        case "Peers" if wish.rmw in CONNEXT:
+            return {"NDDS_DISCOVERY_PEERS": ",".join(f"udpv4://{peer}" for peer in wish.peer_names)}
+        case "Peers":
+            return {"ROS_STATIC_PEERS": ";".join(wish.peer_names)}
+        case _:
+            return {}
+
+
+def cyclone_config(peers: Sequence[str]) -> str:
+    """Inline Cyclone DDS configuration: unicast discovery towards `peers`.
+
+    One DNS name per component, because Cyclone takes only the first address a name resolves to.
+    """
+    names = "".join(f"<Peer Address={quoteattr(peer)}/>" for peer in peers)
+    return (
+        '<CycloneDDS><Domain Id="any"><General><AllowMulticast>false</AllowMulticast></General>'
+        "<Discovery><ParticipantIndex>auto</ParticipantIndex>"
+        f"<MaxAutoParticipantIndex>{CYCLONE_MAX_INDEX}</MaxAutoParticipantIndex>"
+        f"<Peers>{names}</Peers></Discovery></Domain></CycloneDDS>"
+    )
+
+
+def _transport(wish: Wish) -> dict[str, str]:
+    """Fast DDS prefers shared memory to peers it takes for the same host; pods do not share /dev/shm."""
+    if wish.rmw not in FAST_DDS or wish.transport == "SHM":
+        return {}
+    return {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"} if wish.transport == "UDP" else {}

@@ -1,0 +1,70 @@
+"""Everything status says is computed from these facts, gathered from caches by the controller."""
+
+import dataclasses
+from collections.abc import Mapping
+
+from robotapp_api.model.names import Reason
+from robotapp_operator.plan.app import Problem
+from robotapp_operator.plan.components import ComponentView
+from robotapp_operator.plan.instances import Instance
+from robotapp_operator.plan.latency import EdgeView
+from robotapp_operator.plan.wish import App
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class InstanceFacts:
+    """One instance as observed. `refusal` is why it has no domain, `trouble` what else keeps it from its children."""
+
+    instance: Instance
+    components: tuple[ComponentView, ...]
+    edges: tuple[EdgeView, ...] = ()
+    domain: int | None = None
+    needs_domain: bool = True
+    devices_wanted: int = 0
+    devices_held: int = 0
+    claims: tuple[str, ...] = ()
+    refusal: tuple[Reason, str] | None = None
+    trouble: tuple[Reason, str] | None = None
+    held: tuple[str, ...] = ()
+    robot_online: bool = True
+    infrastructure_ready: bool = True
+
+    @property
+    def ready(self) -> bool:
+        return (
+            bool(self.components)
+            and all(component.ready for component in self.components)
+            and self.infrastructure_ready
+        )
+
+    @property
+    def bound(self) -> bool:
+        return bool(self.components) and all(component.bound for component in self.components)
+
+    @property
+    def worst(self) -> ComponentView | None:
+        """The component to talk about, None when all are ready."""
+        waiting = [component for component in self.components if not component.ready]
+        return max(waiting, key=lambda component: (component.badness, bool(component.message)), default=None)
+
+    @property
+    def name(self) -> str:
+        return self.instance.robot
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class AppFacts:
+    """The app and its instances in name order. `previous` is the status as last written or read (plain JSON).
+
+    `now` is RFC 3339 in whole seconds; `latency_rested`: a minute has passed since latency figures were last written.
+    """
+
+    app: App
+    problems: tuple[Problem, ...] = ()
+    instances: tuple[InstanceFacts, ...] = ()
+    previous: Mapping[str, object] = dataclasses.field(default_factory=dict)
+    now: str
+    latency_rested: bool = True
+    rmw: str = ""
+    discovery: str = ""
+    bug: str = ""

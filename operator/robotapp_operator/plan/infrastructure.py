@@ -1,0 +1,137 @@
+"""What an instance needs beside its components: discovery servers, a Zenoh router, a roscore."""
+
+from typing import Any, Final
+
+from robotapp_api.model.names import Label
+from robotapp_operator.plan.children import DEPLOYMENT, Child, role_labels, selector
+from robotapp_operator.plan.deployments import deployment_spec
+from robotapp_operator.plan.environment import DISCOVERY_SERVER_PORT, ZENOH_PORT
+from robotapp_operator.plan.objects import ChildRef
+from robotapp_operator.plan.ros1 import MASTER_PORT, own_address
+from robotapp_operator.plan.services import role_service
+from robotapp_operator.plan.where import disconnect_tolerations, is_in, required_nodes, robot_tolerations
+from robotapp_operator.plan.wish import MASTER, ROUTER, SERVERS, Wish
+
+DISCOVERY: Final = "discovery"
+ROUTER_ROLE: Final = "router"
+MASTER_ROLE: Final = "master"
+
+
+def infrastructure(wish: Wish, *, running: bool) -> list[Child]:
+    """Deployments and Services of the instance's discovery, possibly none."""
+    if wish.app.ros_version == 1:
+        return _master(wish, running=running) if wish.app.managed_master else []
+    if wish.discovery == "Server":
+        return [child for index in range(len(SERVERS)) for child in _server(wish, index, running=running)]
+    return _router(wish, running=running) if wish.discovery == "Router" else []
+
+
+def _server(wish: Wish, index: int, *, running: bool) -> list[Child]:
+    """Fast DDS discovery server `index`. Data flows pod to pod; the server only introduces participants."""
+    labels = role_labels(wish, DISCOVERY) | {Label.PART.value: str(index)}
+    image = wish.app.discovery_image or f"ros:{wish.distro}-ros-base"
+    container = {
+        "name": DISCOVERY,
+        "image": image,
+        "args": ["fastdds", "discovery", "-i", str(index), "-p", str(DISCOVERY_SERVER_PORT)],
+        "ports": [{"containerPort": DISCOVERY_SERVER_PORT, "protocol": "UDP"}],
+    }
+    # The first server stays with the robot, so that its components find each other while it is out of reach.
+    home = wish.robot if index == 0 else ""
+    service = role_service(
+        wish,
+        name=wish.server_names[index],
+        role=DISCOVERY,
+        labels=labels,
+        port=DISCOVERY_SERVER_PORT,
+        protocol="UDP",
+        headless=True,
+    )
+    return [_deployment(wish, SERVERS[index], labels, container, home=home, running=running), service]
+
+
+def _router(wish: Wish, *, running: bool) -> list[Child]:
+    """Zenoh router from the first component's image, which has rmw_zenoh_cpp or could not run at all."""
+    labels = role_labels(wish, ROUTER_ROLE)
+    container = {
+        "name": ROUTER_ROLE,
+        "image": wish.app.discovery_image or wish.app.spec.components[0].image,
+        "args": ["ros2", "run", "rmw_zenoh_cpp", "rmw_zenohd"],
+        # The default listens on IPv6 only and fails where there is none.
+        "env": [{"name": "ZENOH_CONFIG_OVERRIDE", "value": f'listen/endpoints=["tcp/0.0.0.0:{ZENOH_PORT}"]'}],
+        "ports": [{"containerPort": ZENOH_PORT, "protocol": "TCP"}],
+        "readinessProbe": {"tcpSocket": {"port": ZENOH_PORT}},
+    }
+    service = role_service(
+        wish, name=wish.router_name, role=ROUTER_ROLE, labels=labels, port=ZENOH_PORT, protocol="TCP", headless=False
+    )
+    return [_deployment(wish, ROUTER, labels, container, home=wish.robot, running=running), service]
+
+
+def _master(wish: Wish, *, running: bool) -> list[Child]:
+    """roscore: a name service; nodes then connect to each other."""
+    labels = role_labels(wish, MASTER_ROLE)
+    image = (wish.app.spec.ros1.image if wish.app.spec.ros1 else "") or f"ros:{wish.distro}-ros-core"
+    container = {
+        "name": MASTER_ROLE,
+        "image": image,
+        "args": ["roscore", "-p", str(MASTER_PORT)],
+        "env": [own_address("ROS_IP")],
+        "ports": [{"containerPort": MASTER_PORT, "protocol": "TCP"}],
+        "readinessProbe": {"tcpSocket": {"port": MASTER_PORT}},
+    }
+    service = role_service(
+        wish, name=wish.master_name, role=MASTER_ROLE, labels=labels, port=MASTER_PORT, protocol="TCP", headless=True
+    )
+    return [
+        _deployment(
+            wish, MASTER, labels, container, home=wish.robot, running=running, node=wish.app.spec.placement.master_node
+        ),
+        service,
+    ]
+
+
+def _deployment(
+    wish: Wish,
+    part: str,
+    labels: dict[str, str],
+    container: dict[str, Any],
+    *,
+    home: str,
+    running: bool,
+    node: str = "",
+) -> Child:
+    spec: dict[str, Any] = {
+        "schedulerName": wish.app.spec.scheduler_name,
+        "automountServiceAccountToken": False,
+        "enableServiceLinks": False,
+        "containers": [container],
+    }
+    affinity = _affinity(labels, home=home, node=node)
+    if affinity:
+        spec["affinity"] = affinity
+    if home:
+        spec["tolerations"] = robot_tolerations(home) + disconnect_tolerations(None)
+    template = {"metadata": {"labels": labels}, "spec": spec}
+    return Child(
+        ref=ChildRef(DEPLOYMENT, wish.name_of(part)),
+        labels=labels,
+        spec=deployment_spec(labels, template, replicas=1, running=running),
+    )
+
+
+def _affinity(labels: dict[str, str], *, home: str, node: str) -> dict[str, Any]:
+    """On `node` when given; else on the robot `home`; siblings of one role preferably on different nodes."""
+    result: dict[str, Any] = {}
+    if node:
+        result["nodeAffinity"] = required_nodes([[is_in(Label.HOSTNAME, node)]])
+    elif home:
+        preference = {"weight": 100, "preference": {"matchExpressions": [is_in(Label.ROBOT, home)]}}
+        result["nodeAffinity"] = {"preferredDuringSchedulingIgnoredDuringExecution": [preference]}
+    if Label.PART.value in labels:
+        siblings = {key: value for key, value in selector(labels).items() if key != Label.PART.value}
+        term = {"topologyKey": Label.HOSTNAME.value, "labelSelector": {"matchLabels": siblings}}
+        result["podAntiAffinity"] = {
+            "preferredDuringSchedulingIgnoredDuringExecution": [{"weight": 100, "podAffinityTerm": term}]
+        }
+    return result

@@ -1,0 +1,33 @@
+"""Which middleware can discover its peers in which way."""
+
+from typing import Final
+
+FAST_DDS: Final = frozenset({"rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp"})
+CYCLONE: Final = frozenset({"rmw_cyclonedds_cpp"})
+ZENOH: Final = frozenset({"rmw_zenoh_cpp"})
+CONNEXT: Final = frozenset({"rmw_connextdds"})
+BEFORE_IRON: Final = frozenset({"foxy", "galactic", "humble", "eloquent", "dashing", "crystal", "bouncy", "ardent"})
+
+
+def resolve_mode(mode: str, rmw: str) -> str:
+    """`Auto` by middleware: Server for Fast DDS, Peers for Cyclone and Connext, Router for Zenoh, else Multicast."""
+    if mode != "Auto":
+        return mode
+    if rmw in FAST_DDS:
+        return "Server"
+    if rmw in CYCLONE | CONNEXT:
+        return "Peers"
+    return "Router" if rmw in ZENOH else "Multicast"
+
+
+def mode_problem(*, mode: str, rmw: str, distro: str) -> str:
+    """Why this middleware cannot use this discovery mode and what to write instead, "" when it can."""
+    if mode == "Server" and rmw not in FAST_DDS:
+        return f"discovery mode Server exists for Fast DDS only, not {rmw}; write mode: Auto"
+    if mode == "Router" and rmw not in ZENOH:
+        return f"discovery mode Router exists for rmw_zenoh_cpp only, not {rmw}; write mode: Auto"
+    if rmw in ZENOH and mode not in ("Router", "Localhost"):
+        return f"rmw_zenoh_cpp finds its peers through a router, not by {mode}; write mode: Auto or Router"
+    if mode == "Peers" and rmw in FAST_DDS and distro in BEFORE_IRON:
+        return f"Fast DDS of {distro} takes no peer list from the environment (ROS_STATIC_PEERS came with Iron); write mode: Server"
+    return ""

@@ -1,0 +1,179 @@
+"""What the operator reads of the cluster: slim structs, decoded straight from the watch's bytes.
+
+Only fields a rule reads are listed; managedFields and the rest are skipped while decoding.
+"""
+
+from typing import Any, NamedTuple
+
+import msgspec
+
+from robotapp_api.model.names import Label
+
+
+class Struct(msgspec.Struct, rename="camel", kw_only=True):
+    """Base: camelCase on the wire, absent fields take their default."""
+
+
+class OwnerReference(Struct):
+    kind: str = ""
+    name: str = ""
+    uid: str = ""
+    controller: bool = False
+
+
+class Meta(Struct):
+    name: str = ""
+    namespace: str = ""
+    uid: str = ""
+    resource_version: str = ""
+    generation: int = 0
+    creation_timestamp: str | None = None
+    deletion_timestamp: str | None = None
+    labels: dict[str, str] = {}
+    annotations: dict[str, str] = {}
+    owner_references: list[OwnerReference] = []
+
+    def controller_uid(self) -> str:
+        """Uid of the owner that controls this object, "" without one."""
+        return next((owner.uid for owner in self.owner_references if owner.controller), "")
+
+
+class ObjectCondition(Struct):
+    type: str
+    status: str = "Unknown"
+    reason: str = ""
+    message: str = ""
+
+
+class DeploymentStatus(Struct):
+    observed_generation: int = 0
+    replicas: int = 0
+    ready_replicas: int = 0
+    updated_replicas: int = 0
+    conditions: list[ObjectCondition] = []
+
+
+class Deployment(Struct):
+    metadata: Meta
+    spec: dict[str, Any] = {}
+    status: DeploymentStatus = msgspec.field(default_factory=DeploymentStatus)
+
+
+class Service(Struct):
+    metadata: Meta
+    spec: dict[str, Any] = {}
+
+
+class ReplicaSet(Struct):
+    metadata: Meta
+
+
+class Waiting(Struct):
+    reason: str = ""
+    message: str = ""
+
+
+class Terminated(Struct):
+    exit_code: int = 0
+    reason: str = ""
+
+
+class ContainerState(Struct):
+    waiting: Waiting | None = None
+    terminated: Terminated | None = None
+
+
+class ContainerStatus(Struct):
+    name: str = ""
+    ready: bool = False
+    restart_count: int = 0
+    state: ContainerState = msgspec.field(default_factory=ContainerState)
+    last_state: ContainerState = msgspec.field(default_factory=ContainerState)
+
+
+class PodStatus(Struct):
+    phase: str = ""
+    reason: str = ""
+    message: str = ""
+    conditions: list[ObjectCondition] = []
+    container_statuses: list[ContainerStatus] = []
+    init_container_statuses: list[ContainerStatus] = []
+
+
+class SchedulingGate(Struct):
+    name: str = ""
+
+
+class PodSpec(Struct):
+    node_name: str = ""
+    scheduler_name: str = ""
+    scheduling_gates: list[SchedulingGate] = []
+
+
+class Pod(Struct):
+    metadata: Meta
+    spec: PodSpec = msgspec.field(default_factory=PodSpec)
+    status: PodStatus = msgspec.field(default_factory=PodStatus)
+
+    @property
+    def terminal(self) -> bool:
+        return self.status.phase in ("Succeeded", "Failed")
+
+
+class NodeSpec(Struct):
+    unschedulable: bool = False
+
+
+class NodeStatus(Struct):
+    conditions: list[ObjectCondition] = []
+
+
+class Node(Struct):
+    metadata: Meta
+    spec: NodeSpec = msgspec.field(default_factory=NodeSpec)
+    status: NodeStatus = msgspec.field(default_factory=NodeStatus)
+
+    @property
+    def robot(self) -> str:
+        """Name of the robot this node is on, "" for other nodes."""
+        return self.metadata.labels.get(Label.ROBOT, "")
+
+    @property
+    def ready(self) -> bool:
+        return any(c.type == "Ready" and c.status == "True" for c in self.status.conditions)
+
+
+class Rtt(Struct):
+    peer: str = ""
+    p50_us: int = 0
+    p95_us: int = 0
+
+
+class TelemetrySpec(Struct):
+    probe: list[str] = []
+
+
+class TelemetryStatus(Struct):
+    rtt: list[Rtt] = []
+
+
+class Telemetry(Struct):
+    metadata: Meta
+    spec: TelemetrySpec = msgspec.field(default_factory=TelemetrySpec)
+    status: TelemetryStatus = msgspec.field(default_factory=TelemetryStatus)
+
+    def p95_to(self, peer: str) -> int | None:
+        """Measured p95 round trip to `peer` in microseconds, None when never measured."""
+        return next((entry.p95_us for entry in self.status.rtt if entry.peer == peer), None)
+
+
+class ConfigMap(Struct):
+    metadata: Meta
+    data: dict[str, str] = {}
+
+
+class ChildRef(NamedTuple):
+    """A child within its app's namespace."""
+
+    kind: str
+    name: str

@@ -1,0 +1,80 @@
+"""A RobotApp as read from the API server: its parsed wish, or why it could not be read, and its status."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import ValidationError
+
+from robotapp_api.model.names import Reason
+from robotapp_api.model.robotapp import RobotAppSpec
+from robotapp_operator.plan.app import Problem
+from robotapp_operator.plan.wish import App
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Record:
+    """`app` is None when the spec cannot be parsed; `problems` then says why."""
+
+    name: str
+    namespace: str
+    uid: str
+    generation: int
+    resource_version: str
+    deleting: bool
+    app: App | None
+    problems: tuple[Problem, ...] = ()
+    status: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+    @property
+    def version_number(self) -> int:
+        """ResourceVersion as a number: which of two copies of this object is newer."""
+        return int(self.resource_version) if self.resource_version.isdecimal() else 0
+
+    @property
+    def wish_mark(self) -> tuple[object, ...]:
+        """Changes when anything but the status does."""
+        return self.generation, self.deleting, self.app.annotations if self.app else None
+
+
+def parse_record(body: Mapping[str, Any], *, known: Record | None = None) -> Record:
+    """`known` of the same generation lends its parsed spec: a status write must not cost a validation."""
+    meta = body.get("metadata") or {}
+    annotations = dict(meta.get("annotations") or {})
+    app: App | None = None
+    problems: tuple[Problem, ...] = ()
+    if known and known.uid == meta.get("uid") and known.generation == meta.get("generation") and known.app:
+        app = dataclasses.replace(known.app, annotations=annotations)
+    else:
+        try:
+            spec = RobotAppSpec.model_validate(body.get("spec") or {})
+        except ValidationError as error:
+            problems = tuple(_problem(item) for item in error.errors()[:8])
+        else:
+            app = App(
+                name=meta.get("name", ""),
+                namespace=meta.get("namespace", ""),
+                uid=meta.get("uid", ""),
+                generation=meta.get("generation", 0),
+                spec=spec,
+                annotations=annotations,
+                created=meta.get("creationTimestamp") or "",
+            )
+    return Record(
+        name=meta.get("name", ""),
+        namespace=meta.get("namespace", ""),
+        uid=meta.get("uid", ""),
+        generation=meta.get("generation", 0),
+        resource_version=meta.get("resourceVersion", ""),
+        deleting=bool(meta.get("deletionTimestamp")),
+        app=app,
+        problems=problems,
+        status=body.get("status") or {},
+    )
+
+
+def _problem(error: Mapping[str, Any]) -> Problem:
+    path = ".".join(str(part) for part in error["loc"])
+    return Problem(
+        Reason.INVALID_SPEC, f"spec.{path}", f"{error['msg']}; kubectl explain robotapp.spec shows what is allowed"
+    )

@@ -1,0 +1,120 @@
+"""Where a component may run: node requirements, tolerations, and affinity for schedulers that cannot read a RobotApp."""
+
+from collections.abc import Iterable
+from typing import Any, Final
+
+from robotapp_api.model.component import Component
+from robotapp_api.model.names import HARDWARE_PREFIX, Label
+from robotapp_api.values.duration import parse_us
+from robotapp_operator.plan.children import component_labels, selector
+from robotapp_operator.plan.wish import Wish
+
+DISCONNECTED: Final = ("node.kubernetes.io/not-ready", "node.kubernetes.io/unreachable")
+
+
+def on_disconnect(component: Component) -> str:
+    """Keep on the robot, Failover elsewhere, unless written."""
+    return component.on_disconnect or ("Keep" if component.runs_on == "Robot" else "Failover")
+
+
+def tolerations(component: Component, wish: Wish) -> list[dict[str, Any]]:
+    """The component's own, then robots' taints where it may run there, then how long it stays on a lost node."""
+    result = [*component.tolerations]
+    if component.runs_on in ("Robot", "Any") and (wish.robot or component.runs_on == "Robot"):
+        result += robot_tolerations(wish.robot)
+    keep = on_disconnect(component) == "Keep"
+    grace_s = parse_us(wish.app.spec.connectivity.grace) // 1_000_000
+    return result + disconnect_tolerations(None if keep else grace_s)
+
+
+def robot_tolerations(robot: str) -> list[dict[str, Any]]:
+    """Robots are kept free of other work by a taint whose key is one of their labels."""
+    own = {"operator": "Equal", "value": robot} if robot else {"operator": "Exists"}
+    return [
+        {"key": Label.ROBOT.value, **own},
+        {"key": Label.TIER.value, "operator": "Equal", "value": "robot"},
+    ]
+
+
+def disconnect_tolerations(seconds: int | None) -> list[dict[str, Any]]:
+    """`seconds` None: for ever. A robot out of reach still drives; its pods must not be replaced elsewhere."""
+    limit = {} if seconds is None else {"tolerationSeconds": seconds}
+    return [{"key": key, "operator": "Exists", "effect": "NoExecute", **limit} for key in DISCONNECTED]
+
+
+def affinity(component: Component, wish: Wish) -> dict[str, Any]:
+    """Affinity of the component's pods, {} when nothing is required.
+
+    Our scheduler reads devices, requirements, colocateWith and separateFrom from the RobotApp and explains refusals in
+    their words; only other schedulers get them as labels and pod affinity.
+    """
+    result: dict[str, Any] = {}
+    terms = _node_terms(component, wish)
+    if terms:
+        result["nodeAffinity"] = required_nodes(terms)
+    if wish.app.our_scheduler:
+        return result
+    together, apart = _neighbours(component, wish)
+    if together:
+        result["podAffinity"] = {"requiredDuringSchedulingIgnoredDuringExecution": together}
+    if apart:
+        result["podAntiAffinity"] = {"requiredDuringSchedulingIgnoredDuringExecution": apart}
+    return result
+
+
+def required_nodes(terms: list[list[dict[str, Any]]]) -> dict[str, Any]:
+    """Node affinity: one of `terms`, each a list of requirements that must all hold."""
+    return {
+        "requiredDuringSchedulingIgnoredDuringExecution": {
+            "nodeSelectorTerms": [{"matchExpressions": term} for term in terms]
+        }
+    }
+
+
+def is_in(key: str, value: str) -> dict[str, Any]:
+    return {"key": key, "operator": "In", "values": [value]}
+
+
+def _node_terms(component: Component, wish: Wish) -> list[list[dict[str, Any]]]:
+    common: list[dict[str, Any]] = [] if wish.app.our_scheduler else list(_hardware(component))
+    if component.runs_on == "Robot" and wish.robot:
+        return [[is_in(Label.ROBOT, wish.robot), *common]]
+    if component.runs_on != "Any":
+        return [[is_in(Label.TIER, component.runs_on.lower()), *common]]
+    if wish.robot:
+        # Anywhere, but never on somebody else's robot.
+        return [
+            [is_in(Label.ROBOT, wish.robot), *common],
+            [{"key": Label.ROBOT.value, "operator": "DoesNotExist"}, *common],
+        ]
+    return [common] if common else []
+
+
+def _hardware(component: Component) -> Iterable[dict[str, Any]]:
+    for device in component.devices:
+        suffix = f"{device.type}-{device.interface}" if device.interface else device.type
+        yield _labelled(HARDWARE_PREFIX + suffix, device.model)
+    for requirement in component.requires:
+        yield _labelled(HARDWARE_PREFIX + requirement.type, requirement.model)
+
+
+def _labelled(key: str, model: str) -> dict[str, Any]:
+    return is_in(key, model) if model else {"key": key, "operator": "Exists"}
+
+
+def _neighbours(component: Component, wish: Wish) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Pod affinity towards components earlier in the list: two pods that each wait for the other would never start."""
+    together: list[dict[str, Any]] = []
+    apart: list[dict[str, Any]] = []
+    for other in wish.app.spec.components:
+        if other.name == component.name:
+            break
+        term = {
+            "topologyKey": Label.HOSTNAME.value,
+            "labelSelector": {"matchLabels": selector(component_labels(wish, other.name))},
+        }
+        if other.name in component.colocate_with or component.name in other.colocate_with:
+            together.append(term)
+        if other.name in component.separate_from or component.name in other.separate_from:
+            apart.append(term)
+    return together, apart

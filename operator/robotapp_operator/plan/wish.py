@@ -1,0 +1,152 @@
+"""What one instance of an app wants, with everything conditional already decided.
+
+The schema defaults what depends on nothing else; what depends on the distro, the middleware or the robot is decided here,
+once, so that rendering, status and `render` say the same.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Final, NamedTuple
+
+from robotapp_api.model.distros import DISTROS
+from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME
+from robotapp_api.model.robotapp import RobotAppSpec
+from robotapp_api.values.naming import child_name
+from robotapp_operator.plan.middleware import resolve_mode
+
+# Derived names of what is no component. A dot cannot occur in a component's name, so the hash differs from any of theirs.
+SERVERS: Final = ("discovery.0", "discovery.1")
+ROUTER: Final = "router."
+MASTER: Final = "master."
+PEERS: Final = "peers."
+
+DEFAULT_RMW: Final = "rmw_fastrtps_cpp"
+DEFAULT_POOL: Final = "default"
+
+
+class EnvVar(NamedTuple):
+    name: str
+    value: str
+
+
+class Domain(NamedTuple):
+    """The id an instance may use, and the claim that is the lock on it ("" for a shared id)."""
+
+    id: int
+    claim: str = ""
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class App:
+    """A RobotApp as the plan sees it: identity and wish, without its status."""
+
+    name: str
+    namespace: str
+    uid: str
+    generation: int
+    spec: RobotAppSpec
+    annotations: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    created: str = ""
+
+    @property
+    def distro(self) -> str:
+        return self.spec.ros.distro
+
+    @property
+    def ros_version(self) -> int:
+        """1 or 2; as written, else from the distro, else 2."""
+        known = DISTROS.get(self.distro)
+        return self.spec.ros.version or (known.version if known else 2)
+
+    @property
+    def rmw(self) -> str:
+        """Middleware as written or the distro's default; "" for ROS 1."""
+        if self.ros_version == 1:
+            return ""
+        if self.spec.dds and self.spec.dds.rmw:
+            return self.spec.dds.rmw
+        known = DISTROS.get(self.distro)
+        return known.rmw if known else DEFAULT_RMW
+
+    @property
+    def pool(self) -> str:
+        return self.spec.dds.pool if self.spec.dds else DEFAULT_POOL
+
+    @property
+    def requested_domain(self) -> int | None:
+        return self.spec.dds.domain if self.spec.dds else None
+
+    @property
+    def discovery_mode(self) -> str:
+        """As written, possibly `Auto`."""
+        return self.spec.dds.discovery.mode if self.spec.dds else "Auto"
+
+    @property
+    def discovery_image(self) -> str:
+        return self.spec.dds.discovery.image if self.spec.dds else ""
+
+    @property
+    def our_scheduler(self) -> bool:
+        return self.spec.scheduler_name in (SCHEDULER_NAME, THESIS_SCHEDULER_NAME)
+
+    @property
+    def managed_master(self) -> bool:
+        """ROS 1 with a roscore of ours."""
+        return self.ros_version == 1 and (self.spec.ros1 is None or self.spec.ros1.master == "Managed")
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Wish:
+    """One instance: names of its infrastructure and the resolved middleware settings."""
+
+    app: App
+    robot: str
+    rmw: str
+    distro: str
+    discovery: str
+    transport: str = "Auto"
+
+    def name_of(self, part: str) -> str:
+        """Name of the Deployment or Service of a component or infrastructure part."""
+        return child_name(self.app.name, self.robot, part)
+
+    @property
+    def server_names(self) -> tuple[str, ...]:
+        return tuple(self.name_of(part) for part in SERVERS)
+
+    @property
+    def router_name(self) -> str:
+        return self.name_of(ROUTER)
+
+    @property
+    def master_name(self) -> str:
+        return self.name_of(MASTER)
+
+    @property
+    def peers_service(self) -> str:
+        return self.name_of(PEERS)
+
+    @property
+    def peer_names(self) -> tuple[str, ...]:
+        """One DNS name per component, short form: resolved by the pod's search path."""
+        return tuple(f"{component.name}.{self.peers_service}" for component in self.app.spec.components)
+
+    def names_to_await(self, component: str) -> tuple[str, ...]:
+        """DNS names the middleware resolves once, when `component` starts."""
+        if self.discovery == "Server":
+            return self.server_names
+        if self.discovery == "Peers":
+            return tuple(name for name in self.peer_names if not name.startswith(f"{component}."))
+        return ()
+
+
+def wish_of(app: App, robot: str) -> Wish:
+    """The instance's wish; total, also for a spec that is not accepted."""
+    return Wish(
+        app=app,
+        robot=robot,
+        rmw=app.rmw,
+        distro=app.distro,
+        discovery=resolve_mode(app.discovery_mode, app.rmw) if app.ros_version == 2 else "",
+        transport=app.spec.dds.transport if app.spec.dds else "Auto",
+    )

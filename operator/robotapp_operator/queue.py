@@ -1,0 +1,157 @@
+"""The work queue: every key at most once at a time, earliest due first, fair between groups.
+
+A key that is added again while it is being worked on runs once more afterwards. A key that fails waits
+1 s, 2 s, 4 s … up to a minute, other keys do not notice. Among due keys the groups (apps) take turns, so an
+app with a thousand instances does not delay its neighbour.
+"""
+
+import asyncio
+import heapq
+from collections import OrderedDict, deque
+from collections.abc import Callable
+from typing import NamedTuple
+
+
+class Key(NamedTuple):
+    """One unit of work: what to do, for which group (an app's uid, or a namespace), for which instance."""
+
+    work: str
+    group: str
+    instance: str = ""
+
+
+class Queue:
+    """Pure bookkeeping over an injected clock; only `get` waits."""
+
+    def __init__(
+        self,
+        *,
+        clock: Callable[[], float],
+        jitter: Callable[[], float],
+        base_delay_s: float = 1.0,
+        max_delay_s: float = 60.0,
+    ) -> None:
+        self._clock = clock
+        self._jitter = jitter
+        self._base_delay_s = base_delay_s
+        self._max_delay_s = max_delay_s
+        self._due: dict[Key, float] = {}
+        self._heap: list[tuple[float, int, Key]] = []
+        self._sequence = 0
+        self._ready: OrderedDict[str, deque[tuple[Key, float]]] = OrderedDict()
+        self._ready_keys: set[Key] = set()
+        self._active: set[Key] = set()
+        self._again: dict[Key, float] = {}
+        self._rest_until: dict[Key, float] = {}
+        self._failures: dict[Key, int] = {}
+        self._wake = asyncio.Event()
+        self._closed = False
+        self.adds = 0
+        self.retries = 0
+
+    def __repr__(self) -> str:
+        return f"<Queue: {self.depth} waiting, {len(self._active)} active, {len(self._failures)} failing>"
+
+    @property
+    def depth(self) -> int:
+        """Keys that are due or will be, without those being worked on."""
+        return len(self._due) + len(self._ready_keys)
+
+    @property
+    def active(self) -> int:
+        return len(self._active)
+
+    def add(self, key: Key, *, delay_s: float = 0.0) -> None:
+        """Ask for `key` in `delay_s`; an earlier request stands, a later one is forgotten."""
+        self.adds += 1
+        due = max(self._clock() + delay_s, self._rest_until.get(key, 0.0))
+        if key in self._active:
+            self._again[key] = min(due, self._again.get(key, due))
+        elif key not in self._ready_keys and due < self._due.get(key, float("inf")):
+            self._due[key] = due
+            self._sequence += 1
+            heapq.heappush(self._heap, (due, self._sequence, key))
+            self._wake.set()
+
+    def pop(self) -> tuple[Key, float] | None:
+        """The next due key and the seconds it waited beyond its due time, None when nothing is due."""
+        self._promote()
+        if not self._ready:
+            return None
+        group, keys = next(iter(self._ready.items()))
+        key, due = keys.popleft()
+        if keys:
+            self._ready.move_to_end(group)
+        else:
+            del self._ready[group]
+        self._ready_keys.discard(key)
+        self._active.add(key)
+        return key, max(0.0, self._clock() - due)
+
+    def done(self, key: Key, *, rest_s: float = 0.0) -> None:
+        """`key` was handled: forget its failures; it will not start again within `rest_s`."""
+        self._failures.pop(key, None)
+        if rest_s > 0:
+            self._rest_until[key] = self._clock() + rest_s
+        else:
+            self._rest_until.pop(key, None)
+        self._release(key)
+
+    def retry(self, key: Key, *, at_least_s: float = 0.0) -> float:
+        """`key` failed: ask for it again after its back-off. Returns the delay in seconds."""
+        self.retries += 1
+        count = self._failures.get(key, 0)
+        self._failures[key] = count + 1
+        backoff_s = min(self._max_delay_s, self._base_delay_s * 2.0 ** min(count, 16))
+        delay_s = max(at_least_s, backoff_s * (0.75 + 0.5 * self._jitter()))
+        # A request that arrived meanwhile must not skip the back-off: a failing key would spin on its own events.
+        self._again[key] = self._clock() + delay_s
+        self._release(key)
+        return delay_s
+
+    def forget(self, group: str) -> None:
+        """Drop back-off and rest of a group that no longer exists."""
+        for table in (self._failures, self._rest_until):
+            for key in [key for key in table if key.group == group]:
+                del table[key]
+
+    def next_due_s(self) -> float | None:
+        """Seconds until a key becomes due, None when nothing is scheduled."""
+        while self._heap and self._due.get(self._heap[0][2]) != self._heap[0][0]:
+            heapq.heappop(self._heap)
+        return max(0.0, self._heap[0][0] - self._clock()) if self._heap else None
+
+    def close(self) -> None:
+        """Let every waiting `get` return None."""
+        self._closed = True
+        self._wake.set()
+
+    async def get(self) -> tuple[Key, float] | None:
+        """Wait for a due key; None once the queue is closed."""
+        while not self._closed:
+            item = self.pop()
+            if item is not None:
+                return item
+            self._wake.clear()
+            try:
+                async with asyncio.timeout(self.next_due_s()):
+                    await self._wake.wait()
+            except TimeoutError:
+                continue
+        return None
+
+    def _promote(self) -> None:
+        now = self._clock()
+        while self._heap and self._heap[0][0] <= now:
+            due, _, key = heapq.heappop(self._heap)
+            if self._due.get(key) == due:  # else: superseded by an earlier request
+                del self._due[key]
+                self._ready.setdefault(key.group, deque()).append((key, due))
+                self._ready_keys.add(key)
+
+    def _release(self, key: Key) -> None:
+        self._active.discard(key)
+        due = self._again.pop(key, None)
+        if due is not None:
+            self.adds -= 1
+            self.add(key, delay_s=due - self._clock())
