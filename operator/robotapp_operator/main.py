@@ -16,10 +16,10 @@ from datetime import UTC, datetime
 from typing import Any, Final
 
 import kopf
-from robotapp_api.client.events import EventRecorder
-from robotapp_api.client.lease import LeaderElection
 
 from robotapp_api.client import ApiClient, Endpoint, LoginError, load
+from robotapp_api.client.events import EventRecorder
+from robotapp_api.client.lease import LeaderElection
 from robotapp_api.client.resources import ROBOTAPPS
 from robotapp_api.client.sweep import Sweeper
 from robotapp_api.model.names import OPERATOR_MANAGER

@@ -5,9 +5,8 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 from typing import Any, Final
 
-from robotapp_api.client.events import EventRecorder, reference
-
 from robotapp_api.client import ApiClient, Conflict, NotFound
+from robotapp_api.client.events import EventRecorder, reference
 from robotapp_api.client.resources import ROBOTAPPS
 from robotapp_api.model.conditions import NEVER
 from robotapp_api.model.names import API_VERSION, Condition, Phase, Reason
