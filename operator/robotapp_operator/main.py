@@ -38,7 +38,7 @@ from robotapp_operator.metrics import Metrics
 from robotapp_operator.probes import Probes
 from robotapp_operator.queue import Queue
 from robotapp_operator.reporter import Reporter
-from robotapp_operator.settings import Settings, parse
+from robotapp_operator.settings import SYSTEM_NAMESPACE, Settings, parse
 
 log = logging.getLogger(__name__)
 
@@ -157,7 +157,8 @@ async def run(settings: Settings, endpoint: Endpoint) -> None:
         await health.start(settings.health_port)
         try:
             if settings.leader_election:
-                await _elected(operator, client, settings.lease_namespace or endpoint.namespace, stop)
+                home = SYSTEM_NAMESPACE if settings.kubeconfig else endpoint.namespace
+                await _elected(operator, client, settings.lease_namespace or home, stop)
             else:
                 await operator.work(stop)
         finally:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Final
 
 PREFIX: Final = "ROBOTAPP_OPERATOR_"
+SYSTEM_NAMESPACE: Final = "robotapp-system"
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -22,7 +23,7 @@ class Settings:
     health_port: int = 8080
     """Port of /healthz, /readyz and /metrics; 0 for none."""
     lease_namespace: str = ""
-    """Namespace of the election Lease; empty means the kubeconfig's or the pod's."""
+    """Namespace of the election Lease; empty means the pod's own, or robotapp-system outside of a cluster."""
     leader_election: bool = True
     """Work only while holding the Lease. It saves work; nothing depends on it."""
     log_format: str = "text"

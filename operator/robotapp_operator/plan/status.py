@@ -102,7 +102,7 @@ def _instance(facts: AppFacts, instance: InstanceFacts, before: Mapping[str, Any
 
 def _edge(edge: EdgeView, before: Mapping[tuple[str, str, str], Mapping[str, Any]], *, rested: bool) -> dict[str, Any]:
     old = before.get((edge.edge.topic, edge.edge.from_, edge.edge.to), {})
-    moved = old.get("nodes") != list(edge.nodes) or old.get("met") != edge.met
+    moved = old.get("nodes", []) != [node for node in edge.nodes if node] or old.get("met") != edge.met
     previous_us = parse_us(old["p95"]) if "p95" in old else None
     p95_us = steady_p95(previous_us, edge.p95_us, verdict_changed=moved, rested=rested)
     return {
@@ -110,8 +110,8 @@ def _edge(edge: EdgeView, before: Mapping[tuple[str, str, str], Mapping[str, Any
         "from": edge.edge.from_,
         "to": edge.edge.to,
         "measured": edge.measured,
-        "nodes": list(edge.nodes),
         **_written(
+            nodes=[node for node in edge.nodes if node],
             budget=edge.edge.latency.budget if edge.edge.latency else None,
             p95=None if p95_us is None else format_ms(p95_us / 1000),
             met=edge.met,
