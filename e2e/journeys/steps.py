@@ -1,0 +1,94 @@
+"""The demo's story, one function per step. Every step checks what it says; the wording is for somebody who knows ROS."""
+
+import time
+from typing import Any
+
+from journeys.stage import Stage, wait_for
+from journeys.world import ROOT, World, condition, is_ready
+from robotapp_testbed import ApiStatusError
+
+_READY_LIMIT_S = 2.0
+
+
+def apply_teleop(stage: Stage, world: World) -> None:
+    stage.step("1", "One object for a robot application")
+    began_s = time.monotonic()
+    stage.shell(
+        "kubectl apply -f examples/teleop.yaml", world.kubectl("apply", "-f", str(ROOT / "examples/teleop.yaml"))
+    )
+    app, _ = wait_for("teleop Ready", lambda: _if_ready(world, "teleop"), within_s=30)
+    took_s = time.monotonic() - began_s
+    stage.shell("kubectl get ra", world.kubectl("get", "ra"))
+    stage.claim(
+        f"Ready {took_s:.2f} s after kubectl was started (limit {_READY_LIMIT_S:g} s)", took_s <= _READY_LIMIT_S
+    )
+    summary = app["status"]["summary"]
+    domain = summary["domain"]
+    named = {_domain_of(deployment) for deployment in world.items("deployments", "-l", "robotics.io/app=teleop")}
+    stage.claim(
+        f"all its processes share DDS domain {domain} and no other", named == {domain}, f"templates name {named}"
+    )
+    stage.claim(f"its latency budget is met: {summary['budget']}", condition(app, "BudgetMet").get("status") == "True")
+
+
+def explain_teleop(stage: Stage, world: World) -> None:
+    stage.step("2", "Why there? The scheduler explains every node it refused")
+    text = world.robotapp("explain", "teleop", "--scheduler-url", world.scheduler.health_url)
+    stage.shell("kubectl robotapp explain teleop", text)
+    stage.claim("the cloud node was refused for its measured latency", "cloud-1: " in text and "ms" in text, text)
+
+
+def share_a_can_bus(stage: Stage, world: World) -> None:
+    stage.step("4", "Two applications, one CAN bus")
+    stage.shell(
+        "kubectl apply -f examples/can-holder.yaml",
+        world.kubectl("apply", "-f", str(ROOT / "examples/can-holder.yaml")),
+    )
+    wait_for("can-holder Ready", lambda: _if_ready(world, "can-holder"), within_s=30)
+    stage.shell(
+        "kubectl apply -f examples/can-rival.yaml", world.kubectl("apply", "-f", str(ROOT / "examples/can-rival.yaml"))
+    )
+    app, _ = wait_for("the refusal", lambda: _if_busy(world, "can-rival"), within_s=30)
+    refusal = condition(app, "Allocated")
+    stage.say(f"Allocated=False  {refusal['reason']}: {refusal['message']}")
+    stage.claim("the refusal names who holds the bus", "can-holder" in refusal["message"], refusal["message"])
+    stage.shell("kubectl robotapp devices", world.robotapp("devices"))
+    stage.shell("kubectl delete ra can-holder", world.kubectl("delete", "ra", "can-holder"))
+    _, took_s = wait_for("can-rival Ready", lambda: _if_ready(world, "can-rival"), within_s=30)
+    stage.claim(f"the rival runs {took_s * 1000:.0f} ms after the holder was deleted", took_s < 10)
+    world.kubectl("delete", "ra", "can-rival")
+
+
+def render_from_rigel(stage: Stage, world: World) -> None:
+    stage.step("7", "From a Rigelfile to a running application")
+    rendered = world.run("rigel-bridge", "render", "examples/rigel/teleop/Rigelfile")
+    applied = world.kubectl("apply", "-f", "-", stdin=rendered)
+    stage.shell("rigel-bridge render examples/rigel/teleop/Rigelfile | kubectl apply -f -", applied)
+    name = applied.split("/")[1].split()[0]
+    _, took_s = wait_for(f"{name} Ready", lambda: _if_ready(world, name), within_s=30)
+    stage.claim(f"{name} is Ready after {took_s:.2f} s", took_s < 10)
+    world.kubectl("delete", "ra", name)
+
+
+def _if_ready(world: World, name: str) -> dict[str, Any] | None:
+    app = _read(world, name)
+    return app if app and is_ready(app) else None
+
+
+def _if_busy(world: World, name: str) -> dict[str, Any] | None:
+    app = _read(world, name)
+    return app if app and condition(app, "Allocated").get("reason") == "DeviceBusy" else None
+
+
+def _read(world: World, name: str) -> dict[str, Any] | None:
+    try:
+        return world.app(name)
+    except ApiStatusError as error:
+        if error.status == 404:
+            return None
+        raise
+
+
+def _domain_of(deployment: dict[str, Any]) -> str:
+    variables = deployment["spec"]["template"]["spec"]["containers"][0].get("env", [])
+    return next((v.get("value", "") for v in variables if v["name"] == "ROS_DOMAIN_ID"), "none")

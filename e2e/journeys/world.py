@@ -1,0 +1,69 @@
+"""What the demo's steps share: the cluster, our two processes, the telemetry, and small ways to look at them."""
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from robotapp_testbed import ControlPlane, Process
+from robotapp_testbed.telemetry import SimulatedTelemetry
+
+ROOT = Path(__file__).resolve().parents[2]
+NAMESPACE = "demo"
+_BIN = Path(sys.executable).parent
+
+
+@dataclass
+class World:
+    """One run of the demo."""
+
+    cluster: ControlPlane
+    operator: Process
+    scheduler: Process
+    telemetry: SimulatedTelemetry
+
+    def kubectl(self, *args: str, stdin: object = None, check: bool = True) -> str:
+        return self.cluster.kubectl("-n", NAMESPACE, *args, stdin=stdin, check=check)
+
+    def items(self, kind: str, *args: str, namespace: str = NAMESPACE) -> list[dict[str, Any]]:
+        found = json.loads(self.cluster.kubectl("-n", namespace, "get", kind, "-o", "json", *args))
+        items: list[dict[str, Any]] = found["items"]
+        return items
+
+    def app(self, name: str) -> dict[str, Any]:
+        """The RobotApp as stored now; read over one kept connection, so that polling it costs little."""
+        path = f"/apis/robotics.io/v1alpha1/namespaces/{NAMESPACE}/robotapps/{name}"
+        found: dict[str, Any] = self.cluster.api.get(path)
+        return found
+
+    def run(self, program: str, *args: str, stdin: str | None = None) -> str:
+        """Run one of our command-line programs as a user would; what it printed, errors included."""
+        environment = os.environ | {"KUBECONFIG": str(self.cluster.kubeconfig()), "COLUMNS": "118"}
+        done = subprocess.run(
+            [str(_BIN / program), *args],
+            env=environment,
+            input=stdin,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=60,
+            cwd=ROOT,
+        )
+        return done.stdout + done.stderr
+
+    def robotapp(self, *args: str) -> str:
+        return self.run("kubectl-robotapp", *args, "-n", NAMESPACE)
+
+
+def condition(app: dict[str, Any], kind: str) -> dict[str, Any]:
+    """The named condition of a RobotApp, or an empty one."""
+    found: dict[str, Any] = next((c for c in app.get("status", {}).get("conditions", []) if c["type"] == kind), {})
+    return found
+
+
+def is_ready(app: dict[str, Any]) -> bool:
+    ready = condition(app, "Ready")
+    return ready.get("status") == "True" and ready.get("observedGeneration") == app["metadata"]["generation"]
