@@ -11,7 +11,6 @@ import subprocess
 import sys
 from collections.abc import Callable
 
-from robotapp_testbed.assets import Assets
 from robotapp_testbed.detached import Cluster, block_signals
 
 from journeys.burst import survive_kills
@@ -20,6 +19,7 @@ from journeys.stage import FalseClaimError, Stage
 from journeys.steps import apply_teleop, explain_teleop, render_from_rigel, share_a_can_bus
 from journeys.world import NAMESPACE, ROOT, World
 from robotapp_testbed import ControlPlane, TestbedError, product
+from robotapp_testbed.assets import Assets
 from robotapp_testbed.nodes import Device
 from robotapp_testbed.process import wait_until
 from robotapp_testbed.topology import SimulatedTelemetry, apply, fleet

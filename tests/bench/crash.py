@@ -1,0 +1,60 @@
+"""Crash safety: operator and scheduler killed -9 at every write of a 20-app workload.
+
+`scripts/bench crash --all` runs every point; `--points N --seed S` a sample, as scripts/test does with 15.
+"""
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+from tests.support.crash_campaign import CrashCampaign, Outcome, kill_points, sample
+
+from robotapp_testbed import ControlPlane
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(prog="scripts/bench crash", description=__doc__.splitlines()[0])
+    amount = parser.add_mutually_exclusive_group()
+    amount.add_argument("--all", action="store_true", help="every write, before and after")
+    amount.add_argument("--points", type=int, default=15, help="this many, spread over all")
+    parser.add_argument("--seed", type=int, default=0, help="rotates the sample")
+    parser.add_argument("--apps", type=int, default=20)
+    parser.add_argument("--json", type=Path, help="write every outcome to this file")
+    arguments = parser.parse_args(argv)
+    with ControlPlane() as cp, CrashCampaign(cp, apps=arguments.apps) as campaign:
+        writes = campaign.reference()
+        points = list(kill_points(writes))
+        chosen = points if arguments.all else sample(points, arguments.points, arguments.seed)
+        say(f"writes of one life of {arguments.apps} apps: {writes}; {len(chosen)} of {len(points)} kill points")
+        outcomes = []
+        for number, point in enumerate(chosen, 1):
+            outcomes.append(campaign.run(point))
+            say(f"{number:4}/{len(chosen)} {_line(outcomes[-1])}")
+    if arguments.json:
+        arguments.json.write_text(
+            json.dumps({"writes": writes, "outcomes": [asdict(each) for each in outcomes]}, indent=1) + "\n"
+        )
+    failed = [each for each in outcomes if each.problems]
+    struck = sum(each.struck for each in outcomes)
+    say(
+        f"{struck} kills struck, {len(outcomes) - struck} points were past the last write, {len(failed)} runs with problems"
+    )
+    return 1 if failed or not struck else 0
+
+
+def say(text: str) -> None:
+    print(f"{time.strftime('%H:%M:%S')} {text}", file=sys.stderr, flush=True)
+
+
+def _line(outcome: Outcome) -> str:
+    verdict = "; ".join(outcome.problems) or "ok"
+    struck = "" if outcome.struck else " (not reached)"
+    return f"{outcome.point}{struck}: ready {outcome.ready_s:.1f} s, gone {outcome.gone_s:.1f} s, {verdict}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,36 @@
+"""Operator and scheduler killed -9 at a rotating sample of their writes; scripts/bench crash --all runs every one."""
+
+import datetime as dt
+import os
+from collections.abc import Iterator
+
+import pytest
+from tests.support.crash_campaign import CrashCampaign, kill_points, sample
+
+from robotapp_testbed import ControlPlane
+
+SAMPLE = 15
+
+
+def seed() -> int:
+    """Another part of the campaign every day; ROBOTAPP_SEED repeats a given one."""
+    return int(os.environ.get("ROBOTAPP_SEED", "0")) or dt.datetime.now(tz=dt.UTC).toordinal()
+
+
+@pytest.fixture(scope="module")
+def campaign() -> Iterator[CrashCampaign]:
+    with ControlPlane() as cp, CrashCampaign(cp) as running:
+        yield running
+
+
+@pytest.mark.live
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_whoever_dies_at_whichever_write_every_app_becomes_ready_and_nothing_is_doubled_or_left(
+    campaign: CrashCampaign,
+) -> None:
+    points = list(kill_points(campaign.reference()))
+    assert len(points) >= 120
+    outcomes = [campaign.run(point) for point in sample(points, SAMPLE, seed())]
+    assert {str(each.point): each.problems for each in outcomes if each.problems} == {}, f"ROBOTAPP_SEED={seed()}"
+    assert sum(each.struck for each in outcomes) >= SAMPLE // 2

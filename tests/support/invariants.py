@@ -1,0 +1,82 @@
+"""What must hold at every moment, read from the API server: no domain or device twice, every running pod backed by its claim."""
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from robotapp_api.model.names import API_VERSION, Annotation, Label
+from robotapp_testbed import ControlPlane
+
+Object = Mapping[str, Any]
+_ENDED = {"Succeeded", "Failed"}
+
+
+def claims(cp: ControlPlane) -> list[Object]:
+    return list(cp.api.get(f"/apis/{API_VERSION}/robotclaims")["items"])
+
+
+def pods(cp: ControlPlane, namespace: str) -> list[Object]:
+    return list(cp.api.get(f"/api/v1/namespaces/{namespace}/pods")["items"])
+
+
+def violations(cp: ControlPlane, namespace: str) -> list[str]:
+    """Every broken rule, in words. Pods are read after the claims: a pod that runs then was bound to a claim read before
+    or after, so a missing claim is looked up once more before it is called missing."""
+    held = _by_thing(claims(cp))
+    live = [
+        pod for pod in pods(cp, namespace) if pod["status"].get("phase") not in _ENDED and pod["spec"].get("nodeName")
+    ]
+    suspects = [*_unbacked(live, held), *_shared(live)]
+    if suspects:
+        held = _by_thing(claims(cp))
+        suspects = [*_unbacked(live, held), *_shared(live)]
+    return suspects
+
+
+def domain_of(pod: Object) -> str:
+    """The literal domain a pod's first container joins, or ""."""
+    variables = pod["spec"]["containers"][0].get("env", [])
+    return next((each.get("value", "") for each in variables if each["name"] == "ROS_DOMAIN_ID"), "")
+
+
+def holder_of(pod: Object) -> tuple[str, str]:
+    """(app uid, instance) a pod belongs to."""
+    labels = pod["metadata"].get("labels", {})
+    return labels.get(Label.APP_UID, ""), labels.get(Label.INSTANCE, "")
+
+
+def _by_thing(found: Iterable[Object]) -> dict[str, tuple[str, str]]:
+    """Claimed domain ("7") or device ("node/id") → (holder uid, instance). The server itself keeps names unique."""
+    things = {}
+    for claim in found:
+        spec, holder = claim["spec"], claim["spec"]["holder"]
+        device, domain = spec.get("device"), spec.get("domain")
+        thing = f"{device['node']}/{device['id']}" if device else str(domain["id"])
+        things[thing] = (holder["uid"], holder.get("instance", ""))
+    return things
+
+
+def _unbacked(live: Iterable[Object], held: Mapping[str, tuple[str, str]]) -> list[str]:
+    broken = []
+    for pod in live:
+        for thing in _things_of(pod):
+            if held.get(thing) != holder_of(pod):
+                name = pod["metadata"]["name"]
+                broken.append(f"{name} of {holder_of(pod)} runs with {thing}, which is claimed by {held.get(thing)}")
+    return broken
+
+
+def _shared(live: Iterable[Object]) -> list[str]:
+    """Domains and devices in use by more than one (app, instance), or devices by more than one pod."""
+    users: dict[str, set[tuple[str, str]]] = defaultdict(set)
+    for pod in live:
+        for thing in _things_of(pod):
+            users[thing].add(holder_of(pod))
+    return [f"{thing} is used by {sorted(who)}" for thing, who in users.items() if len(who) > 1]
+
+
+def _things_of(pod: Object) -> list[str]:
+    granted = pod["metadata"].get("annotations", {}).get(Annotation.GRANTED_DEVICES, "")
+    devices = [f"{pod['spec']['nodeName']}/{each}" for each in granted.split(",") if each]
+    domain = domain_of(pod)
+    return [*([domain] if domain else []), *devices]
