@@ -10,8 +10,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
-
-from robotapp_testbed.detached import Cluster, block_signals
+from contextlib import ExitStack
 
 from journeys.burst import survive_kills
 from journeys.comparison import compare_with_kube_scheduler
@@ -20,6 +19,7 @@ from journeys.steps import apply_teleop, explain_teleop, render_from_rigel, shar
 from journeys.world import NAMESPACE, ROOT, World
 from robotapp_testbed import ControlPlane, TestbedError, product
 from robotapp_testbed.assets import Assets
+from robotapp_testbed.detached import Cluster
 from robotapp_testbed.nodes import Device
 from robotapp_testbed.process import wait_until
 from robotapp_testbed.topology import SimulatedTelemetry, apply, fleet
@@ -49,7 +49,6 @@ def main() -> int:
     if arguments.once:
         return _tell(hold=False)
     if arguments.hold:
-        block_signals()
         return _tell(hold=True)
     return _start_holder()
 
@@ -71,19 +70,30 @@ def _arguments() -> argparse.Namespace:
 def _tell(*, hold: bool) -> int:
     """Tell the story; 1 when a claim was false or something could not start."""
     stage = Stage()
+    plane = ControlPlane(kube_scheduler=True)
     try:
-        with ControlPlane(kube_scheduler=True) as cluster, _telemetry(cluster) as telemetry:
-            world = _set_up(stage, cluster, telemetry)
-            for step in STORY:
-                step(stage, world)
-            stage.close()
-            if hold:
-                _how_to_go_on(stage, cluster)
-                _CLUSTER.hold(cluster, ready=_leave_terminal)
+        if hold:
+            _CLUSTER.hold(plane, prepare=lambda cluster, stack: _tell_and_stay(stage, cluster, stack))
+        else:
+            with plane as cluster, ExitStack() as stack:
+                _tell_on(stage, cluster, stack)
     except (FalseClaimError, TestbedError) as failure:
         stage.say(f"\n[red]The demo stops here.[/red] {failure}")
         return 1
     return 0
+
+
+def _tell_on(stage: Stage, cluster: ControlPlane, stack: ExitStack) -> None:
+    world = _set_up(stage, cluster, stack.enter_context(_telemetry(cluster)))
+    for step in STORY:
+        step(stage, world)
+    stage.close()
+
+
+def _tell_and_stay(stage: Stage, cluster: ControlPlane, stack: ExitStack) -> None:
+    _tell_on(stage, cluster, stack)
+    _how_to_go_on(stage, cluster)
+    _leave_terminal()
 
 
 def _telemetry(cluster: ControlPlane) -> SimulatedTelemetry:
