@@ -97,6 +97,8 @@ def _rendered(cp: ControlPlane, values: Mapping[str, Any]) -> list[dict[str, Any
         str(CHART),
         f"--namespace={SYSTEM_NAMESPACE}",
         "--include-crds",
+        # Where the CRD exists the default pool is an ordinary object instead of a hook, which we would leave out.
+        "--api-versions=robotics.io/v1alpha1/DomainPool",
         "--values=-",
         stdin=yaml.safe_dump(dict(values)),
     )

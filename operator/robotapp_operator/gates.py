@@ -1,5 +1,7 @@
 """Scheduling gates: other schedulers cannot check a pod's domain before they bind it, so we do it for them."""
 
+from typing import Final
+
 from robotapp_api.claims.objects import Pod as ClaimsPod
 from robotapp_api.client import ApiClient, Conflict, NotFound
 from robotapp_api.client.claims import check_bind
@@ -7,6 +9,8 @@ from robotapp_api.client.resources import PODS
 from robotapp_api.model.names import SCHEDULING_GATE, Label
 from robotapp_operator.cache import Cache
 from robotapp_operator.plan.objects import Pod
+
+CONFLICTS: Final = 3
 
 
 class Gates:
@@ -22,8 +26,17 @@ class Gates:
         for pod in list(self._cache.pods.of(uid).values()):
             gates = [gate.name for gate in pod.spec.scheduling_gates]
             if SCHEDULING_GATE in gates and pod.metadata.labels.get(Label.INSTANCE, "") == robot:
-                done = await self._open(pod, gates) and done
+                done = await self._try(pod, gates) and done
         return done
+
+    async def _try(self, pod: Pod, gates: list[str]) -> bool:
+        """The pod's own status is written while we look: that is no reason to make it wait a second."""
+        for _ in range(CONFLICTS):
+            try:
+                return await self._open(pod, gates)
+            except Conflict:
+                continue
+        return False
 
     async def _open(self, pod: Pod, gates: list[str]) -> bool:
         meta = pod.metadata
@@ -40,6 +53,4 @@ class Gates:
             )
         except NotFound:
             return True
-        except Conflict:
-            return False
         return True
