@@ -22,14 +22,16 @@ class FakeApiServer:
     """`async with FakeApiServer() as api:` then `ApiClient(api.endpoint, ...)`; `api.store` is the truth.
 
     `bookmark_s` is the period of bookmarks, `compact` on the store makes resuming watches fail with 410,
-    `end_watches` ends the open ones as a server's time-out does.
+    `end_watches` ends the open ones as a server's time-out does, `break_watches` cuts their connections. `failing` holds
+    what the next requests get instead of an answer: a status, or 0 for a connection cut off.
     """
 
     def __init__(self, *, bookmark_s: float = 60.0) -> None:
         self.store = Store()
         self.requests: list[tuple[str, str]] = []
+        self.failing: list[int] = []
         self._bookmark_s = bookmark_s
-        self._watches: set[asyncio.Queue[Step | None]] = set()
+        self._watches: dict[asyncio.Queue[Step | bytes | Refused | None], web.BaseRequest] = {}
         self._pages: dict[str, tuple[int, list[Json]]] = {}
         self._runner = web.ServerRunner(
             web.Server(self._handle, handler_cancellation=True, access_log=None), shutdown_timeout=0.2
@@ -54,6 +56,25 @@ class FakeApiServer:
         for queue in self._watches:
             queue.put_nowait(None)
 
+    @property
+    def watching(self) -> int:
+        """How many watches are open."""
+        return len(self._watches)
+
+    def garble_watches(self) -> None:
+        """Half an event into every open watch."""
+        for queue in self._watches:
+            queue.put_nowait(b'{"type":"MODIFIED","object":{"meta\n')
+
+    def fail_watches(self, status: int) -> None:
+        """An ERROR event into every open watch, and its end."""
+        for queue in self._watches:
+            queue.put_nowait(Refused(status, "Expired" if status == 410 else "InternalError", "as the test wished"))
+
+    def break_watches(self) -> None:
+        for request in list(self._watches.values()):
+            _cut(request)
+
     def _spread(self, step: Step) -> None:
         for queue in self._watches:
             queue.put_nowait(step)
@@ -61,31 +82,20 @@ class FakeApiServer:
     async def _handle(self, request: web.BaseRequest) -> web.StreamResponse:
         self.requests.append((request.method, request.raw_path))
         try:
+            if self.failing:
+                _fail(request, self.failing.pop(0))
             where = verbs.target(request.path)
             if request.method == "GET" and not where.name:
                 if request.query.get("watch") in ("1", "true"):
                     return await self._watch(request, where)
                 return web.json_response(self._list(request, where))
             body = await request.read()
-            return web.json_response(self._act(request, where, body), status=201 if request.method == "POST" else 200)
+            answer = verbs.act(self.store, request.method, where, body, request.content_type)
+            return web.json_response(answer, status=201 if request.method == "POST" else 200)
         except Refused as refusal:
-            return web.json_response(_status(refusal), status=refusal.code)
+            return web.json_response(refusal.status(), status=refusal.code)
         except json.JSONDecodeError as error:
-            return web.json_response(_status(Refused(400, "BadRequest", str(error))), status=400)
-
-    def _act(self, request: web.BaseRequest, where: Target, body: bytes) -> Json:
-        match request.method:
-            case "GET":
-                return self.store.get(where.key())
-            case "POST":
-                return verbs.post(self.store, where, json.loads(body))
-            case "PUT":
-                return self.store.update(where.key(), json.loads(body), subresource=where.subresource)
-            case "PATCH":
-                return verbs.patch(self.store, where, json.loads(body), request.content_type)
-            case "DELETE":
-                return verbs.delete(self.store, where, body)
-        raise Refused(405, "MethodNotAllowed", request.method)
+            return web.json_response(Refused(400, "BadRequest", str(error)).status(), status=400)
 
     def _list(self, request: web.BaseRequest, where: Target) -> Json:
         query = request.query
@@ -108,17 +118,17 @@ class FakeApiServer:
     async def _watch(self, request: web.BaseRequest, where: Target) -> web.StreamResponse:
         out = web.StreamResponse(headers={"Content-Type": "application/json"})
         await out.prepare(request)
-        queue: asyncio.Queue[Step | None] = asyncio.Queue()
-        self._watches.add(queue)  # before reading the past, or changes in between would be lost
+        queue: asyncio.Queue[Step | bytes | Refused | None] = asyncio.Queue()
+        self._watches[queue] = request  # before reading the past, or changes in between would be lost
         try:
             await self._catch_up(request, where, out)
             await self._follow(request, where, out, queue)
         except Refused as refusal:
-            await _send(out, "ERROR", _status(refusal))
+            await _send(out, "ERROR", refusal.status())
         except ConnectionError:
             pass
         finally:
-            self._watches.discard(queue)
+            del self._watches[queue]
         return out
 
     async def _catch_up(self, request: web.BaseRequest, where: Target, out: web.StreamResponse) -> None:
@@ -136,7 +146,11 @@ class FakeApiServer:
             await _send_step(out, step, where, match)
 
     async def _follow(
-        self, request: web.BaseRequest, where: Target, out: web.StreamResponse, queue: asyncio.Queue[Step | None]
+        self,
+        request: web.BaseRequest,
+        where: Target,
+        out: web.StreamResponse,
+        queue: asyncio.Queue[Step | bytes | Refused | None],
     ) -> None:
         match = _match(request.query)
         while True:
@@ -148,6 +162,11 @@ class FakeApiServer:
                 continue
             if step is None:
                 return
+            if isinstance(step, Refused):
+                raise step
+            if isinstance(step, bytes):
+                await out.write(step)
+                continue
             await _send_step(out, step, where, match)
 
 
@@ -175,13 +194,12 @@ def _bookmark(where: Target, version: int, annotations: dict[str, str]) -> Json:
     return {"kind": where.kind, "apiVersion": where.api_version, "metadata": meta}
 
 
-def _status(refusal: Refused) -> Json:
-    return {
-        "kind": "Status",
-        "apiVersion": "v1",
-        "metadata": {},
-        "status": "Failure",
-        "message": refusal.message,
-        "reason": refusal.reason,
-        "code": refusal.code,
-    }
+def _fail(request: web.BaseRequest, status: int) -> None:
+    if not status:
+        _cut(request)
+    raise Refused(status or 500, "Injected", "as the test wished")
+
+
+def _cut(request: web.BaseRequest) -> None:
+    if request.transport is not None:
+        request.transport.abort()

@@ -20,6 +20,11 @@ class Refused(Exception):  # noqa: N818 - an answer, not a bug
         self.reason = reason
         self.message = message
 
+    def status(self) -> Json:
+        """The Status object of the answer."""
+        named = {"code": self.code, "reason": self.reason, "message": self.message}
+        return {"kind": "Status", "apiVersion": "v1", "metadata": {}, "status": "Failure", **named}
+
 
 class Key(NamedTuple):
     """Collection ("apps/deployments", "/pods"), namespace ("" when cluster-scoped) and name."""

@@ -9,8 +9,11 @@ from tests.support.apiserver.store import Json, Key, Refused, Store, check, merg
 
 from robotapp_api.client import resources
 from robotapp_api.client.resources import Resource
+from robotapp_api.model.names import GROUP
 
 KINDS = {f"{known.group}/{known.plural}": known for known in vars(resources).values() if isinstance(known, Resource)}
+CONDITIONAL = frozenset({"coordination.k8s.io", GROUP})
+"""Groups whose objects cannot be replaced without saying which version."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +58,26 @@ def target(path: str) -> Target:
     return Target(
         group, version, rest[0], namespace, rest[1] if len(rest) > 1 else "", rest[2] if len(rest) > 2 else ""
     )
+
+
+def act(store: Store, method: str, where: Target, body: bytes, content_type: str) -> Json:
+    """Everything but lists and watches."""
+    match method:
+        case "GET":
+            return store.get(where.key())
+        case "POST":
+            return post(store, where, json.loads(body))
+        case "PUT":
+            obj = json.loads(body)
+            if where.group in CONDITIONAL and not (obj.get("metadata") or {}).get("resourceVersion"):
+                store.get(where.key())
+                raise Refused(422, "Invalid", "metadata.resourceVersion: must be specified for an update")
+            return store.update(where.key(), obj, subresource=where.subresource)
+        case "PATCH":
+            return patch(store, where, json.loads(body), content_type)
+        case "DELETE":
+            return delete(store, where, body)
+    raise Refused(405, "MethodNotAllowed", method)
 
 
 def post(store: Store, where: Target, obj: Json) -> Json:

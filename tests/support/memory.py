@@ -1,0 +1,121 @@
+"""An ApiClient without sockets, in a time that only the test moves: for tests about minutes of waiting."""
+
+import asyncio
+import heapq
+import itertools
+import json
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from enum import StrEnum
+from typing import Any
+
+from tests.support.apiserver.store import Refused, Store
+from tests.support.apiserver.verbs import act, target
+
+from robotapp_api.client import ApiClient, Endpoint, Unreachable
+from robotapp_api.client.transport import Response, Stream
+
+
+class Mishap(StrEnum):
+    """What happens to a request instead of being answered."""
+
+    DOWN = "never sent"
+    DROPPED = "sent, not executed, not answered"
+    LOST = "executed, not answered"
+    REFUSED = "answered with 503"
+    HANGS = "no answer for ever"
+
+
+class ManualTime:
+    """`sleep` waits until a test has moved the clock on with `advance`."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+        self._sleepers: list[tuple[float, int, asyncio.Future[None]]] = []
+        self._order = itertools.count()
+
+    def clock(self) -> float:
+        return self.now_s
+
+    async def sleep(self, seconds: float) -> None:
+        waker: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        heapq.heappush(self._sleepers, (self.now_s + seconds, next(self._order), waker))
+        await waker
+
+    async def advance(self, seconds: float) -> None:
+        """Let so much time pass, waking sleepers in their order and letting each act before the next wakes."""
+        target_s = self.now_s + seconds
+        await settle()
+        while self._sleepers and self._sleepers[0][0] <= target_s:
+            due_s, _, waker = heapq.heappop(self._sleepers)
+            self.now_s = max(self.now_s, due_s)
+            if not waker.done():
+                waker.set_result(None)
+                await settle()
+        self.now_s = target_s
+        await settle()
+
+    def jump(self, seconds: float) -> None:
+        """Time passes and nobody acts: the process was stopped."""
+        self.now_s += seconds
+
+
+async def settle() -> None:
+    """Everything that can run without time passing has run."""
+    for _ in range(12):
+        await asyncio.sleep(0)
+
+
+class MemoryTransport:
+    """Requests straight into a store. `mishaps` befall the next requests, one each; `down` befalls all."""
+
+    def __init__(self, store: Store) -> None:
+        self.store = store
+        self.mishaps: list[Mishap | None] = []
+        self.down = False
+        self.seen: list[tuple[str, str]] = []
+
+    async def open(self) -> None: ...
+    async def close(self) -> None: ...
+
+    async def request(
+        self, method: str, path: str, *, body: bytes | None = None, content_type: str = "", timeout_s: float
+    ) -> Response:
+        del timeout_s
+        self.seen.append((method, path))
+        mishap = Mishap.DOWN if self.down else self.mishaps.pop(0) if self.mishaps else None
+        write = method != "GET"
+        match mishap:
+            case Mishap.DOWN:
+                raise Unreachable("down", maybe_applied=False)
+            case Mishap.DROPPED:
+                raise Unreachable("dropped", maybe_applied=write)
+            case Mishap.REFUSED:
+                return _answer(503, Refused(503, "ServiceUnavailable", "injected").status())
+            case Mishap.HANGS:
+                await asyncio.Event().wait()
+        try:
+            found = act(self.store, method, target(path.partition("?")[0]), body or b"", content_type)
+            answer = _answer(201 if method == "POST" else 200, found)
+        except Refused as refusal:
+            answer = _answer(refusal.code, refusal.status())
+        if mishap is Mishap.LOST:
+            raise Unreachable("lost", maybe_applied=write)
+        return answer
+
+    @asynccontextmanager
+    async def stream(self, path: str, *, silence_s: float) -> AsyncIterator[Stream]:
+        raise NotImplementedError(f"watches need a FakeApiServer: {path}, {silence_s}")
+        yield
+
+
+def _answer(status: int, obj: Any) -> Response:
+    return Response(status, {}, json.dumps(obj).encode())
+
+
+def memory_client(transport: MemoryTransport, time: ManualTime, **overrides: Any) -> ApiClient:
+    """A client on `transport` that lives in `time`, without jitter."""
+    settings: dict[str, Any] = {"user_agent": "test", "field_manager": "test", "uniform": lambda: 0.0}
+    return ApiClient(
+        Endpoint("memory"), transport=transport, clock=time.clock, sleep=time.sleep, **(settings | overrides)
+    )
