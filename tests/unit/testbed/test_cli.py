@@ -1,0 +1,90 @@
+import pytest
+
+from robotapp_testbed import cli, pins
+from robotapp_testbed.assets import Assets
+from robotapp_testbed.detached import Cluster
+from robotapp_testbed.failures import TestbedError
+
+
+@pytest.fixture(autouse=True)
+def _home(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+
+
+@pytest.mark.parametrize("command", [["--help"], ["build", "--help"], ["up", "--help"], ["env", "--help"]])
+def test_help_is_there(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(command)
+    assert ended.value.code == 0
+    assert "usage: python -m robotapp_testbed" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("command", "reason"),
+    [
+        (["up", "--fleet", "2,2"], "is not three numbers such as 2,2,1"),
+        (["up", "--fleet", "a,b,c"], "is not three numbers"),
+        (["build", "--release-url", "docker=http://x"], "SOURCE one of kubernetes, etcd, helm"),
+        (["build", "--release-url", "etcd"], "is not SOURCE=URL"),
+        (["rebuild"], "invalid choice"),
+        ([], "required"),
+    ],
+)
+def test_wrong_arguments_are_explained(command: list[str], reason: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(command)
+    assert ended.value.code == 2
+    assert reason in capsys.readouterr().err
+
+
+def test_build_prints_where_each_binary_is(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(Assets, "resolve", lambda self: dict.fromkeys(pins.NAMES, "/somewhere") if self else {})
+    assert cli.main(["build"]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == len(pins.NAMES)
+
+
+@pytest.mark.parametrize("command", ["env", "status"])
+def test_without_a_cluster_it_says_how_to_start_one(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main([command]) == 3
+    assert "start one with `python -m robotapp_testbed up`" in capsys.readouterr().err
+
+
+def test_down_without_a_cluster_is_no_failure(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["down", "--name", "other"]) == 0
+    assert "no cluster 'other' runs" in capsys.readouterr().err
+
+
+def test_a_failure_is_one_message_without_a_traceback(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("ROBOTAPP_ASSETS", "/no/such")
+    assert cli.main(["build"]) == 1
+    assert (
+        capsys.readouterr().err
+        == "ROBOTAPP_ASSETS=/no/such is not a folder: correct it, or run `unset ROBOTAPP_ASSETS`\n"
+    )
+
+
+def test_an_interrupt_says_that_nothing_is_lost(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(_: Assets) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Assets, "resolve", interrupted)
+    assert cli.main(["build"]) == 130
+    assert "run it again to go on" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["", "../up", "Big", "-x", "a" * 41])
+def test_a_cluster_name_cannot_leave_its_folder(name: str) -> None:
+    with pytest.raises(TestbedError, match="is no cluster name"):
+        Cluster(name)
+
+
+def test_the_state_of_a_killed_holder_does_not_count() -> None:
+    cluster = Cluster("stale")
+    cluster._root.mkdir(parents=True)
+    cluster._lock.touch()
+    cluster._file.write_text("{}")
+    assert cluster.state() is None
