@@ -40,6 +40,11 @@ class State:
     run_dir: str
     processes: dict[str, int]
 
+    @property
+    def is_held(self) -> bool:
+        """The holder lives (its pid alone could be another process by now)."""
+        return guard.start_time(self.holder_pid) == self.holder_start
+
     def kubeconfig(self, identity: str) -> Path:
         return Path(self.run_dir, "kubeconfigs", f"{identity}.yaml")
 
@@ -111,18 +116,13 @@ class Cluster:
         state = self.state()
         if state is None:
             return False
+        _signal(state, signal.SIGTERM)
+        if not wait_until(lambda: not state.is_held, timeout_s=_DOWN_S):
+            _signal(state, signal.SIGKILL)  # its guard cleans up
         run_dir = Path(state.run_dir)
-        self._signal(state, signal.SIGTERM)
-        if not wait_until(lambda: not self._is_held(), timeout_s=_DOWN_S):
-            self._signal(state, signal.SIGKILL)  # its guard cleans up
-        if not wait_until(lambda: not self._is_held() and not run_dir.exists(), timeout_s=_DOWN_S):
+        if not wait_until(lambda: not state.is_held and not run_dir.exists(), timeout_s=_DOWN_S):
             raise TestbedError(f"{run_dir} could not be removed: look there, then remove it")
         return True
-
-    def _signal(self, state: State, number: signal.Signals) -> None:
-        if guard.start_time(state.holder_pid) == state.holder_start:
-            with suppress(ProcessLookupError):
-                os.kill(state.holder_pid, number)
 
     def _publish(self, cp: ControlPlane) -> None:
         state = State(
@@ -156,6 +156,12 @@ class Cluster:
                 raise TestbedError(f"the cluster {self.name!r} runs already")
             self._file.unlink(missing_ok=True)  # of an earlier holder that was killed
             yield
+
+
+def _signal(state: State, number: signal.Signals) -> None:
+    with suppress(ProcessLookupError):
+        if state.is_held:
+            os.kill(state.holder_pid, number)
 
 
 def _try_lock(file: TextIO) -> bool:

@@ -146,10 +146,10 @@ class Process:
     def wait_ready(self, timeout_s: float | None = None) -> Self:
         """Block until the program serves; TestbedError with the log's end when it ends or is late."""
         allowed_s = timeout_s or self._ready_timeout_s
-        wait_until(lambda: not self.running or self._ready is None or self._ready(), timeout_s=allowed_s)
+        in_time = wait_until(lambda: not self.running or self._ready is None or self._ready(), timeout_s=allowed_s)
         if not self.running:
             raise TestbedError(f"{self.name} ended with {self.returncode} while starting. {self._log_tail()}")
-        if self._ready is not None and not self._ready():
+        if not in_time:
             raise TestbedError(f"{self.name} was not ready after {allowed_s:.0f} s. {self._log_tail()}")
         return self
 

@@ -11,11 +11,13 @@ from typing import Any
 
 import yaml
 
+from robotapp_api.model.names import Annotation
 from robotapp_testbed import ports
 from robotapp_testbed.controlplane import ControlPlane
+from robotapp_testbed.failures import ApiStatusError, TestbedError
 from robotapp_testbed.identity import SYSTEM_NAMESPACE
 from robotapp_testbed.pins import REPOSITORY
-from robotapp_testbed.process import Process
+from robotapp_testbed.process import Process, wait_until
 from robotapp_testbed.servers import answers
 
 CHART = REPOSITORY / "helm" / "robotapp"
@@ -24,6 +26,7 @@ _WORKLOADS = frozenset({"Deployment", "DaemonSet", "StatefulSet", "Job", "CronJo
 _FIRST = ("Namespace", "CustomResourceDefinition")
 _MANAGER = "robotapp-testbed"
 _PROCESS_READY_S = 30.0
+_POLICIES_S = 20.0
 
 
 def install(cp: ControlPlane, *, values: Mapping[str, Any] | None = None) -> None:
@@ -39,6 +42,8 @@ def install(cp: ControlPlane, *, values: Mapping[str, Any] | None = None) -> Non
     if names:
         cp.kubectl("wait", "--for=condition=Established", "--timeout=30s", "crd", *names)
     _apply(cp, [obj for obj in objects if obj["kind"] not in _FIRST])
+    if any(obj["kind"] == "ValidatingAdmissionPolicyBinding" for obj in objects):
+        _wait_for_policies(cp)
 
 
 def start_operator(cp: ControlPlane, *, name: str = "operator", wait: bool = True, **flags: object) -> Process:
@@ -86,6 +91,26 @@ def _start(
     return process.wait_ready() if wait else process
 
 
+def _wait_for_policies(cp: ControlPlane) -> None:
+    """A policy decides about a second after it was stored: until then a forged grant would pass, and a test with it."""
+    forged = {
+        "metadata": {"name": "probe", "annotations": {Annotation.GRANTED_DOMAIN: "0"}},
+        "spec": {"containers": [{"name": "main", "image": "registry.invalid/main:1"}]},
+    }
+
+    def refused() -> bool:
+        try:
+            cp.api.create("/api/v1/namespaces/default/pods?dryRun=All", forged)
+        except ApiStatusError as error:
+            return "ValidatingAdmissionPolicy" in error.message
+        return False
+
+    if not wait_until(refused, timeout_s=_POLICIES_S, poll_s=0.1):
+        raise TestbedError(
+            f"the chart's policies are stored but do not decide after {_POLICIES_S:.0f} s, see {cp.logs_dir}"
+        )
+
+
 def _namespace() -> dict[str, Any]:
     return {"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": SYSTEM_NAMESPACE}}
 
@@ -102,8 +127,13 @@ def _rendered(cp: ControlPlane, values: Mapping[str, Any]) -> list[dict[str, Any
         "--values=-",
         stdin=yaml.safe_dump(dict(values)),
     )
-    objects = [obj for obj in yaml.safe_load_all(text) if obj and obj["kind"] not in _WORKLOADS]
-    return [obj for obj in objects if "helm.sh/hook" not in obj["metadata"].get("annotations", {})]
+    return [obj for obj in yaml.safe_load_all(text) if obj and obj["kind"] not in _WORKLOADS and _is_installed(obj)]
+
+
+def _is_installed(obj: Mapping[str, Any]) -> bool:
+    """Whether `helm install` creates the object: always, unless it is a hook for another moment."""
+    hook = obj["metadata"].get("annotations", {}).get("helm.sh/hook", "post-install")
+    return "install" in hook
 
 
 def _crds(rendered: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:

@@ -113,6 +113,11 @@ def test_ready_is_waited_for(stage: Stage) -> None:
     assert flag.exists()
 
 
+def test_ready_once_is_ready(stage: Stage) -> None:
+    answers = iter([False, True])
+    stage.process("exec sleep 60", ready=lambda: next(answers)).start().wait_ready()
+
+
 def test_a_program_that_ends_while_starting_is_reported_with_its_last_words(stage: Stage) -> None:
     process = stage.process("echo port taken >&2; exit 3", ready=lambda: False).start()
     with pytest.raises(TestbedError, match=r"ended with 3 while starting(.|\n)*port taken"):

@@ -1,0 +1,118 @@
+"""`up`, `env`, `status`, `down` as a person uses them."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from robotapp_testbed import guard, wait_until
+from robotapp_testbed.assets import Assets
+from robotapp_testbed.detached import Cluster
+
+pytestmark = pytest.mark.live
+
+
+class Shell:
+    """The command line with a cache of its own for the state of clusters; the binaries are those of this machine."""
+
+    def __init__(self, folder: Path) -> None:
+        self.root = folder / "robotapp" / "clusters"
+        binaries = folder / "binaries"
+        binaries.mkdir()
+        for name, path in Assets().resolve().items():
+            (binaries / name).symlink_to(path)
+        self.env = {**os.environ, "XDG_CACHE_HOME": str(folder), "ROBOTAPP_ASSETS": str(binaries)}
+
+    def run(self, *args: str) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", "robotapp_testbed", *args]
+        return subprocess.run(command, env=self.env, capture_output=True, text=True, check=False, timeout=120)
+
+    def cluster(self, name: str = "default") -> Cluster:
+        return Cluster(name, root=self.root)
+
+
+@pytest.fixture
+def shell(tmp_path: Path) -> Iterator[Shell]:
+    made = Shell(tmp_path)
+    yield made
+    for name in ("default", "second"):
+        made.cluster(name).down()
+
+
+def test_a_cluster_stays_until_it_is_taken_down(shell: Shell) -> None:
+    up = shell.run("up", "--install", "--fleet", "1,1,0")
+    assert up.returncode == 0, up.stderr
+    state = shell.cluster().state()
+    assert state is not None
+    assert up.stdout == f"export KUBECONFIG={state.run_dir}/kubeconfigs/admin.yaml\n"
+    assert set(state.processes) == {"etcd", "kube-apiserver", "kube-controller-manager", "kwok"}
+
+    again = shell.run("up")
+    assert again.stdout == up.stdout, "a second `up` finds the running cluster"
+
+    lines = shell.run("env", "--identity", "tenant").stdout
+    script = f"{lines}\nkubectl auth whoami -o jsonpath='{{.status.userInfo.username}}'"
+    whoami = subprocess.run(["/bin/sh", "-c", script], capture_output=True, text=True, check=False)
+    assert whoami.stdout == "tenant"
+    shown = subprocess.run(
+        ["/bin/sh", "-c", f"{up.stdout}\nexport PATH={state.run_dir}/bin\nkubectl get nodes,ntel"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert shown.stdout.count("robot-1") == 2, shown.stderr
+
+    status = shell.run("status").stdout
+    assert ["kube-apiserver", str(state.processes["kube-apiserver"])] in [
+        line.split()[:2] for line in status.splitlines()
+    ]
+
+    assert shell.run("down").returncode == 0
+    assert not Path(state.run_dir).exists()
+    assert not any(guard.start_time(pid) for pid in [state.holder_pid, *state.processes.values()])
+    assert shell.run("status").returncode == 3
+
+
+def test_an_unknown_identity_is_answered_with_the_known_ones(shell: Shell) -> None:
+    shell.run("up")
+    answer = shell.run("env", "--identity", "nobody")
+    assert answer.returncode == 1
+    assert "there are admin, kube-controller-manager" in answer.stderr
+
+
+def test_a_killed_holder_leaves_nothing_and_up_starts_anew(shell: Shell) -> None:
+    shell.run("up", "--name", "second")
+    state = shell.cluster("second").state()
+    assert state is not None
+    os.kill(state.holder_pid, signal.SIGKILL)
+    assert wait_until(lambda: not Path(state.run_dir).exists(), timeout_s=10)
+    assert not any(guard.start_time(pid) for pid in state.processes.values())
+    assert shell.cluster("second").state() is None
+    assert shell.run("up", "--name", "second").returncode == 0
+
+
+def test_two_ups_at_once_start_one_cluster(shell: Shell) -> None:
+    command = [sys.executable, "-m", "robotapp_testbed", "up"]
+    both = [
+        subprocess.Popen(command, env=shell.env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        for _ in range(2)
+    ]
+    outputs = [process.communicate(timeout=120) for process in both]
+    assert [process.returncode for process in both] == [0, 0], outputs
+    assert outputs[0][0] == outputs[1][0] != ""
+
+
+def test_a_start_that_fails_shows_why(shell: Shell, tmp_path: Path) -> None:
+    broken = tmp_path / "binaries" / "kwok"
+    broken.unlink()
+    shutil.copy("/bin/false", broken)
+    answer = shell.run("up")
+    assert answer.returncode == 1
+    assert "kwok ended with 1 while starting" in answer.stderr
+    assert "the whole story is in" in answer.stderr
+    assert "Traceback" not in answer.stderr

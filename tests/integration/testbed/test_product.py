@@ -1,0 +1,62 @@
+"""Our product on the testbed: rights and policies decide from the first moment, programs are ordinary processes."""
+
+import urllib.request
+
+import pytest
+
+from robotapp_testbed import ApiStatusError, ControlPlane, guard, product
+
+pytestmark = pytest.mark.live
+
+
+def test_policies_decide_as_soon_as_install_returns(installed_plane: ControlPlane) -> None:
+    pod = {
+        "metadata": {"name": "forged", "annotations": {"granted.robotics.io/dds-domain": "7"}},
+        "spec": {"containers": [{"name": "main", "image": "registry.invalid/main:1"}]},
+    }
+    with pytest.raises(ApiStatusError, match="is a grant"):
+        installed_plane.api.create("/api/v1/namespaces/default/pods", pod)
+
+
+def test_installing_again_changes_nothing(installed_plane: ControlPlane) -> None:
+    path = "/apis/robotics.io/v1alpha1/domainpools/default"
+    before = installed_plane.api.get(path)["metadata"]["resourceVersion"]
+    product.install(installed_plane)
+    assert installed_plane.api.get(path)["metadata"]["resourceVersion"] == before
+
+
+def test_no_workload_of_the_chart_is_installed(installed_plane: ControlPlane) -> None:
+    assert "No resources found" in installed_plane.kubectl(
+        "get", "deployments,pods", "-n", "robotapp-system", check=False
+    )
+
+
+@pytest.mark.parametrize(
+    ("identity", "verb", "resource", "answer"),
+    [
+        ("operator", "create", "deployments.apps", "yes"),
+        ("operator", "create", "pods/binding", "no"),
+        ("scheduler", "create", "pods/binding", "yes"),
+        ("tenant", "create", "robotapps.robotics.io", "no"),
+    ],
+)
+def test_identities_have_the_rights_of_the_chart(
+    identity: str, verb: str, resource: str, answer: str, installed_plane: ControlPlane
+) -> None:
+    asked = ["auth", "can-i", verb, *resource.split("/")[:1], "--all-namespaces"]
+    asked += [f"--subresource={part}" for part in resource.split("/")[1:]]
+    assert installed_plane.kubectl(*asked, identity=identity, check=False).splitlines()[-1] == answer
+
+
+def test_a_local_operator_serves_and_ends_with_its_control_plane() -> None:
+    with ControlPlane(kwok=False) as plane:
+        product.install(plane)
+        operator = product.start_operator(plane, sweep_seconds=1)
+        with urllib.request.urlopen(f"{operator.health_url}/readyz", timeout=5) as answer:  # noqa: S310 - our own loopback URL
+            assert answer.status == 200
+        assert operator.log_path.parent == plane.logs_dir
+        second = product.start_operator(plane, name="operator-2", wait=False)
+        operator.kill()
+        assert plane.pids().keys() >= {"etcd", "operator-2"}
+        assert "operator" not in plane.pids()
+    assert guard.start_time(second.pid) is None
