@@ -1,0 +1,182 @@
+"""What a reviewer ticks on the rendered manifests (CIS Kubernetes Benchmark section 5)."""
+
+import json
+import re
+from typing import Any
+
+import pytest
+from robotapp_testbed.failures import CommandError
+
+from tests.support.chart import CHART, NAMESPACE, NO_WORKLOADS, Chart, Object, named, of_kind, rules
+
+pytestmark = pytest.mark.live
+
+ALL_FLAGS = {
+    "metrics.podMonitor.enabled": "true",
+    "metrics.serviceMonitor.enabled": "true",
+    "networkPolicy.enabled": "true",
+    "imagePullSecrets[0]": "pull",
+    "commonLabels.team": "fleet",
+    "operator.podAnnotations.note": "kept",
+    "operator.nodeSelector.disk": "ssd",
+}
+WRITES = {"create", "update", "patch", "delete", "deletecollection"}
+
+
+@pytest.fixture(scope="module")
+def rendered(chart: Chart) -> list[Object]:
+    return chart.render(ALL_FLAGS)
+
+
+def pod_spec(objects: list[Object], component: str) -> Any:
+    return named(objects, "Deployment", f"robotapp-{component}")["spec"]["template"]["spec"]
+
+
+def test_no_role_has_a_wildcard(rendered: list[Object]) -> None:
+    for role, rule in rules(rendered):
+        assert "*" not in [*rule["apiGroups"], *rule["resources"], *rule["verbs"]], role
+
+
+def test_no_role_reaches_secrets_tokens_or_roles(rendered: list[Object]) -> None:
+    for role, rule in rules(rendered):
+        assert not {"secrets", "serviceaccounts", "serviceaccounts/token"} & set(rule["resources"]), role
+        assert not {"escalate", "bind", "impersonate"} & set(rule["verbs"]), role
+        assert "rbac.authorization.k8s.io" not in rule["apiGroups"], role
+
+
+def test_no_role_writes_nodes_or_runs_things_in_pods(rendered: list[Object]) -> None:
+    for role, rule in rules(rendered):
+        if {"nodes", "nodes/status"} & set(rule["resources"]):
+            assert not WRITES & set(rule["verbs"]), role
+        assert not {"pods/exec", "pods/attach", "pods/ephemeralcontainers", "pods/portforward"} & set(rule["resources"]), role
+        if "pods" in rule["resources"]:
+            assert not {"create", "delete"} & set(rule["verbs"]), role
+
+
+def test_only_our_components_may_write_claims(rendered: list[Object]) -> None:
+    writers = {
+        role
+        for role, rule in rules(rendered)
+        if {"robotclaims", "robotclaims/status"} & set(rule["resources"]) and WRITES & set(rule["verbs"])
+    }
+    assert writers == {"ClusterRole/robotapp-operator", "ClusterRole/robotapp-scheduler"}
+
+
+def test_leases_are_limited_to_one_name_each(rendered: list[Object]) -> None:
+    for component in ("operator", "scheduler"):
+        lease_rules = named(rendered, "Role", f"robotapp-{component}-lease")["rules"]
+        assert [(rule["verbs"], rule.get("resourceNames")) for rule in lease_rules] == [
+            (["create"], None),
+            (["get", "update", "patch"], [f"robotapp-{component}"]),
+        ]
+
+
+@pytest.mark.parametrize("component", ["operator", "scheduler"])
+def test_pods_meet_the_restricted_pod_security_standard_and_have_a_read_only_root(rendered: list[Object], component: str) -> None:
+    spec = pod_spec(rendered, component)
+    assert spec["securityContext"]["runAsNonRoot"] is True
+    assert spec["securityContext"]["seccompProfile"] == {"type": "RuntimeDefault"}
+    assert not {"hostNetwork", "hostPID", "hostIPC"} & set(spec)
+    (container,) = spec["containers"]
+    assert container["securityContext"] == {
+        "allowPrivilegeEscalation": False,
+        "readOnlyRootFilesystem": True,
+        "capabilities": {"drop": ["ALL"]},
+    }
+    assert container["resources"]["requests"]
+    assert container["resources"]["limits"]["memory"]
+    assert container["livenessProbe"]["httpGet"]["port"] == container["readinessProbe"]["httpGet"]["port"] == "health"
+
+
+@pytest.mark.parametrize("component", ["operator", "scheduler"])
+def test_every_component_runs_under_an_account_of_its_own(rendered: list[Object], component: str) -> None:
+    assert pod_spec(rendered, component)["serviceAccountName"] == f"robotapp-{component}"
+    assert named(rendered, "ServiceAccount", f"robotapp-{component}")["metadata"]["namespace"] == NAMESPACE
+
+
+def test_every_object_carries_the_common_labels(rendered: list[Object]) -> None:
+    for item in rendered:
+        labels = item["metadata"]["labels"]
+        assert labels["app.kubernetes.io/part-of"] == "robotapp", item["metadata"]["name"]
+        assert labels["team"] == "fleet", item["metadata"]["name"]
+
+
+def test_without_the_workloads_everything_else_is_rendered_alike(chart: Chart) -> None:
+    def others(objects: list[Object]) -> list[Object]:
+        return [item for item in objects if item["kind"] != "Deployment"]
+
+    everything, cluster_side = chart.render(), chart.render(NO_WORKLOADS)
+    assert cluster_side == others(everything)
+    assert len(of_kind(everything, "Deployment")) == 2
+
+
+def test_with_namespaces_the_operator_has_a_role_in_each_and_no_cluster_wide_right_on_workloads(chart: Chart) -> None:
+    objects = chart.render({"operator.watchNamespaces": "{fleet-a,fleet-b}"})
+    cluster = {resource for rule in named(objects, "ClusterRole", "robotapp-operator")["rules"] for resource in rule["resources"]}
+    assert not {"robotapps", "deployments", "configmaps", "services", "pods"} & cluster
+    roles = [item for item in of_kind(objects, "Role", "RoleBinding") if item["metadata"]["name"] == "robotapp-operator"]
+    assert sorted((item["kind"], item["metadata"]["namespace"]) for item in roles) == [
+        ("Role", "fleet-a"),
+        ("Role", "fleet-b"),
+        ("RoleBinding", "fleet-a"),
+        ("RoleBinding", "fleet-b"),
+    ]
+    assert "--namespaces=fleet-a,fleet-b" in pod_spec(objects, "operator")["containers"][0]["args"]
+
+
+def test_a_digest_wins_over_the_tag_and_the_registry_comes_first(chart: Chart) -> None:
+    digest = f"sha256:{'ab' * 32}"
+    objects = chart.render({"imageRegistry": "images.test", "operator.image.digest": digest, "scheduler.image.tag": "v9"})
+    assert pod_spec(objects, "operator")["containers"][0]["image"] == f"images.test/robotapp/operator@{digest}"
+    assert pod_spec(objects, "scheduler")["containers"][0]["image"] == "images.test/robotapp/scheduler:v9"
+
+
+def test_shipped_values_name_no_registry(chart: Chart) -> None:
+    for component in ("operator", "scheduler"):
+        image = pod_spec(chart.render(), component)["containers"][0]["image"]
+        assert re.fullmatch(r"robotapp/[a-z]+:\d+\.\d+\.\d+", image)
+
+
+def test_switches_leave_their_objects_out(chart: Chart) -> None:
+    objects = chart.render({"rbac.create": "false", "policies.enabled": "false", "domainPool.create": "false", "crds.enabled": "false"})
+    kinds = {item["kind"] for item in objects}
+    assert kinds == {"ServiceAccount", "ConfigMap", "Deployment"}
+
+
+def test_crds_and_pool_are_kept_on_uninstall_unless_told_otherwise(chart: Chart) -> None:
+    for keep, expected in (("true", {"keep"}), ("false", {None})):
+        objects = of_kind(chart.render({"crds.keep": keep}), "CustomResourceDefinition", "DomainPool")
+        assert {item["metadata"].get("annotations", {}).get("helm.sh/resource-policy") for item in objects} == expected
+
+
+def test_the_default_pool_is_the_one_of_the_design(chart: Chart) -> None:
+    pool = named(chart.render(), "DomainPool", "default")
+    assert pool["spec"]["ids"] == "1-101,215-232"
+    assert pool["spec"]["reserved"] == [0]
+    assert pool["spec"]["quarantineSeconds"] == 60
+
+
+@pytest.mark.parametrize(
+    ("value", "where"),
+    [
+        ("typo=1", "typo"),
+        ("operator.image.tga=x", "/operator/image"),
+        ("domainPool.ids=a-b", "/domainPool/ids"),
+        ("scheduler.logFormat=xml", "/scheduler/logFormat"),
+        ("scheduler.config.kind=Other", "/scheduler/config/kind"),
+    ],
+)
+def test_wrong_values_are_refused_with_their_place(chart: Chart, value: str, where: str) -> None:
+    key, _, text = value.partition("=")
+    with pytest.raises(CommandError, match=re.escape(where)):
+        chart.render({key: text})
+
+
+def test_policies_name_the_account_of_this_release(chart: Chart) -> None:
+    text = json.dumps(chart.render({"nameOverride": "robots"}, "--namespace", "elsewhere"))
+    assert "system:serviceaccount:elsewhere:robots-scheduler" in text
+    assert "system:serviceaccount:robotapp-system" not in text
+
+
+def test_lint_is_clean(chart: Chart) -> None:
+    assert "0 chart(s) failed" in chart.plane.helm("lint", "--strict", str(CHART))
