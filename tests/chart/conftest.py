@@ -3,9 +3,9 @@
 from collections.abc import Iterator
 
 import pytest
-from robotapp_testbed import ControlPlane
-
 from tests.support.chart import Chart
+
+from robotapp_testbed import ControlPlane
 
 
 @pytest.fixture(scope="session")

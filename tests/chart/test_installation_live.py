@@ -5,25 +5,42 @@ import time
 from collections.abc import Iterator
 
 import pytest
+from tests.support.chart import CRDS, NAMESPACE, NO_WORKLOADS, Chart, everything, of_kind
 
-from tests.support.chart import NAMESPACE, NO_WORKLOADS, Chart, everything, of_kind
+from robotapp_testbed import ControlPlane
 
 pytestmark = pytest.mark.live
 
 
 @pytest.fixture
-def empty(chart: Chart) -> Iterator[Chart]:
-    """The release's namespace exists and is settled; whatever a test leaves is removed."""
-    plane = chart.plane
-    if NAMESPACE not in plane.kubectl("get", "namespace", "-o", "name"):
-        plane.kubectl("create", "namespace", NAMESPACE)
-    plane.kubectl("wait", "--for=create", "serviceaccount/default", "configmap/kube-root-ca.crt", "-n", NAMESPACE, "--timeout=30s")
+def free(chart: Chart) -> Iterator[Chart]:
+    """No release is installed before and after; the CRDs stay from test to test, as they do for users.
+
+    Deleting and re-creating CRDs within seconds makes the API server hang in their deletion for a minute or more.
+    """
+    settle_namespace(chart)
     yield chart
-    plane.helm("uninstall", "robotapp", "--namespace", NAMESPACE, "--wait", "--ignore-not-found")
-    plane.kubectl("delete", "crd", "--ignore-not-found", *CRDS)
+    chart.plane.helm("uninstall", "robotapp", "--namespace", NAMESPACE, "--wait", "--ignore-not-found")
 
 
-CRDS = [f"{plural}.robotics.io" for plural in ("robotapps", "robotclaims", "domainpools", "nodetelemetries")]
+def settle_namespace(chart: Chart) -> None:
+    plane = chart.plane
+    if f"namespace/{NAMESPACE}" not in plane.kubectl("get", "namespace", "-o", "name").split():
+        plane.kubectl("create", "namespace", NAMESPACE)
+    wait_for = ("serviceaccount/default", "configmap/kube-root-ca.crt")
+    plane.kubectl("wait", "--for=create", *wait_for, "-n", NAMESPACE, "--timeout=30s")
+
+
+def pool_field(chart: Chart, field: str) -> str:
+    return chart.plane.kubectl("get", "domainpool", "default", f"--output=jsonpath={{.spec.{field}}}")
+
+
+APP = {
+    "apiVersion": "robotics.io/v1alpha1",
+    "kind": "RobotApp",
+    "metadata": {"name": "left", "namespace": "default"},
+    "spec": {"components": [{"name": "driver", "image": "ros:humble"}]},
+}
 
 
 def settled(chart: Chart, expected: set[str], *, deadline_s: float = 30) -> set[str]:
@@ -34,71 +51,74 @@ def settled(chart: Chart, expected: set[str], *, deadline_s: float = 30) -> set[
     return difference
 
 
-def test_uninstalling_without_keep_leaves_nothing(empty: Chart) -> None:
-    before = everything(empty.plane)
-    empty.install({"crds.keep": "false", "operator.replicas": "0", "scheduler.replicas": "0"})
-    during = everything(empty.plane)
-    assert {f"resource/{name}" for name in CRDS} <= during - before
-    assert "DomainPool//default" in during
-    empty.uninstall()
-    assert settled(empty, before) == set()
+def test_uninstalling_without_keep_leaves_nothing_not_even_users_apps() -> None:
+    with ControlPlane(kwok=False, controller_manager=True) as plane:
+        chart = Chart(plane)
+        settle_namespace(chart)
+        before = everything(plane)
+        chart.install({"crds.keep": "false", "operator.replicas": "0", "scheduler.replicas": "0"})
+        plane.kubectl("create", "-f", "-", stdin=json.dumps(APP))
+        during = everything(plane)
+        assert {f"resource/{name}" for name in CRDS} <= during - before
+        assert {"DomainPool//default", "RobotApp/default/left", f"Deployment/{NAMESPACE}/robotapp-operator"} <= during
+        chart.uninstall()
+        assert settled(chart, before) == set()
 
 
-def test_uninstalling_without_keep_takes_users_apps_and_claims_along(empty: Chart) -> None:
-    before = everything(empty.plane)
-    empty.install({**NO_WORKLOADS, "crds.keep": "false"})
-    app = {
-        "apiVersion": "robotics.io/v1alpha1",
-        "kind": "RobotApp",
-        "metadata": {"name": "left", "namespace": "default"},
-        "spec": {"components": [{"name": "driver", "image": "ros:humble"}]},
+def test_by_default_the_crds_the_pool_and_users_apps_stay(free: Chart) -> None:
+    free.install(NO_WORKLOADS)
+    free.plane.kubectl("apply", "-f", "-", stdin=json.dumps(APP))
+    free.uninstall()
+    left = {item for item in everything(free.plane) if "robot" in item.lower() or item.startswith("DomainPool/")}
+    kept = {f"CustomResourceDefinition//{name}" for name in CRDS} | {f"resource/{name}" for name in CRDS}
+    ours = {"DomainPool//default", "RobotApp/default/left", "APIService//v1alpha1.robotics.io"}
+    namespaced = {item for item in left if f"/{NAMESPACE}/" in item or item == f"Namespace//{NAMESPACE}"}
+    assert left - namespaced == kept | ours
+    assert namespaced == {
+        f"Namespace//{NAMESPACE}",
+        f"ServiceAccount/{NAMESPACE}/default",
+        f"ConfigMap/{NAMESPACE}/kube-root-ca.crt",
     }
-    empty.plane.kubectl("create", "-f", "-", stdin=json.dumps(app))
-    empty.uninstall()
-    assert settled(empty, before) == set()
 
 
-def test_by_default_the_crds_the_pool_and_users_apps_stay(empty: Chart) -> None:
-    before = everything(empty.plane)
-    empty.install(NO_WORKLOADS)
-    empty.uninstall()
-    kept = {f"CustomResourceDefinition//{name}" for name in CRDS} | {f"resource/{name}" for name in CRDS} | {"DomainPool//default"}
-    new = everything(empty.plane) - before
-    assert {item for item in new if not item.startswith("APIService/")} == kept
+def test_a_new_installation_takes_the_kept_pool_over(free: Chart) -> None:
+    free.install(NO_WORKLOADS)
+    free.uninstall()
+    free.install({**NO_WORKLOADS, "domainPool.quarantineSeconds": "5"})
+    assert pool_field(free, "quarantineSeconds") == "5"
 
 
-def test_a_new_installation_takes_the_kept_pool_over(empty: Chart) -> None:
-    empty.install(NO_WORKLOADS)
-    empty.uninstall()
-    empty.install({**NO_WORKLOADS, "domainPool.quarantineSeconds": "5"})
-    assert pool_field(empty, "quarantineSeconds") == "5"
+def test_an_upgrade_changes_the_pool(free: Chart) -> None:
+    free.install(NO_WORKLOADS)
+    free.upgrade({**NO_WORKLOADS, "domainPool.ids": "1-50"})
+    free.upgrade({**NO_WORKLOADS, "domainPool.ids": "1-60"})
+    assert pool_field(free, "ids") == "1-60"
 
 
-def test_an_upgrade_changes_the_pool(empty: Chart) -> None:
-    empty.install(NO_WORKLOADS)
-    empty.upgrade({**NO_WORKLOADS, "domainPool.ids": "1-50"})
-    empty.upgrade({**NO_WORKLOADS, "domainPool.ids": "1-60"})
-    assert pool_field(empty, "ids") == "1-60"
-
-
-def test_the_notes_name_three_commands_that_prove_the_installation(empty: Chart) -> None:
-    notes = empty.install(NO_WORKLOADS)
+def test_the_notes_name_three_commands_that_prove_the_installation(free: Chart) -> None:
+    notes = free.install(NO_WORKLOADS)
     assert "Three commands prove it" in notes
     assert notes.count("\n  kubectl ") + notes.count("\n  printf ") == 3
-    assert pool_field(empty, "ids") == "1-101,215-232"
+    assert pool_field(free, "ids") == "1-101,215-232"
 
 
-def test_every_switch_gives_objects_the_server_accepts(empty: Chart) -> None:
-    empty.install(NO_WORKLOADS)
-    objects = empty.render({"networkPolicy.enabled": "true", "operator.watchNamespaces": "{default}"})
+def test_every_switch_gives_objects_the_server_accepts(free: Chart) -> None:
+    free.install(NO_WORKLOADS)
+    objects = free.render({"networkPolicy.enabled": "true", "operator.watchNamespaces": "{default}"})
     text = json.dumps({"apiVersion": "v1", "kind": "List", "items": objects})
-    empty.plane.kubectl("apply", "--server-side", "--force-conflicts", "--dry-run=server", "--validate=strict", "-f", "-", stdin=text)
+    free.plane.kubectl(
+        "apply", "--server-side", "--force-conflicts", "--dry-run=server", "--validate=strict", "-f", "-", stdin=text
+    )
 
 
-def test_our_pods_are_admitted_to_a_restricted_namespace(empty: Chart) -> None:
-    empty.plane.kubectl("label", "namespace", NAMESPACE, "pod-security.kubernetes.io/enforce=restricted", "--overwrite")
-    empty.install(NO_WORKLOADS)
-    for deployment in of_kind(empty.render(), "Deployment"):
+def test_our_pods_are_admitted_to_a_restricted_namespace(free: Chart) -> None:
+    free.plane.kubectl("label", "namespace", NAMESPACE, "pod-security.kubernetes.io/enforce=restricted", "--overwrite")
+    free.install(NO_WORKLOADS)
+    for deployment in of_kind(free.render(), "Deployment"):
         template = deployment["spec"]["template"]
-        pod = {"apiVersion": "v1", "kind": "Pod", "metadata": {**template["metadata"], "generateName": "x-", "namespace": NAMESPACE}}
-        empty.plane.kubectl("create", "--dry-run=server", "-f", "-", stdin=json.dumps({**pod, "spec": template["spec"]}))
+        pod = {
+            "apiVersion": "v1",
+            "kind": "Pod",
+            "metadata": {**template["metadata"], "generateName": "x-", "namespace": NAMESPACE},
+        }
+        free.plane.kubectl("create", "--dry-run=server", "-f", "-", stdin=json.dumps({**pod, "spec": template["spec"]}))

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from robotapp_testbed.failures import CommandError
-
 from tests.support.chart import NO_WORKLOADS, OPERATOR, SCHEDULER, Chart
+
+from robotapp_testbed.failures import CommandError
 
 pytestmark = pytest.mark.live
 
@@ -23,14 +23,13 @@ MEMBER = {"robotics.io/app-uid": "6b1c", "robotics.io/instance": "", "robotics.i
 @pytest.fixture(scope="module")
 def tenant(chart: Chart) -> Iterator[Chart]:
     """A namespace whose admin is the tenant, bound to the built-in role that the chart extends."""
-    chart.install({**NO_WORKLOADS, "crds.keep": "false"})
+    chart.install(NO_WORKLOADS)
     chart.plane.kubectl("create", "namespace", NAMESPACE)
     chart.plane.kubectl("create", "rolebinding", "tenant", "--clusterrole=admin", "--user=tenant-a", "-n", NAMESPACE)
     chart.plane.kubectl("wait", "--for=create", "serviceaccount/default", "-n", NAMESPACE, "--timeout=30s")
     await_policies(chart)
     yield chart
-    chart.plane.kubectl("delete", "namespace", NAMESPACE)
-    chart.uninstall()
+    chart.uninstall()  # the namespace goes with the control plane: deleting it takes the controllers 45 s
 
 
 def await_policies(chart: Chart, *, deadline_s: float = 30) -> None:
@@ -46,10 +45,14 @@ def await_policies(chart: Chart, *, deadline_s: float = 30) -> None:
             time.sleep(0.1)
 
 
-def pod(name: str, *, annotations: dict[str, str] | None = None, labels: dict[str, str] | None = None, **spec: Any) -> str:
+def pod(
+    name: str, *, annotations: dict[str, str] | None = None, labels: dict[str, str] | None = None, **spec: Any
+) -> str:
     metadata = {"name": name, "namespace": NAMESPACE, "annotations": annotations or {}, "labels": labels or {}}
     containers = [{"name": "main", "image": "ros:humble"}]
-    return json.dumps({"apiVersion": "v1", "kind": "Pod", "metadata": metadata, "spec": {"containers": containers, **spec}})
+    return json.dumps(
+        {"apiVersion": "v1", "kind": "Pod", "metadata": metadata, "spec": {"containers": containers, **spec}}
+    )
 
 
 def create(chart: Chart, manifest: str, who: str = TENANT) -> str:
@@ -80,7 +83,9 @@ def test_a_pod_with_a_forged_grant_is_refused(tenant: Chart) -> None:
 
 
 def test_not_even_an_admin_creates_a_pod_with_a_grant(tenant: Chart) -> None:
-    assert "is a grant" in refusal(tenant, "create", "-f", "-", stdin=pod("forged-admin", annotations={"granted.robotics.io/devices": "{}"}))
+    assert "is a grant" in refusal(
+        tenant, "create", "-f", "-", stdin=pod("forged-admin", annotations={"granted.robotics.io/devices": "{}"})
+    )
 
 
 def test_a_grant_is_refused_on_a_running_pod_by_every_road(tenant: Chart) -> None:
@@ -88,13 +93,17 @@ def test_a_grant_is_refused_on_a_running_pod_by_every_road(tenant: Chart) -> Non
     for road in ([], ["--subresource=status"]):
         patch = json.dumps({"metadata": {"annotations": GRANT}})
         who = [] if road else [TENANT]
-        assert "is a grant" in refusal(tenant, "patch", "pod", "late", "-n", NAMESPACE, "--type=merge", "-p", patch, *who, *road)
+        assert "is a grant" in refusal(
+            tenant, "patch", "pod", "late", "-n", NAMESPACE, "--type=merge", "-p", patch, *who, *road
+        )
 
 
 def test_other_annotations_stay_the_tenants(tenant: Chart) -> None:
     create(tenant, pod("ordinary", annotations={"note": "a"}, labels={"robotics.io/instance": "mine"}))
     tenant.plane.kubectl("annotate", "pod", "ordinary", "-n", NAMESPACE, TENANT, "note=b", "other=c", "--overwrite")
-    tenant.plane.kubectl("label", "pod", "ordinary", "-n", NAMESPACE, TENANT, "robotics.io/instance=other", "--overwrite")
+    tenant.plane.kubectl(
+        "label", "pod", "ordinary", "-n", NAMESPACE, TENANT, "robotics.io/instance=other", "--overwrite"
+    )
 
 
 def test_the_scheduler_grants_by_its_binding_and_the_grant_never_changes(tenant: Chart) -> None:
@@ -102,8 +111,14 @@ def test_the_scheduler_grants_by_its_binding_and_the_grant_never_changes(tenant:
     bind(tenant, "granted", AS_SCHEDULER, annotations=GRANT)
     text = tenant.plane.kubectl("get", "pod", "granted", "-n", NAMESPACE, "-o", "json")
     assert json.loads(text)["metadata"]["annotations"] == GRANT
-    for change in ("granted.robotics.io/dds-domain=8", "granted.robotics.io/dds-domain-", "granted.robotics.io/devices=x"):
-        assert "it never changes" in refusal(tenant, "annotate", "pod", "granted", "-n", NAMESPACE, TENANT, "--overwrite", change)
+    for change in (
+        "granted.robotics.io/dds-domain=8",
+        "granted.robotics.io/dds-domain-",
+        "granted.robotics.io/devices=x",
+    ):
+        assert "it never changes" in refusal(
+            tenant, "annotate", "pod", "granted", "-n", NAMESPACE, TENANT, "--overwrite", change
+        )
     tenant.plane.kubectl("annotate", "pod", "granted", "-n", NAMESPACE, TENANT, "note=fine")
 
 
@@ -117,7 +132,9 @@ def test_a_binding_with_a_grant_by_anyone_else_is_refused(tenant: Chart) -> None
             "target": {"kind": "Node", "name": "robot-1"},
         }
         path = f"/api/v1/namespaces/{NAMESPACE}/{road}"
-        text = refusal(tenant, "create", "--raw", path, "-f", "-", "--as=system:kube-scheduler", stdin=json.dumps(binding))
+        text = refusal(
+            tenant, "create", "--raw", path, "-f", "-", "--as=system:kube-scheduler", stdin=json.dumps(binding)
+        )
         assert "only the robotapp scheduler may bind with granted.robotics.io/dds-domain" in text
     bind(tenant, "bound", "--as=system:kube-scheduler", annotations={"note": "fine"})
 
@@ -142,7 +159,12 @@ def test_only_the_replicaset_controller_creates_members(tenant: Chart) -> None:
 
 def test_a_members_labels_never_change(tenant: Chart) -> None:
     create(tenant, pod("steady", labels=MEMBER), REPLICASETS)
-    for change in ("robotics.io/app-uid=other", "robotics.io/app-uid-", "robotics.io/instance=amr-8", "robotics.io/component-"):
+    for change in (
+        "robotics.io/app-uid=other",
+        "robotics.io/app-uid-",
+        "robotics.io/instance=amr-8",
+        "robotics.io/component-",
+    ):
         text = refusal(tenant, "label", "pod", "steady", "-n", NAMESPACE, TENANT, "--overwrite", change)
         assert "of a RobotApp pod never changes" in text
     tenant.plane.kubectl("label", "pod", "steady", "-n", NAMESPACE, TENANT, "robotics.io/app-", "color=blue")
@@ -160,7 +182,10 @@ def test_a_member_cannot_be_placed_past_the_scheduler(tenant: Chart) -> None:
 
 
 def test_a_real_replicaset_creates_members(tenant: Chart) -> None:
-    template = {"metadata": {"labels": {**MEMBER, "app": "real"}}, "spec": {"containers": [{"name": "main", "image": "ros:humble"}]}}
+    template = {
+        "metadata": {"labels": {**MEMBER, "app": "real"}},
+        "spec": {"containers": [{"name": "main", "image": "ros:humble"}]},
+    }
     deployment = {
         "apiVersion": "apps/v1",
         "kind": "Deployment",
@@ -168,7 +193,9 @@ def test_a_real_replicaset_creates_members(tenant: Chart) -> None:
         "spec": {"selector": {"matchLabels": {"app": "real"}}, "template": template},
     }
     create(tenant, json.dumps(deployment))
-    tenant.plane.kubectl("wait", "--for=jsonpath={.status.replicas}=1", "deployment/real", "-n", NAMESPACE, "--timeout=30s")
+    tenant.plane.kubectl(
+        "wait", "--for=jsonpath={.status.replicas}=1", "deployment/real", "-n", NAMESPACE, "--timeout=30s"
+    )
     assert "real-" in tenant.plane.kubectl("get", "pods", "-n", NAMESPACE, "-l", "app=real", "-o", "name")
 
 
@@ -188,7 +215,9 @@ def test_a_real_replicaset_creates_members(tenant: Chart) -> None:
 def test_a_tenants_rights_in_his_namespace(tenant: Chart, verb: str, resource: str, expected: str) -> None:
     resource, _, subresource = resource.partition("/")
     extra = [f"--subresource={subresource}"] if subresource else []
-    answer = tenant.plane.kubectl("auth", "can-i", verb, f"{resource}.robotics.io", *extra, "-n", NAMESPACE, TENANT, check=False)
+    answer = tenant.plane.kubectl(
+        "auth", "can-i", verb, f"{resource}.robotics.io", *extra, "-n", NAMESPACE, TENANT, check=False
+    )
     assert answer.split()[0] == expected
 
 
@@ -209,7 +238,9 @@ def test_a_tenants_rights_in_his_namespace(tenant: Chart, verb: str, resource: s
         (OPERATOR, "create", "clusterrolebindings.rbac.authorization.k8s.io", "no"),
     ],
 )
-def test_our_components_have_what_they_need_and_no_more(tenant: Chart, who: str, verb: str, resource: str, expected: str) -> None:
+def test_our_components_have_what_they_need_and_no_more(
+    tenant: Chart, who: str, verb: str, resource: str, expected: str
+) -> None:
     resource, _, subresource = resource.partition("/")
     extra = [f"--subresource={subresource}"] if subresource else []
     answer = tenant.plane.kubectl("auth", "can-i", verb, resource, *extra, "-n", NAMESPACE, f"--as={who}", check=False)

@@ -5,9 +5,9 @@ import re
 from typing import Any
 
 import pytest
-from robotapp_testbed.failures import CommandError
-
 from tests.support.chart import CHART, NAMESPACE, NO_WORKLOADS, Chart, Object, named, of_kind, rules
+
+from robotapp_testbed.failures import CommandError
 
 pytestmark = pytest.mark.live
 
@@ -48,7 +48,9 @@ def test_no_role_writes_nodes_or_runs_things_in_pods(rendered: list[Object]) -> 
     for role, rule in rules(rendered):
         if {"nodes", "nodes/status"} & set(rule["resources"]):
             assert not WRITES & set(rule["verbs"]), role
-        assert not {"pods/exec", "pods/attach", "pods/ephemeralcontainers", "pods/portforward"} & set(rule["resources"]), role
+        assert not {"pods/exec", "pods/attach", "pods/ephemeralcontainers", "pods/portforward"} & set(
+            rule["resources"]
+        ), role
         if "pods" in rule["resources"]:
             assert not {"create", "delete"} & set(rule["verbs"]), role
 
@@ -72,7 +74,9 @@ def test_leases_are_limited_to_one_name_each(rendered: list[Object]) -> None:
 
 
 @pytest.mark.parametrize("component", ["operator", "scheduler"])
-def test_pods_meet_the_restricted_pod_security_standard_and_have_a_read_only_root(rendered: list[Object], component: str) -> None:
+def test_pods_meet_the_restricted_pod_security_standard_and_have_a_read_only_root(
+    rendered: list[Object], component: str
+) -> None:
     spec = pod_spec(rendered, component)
     assert spec["securityContext"]["runAsNonRoot"] is True
     assert spec["securityContext"]["seccompProfile"] == {"type": "RuntimeDefault"}
@@ -96,6 +100,8 @@ def test_every_component_runs_under_an_account_of_its_own(rendered: list[Object]
 
 def test_every_object_carries_the_common_labels(rendered: list[Object]) -> None:
     for item in rendered:
+        if item["kind"] == "CustomResourceDefinition":  # generated as crds/*.yaml, which have no release
+            continue
         labels = item["metadata"]["labels"]
         assert labels["app.kubernetes.io/part-of"] == "robotapp", item["metadata"]["name"]
         assert labels["team"] == "fleet", item["metadata"]["name"]
@@ -112,9 +118,15 @@ def test_without_the_workloads_everything_else_is_rendered_alike(chart: Chart) -
 
 def test_with_namespaces_the_operator_has_a_role_in_each_and_no_cluster_wide_right_on_workloads(chart: Chart) -> None:
     objects = chart.render({"operator.watchNamespaces": "{fleet-a,fleet-b}"})
-    cluster = {resource for rule in named(objects, "ClusterRole", "robotapp-operator")["rules"] for resource in rule["resources"]}
+    cluster = {
+        resource
+        for rule in named(objects, "ClusterRole", "robotapp-operator")["rules"]
+        for resource in rule["resources"]
+    }
     assert not {"robotapps", "deployments", "configmaps", "services", "pods"} & cluster
-    roles = [item for item in of_kind(objects, "Role", "RoleBinding") if item["metadata"]["name"] == "robotapp-operator"]
+    roles = [
+        item for item in of_kind(objects, "Role", "RoleBinding") if item["metadata"]["name"] == "robotapp-operator"
+    ]
     assert sorted((item["kind"], item["metadata"]["namespace"]) for item in roles) == [
         ("Role", "fleet-a"),
         ("Role", "fleet-b"),
@@ -126,7 +138,9 @@ def test_with_namespaces_the_operator_has_a_role_in_each_and_no_cluster_wide_rig
 
 def test_a_digest_wins_over_the_tag_and_the_registry_comes_first(chart: Chart) -> None:
     digest = f"sha256:{'ab' * 32}"
-    objects = chart.render({"imageRegistry": "images.test", "operator.image.digest": digest, "scheduler.image.tag": "v9"})
+    objects = chart.render(
+        {"imageRegistry": "images.test", "operator.image.digest": digest, "scheduler.image.tag": "v9"}
+    )
     assert pod_spec(objects, "operator")["containers"][0]["image"] == f"images.test/robotapp/operator@{digest}"
     assert pod_spec(objects, "scheduler")["containers"][0]["image"] == "images.test/robotapp/scheduler:v9"
 
@@ -138,7 +152,9 @@ def test_shipped_values_name_no_registry(chart: Chart) -> None:
 
 
 def test_switches_leave_their_objects_out(chart: Chart) -> None:
-    objects = chart.render({"rbac.create": "false", "policies.enabled": "false", "domainPool.create": "false", "crds.enabled": "false"})
+    objects = chart.render(
+        {"rbac.create": "false", "policies.enabled": "false", "domainPool.create": "false", "crds.enabled": "false"}
+    )
     kinds = {item["kind"] for item in objects}
     assert kinds == {"ServiceAccount", "ConfigMap", "Deployment"}
 

@@ -6,15 +6,23 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+
 from robotapp_testbed import ControlPlane
 
 CHART = Path(__file__).resolve().parents[2] / "helm" / "robotapp"
 NAMESPACE = "robotapp-system"
 OPERATOR = f"system:serviceaccount:{NAMESPACE}:robotapp-operator"
 SCHEDULER = f"system:serviceaccount:{NAMESPACE}:robotapp-scheduler"
+CRDS = [f"{plural}.robotics.io" for plural in ("robotapps", "robotclaims", "domainpools", "nodetelemetries")]
 NO_WORKLOADS = {"operator.enabled": "false", "scheduler.enabled": "false"}
 # They come and go by themselves, or are no stored objects.
-_TRANSIENT = {"events", "events.events.k8s.io", "componentstatuses", "leases.coordination.k8s.io", "endpointslices.discovery.k8s.io"}
+_TRANSIENT = {
+    "events",
+    "events.events.k8s.io",
+    "componentstatuses",
+    "leases.coordination.k8s.io",
+    "endpointslices.discovery.k8s.io",
+}
 
 Object = dict[str, Any]
 
@@ -30,11 +38,19 @@ class Chart:
     plane: ControlPlane
 
     def render(self, values: Mapping[str, str] | None = None, *arguments: str) -> list[Object]:
-        text = self.plane.helm("template", "robotapp", str(CHART), "--namespace", NAMESPACE, *flags(values or {}), *arguments)
+        text = self.plane.helm(
+            "template", "robotapp", str(CHART), "--namespace", NAMESPACE, *flags(values or {}), *arguments
+        )
         return [document for document in yaml.safe_load_all(text) if document]
 
     def install(self, values: Mapping[str, str] | None = None) -> str:
-        return self.plane.helm("install", "robotapp", str(CHART), "--namespace", NAMESPACE, "--create-namespace", *flags(values or {}))
+        """Returns the notes, once the new kinds can be listed: a CRD deleted before that hangs in deletion for minutes."""
+        given = flags(values or {})
+        notes = self.plane.helm(
+            "install", "robotapp", str(CHART), "--namespace", NAMESPACE, "--create-namespace", *given
+        )
+        self.plane.kubectl("get", ",".join(CRDS), "--all-namespaces")
+        return notes
 
     def upgrade(self, values: Mapping[str, str] | None = None) -> str:
         return self.plane.helm("upgrade", "robotapp", str(CHART), "--namespace", NAMESPACE, *flags(values or {}))
