@@ -13,7 +13,7 @@ from robotapp_api.claims.objects import App, Claim, Deployment, Holder, Meta, Ob
 from robotapp_api.claims.release import is_gone, wants_domain
 from robotapp_api.claims.usage import Usage, usage_of
 from robotapp_api.client.claim_writes import Api, T
-from robotapp_api.client.errors import NotFound
+from robotapp_api.client.errors import ApiError, NotFound
 from robotapp_api.client.resources import (
     DEPLOYMENTS,
     DOMAINPOOLS,
@@ -131,15 +131,20 @@ async def _children(client: Api, resource: Resource, namespaces: Collection[str]
     return found
 
 
-async def find(client: Api, resource: Resource, name: str, namespace: str, as_type: type[T]) -> T | None:
-    """The object, or None when the API server itself says that this very object does not exist.
+def means_gone(error: ApiError, name: str) -> bool:
+    """Whether the API server itself says that this very object does not exist.
 
     A 404 of a proxy, or of a resource the server does not serve at the moment, is an error like any other.
     """
+    return error.status == 404 and error.reason == "NotFound" and f'"{name}" not found' in error.message
+
+
+async def find(client: Api, resource: Resource, name: str, namespace: str, as_type: type[T]) -> T | None:
+    """The object, or None when it is gone. Raises every other error, which ends the pass."""
     try:
         return await client.get(resource, name, namespace=namespace, as_type=as_type)
     except NotFound as error:
-        if error.reason == "NotFound" and f'"{name}" not found' in error.message:
+        if means_gone(error, name):
             return None
         raise
 

@@ -1,0 +1,91 @@
+"""The product's decisions on devices, asked with model states, and weakened ones that must be caught."""
+
+from functools import cache
+
+from tests.support import claims_objects as make
+
+from robotapp_api.claims.device import PodUse, Take, pod_use, release_device, take_device, wants_devices
+from robotapp_api.claims.objects import App, AppSpec, Claim, Component, DeviceRequirement, Holder, Meta
+from robotapp_api.claims.release import Release, preconditions
+
+FREE = -1
+"""No pod, no device."""
+Who = tuple[int, int]
+"""(group, holder): holders of one group are instances of one app."""
+DEVICE_NODE = "edge-1"
+
+
+class DeviceRules:
+    def __init__(self) -> None:
+        for name in ("take", "use", "release"):
+            setattr(self, name, cache(getattr(self, name)))
+
+    def holder(self, who: Who) -> Holder:
+        return make.app_holder(f"uid-{who[0]}", instance=f"i{who[1]}", component="driver")
+
+    def claim(self, who: Who, pod: int, device: int = 0) -> Claim:
+        phase = "Draining" if pod == FREE else "Reserved"
+        uid = "" if pod == FREE else f"pod-{pod}"
+        return make.device_claim(f"d{device}", self.holder(who), node=DEVICE_NODE, phase=phase, pod=uid)
+
+    def take(self, claimed_by: Who | None, user: int, who: Who, pod: int) -> Take:
+        claim = None if claimed_by is None else self.claim(claimed_by, user)
+        return take_device(claim, holder=self.holder(who), pod_uid=f"pod-{pod}")
+
+    def use(self, who: Who, pod: int, device: int, phase: str, granted: int) -> PodUse:
+        """phase of the named pod: P pending, R running, T terminating, anything else gone."""
+        if phase not in {"P", "R", "T"}:
+            return pod_use(self.claim(who, pod, device), None)
+        annotations = {"granted.robotics.io/devices": f"d{granted}"} if granted != FREE else {}
+        node = "" if phase == "P" else DEVICE_NODE
+        found = make.pod(uid=f"pod-{pod}", node=node, phase="Running" if node else "Pending", annotations=annotations)
+        return pod_use(self.claim(who, pod, device), found)
+
+    def release(self, use: PodUse, live: bool, handed_over: bool) -> Release:
+        holder = self.holder((0, 0))
+        component = Component(name="driver", devices=(DeviceRequirement(name="can", type="can"),))
+        app = App(metadata=Meta(uid=holder.uid), spec=AppSpec(suspend=not live, components=(component,)))
+        return release_device(use=use, wanted=wants_devices(app, holder), handed_over=handed_over)
+
+    def precondition(self) -> str:
+        found = preconditions(self.claim((0, 0), 0))
+        return "rv" if found.resource_version else "uid" if found.uid else "none"
+
+    def compares(self) -> bool:
+        """Whether taking over carries the version that was read: the same preconditions as every other write."""
+        return bool(preconditions(self.claim((0, 0), 0)).resource_version)
+
+
+class Anyone(DeviceRules):
+    """DM1, and D5 for instances of one component: whoever comes may take a Draining device."""
+
+    def take(self, claimed_by: Who | None, user: int, who: Who, pod: int) -> Take:
+        return super().take(None if claimed_by is None else who, user, who, pod)
+
+
+class UidOnly(DeviceRules):
+    """DM2: deletes carry the uid but not the version."""
+
+    def precondition(self) -> str:
+        return "uid"
+
+
+class NoCompare(DeviceRules):
+    """DM3: taking over does not carry the version."""
+
+    def compares(self) -> bool:
+        return False
+
+
+class FreedWithItsApp(DeviceRules):
+    """DM4: the device of an app that is gone is freed although its pod still terminates."""
+
+    def release(self, use: PodUse, live: bool, handed_over: bool) -> Release:
+        return Release.DELETE if not live else super().release(use, live, handed_over)
+
+
+class TerminatingIsGone(DeviceRules):
+    """DM5: a terminating pod counts as gone."""
+
+    def use(self, who: Who, pod: int, device: int, phase: str, granted: int) -> PodUse:
+        return super().use(who, pod, device, "G" if phase == "T" else phase, granted)

@@ -1,0 +1,151 @@
+"""State of the domain model, its bounds, and who falls back to idle when an object changes."""
+
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from tests.support.claims_model.domain_rules import AUTO, NONE, DomainRules, Instance
+from tests.support.claims_model.explore import Move
+
+IDLE = ("idle",)
+RESTING: tuple[Any, ...] = (-1, 0, 0, 0, (), NONE)
+LIVE, DELETED, ORPHANED, TO_COME = "LGON"
+PENDING, CHECKED, RUNNING, TERMINATING = "PCRT"
+
+
+class State(NamedTuple):
+    changes: int
+    """Changes people may still make."""
+    apps: tuple[str, ...]
+    wants: tuple[int, ...]
+    claims: tuple[tuple[int, int] | None, ...]
+    """Per id: (instance, draining)."""
+    deployments: tuple[tuple[int, int, int] | None, ...]
+    """Per name: (instance, named id, wanted pods)."""
+    sets: tuple[int, ...]
+    """ReplicaSet per instance and id: 0 absent, 1 wants a pod, 2 scaled down and kept as history."""
+    pods: tuple[tuple[int, int, str], ...]
+    manager: tuple[Any, ...] | None
+    """A write of the controller-manager, decided on an older view."""
+    operators: tuple[tuple[Any, ...], ...]
+    sweepers: tuple[tuple[Any, ...], ...]
+    """(id, stage, instance, draining, ids the instance held, id its Deployment named)."""
+
+
+FIELD = {name: index for index, name in enumerate(State._fields)}
+
+
+def move(s: State, label: str, progress: bool, /, **changed: Any) -> Move:
+    parts = list(s)
+    for name, value in changed.items():
+        parts[FIELD[name]] = value
+    return label, progress, State._make(parts)
+
+
+def put(items: tuple[Any, ...], index: int, value: Any) -> tuple[Any, ...]:
+    return (*items[:index], value, *items[index + 1 :])
+
+
+def swap(items: tuple[Any, ...], old: Any, new: Any = None) -> tuple[Any, ...]:
+    """Sorted, with `old` taken out and `new` put in where given."""
+    found = list(items)
+    if old is not None:
+        found.remove(old)
+    if new is not None:
+        found.append(new)
+    return tuple(sorted(found))
+
+
+@dataclass
+class Basis:
+    """apps and names: RobotApp and Deployment of each instance. specs: values people may write to `dds.domain`."""
+
+    apps: tuple[int, ...] = (0, 1)
+    names: tuple[int, ...] = (0, 1)
+    begin: str = "LL"
+    wants: tuple[int, ...] = (AUTO, AUTO)
+    specs: tuple[int, ...] = (AUTO, NONE, 0, 1)
+    ids: int = 2
+    changes: int = 1
+    operators: int = 2
+    sweepers: int = 1
+    pods: int = 3
+    lag: bool = True
+    history: bool = False
+    pods_first: bool = False
+    """Structure mutant: the sweep lists pods before it reads the claims."""
+    cached_check: bool = False
+    """Structure mutant: the bind check may have been read before the pod existed."""
+    no_duplicates: bool = False
+    only: str = ""
+    rules: DomainRules = field(default_factory=DomainRules)
+
+    def __post_init__(self) -> None:
+        self.fenced = self.rules.fenced()
+        self.precondition = self.rules.precondition()
+        self.who: tuple[Instance, ...] = tuple((app, number) for number, app in enumerate(self.apps))
+        self.all_ids = tuple(range(self.ids))
+
+    def start(self) -> State:
+        nothing = (None,) * (max(self.names) + 1)
+        sets = (0,) * (len(self.names) * self.ids)
+        return State(
+            self.changes,
+            tuple(self.begin),
+            self.wants,
+            (None,) * self.ids,
+            nothing,
+            sets,
+            (),
+            None,
+            (IDLE,) * self.operators,
+            (RESTING,) * self.sweepers,
+        )
+
+    # Helpers: who falls back to idle when an object changes
+
+    def _state(self, s: State, h: int) -> str:
+        return s.apps[self.apps[h]]
+
+    def _own(self, s: State, h: int) -> tuple[tuple[int, int], ...]:
+        return tuple((x, claim[1]) for x, claim in enumerate(s.claims) if claim and claim[0] == h)
+
+    def _deployment(self, s: State, h: int) -> tuple[int, int, int] | None:
+        found = s.deployments[self.names[h]]
+        return found if found and found[0] == h else None
+
+    def _named(self, s: State, h: int) -> int:
+        found = self._deployment(s, h)
+        return found[1] if found else NONE
+
+    def _ops(
+        self, s: State, k: int = -1, to: tuple[Any, ...] = IDLE, *, claim: int = -1, name: int = -1
+    ) -> tuple[tuple[Any, ...], ...]:
+        def after(j: int, op: tuple[Any, ...]) -> tuple[Any, ...]:
+            if j == k:
+                return to
+            if op == IDLE:
+                return op
+            stale = (op[0] == "adopt" and op[2] == claim) or (self.fenced and self.names[op[1]] == name)
+            return IDLE if stale else op
+
+        return tuple(sorted(after(j, op) for j, op in enumerate(s.operators)))
+
+    def _sweeps(
+        self, s: State, k: int = -1, to: tuple[Any, ...] = RESTING, *, claim: int = -1, gone: bool = False
+    ) -> tuple[tuple[Any, ...], ...]:
+        refused = self.precondition == "rv" or (self.precondition == "uid" and gone)
+
+        def after(j: int, sweeper: tuple[Any, ...]) -> tuple[Any, ...]:
+            if j == k:
+                return to
+            return RESTING if refused and sweeper[0] == claim else sweeper
+
+        return tuple(sorted(after(j, sweeper) for j, sweeper in enumerate(s.sweepers)))
+
+    def _set_deployment(self, s: State, h: int, value: tuple[int, int, int] | None, k: int = -1) -> dict[str, Any]:
+        name = self.names[h]
+        changed = s.deployments[name] != value
+        return {
+            "deployments": put(s.deployments, name, value),
+            "operators": self._ops(s, k, name=name if changed else -1),
+        }

@@ -1,0 +1,141 @@
+"""Weakened domain rules. Each must be caught, or a product rule could be weakened without a test noticing."""
+
+from typing import Any
+
+from tests.support import claims_objects as make
+from tests.support.claims_model.domain_rules import DomainRules, Instance
+
+from robotapp_api.claims import bind, usage
+from robotapp_api.claims.domain import DomainPlan, Step
+from robotapp_api.claims.objects import Claim, Pod, ReplicaSet
+from robotapp_api.claims.release import Release
+
+
+class NoBindCheck(DomainRules):
+    """The template is the lock."""
+
+    def bind(self, pod: Pod, claim: Claim | None, app_state: str) -> bool:  # noqa: ARG002 - binds whatever it is
+        return True
+
+
+class Forced(DomainRules):
+    """Template writes without the version of the Deployment that was read."""
+
+    def fenced(self) -> bool:
+        return False
+
+
+class ForcedNoBindCheck(NoBindCheck, Forced):
+    pass
+
+
+class HistoryCounts(DomainRules):
+    """L1: a ReplicaSet scaled down for good still uses its id."""
+
+    def usage_of_sets(self, objects: list[ReplicaSet]) -> Any:
+        found = usage.usage_of()
+        for one in objects:
+            found._add(one.metadata, one.spec.template.metadata, one.spec.template.spec)
+        return found
+
+
+class AnyChildKeepsAll(DomainRules):
+    """L2: any object of an instance keeps all its claims."""
+
+    def uses_deployments(self, who: Instance, number: int, found: tuple[tuple[Instance, int], ...]) -> bool:
+        return super().uses_deployments(who, number, tuple((owner, number) for owner, _ in found))
+
+    def uses_sets(self, who: Instance, number: int, found: tuple[tuple[Instance, int, int], ...]) -> bool:
+        return super().uses_sets(who, number, tuple((owner, number, up) for owner, _, up in found))
+
+    def uses_pods(self, who: Instance, number: int, found: tuple[tuple[Instance, int], ...]) -> bool:
+        return super().uses_pods(who, number, tuple((owner, number) for owner, _ in found))
+
+
+class OwnerChain(DomainRules):
+    """L3: the bind check wants the chain of owners up to a live RobotApp."""
+
+    def bind(self, pod: Pod, claim: Claim | None, app_state: str) -> bool:
+        return app_state != "O" and super().bind(pod, claim, app_state)
+
+
+class UnheldStays(DomainRules):
+    """L4: a template that names an id its instance does not hold stays as it is."""
+
+    def scales_down(self, who: Instance, named: int, held: tuple[int, ...]) -> bool:  # noqa: ARG002 - never
+        return False
+
+
+class NoList(DomainRules):
+    """M1: create without looking for claims the instance has."""
+
+    def plans(
+        self, who: Instance, held: tuple[tuple[int, int], ...], named: int, want: int, ids: tuple[int, ...]
+    ) -> tuple[DomainPlan, ...]:
+        (plan,) = super().plans(who, held[:0], min(named, -1), want, ids)
+        return (DomainPlan(Step.CREATE, candidates=plan.candidates),)
+
+
+class RandomOrder(DomainRules):
+    """M2: operators try ids in an order of their own."""
+
+    def plans(
+        self, who: Instance, held: tuple[tuple[int, int], ...], named: int, want: int, ids: tuple[int, ...]
+    ) -> tuple[DomainPlan, ...]:
+        (plan,) = super().plans(who, held, named, want, ids)
+        return (plan, DomainPlan(plan.step, plan.id, plan.candidates[::-1]))
+
+
+class PodsOnly(DomainRules):
+    """M3: only pods use an id."""
+
+    def uses_deployments(self, who: Instance, number: int, found: Any) -> bool:  # noqa: ARG002 - never
+        return False
+
+    def uses_sets(self, who: Instance, number: int, found: Any) -> bool:  # noqa: ARG002 - never
+        return False
+
+
+class NoSecondLook(DomainRules):
+    """M4: after the quarantine the claim is deleted without reading anything again."""
+
+    def keeps(self, draining: int, wanted: bool, used: bool) -> Release:
+        return Release.DELETE if draining else super().keeps(draining, wanted, used)
+
+
+class OnePhase(DomainRules):
+    """M5: unused is deleted at once."""
+
+    def keeps(self, draining: int, wanted: bool, used: bool) -> Release:
+        decision = super().keeps(draining, wanted, used)
+        return Release.DELETE if decision is Release.DRAIN else decision
+
+
+class ForbiddenIsGone(DomainRules):
+    """M6: a 403 is taken for a 404."""
+
+    def error_means_gone(self) -> bool:
+        return True
+
+
+class UidOnly(DomainRules):
+    """M7: deletes carry the uid but not the version."""
+
+    def precondition(self) -> str:
+        return "uid"
+
+
+class ByName(DomainRules):
+    """M8: deletes carry nothing."""
+
+    def precondition(self) -> str:
+        return "none"
+
+
+class BindOnDraining(DomainRules):
+    """M10: the bind check accepts a claim that is being released."""
+
+    def bind(self, pod: Pod, claim: Claim | None, app_state: str) -> bool:  # noqa: ARG002 - the base class looks
+        if claim is not None and claim.spec.domain is not None:
+            claim = make.domain_claim(claim.spec.domain.id, claim.holder)
+        return bind.bind_verdict(pod, claim).allowed

@@ -1,0 +1,105 @@
+"""Sweepers of the domain model: rule 2."""
+
+from collections.abc import Iterator
+from typing import Any
+
+from tests.support.claims_model.domain_basis import LIVE, RESTING, Basis, State, move, put
+from tests.support.claims_model.domain_rules import NONE
+from tests.support.claims_model.explore import Move
+
+from robotapp_api.claims.release import Release
+
+
+class Sweepers(Basis):
+    def _sweeper(self, s: State, k: int, sweeper: tuple[Any, ...]) -> Iterator[Move]:
+        if sweeper == RESTING:
+            if self.pods_first:
+                yield from self._list_pods_first(s, k)
+                return
+            for x, claim in enumerate(s.claims):
+                if claim:
+                    yield from self._begin(s, k, x, claim)
+            return
+        yield move(s, "S dies", False, sweepers=self._sweeps(s, k))
+        x, stage, h, draining, *_ = sweeper
+        if x == -2:
+            yield from self._with_old_pods(s, k, stage)
+        elif stage == 5:
+            yield from self._release(s, k, x, h, draining)
+        else:
+            yield from self._look(s, k, sweeper)
+
+    def _begin(self, s: State, k: int, x: int, claim: tuple[int, int]) -> Iterator[Move]:
+        """Claims and Deployments read; what the instance held and named is remembered for the question who wants."""
+        h, draining = claim
+        held = tuple(number for number, _ in self._own(s, h))
+        seen = (x, 2, h, draining, held, self._named(s, h))
+        if self.rules.error_means_gone():
+            yield move(
+                s,
+                f"S refused, takes holder of id{x} for gone",
+                False,
+                sweepers=self._sweeps(s, k, (*seen[:1], 5, *seen[2:])),
+            )
+        yield from self._judge(s, k, seen, wanted=False, used=self._used(s, 1, h, x))
+
+    def _look(self, s: State, k: int, sweeper: tuple[Any, ...]) -> Iterator[Move]:
+        x, stage, h, draining, held, named = sweeper
+        used = stage < 4 and self._used(s, stage, h, x)
+        wanted = stage == 4 and self.rules.wants(
+            self.who[h], x, held, named, s.wants[h] if self._state(s, h) == LIVE else None
+        )
+        following = (x, stage + 1, h, draining, held, named)
+        yield from self._judge(s, k, following, wanted=wanted, used=used)
+
+    def _used(self, s: State, stage: int, h: int, x: int) -> bool:
+        """Stage 1 Deployments, 2 ReplicaSets, 3 pods."""
+        who = self.who[h]
+        if stage == 1:
+            return self.rules.uses_deployments(who, x, tuple((self.who[d[0]], d[1]) for d in s.deployments if d))
+        if stage == 2:
+            sets = ((divmod(i, self.ids), v) for i, v in enumerate(s.sets) if v)
+            return self.rules.uses_sets(who, x, tuple((self.who[i[0]], i[1], int(v == 1)) for i, v in sets))
+        return self.rules.uses_pods(who, x, tuple(sorted({(self.who[p[0]], p[1]) for p in s.pods})))
+
+    def _judge(self, s: State, k: int, following: tuple[Any, ...], *, wanted: bool, used: bool) -> Iterator[Move]:
+        x, stage, h, draining, *_ = following
+        decision = self.rules.keeps(draining, wanted, used)
+        if decision is Release.RESTORE:
+            if s.claims[x] == (h, 1):
+                changed = {"claims": put(s.claims, x, (h, 0)), "operators": self._ops(s, claim=x)}
+                yield move(s, f"S restores id{x}", True, sweepers=self._sweeps(s, k, claim=x), **changed)
+            else:
+                yield move(s, "S refused", True, sweepers=self._sweeps(s, k))
+        elif decision is Release.KEEP:
+            yield move(s, f"S keeps id{x}", True, sweepers=self._sweeps(s, k))
+        else:
+            yield move(s, f"S id{x} unused ({stage - 1})", True, sweepers=self._sweeps(s, k, following))
+
+    def _release(self, s: State, k: int, x: int, h: int, draining: int) -> Iterator[Move]:
+        if self.rules.keeps(draining, False, False) is Release.DELETE:
+            changed = {"claims": put(s.claims, x, None), "operators": self._ops(s, claim=x)}
+            yield move(s, f"S deletes id{x}", True, sweepers=self._sweeps(s, k, claim=x, gone=True), **changed)
+        elif s.claims[x] == (h, 0):
+            changed = {"claims": put(s.claims, x, (h, 1)), "operators": self._ops(s, claim=x)}
+            yield move(s, f"S drains id{x}", True, sweepers=self._sweeps(s, k, claim=x), **changed)
+        else:
+            yield move(s, "S refused", True, sweepers=self._sweeps(s, k))
+
+    def _list_pods_first(self, s: State, k: int) -> Iterator[Move]:
+        pairs = [(h, x) for h in range(len(self.names)) for x in range(self.ids)]
+        unused = sum(1 << (h * self.ids + x) for h, x in pairs if not self._used(s, 3, h, x))
+        yield move(s, "S lists pods", True, sweepers=self._sweeps(s, k, (-2, unused, 0, 0, (), NONE)))
+
+    def _with_old_pods(self, s: State, k: int, unused: int) -> Iterator[Move]:
+        yield move(s, "S again", True, sweepers=self._sweeps(s, k))
+        for x, claim in enumerate(s.claims):
+            if claim is None or not unused >> (claim[0] * self.ids + x) & 1:
+                continue
+            h, draining = claim
+            held = tuple(number for number, _ in self._own(s, h))
+            want = s.wants[h] if self._state(s, h) == LIVE else None
+            wanted = self.rules.wants(self.who[h], x, held, self._named(s, h), want)
+            if not wanted and not self._used(s, 1, h, x):
+                to = (x, 5, h, draining, held, NONE)
+                yield move(s, f"S id{x} unused", True, sweepers=self._sweeps(s, k, to))
