@@ -1,6 +1,6 @@
 """`shareWith`: apps that use one domain on purpose. One of them holds the claim, the others carry its id."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from robotapp_api.claims.objects import App
@@ -29,38 +29,51 @@ def may_join(app: App, other: App) -> bool:
 
 
 def owner_of(app: App, lookup: Lookup) -> Join:
-    """Follow shareWith to the app that holds the domain. A ring of apps is led by its first in name order."""
-    path: list[AppKey] = []
-    current = app
-    while True:
-        key = key_of(current)
-        if key in path:
-            return Join(min(path[path.index(key) :]))
-        path.append(key)
-        asked = joined(current)
-        if not asked:
-            return Join(key)
-        if len(asked) > 1 and not _agree(current, lookup):
-            names = ", ".join("/".join(other) for other in asked)
-            return Join(None, f"the apps in shareWith of {'/'.join(key)} ({names}) do not share one domain")
-        target = lookup(asked[0])
-        if target is None:
-            return Join(None, f"shareWith names {'/'.join(asked[0])}, which does not exist: create it or remove it")
-        if not may_join(current, target):
-            here, there = "/".join(key), "/".join(asked[0])
-            return Join(None, f"{there} is in another namespace: it must name {here} in its own dds.shareWith")
-        current = target
+    """Follow shareWith to where it ends. A ring of apps is led by its first in name order; two ends are an error.
+
+    Every app on the way gets the same answer, because it can only end where this one ends.
+    """
+    known: dict[AppKey, tuple[AppKey, ...]] = {}
+    todo = [app]
+    while todo:
+        current = todo.pop()
+        known[key_of(current)] = joined(current)
+        for key in joined(current):
+            other = lookup(key)
+            problem = _problem(current, key, other)
+            if problem or other is None:
+                return Join(None, problem)
+            if key not in known:
+                todo.append(other)
+    ends = {ring for key in known if (ring := _ring(key, known))}
+    if len(ends) > 1:
+        names = ", ".join(sorted("/".join(min(ring)) for ring in ends))
+        return Join(None, f"shareWith of {'/'.join(key_of(app))} leads to apps with different domains: {names}")
+    return Join(min(next(iter(ends))))
 
 
-def _agree(app: App, lookup: Lookup) -> bool:
-    """Whether all entries lead to one owner: those that name this app in turn follow whatever it decides."""
-    owners = set()
-    for key in joined(app):
-        other = lookup(key)
-        if other is None or key_of(app) in joined(other):
-            continue
-        owners.add(owner_of(other, lookup).owner)
-    return len(owners) <= 1
+def _problem(app: App, key: AppKey, other: App | None) -> str:
+    here, there = "/".join(key_of(app)), "/".join(key)
+    if other is None:
+        return f"shareWith of {here} names {there}, which does not exist: create it or remove it"
+    if not may_join(app, other):
+        return f"{there} is in another namespace: it must name {here} in its own dds.shareWith"
+    return ""
+
+
+def _ring(key: AppKey, asks: Mapping[AppKey, tuple[AppKey, ...]]) -> frozenset[AppKey]:
+    """The apps that follow each other in a ring nobody leaves, `key` among them; empty when `key` is on the way."""
+    reached = _reached(key, asks)
+    return reached if all(key in _reached(other, asks) for other in reached) else frozenset()
+
+
+def _reached(key: AppKey, asks: Mapping[AppKey, tuple[AppKey, ...]]) -> frozenset[AppKey]:
+    found, todo = {key}, [key]
+    while todo:
+        new = set(asks[todo.pop()]) - found
+        found |= new
+        todo += new
+    return frozenset(found)
 
 
 def sharer_instance(instance: str, owner_instances: tuple[str, ...]) -> str | None:

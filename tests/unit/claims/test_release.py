@@ -1,0 +1,90 @@
+import itertools
+
+import pytest
+from tests.support.claims_objects import claim, device_claim, domain_claim, pod, pod_holder
+
+from robotapp_api.claims import release
+from robotapp_api.claims.objects import App, AppSpec, Dds, Meta, Pod, Ros, SharedApp
+from robotapp_api.claims.release import Release, release_domain
+
+
+@pytest.mark.parametrize("flags", list(itertools.product([True, False], repeat=4)))
+def test_nothing_used_or_wanted_is_ever_deleted_and_nothing_skips_a_phase(flags: tuple[bool, ...]) -> None:
+    draining, wanted, used, rested = flags
+    decision = release_domain(draining=draining, wanted=wanted, used=used, rested=rested)
+    if wanted or used:
+        assert decision is (Release.RESTORE if draining else Release.KEEP)
+    elif not draining:
+        assert decision is Release.DRAIN
+    else:
+        assert decision is (Release.DELETE if rested else Release.WAIT)
+
+
+def test_every_destructive_write_carries_uid_and_version() -> None:
+    found = release.preconditions(claim(domain_claim(7).spec, uid="c", version="12"))
+    assert (found.uid, found.resource_version) == ("c", "12")
+
+
+def app(**dds: object) -> App:
+    return App(metadata=Meta(name="teleop", namespace="team", uid="app-1"), spec=AppSpec(dds=Dds(**dds)))  # type: ignore[arg-type]  # a factory
+
+
+def test_gone_is_a_404_or_another_uid() -> None:
+    assert release.is_gone(None, "app-1")
+    assert release.is_gone(app(), "app-2")
+    assert not release.is_gone(app(), "app-1")
+
+
+@pytest.mark.parametrize(
+    ("spec", "wanted"),
+    [
+        (app(), True),
+        (App(metadata=Meta(uid="app-1")), True),
+        (app(domain=7), True),
+        (app(domain=8), False),
+        (app(pool="other"), False),
+        (app(isolation="Discovery"), False),
+        (app(share_with=(SharedApp(name="b"),)), False),
+        (App(metadata=Meta(uid="app-1"), spec=AppSpec(ros=Ros(version=1))), False),
+    ],
+)
+def test_an_app_wants_the_claim_its_spec_still_asks_for(spec: App, wanted: bool) -> None:
+    held = domain_claim(7)
+    assert release.wants_domain(spec, held, [held], named=()) is wanted
+
+
+def test_of_two_claims_exactly_one_is_wanted_and_it_is_the_one_the_deployments_name() -> None:
+    pair = [domain_claim(7), domain_claim(8)]
+    for named in ((7,), (8,), ()):
+        wanted = [c.spec.domain.id for c in pair if c.spec.domain and release.wants_domain(app(), c, pair, named=named)]
+        assert len(wanted) == 1
+        assert not named or wanted == list(named)
+
+
+def test_an_app_without_dds_section_never_wants_a_device_claim_as_domain() -> None:
+    assert not release.wants_domain(app(), device_claim(), [], named=())
+
+
+@pytest.mark.parametrize(
+    ("found", "lost"),
+    [
+        (None, True),
+        (pod(uid="other", of={}), True),
+        (pod(of={}), False),
+        (pod(of={}, phase="Succeeded"), True),
+        (pod(of={}, phase="Failed"), True),
+        (pod(of={}, node="edge-1"), True),
+        (pod(of={}, node="edge-1", annotations={"granted.robotics.io/dds-domain": "7"}), False),
+        (pod(of={}, node="edge-1", annotations={"granted.robotics.io/dds-domain": "8"}), True),
+    ],
+)
+def test_a_bare_pod_loses_its_domain_when_gone_ended_or_bound_without_it(found: Pod | None, lost: bool) -> None:
+    assert release.pod_lost(found, domain_claim(7, pod_holder())) is lost
+
+
+@pytest.mark.parametrize(
+    ("node", "granted", "lost"), [("edge-1", "a,can-can0", False), ("edge-2", "can-can0", True), ("edge-1", "a", True)]
+)
+def test_a_bare_pods_device_must_be_granted_on_its_own_node(node: str, granted: str, lost: bool) -> None:
+    found = pod(of={}, node=node, annotations={"granted.robotics.io/devices": granted})
+    assert release.pod_lost(found, device_claim(holder=pod_holder())) is lost
