@@ -72,7 +72,8 @@ class ChangeLog:
     def __init__(self, limit: int = 8192) -> None:
         self._limit = limit
         self._base = 0
-        self._entries: list[tuple[int, Change]] = []
+        # Plain ints: an IntFlag costs ten times as much per operation, and this is read for every pod.
+        self._entries: list[tuple[int, int]] = []
 
     def __repr__(self) -> str:
         return f"ChangeLog({self.position=}, kept={len(self._entries)})"
@@ -84,19 +85,21 @@ class ChangeLog:
 
     def add(self, row: int, change: Change) -> None:
         """Note that `row` changed."""
-        self._entries.append((row, change))
+        self._entries.append((row, int(change)))
         if len(self._entries) > self._limit:
             drop = self._limit // 2
             del self._entries[:drop]
             self._base += drop
 
-    def since(self, position: int, interest: Change, *, most: int) -> list[int] | None:
+    def since(self, position: int, interest: int, *, most: int) -> list[int] | None:
         """Rows with a change of interest after `position`, each once; None: look at all rows.
 
         None is answered when the reader fell behind, when more than `most` log entries would have to be read,
         or when a change touched every row.
         """
         start = position - self._base
+        if start == len(self._entries):
+            return []
         if start < 0 or len(self._entries) - start > most:
             return None
         rows: dict[int, None] = {}

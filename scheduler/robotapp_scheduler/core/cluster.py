@@ -42,6 +42,7 @@ class Cluster:
         self._seen: dict[str, Pod] = {}
         """Live pods without a node, by uid."""
         self._touched: set[str] = set()
+        self._priorities: dict[int, int] = {}
 
     def __repr__(self) -> str:
         return f"Cluster({self.nodes.count} nodes, {len(self.placed)} placed, {len(self._seen)} waiting)"
@@ -137,6 +138,10 @@ class Cluster:
     def pods_on(self, node: str) -> Iterable[PlacedPod]:
         """Placed pods of one node."""
         return self._by_node.get(node, {}).values()
+
+    def any_below(self, priority: int) -> bool:
+        """Does any placed pod have a lower priority?"""
+        return any(other < priority for other in self._priorities)
 
     def placed_named(self, namespace: str, name: str) -> list[PlacedPod]:
         """Placed pods with this name, or of the Deployment (or ReplicaSet) with this name."""
@@ -271,6 +276,7 @@ class Cluster:
 
     def _put_on(self, record: PlacedPod, change: Change) -> None:
         self.placed[record.uid] = record
+        self._rank(record.priority, +1)
         self._by_node.setdefault(record.node, {})[record.uid] = record
         self._name(record, add=True)
         self._member(record.pod, record.node)
@@ -281,6 +287,7 @@ class Cluster:
 
     def _take_off(self, uid: str) -> None:
         record = self.placed.pop(uid)
+        self._rank(record.priority, -1)
         on_node = self._by_node[record.node]
         del on_node[uid]
         if not on_node:
@@ -301,6 +308,13 @@ class Cluster:
             self.ports.count(row, record.ports, sign)
         self.counts.count(row, record, sign)
         self.anti_affinity.count(record, sign)
+
+    def _rank(self, priority: int, sign: int) -> None:
+        count = self._priorities.get(priority, 0) + sign
+        if count:
+            self._priorities[priority] = count
+        else:
+            del self._priorities[priority]
 
     def _name(self, record: PlacedPod, *, add: bool) -> None:
         for name in _names(record.pod):

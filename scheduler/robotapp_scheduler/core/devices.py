@@ -83,6 +83,8 @@ class DeviceIndex:
         self._claims: dict[tuple[str, str], RobotClaim] = {}
         self._claim_names: dict[str, tuple[str, str]] = {}
         self._promised: dict[tuple[str, str], str] = {}
+        self._contested: dict[str, int] = {}
+        self._capable: dict[tuple[str, str, str, str], frozenset[str]] = {}
 
     def __repr__(self) -> str:
         return f"DeviceIndex({len(self._devices)} nodes, {len(self._claims)} claims, {len(self._promised)} promised)"
@@ -110,6 +112,8 @@ class DeviceIndex:
         if thing is None:
             return None
         key = (thing.node, thing.id)
+        if key not in self._claims:
+            self._contest(thing.node, +1)
         self._claims[key] = claim
         self._claim_names[claim.metadata.name] = key
         return thing.node
@@ -119,27 +123,41 @@ class DeviceIndex:
         key = self._claim_names.pop(name, None)
         if key is None:
             return None
-        self._claims.pop(key, None)
+        if self._claims.pop(key, None) is not None:
+            self._contest(key[0], -1)
         return key[0]
 
     def promise(self, pod_uid: str, grants: Iterable[DeviceGrant]) -> None:
         """Keep devices for an assumed pod until its claims are seen or it is forgotten."""
         for grant in grants:
             if grant.exclusive:
+                if (grant.node, grant.device.id) not in self._promised:
+                    self._contest(grant.node, +1)
                 self._promised[grant.node, grant.device.id] = pod_uid
 
     def release(self, pod_uid: str) -> None:
         """Drop all promises to a pod."""
         for key in [key for key, uid in self._promised.items() if uid == pod_uid]:
             del self._promised[key]
+            self._contest(key[0], -1)
 
     def of(self, node: str) -> tuple[Device, ...]:
         """Devices of a node, sorted by id."""
         return self._devices.get(node, ())
 
-    def nodes(self) -> Iterable[str]:
-        """Names of nodes that have any device."""
-        return self._devices.keys()
+    def capable(self, wish: DeviceWish) -> frozenset[str]:
+        """Names of nodes that have such a device, free or not."""
+        key = (wish.type, wish.model, wish.interface, wish.match)
+        found = self._capable.get(key)
+        if found is None:
+            found = self._capable[key] = frozenset(
+                node for node, devices in self._devices.items() if any(matches(wish, device) for device in devices)
+            )
+        return found
+
+    def contested(self, node: str) -> bool:
+        """Is any device of the node claimed or promised?"""
+        return node in self._contested
 
     def blocker(self, node: str, device: Device, holder: DeviceHolder) -> Busy | None:
         """Who stands in the way of this holder taking the device; None when it is free for it.
@@ -195,9 +213,17 @@ class DeviceIndex:
         # What is already claimed for this holder comes first: a retry must not collect a second device.
         return sorted(found, key=lambda i: (node, devices[i].id) not in self._claims)
 
+    def _contest(self, node: str, sign: int) -> None:
+        count = self._contested.get(node, 0) + sign
+        if count:
+            self._contested[node] = count
+        else:
+            self._contested.pop(node, None)
+
     def _set(self, node: str, devices: tuple[Device, ...]) -> bool:
         if self._devices.get(node, ()) == devices:
             return False
+        self._capable.clear()
         if devices:
             self._devices[node] = devices
         else:

@@ -97,8 +97,15 @@ class Verdict(NamedTuple):
     resolvable: BoolArray | bool | None = None
 
 
+class Scores(NamedTuple):
+    """Answer of `score` that is normalised in another way than the plugin's `normalize` says."""
+
+    raw: npt.NDArray[Any]
+    normalize: str
+
+
 FilterResult = BoolArray | Verdict | None
-ScoreResult = npt.NDArray[Any] | None
+ScoreResult = npt.NDArray[Any] | Scores | None
 
 
 class FilterPlugin(Protocol):
@@ -153,9 +160,10 @@ class Loaded:
                 f"unknown reads {unknown} (pod: {sorted(FEATURES)}, node: {sorted(READS)}) or "
                 f"normalize {self.normalize!r} (one of {sorted(NORMALIZERS)})",
             )
-        self.interest = Change.NONE
+        self.interest = 0
+        """Changes after which a row must be looked at again, as a plain int."""
         for name in node_reads:
-            self.interest |= READS.get(name, Change.NONE)
+            self.interest |= int(READS.get(name, Change.NONE))
         self.filter: Callable[[PodInfo, Nodes], FilterResult] | None = getattr(plugin, "filter", None)
         self.score: Callable[[PodInfo, Nodes], ScoreResult] | None = getattr(plugin, "score", None)
         self.pre_filter: Callable[[PodInfo, Nodes], PreFilter | None] | None = getattr(plugin, "pre_filter", None)
@@ -218,17 +226,17 @@ NORMALIZERS: Final[dict[str, Callable[[npt.NDArray[Any]], IntArray]]] = {
 }
 
 
-def normalized(plugin: Loaded, raw: npt.NDArray[Any]) -> IntArray:
+def normalized(plugin: str, how: str, raw: npt.NDArray[Any]) -> IntArray:
     """Scores 0…100 of the feasible rows from their raw values (the array holds only those rows).
 
     "max": 100·s // max, 0 when max is 0. "inverse": 100 - 100·s // max, 100 when max is 0.
     "minmax": int(100·((s-min)/(max-min))), 0 when all are equal. "none": the integer part.
     Raises PluginError when the result leaves 0…100.
     """
-    scores = NORMALIZERS[plugin.normalize](raw)
+    scores = NORMALIZERS[how](raw)
     if len(scores) and (scores.min() < 0 or scores.max() > MAX_SCORE):
         bad = int(scores.min()) if scores.min() < 0 else int(scores.max())
-        raise PluginError(plugin.name, f"returns an invalid score {bad}, it should in the range of [0, {MAX_SCORE}]")
+        raise PluginError(plugin, f"returns an invalid score {bad}, it should in the range of [0, {MAX_SCORE}]")
     return scores
 
 

@@ -51,6 +51,8 @@ class PodInfo:
         self.priority = pod.spec.priority
         self.member = member_of(self.labels)
         self.ros: RosContext | None = None
+        self.qos: tuple[str, str, str] | None = None
+        """(QoS class, reliability, liveliness) for the queue; None for a pod without ROS fields."""
         self._keys: dict[tuple[str, ...], tuple[Hashable, ...]] = {}
 
     def __repr__(self) -> str:

@@ -130,6 +130,10 @@ class SchedulingQueue:
             "gated": len(self._gated),
         }
 
+    def gated(self) -> list[QueuedPod]:
+        """Pods that are held before their first attempt, oldest first."""
+        return sorted((self._pods[uid] for uid in self._gated), key=lambda queued: queued.first_seen_s)
+
     # --- What the watch says ---------------------------------------------------------------------------------------
 
     def add(self, pod: Pod | PodInfo) -> None:
@@ -368,10 +372,9 @@ class SchedulingQueue:
 
     def invariant(self) -> None:
         """Raise AssertionError unless every pod is in exactly one place and every place knows only such pods."""
-        places = [
-            *self._active.ids(), *self._backoff.ids(), *self._error_backoff.ids(), *self._gated, *self._flying,
-            *(uid for uids in self._waiting.values() for uid in uids),
-        ]  # fmt: skip
+        heaps = (self._active, self._backoff, self._error_backoff)
+        places = [uid for heap in heaps for uid in heap.ids()] + [*self._gated, *self._flying]
+        places += [uid for uids in self._waiting.values() for uid in uids]
         if len(places) != len(set(places)):
             raise AssertionError(f"a pod is in two places: {sorted(places)}")
         if set(places) != set(self._pods):

@@ -1,6 +1,6 @@
 """`Nodes`: what a plugin sees. Read-only columns over all rows, or over the few rows that changed."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property
 from typing import Any, Final, NamedTuple
 
@@ -71,13 +71,21 @@ class Nodes:
         """Rows that are nodes."""
         return self._pick(self._table.valid)
 
-    def indices(self, names: Sequence[str]) -> list[int]:
+    def indices(self, names: Collection[str]) -> list[int]:
         """Positions in this view of nodes by name; names that are not in view are left out."""
         rows = [self._table.row_of.get(name) for name in names]
         if isinstance(self.rows, slice):
             return [row for row in rows if row is not None]
         position = {int(row): i for i, row in enumerate(self.rows)}
         return [position[row] for row in rows if row is not None and row in position]
+
+    def named(self, names: Collection[str]) -> BoolArray:
+        """Rows of these nodes."""
+        if isinstance(self.rows, slice):
+            mask = np.zeros(self.n, dtype=np.bool_)
+            mask[[row for name in names if (row := self._table.row_of.get(name)) is not None]] = True
+            return mask
+        return np.array([name in names for name in self.names], dtype=np.bool_)
 
     def labels_of(self, i: int) -> dict[str, str]:
         """All labels of the node at position i."""

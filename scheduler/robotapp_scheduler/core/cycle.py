@@ -1,0 +1,295 @@
+"""One attempt: gates, PreFilter, filters, scores, choice, devices, assume, and the record of why."""
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, Final
+
+from robotapp_api.model.names import PodReason
+from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.decision import Decision, failed
+from robotapp_scheduler.core.devices import DeviceGrant
+from robotapp_scheduler.core.engine import Engine
+from robotapp_scheduler.core.evaluation import Evaluation
+from robotapp_scheduler.core.explain import ExplainRing
+from robotapp_scheduler.core.framework import Code, PluginError, Status, histogram, pre_filter_message
+from robotapp_scheduler.core.groups import (
+    GROUP_EVENTS,
+    GROUP_PLUGIN,
+    PREDECESSOR_PLUGIN,
+    REPORT_AFTER_S,
+    Groups,
+    group_key,
+)
+from robotapp_scheduler.core.joint import plan_together
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.preemption import tail
+from robotapp_scheduler.core.profiles import Profile
+from robotapp_scheduler.core.queue import Gate, QueuedPod, SchedulingQueue
+from robotapp_scheduler.core.recorder import Recorder
+from robotapp_scheduler.core.resolve import qos_fields, resolve
+from robotapp_scheduler.core.ros import InvalidAnnotation
+
+ANNOTATIONS: Final = "InvalidAnnotation"
+"""Stands for a plugin name: only a change of the pod itself helps."""
+LOST_DEVICE: Final = "node(s) lost a device to another pod"
+DEVICE_PLUGIN: Final = "ROSReserve"
+
+
+class SchedulerCore:
+    """Cluster, queue and profiles wired together. Pure: whoever owns it feeds watch events and carries out decisions.
+
+    `clock` is monotonic seconds; `seed` makes ties reproducible.
+    """
+
+    def __init__(
+        self,
+        cluster: Cluster,
+        profiles: Mapping[str, Profile],
+        *,
+        clock: Callable[[], float],
+        seed: int = 0,
+        initial_backoff_s: float = 1.0,
+        max_backoff_s: float = 10.0,
+    ) -> None:
+        self.cluster = cluster
+        self.groups = Groups(cluster)
+        self.explain = ExplainRing()
+        self._clock = clock
+        self._seed = seed
+        self._engines: dict[str, Engine] = {}
+        self._events: dict[str, Change] = {}
+        self.use(profiles)
+        self.queue = SchedulingQueue(
+            clock=clock,
+            key=self._queue_key,
+            gate=self._gate,
+            events=lambda plugin: self._events.get(plugin, Change.ALL),
+            group=group_key,
+            initial_backoff_s=initial_backoff_s,
+            max_backoff_s=max_backoff_s,
+        )
+
+    def __repr__(self) -> str:
+        return f"SchedulerCore({self.cluster!r}, {self.queue!r})"
+
+    def use(self, profiles: Mapping[str, Profile]) -> None:
+        """Swap the profiles, between two attempts. Cached results go with the old ones."""
+        self._engines = {name: Engine(profile, self.cluster) for name, profile in profiles.items()}
+        self._events = {ANNOTATIONS: Change.NONE, GROUP_PLUGIN: GROUP_EVENTS, PREDECESSOR_PLUGIN: GROUP_EVENTS}
+        for profile in profiles.values():
+            self._events.update({name: loaded.events for name, loaded in profile.all.items()})
+
+    def engine(self, scheduler_name: str) -> Engine:
+        """The engine of a profile. Raises KeyError for a schedulerName that is not ours."""
+        return self._engines[scheduler_name]
+
+    def decisions(self) -> dict[tuple[str, str, str], int]:
+        """(plugin, point, result) → pods over all profiles, for scheduler_plugin_decisions_total."""
+        total: dict[tuple[str, str, str], int] = {}
+        for engine in self._engines.values():
+            for key, count in engine.decisions.items():
+                total[key] = total.get(key, 0) + count
+        return total
+
+    def held(self) -> list[tuple[QueuedPod, Gate]]:
+        """Pods whose group has been incomplete for 30 s or longer, with what is missing."""
+        limit = self._clock() - REPORT_AFTER_S
+        return [
+            (queued, queued.gate)
+            for queued in self.queue.gated()
+            if queued.gate is not None and queued.gate.code and queued.first_seen_s <= limit
+        ]
+
+    # --- Attempts ------------------------------------------------------------------------------------------------
+
+    def schedule(self, batch: Iterable[QueuedPod], *, exclude: frozenset[str] = frozenset()) -> list[Decision]:
+        """Place popped pods; those of one app instance against each other. Placed pods are assumed.
+
+        `exclude` names nodes that were refused at reserve: the next best is tried in the same cycle.
+        """
+        pods = list(batch)
+        if len(pods) == 1:
+            decisions = [self.schedule_one(pods[0].info, exclude=exclude, attempt=pods[0].attempts)]
+        else:
+            attempts = {queued.info.uid: queued.attempts for queued in pods}
+            decisions = plan_together(self, [queued.info for queued in pods], attempts)
+        by_uid = {queued.info.uid: queued for queued in pods}
+        for decision in decisions:
+            decision.queued = by_uid[decision.pod.uid]
+        return decisions
+
+    def schedule_one(
+        self, pod: PodInfo, *, exclude: frozenset[str] = frozenset(), assume: bool = True, attempt: int = 1
+    ) -> Decision:
+        """One pod. Never raises for what a pod or a plugin does wrong: that becomes a decision with code Error."""
+        engine = self._engines.get(pod.scheduler_name)
+        if engine is None:
+            return failed(pod, f"no profile named {pod.scheduler_name}")
+        recorder = Recorder(self.cluster, engine, at_s=self._clock(), seed=self._seed, attempt=attempt)
+        try:
+            decision = self._attempt(pod, engine, exclude, recorder)
+        except (PluginError, ValueError, OverflowError) as error:
+            decision = failed(pod, str(error), nodes=self.cluster.nodes.count)
+        if assume and decision.node is not None:
+            self.cluster.assume(pod, decision.node, decision.grants)
+        self.explain.add(recorder.record(decision))
+        return decision
+
+    def room(self, pod: PodInfo) -> int:
+        """How many nodes would take the pod now; -1 when it cannot be tried at all."""
+        try:
+            if pod.scheduler_name not in self._engines or self.prepare(pod) is not None:
+                return -1
+            engine = self._engines[pod.scheduler_name]
+            narrowed = engine.pre_filter(pod)
+            return -1 if narrowed.status is not None else engine.evaluate(pod, narrowed.names).feasible
+        except (PluginError, ValueError, OverflowError):
+            return -1
+
+    def prepare(self, pod: PodInfo) -> Decision | None:
+        """Resolve the pod's ROS wishes; a decision when it cannot be tried at all."""
+        if pod.deleting:
+            return failed(pod, f"skip schedule deleting pod: {pod.key}")
+        engine = self._engines[pod.scheduler_name]
+        pod.ros = None
+        if not engine.profile.uses_ros:
+            return None
+        request = pod.ros_request if pod.member is None else None
+        if isinstance(request, InvalidAnnotation):
+            return Decision(
+                pod=pod,
+                code=Code.UNRESOLVABLE,
+                message=request.message,
+                reason=PodReason.INVALID_ANNOTATION,
+                rejected_by=frozenset({ANNOTATIONS}),
+                nodes=self.cluster.nodes.count,
+            )
+        gate = self.groups.gate(pod)
+        if gate is not None:
+            return _held(pod, gate)
+        pod.ros = resolve(pod, self.cluster)
+        return None
+
+    def _attempt(self, pod: PodInfo, engine: Engine, exclude: frozenset[str], recorder: Recorder) -> Decision:
+        early = self.prepare(pod)
+        if early is not None:
+            return early
+        count = self.cluster.nodes.count
+        if count == 0:
+            return Decision(pod=pod, code=Code.UNSCHEDULABLE, message=histogram(0, {}))
+        narrowed = engine.pre_filter(pod)
+        if narrowed.status is not None:
+            return self._rejected_early(pod, narrowed.status, count)
+        names = narrowed.names
+        if names is not None and not any(name in self.cluster.nodes.row_of for name in names):
+            names = frozenset()
+        evaluation = engine.evaluate(pod, names)
+        recorder.filtered(evaluation)
+        if evaluation.feasible == 0:
+            return self._unschedulable(pod, evaluation, narrowed.plugins, names)
+        return self._choose(pod, engine, evaluation, exclude, recorder)
+
+    def _choose(
+        self, pod: PodInfo, engine: Engine, evaluation: Evaluation, exclude: frozenset[str], recorder: Recorder
+    ) -> Decision:
+        blocked = {name for name in exclude if name in self.cluster.nodes.row_of}
+        if blocked:
+            evaluation = evaluation.without([self.cluster.nodes.row_of[name] for name in blocked])
+            if evaluation.feasible == 0:
+                return self._lost_all(pod, evaluation, len(blocked))
+        total = 0
+        if evaluation.feasible > 1:
+            engine.score(pod, evaluation)
+            ties = evaluation.best()
+            position = engine.choose(pod, evaluation, ties, self._seed)
+            total = int(evaluation.total[position])
+            recorder.scored(evaluation, position)
+        else:
+            position = int((evaluation.reason == 0).argmax())
+        node = engine.name_of(evaluation, position)
+        return Decision(
+            pod=pod,
+            code=Code.SUCCESS,
+            node=node,
+            grants=self._grants(pod, node),
+            nodes=self.cluster.nodes.count,
+            feasible=evaluation.feasible,
+            total=total,
+        )
+
+    def _grants(self, pod: PodInfo, node: str) -> tuple[DeviceGrant, ...]:
+        ros = pod.ros
+        if ros is None or not ros.devices or ros.holder is None:
+            return ()
+        return self.cluster.devices.choose(ros.devices, node, ros.holder) or ()
+
+    # --- Refusals ------------------------------------------------------------------------------------------------
+
+    def _rejected_early(self, pod: PodInfo, status: Status, count: int) -> Decision:
+        return Decision(
+            pod=pod,
+            code=status.code,
+            message=pre_filter_message(count, status.reason) + tail(self.cluster, pod, None, status=status),
+            rejected_by=frozenset({status.plugin}),
+            nodes=count,
+        )
+
+    def _unschedulable(
+        self, pod: PodInfo, evaluation: Evaluation, narrowing: tuple[str, ...], names: frozenset[str] | None
+    ) -> Decision:
+        count = self.cluster.nodes.count
+        texts = evaluation.texts()
+        plugins = {evaluation.reasons.values[code].plugin for code in evaluation.counts()}
+        outside = count - len(evaluation.reason) if names is not None else 0
+        if outside:
+            text = f"node(s) didn't satisfy plugin(s) [{' '.join(sorted(narrowing))}]"
+            texts[text] = texts.get(text, 0) + outside
+            plugins.update(narrowing)
+        return Decision(
+            pod=pod,
+            code=Code.UNSCHEDULABLE,
+            message=histogram(count, texts) + tail(self.cluster, pod, evaluation, outside=outside),
+            rejected_by=frozenset(plugins),
+            nodes=count,
+        )
+
+    def _lost_all(self, pod: PodInfo, evaluation: Evaluation, blocked: int) -> Decision:
+        texts = evaluation.texts()
+        texts[LOST_DEVICE] = blocked
+        return Decision(
+            pod=pod,
+            code=Code.UNSCHEDULABLE,
+            message=histogram(self.cluster.nodes.count, texts),
+            rejected_by=frozenset({DEVICE_PLUGIN}),
+            nodes=self.cluster.nodes.count,
+        )
+
+    # --- Wiring of the queue -------------------------------------------------------------------------------------
+
+    def _queue_key(self, pod: PodInfo, queued_s: float) -> tuple[Any, ...]:
+        engine = self._engines.get(pod.scheduler_name)
+        if engine is None:
+            return (-pod.priority, queued_s)
+        pod.qos = qos_fields(pod, self.cluster.apps)
+        key: tuple[Any, ...] = engine.profile.queue_sort.plugin.queue_key(pod, queued_s)
+        return key
+
+    def _gate(self, pod: PodInfo) -> Gate | None:
+        engine = self._engines.get(pod.scheduler_name)
+        if engine is None:
+            return None
+        for loaded in engine.profile.pre_enqueue:
+            status = loaded.pre_enqueue(pod) if loaded.pre_enqueue is not None else None
+            if status is not None and status.code is not Code.SUCCESS:
+                return Gate(plugin=loaded.name, reason=status.reason, events=loaded.events)
+        return self.groups.gate(pod) if engine.profile.uses_ros else None
+
+
+def _held(pod: PodInfo, gate: Gate) -> Decision:
+    return Decision(
+        pod=pod,
+        code=Code.PENDING,
+        message=gate.reason,
+        reason=PodReason(gate.code),
+        rejected_by=frozenset({gate.plugin}),
+    )

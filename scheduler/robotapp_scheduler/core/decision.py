@@ -1,0 +1,64 @@
+"""The outcome of one attempt to place one pod."""
+
+from typing import TYPE_CHECKING
+
+from robotapp_api.model.names import PodReason
+from robotapp_scheduler.core.devices import DeviceGrant
+from robotapp_scheduler.core.framework import Code
+from robotapp_scheduler.core.pods import PodInfo
+
+if TYPE_CHECKING:
+    from robotapp_scheduler.core.queue import QueuedPod
+
+
+class Decision:
+    """A node, or why there is none.
+
+    With `node` the pod is already assumed there; the claims in `grants` must be made before the bind.
+    Without, `message` is kube-scheduler's text for event and condition, `reason` the condition's reason, and
+    `rejected_by` the plugins whose events may help (empty = an error: retried after back-off).
+    """
+
+    __slots__ = (
+        "code", "feasible", "grants", "message", "node", "nodes", "pod", "queued", "reason", "rejected_by", "total",
+    )  # fmt: skip
+
+    def __init__(
+        self,
+        *,
+        pod: PodInfo,
+        code: Code,
+        node: str | None = None,
+        message: str = "",
+        reason: PodReason = PodReason.UNSCHEDULABLE,
+        rejected_by: frozenset[str] = frozenset(),
+        grants: tuple[DeviceGrant, ...] = (),
+        nodes: int = 0,
+        feasible: int = 0,
+        total: int = 0,
+    ) -> None:
+        self.pod = pod
+        self.code = code
+        self.node = node
+        self.message = message
+        self.reason = reason
+        self.rejected_by = rejected_by
+        self.grants = grants
+        self.nodes = nodes
+        self.feasible = feasible
+        self.total = total
+        """Weighted total of the chosen node; 0 when only one node was feasible and nothing was scored."""
+        self.queued: QueuedPod | None = None
+
+    def __repr__(self) -> str:
+        return f"Decision({self.pod.key}: {self.node or self.message!r})"
+
+    @property
+    def placed(self) -> bool:
+        """Has the pod got a node?"""
+        return self.node is not None
+
+
+def failed(pod: PodInfo, message: str, *, nodes: int = 0) -> Decision:
+    """Something broke: SchedulerError, retried after back-off."""
+    return Decision(pod=pod, code=Code.ERROR, message=message, reason=PodReason.SCHEDULER_ERROR, nodes=nodes)

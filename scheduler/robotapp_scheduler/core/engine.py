@@ -1,0 +1,167 @@
+"""One profile at work on the cluster: pod classes found or made, evaluated, and the best node chosen."""
+
+from collections import OrderedDict
+from collections.abc import Hashable
+from hashlib import blake2b
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from robotapp_scheduler.core.classes import ColumnCache, FilterColumn, Reasons, ScoreColumn
+from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.evaluation import Evaluation
+from robotapp_scheduler.core.framework import Code, Status
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.profiles import Profile
+from robotapp_scheduler.core.view import Nodes
+
+CLASS_BYTES: Final = 100_000_000
+BYTES_PER_ROW: Final = 300
+"""What a class with columns of its own costs per node, at worst."""
+
+
+class Narrowed(NamedTuple):
+    """What the pre_filter hooks left: names (None = all nodes) and the plugins that narrowed, or a rejection."""
+
+    names: frozenset[str] | None
+    plugins: tuple[str, ...]
+    status: Status | None
+
+
+class Engine:
+    """Evaluates pods for one profile. Keeps results per class; `caching=False` computes everything each time."""
+
+    def __init__(self, profile: Profile, cluster: Cluster, *, caching: bool = True) -> None:
+        self.profile = profile
+        self._cluster = cluster
+        self._caching = caching
+        self._reasons = Reasons()
+        self._columns = ColumnCache(self._reasons)
+        self._classes: OrderedDict[Hashable, Evaluation] = OrderedDict()
+        self.decisions: dict[tuple[str, str, str], int] = {}
+        """(plugin, point, result) → pods, for scheduler_plugin_decisions_total."""
+
+    def __repr__(self) -> str:
+        return f"Engine({self.profile.scheduler_name}, {len(self._classes)} classes)"
+
+    # --- PreFilter -----------------------------------------------------------------------------------------------
+
+    def pre_filter(self, pod: PodInfo) -> Narrowed:
+        """Run all pre_filter hooks: intersect the node names they allow; an unresolvable rejection ends it at once."""
+        names: frozenset[str] | None = None
+        plugins: list[str] = []
+        rejection: Status | None = None
+        nodes = Nodes(self._cluster)
+        for loaded in self.profile.pre_filters:
+            answer = loaded.pre_filter(pod, nodes) if loaded.pre_filter is not None else None
+            if answer is None:
+                continue
+            if answer.status is not None and answer.status.code is not Code.SUCCESS:
+                self._count(loaded.name, "pre_filter", "reject")
+                status = answer.status._replace(plugin=loaded.name)
+                if status.code is not Code.UNSCHEDULABLE:
+                    return Narrowed(None, (loaded.name,), status)
+                rejection = rejection or status
+            if answer.names is not None:
+                plugins.append(loaded.name)
+                names = answer.names if names is None else names & answer.names
+                if not names:
+                    return Narrowed(frozenset(), tuple(plugins), _nothing_left(plugins))
+        return Narrowed(names, tuple(plugins), rejection)
+
+    # --- Evaluation ----------------------------------------------------------------------------------------------
+
+    def evaluate(self, pod: PodInfo, names: frozenset[str] | None) -> Evaluation:
+        """First reason per row for this pod. `names` limits the rows; then nothing is cached."""
+        if names is not None:
+            rows = sorted(row for name in names if (row := self._cluster.nodes.row_of.get(name)) is not None)
+            nodes = Nodes(self._cluster, rows)
+            evaluation = self._fresh()
+            evaluation.compute_filters(pod, nodes)
+        else:
+            evaluation = self._class_of(pod)
+            evaluation.refresh_filters(pod, self._cluster, Nodes(self._cluster))
+        self._count_filters(evaluation)
+        return evaluation
+
+    def score(self, pod: PodInfo, evaluation: Evaluation) -> None:
+        """Totals for the feasible rows. Raises PluginError."""
+        if evaluation.rows is not None:
+            evaluation.compute_scores(pod, Nodes(self._cluster, [int(row) for row in evaluation.rows]))
+        else:
+            evaluation.refresh_scores(pod, self._cluster, Nodes(self._cluster))
+        for column in evaluation.scores:
+            self._count(column.plugin.name, "score", "skip" if column.skipped else "score")
+
+    def name_of(self, evaluation: Evaluation, position: int) -> str:
+        """Node name at a position of an evaluation."""
+        row = position if evaluation.rows is None else int(evaluation.rows[position])
+        return self._cluster.nodes.names[row]
+
+    def _class_of(self, pod: PodInfo) -> Evaluation:
+        if not self._caching:
+            return self._fresh()
+        key = pod.features(self.profile.reads)
+        evaluation = self._classes.get(key)
+        if evaluation is not None:
+            self._classes.move_to_end(key)
+            return evaluation
+        filters = [self._columns.filter(p, pod) for p in self.profile.filters]
+        scores = [self._columns.score(p, pod) for p in self.profile.scores]
+        evaluation = self._classes[key] = Evaluation(filters, scores, self._reasons)
+        if len(self._classes) > self._most_classes():
+            self._classes.popitem(last=False)
+        return evaluation
+
+    def _most_classes(self) -> int:
+        size = max(self._cluster.nodes.size, 1)
+        return max(32, min(512, CLASS_BYTES // (BYTES_PER_ROW * size)))
+
+    def _fresh(self) -> Evaluation:
+        filters = [FilterColumn(p, self._reasons) for p in self.profile.filters]
+        return Evaluation(filters, [ScoreColumn(p) for p in self.profile.scores], self._reasons)
+
+    # --- Choice --------------------------------------------------------------------------------------------------
+
+    def choose(self, pod: PodInfo, evaluation: Evaluation, ties: npt.NDArray[np.intp], seed: int) -> int:
+        """One of the best positions, by a hash of (seed, pod uid, node name): the same inputs choose the same node."""
+        if len(ties) == 1:
+            return int(ties[0])
+        rows = ties if evaluation.rows is None else evaluation.rows[ties]
+        hashes = mixed(self._cluster.nodes.name_hash[rows], pod_hash(pod.uid, seed))
+        return int(ties[int(hashes.argmin())])
+
+    # --- Counting ------------------------------------------------------------------------------------------------
+
+    def _count(self, plugin: str, point: str, result: str) -> None:
+        key = (plugin, point, result)
+        self.decisions[key] = self.decisions.get(key, 0) + 1
+
+    def _count_filters(self, evaluation: Evaluation) -> None:
+        values = self._reasons.values
+        rejecting = {values[code].plugin for code in evaluation.counts()}
+        for column in evaluation.filters:
+            name = column.plugin.name
+            self._count(name, "filter", "skip" if column.skipped else "reject" if name in rejecting else "pass")
+
+
+def _nothing_left(plugins: list[str]) -> Status:
+    several = len(plugins) > 1
+    text = f"[{' '.join(plugins)}] simultaneously" if several else plugins[0]
+    label = "plugin(s)" if several else "plugin"
+    return Status(Code.UNRESOLVABLE, f"node(s) didn't satisfy {label} {text}", plugins[-1])
+
+
+def pod_hash(uid: str, seed: int) -> int:
+    """64 bits of a pod uid and the tie-break seed."""
+    return int.from_bytes(blake2b(f"{seed}/{uid}".encode(), digest_size=8).digest(), "little")
+
+
+def mixed(names: npt.NDArray[np.uint64], pod: int) -> npt.NDArray[np.uint64]:
+    """Well spread 64-bit values from node name hashes and one pod hash (the finaliser of splitmix64)."""
+    value = names ^ np.uint64(pod)
+    value = (value ^ (value >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    value = (value ^ (value >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    mixed_value: npt.NDArray[np.uint64] = value ^ (value >> np.uint64(31))
+    return mixed_value

@@ -1,0 +1,116 @@
+"""Why a pod went where it went: one bounded record per pod, kept in a ring."""
+
+from collections import OrderedDict
+from typing import Any, Final
+
+import msgspec
+
+KEPT: Final = 2000
+TOP: Final = 10
+EXAMPLES: Final = 3
+
+
+class Example(msgspec.Struct, frozen=True, gc=False, rename="camel"):
+    """One node a reason applied to; `number` is what the plugin measured there."""
+
+    node: str
+    number: float | None = None
+
+
+class Refusal(msgspec.Struct, frozen=True, gc=False, rename="camel"):
+    """One reason: which plugin, how many nodes, three of them."""
+
+    plugin: str
+    reason: str
+    nodes: int
+    unit: str = ""
+    examples: tuple[Example, ...] = ()
+
+
+class Top(msgspec.Struct, frozen=True, gc=False, rename="camel"):
+    """The best nodes, the chosen one first: totals, and per plugin the normalised score on each of them."""
+
+    nodes: tuple[str, ...] = ()
+    totals: tuple[int, ...] = ()
+    weights: dict[str, int] = {}
+    scores: dict[str, tuple[int, ...]] = {}
+    shadow: tuple[str, ...] = ()
+    """Plugins that are scored but not counted in the totals."""
+
+
+class EdgeView(msgspec.Struct, frozen=True, gc=False, rename="camel"):
+    """A connection of the pod from its chosen node: RTT against budget, and how the RTT is known."""
+
+    what: str
+    peer_node: str
+    rtt_ms: float | None
+    budget_ms: float | None
+    source: str
+    """measured (this pair), estimated (zones) or unknown."""
+    met: bool | None
+
+
+class Record(msgspec.Struct, gc=False, rename="camel"):
+    """One decision. `at_s` is the scheduler's monotonic clock."""
+
+    namespace: str
+    name: str
+    uid: str
+    at_s: float
+    profile: str
+    config_hash: str
+    attempt: int
+    node: str | None
+    message: str
+    nodes: int
+    feasible: int
+    refusals: tuple[Refusal, ...] = ()
+    top: Top = msgspec.field(default_factory=Top)
+    runner_up: str | None = None
+    edges: tuple[EdgeView, ...] = ()
+    devices: tuple[str, ...] = ()
+    seed: int = 0
+    """Tie-break seed: with pod uid and node names it reproduces the choice among equal totals."""
+
+
+class ExplainRing:
+    """The latest record of up to `kept` pods, oldest dropped first."""
+
+    def __init__(self, kept: int = KEPT) -> None:
+        self._kept = kept
+        self._records: OrderedDict[str, Record] = OrderedDict()
+        self._by_name: dict[tuple[str, str], str] = {}
+
+    def __len__(self) -> int:
+        return len(self._records)
+
+    def __repr__(self) -> str:
+        return f"ExplainRing({len(self._records)} of {self._kept})"
+
+    def add(self, record: Record) -> None:
+        """Keep a record in place of an older one of the same pod."""
+        self._records.pop(record.uid, None)
+        self._records[record.uid] = record
+        self._by_name[record.namespace, record.name] = record.uid
+        if len(self._records) > self._kept:
+            _, old = self._records.popitem(last=False)
+            if self._by_name.get((old.namespace, old.name)) == old.uid:
+                del self._by_name[old.namespace, old.name]
+
+    def get(self, uid: str) -> Record | None:
+        """By pod uid."""
+        return self._records.get(uid)
+
+    def find(self, namespace: str, name: str) -> Record | None:
+        """By name: the pod of this name that was tried last."""
+        uid = self._by_name.get((namespace, name))
+        return self._records.get(uid) if uid is not None else None
+
+    def latest(self, count: int) -> list[Record]:
+        """The newest records first."""
+        return list(reversed(self._records.values()))[:count]
+
+
+def as_json(record: Record) -> dict[str, Any]:
+    """Plain JSON of a record, camelCase."""
+    return dict(msgspec.to_builtins(record))

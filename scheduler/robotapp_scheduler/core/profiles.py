@@ -1,0 +1,220 @@
+"""A scheduling profile: which plugins run at which point, in which order, with which weights and arguments.
+
+Built from the `plugins` and `pluginConfig` blocks of a KubeSchedulerConfiguration by upstream's merge rules.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from hashlib import sha256
+from typing import Any, Final
+
+import msgspec
+
+from robotapp_scheduler.core.framework import Loaded, NoArgs
+
+POINTS: Final = {
+    "preEnqueue": "pre_enqueue",
+    "queueSort": "queue_key",
+    "preFilter": "pre_filter",
+    "filter": "filter",
+    "preScore": "pre_score",
+    "score": "score",
+    "reserve": "reserve",
+    "permit": "permit",
+    "preBind": "pre_bind",
+    "bind": "bind",
+    "postBind": "post_bind",
+}
+"""Extension points of the configuration and the hook that makes a plugin take part."""
+IGNORED_POINTS: Final = ("postFilter",)
+
+
+class ConfigError(Exception):
+    """A configuration that cannot be used; `problems` name the path and what is allowed."""
+
+    def __init__(self, problems: Sequence[str]) -> None:
+        super().__init__("; ".join(problems))
+        self.problems = tuple(problems)
+
+
+class PluginRef(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A plugin named in the configuration. A weight of 0 means 1, as upstream."""
+
+    name: str
+    weight: int = 0
+
+
+class PluginSet(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """enabled and disabled plugins of one point; disabled "*" removes all defaults."""
+
+    enabled: tuple[PluginRef, ...] = ()
+    disabled: tuple[PluginRef, ...] = ()
+
+
+class ProfileSpec(msgspec.Struct, frozen=True):
+    """What the configuration says about one profile."""
+
+    scheduler_name: str
+    plugins: Mapping[str, PluginSet] = {}
+    """Per point, and "multiPoint"."""
+    plugin_config: Mapping[str, Mapping[str, Any]] = {}
+    """Plugin name → raw arguments."""
+
+
+class Catalogue(msgspec.Struct, frozen=True):
+    """Known plugin classes by name and the default multiPoint list with weights."""
+
+    classes: Mapping[str, type]
+    defaults: tuple[PluginRef, ...]
+
+
+class Profile:
+    """The plugins of one schedulerName, ready to run."""
+
+    def __init__(self, scheduler_name: str, plugins: Mapping[str, Sequence[Loaded]], config_hash: str) -> None:
+        self.scheduler_name = scheduler_name
+        self.config_hash = config_hash
+        self.pre_enqueue = tuple(plugins.get("preEnqueue", ()))
+        self.queue_sort = plugins["queueSort"][0]
+        self.pre_filters = tuple(plugins.get("preFilter", ()))
+        self.filters = tuple(plugins.get("filter", ()))
+        self.scores = tuple(plugins.get("score", ()))
+        self.reserves = tuple(plugins.get("reserve", ()))
+        self.permits = tuple(plugins.get("permit", ()))
+        self.pre_binds = tuple(plugins.get("preBind", ()))
+        self.post_binds = tuple(plugins.get("postBind", ()))
+        self.all = {loaded.name: loaded for chain in plugins.values() for loaded in chain}
+        self.reads = tuple(sorted({name for loaded in (*self.filters, *self.scores) for name in loaded.reads}))
+        """Features of the class key."""
+        self.uses_ros = "ros" in self.reads or any(getattr(p.plugin, "ros", False) for p in self.all.values())
+
+    def __repr__(self) -> str:
+        return f"Profile({self.scheduler_name}, {len(self.filters)} filters, {len(self.scores)} scores)"
+
+
+def build_profiles(specs: Iterable[ProfileSpec], catalogue: Catalogue) -> dict[str, Profile]:
+    """All profiles by schedulerName. Raises ConfigError with every problem found."""
+    problems: list[str] = []
+    profiles: dict[str, Profile] = {}
+    for i, spec in enumerate(specs):
+        path = f"profiles[{i}]"
+        if spec.scheduler_name in profiles:
+            problems.append(f"{path}.schedulerName: {spec.scheduler_name!r} is used twice")
+        profile = _build(spec, catalogue, path, problems)
+        if profile is not None:
+            profiles[spec.scheduler_name] = profile
+    sorts = {profile.queue_sort.name for profile in profiles.values()}
+    if len(sorts) > 1:
+        problems.append(f"profiles: queueSort must be the same for all profiles, found {', '.join(sorted(sorts))}")
+    if problems:
+        raise ConfigError(problems)
+    return profiles
+
+
+def _build(spec: ProfileSpec, catalogue: Catalogue, path: str, problems: list[str]) -> Profile | None:
+    before = len(problems)
+    points = expand(spec.plugins, catalogue, path, problems)
+    loaded: dict[str, Any] = {}
+    for name in dict.fromkeys(ref.name for refs in points.values() for ref in refs):
+        plugin = _instance(name, spec.plugin_config.get(name), catalogue, path, problems)
+        if plugin is not None:
+            loaded[name] = plugin
+    problems.extend(
+        f"{path}.pluginConfig: {name!r} is not an enabled plugin of this scheduler"
+        for name in spec.plugin_config
+        if name not in loaded and name not in catalogue.classes
+    )
+    if len(points["queueSort"]) != 1:
+        problems.append(f"{path}.plugins.queueSort: only one queue sort plugin can be enabled")
+    if not points["bind"]:
+        problems.append(f"{path}.plugins.bind: at least one bind plugin is needed")
+    if len(problems) > before:
+        return None
+    config_hash = sha256(msgspec.json.encode([points, spec.plugin_config], order="deterministic")).hexdigest()[:12]
+    chains = {
+        point: [
+            Loaded(plugin, weight=ref.weight or 1, shadow=shadow)
+            for ref in refs
+            for plugin, shadow in [loaded[ref.name]]
+        ]
+        for point, refs in points.items()
+    }
+    return Profile(spec.scheduler_name, chains, config_hash)
+
+
+def _instance(
+    name: str, raw: Mapping[str, Any] | None, catalogue: Catalogue, path: str, problems: list[str]
+) -> tuple[Any, bool] | None:
+    """(plugin, shadow). `shadow: true` is an argument every plugin understands."""
+    cls = catalogue.classes.get(name)
+    if cls is None:
+        problems.append(f"{path}.plugins: unknown plugin {name!r}; known: {', '.join(sorted(catalogue.classes))}")
+        return None
+    values = dict(raw or {})
+    values.pop("apiVersion", None), values.pop("kind", None)
+    shadow = values.pop("shadow", False)
+    if not isinstance(shadow, bool):
+        problems.append(f"{path}.pluginConfig[{name}].args.shadow: expected true or false, got {shadow!r}")
+        return None
+    kind: type[msgspec.Struct] = getattr(cls, "Args", NoArgs)
+    try:
+        args = msgspec.convert(values, kind)
+        return (cls(args) if kind is not NoArgs else cls()), shadow
+    except (msgspec.ValidationError, ValueError) as error:
+        problems.append(f"{path}.pluginConfig[{name}].args: {error}")
+        return None
+
+
+def expand(
+    plugins: Mapping[str, PluginSet], catalogue: Catalogue, path: str, problems: list[str]
+) -> dict[str, list[PluginRef]]:
+    """Plugins per point: the point's own list merged with the expanded multiPoint list.
+
+    The profile's list is appended to the defaults, the same name replaces in place, `disabled` removes. At each point
+    come first the plugins named in both lists (in the point's order), then the other multiPoint ones, then those
+    named only at the point.
+    """
+    known = {"multiPoint", *POINTS, *IGNORED_POINTS}
+    problems.extend(
+        f"{path}.plugins.{point}: unknown extension point; known: {', '.join(POINTS)}"
+        for point in plugins
+        if point not in known
+    )
+    multi = _merged(catalogue.defaults, plugins.get("multiPoint", PluginSet()), f"{path}.plugins.multiPoint", problems)
+    result: dict[str, list[PluginRef]] = {}
+    for point, hook in POINTS.items():
+        own = plugins.get(point, PluginSet())
+        _no_duplicates(own.enabled, f"{path}.plugins.{point}", problems)
+        removed = {ref.name for ref in own.disabled}
+        named = {ref.name: ref for ref in own.enabled}
+        spread = [
+            ref
+            for ref in multi
+            if hasattr(catalogue.classes.get(ref.name), hook) and (ref.name in named or not removed & {ref.name, "*"})
+        ]
+        in_both = [ref for ref in own.enabled if any(other.name == ref.name for other in spread)]
+        weights = {ref.name: ref.weight for ref in spread}
+        both = [PluginRef(ref.name, ref.weight or weights[ref.name]) for ref in in_both]
+        rest = [ref for ref in spread if ref.name not in named]
+        only = [ref for ref in own.enabled if ref not in in_both]
+        problems.extend(
+            f"{path}.plugins.{point}: plugin {ref.name!r} does not take part at this point"
+            for ref in only
+            if ref.name in catalogue.classes and not hasattr(catalogue.classes[ref.name], hook)
+        )
+        result[point] = [*both, *rest, *only]
+    return result
+
+
+def _merged(defaults: Sequence[PluginRef], custom: PluginSet, path: str, problems: list[str]) -> list[PluginRef]:
+    _no_duplicates(custom.enabled, path, problems)
+    removed = {ref.name for ref in custom.disabled}
+    replaced = {ref.name: ref for ref in custom.enabled}
+    kept = [replaced.pop(ref.name, ref) for ref in defaults if not removed & {ref.name, "*"}]
+    return kept + [ref for ref in custom.enabled if ref.name in replaced]
+
+
+def _no_duplicates(refs: Sequence[PluginRef], path: str, problems: list[str]) -> None:
+    names = [ref.name for ref in refs]
+    problems.extend(
+        f"{path}: plugin {name!r} is enabled twice" for name in dict.fromkeys(names) if names.count(name) > 1
+    )

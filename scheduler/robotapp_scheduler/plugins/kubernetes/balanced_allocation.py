@@ -1,0 +1,88 @@
+"""NodeResourcesBalancedAllocation: prefer nodes whose resources are used evenly."""
+
+from collections.abc import Sequence
+
+import msgspec
+import numpy as np
+
+from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.columns import BoolArray, FloatArray, IntArray
+from robotapp_scheduler.core.framework import MAX_SCORE, ScoreResult
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.view import Nodes
+from robotapp_scheduler.plugins.kubernetes.fit_strategies import ResourceWeight
+from robotapp_scheduler.plugins.kubernetes.resources_fit import NATIVE
+
+
+class BalancedArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
+    """Arguments as upstream; compatVersion "1.35" scores the balance itself, "1.37" the change in balance."""
+
+    resources: tuple[ResourceWeight, ...] = (ResourceWeight("cpu"), ResourceWeight("memory"))
+    compat_version: str = "1.37"
+
+
+class NodeResourcesBalancedAllocation:
+    """Score on real requests, in float64 and in upstream's order of operations."""
+
+    name = "NodeResourcesBalancedAllocation"
+    reads = ("requests",)
+    node_reads = ("allocatable", "requested")
+    row_local = True
+    events = Change.NONE
+    Args = BalancedArgs
+
+    def __init__(self, args: BalancedArgs | None = None) -> None:
+        args = args or BalancedArgs()
+        if args.compat_version not in {"1.35", "1.37"}:
+            raise ValueError(f"compatVersion: {args.compat_version!r} is unknown; allowed: 1.35, 1.37")
+        self._names = tuple(resource.name for resource in args.resources)
+        self._change = args.compat_version == "1.37"
+
+    def score(self, pod: PodInfo, nodes: Nodes) -> ScoreResult:
+        """50…100, 75 where the pod changes nothing (1.37); no opinion when it asks for none of the resources."""
+        wanted = pod.requests.exact
+        if not any(wanted.get(name, 0) for name in self._names):
+            return None
+        names = [name for name in self._names if name in NATIVE or wanted.get(name, 0)]
+        capacities = [nodes.allocatable(name) for name in names]
+        before = [nodes.requested(name) for name in names]
+        after = [use + wanted.get(name, 0) for name, use in zip(names, before, strict=True)]
+        balance = _balance(after, capacities, nodes.n)
+        if not self._change:
+            return balance
+        return 50 + (50 + balance - _balance(before, capacities, nodes.n)) // 2
+
+
+def _balance(used: Sequence[IntArray], capacities: Sequence[IntArray], rows: int) -> IntArray:
+    """int((1 - std of the used fractions)·100); resources a node does not offer are left out."""
+    offered = [capacity > 0 for capacity in capacities]
+    fractions = [np.minimum(use / np.maximum(c, 1), 1.0) for use, c in zip(used, capacities, strict=True)]
+    if len(fractions) == 2 and offered[0].all() and offered[1].all():
+        return _score(np.abs((fractions[0] - fractions[1]) / 2.0))
+    count = np.zeros(rows, dtype=np.int64)
+    total = np.zeros(rows)
+    for fraction, there in zip(fractions, offered, strict=True):
+        count += there
+        total += np.where(there, fraction, 0.0)
+    mean = total / np.maximum(count, 1)
+    squares = np.zeros(rows)
+    for fraction, there in zip(fractions, offered, strict=True):
+        squares += np.where(there, (fraction - mean) * (fraction - mean), 0.0)
+    spread = np.sqrt(squares / np.maximum(count, 1))
+    return _score(np.where(count > 2, spread, np.where(count == 2, _pair(fractions, offered, rows), 0.0)))
+
+
+def _pair(fractions: Sequence[FloatArray], offered: Sequence[BoolArray], rows: int) -> FloatArray:
+    """abs((f0 - f1)/2) of the two resources a row offers; upstream has this shortcut, which rounds differently."""
+    first = np.full(rows, np.nan)
+    second = np.full(rows, np.nan)
+    for fraction, there in zip(fractions, offered, strict=True):
+        empty = np.isnan(first)
+        np.copyto(second, fraction, where=there & ~empty & np.isnan(second))
+        np.copyto(first, fraction, where=there & empty)
+    half: FloatArray = np.abs((first - second) / 2.0)
+    return half
+
+
+def _score(spread: FloatArray) -> IntArray:
+    return ((1.0 - np.nan_to_num(spread)) * float(MAX_SCORE)).astype(np.int64)

@@ -1,0 +1,117 @@
+"""The three scoring strategies of NodeResourcesFit, with Go's integer arithmetic."""
+
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from robotapp_scheduler.core.columns import IntArray
+from robotapp_scheduler.plugins.kubernetes.resource_math import half_away, percent
+
+Strategy = Callable[[Sequence[IntArray], Sequence[IntArray], Sequence[int], int], IntArray]
+"""(allocatable per resource, requested with the pod per resource, weights, rows) → score 0…100 per row."""
+_SCALE: Final = 10
+"""Configured scores go from 0 to 10, scores of the framework from 0 to 100."""
+
+
+class ResourceWeight(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A resource and how much it counts; 0 means 1."""
+
+    name: str
+    weight: int = 1
+
+
+class ShapePoint(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One point of a scoring function."""
+
+    utilization: int
+    score: int
+
+
+def least_allocated(
+    capacities: Sequence[IntArray], used: Sequence[IntArray], weights: Sequence[int], rows: int
+) -> IntArray:
+    """Weighted mean of the free share; 0 for a resource that would be overdrawn."""
+    return _mean(
+        [percent(np.maximum(c - u, 0), c) for c, u in zip(capacities, used, strict=True)], capacities, weights, rows
+    )
+
+
+def most_allocated(
+    capacities: Sequence[IntArray], used: Sequence[IntArray], weights: Sequence[int], rows: int
+) -> IntArray:
+    """Weighted mean of the used share, at most all of it."""
+    return _mean(
+        [percent(np.minimum(c, u), c) for c, u in zip(capacities, used, strict=True)], capacities, weights, rows
+    )
+
+
+def ratio_function(shape: Sequence[ShapePoint]) -> Strategy:
+    """RequestedToCapacityRatio with these points. Raises ValueError for a shape upstream refuses."""
+    _check(shape)
+    table = np.array([_interpolated(shape, utilization) for utilization in range(101)], dtype=np.int64)
+
+    def strategy(
+        capacities: Sequence[IntArray], used: Sequence[IntArray], weights: Sequence[int], rows: int
+    ) -> IntArray:
+        total: IntArray = np.zeros(rows, dtype=np.int64)
+        share: IntArray = np.zeros(rows, dtype=np.int64)
+        for capacity, use, weight in zip(capacities, used, weights, strict=True):
+            utilization = np.where(use > capacity, 100, percent(np.minimum(use, capacity), capacity))
+            # A resource that scores 0 leaves the mean, so does one the node does not offer.
+            score = np.where(capacity > 0, table[utilization], 0)
+            total += weight * score
+            share += weight * (score > 0)
+        return half_away(total / np.maximum(share, 1))
+
+    return strategy
+
+
+STRATEGIES: Final[dict[str, Strategy]] = {"LeastAllocated": least_allocated, "MostAllocated": most_allocated}
+
+
+def _mean(scores: Sequence[IntArray], capacities: Sequence[IntArray], weights: Sequence[int], rows: int) -> IntArray:
+    """sum(weight·score) // sum(weight) over the resources a node offers."""
+    total: IntArray = np.zeros(rows, dtype=np.int64)
+    if all(bool((capacity > 0).all()) for capacity in capacities):
+        for score, weight in zip(scores, weights, strict=True):
+            total += weight * score
+        return total // max(sum(weights), 1)
+    share: IntArray = np.zeros(rows, dtype=np.int64)
+    for score, capacity, weight in zip(scores, capacities, weights, strict=True):
+        total += weight * score
+        share += weight * (capacity > 0)
+    return total // np.maximum(share, 1)
+
+
+def _check(shape: Sequence[ShapePoint]) -> None:
+    if not shape:
+        raise ValueError("requestedToCapacityRatio.shape: at least one point must be specified")
+    for i, point in enumerate(shape):
+        if not 0 <= point.utilization <= 100:
+            raise ValueError(f"requestedToCapacityRatio.shape[{i}].utilization: not in valid range [0-100]")
+        if not 0 <= point.score <= _SCALE:
+            raise ValueError(f"requestedToCapacityRatio.shape[{i}].score: not in valid range [0-10]")
+        if i and point.utilization <= shape[i - 1].utilization:
+            raise ValueError(
+                f"requestedToCapacityRatio.shape[{i}].utilization: values must be sorted in increasing order"
+            )
+
+
+def _interpolated(shape: Sequence[ShapePoint], utilization: int) -> int:
+    before = shape[0]
+    if utilization <= before.utilization:
+        return before.score * _SCALE
+    for point in shape[1:]:
+        if utilization <= point.utilization:
+            rise = (point.score - before.score) * _SCALE * (utilization - before.utilization)
+            return before.score * _SCALE + _go_division(rise, point.utilization - before.utilization)
+        before = point
+    return before.score * _SCALE
+
+
+def _go_division(numerator: int, denominator: int) -> int:
+    """Truncates toward zero."""
+    quotient = abs(numerator) // abs(denominator)
+    return quotient if (numerator < 0) == (denominator < 0) else -quotient

@@ -1,0 +1,103 @@
+"""NodeAffinity: nodeSelector, required and preferred node affinity, and the profile's own addedAffinity."""
+
+from collections.abc import Sequence
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from robotapp_api.values.selector import NAME_FIELD, valid_term
+from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.columns import IntArray
+from robotapp_scheduler.core.framework import Code, FilterResult, PluginError, PreFilter, ScoreResult, Status, Verdict
+from robotapp_scheduler.core.objects import NodeAffinity as Affinity
+from robotapp_scheduler.core.objects import NodeSelectorTerm, PreferredTerm
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.view import Nodes
+from robotapp_scheduler.plugins.kubernetes.matching import labels_mask, term_mask, terms_mask
+
+POD_REASON: Final = "node(s) didn't match Pod's node affinity/selector"
+ENFORCED_REASON: Final = "node(s) didn't match scheduler-enforced node affinity"
+CONFLICT: Final = "pod affinity terms conflict"
+
+
+class NodeAffinityArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
+    """addedAffinity applies to every pod of the profile, before the pod's own."""
+
+    added_affinity: Affinity | None = None
+
+
+class NodeAffinity:
+    """Required terms are ORed, expressions inside one are ANDed; preferred terms add their weight."""
+
+    name = "NodeAffinity"
+    reads = ("node_affinity", "node_selector")
+    node_reads = ("labels", "name")
+    row_local = True
+    events = Change.NODE_ADDED | Change.LABELS
+    resolvable = False
+    normalize = "max"
+    Args = NodeAffinityArgs
+
+    def __init__(self, args: NodeAffinityArgs | None = None) -> None:
+        added = args.added_affinity if args is not None else None
+        self._added_required = added.required if added is not None else None
+        self._added_preferred = added.preferred if added is not None else ()
+
+    def pre_filter(self, pod: PodInfo, nodes: Nodes) -> PreFilter | None:  # noqa: ARG002 - the contract's signature
+        """Narrow to the nodes that every required term names in metadata.name (how DaemonSet pods come)."""
+        affinity = pod.node_affinity
+        required = affinity.required if affinity is not None else None
+        if required is None or not required.node_selector_terms:
+            return None
+        names: set[str] = set()
+        for term in required.node_selector_terms:
+            named = _named(term)
+            if named is None:
+                return None
+            names |= named
+        if not names:
+            return PreFilter(status=Status(Code.UNRESOLVABLE, CONFLICT))
+        return PreFilter(names=frozenset(names))
+
+    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
+        """True where labels and name fit; no opinion for a pod without any wish."""
+        affinity = pod.node_affinity
+        required = affinity.required if affinity is not None else None
+        if not pod.node_selector and required is None and self._added_required is None:
+            return None
+        mask = labels_mask(nodes, pod.node_selector.items())
+        if required is not None:
+            mask &= terms_mask(nodes, required.node_selector_terms)
+        if self._added_required is None:
+            return Verdict(mask, reasons=((POD_REASON,),))
+        enforced = terms_mask(nodes, self._added_required.node_selector_terms)
+        codes = np.where(enforced, 0, 1)
+        return Verdict(mask & enforced, codes=codes, reasons=((POD_REASON,), (ENFORCED_REASON,)))
+
+    def score(self, pod: PodInfo, nodes: Nodes) -> ScoreResult:
+        """Sum of the weights of the preferred terms a node matches. Raises PluginError for a term nobody can read."""
+        affinity = pod.node_affinity
+        preferred = affinity.preferred if affinity is not None else ()
+        if not preferred and not self._added_preferred:
+            return None
+        return self._weights(preferred, nodes) + self._weights(self._added_preferred, nodes)
+
+    def _weights(self, terms: Sequence[PreferredTerm], nodes: Nodes) -> IntArray:
+        total = np.zeros(nodes.n, dtype=np.int64)
+        for i, term in enumerate(terms):
+            if term.weight == 0 or not (term.preference.match_expressions or term.preference.match_fields):
+                continue
+            if not valid_term(term.preference):
+                raise PluginError(self.name, f"preferred term {i} has an expression that cannot be evaluated")
+            total += term.weight * term_mask(nodes, term.preference)
+        return total
+
+
+def _named(term: NodeSelectorTerm) -> set[str] | None:
+    """Names a term allows by metadata.name In; None when it has no such field."""
+    found: set[str] | None = None
+    for field in term.match_fields:
+        if field.key == NAME_FIELD and field.operator == "In":
+            found = set(field.values) if found is None else found & set(field.values)
+    return found

@@ -1,0 +1,29 @@
+"""NodeName: a pod that names a node runs there or nowhere."""
+
+import numpy as np
+
+from robotapp_scheduler.core.changes import NODE
+from robotapp_scheduler.core.framework import FilterResult
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.view import Nodes
+
+
+class NodeName:
+    """Filter on spec.nodeName. Such pods never reach the queue; the rule matters for simulation and tests."""
+
+    name = "NodeName"
+    reads = ("node_name",)
+    node_reads = ("name",)
+    row_local = True
+    events = NODE
+    reason = "node(s) didn't match the requested node name"
+    resolvable = False
+
+    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
+        """True on the named node; no opinion without a name."""
+        wanted = pod.pod.spec.node_name
+        if not wanted:
+            return None
+        mask = np.zeros(nodes.n, dtype=np.bool_)
+        mask[nodes.indices((wanted,))] = True
+        return mask

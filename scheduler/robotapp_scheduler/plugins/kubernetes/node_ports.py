@@ -1,0 +1,25 @@
+"""NodePorts: a host port is taken once per node, protocol and address."""
+
+from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.framework import FilterResult
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.view import Nodes
+
+
+class NodePorts:
+    """Filter on host ports. hostNetwork pods declare every containerPort as one, so DDS pods meet this often."""
+
+    name = "NodePorts"
+    reads = ("host_ports",)
+    node_reads = ("ports",)
+    row_local = True
+    events = Change.NODE_ADDED | Change.POD_REMOVED | Change.POD_UPDATED
+    reason = "node(s) didn't have free ports for the requested pod ports"
+    resolvable = True
+
+    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
+        """True where none of the pod's host ports is in use; no opinion for a pod without any."""
+        if not pod.host_ports:
+            return None
+        free = nodes.cluster.ports.free(pod.host_ports, nodes.cluster.nodes.size)
+        return free[nodes.rows]

@@ -1,0 +1,32 @@
+"""NodeUnschedulable: cordoned nodes take only pods that tolerate it."""
+
+from typing import Final
+
+import numpy as np
+
+from robotapp_api.values.toleration import tolerates
+from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.framework import FilterResult
+from robotapp_scheduler.core.objects import Taint
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.view import Nodes
+
+CORDON: Final = Taint(key="node.kubernetes.io/unschedulable", effect="NoSchedule")
+
+
+class NodeUnschedulable:
+    """Filter on spec.unschedulable."""
+
+    name = "NodeUnschedulable"
+    reads = ("tolerations",)
+    node_reads = ("taints",)
+    row_local = True
+    events = Change.NODE_ADDED | Change.TAINTS
+    reason = "node(s) were unschedulable"
+    resolvable = False
+
+    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
+        """True where the node is not cordoned; no opinion when the pod tolerates cordoning."""
+        if any(tolerates(toleration, CORDON) for toleration in pod.tolerations):
+            return None
+        return np.logical_not(nodes.unschedulable)

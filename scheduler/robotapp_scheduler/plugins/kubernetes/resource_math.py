@@ -1,0 +1,25 @@
+"""Integer arithmetic on columns, equal to Go's int64 arithmetic."""
+
+from typing import Final
+
+import numpy as np
+
+from robotapp_scheduler.core.columns import FloatArray, IntArray
+
+EXACT_IN_FLOAT: Final = 2**46
+"""Below this a float64 quotient up to a few hundred, cut to an integer, equals the integer quotient."""
+
+
+def percent(part: IntArray, whole: IntArray) -> IntArray:
+    """100·part // whole for 0 ≤ part ≤ whole; 0 where whole is 0."""
+    if not len(whole):
+        return np.zeros(0, dtype=np.int64)
+    safe = np.maximum(whole, 1)
+    if int(safe.max()) < EXACT_IN_FLOAT:
+        return (100 * part / safe).astype(np.int64)
+    return 100 * part // safe
+
+
+def half_away(values: FloatArray) -> IntArray:
+    """math.Round of Go for values ≥ 0: halves go up."""
+    return np.floor(values + 0.5).astype(np.int64)

@@ -1,0 +1,124 @@
+"""NodeResourcesFit: room for the pod's requests, and how full the node would be."""
+
+from collections.abc import Sequence
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.columns import BoolArray, IntArray
+from robotapp_scheduler.core.framework import FilterResult, ScoreResult, Verdict
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.view import Nodes
+from robotapp_scheduler.plugins.kubernetes.fit_strategies import (
+    STRATEGIES,
+    ResourceWeight,
+    ShapePoint,
+    Strategy,
+    ratio_function,
+)
+
+TOO_MANY: Final = "Too many pods"
+NATIVE: Final = ("cpu", "memory", "ephemeral-storage")
+MOST_WISHES: Final = 60
+"""Bits of an int64 that name the resources a node lacks."""
+
+
+class RequestedToCapacityRatioParam(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Points of the scoring function: utilisation 0…100 → score 0…10."""
+
+    shape: tuple[ShapePoint, ...] = ()
+
+
+class ScoringStrategy(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
+    """How fullness becomes a score."""
+
+    type: str = "LeastAllocated"
+    resources: tuple[ResourceWeight, ...] = (ResourceWeight("cpu"), ResourceWeight("memory"))
+    requested_to_capacity_ratio: RequestedToCapacityRatioParam | None = None
+
+
+class FitArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
+    """Arguments as upstream; ignored names only apply to extended resources."""
+
+    ignored_resources: tuple[str, ...] = ()
+    ignored_resource_groups: tuple[str, ...] = ()
+    scoring_strategy: ScoringStrategy = ScoringStrategy()
+
+
+class NodeResourcesFit:
+    """Filter and score on cpu, memory, ephemeral storage, pod count and extended resources."""
+
+    name = "NodeResourcesFit"
+    reads = ("requests",)
+    node_reads = ("allocatable", "requested")
+    row_local = True
+    events = Change.NODE_ADDED | Change.ALLOCATABLE | Change.POD_REMOVED | Change.POD_UPDATED
+    Args = FitArgs
+
+    def __init__(self, args: FitArgs | None = None) -> None:
+        args = args or FitArgs()
+        self._ignored = frozenset(args.ignored_resources)
+        self._ignored_groups = frozenset(args.ignored_resource_groups)
+        self._resources = args.scoring_strategy.resources
+        self._strategy = _strategy(args.scoring_strategy)
+
+    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
+        """True where one more pod and all its requests fit; every lacking resource is reported."""
+        full = nodes.requested("pods") + 1 > nodes.allocatable("pods")
+        wishes = [(name, amount) for name, amount in pod.requests.exact.items() if amount > 0 and self._counts(name)]
+        lacking = [(name, amount, nodes.free(name)) for name, amount in wishes]
+        short = [(name, amount, free, free < amount) for name, amount, free in lacking]
+        mask = ~full
+        for _, _, _, missing in short:
+            mask &= ~missing
+        if mask.all():
+            return mask
+        return _verdict(nodes, mask, full, short)
+
+    def score(self, pod: PodInfo, nodes: Nodes) -> ScoreResult:
+        """0…100 by the configured strategy, over the resources of the configuration."""
+        capacities: list[IntArray] = []
+        used: list[IntArray] = []
+        weights: list[int] = []
+        for resource in self._resources:
+            wanted = pod.requests.scored.get(resource.name, 0)
+            if resource.name not in NATIVE and wanted == 0:
+                continue
+            capacities.append(nodes.allocatable(resource.name))
+            used.append(nodes.scored(resource.name) + wanted)
+            weights.append(resource.weight or 1)
+        return self._strategy(capacities, used, weights, nodes.n)
+
+    def _counts(self, name: str) -> bool:
+        if name in NATIVE or "/" not in name:
+            return True
+        return name not in self._ignored and name.partition("/")[0] not in self._ignored_groups
+
+
+def _strategy(args: ScoringStrategy) -> Strategy:
+    if args.type == "RequestedToCapacityRatio":
+        shape = args.requested_to_capacity_ratio.shape if args.requested_to_capacity_ratio else ()
+        return ratio_function(shape)
+    strategy = STRATEGIES.get(args.type)
+    if strategy is None:
+        known = ", ".join((*STRATEGIES, "RequestedToCapacityRatio"))
+        raise ValueError(f"scoringStrategy.type: {args.type!r} is unknown; allowed: {known}")
+    return strategy
+
+
+def _verdict(
+    nodes: Nodes, mask: BoolArray, full: BoolArray, short: Sequence[tuple[str, int, IntArray, BoolArray]]
+) -> Verdict:
+    bits = full.astype(np.int64)
+    never = np.zeros(nodes.n, dtype=np.bool_)
+    detail = np.full(nodes.n, np.nan)
+    for i, (name, amount, free, missing) in enumerate(short[:MOST_WISHES]):
+        bits |= missing.astype(np.int64) << (i + 1)
+        never |= missing & (amount > nodes.allocatable(name))
+        np.copyto(detail, free, where=missing & np.isnan(detail))
+    found, codes = np.unique(bits, return_inverse=True)
+    texts = (TOO_MANY, *(f"Insufficient {name}" for name, *_ in short))
+    reasons = tuple(tuple(text for i, text in enumerate(texts) if value >> i & 1) for value in found.tolist())
+    return Verdict(mask, codes, reasons, detail=detail, detail_unit="free", resolvable=~never)

@@ -1,0 +1,50 @@
+"""TaintToleration: hard taints exclude nodes, soft ones cost score."""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from robotapp_api.values.toleration import tolerates
+from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.framework import FilterResult, ScoreResult
+from robotapp_scheduler.core.objects import Taint, Toleration
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.view import Nodes
+
+HARD: Final = frozenset({"NoSchedule", "NoExecute"})
+SOFT: Final = "PreferNoSchedule"
+
+
+class TaintToleration:
+    """Distinct taint lists are judged once each and looked up per node."""
+
+    name = "TaintToleration"
+    reads = ("tolerations",)
+    node_reads = ("taints",)
+    row_local = True
+    events = Change.NODE_ADDED | Change.TAINTS
+    reason = "node(s) had untolerated taint(s)"
+    resolvable = False
+    normalize = "inverse"
+
+    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
+        """True where every NoSchedule and NoExecute taint is tolerated."""
+        codes, sets = nodes.taint_sets
+        passes = [untolerated(taints, pod.tolerations, HARD) == 0 for taints in sets]
+        return np.array(passes, dtype=np.bool_)[codes]
+
+    def score(self, pod: PodInfo, nodes: Nodes) -> ScoreResult:
+        """Number of untolerated PreferNoSchedule taints; fewer is better."""
+        soft = [t for t in pod.tolerations if t.effect in {"", SOFT}]
+        codes, sets = nodes.taint_sets
+        counts = [untolerated(taints, soft, frozenset({SOFT})) for taints in sets]
+        return np.array(counts, dtype=np.int64)[codes]
+
+
+def untolerated(taints: Sequence[Taint], tolerations: Sequence[Toleration], effects: frozenset[str]) -> int:
+    """Taints of these effects that no toleration covers."""
+    return sum(
+        taint.effect in effects and not any(tolerates(toleration, taint) for toleration in tolerations)
+        for taint in taints
+    )

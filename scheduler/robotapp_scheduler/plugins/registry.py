@@ -1,0 +1,77 @@
+"""All built-in plugins by name, the default order and weights, and the two profiles served out of the box."""
+
+from collections.abc import Iterable, Mapping
+from typing import Final
+
+from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME
+from robotapp_scheduler.core.profiles import Catalogue, PluginRef, Profile, ProfileSpec, build_profiles
+from robotapp_scheduler.plugins.kubernetes.balanced_allocation import NodeResourcesBalancedAllocation
+from robotapp_scheduler.plugins.kubernetes.node_affinity import NodeAffinity
+from robotapp_scheduler.plugins.kubernetes.node_name import NodeName
+from robotapp_scheduler.plugins.kubernetes.node_ports import NodePorts
+from robotapp_scheduler.plugins.kubernetes.node_unschedulable import NodeUnschedulable
+from robotapp_scheduler.plugins.kubernetes.not_yet import (
+    DynamicResources,
+    InterPodAffinity,
+    PodTopologySpread,
+    VolumeBinding,
+)
+from robotapp_scheduler.plugins.kubernetes.queue_sort import PrioritySort, SchedulingGates
+from robotapp_scheduler.plugins.kubernetes.resources_fit import NodeResourcesFit
+from robotapp_scheduler.plugins.kubernetes.taint_toleration import TaintToleration
+from robotapp_scheduler.plugins.ros.bind import ROSBind
+from robotapp_scheduler.plugins.ros.deadline_score import DeadlineScore
+from robotapp_scheduler.plugins.ros.hardware_affinity import HardwareAffinityFilter
+from robotapp_scheduler.plugins.ros.latency_filter import LatencyFilter
+from robotapp_scheduler.plugins.ros.latency_score import LatencyScore
+from robotapp_scheduler.plugins.ros.load_balance import LoadBalanceScore
+from robotapp_scheduler.plugins.ros.queue_sort import ROSQueueSort
+from robotapp_scheduler.plugins.ros.reserve import ROSReserve
+from robotapp_scheduler.plugins.ros.shared_data import SharedDataFilter
+from robotapp_scheduler.plugins.ros.topology_score import TopologyScore
+
+BUILT_IN: Final[tuple[type, ...]] = (
+    SchedulingGates, PrioritySort, ROSQueueSort, NodeName, NodeUnschedulable, TaintToleration, NodeAffinity, NodePorts,
+    NodeResourcesFit, VolumeBinding, PodTopologySpread, InterPodAffinity, DynamicResources,
+    NodeResourcesBalancedAllocation, LatencyFilter, HardwareAffinityFilter, SharedDataFilter, TopologyScore,
+    LatencyScore, LoadBalanceScore, DeadlineScore, ROSReserve, ROSBind,
+)  # fmt: skip
+KUBERNETES: Final = (
+    PluginRef("SchedulingGates"),
+    PluginRef("NodeName"),
+    PluginRef("NodeUnschedulable"),
+    PluginRef("TaintToleration", 3),
+    PluginRef("NodeAffinity", 2),
+    PluginRef("NodePorts"),
+    PluginRef("NodeResourcesFit", 1),
+    PluginRef("VolumeBinding"),
+    PluginRef("PodTopologySpread"),
+    PluginRef("InterPodAffinity"),
+    PluginRef("DynamicResources"),
+    PluginRef("NodeResourcesBalancedAllocation", 1),
+)
+"""Upstream's order, which decides the reason that is reported per node, and upstream's weights."""
+ROS: Final = (
+    PluginRef("ROSQueueSort"),
+    PluginRef("HardwareAffinityFilter"),
+    PluginRef("SharedDataFilter"),
+    PluginRef("LatencyFilter"),
+    PluginRef("TopologyScore", 10),
+    PluginRef("LatencyScore", 5),
+    PluginRef("LoadBalanceScore", 3),
+    PluginRef("DeadlineScore", 8),
+    PluginRef("ROSReserve"),
+    PluginRef("ROSBind"),
+)
+
+
+def catalogue(extra: Mapping[str, type] | None = None) -> Catalogue:
+    """Built-in plugin classes, with third-party ones added; the default multiPoint list."""
+    classes: dict[str, type] = {str(cls.name): cls for cls in BUILT_IN}  # type: ignore[attr-defined]  # every plugin class has a name
+    return Catalogue(classes={**classes, **(extra or {})}, defaults=(*KUBERNETES, *ROS))
+
+
+def default_profiles(specs: Iterable[ProfileSpec] | None = None) -> dict[str, Profile]:
+    """Profiles of a configuration; without one, ours and the name the thesis' Rigelfiles use."""
+    chosen = specs if specs is not None else (ProfileSpec(SCHEDULER_NAME), ProfileSpec(THESIS_SCHEDULER_NAME))
+    return build_profiles(chosen, catalogue())

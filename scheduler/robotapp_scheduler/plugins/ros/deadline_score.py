@@ -1,0 +1,32 @@
+"""DeadlineScore: the margin the 95th percentile of the RTT leaves before the deadline."""
+
+import numpy as np
+
+from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.framework import ScoreResult
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.view import Nodes
+from robotapp_scheduler.plugins.ros.round_trips import nearest_us
+
+NEUTRAL = 50.0
+"""Score where the RTT is unknown."""
+
+
+class DeadlineScore:
+    """100·max(0, 1 - RTT p95 / deadline) of the worst connection."""
+
+    name = "DeadlineScore"
+    reads = ("ros",)
+    node_reads = ("rtt",)
+    row_local = True
+    events = Change.NONE
+
+    def score(self, pod: PodInfo, nodes: Nodes) -> ScoreResult:
+        """0…100 per node; no opinion without a deadline or a known other end."""
+        if pod.ros is None or not pod.ros.deadline_us or not pod.ros.endpoints:
+            return None
+        scores = np.full(nodes.n, 100.0)
+        for endpoint in pod.ros.endpoints:
+            margin = 100.0 * (1.0 - nearest_us(nodes, endpoint, percentile=95) / float(pod.ros.deadline_us))
+            scores = np.minimum(scores, np.where(np.isnan(margin), NEUTRAL, np.maximum(margin, 0.0)))
+        return scores

@@ -1,0 +1,64 @@
+"""HardwareAffinityFilter: nodes that have the hardware a pod needs."""
+
+from typing import Final
+
+import numpy as np
+
+from robotapp_api.model.names import HARDWARE_PREFIX
+from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.columns import BoolArray
+from robotapp_scheduler.core.framework import FilterResult
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.ros import DeviceWish, Hardware
+from robotapp_scheduler.core.view import Nodes
+
+LACKS: Final = "node(s) didn't have the required hardware"
+
+
+class HardwareAffinityFilter:
+    """Requirements match labels, an extended resource, or a device the agent sees; devices match what the agent sees."""
+
+    name = "HardwareAffinityFilter"
+    reads = ("ros",)
+    node_reads = ("labels", "allocatable", "devices")
+    row_local = True
+    events = Change.NODE_ADDED | Change.LABELS | Change.ALLOCATABLE | Change.DEVICES | Change.APPS
+    reason = LACKS
+    resolvable = False
+
+    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
+        """True where every requirement and device is there; no opinion without any."""
+        if pod.ros is None or not (pod.ros.hardware or pod.ros.devices):
+            return None
+        mask = np.ones(nodes.n, dtype=np.bool_)
+        for hardware in pod.ros.hardware:
+            mask &= has_hardware(nodes, hardware)
+        for wish in pod.ros.devices:
+            mask &= nodes.named(nodes.cluster.devices.capable(wish))
+        return mask
+
+
+def has_hardware(nodes: Nodes, hardware: Hardware) -> BoolArray:
+    """Nodes that offer one capability, by label, extended resource or device."""
+    wish = DeviceWish("", hardware.type, hardware.model, hardware.interface)
+    mask = _labelled(nodes, hardware) | nodes.named(nodes.cluster.devices.capable(wish))
+    if not hardware.interface:
+        for resource in nodes.cluster.nodes.resources.names:
+            if _offers(resource, hardware):
+                mask |= nodes.allocatable(resource) > 0
+    return mask
+
+
+def _labelled(nodes: Nodes, hardware: Hardware) -> BoolArray:
+    """The thesis' three rules: type exists; type has the model as value; type-interface exists."""
+    if hardware.interface:
+        column = nodes.label(f"{HARDWARE_PREFIX}{hardware.type}-{hardware.interface}")
+        return column.equals(hardware.model) if hardware.model else column.exists
+    column = nodes.label(f"{HARDWARE_PREFIX}{hardware.type}")
+    return column.equals(hardware.model) if hardware.model else column.exists
+
+
+def _offers(resource: str, hardware: Hardware) -> bool:
+    """`nvidia.com/gpu` offers type gpu, and model nvidia."""
+    vendor, slash, kind = resource.partition("/")
+    return bool(slash) and kind == hardware.type and (not hardware.model or vendor.split(".")[0] == hardware.model)

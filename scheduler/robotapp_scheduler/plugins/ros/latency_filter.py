@@ -1,0 +1,87 @@
+"""LatencyFilter: nodes that are too far from the other ends of a pod's connections."""
+
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from robotapp_api.values.duration import parse_us
+from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.columns import BoolArray, FloatArray, IntArray
+from robotapp_scheduler.core.framework import FilterResult, Verdict
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.ros import Endpoint
+from robotapp_scheduler.core.view import Nodes
+from robotapp_scheduler.plugins.ros.round_trips import nearest_us
+
+DRAINING: Final = "node(s) were shutting down gracefully"
+TOO_FAR: Final = "node(s) exceeded the latency budget"
+UNKNOWN: Final = "node(s) had no latency measurement"
+OUTLIER: Final = "node(s) were latency outliers"
+_PASS, _DRAINING, _TOO_FAR, _UNKNOWN, _OUTLIER = range(-1, 4)
+
+
+class LatencyFilterArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
+    """maxLatency is the ceiling of connections without a budget; outlierFactor 0 switches that check off."""
+
+    max_latency: str = "100ms"
+    unknown: str = "Allow"
+    outlier_factor: float = 0.0
+    cache_ttl: str = msgspec.field(name="cacheTTL", default="30s")
+    source: str = "NodeTelemetry"
+
+
+class LatencyFilter:
+    """RTT between the candidate and where each placed peer or the robot is, at the edge's percentile."""
+
+    name = "LatencyFilter"
+    reads = ("ros",)
+    node_reads = ("rtt", "annotations")
+    events = Change.NODE_ADDED | Change.ANNOTATIONS | Change.RTT | Change.POD_ADDED | Change.POD_REMOVED | Change.APPS
+    resolvable = False
+    Args = LatencyFilterArgs
+
+    def __init__(self, args: LatencyFilterArgs | None = None) -> None:
+        args = args or LatencyFilterArgs()
+        if args.unknown not in {"Allow", "Deny"}:
+            raise ValueError(f"unknown: {args.unknown!r} is not allowed; write Allow or Deny")
+        if args.source != "NodeTelemetry":
+            raise ValueError(f"source: {args.source!r} is not offered yet; write NodeTelemetry")
+        if not 0.0 <= args.outlier_factor <= 1000.0:
+            raise ValueError("outlierFactor: not in valid range [0-1000]")
+        parse_us(args.cache_ttl)
+        self._most_us = parse_us(args.max_latency)
+        self._deny_unknown = args.unknown == "Deny"
+        self._outlier_factor = args.outlier_factor
+        # The median of all nodes is part of an outlier's verdict: then no row stands alone.
+        self.row_local = args.outlier_factor == 0.0
+
+    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
+        """True where no rule objects; no opinion for a pod without ROS fields."""
+        if pod.ros is None:
+            return None
+        codes = np.where(nodes.draining, _DRAINING, _PASS)
+        detail = np.full(nodes.n, np.nan)
+        for endpoint in pod.ros.endpoints:
+            if endpoint.required:
+                self._judge(nodes, endpoint, codes, detail)
+        mask = np.equal(codes, _PASS)
+        reasons = ((DRAINING,), (TOO_FAR,), (UNKNOWN,), (OUTLIER,))
+        return Verdict(mask, np.maximum(codes, 0), reasons, detail=detail, detail_unit="ms")
+
+    def _judge(self, nodes: Nodes, endpoint: Endpoint, codes: IntArray, detail: FloatArray) -> None:
+        rtt_us = nearest_us(nodes, endpoint)
+        budget_us = self._most_us if endpoint.budget_us is None else endpoint.budget_us
+        far = rtt_us > budget_us  # NaN is never greater: unknown is judged below
+        np.fmax(detail, rtt_us / 1000.0, out=detail, where=far)
+        self._mark(codes, far, _TOO_FAR)
+        if self._deny_unknown:
+            self._mark(codes, np.isnan(rtt_us), _UNKNOWN)
+        if self._outlier_factor > 0.0:
+            known = rtt_us[~np.isnan(rtt_us) & nodes.valid]
+            if len(known):
+                self._mark(codes, rtt_us > self._outlier_factor * float(np.median(known)), _OUTLIER)
+
+    @staticmethod
+    def _mark(codes: IntArray, where: BoolArray, code: int) -> None:
+        codes[where & (codes == _PASS)] = code

@@ -1,0 +1,63 @@
+"""LatencyScore: how much of the budget the worst connection would leave."""
+
+import msgspec
+import numpy as np
+
+from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.columns import FloatArray
+from robotapp_scheduler.core.framework import ScoreResult, Scores
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.ros import Endpoint
+from robotapp_scheduler.core.view import Nodes
+from robotapp_scheduler.plugins.ros.round_trips import nearest_us
+
+NEUTRAL = 50.0
+"""Score of an unknown RTT, and of ROS pods without a budget."""
+
+
+class LatencyScoreArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """normalize: Budget measures against the budget, MinMax against the other nodes (the thesis' form)."""
+
+    normalize: str = "Budget"
+
+
+class LatencyScore:
+    """100·(1 - RTT/budget) of the worst connection, clipped to 0…100, so that one slow node does not flatten the rest."""
+
+    name = "LatencyScore"
+    reads = ("ros",)
+    node_reads = ("rtt",)
+    events = Change.NONE
+    Args = LatencyScoreArgs
+
+    def __init__(self, args: LatencyScoreArgs | None = None) -> None:
+        form = (args or LatencyScoreArgs()).normalize
+        if form not in {"Budget", "MinMax"}:
+            raise ValueError(f"normalize: {form!r} is not allowed; write Budget or MinMax")
+        self._by_budget = form == "Budget"
+        self.row_local = self._by_budget
+
+    def score(self, pod: PodInfo, nodes: Nodes) -> ScoreResult:
+        """0…100 per node; no opinion for a pod without ROS fields."""
+        if pod.ros is None:
+            return None
+        ends = [end for end in pod.ros.endpoints if end.budget_us]
+        if not ends:
+            return np.full(nodes.n, NEUTRAL)
+        if not self._by_budget:
+            return Scores(_nearness(nodes, ends), "minmax")
+        scores = np.full(nodes.n, 100.0)
+        for end in ends:
+            margin = 100.0 * (1.0 - nearest_us(nodes, end) / float(end.budget_us or 1))
+            scores = np.minimum(scores, np.where(np.isnan(margin), NEUTRAL, np.clip(margin, 0.0, 100.0)))
+        return scores
+
+
+def _nearness(nodes: Nodes, ends: list[Endpoint]) -> FloatArray:
+    """Minus the worst RTT; an unknown one counts like the slowest known."""
+    worst = np.zeros(nodes.n)
+    for end in ends:
+        rtt_us = nearest_us(nodes, end)
+        slowest = float(np.nanmax(rtt_us)) if not np.isnan(rtt_us).all() else 0.0
+        worst = np.maximum(worst, np.where(np.isnan(rtt_us), slowest, rtt_us))
+    return -worst

@@ -1,0 +1,69 @@
+"""LoadBalanceScore: prefer nodes with little taken, weighted by what the pod's class needs most."""
+
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.columns import FloatArray
+from robotapp_scheduler.core.framework import ScoreResult
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.view import Nodes
+
+WEIGHTS: Final = {"realtime": (0.65, 0.25, 0.10), "best_effort": (0.35, 0.35, 0.30)}
+"""cpu, memory, gpu per QoS class; all others use DEFAULT."""
+DEFAULT: Final = (0.50, 0.30, 0.20)
+
+
+class LoadBalanceArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """source: Requests counts what pods ask for, Telemetry what agents measure (requests where they do not)."""
+
+    source: str = "Requests"
+
+
+class LoadBalanceScore:
+    """100·(1 - Σ weight·used share); a node without GPU leaves that column out and the other weights grow."""
+
+    name = "LoadBalanceScore"
+    reads = ("ros",)
+    node_reads = ("allocatable", "requested", "load")
+    row_local = True
+    events = Change.NONE
+    Args = LoadBalanceArgs
+
+    def __init__(self, args: LoadBalanceArgs | None = None) -> None:
+        source = (args or LoadBalanceArgs()).source
+        if source not in {"Requests", "Telemetry"}:
+            raise ValueError(f"source: {source!r} is not allowed; write Requests or Telemetry")
+        self._measured = source == "Telemetry"
+
+    def score(self, pod: PodInfo, nodes: Nodes) -> ScoreResult:
+        """0…100 per node; no opinion for a pod without ROS fields."""
+        if pod.ros is None:
+            return None
+        gpus = [name for name in nodes.cluster.nodes.resources.names if name.endswith("/gpu")]
+        taken = np.zeros(nodes.n)
+        weight_sum = np.zeros(nodes.n)
+        columns = ((("cpu",), "cpu_percent"), (("memory",), "memory_percent"), (tuple(gpus), "gpu_percent"))
+        for weight, (resources, field) in zip(WEIGHTS.get(pod.ros.qos_class, DEFAULT), columns, strict=True):
+            share = self._share(nodes, resources, field)
+            there = ~np.isnan(share)
+            taken += np.where(there, weight * share, 0.0)
+            weight_sum += np.where(there, weight, 0.0)
+        used = np.where(weight_sum > 0.0, taken / np.maximum(weight_sum, 1e-9), 0.0)
+        # Rounded first: 100·(1 - 0.29) is 70.99999… in floats and must not be cut to 70.
+        return np.clip(np.round(100.0 * (1.0 - used), 6), 0.0, 100.0)
+
+    def _share(self, nodes: Nodes, resources: tuple[str, ...], field: str) -> FloatArray:
+        """Used share per node, NaN where the node offers none."""
+        offered = np.zeros(nodes.n)
+        used = np.zeros(nodes.n)
+        for resource in resources:
+            offered += nodes.allocatable(resource)
+            used += nodes.requested(resource)
+        share = np.where(offered > 0.0, used / np.maximum(offered, 1.0), np.nan)
+        if not self._measured:
+            return share
+        measured = nodes.load(field) / 100.0
+        return np.where(np.isnan(measured) | np.isnan(share), share, measured)

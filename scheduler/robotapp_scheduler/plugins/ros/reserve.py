@@ -1,0 +1,43 @@
+"""ROSReserve, the pure part: nodes on which every device the pod must hold is free for it.
+
+The claims themselves are made by the shell, after the choice and before the bind.
+"""
+
+from typing import Final
+
+from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.framework import FilterResult
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.view import Nodes
+
+BUSY: Final = "node(s) had no free device for the pod"
+
+
+class ROSReserve:
+    """All or nothing: a different free device for every wish."""
+
+    name = "ROSReserve"
+    reads = ("ros",)
+    node_reads = ("devices",)
+    row_local = True
+    events = Change.NODE_ADDED | Change.DEVICES | Change.CLAIMS | Change.POD_REMOVED | Change.LABELS
+    reason = BUSY
+    resolvable = False
+
+    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
+        """True where the devices can be had; no opinion for a pod that holds none."""
+        ros = pod.ros
+        if ros is None or ros.holder is None or not ros.devices:
+            return None
+        devices = nodes.cluster.devices
+        mask = nodes.named(devices.capable(ros.devices[0]))
+        for wish in ros.devices[1:]:
+            mask &= nodes.named(devices.capable(wish))
+        for position in mask.nonzero()[0]:
+            name = nodes.names[int(position)]
+            # With one wish and nothing claimed on the node, having the device is enough.
+            if (len(ros.devices) > 1 or devices.contested(name)) and devices.choose(
+                ros.devices, name, ros.holder
+            ) is None:
+                mask[position] = False
+        return mask

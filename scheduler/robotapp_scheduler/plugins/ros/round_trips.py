@@ -1,0 +1,17 @@
+"""RTT of a pod's connections to every node, shared by the latency plugins."""
+
+import numpy as np
+
+from robotapp_scheduler.core.columns import FloatArray
+from robotapp_scheduler.core.ros import Endpoint
+from robotapp_scheduler.core.view import Nodes
+
+
+def nearest_us(nodes: Nodes, endpoint: Endpoint, percentile: int | None = None) -> FloatArray:
+    """RTT from the nearest node of the endpoint to every row, microseconds, NaN where unknown."""
+    wanted = endpoint.percentile if percentile is None else percentile
+    rows = [nodes.rtt_from(name, wanted).rtt_us for name in endpoint.nodes]
+    result = rows[0]
+    for row in rows[1:]:
+        result = np.fmin(result, row)  # fmin ignores NaN: a known way counts
+    return result
