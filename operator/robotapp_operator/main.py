@@ -11,7 +11,7 @@ import signal
 import socket
 import sys
 import time
-from collections.abc import Callable, Coroutine
+from collections.abc import AsyncIterator, Callable, Coroutine
 from datetime import UTC, datetime
 from typing import Any, Final
 
@@ -84,26 +84,31 @@ class Operator:
             wake_sweep=self.sweeper.wake,
         )
         self.metrics.watch(self.queue, self.cache, client)
-        self.leading = False
 
     def ready(self) -> bool:
         """Caches are filled; a process that waits for the Lease is ready to take over."""
-        return self.informers.synced if self.leading else True
+        return self.informers.synced
 
     def silence_s(self) -> float:
-        return self.informers.silence_s if self.leading and self.informers.synced else 0.0
+        return self.informers.silence_s if self.informers.synced else 0.0
 
-    async def work(self, stop: asyncio.Event) -> None:
-        """Fill the caches, then work until `stop`. Keys are not touched before: an empty cache looks like an empty fleet."""
-        self.leading = True
+    @contextlib.asynccontextmanager
+    async def caches(self, stop: asyncio.Event) -> AsyncIterator[None]:
+        """Mirror the cluster, and go on when everything is read: an empty cache would look like an empty fleet.
+
+        Also without the Lease, so that a replica which takes over starts at once.
+        """
         async with contextlib.AsyncExitStack() as stack:
             for reflector in self.informers.reflectors:
                 stack.push_async_callback(_ended, asyncio.create_task(reflector.run()))
             for reflector in self.informers.reflectors:
                 await _first(reflector.synced.wait(), stop.wait())
-            if stop.is_set():
-                return
             gc.freeze()  # caches live for ever; scanning them again and again is the largest cost of the process
+            yield
+
+    async def work(self, stop: asyncio.Event) -> None:
+        """Reconcile until `stop`."""
+        async with contextlib.AsyncExitStack() as stack:
             helpers: list[Coroutine[Any, Any, None]] = [self.recorder.run(), self.sweeper.run()]
             for helper in helpers:
                 stack.push_async_callback(_ended, asyncio.create_task(helper))
@@ -156,11 +161,12 @@ async def run(settings: Settings, endpoint: Endpoint) -> None:
         health = Health(silence_s=operator.silence_s, synced=operator.ready, metrics=operator.metrics.render)
         await health.start(settings.health_port)
         try:
-            if settings.leader_election:
-                home = SYSTEM_NAMESPACE if settings.kubeconfig else endpoint.namespace
-                await _elected(operator, client, settings.lease_namespace or home, stop)
-            else:
-                await operator.work(stop)
+            async with operator.caches(stop):
+                if settings.leader_election:
+                    home = SYSTEM_NAMESPACE if settings.kubeconfig else endpoint.namespace
+                    await _elected(operator, client, settings.lease_namespace or home, stop)
+                elif not stop.is_set():
+                    await operator.work(stop)
         finally:
             await health.stop()
 
