@@ -5,29 +5,29 @@ two profiles with the same plugins: `ros-aware-scheduler` and `kubernetes-schedu
 """
 
 import hashlib
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import yaml
 from pydantic import ValidationError
 
 from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME
 from robotapp_api.values.duration import parse_us
 from robotapp_scheduler import config_checks, config_yaml
-from robotapp_scheduler.config_args import ARGS, Args
 from robotapp_scheduler.config_model import (
     API_VERSION,
     KIND,
     ConfigurationModel,
     LeaderElectionModel,
-    PluginConfig,
     ProfileModel,
 )
-from robotapp_scheduler.config_plugins import DuplicatePluginError, PluginUse, effective
-from robotapp_scheduler.plugin_catalog import Catalog
+from robotapp_scheduler.config_model import PluginSet as PluginSetModel
+from robotapp_scheduler.core.profiles import Catalogue, PluginRef, PluginSet, Profile, ProfileSpec, build_profiles
+from robotapp_scheduler.core.profiles import ConfigError as ProfileError
+from robotapp_scheduler.plugin_catalog import with_third_party
 
 
 class ConfigError(ValueError):
@@ -36,15 +36,6 @@ class ConfigError(ValueError):
     def __init__(self, problems: Sequence[str]) -> None:
         self.problems = tuple(problems)
         super().__init__(problems[0] if len(problems) == 1 else "[" + ", ".join(problems) + "]")
-
-
-@dataclass(frozen=True, slots=True)
-class ProfileConfig:
-    """One scheduler name: the plugins of every point in order, and the arguments of those that have any."""
-
-    scheduler_name: str
-    points: Mapping[str, tuple[PluginUse, ...]]
-    args: Mapping[str, Mapping[str, Any]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,133 +52,132 @@ class LeaderElection:
 class SchedulerConfig:
     """Everything the process needs from the file. Equal files give equal `digest`s."""
 
-    profiles: tuple[ProfileConfig, ...]
+    profiles: tuple[ProfileSpec, ...]
+    catalogue: Catalogue = field(repr=False, compare=False)
+    """All plugin classes the profiles name, third-party ones included."""
     leader_election: LeaderElection
     initial_backoff_s: float = 1.0
     max_backoff_s: float = 10.0
     compat_version: str = "1.37"
     kubeconfig: str = ""
-    qps: float = 0.0
-    burst: int = 0
     warnings: tuple[str, ...] = field(default=(), compare=False)
+
+    @property
+    def scheduler_names(self) -> tuple[str, ...]:
+        return tuple(profile.scheduler_name for profile in self.profiles)
+
+    def build(self) -> dict[str, Profile]:
+        """Fresh plugin instances for every profile, by schedulerName."""
+        return build_profiles(self.profiles, self.catalogue)
 
     def as_json(self) -> dict[str, Any]:
         """Plain JSON for `/configz`."""
-        return asdict(self)
+        return {
+            "profiles": list(msgspec.to_builtins(self.profiles)),
+            "leaderElection": asdict(self.leader_election),
+            "podInitialBackoffSeconds": self.initial_backoff_s,
+            "podMaxBackoffSeconds": self.max_backoff_s,
+            "compatVersion": self.compat_version,
+            "digest": self.digest,
+        }
 
     @property
     def digest(self) -> str:
-        text = json.dumps(self.as_json(), sort_keys=True, default=str)
-        return hashlib.sha256(text.encode()).hexdigest()[:12]
+        """Twelve hex digits that name this configuration in logs and explanations."""
+        parts = [self.profiles, self.initial_backoff_s, self.max_backoff_s, self.compat_version]
+        return hashlib.sha256(msgspec.json.encode(parts, order="deterministic")).hexdigest()[:12]
 
 
-def load(path: Path | None, *, catalog: Catalog) -> SchedulerConfig:
+def load(path: Path | None, *, catalogue: Catalogue) -> SchedulerConfig:
     """The configuration of a file, or the built-in one without a file.
 
     Raises `ConfigError` with every problem found; nothing of a faulty file is used.
     """
     if path is None:
-        return built_in(catalog)
+        return built_in(catalogue)
     try:
         document = config_yaml.read(path)
     except OSError as error:
         raise ConfigError([f"{path}: {error.strerror}"]) from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ConfigError([f"strict decoding error: yaml: {error}"]) from error
-    return parse(document, catalog=catalog)
+    return parse(document, catalogue=catalogue)
 
 
-def built_in(catalog: Catalog) -> SchedulerConfig:
+def built_in(catalogue: Catalogue) -> SchedulerConfig:
+    """Both scheduler names with all default plugins."""
     names = (SCHEDULER_NAME, THESIS_SCHEDULER_NAME)
     document = {"apiVersion": API_VERSION, "kind": KIND, "profiles": [{"schedulerName": name} for name in names]}
-    return parse(document, catalog=catalog)
+    return parse(document, catalogue=catalogue)
 
 
-def parse(document: object, *, catalog: Catalog) -> SchedulerConfig:
+def parse(document: object, *, catalogue: Catalogue) -> SchedulerConfig:
     """A decoded document to a configuration; see `load`."""
     try:
         model = ConfigurationModel.model_validate(document)
     except ValidationError as error:
         raise ConfigError(_shape_problems(error)) from error
     problems = config_checks.check(model)
-    profiles = [
-        _profile(profile, f"profiles[{index}]", catalog=catalog, problems=problems)
-        for index, profile in enumerate(model.profiles or [ProfileModel()])
-    ]
-    problems += _queue_sort_problems(profiles)
+    profiles = model.profiles or [ProfileModel()]
+    catalogue, unknown = with_third_party(catalogue, _plugin_names(profiles))
+    problems += _name_problems(profiles, unknown)
+    specs = tuple(_spec(profile) for profile in profiles)
+    if not problems:
+        try:
+            build_profiles(specs, catalogue)
+        except ProfileError as error:
+            problems += error.problems
     if problems:
         raise ConfigError(problems)
     return SchedulerConfig(
-        profiles=tuple(profiles),
+        profiles=specs,
+        catalogue=catalogue,
         leader_election=_leader_election(model.leader_election),
         initial_backoff_s=float(model.pod_initial_backoff_seconds),
         max_backoff_s=float(model.pod_max_backoff_seconds),
         compat_version=model.compat_version,
         kubeconfig=model.client_connection.kubeconfig,
-        qps=model.client_connection.qps,
-        burst=model.client_connection.burst,
         warnings=tuple(_warnings(model)),
     )
 
 
-def _profile(profile: ProfileModel, path: str, *, catalog: Catalog, problems: list[str]) -> ProfileConfig:
-    problems += _plugin_problems(profile, path, catalog)
-    points: dict[str, tuple[PluginUse, ...]] = {}
-    try:
-        points = effective(catalog.defaults, profile.plugins, points_of=catalog.points_of)
-    except DuplicatePluginError as error:
-        problems.append(f'{path}.plugins: plugin "{error}" already registered')
-    args: dict[str, Mapping[str, Any]] = {}
-    for index, entry in enumerate(profile.plugin_config):
-        try:
-            args[entry.name] = _args(entry, catalog)
-        except ValidationError as error:
-            prefix = f"{path}.pluginConfig[{index}].args"
-            problems += _shape_problems(error, prefix=prefix)
-        except LookupError as error:
-            problems.append(f"{path}.pluginConfig[{index}].name: {error.args[0]}")
-    return ProfileConfig(scheduler_name=profile.scheduler_name or SCHEDULER_NAME, points=points, args=args)
+def _spec(profile: ProfileModel) -> ProfileSpec:
+    points = {
+        str(info.alias): _plugin_set(getattr(profile.plugins, name))
+        for name, info in type(profile.plugins).model_fields.items()
+        if name in profile.plugins.model_fields_set
+    }
+    return ProfileSpec(
+        scheduler_name=profile.scheduler_name or SCHEDULER_NAME,
+        plugins=points,
+        plugin_config={entry.name: entry.args for entry in profile.plugin_config},
+    )
 
 
-def _plugin_problems(profile: ProfileModel, path: str, catalog: Catalog) -> list[str]:
-    problems = []
-    for point, info in type(profile.plugins).model_fields.items():
-        refs = getattr(profile.plugins, point).enabled
-        for index, ref in enumerate(refs):
-            if why := catalog.problem(ref.name, point=str(info.alias)):
-                problems.append(f"{path}.plugins.{info.alias}.enabled[{index}].name: {why}")
-    return problems
+def _plugin_set(found: PluginSetModel) -> PluginSet:
+    return PluginSet(
+        enabled=tuple(PluginRef(ref.name, ref.weight) for ref in found.enabled),
+        disabled=tuple(PluginRef(ref.name) for ref in found.disabled),
+    )
 
 
-def _args(entry: PluginConfig, catalog: Catalog) -> Mapping[str, Any]:
-    """Checked arguments in snake_case for our own plugins, as written for third-party ones."""
-    if why := catalog.problem(entry.name, point="multiPoint"):
-        raise LookupError(why)
-    if catalog.is_third_party(entry.name):
-        return entry.args
-    model = ARGS.get(entry.name, Args)
-    return model.model_validate(entry.args).model_dump(exclude={"api_version", "kind"}, exclude_none=True)
-
-
-def _queue_sort_problems(profiles: Sequence[ProfileConfig]) -> list[str]:
-    problems = []
+def _enabled(profiles: Sequence[ProfileModel]) -> Iterator[tuple[str, str]]:
+    """(path, plugin name) of every plugin that a profile enables or configures."""
     for index, profile in enumerate(profiles):
-        sorters = profile.points.get("queueSort", ())
-        if len(sorters) > 1:
-            problems.append(f"profiles[{index}].plugins.queueSort: only one queue sort plugin can be enabled")
-        elif profile.points and not sorters:
-            problems.append(f"profiles[{index}].plugins.queueSort: one queue sort plugin is needed")
-        if profile.points and not profile.points["bind"]:
-            problems.append(f"profiles[{index}].plugins.bind: at least one bind plugin is needed")
-    keys = {(profile.points.get("queueSort"), str(_queue_args(profile))) for profile in profiles}
-    if not problems and len(keys) > 1:
-        problems.append("profiles: queueSort must be the same for all profiles")
-    return problems
+        path = f"profiles[{index}]"
+        for name, info in type(profile.plugins).model_fields.items():
+            for at, ref in enumerate(getattr(profile.plugins, name).enabled):
+                yield f"{path}.plugins.{info.alias}.enabled[{at}].name", ref.name
+        for at, entry in enumerate(profile.plugin_config):
+            yield f"{path}.pluginConfig[{at}].name", entry.name
 
 
-def _queue_args(profile: ProfileConfig) -> Mapping[str, Any]:
-    sorters = profile.points.get("queueSort", ())
-    return profile.args.get(sorters[0].name, {}) if sorters else {}
+def _plugin_names(profiles: Sequence[ProfileModel]) -> list[str]:
+    return [name for _, name in _enabled(profiles)]
+
+
+def _name_problems(profiles: Sequence[ProfileModel], unknown: Mapping[str, str]) -> list[str]:
+    return [f"{path}: {unknown[name]}" for path, name in _enabled(profiles) if name in unknown]
 
 
 def _leader_election(model: LeaderElectionModel) -> LeaderElection:
@@ -202,16 +192,19 @@ def _leader_election(model: LeaderElectionModel) -> LeaderElection:
 
 
 def _warnings(model: ConfigurationModel) -> list[str]:
+    found = []
     if "parallelism" in model.model_fields_set:
-        return ["parallelism is accepted and ignored: one event loop evaluates all nodes at once"]
-    return []
+        found.append("parallelism is accepted and ignored: one event loop evaluates all nodes at once")
+    if model.client_connection.model_fields_set & {"qps", "burst"}:
+        found.append("clientConnection.qps and burst are accepted and ignored: the API server's own fairness limits us")
+    return found
 
 
-def _shape_problems(error: ValidationError, *, prefix: str = "") -> list[str]:
+def _shape_problems(error: ValidationError) -> list[str]:
     """Pydantic's findings in the words of a strict decoder."""
     problems = []
     for found in error.errors():
-        path = _path(found["loc"], prefix)
+        path = _path(found["loc"])
         if found["type"] == "extra_forbidden":
             problems.append(f'strict decoding error: unknown field "{path}"')
         elif found["type"] == "missing":
@@ -221,8 +214,8 @@ def _shape_problems(error: ValidationError, *, prefix: str = "") -> list[str]:
     return problems
 
 
-def _path(location: Sequence[int | str], prefix: str) -> str:
-    path = prefix
+def _path(location: Sequence[int | str]) -> str:
+    path = ""
     for part in location:
         path += f"[{part}]" if isinstance(part, int) else f".{part}" if path else part
     return path or "configuration"

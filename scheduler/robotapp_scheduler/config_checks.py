@@ -10,10 +10,8 @@ from robotapp_scheduler.config_model import (
     ClientConnectionModel,
     ConfigurationModel,
     LeaderElectionModel,
-    PluginSet,
     ProfileModel,
 )
-from robotapp_scheduler.config_plugins import PART_OF, point_set
 
 COMPAT_VERSIONS = ("1.37", "1.35")
 
@@ -111,23 +109,10 @@ def _profile_names(profiles: list[ProfileModel]) -> Iterator[str]:
 
 def _profile(profile: ProfileModel, path: str) -> Iterator[str]:
     yield from _percentage(f"{path}.percentageOfNodesToScore", profile.percentage_of_nodes_to_score)
-    for point, whole in PART_OF.items():
-        yield from _part_of(
-            point_set(profile.plugins, point), point_set(profile.plugins, whole), f"{path}.plugins", point
-        )
+    if profile.plugins.post_filter.enabled:
+        yield unsupported(f"{path}.plugins.postFilter.enabled", "preemption is not built into this scheduler yet")
     names: set[str] = set()
     for index, entry in enumerate(profile.plugin_config):
         if entry.name in names:
             yield f'{path}.pluginConfig[{index}]: Duplicate value: "{entry.name}"'
         names.add(entry.name)
-
-
-def _part_of(part: PluginSet, whole: PluginSet, path: str, point: str) -> Iterator[str]:
-    """PreFilter and preScore have no hooks of their own: naming a plugin there must mean what it means upstream."""
-    if part.enabled:
-        yield unsupported(f"{path}.{point}.enabled", f"{point} is part of {PART_OF[point]} here; name the plugin there")
-    off = {ref.name for ref in whole.disabled}
-    for ref in part.disabled:
-        if ref.name not in off and "*" not in off:
-            text = f"{point} is part of {PART_OF[point]} here; disable {ref.name} there too"
-            yield unsupported(f"{path}.{point}.disabled", text)

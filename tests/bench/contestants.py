@@ -12,8 +12,7 @@ from robotapp_testbed.assets import Assets
 from robotapp_testbed.process import Process
 from robotapp_testbed.product import start_scheduler
 
-LEASE_NAMESPACE = "kube-system"
-RETRY_S = 0.2
+RETRY_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,14 +21,12 @@ class Contestant:
 
     name: str
     scheduler_name: str
-
-    @property
-    def lease(self) -> str:
-        return f"bench-{self.name}"
+    lease: str
+    lease_namespace: str
 
 
-OURS = Contestant("robotapp", "ros-aware-scheduler")
-KUBE_SCHEDULER = Contestant("kube-scheduler", "default-scheduler")
+OURS = Contestant("robotapp", "ros-aware-scheduler", "robotapp-scheduler", "robotapp-system")
+KUBE_SCHEDULER = Contestant("kube-scheduler", "default-scheduler", "kube-scheduler", "kube-system")
 CONTESTANTS: Mapping[str, Contestant] = {each.name: each for each in (OURS, KUBE_SCHEDULER)}
 
 
@@ -44,7 +41,7 @@ def configuration(contestant: Contestant, kubeconfig: Path | None, *, leader_ele
         "renewDeadline": "10s",
         "retryPeriod": f"{RETRY_S * 1000:.0f}ms",
         "resourceName": contestant.lease,
-        "resourceNamespace": LEASE_NAMESPACE,
+        "resourceNamespace": contestant.lease_namespace,
     }
     return {
         "apiVersion": "kubescheduler.config.k8s.io/v1",

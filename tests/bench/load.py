@@ -6,7 +6,7 @@ from collections.abc import Awaitable, Callable, Iterable, Sequence
 from typing import Any, Self, TypeVar
 
 import msgspec
-from tests.bench.contestants import LEASE_NAMESPACE
+from tests.bench.contestants import Contestant
 
 from robotapp_api.client.api import ApiClient
 from robotapp_api.client.errors import NotFound
@@ -69,17 +69,19 @@ async def delete_pods(client: ApiClient, namespace: str) -> None:
     await asyncio.sleep(0)
 
 
-async def hold_lease(client: ApiClient, name: str) -> None:
+async def hold_lease(client: ApiClient, contestant: Contestant) -> None:
     """Take a scheduler's lease, so that it warms up and waits."""
-    await drop_lease(client, name)
+    await drop_lease(client, contestant)
     now = time.strftime("%Y-%m-%dT%H:%M:%S.000000Z", time.gmtime())
     spec = {"holderIdentity": "bench", "leaseDurationSeconds": 3600, "acquireTime": now, "renewTime": now}
-    await client.create(LEASES, {"metadata": {"name": name, "namespace": LEASE_NAMESPACE}, "spec": spec})
+    await client.create(
+        LEASES, {"metadata": {"name": contestant.lease, "namespace": contestant.lease_namespace}, "spec": spec}
+    )
 
 
-async def drop_lease(client: ApiClient, name: str) -> None:
+async def drop_lease(client: ApiClient, contestant: Contestant) -> None:
     try:
-        await client.delete(LEASES, name, namespace=LEASE_NAMESPACE)
+        await client.delete(LEASES, contestant.lease, namespace=contestant.lease_namespace)
     except NotFound:
         return
 

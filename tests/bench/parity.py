@@ -106,7 +106,7 @@ def our_config(cp: ControlPlane) -> Path:
         "apiVersion": "kubescheduler.config.k8s.io/v1",
         "kind": "KubeSchedulerConfiguration",
         "leaderElection": {"leaderElect": False},
-        "profiles": [parity_oracle.profile(OURS)],
+        "profiles": [{"schedulerName": OURS}],
     }
     path.write_text(yaml.safe_dump(document))
     return path
@@ -229,7 +229,15 @@ class Arena:
             if response.status != 200:
                 return {}
             record = msgspec.json.decode(await response.read())
-        return {row["node"]: row["plugins"] for row in record.get("scores", ())}
+        return weighted(record["top"]) if record.get("top") else {}
+
+
+def weighted(top: Mapping[str, Any]) -> dict[str, dict[str, int]]:
+    """Node to plugin to weighted score, from the columns of an explain record."""
+    return {
+        node: {name: top["weights"][name] * scores[at] for name, scores in top["scores"].items()}
+        for at, node in enumerate(top["nodes"])
+    }
 
 
 def _families(shape: Json) -> list[str]:

@@ -5,10 +5,9 @@ with one feasible node scoring is skipped, and with none the pod's condition hol
 """
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import yaml
 
@@ -17,35 +16,12 @@ from robotapp_testbed.assets import Assets
 from robotapp_testbed.process import Process
 
 SCHEDULER_NAME = "oracle"
-PLUGINS: Sequence[tuple[str, int]] = (
-    ("SchedulingGates", 0),
-    ("PrioritySort", 0),
-    ("NodeName", 0),
-    ("NodeUnschedulable", 0),
-    ("TaintToleration", 3),
-    ("NodeAffinity", 2),
-    ("NodePorts", 0),
-    ("NodeResourcesFit", 1),
-    ("NodeResourcesBalancedAllocation", 1),
-    ("DefaultBinder", 0),
-)
-"""The plugins both sides run, in kube-scheduler's own order and with its weights."""
-
 _SCORE = re.compile(r'"Plugin scored node for pod" pod="([^"]+)" plugin="([^"]+)" node="([^"]+)" score=(-?\d+)')
 _TOTAL = re.compile(r'"Calculated node\'s final score for pod" pod="([^"]+)" node="([^"]+)" score=(-?\d+)')
 
 
-def profile(scheduler_name: str, plugins: Iterable[tuple[str, int]] = PLUGINS) -> dict[str, Any]:
-    """A profile with exactly these plugins."""
-    enabled = [{"name": name, **({"weight": weight} if weight else {})} for name, weight in plugins]
-    return {
-        "schedulerName": scheduler_name,
-        "plugins": {"multiPoint": {"enabled": enabled, "disabled": [{"name": "*"}]}},
-    }
-
-
 def start(cp: ControlPlane) -> Process:
-    """kube-scheduler with the plugins above, all nodes scored, one goroutine, no ranking re-used between pods."""
+    """kube-scheduler's default profile: all nodes scored, one goroutine, no ranking re-used between pods."""
     config = cp.run_dir / "oracle.yaml"
     kubeconfig = str(cp.kubeconfig("kube-scheduler"))
     document = {
@@ -55,7 +31,7 @@ def start(cp: ControlPlane) -> Process:
         "leaderElection": {"leaderElect": False},
         "percentageOfNodesToScore": 100,
         "parallelism": 1,
-        "profiles": [profile(SCHEDULER_NAME)],
+        "profiles": [{"schedulerName": SCHEDULER_NAME}],
     }
     config.write_text(yaml.safe_dump(document))
     binary = Assets().resolve(["kube-scheduler"])["kube-scheduler"]

@@ -25,7 +25,7 @@ class Scene:
 
 def scene(random: Random) -> Scene:
     """One to eight nodes n0, n1, … and up to six pods on them."""
-    nodes = tuple(_node(random, f"n{index}") for index in range(random.randint(1, 8)))
+    nodes = tuple(_node(random, f"n{index}") for index in range(random.choice((1, 2, 3, 4, 5, 6, 7, 8, 8))))
     names = [node["metadata"]["name"] for node in nodes]
     placed = tuple(_placed(random, f"p{index}", random.choice(names)) for index in range(random.randint(0, 6)))
     return Scene(nodes, placed)
@@ -51,10 +51,10 @@ def _node(random: Random, name: str) -> Json:
         labels["disk"] = random.choice(DISKS)
     if random.random() < 0.6:
         labels["rank"] = random.choice(("1", "5", "10", "x1"))
-    spec: Json = {"taints": [_taint(random) for _ in range(random.choice((0, 0, 0, 1, 2)))]}
+    spec: Json = {"taints": [_taint(random) for _ in range(random.choice((0, 0, 0, 0, 1, 2)))]}
     keys = {(taint["key"], taint["effect"]): taint for taint in spec["taints"]}
     spec["taints"] = list(keys.values())
-    if random.random() < 0.15:
+    if random.random() < 0.1:
         spec["unschedulable"] = True
     capacity = {
         "cpu": random.choice(("500m", "1", "2", "4", "3950m")),

@@ -2,14 +2,26 @@
 
 from typing import Any
 
+import msgspec
+
+
+class Wishes(msgspec.Struct):
+    """Its arguments."""
+
+    quiet: str = "a bit"
+
 
 class PreferQuietNodes:
     """Fewer pods, more points."""
 
     name = "PreferQuietNodes"
-    normalize = "inverse"
-    reads = ("namespace",)
-    node_reads = ("pods",)
+    Args = Wishes
+    reads = ()
+    node_reads = ("requested",)
+    normalize = "minmax"
+
+    def __init__(self, args: Wishes) -> None:
+        self.quiet = args.quiet
 
     def score(self, _pod: Any, nodes: Any) -> Any:
-        return nodes.pod_count.astype(float)
+        return nodes.free("cpu")

@@ -177,18 +177,22 @@ class SchedulingQueue:
         self._take_out(queued)
         self._drop(queued)
 
-    def move(self, change: Change, *, apps: Iterable[str] = ()) -> int:
+    def move(self, change: Change, *, apps: Iterable[str] = (), but: str = "") -> int:
         """Something changed: waiting pods it may help go back, gates it may open are tested. Answers how many left.
 
-        `apps` are uids of RobotApps around which something changed; gates of other apps are not tested.
+        `apps` are uids of RobotApps around which something changed; gates of other apps are not tested. The pod `but`
+        takes no notice: its own failure freed the room, and must not wake it again.
         """
         if not change:
             return 0
-        for flight in self._flying.values():
-            flight.changes |= change
+        for uid, flight in self._flying.items():
+            if uid != but:
+                flight.changes |= change
         moved = 0
         for mask in [mask for mask in self._waiting if mask & change]:
             for uid in list(self._waiting[mask]):
+                if uid == but:
+                    continue
                 queued = self._pods[uid]
                 self._take_out(queued)
                 self._requeue_from_wait(queued, change.name or "Change", immediate=self._is_pending(queued, change))

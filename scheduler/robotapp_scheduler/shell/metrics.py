@@ -3,12 +3,17 @@
 Label children are looked up once and kept: a metric on the hot path costs about a microsecond.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from enum import StrEnum
 
-from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram
-from prometheus_client.core import GaugeMetricFamily, Metric
+from prometheus_client import CollectorRegistry, Counter, Histogram
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
+
+from robotapp_scheduler.core.queue import QueuedPod
+
+MOST_ATTEMPTS = 15
+"""Upstream's cap of the `attempts` label."""
 
 
 class AttemptResult(StrEnum):
@@ -53,23 +58,25 @@ class Metrics:
             labels=["extension_point", "status", "profile"],
             buckets=doubling(0.0001, 2, 12),
         )
-        self.plugin_decisions = self._counter(
-            "plugin_decisions", "Nodes accepted, refused or scored by a plugin", ["plugin", "point", "result"]
-        )
-        self.queue_incoming = self._counter("queue_incoming_pods", "Pods entering a queue", ["queue", "event"])
-        self.unschedulable = Gauge(
-            "scheduler_unschedulable_pods",
-            "Waiting pods by the plugin that refused them",
-            ["plugin", "profile"],
-            registry=self.registry,
-        )
         self.poison_objects = self._counter("poison_objects", "Objects that could not be taken over", ["resource"])
         self.bind_conflicts = self._counter("bind_conflicts", "Binds refused with a conflict", [])
-        self.claims = self._counter("device_claims", "Device claims by outcome", ["result"])
+
+    def bound(self, queued: QueuedPod, profile: str, *, started_s: float, now_s: float) -> None:
+        """A pod got its node."""
+        self.attempts.labels(AttemptResult.SCHEDULED, profile).inc()
+        self.attempt_s.labels(AttemptResult.SCHEDULED, profile).observe(now_s - started_s)
+        self.sli_s.labels(str(min(queued.attempts, MOST_ATTEMPTS))).observe(now_s - queued.first_seen_s)
+        self.pod_attempts.observe(queued.attempts)
 
     def watch(self, name: str, text: str, *, label: str, read: Callable[[], Mapping[str, float]]) -> None:
         """A gauge that is read when scraped, e.g. `pending_pods{queue}`: costs nothing between scrapes."""
-        self.registry.register(_Reading(f"scheduler_{name}", text, label, read))
+        self.registry.register(_Gauges(f"scheduler_{name}", text, label, read))
+
+    def count(
+        self, name: str, text: str, *, labels: Sequence[str], read: Callable[[], Mapping[tuple[str, ...], float]]
+    ) -> None:
+        """A counter kept elsewhere (the pure core counts in dictionaries), read when scraped."""
+        self.registry.register(_Counters(f"scheduler_{name}", text, labels, read))
 
     def _counter(self, name: str, text: str, labels: list[str]) -> Counter:
         return Counter(f"scheduler_{name}", text, labels, registry=self.registry)
@@ -78,7 +85,7 @@ class Metrics:
         return Histogram(f"scheduler_{name}", text, labels or [], buckets=buckets, registry=self.registry)
 
 
-class _Reading(Collector):
+class _Gauges(Collector):
     def __init__(self, name: str, text: str, label: str, read: Callable[[], Mapping[str, float]]) -> None:
         self._name, self._text, self._label, self._read = name, text, label, read
 
@@ -86,4 +93,17 @@ class _Reading(Collector):
         family = GaugeMetricFamily(self._name, self._text, labels=[self._label])
         for value, number in self._read().items():
             family.add_metric([value], number)
+        return [family]
+
+
+class _Counters(Collector):
+    def __init__(
+        self, name: str, text: str, labels: Sequence[str], read: Callable[[], Mapping[tuple[str, ...], float]]
+    ) -> None:
+        self._name, self._text, self._labels, self._read = name, text, labels, read
+
+    def collect(self) -> list[Metric]:
+        family = CounterMetricFamily(self._name, self._text, labels=list(self._labels))
+        for values, number in self._read().items():
+            family.add_metric(values, number)
         return [family]

@@ -79,6 +79,10 @@ class Reporter:
             self._order.put_nowait(uid)
         self._latest[uid] = _Text(pod, reason, message)
 
+    def note(self, pod: Pod, *, reason: str, text: str) -> None:
+        """One more Warning beside the condition; the recorder counts repetitions instead of writing them."""
+        self._events.pod_event(pod, warning=True, reason=reason, action="Scheduling", note=texts.note(text))
+
     def deleting(self, pod: Pod) -> None:
         """The pod was deleted while it waited: one Warning, no condition."""
         note = texts.skipped_deleting(pod)

@@ -16,6 +16,12 @@ def skipped_deleting(pod: Pod) -> str:
     return f"skip schedule deleting pod: {pod.key}"
 
 
+def device_busy(device: str, node: str, *, holder: str, holder_namespace: str, namespace: str) -> str:
+    """Who keeps a device from a pod in `namespace`; tenants do not see each other's names."""
+    who = f"{holder_namespace}/{holder}" if holder_namespace == namespace else "another namespace"
+    return f"device {device} on {node} is held by {who}: it is free when its holder is deleted or suspended"
+
+
 def note(text: str) -> str:
     """An Event note holds 1024 bytes; a longer text is cut to 1020 and marked, the condition keeps all of it."""
     encoded = text.encode()

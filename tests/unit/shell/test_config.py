@@ -1,63 +1,66 @@
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME
 from robotapp_scheduler.config import ConfigError, SchedulerConfig, built_in, load, parse
-from robotapp_scheduler.config_model import API_VERSION, KIND, PluginRef
-from robotapp_scheduler.plugin_catalog import Catalog
+from robotapp_scheduler.config_model import API_VERSION, KIND
+from robotapp_scheduler.core.profiles import Catalogue, PluginRef
 
 
-class Sorter:
-    def queue_key(self) -> None: ...
+class Fake:
+    """A plugin class by name; the hooks of each are added below."""
+
+    name = "Fake"
 
 
-class OtherSorter(Sorter): ...
+def fake(name: str, *hooks: str, args: type[msgspec.Struct] | None = None) -> type:
+    members: dict[str, Any] = {"name": name, **{hook: lambda *_: None for hook in hooks}}
+    if args is not None:
+        members |= {"Args": args, "__init__": lambda self, args: setattr(self, "args", args)}
+    return type(name, (Fake,), members)
 
 
-class Filtering:
-    def filter(self) -> None: ...
+class Strategy(msgspec.Struct, rename="camel", forbid_unknown_fields=True):
+    type: str = "LeastAllocated"
 
 
-class Scoring(Filtering):
-    def score(self) -> None: ...
+class FitArgs(msgspec.Struct, rename="camel", forbid_unknown_fields=True):
+    scoring_strategy: Strategy = msgspec.field(default_factory=Strategy)
 
 
-class Binding:
-    def bind(self) -> None: ...
-
-
-REGISTRY: dict[str, type] = {
-    "ROSQueueSort": Sorter,
-    "PrioritySort": OtherSorter,
-    "NodeName": Filtering,
-    "NodeAffinity": Scoring,
-    "NodeResourcesFit": Scoring,
-    "LatencyFilter": Filtering,
-    "TopologyScore": Scoring,
-    "DefaultBinder": Binding,
+CLASSES = {
+    "ROSQueueSort": fake("ROSQueueSort", "queue_key"),
+    "PrioritySort": fake("PrioritySort", "queue_key"),
+    "NodeName": fake("NodeName", "filter"),
+    "NodeAffinity": fake("NodeAffinity", "filter", "score"),
+    "NodeResourcesFit": fake("NodeResourcesFit", "filter", "score", args=FitArgs),
+    "TopologyScore": fake("TopologyScore", "score"),
+    "DefaultBinder": fake("DefaultBinder", "bind"),
 }
-DEFAULTS = tuple(
-    PluginRef(name=name, weight=weight)
-    for name, weight in [
-        ("ROSQueueSort", 0),
-        ("NodeName", 0),
-        ("NodeAffinity", 2),
-        ("NodeResourcesFit", 1),
-        ("LatencyFilter", 0),
-        ("TopologyScore", 10),
-        ("DefaultBinder", 0),
-    ]
+DEFAULTS = (
+    PluginRef("ROSQueueSort"),
+    PluginRef("NodeName"),
+    PluginRef("NodeAffinity", 2),
+    PluginRef("NodeResourcesFit", 1),
+    PluginRef("TopologyScore", 10),
+    PluginRef("DefaultBinder"),
 )
 
 
-def catalog() -> Catalog:
-    return Catalog(registry=REGISTRY, defaults=DEFAULTS)
+def catalogue() -> Catalogue:
+    return Catalogue(classes=CLASSES, defaults=DEFAULTS)
+
+
+def scored(found: SchedulerConfig) -> list[tuple[str, int]]:
+    profile = found.build()[found.scheduler_names[0]]
+    return [(loaded.name, loaded.weight) for loaded in profile.scores]
 
 
 def config(**fields: Any) -> SchedulerConfig:
-    return parse({"apiVersion": API_VERSION, "kind": KIND, **fields}, catalog=catalog())
+    return parse({"apiVersion": API_VERSION, "kind": KIND, **fields}, catalogue=catalogue())
 
 
 def problems(**fields: Any) -> list[str]:
@@ -71,9 +74,10 @@ def profile(**fields: Any) -> list[dict[str, Any]]:
 
 
 def test_without_a_file_both_scheduler_names_are_served_with_the_same_plugins() -> None:
-    found = load(None, catalog=catalog())
-    assert [entry.scheduler_name for entry in found.profiles] == [SCHEDULER_NAME, THESIS_SCHEDULER_NAME]
-    assert found.profiles[0].points == found.profiles[1].points
+    found = load(None, catalogue=catalogue())
+    assert found.scheduler_names == (SCHEDULER_NAME, THESIS_SCHEDULER_NAME)
+    first, second = found.build().values()
+    assert [each.name for each in first.filters] == [each.name for each in second.filters]
     assert found.leader_election.name == "robotapp-scheduler"
     assert (found.leader_election.lease_s, found.leader_election.renew_s, found.leader_election.retry_s) == (15, 10, 2)
 
@@ -100,15 +104,14 @@ profiles:
     args:
       apiVersion: {API_VERSION}
       kind: NodeResourcesFitArgs
-      scoringStrategy: {{type: MostAllocated, resources: [{{name: cpu, weight: 3}}]}}
+      scoringStrategy: {{type: MostAllocated}}
 """)
-    found = load(file, catalog=catalog())
-    assert [(use.name, use.weight) for use in found.profiles[0].points["score"]] == [
-        ("TopologyScore", 4),
-        ("NodeResourcesFit", 1),
-    ]
-    assert found.profiles[0].args["NodeResourcesFit"]["scoring_strategy"]["type"] == "MostAllocated"
-    assert (found.kubeconfig, found.qps, found.burst) == ("/etc/k", 10000, 20000)
+    found = load(file, catalogue=catalogue())
+    assert scored(found) == [("TopologyScore", 4), ("NodeResourcesFit", 1)]
+    fit = found.build()["mine"].all["NodeResourcesFit"].plugin
+    assert fit.args.scoring_strategy.type == "MostAllocated"
+    assert found.kubeconfig == "/etc/k"
+    assert "qps" in found.warnings[0]
     assert not found.leader_election.enabled
 
 
@@ -137,7 +140,7 @@ profiles:
         ),
         (
             {"profiles": [{"pluginConfig": [{"name": "NodeResourcesFit", "args": {"scoring": {}}}]}]},
-            'strict decoding error: unknown field "profiles[0].pluginConfig[0].args.scoring"',
+            "profiles[0].pluginConfig[NodeResourcesFit].args: Object contains unknown field `scoring`",
         ),
         (
             {"profiles": profile() + profile()},
@@ -158,7 +161,7 @@ profiles:
         ),
         (
             {"profiles": profile(plugins={"filter": {"enabled": [{"name": "DefaultBinder"}]}})},
-            'profiles[0].plugins.filter.enabled[0].name: plugin "DefaultBinder" does not extend filter',
+            "profiles[0].plugins.filter: plugin 'DefaultBinder' does not take part at this point",
         ),
         (
             {"profiles": profile(plugins={"multiPoint": {"disabled": [{"name": "DefaultBinder"}]}})},
@@ -172,8 +175,11 @@ profiles:
             ),
         ),
         (
-            {"profiles": profile(plugins={"preScore": {"disabled": [{"name": "*"}]}})},
-            "profiles[0].plugins.preScore.disabled: not supported here: preScore is part of score here; disable * there too",
+            {"profiles": profile(plugins={"postFilter": {"enabled": [{"name": "TopologyScore"}]}})},
+            (
+                "profiles[0].plugins.postFilter.enabled: not supported here: "
+                "preemption is not built into this scheduler yet"
+            ),
         ),
     ],
 )
@@ -200,13 +206,15 @@ def test_upstream_plugins_that_are_not_built_are_named_as_such() -> None:
 
 def test_disabling_what_is_not_built_is_harmless() -> None:
     plugins = {"postFilter": {"disabled": [{"name": "*"}]}, "multiPoint": {"disabled": [{"name": "InterPodAffinity"}]}}
-    assert config(profiles=profile(plugins=plugins)).profiles[0].points["postFilter"] == ()
+    assert len(scored(config(profiles=profile(plugins=plugins)))) == 3
 
 
 def test_profiles_must_share_the_queue_sort_plugin() -> None:
     other = {"queueSort": {"enabled": [{"name": "PrioritySort"}], "disabled": [{"name": "*"}]}}
     profiles = [{"schedulerName": "a"}, {"schedulerName": "b", "plugins": other}]
-    assert problems(profiles=profiles) == ["profiles: queueSort must be the same for all profiles"]
+    assert problems(profiles=profiles) == [
+        "profiles: queueSort must be the same for all profiles, found PrioritySort, ROSQueueSort"
+    ]
 
 
 @pytest.mark.parametrize(
@@ -223,24 +231,24 @@ def test_a_file_that_is_no_configuration_is_refused(tmp_path: Path, text: str, e
     file = tmp_path / "config.yaml"
     file.write_text(text)
     with pytest.raises(ConfigError, match=expected.replace("[", r"\[")):
-        load(file, catalog=catalog())
+        load(file, catalogue=catalogue())
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"none\.yaml: No such file"):
-        load(tmp_path / "none.yaml", catalog=catalog())
+        load(tmp_path / "none.yaml", catalogue=catalogue())
 
 
-def test_a_third_party_plugin_is_loaded_by_module_and_class_with_its_arguments_untouched() -> None:
+def test_a_third_party_plugin_is_loaded_by_module_and_class_with_its_arguments() -> None:
     name = "tests.support.third_party_plugin:PreferQuietNodes"
     found = config(
         profiles=profile(
             plugins={"multiPoint": {"enabled": [{"name": name, "weight": 7}]}},
-            pluginConfig=[{"name": name, "args": {"whatEver": [1]}}],
+            pluginConfig=[{"name": name, "args": {"quiet": "very"}}],
         )
     )
-    assert found.profiles[0].points["score"][-1].name == name
-    assert found.profiles[0].args[name] == {"whatEver": [1]}
+    assert scored(found)[-1] == ("PreferQuietNodes", 7)
+    assert found.build()["mine"].all["PreferQuietNodes"].plugin.quiet == "very"
 
 
 def test_equal_files_have_equal_digests_and_a_weight_changes_it() -> None:
@@ -251,4 +259,4 @@ def test_equal_files_have_equal_digests_and_a_weight_changes_it() -> None:
 
 def test_parallelism_is_accepted_with_a_warning() -> None:
     assert "one event loop" in config(parallelism=4).warnings[0]
-    assert built_in(catalog()).warnings == ()
+    assert built_in(catalogue()).warnings == ()

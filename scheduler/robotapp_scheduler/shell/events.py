@@ -1,0 +1,52 @@
+"""Pod events under the name of the profile that decided: reportingController is the schedulerName, as upstream's."""
+
+import asyncio
+import socket
+from collections.abc import Iterable
+
+from robotapp_api.client.api import ApiClient
+from robotapp_api.client.events import EventRecorder, reference
+from robotapp_scheduler.core.objects import Pod
+
+QUEUE = 20_000
+"""Deep enough for the events of a burst of placements, so that none is dropped while the API server catches up."""
+
+
+class PodEvents:
+    """One recorder per schedulerName."""
+
+    def __init__(self, client: ApiClient, scheduler_names: Iterable[str], *, host: str | None = None) -> None:
+        host = host or socket.gethostname()
+        self._recorders = {
+            name: EventRecorder(client, controller=name, instance=f"{name}-{host}", queue=QUEUE)
+            for name in scheduler_names
+        }
+
+    def __repr__(self) -> str:
+        return f"<PodEvents {list(self._recorders.values())}>"
+
+    def pod_event(self, pod: Pod, *, warning: bool, reason: str, action: str, note: str) -> None:
+        """Queue one event about a pod of one of our profiles; never waits, never raises."""
+        recorder = self._recorders.get(pod.spec.scheduler_name)
+        if recorder is None:
+            return
+        meta = pod.metadata
+        regarding = reference(
+            api_version="v1",
+            kind="Pod",
+            name=meta.name,
+            namespace=meta.namespace,
+            uid=meta.uid,
+            resource_version=meta.resource_version,
+        )
+        recorder.event(regarding, reason=reason, note=note, action=action, warning=warning)
+
+    async def run(self) -> None:
+        """Write until cancelled."""
+        async with asyncio.TaskGroup() as group:
+            for recorder in self._recorders.values():
+                group.create_task(recorder.run())
+
+    async def drain(self, timeout_s: float = 2.0) -> None:
+        """Wait until what is queued is written."""
+        await asyncio.gather(*(recorder.drain(timeout_s) for recorder in self._recorders.values()))

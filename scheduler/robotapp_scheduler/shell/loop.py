@@ -1,0 +1,151 @@
+"""The heart: pop, decide, hand over to the placer; one event loop, no threads.
+
+Deciding is synchronous and takes microseconds; binding is concurrent and bounded. After a slice of decisions the loop
+yields, so that watch events and answers are taken in between.
+"""
+
+import asyncio
+import logging
+from collections.abc import Callable, Mapping, Sequence
+
+from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.decision import Decision
+from robotapp_scheduler.core.queue import QueuedPod, Rejection
+from robotapp_scheduler.shell.metrics import Metrics
+from robotapp_scheduler.shell.placing import Placer
+from robotapp_scheduler.shell.report import Reporter
+from robotapp_scheduler.shell.reserve import READY, Reserved
+
+log = logging.getLogger(__name__)
+
+IN_FLIGHT = 64
+"""Pods between decision and answered bind; more only makes the API server queue them."""
+SLICE = 32
+TICK_S = 1.0
+
+
+class SchedulerLoop:
+    """`run` until `stop` is called; `wake` whenever something may have changed for a waiting pod."""
+
+    def __init__(
+        self,
+        core: SchedulerCore,
+        placer: Placer,
+        reporter: Reporter,
+        metrics: Metrics,
+        *,
+        clock: Callable[[], float],
+        in_flight: int = IN_FLIGHT,
+    ) -> None:
+        self._core = core
+        self._placer = placer
+        self._reporter = reporter
+        self._metrics = metrics
+        self._clock = clock
+        self._woken = asyncio.Event()
+        self._slots = asyncio.Semaphore(in_flight)
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._stopping = False
+        self.turned_s = clock()
+        """When the loop last turned: liveness."""
+
+    def __repr__(self) -> str:
+        return f"<SchedulerLoop {len(self._tasks)} batches in flight, {self._core!r}>"
+
+    def wake(self) -> None:
+        self._woken.set()
+
+    def stop(self) -> None:
+        """Take no further pods; what is in flight is finished by `drain`."""
+        self._stopping = True
+        self._woken.set()
+
+    async def run(self) -> None:
+        """Schedule until stopped."""
+        ticker = asyncio.create_task(self._tick_forever(), name="tick")
+        try:
+            decided = 0
+            while not self._stopping:
+                await self._slots.acquire()
+                batch = self._core.queue.pop()
+                if not batch:
+                    self._slots.release()
+                    await self._idle()
+                    continue
+                self._decide(batch)
+                decided += len(batch)
+                if decided >= SLICE:
+                    decided = 0
+                    await asyncio.sleep(0)
+        finally:
+            ticker.cancel()
+
+    async def drain(self, timeout_s: float) -> None:
+        """Wait for the binds in flight."""
+        if self._tasks:
+            await asyncio.wait(set(self._tasks), timeout=timeout_s)
+
+    def _decide(self, batch: Sequence[QueuedPod]) -> None:
+        started_s = self._clock()
+        try:
+            decisions = self._core.schedule(batch)
+        except Exception:  # a bug met with this batch must not stop the others; it is retried after back-off
+            log.exception("deciding about %s failed", ", ".join(queued.info.key for queued in batch))
+            for queued in batch:
+                self._core.cluster.forget(queued.info.uid)
+                self._core.queue.requeue(queued, Rejection())
+            self._slots.release()
+            return
+        self._metrics.algorithm_s.observe(self._clock() - started_s)
+        placed = [decision for decision in decisions if decision.placed]
+        for decision in decisions:
+            if not decision.placed:
+                self._placer.refuse(decision)
+        if not placed:
+            self._slots.release()
+            return
+        task = asyncio.create_task(self._carry_out(placed))
+        self._tasks.add(task)
+        task.add_done_callback(self._finished)
+
+    async def _carry_out(self, placed: Sequence[Decision]) -> None:
+        checked = await self._placer.check(placed)
+        if len(placed) == 1:
+            await self._place(placed[0], checked)
+            return
+        async with asyncio.TaskGroup() as group:
+            for decision in placed:
+                group.create_task(self._place(decision, checked))
+
+    async def _place(self, decision: Decision, checked: Mapping[str, Reserved]) -> None:
+        try:
+            await self._placer.place(decision, checked.get(decision.pod.uid, READY))
+        except Exception:  # a pod must never stay assumed and forgotten because of a bug
+            log.exception("placing %s failed", decision.pod.key)
+            self._placer.abandon(decision)
+
+    def _finished(self, task: asyncio.Task[None]) -> None:
+        self._tasks.discard(task)
+        self._slots.release()
+        self._woken.set()
+
+    async def _idle(self) -> None:
+        """Sleep until something happens; the ticker wakes us once a second."""
+        self.turned_s = self._clock()
+        await self._woken.wait()
+        self._woken.clear()
+
+    async def _tick_forever(self) -> None:
+        while True:
+            await asyncio.sleep(TICK_S)
+            self.tick()
+
+    def tick(self) -> None:
+        """Once a second: back-offs end, telemetry ages, and long waits are told to the user."""
+        self.turned_s = self._clock()
+        core = self._core
+        core.queue.tick()
+        core.queue.move(core.cluster.tick())
+        for queued, gate in core.held():
+            self._reporter.unscheduled(queued.info.pod, reason=gate.code, message=gate.reason)
+        self._woken.set()

@@ -1,0 +1,192 @@
+"""Carries decisions out: bind check, device claims, the bind, and what follows from each possible outcome.
+
+Until the Binding is sent the pod stays "in flight" in the queue, so that every change seen meanwhile counts if it comes
+back. From then on the pod is out of the queue; a bind that failed returns it, with its newest version, after back-off.
+"""
+
+import logging
+from collections.abc import Callable, Mapping, Sequence
+
+from robotapp_api.model.names import EventReason, PodReason
+from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.cycle import DEVICE_PLUGIN, SchedulerCore
+from robotapp_scheduler.core.decision import Decision
+from robotapp_scheduler.core.objects import Pod
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.queue import QueuedPod, Rejection
+from robotapp_scheduler.shell.binder import Binder, BindOutcome, BindResult
+from robotapp_scheduler.shell.metrics import AttemptResult, Metrics
+from robotapp_scheduler.shell.report import Reporter
+from robotapp_scheduler.shell.reserve import READY, Readiness, Reserved, Reserver
+from robotapp_scheduler.shell.texts import device_busy
+
+log = logging.getLogger(__name__)
+
+BIND_CHECK = "DomainBindCheck"
+"""Stands for a plugin name in the queue: any change of a claim or app may help."""
+VERSION_TRIES = 3
+"""A pod whose version moved while its devices were claimed is read and bound again at once, this often."""
+
+
+class Placer:
+    """One instance per process; `place` is awaited once per decided batch."""
+
+    def __init__(
+        self,
+        core: SchedulerCore,
+        *,
+        binder: Binder,
+        reserver: Reserver,
+        reporter: Reporter,
+        metrics: Metrics,
+        waiting: Mapping[str, Pod],
+        clock: Callable[[], float],
+    ) -> None:
+        self._core = core
+        self._binder = binder
+        self._reserver = reserver
+        self._reporter = reporter
+        self._metrics = metrics
+        self._waiting = waiting
+        self._clock = clock
+
+    def __repr__(self) -> str:
+        return f"<Placer of {self._core!r}>"
+
+    def refuse(self, decision: Decision) -> None:
+        """The pod got no node: tell why, and let it wait for what may help."""
+        queued = _queued(decision)
+        pod = decision.pod.pod
+        self._core.queue.requeue(queued, Rejection(decision.rejected_by))
+        if decision.pod.uid not in self._waiting:
+            return
+        self._reporter.unscheduled(pod, reason=decision.reason, message=decision.message)
+        if DEVICE_PLUGIN in decision.rejected_by:
+            self._name_holders(decision.pod)
+        result = AttemptResult.UNSCHEDULABLE if decision.rejected_by else AttemptResult.ERROR
+        self._metrics.attempts.labels(result, decision.pod.scheduler_name).inc()
+
+    def abandon(self, decision: Decision) -> None:
+        """Something unforeseen happened on the way: back into the queue as an error, nothing stays counted."""
+        self._forget(decision.pod)
+        text = "internal error while binding; the scheduler's log has the stack"
+        self._return(_queued(decision), Rejection(), reason=PodReason.SCHEDULER_ERROR, message=text)
+
+    async def check(self, placed: Sequence[Decision]) -> dict[str, Reserved]:
+        """The bind check for all pods of one batch, by uid."""
+        if all(decision.pod.member is None for decision in placed):
+            return {}
+        return await self._reserver.check_domains([decision.pod for decision in placed])
+
+    async def place(self, decision: Decision, checked: Reserved = READY) -> None:
+        """Bring one assumed pod to its node, or back into the queue."""
+        started_s = self._clock()
+        if checked.readiness is not Readiness.READY:
+            self._unready(decision, checked)
+            return
+        lost: set[str] = set()
+        for _ in range(VERSION_TRIES):
+            reserved = await self._reserver.devices(decision.pod, str(decision.node), decision.grants)
+            while reserved.readiness is Readiness.BUSY:
+                lost.add(str(decision.node))
+                self._forget(decision.pod)
+                (decision,) = self._core.schedule([_queued(decision)], exclude=frozenset(lost))
+                if not decision.placed:
+                    self.refuse(decision)
+                    self._device_event(decision.pod, reserved.message)
+                    return
+                reserved = await self._reserver.devices(decision.pod, str(decision.node), decision.grants)
+            if reserved.readiness is not Readiness.READY:
+                self._unready(decision, reserved)
+                return
+            outcome = await self._binder.bind(
+                decision.pod.pod,
+                str(decision.node),
+                grants=reserved.annotations,
+                resource_version=reserved.resource_version,
+            )
+            if outcome.result is not BindResult.CHANGED or not reserved.annotations:
+                break
+        self._settle(decision, outcome, started_s)
+
+    def _settle(self, decision: Decision, outcome: BindOutcome, started_s: float) -> None:
+        queued, pod = _queued(decision), decision.pod
+        profile = pod.scheduler_name
+        if outcome.result is BindResult.BOUND:
+            self._core.queue.done(pod.uid)
+            self._reporter.scheduled(pod.pod, outcome.node)
+            self._metrics.bound(queued, profile, started_s=started_s, now_s=self._clock())
+            return
+        self._forget(pod)
+        if outcome.result is not BindResult.FAILED:
+            self._metrics.bind_conflicts.inc()
+        if outcome.result in {BindResult.GONE, BindResult.TAKEN}:
+            self._core.queue.done(pod.uid)
+            return
+        log.warning("%s was not bound to %s: %s", pod.key, decision.node, outcome.message)
+        message = f'binding rejected: running Bind plugin "ROSBind": {outcome.message}'
+        self._metrics.attempts.labels(AttemptResult.ERROR, profile).inc()
+        self._return(queued, Rejection(), reason=PodReason.SCHEDULER_ERROR, message=message)
+
+    def _unready(self, decision: Decision, found: Reserved) -> None:
+        queued = _queued(decision)
+        self._forget(decision.pod)
+        if found.readiness is Readiness.GONE:
+            self._core.queue.done(decision.pod.uid)
+            return
+        waits = found.readiness is Readiness.WAIT
+        rejection = Rejection(frozenset({BIND_CHECK})) if waits else Rejection()
+        result = AttemptResult.UNSCHEDULABLE if waits else AttemptResult.ERROR
+        self._metrics.attempts.labels(result, decision.pod.scheduler_name).inc()
+        self._return(queued, rejection, reason=found.reason, message=found.message)
+
+    def _return(self, queued: QueuedPod, rejection: Rejection, *, reason: str, message: str) -> None:
+        """Back into the queue in the newest version, unless the pod is gone or bound meanwhile."""
+        uid = queued.info.uid
+        newest = self._waiting.get(uid)
+        if newest is None:
+            self._core.queue.done(uid)
+            return
+        if newest is not queued.info.pod:
+            queued.info = PodInfo(newest)
+        self._core.queue.requeue(queued, rejection)
+        self._reporter.unscheduled(newest, reason=reason, message=message)
+
+    def _forget(self, pod: PodInfo) -> None:
+        change = self._core.cluster.forget(pod.uid)
+        if change:
+            # Freed room is news for every other waiting pod, exactly as if the pod had been deleted. Not for this one:
+            # it would wake itself by its own failure, for ever.
+            self._core.queue.move(change | Change.DEVICES, apps=_app_of(pod), but=pod.uid)
+
+    def _name_holders(self, pod: PodInfo) -> None:
+        """Who has the devices this pod wants, in one event."""
+        ros = pod.ros
+        if ros is None or ros.holder is None:
+            return
+        index = self._core.cluster.devices
+        nodes = sorted(set().union(*(index.capable(wish) for wish in ros.devices)))
+        for node in nodes:
+            for busy in index.blockers(ros.devices, node, ros.holder):
+                text = device_busy(
+                    busy.device.id,
+                    node,
+                    holder=busy.holder,
+                    holder_namespace=busy.namespace,
+                    namespace=pod.namespace,
+                )
+                self._device_event(pod, text)
+                return
+
+    def _device_event(self, pod: PodInfo, text: str) -> None:
+        self._reporter.note(pod.pod, reason=EventReason.DEVICE_BUSY, text=text)
+
+
+def _queued(decision: Decision) -> QueuedPod:
+    if decision.queued is None:  # pragma: no cover - schedule() always sets it
+        raise ValueError(f"{decision!r} did not come from the queue")
+    return decision.queued
+
+
+def _app_of(pod: PodInfo) -> tuple[str, ...]:
+    return (pod.member.app_uid,) if pod.member is not None else ()

@@ -1,0 +1,265 @@
+"""Wires one scheduler process together and runs it: feed, loop, writers, sweep, HTTP endpoint, leadership."""
+
+import asyncio
+import contextlib
+import gc
+import logging
+import os
+import signal
+import socket
+import time
+import uuid
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from robotapp_api.client.api import ApiClient
+from robotapp_api.client.lease import LeaderElection
+from robotapp_api.client.login import load as login
+from robotapp_api.client.reflector import Change as Seen
+from robotapp_api.client.sweep import Sweeper
+from robotapp_api.model.names import SCHEDULER_MANAGER, Label
+from robotapp_scheduler.config import SchedulerConfig
+from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.explain import as_json
+from robotapp_scheduler.core.robotics import RobotApp
+from robotapp_scheduler.options import Options
+from robotapp_scheduler.shell import health
+from robotapp_scheduler.shell.access import Access, Gatekeeper
+from robotapp_scheduler.shell.binder import Binder
+from robotapp_scheduler.shell.events import PodEvents
+from robotapp_scheduler.shell.feed import Feed
+from robotapp_scheduler.shell.intake import Intake
+from robotapp_scheduler.shell.loop import SchedulerLoop
+from robotapp_scheduler.shell.metrics import Metrics
+from robotapp_scheduler.shell.placing import Placer
+from robotapp_scheduler.shell.report import Reporter
+from robotapp_scheduler.shell.reserve import Reserver
+
+log = logging.getLogger(__name__)
+
+STOP_TIMEOUT_S = 5.0
+STALLED_S = 30.0
+"""A loop that has not turned for this long is not alive."""
+SWEEP_CHANGES = Change.POD_REMOVED | Change.POD_SEEN | Change.CLAIMS | Change.APPS | Change.OWNERS
+
+
+class Scheduler:
+    """One process' parts. `run` ends when asked to stop, or with leadership lost."""
+
+    def __init__(self, client: ApiClient, config: SchedulerConfig, options: Options) -> None:
+        clock = time.monotonic
+        self._client = client
+        self._config = config
+        self._options = options
+        self._stop = asyncio.Event()
+        self._lost = False
+        self._leading = asyncio.Event()
+        self.metrics = Metrics()
+        self.core = SchedulerCore(
+            Cluster(clock=clock),
+            config.build(),
+            clock=clock,
+            initial_backoff_s=config.initial_backoff_s,
+            max_backoff_s=config.max_backoff_s,
+        )
+        self.events = PodEvents(client, config.scheduler_names)
+        self.reporter = Reporter(client, self.events)
+        self.intake = Intake(self.core.cluster, self.core.queue, self.reporter, scheduler_names=config.scheduler_names)
+        placer = Placer(
+            self.core,
+            binder=Binder(client),
+            reserver=Reserver(client),
+            reporter=self.reporter,
+            metrics=self.metrics,
+            waiting=self.intake.waiting,
+            clock=clock,
+        )
+        self.loop = SchedulerLoop(self.core, placer, self.reporter, self.metrics, clock=clock)
+        self.sweeper = Sweeper(client, period_s=options.sweep_seconds)
+        self.feed = Feed(
+            client, self.core.cluster, on_pod=self.intake.take, on_change=self._changed, metrics=self.metrics
+        )
+        self._election = self._candidate()
+        self._publish()
+
+    def __repr__(self) -> str:
+        return f"<Scheduler {self.loop!r}, {self.feed!r}>"
+
+    def stop(self) -> None:
+        """Finish what is in flight, give the lease back, end."""
+        self._stop.set()
+
+    async def run(self) -> int:
+        """Run until stopped. The exit status: 0 after a clean stop, 1 when leadership was lost."""
+        runner, port = await health.serve(self._pages(), host=self._options.health_host, port=self._options.health_port)
+        log.info("serving health, metrics and explanations on port %d", port)
+        try:
+            async with asyncio.TaskGroup() as group:
+                background = [
+                    group.create_task(self.feed.run(), name="feed"),
+                    group.create_task(self.events.run(), name="events"),
+                    group.create_task(self.reporter.run(), name="conditions"),
+                ]
+                work = group.create_task(self._lead(), name="lead")
+                await self._first(work, self._stop)
+                await self._wind_down(work)
+                for task in background:
+                    task.cancel()
+        finally:
+            await runner.cleanup()
+        return 1 if self._lost else 0
+
+    async def _first(self, work: asyncio.Task[None], stop: asyncio.Event) -> None:
+        asked = asyncio.create_task(stop.wait())
+        await asyncio.wait({work, asked}, return_when=asyncio.FIRST_COMPLETED)
+        asked.cancel()
+
+    async def _wind_down(self, work: asyncio.Task[None]) -> None:
+        self.loop.stop()
+        await self.loop.drain(STOP_TIMEOUT_S)
+        if not self._lost:
+            await self.events.drain()
+        work.cancel()  # a leader that is cancelled gives its lease back
+        with contextlib.suppress(asyncio.CancelledError):
+            await work
+
+    async def _lead(self) -> None:
+        await self.feed.synced.wait()
+        gc.collect()
+        gc.freeze()  # the initial list lives as long as we do: the collector need not walk it again
+        log.info("caches are filled: %r", self.core.cluster)
+        if self._election is None:
+            self._leading.set()
+            await self._work()
+            return
+        async with asyncio.TaskGroup() as group:
+            work: list[asyncio.Task[None]] = []
+
+            def started() -> None:
+                self._leading.set()
+                work.append(group.create_task(self._work(), name="work"))
+
+            def lost() -> None:
+                self._lost = True
+
+            await self._election.run(started, lost)
+            for task in work:
+                task.cancel()
+
+    async def _work(self) -> None:
+        """What only the leader does."""
+        async with asyncio.TaskGroup() as group:
+            sweep = group.create_task(self.sweeper.run(), name="sweep")
+            await self.loop.run()
+            sweep.cancel()
+
+    def _candidate(self) -> LeaderElection | None:
+        wanted = self._config.leader_election
+        if not wanted.enabled:
+            return None
+        namespace = self._options.lease_namespace or wanted.namespace or self._client.endpoint.namespace
+        identity = f"{socket.gethostname()}_{os.getpid()}_{uuid.uuid4().hex[:8]}"
+        return LeaderElection(
+            self._client,
+            namespace,
+            wanted.name,
+            identity,
+            lease_duration_s=wanted.lease_s,
+            renew_deadline_s=wanted.renew_s,
+            retry_period_s=wanted.retry_s,
+        )
+
+    def _changed(self, change: Change, seen: Seen) -> None:
+        """Something is different in the cluster: wake who may profit."""
+        self.core.queue.move(change, apps=app_uids(seen))
+        if change & SWEEP_CHANGES and seen.new is None:
+            self.sweeper.wake()
+        self.loop.wake()
+
+    # --- What is published -----------------------------------------------------------------------------------------
+
+    def _publish(self) -> None:
+        core = self.core
+        self.metrics.watch("pending_pods", "Pods that wait, by queue", label="queue", read=core.queue.pending)
+        self.metrics.watch("cache_size", "Objects in the cache", label="type", read=self._cache_size)
+        self.metrics.count(
+            "queue_incoming_pods",
+            "Pods that entered a queue, by event",
+            labels=("queue", "event"),
+            read=lambda: {key: float(count) for key, count in core.queue.incoming.items()},
+        )
+        self.metrics.count(
+            "plugin_decisions",
+            "Pods a plugin let pass, refused, scored or skipped",
+            labels=("plugin", "extension_point", "result"),
+            read=lambda: {key: float(count) for key, count in core.decisions().items()},
+        )
+        self.metrics.count(
+            "api_requests",
+            "Requests to the API server, by method and status; 0 is no answer",
+            labels=("method", "status"),
+            read=lambda: {(method, str(status)): n for (method, status), n in self._client.requests.items()},
+        )
+
+    def _cache_size(self) -> Mapping[str, float]:
+        cluster = self.core.cluster
+        assumed = sum(1 for pod in cluster.placed.values() if pod.assumed)
+        return {"nodes": cluster.nodes.count, "pods": len(cluster.placed), "assumed_pods": assumed}
+
+    def _pages(self) -> health.Pages:
+        return health.Pages(
+            registry=self.metrics.registry,
+            config=self._config.as_json,
+            explain=self._explain,
+            authorize=_everything if self._options.insecure_explain else Gatekeeper(self._client).access,
+            ready_checks={"informer-sync": self.feed.synced.is_set, "shutdown": lambda: not self._stop.is_set()},
+            live_checks={"leader-election": self._leads, "scheduling-loop": self._turns},
+        )
+
+    def _leads(self) -> bool:
+        return self._election is None or not self._leading.is_set() or self._election.is_leader
+
+    def _turns(self) -> bool:
+        return not self._leading.is_set() or time.monotonic() - self.loop.turned_s < STALLED_S
+
+    def _explain(self, namespace: str, name: str, with_nodes: bool) -> Mapping[str, Any] | None:
+        record = self.core.explain.find(namespace, name)
+        if record is None:
+            return None
+        found = as_json(record) | {"config": self._config.digest}
+        return found if with_nodes else without_nodes(found)
+
+
+def app_uids(seen: Seen) -> tuple[str, ...]:
+    """The RobotApp a change is about: pods, owners and claims carry its uid as a label."""
+    found = seen.new if seen.new is not None else seen.old
+    if isinstance(found, RobotApp):
+        return (found.metadata.uid,)
+    uid = (found.metadata.labels or {}).get(Label.APP_UID)
+    return (uid,) if uid else ()
+
+
+def without_nodes(record: Mapping[str, Any]) -> dict[str, Any]:
+    """An explanation for somebody who may not get nodes: reasons and counts, no names."""
+    hidden = {"top", "runnerUp", "edges"}
+    shown = {key: value for key, value in record.items() if key not in hidden}
+    return shown | {"refusals": [{**refusal, "examples": []} for refusal in record.get("refusals", ())]}
+
+
+async def _everything(_token: str, _namespace: str) -> Access:
+    return Access.ALL
+
+
+async def run(options: Options, config: SchedulerConfig) -> int:
+    """Log in, run until a signal, and give the exit status."""
+    kubeconfig = options.kubeconfig or (Path(config.kubeconfig) if config.kubeconfig else None)
+    endpoint = await asyncio.to_thread(login, kubeconfig)
+    async with ApiClient(endpoint, user_agent=SCHEDULER_MANAGER, field_manager=SCHEDULER_MANAGER) as client:
+        scheduler = Scheduler(client, config, options)
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGTERM, signal.SIGINT):
+            loop.add_signal_handler(number, scheduler.stop)
+        return await scheduler.run()

@@ -1,0 +1,153 @@
+"""What has to be ours before a pod may be bound: its domain's claim must stand, its devices must be claimed.
+
+The filter read a cache; here the API server decides. Nothing taken here is ever given back by us: what a failed attempt
+has claimed is found again by the next one, and the sweep frees it when the pod is gone (claims.md).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from robotapp_api.claims.bind import needs_check
+from robotapp_api.claims.device import Chosen
+from robotapp_api.claims.identity import claim_name_device, device_label, grants, holder_of_app, holder_of_pod
+from robotapp_api.claims.objects import Holder
+from robotapp_api.claims.objects import Pod as ClaimPod
+from robotapp_api.client.api import ApiClient
+from robotapp_api.client.claims import check_bind_all
+from robotapp_api.client.device_claims import reserve_devices
+from robotapp_api.client.errors import ClientError, NotFound
+from robotapp_api.client.resources import PODS
+from robotapp_api.model.names import Label, PodReason
+from robotapp_scheduler.core.devices import DeviceGrant
+from robotapp_scheduler.core.pods import PodInfo
+
+
+class Readiness(StrEnum):
+    """Outcome of a reservation."""
+
+    READY = "Ready"
+    BUSY = "Busy"  # a device went to somebody else: another node may have one
+    WAIT = "Wait"  # the domain's claim does not stand: the pod stays pending, with the reason
+    GONE = "Gone"
+    ERROR = "Error"
+
+
+@dataclass(frozen=True, slots=True)
+class Reserved:
+    """`annotations` and `resource_version` go into the Binding; `reason` and `message` to the user otherwise."""
+
+    readiness: Readiness
+    annotations: Mapping[str, str] = field(default_factory=dict)
+    resource_version: str = ""
+    reason: str = ""
+    message: str = ""
+
+
+READY = Reserved(Readiness.READY)
+
+
+class Reserver:
+    """Bind checks and device claims through one client."""
+
+    def __init__(self, client: ApiClient) -> None:
+        self._client = client
+
+    def __repr__(self) -> str:
+        return "<Reserver>"
+
+    async def check_domains(self, pods: Sequence[PodInfo]) -> dict[str, Reserved]:
+        """Claims.md rule 1 for the pods of one decision, by pod uid: each claim is read once, with a quorum.
+
+        Every pod was seen pending before this call. A pod without a literal domain is ready.
+        """
+        verdicts = {pod.uid: READY for pod in pods}
+        asked: list[ClaimPod] = []
+        for pod in pods:
+            if pod.member is None:
+                continue
+            try:
+                stored = await self._stored(pod)
+            except ClientError as error:
+                verdicts[pod.uid] = _error(error)
+                continue
+            if stored is None:
+                verdicts[pod.uid] = Reserved(Readiness.GONE)
+            elif needs_check(stored):
+                asked.append(stored)
+        try:
+            answers = await check_bind_all(self._client, asked)
+        except ClientError as error:
+            return verdicts | {pod.metadata.uid: _error(error) for pod in asked}
+        for stored, answer in zip(asked, answers, strict=True):
+            if not answer.allowed:
+                verdicts[stored.metadata.uid] = Reserved(
+                    Readiness.WAIT, reason=PodReason.WAITING_FOR_DOMAIN, message=answer.message
+                )
+        return verdicts
+
+    async def devices(self, pod: PodInfo, node: str, wanted: Sequence[DeviceGrant]) -> Reserved:
+        """Claim the exclusive devices chosen for this pod on `node`, all or none.
+
+        The pod is read first and its version becomes the Binding's precondition, so that a bind decided on an older
+        state of the pod fails instead of granting twice.
+        """
+        exclusive = [grant for grant in wanted if grant.exclusive]
+        if not exclusive:
+            return READY
+        try:
+            stored = await self._stored(pod)
+            if stored is None:
+                return Reserved(Readiness.GONE)
+            found = await reserve_devices(
+                self._client,
+                holder=holder_of(pod),
+                pod_uid=pod.uid,
+                node=node,
+                devices=[chosen(grant) for grant in exclusive],
+            )
+        except ClientError as error:
+            return _error(error)
+        if not found.ok:
+            return Reserved(Readiness.BUSY, reason=found.reason, message=found.message)
+        version = stored.metadata.resource_version
+        return Reserved(Readiness.READY, annotations=grants(devices=found.ids), resource_version=version)
+
+    async def _stored(self, pod: PodInfo) -> ClaimPod | None:
+        """The pod as etcd has it; None when it is gone, on its way out or bound already."""
+        try:
+            stored = await self._client.get(PODS, pod.name, namespace=pod.namespace, as_type=ClaimPod)
+        except NotFound:
+            return None
+        if stored.metadata.uid != pod.uid or stored.metadata.deletion_timestamp or stored.terminal:
+            return None
+        return stored
+
+
+def holder_of(pod: PodInfo) -> Holder:
+    """Devices belong to the app's component, or to a bare pod itself."""
+    if pod.member is None:
+        return holder_of_pod(namespace=pod.namespace, name=pod.name, uid=pod.uid)
+    return holder_of_app(
+        namespace=pod.namespace,
+        name=pod.labels.get(Label.APP, ""),
+        uid=pod.member.app_uid,
+        instance=pod.member.instance,
+        component=pod.member.component,
+    )
+
+
+def chosen(grant: DeviceGrant) -> Chosen:
+    device = grant.device
+    return Chosen(
+        requirement=grant.wish,
+        id=device_label(device.id),
+        type=device.type,
+        identity=device.identity,
+        path="",
+        claim=claim_name_device(grant.node, device.id),
+    )
+
+
+def _error(error: ClientError) -> Reserved:
+    return Reserved(Readiness.ERROR, reason=PodReason.SCHEDULER_ERROR, message=str(error))

@@ -1,0 +1,266 @@
+import asyncio
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import pytest
+from prometheus_client import CollectorRegistry
+
+from robotapp_api.model.names import PodReason
+from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.devices import DeviceGrant
+from robotapp_scheduler.core.objects import Metadata, Node, NodeStatus, Pod, PodSpec
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.profiles import Catalogue, PluginRef, ProfileSpec, build_profiles
+from robotapp_scheduler.shell.binder import BindOutcome, BindResult
+from robotapp_scheduler.shell.loop import SchedulerLoop
+from robotapp_scheduler.shell.metrics import Metrics
+from robotapp_scheduler.shell.placing import Placer
+from robotapp_scheduler.shell.reserve import READY, Readiness, Reserved
+
+OURS = "ours"
+
+
+class Fifo:
+    name = "Fifo"
+    events = Change.NONE
+
+    def queue_key(self, _pod: PodInfo, queued_s: float) -> tuple[float]:
+        return (queued_s,)
+
+
+class Bind:
+    name = "Bind"
+
+    def bind(self) -> None: ...
+
+
+class Scripted:
+    """Binder and reserver in one: answers in order, else success; records what it was asked."""
+
+    def __init__(self) -> None:
+        self.binds: deque[Any] = deque()
+        self.reservations: deque[Reserved] = deque()
+        self.domains: Reserved = READY
+        self.started = asyncio.Event()
+        self.asked: list[tuple[str, str, Mapping[str, str], str]] = []
+
+    async def bind(
+        self, pod: Pod, node: str, *, grants: Mapping[str, str] | None = None, resource_version: str = ""
+    ) -> BindOutcome:
+        self.asked.append((pod.metadata.name, node, dict(grants or {}), resource_version))
+        self.started.set()
+        await asyncio.sleep(0)
+        answer = self.binds.popleft() if self.binds else BindOutcome(BindResult.BOUND, node=node)
+        if isinstance(answer, Exception):
+            raise answer
+        return answer() if isinstance(answer, Callable) else answer  # type: ignore[arg-type]
+
+    async def devices(self, _pod: PodInfo, _node: str, _wanted: Sequence[DeviceGrant]) -> Reserved:
+        return self.reservations.popleft() if self.reservations else READY
+
+    async def check_domains(self, pods: Sequence[PodInfo]) -> dict[str, Reserved]:
+        return {pod.uid: self.domains for pod in pods}
+
+
+class Said:
+    def __init__(self) -> None:
+        self.lines: list[tuple[str, str, str]] = []
+
+    def scheduled(self, pod: Pod, node: str) -> None:
+        self.lines.append(("scheduled", pod.metadata.name, node))
+
+    def unscheduled(self, pod: Pod, *, reason: str, message: str) -> None:
+        self.lines.append((str(reason), pod.metadata.name, message))
+
+    def note(self, pod: Pod, *, reason: str, text: str) -> None:
+        self.lines.append((str(reason), pod.metadata.name, text))
+
+
+class Rig:
+    """The loop and placer around the real core, with scripted writes."""
+
+    def __init__(self, nodes: int = 2) -> None:
+        self.now_s = 0.0
+        catalogue = Catalogue(classes={"Fifo": Fifo, "Bind": Bind}, defaults=(PluginRef("Fifo"), PluginRef("Bind")))
+        profiles = build_profiles([ProfileSpec(scheduler_name=OURS)], catalogue)
+        self.core = SchedulerCore(Cluster(clock=self.clock), profiles, clock=self.clock)
+        for index in range(nodes):
+            status = NodeStatus(allocatable={"cpu": "4", "pods": "10"})
+            self.core.cluster.apply_node(Node(metadata=Metadata(name=f"n{index}"), status=status))
+        self.io = Scripted()
+        self.said = Said()
+        self.metrics = Metrics(CollectorRegistry())
+        self.waiting: dict[str, Pod] = {}
+        placer = Placer(
+            self.core,
+            binder=self.io,  # type: ignore[arg-type]
+            reserver=self.io,  # type: ignore[arg-type]
+            reporter=self.said,  # type: ignore[arg-type]
+            metrics=self.metrics,
+            waiting=self.waiting,
+            clock=self.clock,
+        )
+        self.loop = SchedulerLoop(self.core, placer, self.said, self.metrics, clock=self.clock)  # type: ignore[arg-type]
+
+    def clock(self) -> float:
+        return self.now_s
+
+    def show(self, name: str = "p", *, labels: dict[str, str] | None = None) -> None:
+        meta = Metadata(name=name, namespace="a", uid=f"uid-{name}", labels=labels)
+        pod = Pod(metadata=meta, spec=PodSpec(scheduler_name=OURS))
+        self.waiting[meta.uid] = pod
+        self.core.cluster.apply_pod(pod)
+        self.core.queue.add(pod)
+
+    async def turn(self) -> None:
+        """Let the loop run until nothing moves."""
+        task = asyncio.create_task(self.loop.run())
+        for _ in range(60):
+            await asyncio.sleep(0)
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+        self.core.queue.invariant()
+
+    def count(self, result: str) -> float:
+        return self.metrics.attempts.labels(result, OURS)._value.get()
+
+
+async def test_a_pod_is_decided_assumed_bound_and_leaves_the_queue() -> None:
+    rig = Rig()
+    rig.show()
+    await rig.turn()
+    ((name, node, grants, version),) = rig.io.asked
+    assert (name, grants, version) == ("p", {}, "")
+    assert rig.said.lines == [("scheduled", "p", node)]
+    assert rig.core.cluster.placed["uid-p"].node == node
+    assert len(rig.core.queue) == 0
+    assert rig.count("scheduled") == 1
+
+
+async def test_without_nodes_the_pod_waits_with_upstreams_text_and_a_node_brings_it_back() -> None:
+    rig = Rig(nodes=0)
+    rig.show()
+    await rig.turn()
+    assert rig.said.lines == [("Unschedulable", "p", "no nodes available to schedule pods")]
+    assert rig.core.queue.pending()["unschedulable"] + rig.core.queue.pending()["backoff"] == 1
+
+
+@pytest.mark.parametrize("result", [BindResult.GONE, BindResult.TAKEN])
+async def test_a_pod_that_is_gone_or_taken_frees_its_room_and_is_not_tried_again(result: BindResult) -> None:
+    rig = Rig()
+    rig.io.binds.append(BindOutcome(result))
+    rig.show()
+    await rig.turn()
+    assert rig.core.cluster.placed == {}
+    assert len(rig.core.queue) == 0
+    assert rig.said.lines == []
+
+
+async def test_a_failed_bind_frees_the_room_tells_why_and_retries_after_back_off() -> None:
+    rig = Rig()
+    rig.io.binds.append(BindOutcome(BindResult.FAILED, "boom"))
+    rig.show()
+    await rig.turn()
+    ((reason, _, message),) = rig.said.lines
+    assert reason == PodReason.SCHEDULER_ERROR
+    assert "boom" in message
+    assert rig.core.cluster.placed == {}
+    assert rig.core.queue.pending()["backoff"] == 1
+    rig.now_s += 3
+    rig.loop.tick()
+    await rig.turn()
+    assert rig.said.lines[-1][0] == "scheduled"
+
+
+async def test_a_pod_deleted_while_its_bind_failed_does_not_come_back() -> None:
+    rig = Rig()
+
+    def vanish() -> BindOutcome:
+        rig.waiting.pop("uid-p")
+        rig.core.queue.delete("uid-p")
+        return BindOutcome(BindResult.FAILED, "boom")
+
+    rig.io.binds.append(vanish)
+    rig.show()
+    await rig.turn()
+    assert len(rig.core.queue) == 0
+    assert rig.said.lines == []
+
+
+async def test_a_bug_on_the_way_never_leaves_a_pod_assumed() -> None:
+    rig = Rig()
+    rig.io.binds.append(RuntimeError("bug"))
+    rig.show()
+    await rig.turn()
+    assert rig.core.cluster.placed == {}
+    assert rig.core.queue.pending()["backoff"] == 1
+    assert rig.said.lines[0][0] == PodReason.SCHEDULER_ERROR
+
+
+async def test_a_device_lost_at_reserve_leads_to_the_next_node_in_the_same_cycle() -> None:
+    rig = Rig()
+    rig.io.reservations.append(Reserved(Readiness.BUSY, reason="DeviceBusy", message="held"))
+    rig.show()
+    await rig.turn()
+    assert len(rig.io.asked) == 1
+    assert [line[0] for line in rig.said.lines] == ["scheduled"]
+
+
+async def test_when_every_node_has_lost_its_device_the_pod_waits_and_the_holder_is_named() -> None:
+    rig = Rig()
+    busy = Reserved(Readiness.BUSY, reason="DeviceBusy", message="device can-can0 on n0 is held by a/drv")
+    rig.io.reservations.extend([busy, busy])
+    rig.show()
+    await rig.turn()
+    assert rig.io.asked == []
+    assert rig.core.cluster.placed == {}
+    assert ("DeviceBusy", "p", busy.message) in rig.said.lines
+    assert rig.said.lines[0][0] == "Unschedulable"
+
+
+async def test_grants_and_version_of_the_reservation_go_into_the_bind() -> None:
+    rig = Rig()
+    granted = {"granted.robotics.io/devices": "can-can0"}
+    rig.io.reservations.append(Reserved(Readiness.READY, annotations=granted, resource_version="9"))
+    rig.show()
+    await rig.turn()
+    assert rig.io.asked[0][2:] == (granted, "9")
+
+
+async def test_a_pod_whose_version_moved_is_reserved_and_bound_again_at_once() -> None:
+    rig = Rig()
+    granted = {"granted.robotics.io/devices": "can-can0"}
+    for version in ("9", "10"):
+        rig.io.reservations.append(Reserved(Readiness.READY, annotations=granted, resource_version=version))
+    rig.io.binds.append(BindOutcome(BindResult.CHANGED, "version"))
+    rig.show()
+    await rig.turn()
+    assert [asked[3] for asked in rig.io.asked] == ["9", "10"]
+    assert rig.said.lines[-1][0] == "scheduled"
+
+
+async def test_many_pods_are_bound_at_the_same_time_each_once() -> None:
+    rig = Rig(nodes=30)
+    for index in range(200):
+        rig.show(f"p{index}")
+    await rig.turn()
+    for _ in range(10):
+        await rig.turn()
+    names = [asked[0] for asked in rig.io.asked]
+    assert sorted(names) == sorted({f"p{index}" for index in range(200)})
+
+
+async def test_a_stopped_loop_finishes_what_is_in_flight_and_takes_nothing_new() -> None:
+    rig = Rig()
+    rig.show()
+    task = asyncio.create_task(rig.loop.run())
+    await rig.io.started.wait()
+    rig.loop.stop()
+    rig.show("late")
+    await task
+    await rig.loop.drain(1.0)
+    assert [line[1] for line in rig.said.lines] == ["p"]
+    assert len(rig.core.queue) == 1
