@@ -126,7 +126,7 @@ class AiohttpTransport:
 
     async def _once(self, method: str, path: str, body: bytes | None, content_type: str, timeout_s: float) -> Response:
         try:
-            async with self._sessions[0].request(
+            async with self._session(0).request(
                 method,
                 URL(self._endpoint.server + path, encoded=True),
                 data=body,
@@ -147,7 +147,7 @@ class AiohttpTransport:
             await credentials.refresh()
         generation = credentials.generation
         try:
-            async with self._sessions[1].request(
+            async with self._session(1).request(
                 "GET",
                 URL(self._endpoint.server + path, encoded=True),
                 headers=self._request_headers(""),
@@ -160,6 +160,11 @@ class AiohttpTransport:
                 yield _AiohttpStream(response, path)
         except (aiohttp.ClientError, TimeoutError, OSError) as error:
             raise _unreachable("GET", path, error) from error
+
+    def _session(self, number: int) -> aiohttp.ClientSession:
+        if not self._sessions:
+            raise Unreachable("the client is closed, or was never entered with `async with`", maybe_applied=False)
+        return self._sessions[number]
 
     def _request_headers(self, content_type: str) -> dict[str, str]:
         """Built once per content type and token: the hot path only looks them up."""

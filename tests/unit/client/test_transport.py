@@ -134,3 +134,16 @@ async def test_the_query_is_no_part_of_error_messages() -> None:
         with pytest.raises(Unreachable, match=r"^POST /x: "):
             await client.post_raw("/x?token=secret", b"{}")
         assert "connections" in repr(client._transport)
+
+
+async def test_a_client_that_is_not_open_says_so_and_sends_nothing() -> None:
+    async with ScriptedServer() as server:
+        client = client_for(server.endpoint)
+        with pytest.raises(Unreachable, match="never entered") as caught:
+            await client.post_raw("/x", b"{}")
+        async with client:
+            pass
+        with pytest.raises(Unreachable, match="closed"):
+            async with client.stream("/x", silence_s=1):
+                pass
+    assert not caught.value.maybe_applied
