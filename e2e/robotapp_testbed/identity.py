@@ -23,6 +23,8 @@ class Identity:
     user: str
     groups: tuple[str, ...] = ()
     token: str = field(default_factory=lambda: secrets.token_hex(16))
+    namespace: str = "default"
+    """The context's namespace; for a service account its own, where its Lease lives."""
 
 
 def service_account(name: str, *, namespace: str = SYSTEM_NAMESPACE) -> Identity:
@@ -30,6 +32,7 @@ def service_account(name: str, *, namespace: str = SYSTEM_NAMESPACE) -> Identity
     return Identity(
         user=f"system:serviceaccount:{namespace}:{name}",
         groups=("system:serviceaccounts", f"system:serviceaccounts:{namespace}"),
+        namespace=namespace,
     )
 
 
@@ -50,7 +53,7 @@ def token_file(identities: Mapping[str, Identity]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def kubeconfig(identity: Identity, *, server_url: str, ca_file: Path, namespace: str = "default") -> str:
+def kubeconfig(identity: Identity, *, server_url: str, ca_file: Path) -> str:
     """A complete kubeconfig; the certificate is embedded, so the file can be copied."""
     authority = base64.b64encode(ca_file.read_bytes()).decode()
     config = {
@@ -59,7 +62,10 @@ def kubeconfig(identity: Identity, *, server_url: str, ca_file: Path, namespace:
         "clusters": [{"name": "testbed", "cluster": {"server": server_url, "certificate-authority-data": authority}}],
         "users": [{"name": identity.user, "user": {"token": identity.token}}],
         "contexts": [
-            {"name": "testbed", "context": {"cluster": "testbed", "user": identity.user, "namespace": namespace}}
+            {
+                "name": "testbed",
+                "context": {"cluster": "testbed", "user": identity.user, "namespace": identity.namespace},
+            }
         ],
         "current-context": "testbed",
     }
