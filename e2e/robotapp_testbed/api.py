@@ -4,6 +4,7 @@ import http.client
 import json
 import ssl
 import threading
+import time
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -14,6 +15,7 @@ from robotapp_testbed.failures import ApiStatusError
 
 _PARALLEL = 8
 _TIMEOUT_S = 30.0
+_REST_S = 30.0
 MERGE = "application/merge-patch+json"
 APPLY = "application/apply-patch+yaml"
 
@@ -21,10 +23,13 @@ APPLY = "application/apply-patch+yaml"
 class Api:
     """Raw access as one identity. Paths are complete (`/api/v1/nodes/edge-1/status`); objects are JSON trees."""
 
-    def __init__(self, server_url: str, *, ca_file: Path, token: str) -> None:
+    def __init__(
+        self, server_url: str, *, ca_file: Path, token: str, clock: Callable[[], float] = time.monotonic
+    ) -> None:
         parts = urlsplit(server_url)
         self._host, self._port = parts.hostname or "", parts.port
         self._ca_file = ca_file
+        self._clock = clock
         self._headers = {
             "Authorization": f"Bearer {token}",
             "Accept": "application/json",
@@ -78,21 +83,29 @@ class Api:
     def _send(self, method: str, path: str, obj: Mapping[str, Any] | None, content_type: str) -> tuple[int, bytes]:
         body = None if obj is None else json.dumps(obj)
         headers = self._headers if body is None else {**self._headers, "Content-Type": content_type}
-        connection = self._connection()
+        connection, fresh = self._connection()
         try:
             connection.request(method, path, body=body, headers=headers)
             response = connection.getresponse()
-            return response.status, response.read()
+            answer = response.status, response.read()
         except (OSError, http.client.HTTPException):
             self._local.connection = None
             connection.close()
-            raise
+            if fresh or method != "GET":  # a write may have been done: only the caller knows whether to repeat it
+                raise
+            return self._send(method, path, obj, content_type)  # the server was restarted since the last request
+        self._local.used_s = self._clock()
+        return answer
 
-    def _connection(self) -> http.client.HTTPSConnection:
+    def _connection(self) -> tuple[http.client.HTTPSConnection, bool]:
+        """This thread's connection, and whether it is new. One that rested is replaced: the server closes idle ones after 90 s."""
         connection: http.client.HTTPSConnection | None = getattr(self._local, "connection", None)
-        if connection is None:
-            context = ssl.create_default_context(cafile=str(self._ca_file))
-            connection = http.client.HTTPSConnection(self._host, self._port, timeout=_TIMEOUT_S, context=context)
-            self._local.connection = connection
-            self._opened.append(connection)
-        return connection
+        if connection is not None and self._clock() - self._local.used_s < _REST_S:
+            return connection, False
+        if connection is not None:
+            connection.close()
+        context = ssl.create_default_context(cafile=str(self._ca_file))
+        connection = http.client.HTTPSConnection(self._host, self._port, timeout=_TIMEOUT_S, context=context)
+        self._local.connection, self._local.used_s = connection, self._clock()
+        self._opened.append(connection)
+        return connection, True

@@ -66,6 +66,7 @@ class ControlPlane:
         self._assets = assets or Assets()
         self._processes: dict[str, Process] = {}
         self._guard: subprocess.Popen[bytes] | None = None
+        self._run_dir: Path | None = None
         self._layout: components.Layout | None = None
         self._commands: Commands | None = None
         self._api: Api | None = None
@@ -158,11 +159,11 @@ class ControlPlane:
     def start(self) -> Self:
         """Start everything and wait until it serves (2 to 4 s). On failure nothing is left behind."""
         binaries = self._assets.resolve([*self._wanted, "kubectl", "helm"])
-        run_dir = Path(tempfile.mkdtemp(prefix="robotapp-testbed-"))
+        self._run_dir = Path(tempfile.mkdtemp(prefix="robotapp-testbed-"))
         try:
-            self._guard = start_guard(run_dir)
-            self._layout = components.Layout.create(run_dir)
-            self._commands = Commands(binaries, run_dir)
+            self._guard = start_guard(self._run_dir)
+            self._layout = components.Layout.create(self._run_dir)
+            self._commands = Commands(binaries, self._run_dir)
             self._write_files(self._layout, binaries)
             self._start_servers(self._layout, binaries)
         except BaseException:
@@ -177,11 +178,11 @@ class ControlPlane:
         self._processes.clear()
         if self._api:
             self._api.close()
-        if self._layout:
-            if self._keep_logs:
-                logs.keep(self._layout.logs_dir, self.kept_logs_dir)
-            shutil.rmtree(self._layout.run_dir, ignore_errors=True)
-        self._layout = self._api = None
+        if self._layout and self._keep_logs:
+            logs.keep(self._layout.logs_dir, self.kept_logs_dir)
+        if self._run_dir:
+            shutil.rmtree(self._run_dir, ignore_errors=True)
+        self._run_dir = self._layout = self._api = None
         if self._guard:
             self._guard.kill()
             self._guard.wait()
