@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from http import HTTPStatus
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -16,6 +17,8 @@ from robotapp_testbed.failures import ApiStatusError
 _PARALLEL = 8
 _TIMEOUT_S = 30.0
 _REST_S = 30.0
+_BUSY_S = 20.0
+_BUSY_PAUSE_S = 0.2
 MERGE = "application/merge-patch+json"
 APPLY = "application/apply-patch+yaml"
 
@@ -24,12 +27,19 @@ class Api:
     """Raw access as one identity. Paths are complete (`/api/v1/nodes/edge-1/status`); objects are JSON trees."""
 
     def __init__(
-        self, server_url: str, *, ca_file: Path, token: str, clock: Callable[[], float] = time.monotonic
+        self,
+        server_url: str,
+        *,
+        ca_file: Path,
+        token: str,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         parts = urlsplit(server_url)
         self._host, self._port = parts.hostname or "", parts.port
         self._ca_file = ca_file
         self._clock = clock
+        self._sleep = sleep
         self._headers = {
             "Authorization": f"Bearer {token}",
             "Accept": "application/json",
@@ -55,6 +65,11 @@ class Api:
     ) -> Any:
         """The decoded answer (text when it is not JSON). ApiStatusError for an error status, OSError without a server."""
         status, body = self._send(method, path, obj, content_type)
+        deadline_s = self._clock() + _BUSY_S
+        while status == HTTPStatus.TOO_MANY_REQUESTS and self._clock() < deadline_s:
+            # Not processed, so repeating is safe; seen right after a CRD is established ("storage is (re)initializing").
+            self._sleep(_BUSY_PAUSE_S)
+            status, body = self._send(method, path, obj, content_type)
         text = body.decode("utf-8", "replace")
         if status >= 400:
             try:

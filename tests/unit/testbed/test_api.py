@@ -49,6 +49,9 @@ class Server:
     def close(self) -> None:
         pass
 
+    def sleep(self, seconds: float) -> None:
+        self.now_s += seconds
+
 
 @pytest.fixture
 def server(monkeypatch: pytest.MonkeyPatch) -> Server:
@@ -60,7 +63,9 @@ def server(monkeypatch: pytest.MonkeyPatch) -> Server:
 
 @pytest.fixture
 def client(server: Server) -> Iterator[Api]:
-    made = Api("https://127.0.0.1:1", ca_file=Path("ca"), token="secret", clock=lambda: server.now_s)
+    made = Api(
+        "https://127.0.0.1:1", ca_file=Path("ca"), token="secret", clock=lambda: server.now_s, sleep=server.sleep
+    )
     yield made
     made.close()
 
@@ -127,6 +132,18 @@ def test_without_a_server_a_read_fails_at_once(server: Server, client: Api) -> N
         client.get("/x")
     assert len(server.requests) == 1
     assert not client.is_ready()
+
+
+def test_a_busy_server_is_asked_again(server: Server, client: Api) -> None:
+    server.answers = [(429, "storage is (re)initializing")] * 3 + [(201, {"done": True})]
+    assert client.create("/x", {}) == {"done": True}
+
+
+def test_a_server_that_stays_busy_is_given_up(server: Server, client: Api) -> None:
+    server.answers = [(429, "busy")] * 1000
+    with pytest.raises(ApiStatusError, match="429 busy"):
+        client.get("/x")
+    assert server.now_s == pytest.approx(20, abs=1)
 
 
 def test_ready_means_the_server_says_ok(server: Server, client: Api) -> None:
