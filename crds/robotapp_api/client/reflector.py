@@ -109,6 +109,7 @@ class Reflector(Generic[T]):
         self._contact: float | None = None
         self._initial: dict[str, Read[T]] | None = None
         self._progress = self._answered = False
+        self._opened: float | None = None  # when the current watch began
         self._fruitless = 0
         self.store: Mapping[str, T] = MappingProxyType(self._objects)
         self.synced = asyncio.Event()
@@ -135,16 +136,17 @@ class Reflector(Generic[T]):
     async def _attempt(self) -> float:
         """One list (if needed) and one watch to its end. Returns the pause before the next, in seconds."""
         self._progress = self._answered = False
-        started = self._client.clock()
+        self._opened = None
         wish_s: float | None = None
         at_once = False
         try:
             if not self.resource_version and not self._streaming:
                 await self._list()
             await self._watch()
-            at_once = self._client.clock() - started >= STEADY_S
+            at_once = self._was_steady()
         except Gone as error:
             self.stats.gone += 1
+            self._answered = True
             at_once = self._fruitless == 0
             self._list_again("history is gone", error)
         except ClientError as error:
@@ -154,7 +156,7 @@ class Reflector(Generic[T]):
             self._answered = self._answered and not isinstance(error, TooManyRequests)
         finally:
             self._initial = None
-        if self._progress or self._client.clock() - started >= STEADY_S:
+        if self._progress or self._was_steady():
             self._fruitless = 0
             self._backoff.reset()
         elif self._answered:  # a server that is down has not refused our version: resume when it is back
@@ -162,6 +164,9 @@ class Reflector(Generic[T]):
             if self._fruitless % RESUMES == 0:
                 self._list_again("no progress")
         return 0.0 if at_once else self._backoff.next_s(at_least_s=wish_s)
+
+    def _was_steady(self) -> bool:
+        return self._opened is not None and self._client.clock() - self._opened >= STEADY_S
 
     def _list_again(self, why: str, error: ClientError | None = None) -> None:
         if self.resource_version:
@@ -190,7 +195,7 @@ class Reflector(Generic[T]):
         self.stats.watches += 1
         async with self._client.stream(self._watch_path(), silence_s=self._inactivity_s) as stream:
             self._answered = True
-            self._contact = self._client.clock()
+            self._contact = self._opened = self._client.clock()
             if stream.status != 200:
                 error = error_from_response(stream.status, stream.headers, await stream.read())
                 if self._streaming and isinstance(error, BadRequest | Invalid):

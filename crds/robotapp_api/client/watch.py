@@ -142,13 +142,12 @@ class WatchDecoder(Generic[T]):
         self._object: msgspec.json.Decoder[T] = msgspec.json.Decoder(as_type)
 
     def page(self, body: bytes) -> "Page[Read[T]]":
-        """A list page, in one pass unless an object in it does not fit."""
+        """A list page, in one pass unless an object in it does not fit. Raises Unreachable when it is no list."""
         try:
             page = self._page.decode(body)
             return Page(page.metadata, [(obj, self.identify(obj), "") for obj in page.items or ()])
         except (msgspec.ValidationError, KeyError, TypeError):
-            raw = _RAW_PAGE.decode(body)
-            return Page(raw.metadata, [self._tolerant(item) for item in raw.items or ()])
+            return self._tolerant_page(body)
 
     def event(self, line: bytes) -> WatchEvent:
         """One line. Raises Unreachable when it is no watch event, the ApiError of an ERROR event."""
@@ -170,6 +169,13 @@ class WatchDecoder(Generic[T]):
             return WatchEvent(envelope.type, obj, identity, problem=problem)
         except (msgspec.DecodeError, UnicodeDecodeError) as error:
             raise Unreachable(f"a watch line is no event: {error}", maybe_applied=False) from error
+
+    def _tolerant_page(self, body: bytes) -> "Page[Read[T]]":
+        try:
+            page = _RAW_PAGE.decode(body)
+            return Page(page.metadata, [self._tolerant(item) for item in page.items or ()])
+        except msgspec.DecodeError as error:
+            raise Unreachable(f"the answer is no list: {error}", maybe_applied=False) from error
 
     def _tolerant(self, raw: msgspec.Raw) -> "Read[T]":
         try:

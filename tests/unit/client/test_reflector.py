@@ -1,6 +1,7 @@
 """The reflector against a server that answers as scripted: what it asks for, what it reports, how it recovers."""
 
 import asyncio
+import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ from tests.support.scripted import (
     item,
     listing,
     refusal,
+    reply,
     watch,
 )
 
@@ -62,7 +64,11 @@ class Mirror:
 
 @asynccontextmanager
 async def mirror(
-    *script: Play, as_type: Any = dict, on_change: Callable[[Change], None] | None = None, **settings: Any
+    *script: Play,
+    as_type: Any = dict,
+    on_change: Callable[[Change], None] | None = None,
+    clock: Callable[[], float] = time.monotonic,
+    **settings: Any,
 ) -> AsyncIterator[Mirror]:
     changes: list[Change] = []
     paused: list[float] = []
@@ -78,7 +84,7 @@ async def mirror(
 
     async with (
         ScriptedServer(*script) as server,
-        client_for(server.endpoint, sleep=sleep, uniform=lambda: 0.0) as client,
+        client_for(server.endpoint, sleep=sleep, uniform=lambda: 0.0, clock=clock) as client,
     ):
         settings = {"backoff": Backoff(base_s=1, cap_s=8, jitter=0)} | settings
         reflector = Reflector(client, CONFIGMAPS, as_type=as_type, on_change=report, **settings)
@@ -293,6 +299,33 @@ async def test_a_failing_list_is_tried_again_and_again() -> None:
     assert seen.paused == [1, 2, 4]
 
 
+@pytest.mark.parametrize("body", [b"[]", b"null", b'{"kind": "Status"}', b'{"metadata": {}, "items": [7]}', b"<html>"])
+async def test_an_answer_that_is_no_list_is_asked_for_again(body: bytes) -> None:
+    async with mirror(*[reply(body)] * 5, listing(9, item("a", 1)), watch(then="hang")) as seen:
+        await seen.asked(7)
+        assert seen.told == ["ADDED default/a"]
+
+
+async def test_a_list_that_is_gone_again_and_again_is_slowed_down() -> None:
+    async with mirror(*[refusal(410, "Expired")] * 12) as seen:
+        await seen.asked(13)
+    assert seen.paused == [1, 2, 4]
+
+
+async def test_a_slow_list_is_no_steady_watch() -> None:
+    # Lists of big clusters take longer than a watch that is Gone at once: that must not look like success.
+    now = [0.0]
+
+    def clock() -> float:
+        now[0] += 3
+        return now[0]
+
+    script = [play for _ in range(4) for play in (listing(9), refusal(410, "Expired"))]
+    async with mirror(*script, clock=clock) as seen:
+        await seen.asked(9)
+    assert len(seen.paused) == 3
+
+
 async def test_a_bug_in_a_consumer_does_not_stop_the_mirror() -> None:
     def stumble(change: Change) -> None:
         if change.key == "default/a":
@@ -362,6 +395,13 @@ async def test_a_streamed_list_is_complete_at_its_bookmark() -> None:
     assert seen.queries[0]["sendInitialEvents"] == "true"
     assert seen.queries[0]["resourceVersionMatch"] == "NotOlderThan"
     assert "resourceVersion" not in seen.queries[0]
+
+
+async def test_an_ordinary_bookmark_does_not_complete_a_streamed_list() -> None:
+    async with mirror(watch(event("ADDED", item("a", 3)), bookmark(8), then="hang"), streaming=True) as seen:
+        await until(lambda: seen.reflector.stats.events == 2)
+        assert not seen.reflector.synced.is_set()
+        assert seen.told == []
 
 
 async def test_a_streamed_list_cut_off_reports_nothing_and_starts_over() -> None:
