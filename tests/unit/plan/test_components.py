@@ -1,0 +1,97 @@
+"""What a component's Deployment and pods say about it."""
+
+import pytest
+from tests.support.factories import component, make_app, make_deployment, make_pod
+
+from robotapp_api.model.names import Reason
+from robotapp_operator.plan.components import ComponentView, component_view
+from robotapp_operator.plan.objects import Deployment, Pod
+
+
+def view(deployment: Deployment | None, *pods: Pod) -> ComponentView:
+    return component_view(make_app(component("driver")).spec.components[0], deployment, pods)
+
+
+def test_a_component_without_deployment_does_not_exist_yet() -> None:
+    found = view(None)
+    assert (found.exists, found.ready, found.bound, found.badness) == (False, False, False, 1)
+
+
+def test_ready_needs_every_replica_of_the_newest_template() -> None:
+    assert view(make_deployment(ready=1), make_pod(node="edge-1")).ready
+    assert not view(make_deployment(ready=0)).ready
+    assert not view(make_deployment(ready=1, updatedReplicas=0)).ready
+    assert not view(make_deployment(ready=1, observedGeneration=0)).ready
+
+
+def test_a_deployment_scaled_to_zero_is_not_ready() -> None:
+    assert not view(make_deployment(replicas=0)).ready
+
+
+def test_nodes_are_those_of_live_pods() -> None:
+    gone = make_pod("old", node="edge-9", metadata={"deletionTimestamp": "2026-01-01T00:00:00Z"})
+    done = make_pod("done", node="edge-8", status={"phase": "Failed"})
+    found = view(make_deployment(), make_pod("new", node="edge-1"), gone, done)
+    assert found.nodes == ("edge-1",)
+    assert found.bound
+
+
+def test_quota_refusals_are_told_apart_from_other_refusals() -> None:
+    def refused(message: str) -> ComponentView:
+        condition = {"type": "ReplicaFailure", "status": "True", "reason": "FailedCreate", "message": message}
+        return view(make_deployment(conditions=[condition]))
+
+    quota = refused("pods is forbidden: exceeded quota: small, requested: pods=1")
+    assert quota.reason == Reason.QUOTA_REFUSED
+    assert "raise the quota" in quota.message
+    assert refused("denied by policy").reason == Reason.FAILED_CREATE
+
+
+@pytest.mark.parametrize("waiting", ["ErrImagePull", "ImagePullBackOff", "InvalidImageName"])
+def test_image_trouble_is_named(waiting: str) -> None:
+    found = view(make_deployment(), make_pod(node="edge-1", waiting=(waiting, "not found")))
+    assert found.reason == Reason.IMAGE_PULL
+    assert found.message.startswith(f"{waiting}: not found")
+    assert found.badness == 2
+
+
+def test_a_crash_loop_tells_count_and_exit_code() -> None:
+    state = {"restartCount": 4, "lastState": {"terminated": {"exitCode": 139, "reason": "Error"}}}
+    found = view(make_deployment(), make_pod(node="e", waiting=("CrashLoopBackOff", ""), container=state))
+    assert found.reason == Reason.CRASH_LOOP
+    assert "restarted 4 times, last with exit code 139 (Error)" in found.message
+    assert found.restarts == 4
+
+
+def test_a_missing_config_map_is_a_failure_to_create() -> None:
+    found = view(
+        make_deployment(), make_pod(node="e", waiting=("CreateContainerConfigError", 'configmap "x" not found'))
+    )
+    assert found.reason == Reason.FAILED_CREATE
+
+
+def test_an_unschedulable_pod_shows_the_schedulers_words() -> None:
+    condition = {
+        "type": "PodScheduled",
+        "status": "False",
+        "reason": "Unschedulable",
+        "message": "0/5 nodes are available",
+    }
+    found = view(make_deployment(), make_pod(status={"conditions": [condition]}))
+    assert found.reason == Reason.UNSCHEDULABLE
+    assert found.message == "0/5 nodes are available"
+    assert not found.bound
+
+
+def test_starting_is_no_failure() -> None:
+    found = view(make_deployment(), make_pod(node="e", waiting=("ContainerCreating", "")))
+    assert (found.reason, found.message, found.badness) == (None, "", 1)
+
+
+def test_waiting_for_the_predecessor_is_said() -> None:
+    old = make_pod(node="e", metadata={"deletionTimestamp": "2026-01-01T00:00:00Z"})
+    assert "previous pod" in view(make_deployment(), old).message
+
+
+def test_messages_are_bounded() -> None:
+    assert len(view(make_deployment(), make_pod(node="e", waiting=("ErrImagePull", "x" * 5000))).message) == 1024

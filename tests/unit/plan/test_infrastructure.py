@@ -1,0 +1,99 @@
+"""Discovery servers, router and roscore."""
+
+from typing import Any
+
+from tests.support.factories import make_app
+
+from robotapp_api.model.names import Label
+from robotapp_operator.plan.children import DEPLOYMENT, SERVICE, Child
+from robotapp_operator.plan.infrastructure import infrastructure
+from robotapp_operator.plan.services import peers_service
+from robotapp_operator.plan.wish import wish_of
+
+
+def parts(robot: str = "", **spec: Any) -> list[Child]:
+    return infrastructure(wish_of(make_app(**spec), robot), running=True)
+
+
+def pod_spec(child: Child) -> dict[str, Any]:
+    spec: dict[str, Any] = child.spec["template"]["spec"]
+    return spec
+
+
+def deployments(children: list[Child]) -> list[Child]:
+    return [child for child in children if child.ref.kind == DEPLOYMENT]
+
+
+def services(children: list[Child]) -> list[Child]:
+    return [child for child in children if child.ref.kind == SERVICE]
+
+
+def test_fast_dds_has_two_servers_with_an_address_each() -> None:
+    found = parts()
+    assert len(deployments(found)) == len(services(found)) == 2
+    for index, (server, service) in enumerate(zip(deployments(found), services(found), strict=True)):
+        assert pod_spec(server)["containers"][0]["args"] == ["fastdds", "discovery", "-i", str(index), "-p", "11811"]
+        assert service.spec["selector"] == server.spec["selector"]["matchLabels"]
+        assert service.spec["clusterIP"] == "None"
+        assert service.spec["publishNotReadyAddresses"] is True
+
+
+def test_servers_avoid_each_other_and_the_first_stays_with_the_robot() -> None:
+    first, second = deployments(parts(robot="amr-07"))
+    for server in (first, second):
+        assert "podAntiAffinity" in pod_spec(server)["affinity"]
+    (preference,) = pod_spec(first)["affinity"]["nodeAffinity"]["preferredDuringSchedulingIgnoredDuringExecution"]
+    assert preference["preference"]["matchExpressions"][0]["values"] == ["amr-07"]
+    assert "nodeAffinity" not in pod_spec(second)["affinity"]
+    assert "tolerations" in pod_spec(first)
+
+
+def test_infrastructure_has_a_role_and_no_component_and_no_domain() -> None:
+    for spec in ({}, {"dds": {"rmw": "rmw_zenoh_cpp"}}, {"ros": {"distro": "noetic"}}):
+        for child in deployments(parts(**spec)):
+            labels = child.spec["template"]["metadata"]["labels"]
+            assert Label.ROLE in labels
+            assert Label.COMPONENT not in labels
+            env = pod_spec(child)["containers"][0].get("env", [])
+            assert "ROS_DOMAIN_ID" not in {variable["name"] for variable in env}
+
+
+def test_images_follow_the_distribution_unless_written() -> None:
+    assert pod_spec(parts(ros={"distro": "jazzy"})[0])["containers"][0]["image"] == "ros:jazzy-ros-base"
+    assert pod_spec(parts(dds={"discovery": {"image": "own"}})[0])["containers"][0]["image"] == "own"
+    assert pod_spec(parts(ros={"distro": "noetic"}, ros1={"image": "own"})[0])["containers"][0]["image"] == "own"
+
+
+def test_the_zenoh_router_comes_from_the_first_component_and_listens_on_ipv4() -> None:
+    deployment, service = parts(dds={"rmw": "rmw_zenoh_cpp"})
+    container = pod_spec(deployment)["containers"][0]
+    assert container["image"] == "reg/operator:1"
+    assert "0.0.0.0:7447" in container["env"][0]["value"]
+    assert service.spec["ports"][0]["port"] == 7447
+    assert "clusterIP" not in service.spec
+
+
+def test_a_managed_master_answers_on_its_port_and_may_be_pinned_to_a_node() -> None:
+    deployment, service = parts(ros={"distro": "noetic"}, placement={"masterNode": "edge-1"})
+    assert pod_spec(deployment)["containers"][0]["readinessProbe"] == {"tcpSocket": {"port": 11311}}
+    required = pod_spec(deployment)["affinity"]["nodeAffinity"]["requiredDuringSchedulingIgnoredDuringExecution"]
+    assert required["nodeSelectorTerms"][0]["matchExpressions"][0]["values"] == ["edge-1"]
+    assert service.spec["ports"][0]["port"] == 11311
+
+
+def test_external_masters_cyclone_and_multicast_need_nothing() -> None:
+    assert parts(ros={"distro": "noetic"}, ros1={"master": "External", "uri": "http://m:1"}) == []
+    assert parts(dds={"rmw": "rmw_cyclonedds_cpp"}) == []
+    assert parts(dds={"discovery": {"mode": "Multicast"}}) == []
+
+
+def test_the_headless_service_publishes_starting_pods_of_the_instance() -> None:
+    service = peers_service(wish_of(make_app(), "amr-07"))
+    assert service.spec["clusterIP"] == "None"
+    assert service.spec["publishNotReadyAddresses"] is True
+    assert service.spec["selector"] == {"robotics.io/app": "teleop", "robotics.io/instance": "amr-07"}
+
+
+def test_infrastructure_of_a_stopped_instance_has_no_pods() -> None:
+    stopped = infrastructure(wish_of(make_app(), ""), running=False)
+    assert {child.spec["replicas"] for child in stopped if child.ref.kind == DEPLOYMENT} == {0}

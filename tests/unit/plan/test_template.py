@@ -1,0 +1,267 @@
+"""The pod template of a component."""
+
+from typing import Any
+
+import pytest
+from tests.support.factories import component, make_app
+
+from robotapp_api.model.names import SCHEDULING_GATE, Annotation, Label
+from robotapp_operator.plan.template import ParamsFile, pod_template
+from robotapp_operator.plan.wish import Domain, wish_of
+
+DOMAIN = Domain(7, "dds.default.c.7")
+
+
+def template(
+    *, robot: str = "", params: ParamsFile | None = None, app: dict[str, Any] | None = None, **fields: Any
+) -> dict[str, Any]:
+    whole = make_app(component("driver", **fields), component("other"), **(app or {}))
+    wish = wish_of(whole, robot)
+    domain = DOMAIN if whole.ros_version == 2 else None
+    return pod_template(whole.spec.components[0], wish, domain=domain, params=params or ParamsFile())
+
+
+def env_of(rendered: dict[str, Any]) -> dict[str, Any]:
+    return {item["name"]: item.get("value", item.get("valueFrom")) for item in rendered["spec"]["containers"][0]["env"]}
+
+
+def required_terms(rendered: dict[str, Any]) -> list[list[dict[str, Any]]]:
+    required = rendered["spec"]["affinity"]["nodeAffinity"]["requiredDuringSchedulingIgnoredDuringExecution"]
+    return [term["matchExpressions"] for term in required["nodeSelectorTerms"]]
+
+
+def test_labels_name_app_uid_instance_and_component() -> None:
+    labels = template(robot="amr-07")["metadata"]["labels"]
+    assert labels[Label.APP] == "teleop"
+    assert labels[Label.APP_UID] == "uid-1"
+    assert labels[Label.INSTANCE] == "amr-07"
+    assert labels[Label.COMPONENT] == "driver"
+
+
+def test_the_domain_is_a_literal_and_its_claim_is_named() -> None:
+    rendered = template()
+    assert env_of(rendered)["ROS_DOMAIN_ID"] == "7"
+    assert rendered["metadata"]["annotations"] == {Annotation.DOMAIN_CLAIM: "dds.default.c.7"}
+
+
+def test_robots_get_no_api_token_unless_their_author_named_an_account() -> None:
+    assert template()["spec"]["automountServiceAccountToken"] is False
+    assert template(serviceAccountName="ours")["spec"]["automountServiceAccountToken"] is True
+
+
+def test_nothing_empty_is_rendered() -> None:
+    def empties(value: Any) -> bool:
+        if isinstance(value, dict):
+            return any(item in (None, {}, []) or empties(item) for item in value.values())
+        return isinstance(value, list) and any(map(empties, value))
+
+    assert not empties(template()["spec"])
+
+
+def test_a_robots_component_is_tied_to_that_robot() -> None:
+    assert required_terms(template(robot="amr-07", runsOn="Robot")) == [
+        [{"key": Label.ROBOT, "operator": "In", "values": ["amr-07"]}]
+    ]
+
+
+def test_without_robots_runs_on_names_a_tier() -> None:
+    for tier in ("Robot", "Edge", "Cloud"):
+        (term,) = required_terms(template(runsOn=tier))
+        assert term == [{"key": Label.TIER, "operator": "In", "values": [tier.lower()]}]
+    assert "affinity" not in template()["spec"]
+
+
+def test_a_free_component_of_a_robots_instance_never_lands_on_another_robot() -> None:
+    own, elsewhere = required_terms(template(robot="amr-07"))
+    assert own == [{"key": Label.ROBOT, "operator": "In", "values": ["amr-07"]}]
+    assert elsewhere == [{"key": Label.ROBOT, "operator": "DoesNotExist"}]
+
+
+def test_pods_on_the_robot_stay_for_ever_when_it_is_out_of_reach() -> None:
+    lost = [item for item in template(robot="r", runsOn="Robot")["spec"]["tolerations"] if "node." in item["key"]]
+    assert [item["key"] for item in lost] == ["node.kubernetes.io/not-ready", "node.kubernetes.io/unreachable"]
+    assert all("tolerationSeconds" not in item for item in lost)
+
+
+def test_pods_elsewhere_move_after_the_grace_period() -> None:
+    lost = template(app={"connectivity": {"grace": "90s"}})["spec"]["tolerations"]
+    assert {item["tolerationSeconds"] for item in lost} == {90}
+    kept = template(onDisconnect="Keep")["spec"]["tolerations"]
+    assert all("tolerationSeconds" not in item for item in kept)
+
+
+def test_robot_taints_are_tolerated_for_that_robot_only() -> None:
+    own = template(robot="amr-07", runsOn="Robot")["spec"]["tolerations"]
+    assert {"key": Label.ROBOT, "operator": "Equal", "value": "amr-07"} in own
+    assert all(item["key"] not in (Label.ROBOT, Label.TIER) for item in template(runsOn="Edge")["spec"]["tolerations"])
+
+
+def test_the_components_own_tolerations_come_first() -> None:
+    mine = {"key": "x", "operator": "Exists"}
+    assert template(tolerations=[mine])["spec"]["tolerations"][0] == mine
+
+
+def test_params_are_mounted_passed_and_roll_the_pods() -> None:
+    app = make_app(component("driver", args=["run"], params={"configMap": "drv"}))
+    rendered = pod_template(
+        app.spec.components[0], wish_of(app, ""), domain=DOMAIN, params=ParamsFile("amr-07.yaml", "abc")
+    )
+    (volume,) = rendered["spec"]["volumes"]
+    assert volume["configMap"] == {"name": "drv", "items": [{"key": "amr-07.yaml", "path": "params.yaml"}]}
+    assert rendered["spec"]["containers"][0]["args"] == [
+        "run",
+        "--ros-args",
+        "--params-file",
+        "/etc/robotapp/params/params.yaml",
+    ]
+    assert rendered["metadata"]["annotations"][Annotation.PARAMS_HASH] == "abc"
+
+
+def test_our_variables_come_first_and_the_components_own_value_wins() -> None:
+    rendered = template(
+        env=[{"name": "ROS_LOCALHOST_ONLY", "value": "1"}, {"name": "MINE", "value": "$(ROS_DOMAIN_ID)"}]
+    )
+    names = [item["name"] for item in rendered["spec"]["containers"][0]["env"]]
+    assert names.index("ROS_DOMAIN_ID") < names.index("MINE")
+    assert len(names) == len(set(names))
+    assert env_of(rendered)["ROS_LOCALHOST_ONLY"] == "1"
+
+
+def test_devices_arrive_by_the_downward_api() -> None:
+    rendered = template(devices=[{"name": "can", "type": "can"}])
+    path = env_of(rendered)["ROBOTAPP_DEVICES"]["fieldRef"]["fieldPath"]
+    assert path == "metadata.annotations['granted.robotics.io/devices']"
+
+
+def test_hardware_is_left_to_our_scheduler_and_spelled_out_for_others() -> None:
+    wanted = {
+        "devices": [{"name": "c", "type": "can", "interface": "can0"}],
+        "requires": [{"type": "gpu", "model": "nvidia"}],
+    }
+    assert "affinity" not in template(**wanted)["spec"]
+    (term,) = required_terms(template(app={"schedulerName": "default-scheduler"}, **wanted))
+    assert term == [
+        {"key": "hardware.robotics.io/can-can0", "operator": "Exists"},
+        {"key": "hardware.robotics.io/gpu", "operator": "In", "values": ["nvidia"]},
+    ]
+
+
+def test_other_schedulers_are_gated_until_the_domain_is_checked() -> None:
+    assert template(app={"schedulerName": "default-scheduler"})["spec"]["schedulingGates"] == [
+        {"name": SCHEDULING_GATE}
+    ]
+    assert "schedulingGates" not in template()["spec"]
+    assert "schedulingGates" not in template(app={"schedulerName": "x", "ros": {"distro": "noetic"}})["spec"]
+
+
+def test_other_schedulers_get_pod_affinity_towards_earlier_components_only() -> None:
+    app = make_app(
+        component("a", colocateWith=["b"]), component("b", separateFrom=["c"]), component("c"), schedulerName="other"
+    )
+    wish = wish_of(app, "")
+    first, second, third = (
+        pod_template(part, wish, domain=DOMAIN, params=ParamsFile())["spec"] for part in app.spec.components
+    )
+    assert "affinity" not in first
+    (term,) = second["affinity"]["podAffinity"]["requiredDuringSchedulingIgnoredDuringExecution"]
+    assert term["labelSelector"]["matchLabels"][Label.COMPONENT] == "a"
+    assert "podAntiAffinity" in third["affinity"]
+
+
+def test_cyclone_pods_have_a_name_of_their_own_and_await_the_others() -> None:
+    app = {"dds": {"rmw": "rmw_cyclonedds_cpp"}}
+    spec = template(app=app)["spec"]
+    assert spec["hostname"] == "driver"
+    assert spec["subdomain"].startswith("teleop-peers-")
+    (wait,) = spec["initContainers"]
+    assert "other." in wait["command"][-1]
+    assert "driver." not in wait["command"][-1]
+
+
+def test_multicast_needs_neither_names_nor_waiting() -> None:
+    spec = template(app={"dds": {"discovery": {"mode": "Multicast"}}})["spec"]
+    assert not {"hostname", "subdomain", "initContainers"} & spec.keys()
+
+
+def test_the_components_own_init_containers_run_after_the_wait() -> None:
+    spec = template(initContainers=[{"name": "own", "image": "x"}])["spec"]
+    assert [step["name"] for step in spec["initContainers"]] == ["wait-for-names", "own"]
+
+
+def test_a_ros_1_pod_advertises_its_own_address() -> None:
+    found = env_of(template(app={"ros": {"distro": "noetic"}}))
+    assert found["ROS_MASTER_URI"].endswith(":11311")
+    assert found["ROS_IP"] == {"fieldRef": {"fieldPath": "status.podIP"}}
+    assert "ROS_DOMAIN_ID" not in found
+
+
+def test_an_external_master_is_used_as_written() -> None:
+    app = {"ros": {"distro": "noetic"}, "ros1": {"master": "External", "uri": "http://m:11311"}}
+    assert env_of(template(app=app))["ROS_MASTER_URI"] == "http://m:11311"
+
+
+@pytest.mark.parametrize(
+    ("ready", "probe"),
+    [
+        ({"httpGet": {"port": 80}}, {"httpGet": {"port": 80}}),
+        ({"tcpSocket": {"port": 80}}, {"tcpSocket": {"port": 80}}),
+        ({"exec": {"command": ["true"]}}, {"exec": {"command": ["true"]}}),
+    ],
+)
+def test_plain_probes_are_passed_on(ready: dict[str, Any], probe: dict[str, Any]) -> None:
+    assert template(ready=ready)["spec"]["containers"][0]["readinessProbe"] == probe
+
+
+def test_topics_and_lifecycle_are_asked_rarely() -> None:
+    for ready, says in (
+        ({"topic": "/odom"}, "ros2 topic echo --once /odom"),
+        ({"topic": "/odom", "minHz": 20}, "rate >= 20"),
+        ({"lifecycle": "Active"}, "ros2 lifecycle get /driver"),
+    ):
+        probe = template(ready=ready)["spec"]["containers"][0]["readinessProbe"]
+        assert says in probe["exec"]["command"][-1]
+        assert probe["periodSeconds"] > probe["timeoutSeconds"]
+
+
+def test_a_ros_1_topic_is_asked_with_the_tools_of_ros_1() -> None:
+    rendered = template(app={"ros": {"distro": "noetic"}}, ready={"topic": "/odom"})
+    assert "rostopic echo -n 1 /odom" in rendered["spec"]["containers"][0]["readinessProbe"]["exec"]["command"][-1]
+
+
+def test_everything_of_a_pod_spec_is_passed_on() -> None:
+    fields: dict[str, Any] = {
+        "command": ["c"],
+        "args": ["a"],
+        "envFrom": [{"secretRef": {"name": "s"}}],
+        "ports": [{"containerPort": 1}],
+        "volumes": [{"name": "v", "emptyDir": {}}],
+        "volumeMounts": [{"name": "v", "mountPath": "/v"}],
+        "resources": {"requests": {"cpu": "1"}},
+        "imagePullPolicy": "Always",
+        "imagePullSecrets": [{"name": "s"}],
+        "nodeSelector": {"a": "b"},
+        "priorityClassName": "p",
+        "securityContext": {"runAsUser": 1},
+        "podSecurityContext": {"fsGroup": 1},
+        "runtimeClassName": "r",
+        "terminationGracePeriodSeconds": 5,
+        "preStop": {"exec": {"command": ["stop"]}},
+    }
+    spec = template(**fields)["spec"]
+    main = spec["containers"][0]
+    for name in (
+        "command",
+        "args",
+        "envFrom",
+        "ports",
+        "volumeMounts",
+        "resources",
+        "imagePullPolicy",
+        "securityContext",
+    ):
+        assert main[name] == fields[name]
+    for name in ("volumes", "imagePullSecrets", "nodeSelector", "priorityClassName", "runtimeClassName"):
+        assert spec[name] == fields[name]
+    assert spec["securityContext"] == {"fsGroup": 1}
+    assert spec["terminationGracePeriodSeconds"] == 5
+    assert main["lifecycle"] == {"preStop": {"exec": {"command": ["stop"]}}}
