@@ -77,7 +77,7 @@ def test_localhost_discovery_is_refused_between_components_but_not_alone() -> No
 @pytest.mark.parametrize("variable", ["ROS_DOMAIN_ID", "RMW_IMPLEMENTATION", "ROS_MASTER_URI"])
 def test_variables_that_belong_to_the_app_are_refused_on_one_component(variable: str) -> None:
     app = make_app(component("a"), component("b", env=[{"name": variable, "value": "1"}]))
-    reason, field, message = only_problem(app)
+    _, field, message = only_problem(app)
     assert field == "spec.components[1].env"
     assert f"{variable} of b" in message
 

@@ -1,0 +1,65 @@
+"""Events tell changes of state, once."""
+
+import dataclasses
+from datetime import date
+from typing import Any
+
+from tests.support.factories import make_app
+
+from robotapp_api.model.names import EventReason
+from robotapp_operator.plan.news import end_of_life, news_of
+
+
+def status(**conditions: tuple[str, str, str]) -> dict[str, Any]:
+    return {
+        "conditions": [
+            {"type": kind, "status": state, "reason": reason, "message": text}
+            for kind, (state, reason, text) in conditions.items()
+        ]
+    }
+
+
+def reasons(before: dict[str, Any], after: dict[str, Any], **domains: int) -> list[str]:
+    return [item.reason.value for item in news_of(before, after, new_domains=domains)]
+
+
+def test_new_domains_are_told_per_robot() -> None:
+    (item,) = news_of({}, {}, new_domains={"amr-07": 7})
+    assert (item.reason, item.note, item.warning) == (EventReason.DOMAIN_ALLOCATED, "robot amr-07: domain 7", False)
+    assert news_of({}, {}, new_domains={"": 7})[0].note == "domain 7"
+
+
+def test_each_state_is_told_when_it_begins_and_not_again() -> None:
+    bad = status(
+        Accepted=("False", "InvalidSpec", "a"),
+        Allocated=("False", "DomainExhausted", "b"),
+        Ready=("False", "CrashLoop", "c"),
+        BudgetMet=("False", "BudgetExceeded", "d"),
+        Placed=("True", "Placed", "e"),
+    )
+    told = ["InvalidSpec", "DomainExhausted", "ChildFailed", "Placed", "BudgetExceeded"]
+    assert reasons({}, bad) == told
+    assert reasons(bad, bad) == []
+
+
+def test_another_message_of_the_same_state_is_no_news() -> None:
+    before = status(Placed=("True", "Placed", "on a"))
+    assert reasons(before, status(Placed=("True", "Placed", "on b"))) == []
+
+
+def test_ordinary_progress_is_no_news() -> None:
+    assert (
+        reasons({}, status(Ready=("False", "ComponentsNotReady", "0 of 3"), Allocated=("Unknown", "Pending", ""))) == []
+    )
+
+
+def test_a_dead_distribution_is_told_once_per_generation() -> None:
+    app = make_app(ros={"distro": "iron"})
+    found = end_of_life(app, {}, date(2026, 1, 1))
+    assert found is not None
+    assert found.reason == EventReason.EOL_DISTRO
+    assert "2024-12-04" in found.note
+    assert end_of_life(app, {"observedGeneration": 1}, date(2026, 1, 1)) is None
+    assert end_of_life(dataclasses.replace(app, generation=2), {"observedGeneration": 1}, date(2026, 1, 1)) is not None
+    assert end_of_life(app, {}, date(2024, 1, 1)) is None
+    assert end_of_life(make_app(ros={"distro": "rolling"}), {}, date(2099, 1, 1)) is None

@@ -1,0 +1,271 @@
+"""Phase, conditions, instances and the table line."""
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import pytest
+from tests.support.factories import make_app, telemetry
+
+from robotapp_api.model.names import Condition, Phase, Reason
+from robotapp_api.model.status import RobotAppStatus
+from robotapp_operator.plan.app import Problem
+from robotapp_operator.plan.components import ComponentView
+from robotapp_operator.plan.facts import AppFacts, InstanceFacts
+from robotapp_operator.plan.instances import Instance
+from robotapp_operator.plan.latency import edge_views
+from robotapp_operator.plan.status import MAX_DETAIL_BYTES, ranges, render_status
+
+UP = ComponentView(name="driver", replicas=1, ready=True, exists=True, bound=True, rolling=False, nodes=("edge-1",))
+STARTING = dataclasses.replace(UP, ready=False)
+WAITING = dataclasses.replace(UP, ready=False, bound=False, nodes=())
+EDGE = {"topic": "/cmd_vel", "from": "operator", "to": "driver", "latency": {"budget": "30ms"}}
+
+
+def instance(*components: ComponentView, robot: str = "", **fields: Any) -> InstanceFacts:
+    given = {"domain": 7, "components": components or (UP,), **fields}
+    return InstanceFacts(instance=Instance(robot, f"n-{robot}" if robot else ""), **given)
+
+
+def status_of(*instances: InstanceFacts, app: Mapping[str, Any] | None = None, **facts: Any) -> dict[str, Any]:
+    whole = AppFacts(app=make_app(**(app or {})), instances=instances, **({"now": "2026-01-01T00:00:00Z"} | facts))
+    status = render_status(whole)
+    RobotAppStatus.model_validate(status)  # within every bound of the API
+    return status
+
+
+def condition(status: Mapping[str, Any], kind: Condition) -> tuple[str, str]:
+    (found,) = [item for item in status["conditions"] if item["type"] == kind.value]
+    return found["status"], found["reason"]
+
+
+def message(status: Mapping[str, Any], kind: Condition) -> str:
+    (found,) = [item["message"] for item in status["conditions"] if item["type"] == kind.value]
+    return str(found)
+
+
+def edges(*, p95_ms: float | None = 18, budget: str = "30ms") -> tuple[Any, ...]:
+    app = make_app(edges=[EDGE | {"latency": {"budget": budget}}])
+    table = {"edge-1": telemetry("edge-1", amr=p95_ms)} if p95_ms is not None else {}
+    placed = {"operator": "edge-1", "driver": "amr"}
+    return tuple(edge_views(app.spec.edges, placed=placed, robot_node="", telemetry=table))
+
+
+def test_all_is_well() -> None:
+    status = status_of(instance(edges=edges()))
+    assert status["phase"] == Phase.RUNNING
+    assert {item["type"]: (item["status"], item["reason"]) for item in status["conditions"]} == {
+        "Ready": ("True", "AllComponentsReady"),
+        "Accepted": ("True", "Accepted"),
+        "Allocated": ("True", "Allocated"),
+        "Placed": ("True", "Placed"),
+        "BudgetMet": ("True", "WithinBudget"),
+        "Progressing": ("False", "UpToDate"),
+        "Stalled": ("False", "NotStalled"),
+    }
+    assert status["summary"] == {
+        "ready": "1/1",
+        "readyComponents": 1,
+        "desiredComponents": 1,
+        "domain": "7",
+        "budget": "18/30ms",
+        "nodes": "edge-1",
+    }
+
+
+def test_every_condition_carries_the_observed_generation() -> None:
+    status = status_of(instance(), app={"generation": 4})
+    assert status["observedGeneration"] == 4
+    assert {item["observedGeneration"] for item in status["conditions"]} == {4}
+
+
+def test_transition_times_move_only_with_the_status() -> None:
+    first = status_of(instance(STARTING), now="2026-01-01T00:00:00Z")
+    second = status_of(instance(UP), now="2026-01-02T00:00:00Z", previous=first)
+    times = {item["type"]: item["lastTransitionTime"] for item in second["conditions"]}
+    assert times["Ready"] == "2026-01-02T00:00:00Z"
+    assert times["Accepted"] == "2026-01-01T00:00:00Z"
+
+
+def test_equal_facts_give_an_equal_status_whatever_the_time() -> None:
+    first = status_of(instance(STARTING, edges=edges()))
+    again = status_of(instance(STARTING, edges=edges()), now="2027-01-01T00:00:00Z", previous=first)
+    assert again == first
+
+
+def test_a_refused_spec_fails_with_every_problem_named() -> None:
+    problems = tuple(Problem(Reason.INVALID_SPEC, f"spec.f{number}", "wrong") for number in range(5))
+    status = status_of(problems=problems)
+    assert status["phase"] == Phase.FAILED
+    assert condition(status, Condition.ACCEPTED) == ("False", Reason.INVALID_SPEC)
+    assert "spec.f0: wrong; spec.f1: wrong; spec.f2: wrong (and 2 more)" in message(status, Condition.ACCEPTED)
+    assert condition(status, Condition.STALLED) == ("True", Reason.INVALID_SPEC)
+    assert condition(status, Condition.ALLOCATED) == ("Unknown", Reason.INVALID_SPEC)
+    assert status["summary"]["message"] == "spec.f0: wrong"
+
+
+def test_an_instance_without_a_domain_says_why_and_what_to_do() -> None:
+    refusal = (Reason.DOMAIN_EXHAUSTED, "119 of 119 ids are claimed: delete an app")
+    absent = dataclasses.replace(WAITING, exists=False)
+    status = status_of(instance(absent, domain=None, refusal=refusal, robot="amr-07"))
+    assert status["phase"] == Phase.PENDING
+    assert condition(status, Condition.ALLOCATED) == ("False", Reason.DOMAIN_EXHAUSTED)
+    assert condition(status, Condition.READY) == ("False", Reason.DOMAIN_EXHAUSTED)
+    assert message(status, Condition.READY) == "amr-07: 119 of 119 ids are claimed: delete an app"
+
+
+def test_a_domain_not_yet_asked_for_is_unknown_not_refused() -> None:
+    assert condition(status_of(instance(WAITING, domain=None)), Condition.ALLOCATED) == ("Unknown", Reason.PENDING)
+
+
+def test_missing_devices_are_counted() -> None:
+    status = status_of(instance(WAITING, devices_wanted=2, devices_held=1))
+    assert condition(status, Condition.ALLOCATED) == ("False", Reason.WAITING_FOR_DEVICES)
+    assert status["summary"]["devices"] == "1/2"
+
+
+def test_another_scheduler_claims_no_devices() -> None:
+    status = status_of(instance(devices_wanted=1), app={"schedulerName": "default-scheduler"})
+    assert condition(status, Condition.ALLOCATED) == ("Unknown", Reason.NOT_OUR_SCHEDULER)
+
+
+def test_ros_1_without_devices_has_nothing_to_allocate() -> None:
+    status = status_of(instance(domain=None, needs_domain=False), app={"ros": {"distro": "noetic"}})
+    assert condition(status, Condition.ALLOCATED) == ("True", Reason.NOTHING_TO_ALLOCATE)
+
+
+def test_the_schedulers_refusal_is_shown_with_counts() -> None:
+    stuck = dataclasses.replace(WAITING, name="gpu", reason=Reason.UNSCHEDULABLE, message="0/5 nodes are available")
+    status = status_of(instance(UP, stuck))
+    assert condition(status, Condition.PLACED) == ("False", Reason.UNSCHEDULABLE)
+    assert message(status, Condition.PLACED) == "1 of 2 placed; gpu: 0/5 nodes are available"
+    assert status["phase"] == Phase.PLACING
+
+
+@pytest.mark.parametrize("reason", [Reason.CRASH_LOOP, Reason.IMAGE_PULL, Reason.FAILED_CREATE, Reason.QUOTA_REFUSED])
+def test_failures_of_children_reach_ready_and_the_table(reason: Reason) -> None:
+    failing = dataclasses.replace(STARTING, name="logger", reason=reason, message="the cause")
+    status = status_of(instance(UP, failing))
+    assert condition(status, Condition.READY) == ("False", reason)
+    assert "1 of 2 components are ready; logger: the cause" in message(status, Condition.READY)
+    assert status["summary"]["message"] == message(status, Condition.READY)
+    assert status["phase"] == Phase.DEGRADED
+    assert status["instances"][0]["components"][0]["message"] == "the cause"
+
+
+def test_a_budget_that_is_exceeded_names_the_worst_edge() -> None:
+    status = status_of(instance(edges=edges(p95_ms=61)))
+    assert condition(status, Condition.BUDGET_MET) == ("False", Reason.BUDGET_EXCEEDED)
+    assert "/cmd_vel operator -> driver 61ms of 30ms" in message(status, Condition.BUDGET_MET)
+    assert status["summary"]["budget"] == "61/30ms"
+
+
+def test_an_unmeasured_budget_is_unknown() -> None:
+    status = status_of(instance(edges=edges(p95_ms=None)))
+    assert condition(status, Condition.BUDGET_MET) == ("Unknown", Reason.NOT_MEASURED)
+    assert status["summary"]["budget"] == "?/30ms"
+
+
+def test_without_budgets_nothing_is_exceeded() -> None:
+    assert condition(status_of(instance()), Condition.BUDGET_MET) == ("True", Reason.NO_BUDGET)
+
+
+def test_published_latency_is_steady_between_small_changes() -> None:
+    first = status_of(instance(edges=edges(p95_ms=18)))
+    second = status_of(instance(edges=edges(p95_ms=19)), previous=first)
+    assert second["instances"] == first["instances"]
+    third = status_of(instance(edges=edges(p95_ms=25)), previous=first)
+    assert third["summary"]["budget"] == "25/30ms"
+    hurried = status_of(instance(edges=edges(p95_ms=25)), previous=first, latency_rested=False)
+    assert hurried["summary"]["budget"] == "18/30ms"
+    over = status_of(instance(edges=edges(p95_ms=31)), previous=first, latency_rested=False)
+    assert over["summary"]["budget"] == "31/30ms"
+
+
+def test_suspended_apps_say_how_to_start_them() -> None:
+    idle = dataclasses.replace(WAITING, replicas=0)
+    status = status_of(instance(idle), app={"suspend": True})
+    assert status["phase"] == Phase.SUSPENDED
+    assert condition(status, Condition.READY) == ("False", Reason.SUSPENDED)
+    assert condition(status, Condition.PLACED) == ("Unknown", Reason.SUSPENDED)
+    assert status_of(instance(UP), app={"suspend": True})["phase"] == Phase.STOPPING
+
+
+def test_a_robot_out_of_reach_is_offline() -> None:
+    assert status_of(instance(robot="amr-07", robot_online=False))["phase"] == Phase.OFFLINE
+
+
+def test_what_ran_and_fails_is_degraded_what_starts_is_placing() -> None:
+    starting = status_of(instance(STARTING))
+    assert starting["phase"] == Phase.PLACING
+    running = status_of(instance(UP), previous=starting)
+    assert status_of(instance(STARTING), previous=running)["phase"] == Phase.DEGRADED
+
+
+def test_missing_discovery_keeps_the_app_from_being_ready() -> None:
+    status = status_of(instance(infrastructure_ready=False))
+    assert condition(status, Condition.READY) == ("False", Reason.COMPONENTS_NOT_READY)
+    assert "discovery or master" in message(status, Condition.READY)
+
+
+def test_held_templates_and_bugs_are_shown() -> None:
+    held = status_of(instance(held=("teleop-driver",)))
+    assert condition(held, Condition.PROGRESSING) == ("False", Reason.UPDATE_HELD)
+    assert condition(status_of(instance(), bug="KeyError in children"), Condition.STALLED) == (
+        "True",
+        Reason.RECONCILE_ERROR,
+    )
+
+
+def test_a_refused_child_stalls_the_app_with_the_servers_words() -> None:
+    status = status_of(instance(WAITING, trouble=(Reason.QUOTA_REFUSED, "exceeded quota")))
+    assert condition(status, Condition.STALLED) == ("True", Reason.QUOTA_REFUSED)
+    assert condition(status, Condition.READY) == ("False", Reason.QUOTA_REFUSED)
+
+
+def test_worst_instances_come_first() -> None:
+    status = status_of(instance(robot="a"), instance(STARTING, robot="b"), instance(robot="c", edges=edges(p95_ms=99)))
+    assert [item["robot"] for item in status["instances"]] == ["b", "c", "a"]
+
+
+def test_many_instances_are_cut_and_counted() -> None:
+    crowd = [instance(robot=f"r-{number:04}", domain=number % 200) for number in range(1000)]
+    status = status_of(*crowd)
+    assert len(status["instances"]) == 128
+    assert status["summary"]["omitted"] == 872
+    assert status["summary"]["readyComponents"] == 1000
+
+
+def test_a_status_stays_below_its_size_with_the_largest_messages() -> None:
+    loud = [dataclasses.replace(STARTING, name=f"c-{number}", message="x" * 1024) for number in range(64)]
+    status = status_of(*(instance(*loud, robot=f"r-{number}") for number in range(64)))
+    assert len(json.dumps(status)) < 256 * 1024
+    assert len(json.dumps(status["instances"])) <= MAX_DETAIL_BYTES
+    assert status["summary"]["omitted"] > 0
+
+
+def test_moves_are_a_record_and_survive() -> None:
+    moves = [{"robot": "", "component": "driver", "count": 2}]
+    assert status_of(instance(), previous={"moves": moves})["moves"] == moves
+
+
+def test_robots_are_counted_when_the_app_has_some() -> None:
+    robots = {"selector": {"matchLabels": {"a": "b"}}}
+    status = status_of(instance(robot="a"), instance(STARTING, robot="b"), app={"robots": robots})
+    assert status["summary"]["robots"] == "1/2"
+    assert status["summary"]["ready"] == "1/2"
+
+
+def test_before_any_instance_the_table_shows_what_is_wanted() -> None:
+    status = status_of()
+    assert status["summary"]["ready"] == "0/2"
+    assert status["phase"] == Phase.PENDING
+
+
+@pytest.mark.parametrize(
+    ("ids", "text"),
+    [(set(), ""), ({7}, "7"), ({7, 8, 9}, "7-9"), ({9, 7, 12}, "7,9,12"), ({1, 2, 5, 6, 7}, "1-2,5-7")],
+)
+def test_domains_are_shown_as_ranges(ids: set[int], text: str) -> None:
+    assert ranges(ids) == text
