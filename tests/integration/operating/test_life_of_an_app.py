@@ -1,0 +1,187 @@
+"""From apply to delete, as a user sees it."""
+
+import time
+from typing import Any
+
+import pytest
+from tests.support.live import Tenant, eventually, part
+
+pytestmark = pytest.mark.usefixtures("operator")
+
+ANY_ROBOT = {"selector": {"matchLabels": {"robotics.io/tier": "robot"}}, "instances": "Any"}
+EACH_ROBOT = {"selector": {"matchLabels": {"robotics.io/tier": "robot"}}}
+
+
+def env_of(deployment: dict[str, Any]) -> dict[str, str]:
+    (container,) = deployment["spec"]["template"]["spec"]["containers"]
+    return {item["name"]: item.get("value", "") for item in container["env"]}
+
+
+def test_an_applied_app_becomes_ready_with_one_claimed_domain(tenant: Tenant, ids: str) -> None:
+    tenant.apply("teleop", part("operator"), part("driver", runsOn="Robot"), robots=ANY_ROBOT, dds={"pool": ids})
+    app = tenant.wait_ready("teleop")
+    (claim,) = tenant.claims()
+    domain = claim["spec"]["domain"]["id"]
+    assert claim["metadata"]["name"] == f"dds.{ids}.c.{domain}"
+    assert {env_of(item)["ROS_DOMAIN_ID"] for item in tenant.deployments()} == {str(domain)}
+    (instance,) = app["status"]["instances"]
+    assert claim["spec"]["holder"]["instance"] == instance["robot"]
+    driver = next(item for item in instance["components"] if item["name"] == "driver")
+    assert driver["node"] == instance["robot"]
+    assert app["status"]["observedGeneration"] == app["metadata"]["generation"]
+    assert app["status"]["phase"] == "Running"
+    summary = app["status"]["summary"]
+    assert (summary["ready"], summary["robots"], summary["domain"]) == ("2/2", "1/1", str(domain))
+    assert len({item["type"] for item in app["status"]["conditions"]}) == 7
+
+
+def test_one_instance_and_one_domain_per_robot(tenant: Tenant, ids: str) -> None:
+    tenant.apply("fleet", part("driver", runsOn="Robot"), robots=EACH_ROBOT, dds={"pool": ids})
+    app = tenant.wait_ready("fleet")
+    domains = {item["robot"]: item["domain"] for item in app["status"]["instances"]}
+    assert len(domains) == len(set(domains.values())) == 2
+    for deployment in tenant.deployments():
+        robot = deployment["metadata"]["labels"]["robotics.io/instance"]
+        assert env_of(deployment)["ROS_DOMAIN_ID"] == str(domains[robot])
+
+
+def test_deleting_an_app_leaves_nothing(tenant: Tenant, ids: str) -> None:
+    tenant.apply("gone", dds={"pool": ids})
+    tenant.wait_ready("gone")
+    tenant.delete("gone")
+    # The garbage collector learns about new kinds every 30 s; after that it takes a second.
+    eventually(lambda: not tenant.children() and not tenant.claims(), timeout_s=90, what=tenant.children)
+
+
+def test_a_removed_component_is_pruned_and_an_added_one_appears(tenant: Tenant, ids: str) -> None:
+    tenant.apply("shape", part("a"), part("b"), dds={"pool": ids})
+    tenant.wait_ready("shape")
+    (claim,) = tenant.claims()
+    tenant.edit("shape", components=[part("a"), part("c")])
+    eventually(
+        lambda: {item["metadata"]["labels"]["robotics.io/component"] for item in tenant.deployments()} == {"a", "c"}
+    )
+    tenant.wait_ready("shape")
+    assert [item["metadata"]["uid"] for item in tenant.claims()] == [claim["metadata"]["uid"]]
+
+
+def test_fields_taken_out_of_the_spec_leave_the_deployment(tenant: Tenant, ids: str) -> None:
+    """Server-side apply removes only what the same manager applied: the first write was a POST."""
+    selector = {"kubernetes.io/os": "linux"}
+    rich = part("a", nodeSelector=selector, resources={"requests": {"cpu": "1000m"}}, env=[{"name": "X", "value": "1"}])
+    tenant.apply("lean", rich, dds={"pool": ids})
+    eventually(tenant.deployments)
+    tenant.edit("lean", components=[part("a")])
+
+    def template() -> dict[str, Any]:
+        (deployment,) = tenant.deployments()
+        spec: dict[str, Any] = deployment["spec"]["template"]["spec"]
+        return spec
+
+    eventually(lambda: "nodeSelector" not in template(), what=template)
+    assert template()["containers"][0]["resources"] == {}
+    (deployment,) = tenant.deployments()
+    assert "X" not in env_of(deployment)
+
+
+def test_replicas_may_grow_and_shrink_with_their_strategy(tenant: Tenant, ids: str) -> None:
+    tenant.apply("many", part("a", replicas=2), dds={"pool": ids})
+    tenant.wait_ready("many")
+    for replicas, strategy in ((1, "Recreate"), (2, "RollingUpdate")):
+        tenant.edit("many", components=[part("a", replicas=replicas)])
+        eventually(lambda: tenant.deployments()[0]["spec"]["strategy"]["type"] == strategy)  # noqa: B023 - used at once
+        tenant.wait_ready("many")
+
+
+def test_drift_is_repaired_and_costs_one_write(tenant: Tenant, ids: str) -> None:
+    tenant.apply("steady", part("a"), dds={"pool": ids})
+    tenant.wait_ready("steady")
+    (deployment,) = tenant.deployments()
+    path = f"/apis/apps/v1/namespaces/{tenant.namespace}/deployments/{deployment['metadata']['name']}"
+    tenant.cp.api.patch(path, {"spec": {"replicas": 3}})
+    eventually(lambda: tenant.deployments()[0]["spec"]["replicas"] == 1)
+    image = [{"op": "replace", "path": "/spec/template/spec/containers/0/image", "value": "evil"}]
+    tenant.cp.api.patch(path, image, content_type="application/json-patch+json")  # type: ignore[arg-type] - a JSON patch is a list
+    eventually(lambda: "evil" not in str(tenant.deployments()[0]["spec"]))
+    tenant.wait_ready("steady")
+    version = tenant.deployments()[0]["metadata"]["generation"]
+    time.sleep(1.5)
+    assert tenant.deployments()[0]["metadata"]["generation"] == version
+
+
+def test_a_deleted_child_comes_back(tenant: Tenant, ids: str) -> None:
+    tenant.apply("back", part("a"), dds={"pool": ids})
+    tenant.wait_ready("back")
+    (deployment,) = tenant.deployments()
+    name = deployment["metadata"]["name"]
+    tenant.cp.api.delete(f"/apis/apps/v1/namespaces/{tenant.namespace}/deployments/{name}")
+    eventually(
+        lambda: [i["metadata"]["uid"] for i in tenant.deployments()] not in ([], [deployment["metadata"]["uid"]])
+    )
+    tenant.wait_ready("back")
+    assert len(tenant.claims()) == 1
+
+
+def test_suspend_stops_the_pods_and_keeps_the_claim(tenant: Tenant, ids: str) -> None:
+    tenant.apply("pause", dds={"pool": ids})
+    tenant.wait_ready("pause")
+    (claim,) = tenant.claims()
+    tenant.edit("pause", suspend=True)
+    tenant.wait("pause", "Ready", "False", reason="Suspended")
+    eventually(lambda: not tenant.listed("pods"))
+    eventually(lambda: tenant.app("pause")["status"]["phase"] == "Suspended")
+    assert [item["metadata"]["uid"] for item in tenant.claims()] == [claim["metadata"]["uid"]]
+    tenant.edit("pause", suspend=False)
+    tenant.wait_ready("pause")
+
+
+def test_an_app_under_another_scheduler_is_released_from_its_gate(tenant: Tenant, ids: str) -> None:
+    tenant.apply("gated", part("a"), dds={"pool": ids}, schedulerName="by-hand")
+    tenant.wait_ready("gated")
+    assert tenant.deployments()[0]["spec"]["template"]["spec"]["schedulingGates"] == [{"name": "robotics.io/domain"}]
+
+
+def test_ros_1_gets_a_master_and_no_domain(tenant: Tenant) -> None:
+    tenant.apply("classic", part("talker"), ros={"distro": "noetic"})
+    tenant.wait_ready("classic")
+    assert tenant.claims() == []
+    env = env_of(tenant.deployments("talker")[0])
+    masters = [item for item in tenant.listed("services") if "master" in item["metadata"]["name"]]
+    assert env["ROS_MASTER_URI"] == f"http://{masters[0]['metadata']['name']}:11311"
+
+
+def test_another_parameters_file_rolls_the_pods(tenant: Tenant, ids: str) -> None:
+    def write(text: str) -> None:
+        body = {"apiVersion": "v1", "kind": "ConfigMap", "metadata": {"name": "drv"}, "data": {"params.yaml": text}}
+        tenant.cp.kubectl("apply", "-n", tenant.namespace, "-f", "-", stdin=body)
+
+    write("speed: 1")
+    tenant.apply("tuned", part("a", args=["run"], params={"configMap": "drv"}), dds={"pool": ids})
+    tenant.wait_ready("tuned")
+
+    def mark() -> str:
+        annotations = tenant.deployments()[0]["spec"]["template"]["metadata"]["annotations"]
+        return str(annotations["robotics.io/params-hash"])
+
+    before = mark()
+    write("speed: 2")
+    eventually(lambda: mark() != before)
+    tenant.wait_ready("tuned")
+
+
+def test_the_fleet_view_shows_where_things_run_and_vanishes_with_them(tenant: Tenant, ids: str) -> None:
+    tenant.apply("seen", part("driver", runsOn="Robot"), robots=EACH_ROBOT, dds={"pool": ids})
+    app = tenant.wait_ready("seen")
+    wanted = {
+        f"app.seen.{item['robot']}": f"domain={item['domain']} driver@{item['robot']}"
+        for item in app["status"]["instances"]
+    }
+
+    def view() -> dict[str, str]:
+        maps = [m for m in tenant.listed("configmaps") if m["metadata"]["name"] == "robot-fleet-assignments"]
+        data: dict[str, str] = maps[0].get("data", {}) if maps else {}
+        return data
+
+    eventually(lambda: view() == wanted, what=view)
+    tenant.delete("seen")
+    eventually(lambda: not view())

@@ -1,0 +1,78 @@
+"""What kopf's events turn into."""
+
+from typing import Any
+
+from tests.support.factories import app_body
+
+from robotapp_operator.cache import Cache
+from robotapp_operator.handlers import observe
+from robotapp_operator.keys import Work
+from robotapp_operator.queue import Key, Queue
+
+
+class World:
+    def __init__(self) -> None:
+        self.cache = Cache()
+        self.queue = Queue(clock=lambda: 0.0, jitter=lambda: 0.0)
+
+    def see(self, kind: str | None, body: dict[str, Any]) -> list[Key]:
+        observe(kind, body, self.cache, self.queue)
+        found = []
+        while item := self.queue.pop():
+            found.append(item[0])
+            self.queue.done(item[0])
+        return found
+
+
+def version(body: dict[str, Any], number: int) -> dict[str, Any]:
+    return body | {"metadata": body["metadata"] | {"resourceVersion": str(number)}}
+
+
+def test_a_new_app_is_planned() -> None:
+    world = World()
+    assert world.see("ADDED", app_body()) == [Key(Work.APP, "uid-1")]
+    assert world.cache.apps["uid-1"].name == "teleop"
+
+
+def test_the_initial_listing_counts_as_new() -> None:
+    assert World().see(None, app_body()) == [Key(Work.APP, "uid-1")]
+
+
+def test_a_status_write_only_compares_the_status() -> None:
+    world = World()
+    world.see("ADDED", app_body())
+    written = version(app_body(), 11) | {"status": {"phase": "Running"}}
+    assert world.see("MODIFIED", written) == [Key(Work.STATUS, "uid-1")]
+
+
+def test_an_edit_an_approval_and_a_deletion_plan_anew() -> None:
+    world = World()
+    world.see("ADDED", app_body())
+    assert world.see("MODIFIED", version(app_body(generation=2), 11)) == [Key(Work.APP, "uid-1")]
+    approved = version(app_body(generation=2), 12)
+    approved["metadata"]["annotations"] = {"robotics.io/approve-update": "2"}
+    assert world.see("MODIFIED", approved) == [Key(Work.APP, "uid-1")]
+    going = version(app_body(generation=2), 13)
+    going["metadata"]["deletionTimestamp"] = "2026-01-01T00:00:00Z"
+    assert world.see("MODIFIED", going) == [Key(Work.APP, "uid-1")]
+
+
+def test_a_deleted_app_is_forgotten() -> None:
+    world = World()
+    world.see("ADDED", app_body())
+    assert world.see("DELETED", app_body()) == [Key(Work.APP, "uid-1")]
+    assert world.cache.apps == {}
+
+
+def test_a_late_event_does_not_bring_back_an_older_copy() -> None:
+    world = World()
+    world.see("ADDED", version(app_body(generation=2), 20))
+    world.see("MODIFIED", version(app_body(generation=1), 10))
+    assert world.cache.apps["uid-1"].generation == 2
+
+
+def test_an_app_of_the_same_name_is_another_app() -> None:
+    world = World()
+    world.see("ADDED", app_body())
+    world.see("ADDED", app_body(uid="uid-2"))
+    assert set(world.cache.apps) == {"uid-1", "uid-2"}

@@ -1,0 +1,55 @@
+"""Flags and their environment variables."""
+
+from pathlib import Path
+
+import pytest
+
+from robotapp_operator.settings import Settings, parse
+
+
+def test_defaults_are_those_of_a_pod() -> None:
+    assert parse([], {}) == Settings()
+
+
+def test_every_flag_is_understood() -> None:
+    argv = [
+        "--kubeconfig=/k",
+        "--namespaces=a, b",
+        "--sweep-seconds=1",
+        "--handover-seconds=2",
+        "--health-port=0",
+        "--lease-namespace=ns",
+        "--no-leader-election",
+        "--log-format=json",
+    ]
+    assert parse(argv, {}) == Settings(
+        kubeconfig=Path("/k"),
+        namespaces=("a", "b"),
+        sweep_seconds=1.0,
+        handover_seconds=2.0,
+        health_port=0,
+        lease_namespace="ns",
+        leader_election=False,
+        log_format="json",
+    )
+
+
+def test_the_environment_sets_what_no_flag_does() -> None:
+    environ = {
+        "ROBOTAPP_OPERATOR_KUBECONFIG": "/k",
+        "ROBOTAPP_OPERATOR_NAMESPACES": "a,b",
+        "ROBOTAPP_OPERATOR_SWEEP_SECONDS": "7",
+        "ROBOTAPP_OPERATOR_NO_LEADER_ELECTION": "true",
+    }
+    found = parse(["--sweep-seconds=1"], environ)
+    assert found.kubeconfig == Path("/k")
+    assert found.namespaces == ("a", "b")
+    assert found.sweep_seconds == 1
+    assert not found.leader_election
+
+
+@pytest.mark.parametrize("flag", ["--sweep-seconds=0", "--sweep-seconds=x", "--log-format=xml", "--unknown"])
+def test_wrong_values_are_refused_with_a_sentence(flag: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        parse([flag], {})
+    assert "error:" in capsys.readouterr().err
