@@ -76,6 +76,27 @@ async def _ensure_once(
     return await _own(client, request, pool, deployments)
 
 
+async def reserve_domain(client: Api, request: DomainRequest) -> DomainOutcome:
+    """A domain for a bare pod: kept, adopted or created in the pod's name. Never rolled back.
+
+    request.holder is the pod; after success bind with the pod's uid and resourceVersion and the grant annotation.
+    Raises ApiError or Unreachable; calling again adopts what was created.
+    """
+    try:
+        pool = await client.get(DOMAINPOOLS, request.pool, as_type=Pool)
+    except NotFound:
+        return rules.pool_not_found(request.pool)
+    refusal = rules.check_request(request, pool)
+    if refusal is not None:
+        return refusal
+    for _ in range(RESTARTS):
+        try:
+            return await _own(client, request, pool, ())
+        except Refused:
+            continue
+    return DomainOutcome(Reason.PENDING, "another scheduler works on this pod; trying again")
+
+
 async def _own(client: Api, request: DomainRequest, pool: Pool, deployments: Sequence[Deployment]) -> DomainOutcome:
     holder = request.holder
     claims = await instance_claims(client, holder.uid, instance=holder.instance)

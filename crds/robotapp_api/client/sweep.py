@@ -127,7 +127,7 @@ class Sweeper:
         for claim in view.claims:
             decision = await self._decide(view, claim)
             try:
-                await self._act(claim, decision)
+                await self._act(view, claim, decision)
             except Refused:
                 self.counts["refused"] += 1  # somebody else wrote to it: the next pass sees what
         pods = [*view.pods.values(), *self._granted_pods()]
@@ -169,14 +169,14 @@ class Sweeper:
         rested = claim.draining and self._rests.rested(claim, view.rest_s(claim))
         return release_domain(draining=claim.draining, wanted=False, used=not lost, rested=rested)
 
-    async def _act(self, claim: Claim, decision: Release) -> None:
+    async def _act(self, view: View, claim: Claim, decision: Release) -> None:
         if decision in {Release.KEEP, Release.WAIT}:
             return
         if decision is Release.RESTORE:
             await touch(self._client, claim)
         elif decision is Release.DRAIN:
             drained = await drain(self._client, claim)
-            self._rests.rested(drained, self._handover_s)
+            self._rests.rested(drained, self._handover_s if claim.spec.device else view.rest_s(claim))
         else:
             await delete_claim(self._client, claim)
         self.counts[decision.value] += 1
