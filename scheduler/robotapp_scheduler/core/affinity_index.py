@@ -24,14 +24,15 @@ class AntiAffinityIndex:
     def __repr__(self) -> str:
         return f"AntiAffinityIndex({len(self._pods)} pods)"
 
-    def count(self, record: PlacedPod, sign: int) -> None:
-        """Take a placed pod in (+1) or out (-1)."""
-        if not _terms(record):
-            return
+    def count(self, record: PlacedPod, sign: int) -> bool:
+        """Take a placed pod in (+1) or out (-1); True when it has such terms."""
+        if record.pod.spec.affinity is None or not _terms(record):
+            return False
         if sign > 0:
             self._pods[record.uid] = record
         else:
             self._pods.pop(record.uid, None)
+        return True
 
     def wards(self, pod: PodInfo) -> Iterator[Ward]:
         """Terms of placed pods that match this pod. A namespace selector counts as matching every namespace."""

@@ -37,7 +37,9 @@ class Change(IntFlag):
     """A RobotApp changed."""
     OWNERS = auto()
     """A ReplicaSet or Deployment changed."""
-    ALL = (1 << 16) - 1
+    ANTI_AFFINITY = auto()
+    """A placed pod with required anti-affinity came or went."""
+    ALL = (1 << 17) - 1
 
 
 NODE: Final = Change.NODE_ADDED | Change.NODE_REMOVED
@@ -54,6 +56,7 @@ READS: Final[dict[str, Change]] = {
     "annotations": NODE | Change.ANNOTATIONS,
     "rtt": NODE | Change.RTT,
     "devices": NODE | Change.DEVICES | Change.LABELS | Change.CLAIMS | PLACED,
+    "anti_affinity": NODE | Change.LABELS | Change.ANTI_AFFINITY,
     "load": NODE | Change.LOAD,
 }
 """`node_reads` of a plugin → the changes after which its result for that row must be computed again."""

@@ -25,10 +25,12 @@ from robotapp_scheduler.core.framework import (
     normalized,
 )
 from robotapp_scheduler.core.pods import PodInfo
-from robotapp_scheduler.core.view import Nodes
+from robotapp_scheduler.core.view import Nodes, Row
 
 MOST_REPAIRED: Final = 48
 """With more log entries than this a column is computed anew: the vector form costs as much as ~50 single rows."""
+FEW_ROWS: Final = 12
+"""Up to here plain integers beat arrays."""
 COLUMNS_PER_PLUGIN: Final = 32
 HOLE: Final = -1
 """Reason code of rows that are no node."""
@@ -111,6 +113,11 @@ class FilterColumn:
             self.clean = not self.codes.any()
 
     def _patch(self, rows: list[int], pod: PodInfo, cluster: Cluster) -> None:
+        passes = self.plugin.filter_row
+        if passes is not None and all(passes(pod, Row(cluster.nodes, row)) for row in rows):
+            if not self.clean:
+                self.codes[rows] = 0
+            return
         found = self._ask(pod, Nodes(cluster, rows))
         codes, detail = found if found is not None else (np.zeros(len(rows), dtype=np.int32), None)
         self.codes[rows] = codes
@@ -222,6 +229,10 @@ class ScoreColumn:
         return score
 
     def _patch(self, rows: list[int], pod: PodInfo, cluster: Cluster) -> None:
+        score_row = self.plugin.score_row
+        if score_row is not None and len(rows) <= FEW_ROWS:
+            self._patch_rows(rows, [score_row(pod, Row(cluster.nodes, row)) for row in rows])
+            return
         nodes = Nodes(cluster, rows)
         raw = self._ask(pod, nodes)
         if raw is None:
@@ -232,6 +243,13 @@ class ScoreColumn:
         if self.constant is not None and (raw[nodes.valid] != self._equal_raw).any():
             self.constant = None
             self.epoch += 1
+
+    def _patch_rows(self, rows: list[int], scores: list[int]) -> None:
+        for row, score in zip(rows, scores, strict=True):
+            self.raw[row] = score
+            if self.constant is not None and score != self._equal_raw:
+                self.constant = None
+                self.epoch += 1
 
     def _ask(self, pod: PodInfo, nodes: Nodes) -> npt.NDArray[Any] | None:
         plugin = self.plugin

@@ -307,7 +307,8 @@ class Cluster:
         if record.ports:
             self.ports.count(row, record.ports, sign)
         self.counts.count(row, record, sign)
-        self.anti_affinity.count(record, sign)
+        if self.anti_affinity.count(record, sign):
+            self.log.add(EVERY_ROW, Change.ANTI_AFFINITY)
 
     def _rank(self, priority: int, sign: int) -> None:
         count = self._priorities.get(priority, 0) + sign

@@ -87,7 +87,7 @@ class SchedulerCore:
         """(plugin, point, result) → pods over all profiles, for scheduler_plugin_decisions_total."""
         total: dict[tuple[str, str, str], int] = {}
         for engine in self._engines.values():
-            for key, count in engine.decisions.items():
+            for key, count in engine.decisions().items():
                 total[key] = total.get(key, 0) + count
         return total
 

@@ -10,13 +10,14 @@ import numpy.typing as npt
 
 from robotapp_scheduler.core.classes import ColumnCache, FilterColumn, Reasons, ScoreColumn
 from robotapp_scheduler.core.cluster import Cluster
-from robotapp_scheduler.core.evaluation import Evaluation
+from robotapp_scheduler.core.evaluation import Evaluation, Tally
 from robotapp_scheduler.core.framework import Code, Status
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.profiles import Profile
 from robotapp_scheduler.core.view import Nodes
 
 CLASS_BYTES: Final = 100_000_000
+MOST_CLASS_IDS: Final = 20_000
 BYTES_PER_ROW: Final = 300
 """What a class with columns of its own costs per node, at worst."""
 
@@ -39,11 +40,19 @@ class Engine:
         self._reasons = Reasons()
         self._columns = ColumnCache(self._reasons)
         self._classes: OrderedDict[Hashable, Evaluation] = OrderedDict()
-        self.decisions: dict[tuple[str, str, str], int] = {}
-        """(plugin, point, result) → pods, for scheduler_plugin_decisions_total."""
+        self._static_reads = tuple(name for name in profile.reads if name != "ros")
+        self._generation = 0
+        self._class_ids: dict[Hashable, int] = {}
+        self._counts: dict[tuple[str, str, str], int] = {}
 
     def __repr__(self) -> str:
         return f"Engine({self.profile.scheduler_name}, {len(self._classes)} classes)"
+
+    def decisions(self) -> dict[tuple[str, str, str], int]:
+        """(plugin, point, result) → pods, for scheduler_plugin_decisions_total."""
+        for evaluation in self._classes.values():
+            self._flush(evaluation.tally)
+        return dict(self._counts)
 
     # --- PreFilter -----------------------------------------------------------------------------------------------
 
@@ -83,6 +92,8 @@ class Engine:
             evaluation = self._class_of(pod)
             evaluation.refresh_filters(pod, self._cluster, Nodes(self._cluster))
         self._count_filters(evaluation)
+        if evaluation.rows is not None or not self._caching:
+            self._flush(evaluation.tally)
         return evaluation
 
     def score(self, pod: PodInfo, evaluation: Evaluation) -> None:
@@ -92,7 +103,8 @@ class Engine:
         else:
             evaluation.refresh_scores(pod, self._cluster, Nodes(self._cluster))
         for column in evaluation.scores:
-            self._count(column.plugin.name, "score", "skip" if column.skipped else "score")
+            if not column.skipped:
+                self._count(column.plugin.name, "score", "score")
 
     def name_of(self, evaluation: Evaluation, position: int) -> str:
         """Node name at a position of an evaluation."""
@@ -102,7 +114,7 @@ class Engine:
     def _class_of(self, pod: PodInfo) -> Evaluation:
         if not self._caching:
             return self._fresh()
-        key = pod.features(self.profile.reads)
+        key = self._class_key(pod)
         evaluation = self._classes.get(key)
         if evaluation is not None:
             self._classes.move_to_end(key)
@@ -111,8 +123,21 @@ class Engine:
         scores = [self._columns.score(p, pod) for p in self.profile.scores]
         evaluation = self._classes[key] = Evaluation(filters, scores, self._reasons)
         if len(self._classes) > self._most_classes():
-            self._classes.popitem(last=False)
+            _, dropped = self._classes.popitem(last=False)
+            self._flush(dropped.tally)
         return evaluation
+
+    def _class_key(self, pod: PodInfo) -> Hashable:
+        """Everything the plugins read. The part that never changes for a pod is a number, found once per pod."""
+        number = pod.class_number(self)
+        if number is None:
+            key = pod.features(self._static_reads)
+            if len(self._class_ids) > MOST_CLASS_IDS:
+                self._class_ids.clear()
+                self._generation += MOST_CLASS_IDS + 1
+            number = self._class_ids.setdefault(key, self._generation + len(self._class_ids))
+            pod.set_class_number(self, number)
+        return (number, pod.ros)
 
     def _most_classes(self) -> int:
         size = max(self._cluster.nodes.size, 1)
@@ -136,14 +161,27 @@ class Engine:
 
     def _count(self, plugin: str, point: str, result: str) -> None:
         key = (plugin, point, result)
-        self.decisions[key] = self.decisions.get(key, 0) + 1
+        self._counts[key] = self._counts.get(key, 0) + 1
 
     def _count_filters(self, evaluation: Evaluation) -> None:
-        values = self._reasons.values
-        rejecting = {values[code].plugin for code in evaluation.counts()}
-        for column in evaluation.filters:
-            name = column.plugin.name
-            self._count(name, "filter", "skip" if column.skipped else "reject" if name in rejecting else "pass")
+        tally = evaluation.tally
+        if tally.revision != evaluation.revision:
+            self._flush(tally)
+            values = self._reasons.values
+            rejecting = {values[code].plugin for code in evaluation.counts()}
+            tally.keys = tuple(_filter_key(column, rejecting) for column in evaluation.filters)
+            tally.revision = evaluation.revision
+        tally.count += 1
+
+    def _flush(self, tally: Tally) -> None:
+        for key in tally.keys:
+            self._counts[key] = self._counts.get(key, 0) + tally.count
+        tally.count = 0
+
+
+def _filter_key(column: FilterColumn, rejecting: set[str]) -> tuple[str, str, str]:
+    name = column.plugin.name
+    return name, "filter", "skip" if column.skipped else "reject" if name in rejecting else "pass"
 
 
 def _nothing_left(plugins: list[str]) -> Status:

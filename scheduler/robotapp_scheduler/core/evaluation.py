@@ -17,6 +17,17 @@ INFEASIBLE: Final = -1
 """Total of rows that cannot be chosen."""
 
 
+class Tally:
+    """How often an evaluation was used with the same outcome per plugin: counted here, added up when somebody asks."""
+
+    __slots__ = ("count", "keys", "revision")
+
+    def __init__(self) -> None:
+        self.revision = -1
+        self.count = 0
+        self.keys: tuple[tuple[str, str, str], ...] = ()
+
+
 class Evaluation:
     """The combined columns of one pod class over all rows, or of one pod over a few."""
 
@@ -30,6 +41,7 @@ class Evaluation:
         """Weighted total per row, INFEASIBLE where `reason` is not 0. Only valid after `refresh_scores`."""
         self.shares: dict[str, IntArray] = {}
         """Normalised scores per row of plugins whose normalising looks at the whole feasible set."""
+        self.tally = Tally()
         self.feasible = 0
         self.revision = 0
         """Grows whenever `reason` changes, so that what is derived from it can be kept."""
@@ -37,6 +49,8 @@ class Evaluation:
         """Explain's view of the refusals and the revision it was made of."""
         self.rows: npt.NDArray[np.intp] | None = None
         """The table rows in view, None = all."""
+        self._live_filters = filters
+        self._live_scores = scores
         self._position = -1
         self._epochs = -1
         self._scored_position = -1
@@ -63,9 +77,13 @@ class Evaluation:
         if position == self._position and len(self.reason) == full.n:
             return
         epochs = 0
-        for column in self.filters:
+        for column in self._live_filters:
             column.refresh(pod, cluster, full)
             epochs += column.epoch
+        if self._position < 0:
+            # A plugin has no opinion because of the pod alone, so it need not be asked again for this class.
+            self._live_filters = [column for column in self.filters if not column.skipped]
+            epochs = sum(column.epoch for column in self._live_filters)
         rows = None
         if epochs == self._epochs and len(self.reason) == full.n:
             rows = cluster.log.since(self._position, self._interest, most=MOST_REPAIRED)
@@ -85,7 +103,7 @@ class Evaluation:
         self.rows = None if isinstance(nodes.rows, slice) else nodes.rows
         reason = np.where(nodes.valid, np.int32(0), np.int32(HOLE))
         for column in self.filters:
-            if not column.skipped and column.codes.any():
+            if not column.clean:
                 np.copyto(reason, column.codes, where=reason == 0)
         self.reason = reason
         self.feasible = int(np.count_nonzero(reason == 0))
@@ -97,8 +115,8 @@ class Evaluation:
         for row in rows:
             code = 0 if valid[row] else HOLE
             if code == 0:
-                for column in self.filters:
-                    if not column.skipped and (code := int(column.codes[row])):
+                for column in self._live_filters:
+                    if not column.clean and (code := int(column.codes[row])):
                         break
             before = int(self.reason[row])
             if before != code:
@@ -113,10 +131,13 @@ class Evaluation:
         position = cluster.log.position
         epochs = 0
         local = True
-        for column in self.scores:
+        for column in self._live_scores:
             column.refresh(pod, cluster, full)
             epochs += column.epoch
             local = local and (column.skipped or column.local)
+        if self._scored_position < 0:
+            self._live_scores = [column for column in self.scores if not column.skipped]
+            epochs = sum(column.epoch for column in self._live_scores)
         same_shape = (
             epochs == self._scored_epochs and self._combines == self._scored_combines and len(self.total) == full.n
         )
@@ -163,8 +184,8 @@ class Evaluation:
                 self.total[row] = INFEASIBLE
                 continue
             total = 0
-            for column in self.scores:
-                if column.skipped or column.plugin.shadow:
+            for column in self._live_scores:
+                if column.plugin.shadow:
                     continue
                 total += column.plugin.weight * column.at(row)
             self.total[row] = total

@@ -16,10 +16,15 @@ Hooks, in the order of a cycle:
 `pre_enqueue(pod) -> Status | None`          keep the pod out of the queue (gated)
 `queue_key(pod, queued_s) -> tuple`          order of the active queue; exactly one plugin
 `pre_filter(pod, nodes) -> PreFilter | None` narrow the nodes by name, or reject at once
-`filter(pod, nodes) -> mask | Verdict | None`  bool per row, True = may run there; None = the rule has no opinion (Skip)
+`filter(pod, nodes) -> mask | Verdict | None`  bool per row, True = may run there; None = no opinion about this
+                                             pod (Skip; must follow from `reads` alone)
 `score(pod, nodes) -> array | None`          number per row, higher is better; None = Skip (adds 0)
 `reserve(pod, node, ctx) -> Status | None`, `unreserve(pod, node, ctx)`, `permit`, `pre_bind`, `post_bind`
                                              called by the shell; `unreserve` never deletes a claim
+
+`filter_row(pod, row) -> bool`, `score_row(pod, row) -> int`
+                                             optional fast forms for one changed node, with plain integers:
+                                             True = certainly passes (False: `filter` is asked); the same score
 
 Class attributes and their defaults:
 
@@ -48,7 +53,7 @@ import numpy.typing as npt
 from robotapp_scheduler.core.changes import READS, Change
 from robotapp_scheduler.core.columns import BoolArray, FloatArray, IntArray
 from robotapp_scheduler.core.pods import FEATURES, PodInfo
-from robotapp_scheduler.core.view import Nodes
+from robotapp_scheduler.core.view import Nodes, Row
 
 MAX_SCORE: Final = 100
 MAX_MESSAGE: Final = 1024
@@ -166,6 +171,8 @@ class Loaded:
             self.interest |= int(READS.get(name, Change.NONE))
         self.filter: Callable[[PodInfo, Nodes], FilterResult] | None = getattr(plugin, "filter", None)
         self.score: Callable[[PodInfo, Nodes], ScoreResult] | None = getattr(plugin, "score", None)
+        self.filter_row: Callable[[PodInfo, Row], bool] | None = getattr(plugin, "filter_row", None)
+        self.score_row: Callable[[PodInfo, Row], int] | None = getattr(plugin, "score_row", None)
         self.pre_filter: Callable[[PodInfo, Nodes], PreFilter | None] | None = getattr(plugin, "pre_filter", None)
         self.pre_enqueue: Callable[[PodInfo], Status | None] | None = getattr(plugin, "pre_enqueue", None)
 

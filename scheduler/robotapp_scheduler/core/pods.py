@@ -53,6 +53,7 @@ class PodInfo:
         self.ros: RosContext | None = None
         self.qos: tuple[str, str, str] | None = None
         """(QoS class, reliability, liveliness) for the queue; None for a pod without ROS fields."""
+        self._class: tuple[object, int] | None = None
         self._keys: dict[tuple[str, ...], tuple[Hashable, ...]] = {}
 
     def __repr__(self) -> str:
@@ -127,6 +128,14 @@ class PodInfo:
             key = tuple(FEATURES[name](self) for name in names)
             self._keys[names] = key
         return key
+
+    def class_number(self, owner: object) -> int | None:
+        """The number `owner` gave this pod's class, None before it did."""
+        return self._class[1] if self._class is not None and self._class[0] is owner else None
+
+    def set_class_number(self, owner: object, number: int) -> None:
+        """Keep the number of the pod's class."""
+        self._class = (owner, number)
 
 
 def _sorted_items(mapping: dict[str, str]) -> Hashable:

@@ -1,6 +1,6 @@
 """What a pod's ROS wishes mean right now: annotations or RobotApp in, `RosContext` out."""
 
-from typing import Protocol
+from typing import Final, Protocol
 
 from robotapp_api.model.names import ROBOT_END, Label
 from robotapp_api.values.duration import parse_us
@@ -19,6 +19,9 @@ from robotapp_scheduler.core.ros import (
     RosContext,
     RosRequest,
 )
+
+NOTHING: Final = RosRequest()
+"""Annotations that are there but ask for nothing."""
 
 
 class Surroundings(Protocol):
@@ -44,7 +47,7 @@ def resolve(pod: PodInfo, around: Surroundings) -> RosContext | None:
         if app is not None and component is not None:
             return _of_app(pod, pod.member, app, component, around)
     request = pod.ros_request
-    if request is None or isinstance(request, InvalidAnnotation) or request == RosRequest():
+    if request is None or isinstance(request, InvalidAnnotation) or request == NOTHING:
         return None
     return _of_annotations(pod, request, around)
 

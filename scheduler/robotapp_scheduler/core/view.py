@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.columns import BoolArray, CodeArray, FloatArray, IntArray, Vocabulary
-from robotapp_scheduler.core.node_table import SCORED_CPU, SCORED_MEMORY
+from robotapp_scheduler.core.node_table import SCORED_CPU, SCORED_MEMORY, NodeTable
 from robotapp_scheduler.core.objects import Taint
 from robotapp_scheduler.core.telemetry import RttRow
 
@@ -180,6 +180,37 @@ class Nodes:
         picked = column[self.rows]
         picked.flags.writeable = False
         return picked
+
+
+class Row:
+    """Amounts of one node as plain integers: for the row form of a rule."""
+
+    __slots__ = ("_row", "_table")
+
+    def __init__(self, table: NodeTable, row: int) -> None:
+        self._table = table
+        self._row = row
+
+    def allocatable(self, resource: str) -> int:
+        """What the node offers."""
+        table = self._table
+        if resource == "pods":
+            return int(table.allowed_pods[self._row])
+        index = table.resources.index.get(resource)
+        return 0 if index is None else int(table.resources.allocatable[index, self._row])
+
+    def requested(self, resource: str) -> int:
+        """What its pods ask for."""
+        table = self._table
+        if resource == "pods":
+            return int(table.pod_count[self._row])
+        index = table.resources.index.get(resource)
+        return 0 if index is None else int(table.resources.requested[index, self._row])
+
+    def scored(self, resource: str) -> int:
+        """As `Nodes.scored`."""
+        index = _SCORED.get(resource)
+        return self.requested(resource) if index is None else int(self._table.scored[index, self._row])
 
 
 def _number(text: str) -> float:

@@ -1,5 +1,6 @@
 """NodeResourcesBalancedAllocation: prefer nodes whose resources are used evenly."""
 
+import math
 from collections.abc import Sequence
 
 import msgspec
@@ -9,7 +10,7 @@ from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.columns import BoolArray, FloatArray, IntArray
 from robotapp_scheduler.core.framework import MAX_SCORE, ScoreResult
 from robotapp_scheduler.core.pods import PodInfo
-from robotapp_scheduler.core.view import Nodes
+from robotapp_scheduler.core.view import Nodes, Row
 from robotapp_scheduler.plugins.kubernetes.fit_strategies import ResourceWeight
 from robotapp_scheduler.plugins.kubernetes.resources_fit import NATIVE
 
@@ -52,6 +53,21 @@ class NodeResourcesBalancedAllocation:
             return balance
         return 50 + (50 + balance - _balance(before, capacities, nodes.n)) // 2
 
+    def score_row(self, pod: PodInfo, row: Row) -> int:
+        """The score of one node."""
+        wanted = pod.requests.exact
+        before: list[float] = []
+        after: list[float] = []
+        for name in self._names:
+            more = wanted.get(name, 0)
+            capacity = row.allocatable(name) if more or name in NATIVE else 0
+            if capacity:
+                use = row.requested(name)
+                before.append(min(use / capacity, 1.0))
+                after.append(min((use + more) / capacity, 1.0))
+        balance = _balance_row(after)
+        return 50 + (50 + balance - _balance_row(before)) // 2 if self._change else balance
+
 
 def _balance(used: Sequence[IntArray], capacities: Sequence[IntArray], rows: int) -> IntArray:
     """int((1 - std of the used fractions)·100); resources a node does not offer are left out."""
@@ -70,6 +86,25 @@ def _balance(used: Sequence[IntArray], capacities: Sequence[IntArray], rows: int
         squares += np.where(there, (fraction - mean) * (fraction - mean), 0.0)
     spread = np.sqrt(squares / np.maximum(count, 1))
     return _score(np.where(count > 2, spread, np.where(count == 2, _pair(fractions, offered, rows), 0.0)))
+
+
+def _balance_row(fractions: Sequence[float]) -> int:
+    count = len(fractions)
+    spread = 0.0
+    if count == 2:
+        spread = abs((fractions[0] - fractions[1]) / 2.0)
+    elif count > 2:
+        mean = _added(fractions) / count
+        spread = math.sqrt(_added([(fraction - mean) * (fraction - mean) for fraction in fractions]) / count)
+    return int((1.0 - spread) * float(MAX_SCORE))
+
+
+def _added(values: Sequence[float]) -> float:
+    """One by one, as upstream adds: Python's own sum() compensates rounding from 3.12 on."""
+    total = 0.0
+    for value in values:
+        total += value
+    return total
 
 
 def _pair(fractions: Sequence[FloatArray], offered: Sequence[BoolArray], rows: int) -> FloatArray:

@@ -1,7 +1,7 @@
 """The three scoring strategies of NodeResourcesFit, with Go's integer arithmetic."""
 
 from collections.abc import Callable, Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import msgspec
 import numpy as np
@@ -9,8 +9,20 @@ import numpy as np
 from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.plugins.kubernetes.resource_math import half_away, percent
 
-Strategy = Callable[[Sequence[IntArray], Sequence[IntArray], Sequence[int], int], IntArray]
-"""(allocatable per resource, requested with the pod per resource, weights, rows) → score 0…100 per row."""
+Amount = tuple[int, int, int]
+"""(allocatable, requested with the pod, weight) of one resource on one node."""
+
+
+class Strategy(NamedTuple):
+    """The same function twice: over columns, and for one node with plain integers.
+
+    `columns(allocatable per resource, requested with the pod per resource, weights, rows)` answers 0…100 per row.
+    """
+
+    columns: Callable[[Sequence[IntArray], Sequence[IntArray], Sequence[int], int], IntArray]
+    row: Callable[[Sequence[Amount]], int]
+
+
 _SCALE: Final = 10
 """Configured scores go from 0 to 10, scores of the framework from 0 to 100."""
 
@@ -50,9 +62,10 @@ def most_allocated(
 def ratio_function(shape: Sequence[ShapePoint]) -> Strategy:
     """RequestedToCapacityRatio with these points. Raises ValueError for a shape upstream refuses."""
     _check(shape)
-    table = np.array([_interpolated(shape, utilization) for utilization in range(101)], dtype=np.int64)
+    points = [_interpolated(shape, utilization) for utilization in range(101)]
+    table = np.array(points, dtype=np.int64)
 
-    def strategy(
+    def columns(
         capacities: Sequence[IntArray], used: Sequence[IntArray], weights: Sequence[int], rows: int
     ) -> IntArray:
         total: IntArray = np.zeros(rows, dtype=np.int64)
@@ -65,10 +78,39 @@ def ratio_function(shape: Sequence[ShapePoint]) -> Strategy:
             share += weight * (score > 0)
         return half_away(total / np.maximum(share, 1))
 
-    return strategy
+    def row(amounts: Sequence[Amount]) -> int:
+        total = share = 0
+        for capacity, use, weight in amounts:
+            score = points[100 if use > capacity else use * 100 // capacity] if capacity else 0
+            total += weight * score
+            share += weight * (score > 0)
+        return int(total / max(share, 1) + 0.5)
+
+    return Strategy(columns, row)
 
 
-STRATEGIES: Final[dict[str, Strategy]] = {"LeastAllocated": least_allocated, "MostAllocated": most_allocated}
+def _least_row(amounts: Sequence[Amount]) -> int:
+    total = share = 0
+    for capacity, use, weight in amounts:
+        if capacity:
+            total += weight * ((capacity - use) * 100 // capacity if use <= capacity else 0)
+            share += weight
+    return total // max(share, 1)
+
+
+def _most_row(amounts: Sequence[Amount]) -> int:
+    total = share = 0
+    for capacity, use, weight in amounts:
+        if capacity:
+            total += weight * (min(use, capacity) * 100 // capacity)
+            share += weight
+    return total // max(share, 1)
+
+
+STRATEGIES: Final[dict[str, Strategy]] = {
+    "LeastAllocated": Strategy(least_allocated, _least_row),
+    "MostAllocated": Strategy(most_allocated, _most_row),
+}
 
 
 def _mean(scores: Sequence[IntArray], capacities: Sequence[IntArray], weights: Sequence[int], rows: int) -> IntArray:

@@ -68,7 +68,7 @@ class InterPodAffinity:
 
     name = "InterPodAffinity"
     reads = ("labels", "namespace")
-    node_reads = ("labels", "pods")
+    node_reads = ("anti_affinity",)
     events = NODE | PLACED | Change.LABELS
     reason = "node(s) didn't satisfy existing pods anti-affinity rules"
     resolvable = True

@@ -10,7 +10,7 @@ from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.columns import BoolArray, IntArray
 from robotapp_scheduler.core.framework import FilterResult, ScoreResult, Verdict
 from robotapp_scheduler.core.pods import PodInfo
-from robotapp_scheduler.core.view import Nodes
+from robotapp_scheduler.core.view import Nodes, Row
 from robotapp_scheduler.plugins.kubernetes.fit_strategies import (
     STRATEGIES,
     ResourceWeight,
@@ -77,6 +77,26 @@ class NodeResourcesFit:
             return mask
         return _verdict(nodes, mask, full, short)
 
+    def filter_row(self, pod: PodInfo, row: Row) -> bool:
+        """Does one node surely have room?"""
+        if row.requested("pods") + 1 > row.allocatable("pods"):
+            return False
+        return all(
+            amount <= row.allocatable(name) - row.requested(name)
+            for name, amount in pod.requests.exact.items()
+            if amount > 0 and self._counts(name)
+        )
+
+    def score_row(self, pod: PodInfo, row: Row) -> int:
+        """The score of one node."""
+        wanted = pod.requests.scored
+        amounts = [
+            (row.allocatable(r.name), row.scored(r.name) + wanted.get(r.name, 0), r.weight or 1)
+            for r in self._resources
+            if r.name in NATIVE or wanted.get(r.name, 0)
+        ]
+        return self._strategy.row(amounts)
+
     def score(self, pod: PodInfo, nodes: Nodes) -> ScoreResult:
         """0…100 by the configured strategy, over the resources of the configuration."""
         capacities: list[IntArray] = []
@@ -89,7 +109,7 @@ class NodeResourcesFit:
             capacities.append(nodes.allocatable(resource.name))
             used.append(nodes.scored(resource.name) + wanted)
             weights.append(resource.weight or 1)
-        return self._strategy(capacities, used, weights, nodes.n)
+        return self._strategy.columns(capacities, used, weights, nodes.n)
 
     def _counts(self, name: str) -> bool:
         if name in NATIVE or "/" not in name:
