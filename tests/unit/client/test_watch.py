@@ -1,0 +1,107 @@
+"""From chunks to lines to events."""
+
+import itertools
+import json
+from collections.abc import AsyncIterator
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.support.scripted import bookmark, error_event, event, item
+
+from robotapp_api.client.errors import Gone, ServerError, Unreachable
+from robotapp_api.client.watch import BOOKMARK, Identity, WatchDecoder, lines
+
+
+async def chunked(chunks: list[bytes]) -> AsyncIterator[bytes]:
+    for chunk in chunks:
+        yield chunk
+
+
+async def split(chunks: list[bytes], **settings: int) -> list[bytes]:
+    return [line async for batch in lines(chunked(chunks), **settings) for line in batch]
+
+
+@given(
+    texts=st.lists(st.binary(max_size=30).filter(lambda text: b"\n" not in text), max_size=8),
+    cuts=st.lists(st.integers(0, 200), max_size=8),
+)
+async def test_lines_do_not_depend_on_how_the_bytes_arrive(texts: list[bytes], cuts: list[int]) -> None:
+    stream = b"".join(text + b"\n" for text in texts)
+    edges = [0, *sorted(min(cut, len(stream)) for cut in cuts), len(stream)]
+    chunks = [stream[start:end] for start, end in itertools.pairwise(edges)]
+    assert await split(chunks) == texts
+
+
+async def test_a_line_without_its_end_was_cut_off() -> None:
+    assert await split([b"a\nb", b"c"]) == [b"a"]
+
+
+async def test_lines_that_one_chunk_completes_come_together() -> None:
+    batches = [batch async for batch in lines(chunked([b"a\nb\nc", b"d\n"]))]
+    assert batches == [[b"a", b"b"], [b"cd"]]
+
+
+async def test_a_line_without_end_does_not_fill_the_memory() -> None:
+    with pytest.raises(Unreachable, match="longer than 10 bytes"):
+        await split([b"a\nbcdef", b"ghijk", b"l", b"\n"], limit=10)
+    assert await split([b"a\nbcdef", b"ghij\n"], limit=10) == [b"a", b"bcdefghij"]
+
+
+class Meta(msgspec.Struct, rename="camel"):
+    name: str
+    uid: str
+    resource_version: str
+
+
+class Node(msgspec.Struct):
+    metadata: Meta
+
+
+def line(obj: object, *, spaced: bool = False) -> bytes:
+    return json.dumps(obj, separators=None if spaced else (",", ":")).encode()
+
+
+@pytest.mark.parametrize("spaced", [False, True])
+@pytest.mark.parametrize("kind", ["ADDED", "MODIFIED", "DELETED"])
+def test_events_carry_the_object_and_who_it_is(kind: str, spaced: bool) -> None:
+    read = WatchDecoder(Node, namespaced=False).event(line(event(kind, item("n", 7)), spaced=spaced))
+    assert (read.kind, read.identity, read.problem) == (kind, Identity("n", "uid-n", "7"), "")
+    assert read.obj == Node(Meta("n", "uid-n", "7"))
+
+
+@pytest.mark.parametrize("end", [False, True])
+def test_bookmarks_carry_a_version_only(end: bool) -> None:
+    read = WatchDecoder(Node, namespaced=False).event(line(bookmark(9, initial_end=end)))
+    assert (read.kind, read.obj, read.identity.version, read.initial_end) == (BOOKMARK, None, "9", end)
+
+
+@pytest.mark.parametrize(("code", "kind"), [(410, Gone), (500, ServerError)])
+def test_error_events_are_raised(code: int, kind: type[Exception]) -> None:
+    with pytest.raises(kind):
+        WatchDecoder(Node, namespaced=False).event(line(error_event(code)))
+
+
+@pytest.mark.parametrize("broken", [b"", b"{", b"7", b"\xff", b'{"type":"ADDED"}', b'{"type":"ADDED","object":7}'])
+def test_what_is_no_event_breaks_the_watch(broken: bytes) -> None:
+    for as_type in (dict, Node):
+        with pytest.raises(Unreachable):
+            WatchDecoder(as_type, namespaced=False).event(broken)
+
+
+def test_an_object_that_does_not_fit_says_why_and_who_it_is() -> None:
+    misfit = {"metadata": {"name": "n", "namespace": "ns", "uid": "u", "resourceVersion": "7"}, "size": "big"}
+
+    class Sized(Node):
+        size: int = 0
+
+    read = WatchDecoder(Sized, namespaced=False).event(line(event("ADDED", misfit)))
+    assert (read.obj, read.identity) == (None, Identity("ns/n", "u", "7"))
+    assert "Expected `int`" in read.problem
+
+
+def test_dicts_are_known_by_their_metadata() -> None:
+    decoder = WatchDecoder(dict, namespaced=True)
+    assert decoder.identify(item("a", 1)) == Identity("default/a", "uid-a", "1")
+    assert decoder.identify({"metadata": {"name": "n"}}) == Identity("n", "", "")
