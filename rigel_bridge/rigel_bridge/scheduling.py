@@ -1,0 +1,130 @@
+"""The `scheduler` block of a Rigelfile to RobotApp fields.
+
+Its field names are those of the thesis that introduced the block; every one of them has a place in the RobotApp, so
+nothing is lost. `shared-data` and `dds-domain` are also accepted with a hyphen, as the pod annotations are written.
+"""
+
+from collections.abc import Iterator
+from typing import Any, Final
+
+from rigel_bridge.document import Node
+from rigel_bridge.draft import Draft
+from rigel_bridge.naming import checked_label
+from rigel_bridge.section import Section
+
+BLOCKS: Final = ("name", "policies", "topology", "affinity", "shared_data", "shared-data", "dds_domain", "dds-domain")
+_TEXT_POLICIES: Final = {
+    "latency_budget": "latencyBudget",
+    "deadline": "deadline",
+    "reliability": "reliability",
+    "durability": "durability",
+    "liveliness": "liveliness",
+}
+_QOS: Final = ("realtime", "sensor_data", "system_default", "best_effort")
+_CLAIMED: Final = frozenset({"usb", "can", "serial", "gpio"})
+"""Hardware one component has for itself; everything else is a property of the node."""
+_DEFAULT_DOMAINS: Final = ((1, 101), (215, 232))
+_MAX_DOMAIN: Final = 232
+
+
+def apply_to_app(block: Section, draft: Draft) -> None:
+    """What concerns the application as a whole: scheduler name, zones, master node, domain."""
+    block.refuse_unknown(BLOCKS)
+    if name := block.get("name"):
+        draft.put(("schedulerName",), block.text_of(name), name)
+    if topology := block.section("topology"):
+        topology.refuse_unknown(("master_node", "preferred_zones"))
+        if (master := topology.get("master_node")) and master.value != "":
+            draft.put(("placement", "masterNode"), topology.text_of(master), master)
+        if (zones := topology.get("preferred_zones")) and zones.sequence():
+            draft.put(("placement", "zones"), topology.texts("preferred_zones"), zones)
+    if domain := block.first("dds_domain", "dds-domain"):
+        _domain(block, domain, draft)
+
+
+def apply_to_component(block: Section, draft: Draft, index: int, *, names: frozenset[str], alone: bool) -> None:
+    """What concerns component `index`; `names` are all components, `alone` says that it is the only one meant."""
+    at = ("components", index)
+    if policies := block.section("policies"):
+        _policies(policies, draft, index)
+    if affinity := block.section("affinity"):
+        affinity.refuse_unknown(("hardware_requirements",))
+        _hardware(affinity, draft, index, alone=alone)
+    if shared_node := block.first("shared_data", "shared-data"):
+        shared = block.at(shared_node)
+        shared.refuse_unknown(("peer_pods", "pvc"))
+        for field, values in _shared(shared, names):
+            draft.put((*at, "sharedData", field), values, shared_node)
+
+
+def _policies(policies: Section, draft: Draft, index: int) -> None:
+    policies.refuse_unknown(("qos_class", *_TEXT_POLICIES, "queue_size", "tcp_nodelay"))
+    at = ("components", index)
+    if (qos := policies.choice("qos_class", _QOS)) and (node := policies.get("qos_class")):
+        draft.put((*at, "qosClass"), qos, node)
+    for key, field in _TEXT_POLICIES.items():
+        if node := policies.get(key):
+            draft.put((*at, "policies", field), policies.text_of(node), node)
+    if node := policies.get("queue_size"):
+        draft.put((*at, "policies", "queueSize"), policies.number("queue_size"), node)
+    if node := policies.get("tcp_nodelay"):
+        draft.put((*at, "policies", "tcpNodelay"), policies.flag("tcp_nodelay"), node)
+
+
+def _hardware(affinity: Section, draft: Draft, index: int, *, alone: bool) -> None:
+    requirements = affinity.get("hardware_requirements")
+    if requirements is None:
+        return
+    devices: list[dict[str, Any]] = []
+    capabilities: list[dict[str, Any]] = []
+    for entry in affinity.sections("hardware_requirements"):
+        entry.refuse_unknown(("type", "model", "interface"))
+        kind = entry.required_text("type")
+        stated = {key: value for key in ("type", "model", "interface") if (value := entry.text(key))}
+        if kind in _CLAIMED:
+            _refuse_sharing(entry.node, kind, alone=alone)
+            devices.append({"name": _device_name(entry.node, kind, devices), **stated})
+        elif "interface" in stated:
+            raise entry.node.fail(f"interface belongs to {', '.join(sorted(_CLAIMED))}; a {kind} has type and model")
+        else:
+            capabilities.append(stated)
+    for field, values in (("devices", devices), ("requires", capabilities)):
+        if values:
+            draft.put(("components", index, field), values, requirements)
+
+
+def _refuse_sharing(node: Node, kind: str, *, alone: bool) -> None:
+    if not alone:
+        raise node.fail(
+            f"a {kind} device belongs to one component, and there are several packages: "
+            "move it to orchestration.components.<package>.scheduler.affinity"
+        )
+
+
+def _device_name(node: Node, kind: str, devices: list[dict[str, Any]]) -> str:
+    """`can`, and from the second one `can-2`."""
+    count = sum(device["type"] == kind for device in devices)
+    return checked_label(kind if count == 0 else f"{kind}-{count + 1}", node, longest=32)
+
+
+def _shared(shared: Section, names: frozenset[str]) -> Iterator[tuple[str, list[str]]]:
+    peers = shared.texts("peer_pods")
+    components = [name for peer in peers if (name := peer.replace("_", "-")) in names]
+    foreign = [peer for peer in peers if peer.replace("_", "-") not in names]
+    for field, values in (("with", components), ("peerPods", foreign), ("claims", shared.texts("pvc"))):
+        if values:
+            yield field, values
+
+
+def _domain(block: Section, node: Node, draft: Draft) -> None:
+    if node.value == "auto":
+        return
+    text = node.raw if node.kind == "int" else block.text_of(node)
+    if not text.isdecimal() or int(text) > _MAX_DOMAIN:
+        raise node.fail(f"{text!r} is not a DDS domain; allowed: auto, or a number from 0 to {_MAX_DOMAIN}")
+    draft.put(("dds", "domain"), int(text), node)
+
+
+def is_default_domain(domain: int) -> bool:
+    """Whether the id needs no `allowUnsafeDomain`."""
+    return any(low <= domain <= high for low, high in _DEFAULT_DOMAINS)

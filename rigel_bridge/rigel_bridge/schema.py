@@ -1,0 +1,118 @@
+"""Check a RobotApp against the CRD's structural schema, which the package ships as data.
+
+A structural schema is a small part of JSON Schema. CEL rules stay with the API server; everything it would refuse by
+structure is found here, without a cluster and with the Rigelfile's line.
+"""
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from functools import cache
+from importlib.resources import files
+from typing import Any, Final
+
+from rigel_bridge.draft import Path
+from rigel_bridge.failures import nearest
+
+Problem = tuple[Path, str]
+_TYPES: Final[dict[str, tuple[type, ...]]] = {
+    "object": (dict,),
+    "array": (list,),
+    "string": (str,),
+    "boolean": (bool,),
+    "integer": (int,),
+    "number": (int, float),
+}
+
+
+@cache
+def robotapp_schema() -> Mapping[str, Any]:
+    """The shipped openAPIV3Schema of RobotApp."""
+    text = files("rigel_bridge").joinpath("data/robotapp.schema.json").read_text(encoding="utf-8")
+    loaded: Mapping[str, Any] = json.loads(text)
+    return loaded
+
+
+def problems(value: Any, schema: Mapping[str, Any], path: Path = ()) -> Iterator[Problem]:
+    """Everything in `value` the schema does not allow, with its path below `path`."""
+    if schema.get("x-kubernetes-int-or-string"):
+        if not _is(value, "string") and not _is(value, "integer"):
+            yield path, f"must be text or a whole number, found {_shown(value)}"
+        yield from _scalar(value, schema, path)
+        return
+    kind = schema.get("type")
+    if kind and not _is(value, kind):
+        yield path, f"must be {_article(kind)}, found {_shown(value)}"
+        return
+    yield from _scalar(value, schema, path)
+    if isinstance(value, dict):
+        yield from _mapping(value, schema, path)
+    elif isinstance(value, list):
+        yield from _sequence(value, schema, path)
+
+
+def _is(value: Any, kind: str) -> bool:
+    if isinstance(value, bool):
+        return kind == "boolean"
+    return isinstance(value, _TYPES[kind])
+
+
+def _scalar(value: Any, schema: Mapping[str, Any], path: Path) -> Iterator[Problem]:
+    if "enum" in schema and value not in schema["enum"]:
+        allowed = [str(item) for item in schema["enum"]]
+        yield path, f"{_shown(value)} is not allowed{nearest(str(value), allowed)}; allowed: {', '.join(allowed)}"
+    if isinstance(value, str):
+        yield from _text(value, schema, path)
+    elif isinstance(value, (int, float)) and not isinstance(value, bool):
+        if value < schema.get("minimum", value):
+            yield path, f"must be at least {schema['minimum']}, found {value}"
+        if value > schema.get("maximum", value):
+            yield path, f"must be at most {schema['maximum']}, found {value}"
+
+
+def _text(value: str, schema: Mapping[str, Any], path: Path) -> Iterator[Problem]:
+    if len(value) < schema.get("minLength", 0):
+        yield path, "must not be empty" if not value else f"must have at least {schema['minLength']} characters"
+    elif len(value) > schema.get("maxLength", len(value)):
+        yield path, f"must have at most {schema['maxLength']} characters, found {len(value)}"
+    elif "pattern" in schema and not re.search(schema["pattern"], value):
+        yield path, f"{_shown(value)} does not look like {schema['pattern']}"
+
+
+def _mapping(value: Mapping[str, Any], schema: Mapping[str, Any], path: Path) -> Iterator[Problem]:
+    known = schema.get("properties", {})
+    for key in schema.get("required", ()):
+        if key not in value:
+            yield path, f"{key} is missing"
+    if len(value) > schema.get("maxProperties", len(value)):
+        yield path, f"must have at most {schema['maxProperties']} entries, found {len(value)}"
+    for key, child in value.items():
+        child_schema = known.get(key, schema.get("additionalProperties"))
+        if isinstance(child_schema, Mapping):
+            yield from problems(child, child_schema, (*path, key))
+        elif not child_schema and not schema.get("x-kubernetes-preserve-unknown-fields"):
+            yield (*path, key), f"is not a field of RobotApp{nearest(key, list(known))}"
+
+
+def _sequence(value: list[Any], schema: Mapping[str, Any], path: Path) -> Iterator[Problem]:
+    if len(value) < schema.get("minItems", 0):
+        yield path, f"must have at least {schema['minItems']} entries"
+    if len(value) > schema.get("maxItems", len(value)):
+        yield path, f"must have at most {schema['maxItems']} entries, found {len(value)}"
+    for index, item in enumerate(value):
+        yield from problems(item, schema.get("items", {}), (*path, index))
+
+
+def _shown(value: Any) -> str:
+    return "nothing" if value is None else json.dumps(value)[:80]
+
+
+def _article(kind: str) -> str:
+    words = {
+        "object": "a mapping",
+        "array": "a list",
+        "string": "text",
+        "boolean": "true or false",
+        "integer": "a whole number",
+    }
+    return words.get(kind, "a number")

@@ -1,0 +1,99 @@
+"""Typed access to one mapping of a Rigelfile: every getter checks the type and names the place."""
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from rigel_bridge.document import Node
+from rigel_bridge.failures import nearest
+from rigel_bridge.template import Templates
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A mapping with its templates. Getters give None for an absent key (or an empty one: `key:`)."""
+
+    node: Node
+    templates: Templates
+
+    def __contains__(self, key: str) -> bool:
+        return self.get(key) is not None
+
+    def get(self, key: str) -> Node | None:
+        found = self.node.mapping().get(key)
+        return None if found is None or found.kind == "null" else found
+
+    def first(self, *keys: str) -> Node | None:
+        """The one of several spellings that is there; two of them are an error."""
+        found = [node for key in keys if (node := self.get(key))]
+        if len(found) > 1:
+            raise found[1].fail(f"says the same as {found[0].path} in line {found[0].place.line}: keep one")
+        return found[0] if found else None
+
+    def refuse_unknown(self, known: Collection[str]) -> None:
+        for key, node in self.unknown(known):
+            raise node.fail(f"is not known here{nearest(key, list(known))}; known: {', '.join(known)}")
+
+    def unknown(self, known: Collection[str]) -> Iterator[tuple[str, Node]]:
+        yield from ((key, node) for key, node in self.node.mapping().items() if key not in known)
+
+    def text(self, key: str) -> str | None:
+        found = self.get(key)
+        return None if found is None else self.text_of(found)
+
+    def required_text(self, key: str) -> str:
+        found = self.text(key)
+        if not found:
+            raise self.node.fail(f"{key} is missing")
+        return found
+
+    def text_of(self, node: Node) -> str:
+        if not isinstance(node.value, str):
+            hint = "" if node.kind in ("map", "seq") else "; put it in quotes"
+            raise node.fail(f"expected text, found {node.described()}{hint}")
+        return self.templates.render(node, node.value)
+
+    def choice(self, key: str, allowed: Collection[str]) -> str | None:
+        found = self.text(key)
+        if found is not None and found not in allowed:
+            node = self.get(key) or self.node
+            raise node.fail(f"{found!r} is not allowed{nearest(found, list(allowed))}; allowed: {', '.join(allowed)}")
+        return found
+
+    def flag(self, key: str) -> bool | None:
+        found = self.get(key)
+        if found is not None and not isinstance(found.value, bool):
+            raise found.fail(f"expected true or false, found {found.described()}")
+        return None if found is None else bool(found.value)
+
+    def number(self, key: str) -> int | None:
+        found = self.get(key)
+        if found is None:
+            return None
+        if not isinstance(found.value, int) or isinstance(found.value, bool):
+            raise found.fail(f"expected a whole number, found {found.described()}")
+        return found.value
+
+    def texts(self, key: str) -> list[str]:
+        found = self.get(key)
+        return [] if found is None else [self.text_of(item) for item in found.sequence()]
+
+    def section(self, key: str) -> "Section | None":
+        found = self.get(key)
+        return None if found is None else self.at(found)
+
+    def sections(self, key: str) -> "list[Section]":
+        found = self.get(key)
+        return [] if found is None else [self.at(item) for item in found.sequence()]
+
+    def at(self, node: Node) -> "Section":
+        node.mapping()
+        return Section(node, self.templates)
+
+    def plain(self, node: Node) -> Any:
+        """The node as plain data, templates rendered."""
+        if isinstance(node.value, dict):
+            return {key: self.plain(child) for key, child in node.value.items()}
+        if isinstance(node.value, list):
+            return [self.plain(child) for child in node.value]
+        return self.templates.render(node, node.value) if isinstance(node.value, str) else node.value

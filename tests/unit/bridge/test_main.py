@@ -1,0 +1,137 @@
+"""The command line: where things go and which exit code says what."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+from tests.support.rigelfiles import ONE
+
+from rigel_bridge.main import main
+
+EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "rigel" / "teleop" / "Rigelfile"
+
+
+@pytest.fixture
+def rigelfile(tmp_path: Path) -> Path:
+    path = tmp_path / "my_robot" / "Rigelfile"
+    path.parent.mkdir()
+    path.write_text(ONE)
+    return path
+
+
+def test_the_app_goes_to_standard_output_named_after_the_folder(
+    rigelfile: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["render", str(rigelfile)]) == 0
+    app = yaml.safe_load(capsys.readouterr().out)
+    assert (app["apiVersion"], app["kind"], app["metadata"]["name"]) == ("robotics.io/v1alpha1", "RobotApp", "my-robot")
+    assert set(app["metadata"]["annotations"]) == {
+        "rigel.robotics.io/bridge-version",
+        "rigel.robotics.io/generation",
+        "rigel.robotics.io/rigelfile-sha256",
+    }
+
+
+def test_equal_input_gives_equal_text(rigelfile: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    texts = [(main(["render", str(rigelfile)]), capsys.readouterr().out) for _ in range(2)]
+    assert texts[0] == texts[1]
+
+
+def test_a_file_can_be_written_instead(rigelfile: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    target = tmp_path / "app.yaml"
+    assert main(["render", str(rigelfile), "-o", str(target), "--name", "x", "-n", "fleet"]) == 0
+    assert capsys.readouterr().out == ""
+    assert yaml.safe_load(target.read_text())["metadata"]["namespace"] == "fleet"
+
+
+def test_without_a_name_the_rigelfile_of_the_folder_is_read(
+    rigelfile: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(rigelfile.parent)
+    assert main(["render"]) == 0
+    assert "name: my-robot" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (None, (70, "Rigelfile: cannot be read: No such file or directory")),
+        ("a: *b\n", (71, "Rigelfile:1: alias *b is not allowed")),
+        ("packages: []\n", (72, "Rigelfile:1: packages needs at least one entry")),
+        ("jobs: {}\n", (73, "Rigelfile:1: jobs: this is a Rigelfile of 0.3 and newer")),
+    ],
+)
+def test_each_kind_of_mistake_has_its_exit_code_and_one_line(
+    text: str | None,
+    expected: tuple[int, str],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, message = expected
+    if text is not None:
+        Path("Rigelfile").write_text(text)
+    assert main(["render"]) == code
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith(message)
+    assert captured.err.count("\n") == 1
+
+
+def test_an_output_that_cannot_be_written_is_one_line(
+    rigelfile: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["render", str(rigelfile), "-o", str(tmp_path / "no" / "dir.yaml")]) == 70
+    assert "cannot be written: No such file or directory" in capsys.readouterr().err
+
+
+def test_notes_go_to_standard_error_and_fail_only_when_strict(
+    rigelfile: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rigelfile.write_text(ONE + "    cmd: x\n")
+    assert main(["render", str(rigelfile)]) == 0
+    assert "note: " in capsys.readouterr().err
+    assert main(["render", str(rigelfile), "--strict"]) == 72
+    assert capsys.readouterr().out == ""
+
+
+def test_the_environment_can_be_left_out(
+    rigelfile: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("TAG", "9")
+    rigelfile.write_text(ONE.replace(":1", ":{{ TAG }}"))
+    assert main(["render", str(rigelfile)]) == 0
+    assert "acme/driver:9" in capsys.readouterr().out
+    assert main(["render", str(rigelfile), "--no-env"]) == 72
+
+
+def test_help_shows_examples_and_exit_codes(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(["render", "--help"])
+    assert caught.value.code == 0
+    text = capsys.readouterr().out
+    assert "rigel-bridge render ws/Rigelfile | kubectl apply -f -" in text
+    assert "exit codes" in text
+
+
+def test_wrong_usage_has_code_2(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(["rendr"])
+    assert caught.value.code == 2
+    assert "rendr" in capsys.readouterr().err
+
+
+def test_the_shipped_example_renders_without_a_note(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["render", str(EXAMPLE), "--strict", "--no-env"]) == 0
+    app = yaml.safe_load(capsys.readouterr().out)
+    assert [component["name"] for component in app["spec"]["components"]] == ["operator-ui", "base-driver"]
+
+
+def test_the_bridge_needs_nothing_but_yaml() -> None:
+    """It is installed into Rigel's own environment, whose pydantic is another."""
+    code = "import sys, rigel_bridge.main; print(*sorted({name.partition('.')[0] for name in sys.modules}))"
+    output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert not {"pydantic", "msgspec", "aiohttp", "kubernetes", "kopf", "robotapp_api"} & set(output)

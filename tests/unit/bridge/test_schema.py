@@ -1,0 +1,90 @@
+"""The shipped schema and the small checker that reads it."""
+
+from typing import Any
+
+import pytest
+
+from rigel_bridge.schema import problems, robotapp_schema
+
+OBJECT = {"type": "object", "required": ["a"], "properties": {"a": {"type": "integer", "minimum": 1, "maximum": 3}}}
+
+
+def messages(value: Any, schema: dict[str, Any]) -> list[str]:
+    return [message for _, message in problems(value, schema)]
+
+
+@pytest.mark.parametrize(
+    ("value", "schema", "message"),
+    [
+        ({}, OBJECT, "a is missing"),
+        ({"a": 1, "b": 2}, OBJECT, "is not a field of RobotApp"),
+        ({"a": 0}, OBJECT, "must be at least 1, found 0"),
+        ({"a": 4}, OBJECT, "must be at most 3, found 4"),
+        ({"a": True}, OBJECT, "must be a whole number, found true"),
+        ([], OBJECT, "must be a mapping, found []"),
+        ("x", {"type": "boolean"}, 'must be true or false, found "x"'),
+        (None, {"type": "string"}, "must be text, found nothing"),
+        ("", {"type": "string", "minLength": 1}, "must not be empty"),
+        ("x", {"type": "string", "minLength": 2}, "must have at least 2 characters"),
+        ("abc", {"type": "string", "maxLength": 2}, "must have at most 2 characters, found 3"),
+        ("A", {"type": "string", "pattern": "^[a-z]$"}, '"A" does not look like ^[a-z]$'),
+        (
+            "fast",
+            {"type": "string", "enum": ["slow", "faster"]},
+            '"fast" is not allowed (did you mean faster?); allowed: slow, faster',
+        ),
+        ([1, 2], {"type": "array", "maxItems": 1, "items": {}}, "must have at most 1 entries, found 2"),
+        ([], {"type": "array", "minItems": 1}, "must have at least 1 entries"),
+        ({"x": 1}, {"type": "object", "additionalProperties": {"type": "string"}}, "must be text, found 1"),
+        (
+            {"x": 1, "y": 1},
+            {"type": "object", "maxProperties": 1, "additionalProperties": {}},
+            "must have at most 1 entries, found 2",
+        ),
+        (1.5, {"x-kubernetes-int-or-string": True}, "must be text or a whole number, found 1.5"),
+        ("1M!", {"x-kubernetes-int-or-string": True, "pattern": "^[0-9]+M?$"}, '"1M!" does not look like ^[0-9]+M?$'),
+    ],
+)
+def test_each_keyword_finds_its_problem(value: Any, schema: dict[str, Any], message: str) -> None:
+    assert message in messages(value, schema)
+
+
+@pytest.mark.parametrize("value", ["40M", 40, {"a": 1}, {"a": 3}])
+def test_what_is_allowed_is_silent(value: Any) -> None:
+    schema = (
+        OBJECT
+        if isinstance(value, dict)
+        else {"x-kubernetes-int-or-string": True, "anyOf": [{"type": "integer"}, {"type": "string"}]}
+    )
+    assert messages(value, schema) == []
+
+
+def test_a_problem_knows_its_path() -> None:
+    schema = {"type": "array", "items": OBJECT}
+    assert [path for path, _ in problems([{"a": 1}, {"a": 9}], schema)] == [(1, "a")]
+
+
+def test_the_checker_knows_every_keyword_of_the_shipped_schema() -> None:
+    known = {
+        *(
+            "type",
+            "properties",
+            "items",
+            "additionalProperties",
+            "required",
+            "enum",
+            "pattern",
+            "minLength",
+            "maxLength",
+        ),
+        *("minimum", "maximum", "minItems", "maxItems", "maxProperties", "x-kubernetes-int-or-string", "anyOf"),
+        # no restriction of a single object, or left to the API server
+        *("description", "default", "format", "x-kubernetes-validations"),
+        *("x-kubernetes-list-type", "x-kubernetes-list-map-keys", "x-kubernetes-map-type"),
+    }
+
+    def keywords(schema: Any) -> set[str]:
+        children = [*schema.get("properties", {}).values(), schema.get("items"), schema.get("additionalProperties")]
+        return set(schema).union(*(keywords(child) for child in children if isinstance(child, dict)))
+
+    assert keywords(robotapp_schema()) <= known
