@@ -160,6 +160,8 @@ def _texts(field: str, value: Any) -> tuple[str, ...]:
 
 def _duration(field: str, value: Any) -> int:
     allowed = "a positive duration with a unit, such as 30ms or 1.5s"
+    if not isinstance(value, str):
+        raise _Refused(field, value, allowed)
     try:
         duration_us = parse_us(_text(field, value))
     except ValueError:

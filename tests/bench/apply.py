@@ -1,0 +1,144 @@
+"""Apply to Ready: one app, 200 at once, more apps than domains, 50 robots; memory and writes of the operator at rest.
+
+Ready is what the watch shows: condition Ready=True with the observedGeneration of the stored object. Seconds run from
+the API create call. All phases share one control plane with simulated kubelets; sweep and quarantine are one second.
+"""
+
+import argparse
+import json
+import platform
+import statistics
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import yaml
+from tests.support import journeys, process_use, quiet
+from tests.support.world import World
+
+from robotapp_testbed import ControlPlane, product
+from robotapp_testbed.topology import Topology, fleet
+
+ROOT = Path(__file__).resolve().parents[2]
+IDS = "1-101,215-232"
+POOL_SIZE = 119
+POOLS = {"bench-a": IDS, "bench-b": IDS}
+ROBOTS = 50
+TELEOP_TARGET_S = 1.5
+RSS_LIMIT_BYTES = 300_000_000
+
+Figures = dict[str, Any]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(prog="scripts/bench apply", description=__doc__.splitlines()[0])
+    parser.add_argument("--json", type=Path, help="write every figure to this file")
+    parser.add_argument("--runs", type=int, default=20, help="runs of the single app")
+    parser.add_argument("--apps", type=int, default=200, help="apps of the storm, three components each")
+    parser.add_argument("--overflow", type=int, default=130, help=f"apps on one pool of {POOL_SIZE} ids")
+    parser.add_argument("--quiet-seconds", type=float, default=60.0)
+    parser.add_argument("--only", choices=sorted(PHASES), action="append", help="this phase only (may be repeated)")
+    options = parser.parse_args(argv)
+    with ControlPlane(audit=True) as cp:
+        product.install(cp)
+        result = run(cp, options)
+    print(json.dumps(result, indent=2))
+    if options.json:
+        options.json.write_text(json.dumps(result, indent=2) + "\n")
+    return 1 if result["problems"] else 0
+
+
+def run(cp: ControlPlane, options: argparse.Namespace) -> Figures:
+    """Every phase in turn, then what the operator used for all of them."""
+    result: Figures = {"machine": {"python": platform.python_version(), "machine": platform.machine()}}
+    problems: list[str] = []
+    with World(cp, _nodes(), pools=POOLS) as world:
+        for name, phase in PHASES.items():
+            if options.only and name not in options.only:
+                continue
+            _say(name)
+            figures, found = phase(world, options)
+            problems += [f"{name}: {each}" for each in found]
+            result[name] = figures
+            _say(f"  {figures}{'; '.join(['', *found])}")
+        result["operator"] = process_use.usage(world.operator)
+        result["scheduler"] = process_use.usage(world.scheduler)
+    if result["operator"]["peak_rss_bytes"] > RSS_LIMIT_BYTES:
+        problems.append(f"operator: peak RSS {result['operator']['peak_rss_bytes'] / 1e6:.0f} MB")
+    return {**result, "problems": problems}
+
+
+def teleop(world: World, options: argparse.Namespace) -> tuple[Figures, list[str]]:
+    """examples/teleop.yaml, one run after the other, each from an empty namespace."""
+    app = yaml.safe_load((ROOT / "examples" / "teleop.yaml").read_text())
+    seconds = []
+    for _ in range(options.runs):
+        sent_s = world.create(app)
+        seconds.append(world.watch.until_ready("teleop", within_s=30) - sent_s)
+        world.clear()
+    figures = {"median_s": statistics.median(seconds), "max_s": max(seconds), "runs_s": seconds}
+    slow = [f"median {figures['median_s']:.2f} s"] if figures["median_s"] > TELEOP_TARGET_S else []
+    return figures, slow
+
+
+def storm(world: World, options: argparse.Namespace) -> tuple[Figures, list[str]]:
+    """Many apps over two pools, then a quiet minute with all of them running."""
+    found = journeys.storm(world, list(POOLS), apps=options.apps, within_s=180)
+    settled_s = _settle(world)
+    records = quiet.writes_during(world.cp, options.quiet_seconds)
+    counts = quiet.by_object(records)
+    rest = {
+        "settled_s": settled_s,
+        "seconds": options.quiet_seconds,
+        "writes": len(records),
+        "writes_per_app_minute": len(records) / options.apps * 60 / options.quiet_seconds,
+        "most": counts.most_common(5),
+    }
+    busy = [f"{count} writes in the quiet minute: {name}" for name, count in counts.items() if count > 1]
+    world.clear()
+    return {**asdict(found), "quiet": rest}, [*found.problems, *busy]
+
+
+def overflow(world: World, options: argparse.Namespace) -> tuple[Figures, list[str]]:
+    found = journeys.overflow(world, "bench-a", size=POOL_SIZE, apps=options.overflow, within_s=180)
+    world.clear()
+    return {**asdict(found), "messages": sorted(set(found.messages))}, list(found.problems)
+
+
+def robots(world: World, _: argparse.Namespace) -> tuple[Figures, list[str]]:
+    found = journeys.one_per_robot(world, pool="bench-a", within_s=120)
+    world.clear()
+    return asdict(found), list(found.problems)
+
+
+PHASES: Mapping[str, Callable[[World, argparse.Namespace], tuple[Figures, list[str]]]] = {
+    "teleop": teleop,
+    "storm": storm,
+    "overflow": overflow,
+    "robots": robots,
+}
+
+
+def _nodes() -> Topology:
+    """Room for 600 pods of the storm at 110 per node, and the robots."""
+    names = ["amr-07", *(f"amr-{number:02}" for number in range(10, 10 + ROBOTS - 1))]
+    return fleet(robots=names, edges=4, clouds=2)
+
+
+def _settle(world: World) -> float:
+    """Seconds from now until nothing is written any more for five."""
+    began_s = time.monotonic()
+    if not quiet.until_quiet(world.cp, quiet_s=5.0, within_s=60):
+        _say("  operator or scheduler keep writing")
+    return time.monotonic() - began_s
+
+
+def _say(text: str) -> None:
+    print(f"{time.strftime('%H:%M:%S')} {text}", file=sys.stderr, flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

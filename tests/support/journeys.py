@@ -1,0 +1,107 @@
+"""What users do with many apps at once, and what must hold then. Small in tests/integration/journeys, large in tests/bench."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from tests.support.appwatch import App, condition, is_ready
+from tests.support.world import World, plain_app
+
+from robotapp_api.model.names import Condition, Label, Reason
+
+
+@dataclass(frozen=True, slots=True)
+class Storm:
+    """`seconds` from the first create until the last app was Ready; `problems` in words."""
+
+    seconds: float
+    domains: Mapping[str, int]
+    problems: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Overflow:
+    """More apps than ids: how many ran and waited, what the waiting were told, and how they came to run."""
+
+    ready: int
+    waiting: int
+    messages: tuple[str, ...]
+    seconds: float
+    freed_s: float
+    """From the deletion of as many others as wait until all of them are Ready."""
+    problems: tuple[str, ...]
+
+
+def storm(world: World, pools: Sequence[str], *, apps: int, within_s: float) -> Storm:
+    """Apply `apps` apps of three components at once, spread over `pools`; all get Ready, no id twice in a pool."""
+    made = [plain_app(f"storm-{number:03}", dds={"pool": pools[number % len(pools)]}) for number in range(apps)]
+    sent_s = world.create_all(made)
+    ready_s = world.watch.until_ready(*(app["metadata"]["name"] for app in made), within_s=within_s)
+    ids = {pool: [claim["spec"]["domain"]["id"] for claim in world.claims(pool)] for pool in pools}
+    problems = [
+        f"pool {pool} gave {number} away {count} times" for pool in pools for number, count in _doubles(ids[pool])
+    ]
+    problems += _not_one_each(world, pools, apps)
+    return Storm(ready_s - sent_s, {pool: len(found) for pool, found in ids.items()}, tuple(problems))
+
+
+def overflow(world: World, pool: str, *, size: int, apps: int, within_s: float) -> Overflow:
+    """Apply more apps than the pool has ids, then delete as many running ones as wait."""
+    names = [f"over-{number:03}" for number in range(apps)]
+    sent_s = world.create_all([plain_app(name, parts=("only",), dds={"pool": pool}) for name in names])
+    full_s = world.watch.until(
+        lambda seen: len(_ready(seen, names)) == size and len(_refused(seen, names)) == apps - size,
+        within_s=within_s,
+        what=f"{size} apps Ready and {apps - size} refused",
+    )
+    seen = world.watch.snapshot()
+    running, waiting = _ready(seen, names), _refused(seen, names)
+    messages = tuple(str(condition(seen[name], Condition.ALLOCATED).get("message", "")) for name in waiting)
+    problems = [f"{len(world.claims(pool))} claims of a pool of {size}"] if len(world.claims(pool)) != size else []
+    deleted_s = world.delete(*running[: len(waiting)])
+    ready_s = world.watch.until_ready(*waiting, within_s=within_s)
+    return Overflow(len(running), len(waiting), messages, full_s - sent_s, ready_s - deleted_s, tuple(problems))
+
+
+def one_per_robot(world: World, *, pool: str, within_s: float) -> Storm:
+    """One app with an instance on each of the world's robots: as many domains as robots."""
+    selector = {"matchExpressions": [{"key": Label.ROBOT, "operator": "In", "values": _robots(world)}]}
+    app = plain_app("fleet", parts=("drive", "watch"), robots={"selector": selector}, dds={"pool": pool})
+    app["spec"]["components"][0]["runsOn"] = "Robot"
+    sent_s = world.create(app)
+    ready_s = world.watch.until_ready("fleet", within_s=within_s)
+    claims = world.claims(pool)
+    ids = [claim["spec"]["domain"]["id"] for claim in claims]
+    instances = Counter(claim["spec"]["holder"].get("instance", "") for claim in claims)
+    problems = [f"domain {number} {count} times" for number, count in _doubles(ids)]
+    if sorted(instances) != sorted(_robots(world)) or max(instances.values()) > 1:
+        problems.append(
+            f"{len(instances)} instances of {len(_robots(world))} robots hold claims: {instances.most_common(3)}"
+        )
+    return Storm(ready_s - sent_s, {pool: len(set(ids))}, tuple(problems))
+
+
+def _robots(world: World) -> list[str]:
+    return sorted(node.robot for node in world.nodes if node.robot)
+
+
+def _ready(seen: Mapping[str, App], names: Sequence[str]) -> list[str]:
+    return [name for name in names if name in seen and is_ready(seen[name])]
+
+
+def _refused(seen: Mapping[str, App], names: Sequence[str]) -> list[str]:
+    return [
+        name
+        for name in names
+        if name in seen and condition(seen[name], Condition.ALLOCATED).get("reason") == Reason.DOMAIN_EXHAUSTED
+    ]
+
+
+def _doubles(ids: Sequence[int]) -> list[tuple[int, int]]:
+    return [(number, count) for number, count in Counter(ids).items() if count > 1]
+
+
+def _not_one_each(world: World, pools: Sequence[str], apps: int) -> list[str]:
+    holders = Counter(claim["spec"]["holder"]["uid"] for pool in pools for claim in world.claims(pool))
+    all_one = len(holders) == apps and set(holders.values()) == {1}
+    return [] if all_one else [f"{len(holders)} of {apps} apps hold {holders.total()} domains"]

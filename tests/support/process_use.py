@@ -1,0 +1,18 @@
+"""What a process used so far, from /proc."""
+
+from pathlib import Path
+
+from robotapp_testbed import Process
+
+
+def peak_rss_bytes(pid: int) -> int:
+    """The most memory the process ever had in RAM (VmHWM of proc(5)); 0 when there is none."""
+    for line in Path(f"/proc/{pid}/status").read_text().splitlines():
+        if line.startswith("VmHWM:"):
+            return int(line.split()[1]) * 1024
+    return 0
+
+
+def usage(process: Process) -> dict[str, float]:
+    """Peak memory in bytes and CPU seconds since its start."""
+    return {"peak_rss_bytes": peak_rss_bytes(process.pid), "cpu_s": process.cpu_seconds()}

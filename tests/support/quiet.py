@@ -1,0 +1,56 @@
+"""What operator and scheduler write while nothing changes, from the audit log."""
+
+import time
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+from robotapp_testbed import ControlPlane, audit, wait_until
+from robotapp_testbed.identity import OPERATOR_ACCOUNT, SCHEDULER_ACCOUNT
+
+_OURS = (OPERATOR_ACCOUNT, SCHEDULER_ACCOUNT)
+_BY_THE_CLOCK = frozenset({"leases"})
+_LOG_DELAY_S = 0.5
+"""The server flushes audit records in batches of this order."""
+
+
+def writes_since(cp: ControlPlane, since: datetime) -> list[Mapping[str, Any]]:
+    """Successful writes by our two accounts, Leases left out, that the server received after `since`."""
+    return [
+        record
+        for record in audit.writes(cp.audit())
+        if record["user"]["username"].rpartition(":")[2] in _OURS
+        and record["objectRef"]["resource"] not in _BY_THE_CLOCK
+        and datetime.fromisoformat(record["requestReceivedTimestamp"]) >= since
+    ]
+
+
+def until_quiet(cp: ControlPlane, *, quiet_s: float, within_s: float) -> bool:
+    """Wait until neither wrote anything for `quiet_s`; False when that did not come."""
+    return wait_until(
+        lambda: not writes_since(cp, datetime.now(UTC) - timedelta(seconds=quiet_s)), timeout_s=within_s, poll_s=0.5
+    )
+
+
+def writes_during(cp: ControlPlane, seconds: float) -> list[Mapping[str, Any]]:
+    """Let time pass, then return what was written meanwhile."""
+    began = datetime.now(UTC)
+    time.sleep(seconds + _LOG_DELAY_S)
+    return [
+        record
+        for record in writes_since(cp, began)
+        if datetime.fromisoformat(record["requestReceivedTimestamp"]) <= began + timedelta(seconds=seconds)
+    ]
+
+
+def by_object(records: Iterable[Mapping[str, Any]]) -> Counter[str]:
+    """How often each object was written: `user verb resource/subresource namespace/name`."""
+    return Counter(_shown(record) for record in records)
+
+
+def _shown(record: Mapping[str, Any]) -> str:
+    ref = record["objectRef"]
+    kind = "/".join(part for part in (ref["resource"], ref.get("subresource", "")) if part)
+    user = record["user"]["username"].rpartition(":")[2]
+    return f"{user} {record['verb']} {kind} {ref.get('namespace', '')}/{ref.get('name', '')}"
