@@ -8,6 +8,8 @@ import logging
 from collections.abc import Mapping
 from typing import Any, Final
 
+import msgspec
+
 from robotapp_api.claims.domain import Fence
 from robotapp_api.client import AlreadyExists, ApiClient, ApiError, Conflict, Forbidden, Invalid, NotFound
 from robotapp_api.client.apply import JSON_PATCH
@@ -15,6 +17,7 @@ from robotapp_api.client.resources import DEPLOYMENTS, SERVICES, Resource
 from robotapp_api.model.names import OPERATOR_MANAGER, Reason
 from robotapp_operator.plan.changes import Change, Observed, Plan, ref_of
 from robotapp_operator.plan.children import DEPLOYMENT, SERVICE
+from robotapp_operator.plan.objects import Meta
 from robotapp_operator.plan.wish import App
 
 log = logging.getLogger(__name__)
@@ -47,7 +50,10 @@ async def execute(client: ApiClient, app: App, plan: Plan, *, fences: Mapping[st
         except (Forbidden, Invalid) as refusal:
             done.refusals.append(_refusal(change, refusal))
             continue
-        except (Conflict, NotFound, AlreadyExists) as race:
+        except AlreadyExists:
+            done.refusals.append(await _name_taken(client, app, change))
+            continue
+        except (Conflict, NotFound) as race:
             raise StartOver(str(race)) from race
         meta = result["metadata"]
         done.settled[meta["uid"]] = (meta.get("generation", 0), change.child.hash)
@@ -107,6 +113,25 @@ async def _delete(client: ApiClient, item: Observed) -> None:
         )
     except (NotFound, Conflict):
         log.debug("%s %s is gone already", ref.kind, ref.name)
+
+
+async def _name_taken(client: ApiClient, app: App, change: Change) -> tuple[Reason, str]:
+    """A create met an object we do not see by label: ours without its labels, our predecessor's, or somebody else's."""
+    ref = change.child.ref
+    resource = RESOURCES[ref.kind]
+    try:
+        live = await client.get(resource, ref.name, namespace=app.namespace)
+        meta = msgspec.convert(live["metadata"], Meta)
+        owner = next((owner for owner in meta.owner_references if owner.controller), None)
+        if owner is not None and owner.uid == app.uid:
+            patch = {"metadata": {"labels": change.child.labels, "resourceVersion": meta.resource_version}}
+            await client.patch(resource, ref.name, patch, namespace=app.namespace)
+            raise StartOver(f"{ref.kind} {ref.name} had lost its labels")
+    except (NotFound, Conflict) as race:
+        raise StartOver(str(race)) from race
+    if owner is not None and (owner.kind, owner.name) == ("RobotApp", app.name):
+        raise StartOver(f"{ref.kind} {ref.name} of the deleted app of this name is still there")
+    return Reason.FAILED_CREATE, f"{ref.kind} {ref.name} exists and belongs to somebody else; delete or rename it"
 
 
 def _refusal(change: Change, error: ApiError) -> tuple[Reason, str]:

@@ -1,0 +1,154 @@
+"""Two operators, killed operators, late operators: one domain per instance, and nothing lost or left."""
+
+import secrets
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import pytest
+from tests.support.live import Tenant, eventually, part, pool
+
+from robotapp_testbed import ControlPlane, audit, product
+from robotapp_testbed.process import Process
+
+pytestmark = pytest.mark.usefixtures("nodes")
+OPERATOR = "system:serviceaccount:robotapp-system:robotapp-operator"
+
+
+@contextmanager
+def running(cp: ControlPlane, **flags: object) -> Iterator[Process]:
+    given = {"sweep_seconds": 1, "no_leader_election": True, **flags}
+    process = product.start_operator(cp, name=f"operator-{secrets.token_hex(2)}", **given)
+    try:
+        yield process
+    finally:
+        process.kill()
+
+
+def domains(tenant: Tenant) -> list[int]:
+    """Ids of all ready instances."""
+    return [item["domain"] for app in tenant.apps() for item in app["status"].get("instances", ()) if item["ready"]]
+
+
+def all_ready(tenant: Tenant, count: int) -> Callable[[], bool]:
+    return lambda: len(domains(tenant)) == count
+
+
+def test_an_operator_killed_in_the_middle_of_a_burst_loses_nothing(
+    installed_plane: ControlPlane, tenant: Tenant, ids: str
+) -> None:
+    with running(installed_plane) as first:
+        for number in range(10):
+            tenant.apply(f"app-{number}", part("a"), dds={"pool": ids})
+        eventually(tenant.claims)
+        first.kill()
+    with running(installed_plane):
+        eventually(all_ready(tenant, 10), timeout_s=60, what=lambda: domains(tenant))
+        assert len(set(domains(tenant))) == len(tenant.claims()) == 10
+
+
+def test_deletion_needs_no_operator_and_the_next_one_frees_the_domain(
+    installed_plane: ControlPlane, tenant: Tenant, ids: str
+) -> None:
+    with running(installed_plane):
+        tenant.apply("gone", part("a"), dds={"pool": ids})
+        tenant.wait_ready("gone")
+    tenant.delete("gone")
+    assert tenant.apps() == []
+    with running(installed_plane):
+        eventually(lambda: not tenant.claims(), timeout_s=90, what=tenant.claims)
+
+
+def test_two_operators_at_work_agree_and_then_rest(installed_plane: ControlPlane, tenant: Tenant, ids: str) -> None:
+    with running(installed_plane), running(installed_plane):
+        for number in range(8):
+            tenant.apply(f"app-{number}", part("a"), part("b"), dds={"pool": ids})
+        eventually(all_ready(tenant, 8), timeout_s=60, what=lambda: domains(tenant))
+        assert len(set(domains(tenant))) == len(tenant.claims()) == 8
+        assert len(tenant.deployments()) == 16
+        time.sleep(2)
+        assert writes_in(installed_plane, tenant.namespace, seconds=5) == []
+
+
+def test_an_operator_at_rest_writes_nothing(installed_plane: ControlPlane, tenant: Tenant, ids: str) -> None:
+    with running(installed_plane):
+        for number in range(5):
+            tenant.apply(f"app-{number}", part("a"), dds={"pool": ids})
+        eventually(all_ready(tenant, 5), timeout_s=60)
+        time.sleep(6)  # the fleet view rests for five seconds between two writes
+        assert writes_in(installed_plane, tenant.namespace, seconds=10) == []
+
+
+def test_a_restarted_operator_finds_everything_in_place(
+    installed_plane: ControlPlane, tenant: Tenant, ids: str
+) -> None:
+    with running(installed_plane):
+        for number in range(5):
+            tenant.apply(f"app-{number}", part("a"), dds={"pool": ids})
+        eventually(all_ready(tenant, 5), timeout_s=60)
+        time.sleep(6)
+    before = len(installed_plane.audit())
+    with running(installed_plane):
+        time.sleep(3)
+        assert in_namespace(installed_plane, before, tenant.namespace) == []
+
+
+def test_an_operator_that_wakes_up_late_does_not_revive_a_dead_apps_children(
+    installed_plane: ControlPlane, tenant: Tenant
+) -> None:
+    """Stopped between apply and write, its app is deleted and re-created: the late write must name the new app only."""
+    with pool(installed_plane, f"p-{secrets.token_hex(3)}", ids="7") as ids, running(installed_plane) as late:
+        late.pause()
+        first = tenant.apply("twin", part("a"), dds={"pool": ids})
+        tenant.delete("twin")
+        second = tenant.apply("twin", part("a"), dds={"pool": ids})
+        late.resume()
+        tenant.wait_ready("twin")
+        owners = {item["metadata"]["ownerReferences"][0]["uid"] for item in tenant.deployments()}
+        assert owners == {second["metadata"]["uid"]}
+        assert first["metadata"]["uid"] not in {claim["spec"]["holder"]["uid"] for claim in tenant.claims()}
+
+
+def test_an_app_created_again_under_its_name_gets_running_again(
+    installed_plane: ControlPlane, tenant: Tenant, ids: str
+) -> None:
+    with running(installed_plane):
+        old = tenant.apply("phoenix", part("a"), dds={"pool": ids})
+        tenant.wait_ready("phoenix")
+        tenant.delete("phoenix")
+        new = tenant.apply("phoenix", part("a"), dds={"pool": ids})
+        tenant.wait_ready("phoenix", timeout_s=90)
+        assert new["metadata"]["uid"] != old["metadata"]["uid"]
+        eventually(lambda: [c["spec"]["holder"]["uid"] for c in tenant.claims()] == [new["metadata"]["uid"]])
+
+
+def test_the_lease_lets_one_work_and_the_other_take_over(
+    installed_plane: ControlPlane, tenant: Tenant, ids: str
+) -> None:
+    space = {"no_leader_election": False, "lease_namespace": "robotapp-system"}
+    with running(installed_plane, **space) as first, running(installed_plane, **space) as second:
+        tenant.apply("one", part("a"), dds={"pool": ids})
+        tenant.wait_ready("one")
+        leaders = ["starts to work" in process.log_text() for process in (first, second)]
+        assert sum(leaders) == 1
+        leader, other = (first, second) if leaders[0] else (second, first)
+        assert leader.stop() == 0
+        eventually(lambda: "starts to work" in other.log_text(), timeout_s=30, what=other.log_text)
+        tenant.apply("two", part("a"), dds={"pool": ids})
+        tenant.wait_ready("two")
+
+
+def in_namespace(cp: ControlPlane, after: int, namespace: str) -> list[str]:
+    """What the operator wrote about one namespace since audit record `after`: its objects, and claims of any kind."""
+    found = audit.writes(cp.audit()[after:], user=OPERATOR)
+    return [
+        f"{item['verb']} {item['objectRef']['resource']} {item['objectRef'].get('name', '')}"
+        for item in found
+        if item["objectRef"].get("namespace") == namespace
+    ]
+
+
+def writes_in(cp: ControlPlane, namespace: str, *, seconds: float) -> list[str]:
+    before = len(cp.audit())
+    time.sleep(seconds)
+    return in_namespace(cp, before, namespace)
