@@ -9,6 +9,7 @@ import yaml
 from journeys.stage import Stage, wait_for
 from journeys.world import NAMESPACE, ROOT, World
 from robotapp_testbed.namespaces import created
+from robotapp_testbed.topology import Topology
 
 _COPIES = 6
 _ROBOT = "@robot"
@@ -56,7 +57,7 @@ def _placed_legs(world: World, namespace: str, scheduler: str) -> list[Leg]:
     world.cluster.kubectl("-n", namespace, "apply", "-f", "-", stdin=copies)
     wanted = _COPIES * len(app["spec"]["components"])
     nodes, _ = wait_for("all copies placed", lambda: _nodes_of(world, namespace, wanted), within_s=60, every_s=0.1)
-    return list(_legs(copies, nodes, world.telemetry))
+    return list(_legs(copies, nodes, world.topology))
 
 
 def _nodes_of(world: World, namespace: str, wanted: int) -> dict[tuple[str, str], str] | None:
@@ -73,7 +74,7 @@ def _component(pod: dict[str, Any]) -> tuple[str, str]:
     return labels["robotics.io/app"], labels["robotics.io/component"]
 
 
-def _legs(apps: list[dict[str, Any]], nodes: dict[tuple[str, str], str], telemetry: Any) -> Iterator[Leg]:
+def _legs(apps: list[dict[str, Any]], nodes: dict[tuple[str, str], str], topology: Topology) -> Iterator[Leg]:
     for app in apps:
         name = app["metadata"]["name"]
         for edge in app["spec"]["edges"]:
@@ -83,6 +84,6 @@ def _legs(apps: list[dict[str, Any]], nodes: dict[tuple[str, str], str], telemet
                 topic=edge["topic"],
                 from_node=ends[0],
                 to_node=ends[1],
-                rtt_ms=telemetry.rtt_ms(*ends),
+                rtt_ms=topology.rtt_ms(*ends),
                 budget_ms=float(edge["latency"]["budget"].removesuffix("ms")),
             )

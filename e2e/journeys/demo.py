@@ -84,7 +84,7 @@ def _tell(*, hold: bool) -> int:
 
 
 def _tell_on(stage: Stage, cluster: ControlPlane, stack: ExitStack) -> None:
-    world = _set_up(stage, cluster, stack.enter_context(_telemetry(cluster)))
+    world = _set_up(stage, cluster, stack)
     for step in STORY:
         step(stage, world)
     stage.close()
@@ -96,31 +96,23 @@ def _tell_and_stay(stage: Stage, cluster: ControlPlane, stack: ExitStack) -> Non
     _leave_terminal()
 
 
-def _telemetry(cluster: ControlPlane) -> SimulatedTelemetry:
-    """Two robots, two edge servers, one cloud machine; the CRDs must exist before anything can be written."""
-    product.install(cluster, values={"defaultPool": {"quarantineSeconds": 1}})
-    topology = fleet(
-        robots=["amr-07", "amr-08"],
-        edges=2,
-        clouds=1,
-        devices={"amr-07": [Device(id="can-can0", type="can", interface="can0")]},
-    )
-    apply(cluster, topology)
-    return SimulatedTelemetry(cluster, topology)
-
-
-def _set_up(stage: Stage, cluster: ControlPlane, telemetry: SimulatedTelemetry) -> World:
+def _set_up(stage: Stage, cluster: ControlPlane, stack: ExitStack) -> World:
+    """Two robots, two edge servers, one cloud machine; operator and scheduler as local processes with their pods' rights."""
     stage.say(f"A real control plane runs: {cluster.server_url} (etcd, kube-apiserver, controllers, kube-scheduler).")
-    stage.say(
-        "Nodes: 2 robots, 2 edge servers, 1 cloud machine. [yellow]Simulated[/yellow]: kubelets (kwok) and telemetry (2/15/60 ms)."
-    )
+    stage.say("Nodes: 2 robots, 2 edge servers, 1 cloud machine.")
+    stage.say("[yellow]Simulated[/yellow]: the kubelets (by kwok) and the telemetry (round trips of 2, 15 and 60 ms).")
+    product.install(cluster, values={"domainPool": {"quarantineSeconds": 1}})
+    can = Device(id="can-can0", type="can", interface="can0")
+    topology = fleet(robots=["amr-07", "amr-08"], edges=2, clouds=1, devices={"amr-07": [can]})
+    apply(cluster, topology)
+    stack.enter_context(SimulatedTelemetry(cluster, topology))
     cluster.kubectl("create", "namespace", NAMESPACE)
     with stage.working("starting operator and scheduler"):
         operator = product.start_operator(cluster, wait=False, sweep_seconds=1)
         scheduler = product.start_scheduler(cluster, wait=False, sweep_seconds=1, insecure_explain=True)
         operator.wait_ready()
         scheduler.wait_ready()
-    return World(cluster=cluster, operator=operator, scheduler=scheduler, telemetry=telemetry)
+    return World(cluster=cluster, operator=operator, scheduler=scheduler, topology=topology)
 
 
 def _how_to_go_on(stage: Stage, cluster: ControlPlane) -> None:

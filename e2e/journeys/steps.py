@@ -24,7 +24,10 @@ def apply_teleop(stage: Stage, world: World) -> None:
     )
     summary = app["status"]["summary"]
     domain = summary["domain"]
-    named = {_domain_of(deployment) for deployment in world.items("deployments", "-l", "robotics.io/app=teleop")}
+    named = {
+        _domain_of(deployment)
+        for deployment in world.items("deployments", "-l", "robotics.io/app=teleop,robotics.io/component")
+    }
     stage.claim(
         f"all its processes share DDS domain {domain} and no other", named == {domain}, f"templates name {named}"
     )

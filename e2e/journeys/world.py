@@ -1,4 +1,4 @@
-"""What the demo's steps share: the cluster, our two processes, the telemetry, and small ways to look at them."""
+"""What the demo's steps share: the cluster, our two processes, the network, and small ways to look at them."""
 
 import json
 import os
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from robotapp_testbed import ControlPlane, Process
-from robotapp_testbed.telemetry import SimulatedTelemetry
+from robotapp_testbed.topology import Topology
 
 ROOT = Path(__file__).resolve().parents[2]
 NAMESPACE = "demo"
@@ -23,7 +23,7 @@ class World:
     cluster: ControlPlane
     operator: Process
     scheduler: Process
-    telemetry: SimulatedTelemetry
+    topology: Topology
 
     def kubectl(self, *args: str, stdin: object = None, check: bool = True) -> str:
         return self.cluster.kubectl("-n", NAMESPACE, *args, stdin=stdin, check=check)

@@ -63,7 +63,7 @@ class CrashCampaign:
         self._telemetry: SimulatedTelemetry | None = None
 
     def __enter__(self) -> Self:
-        product.install(self._cp, values={"defaultPool": {"quarantineSeconds": 1}})
+        product.install(self._cp, values={"domainPool": {"quarantineSeconds": 1}})
         cans = {
             f"robot-{n}": [Device(id=f"can-can{i}", type="can", interface=f"can{i}") for i in range(2)] for n in (1, 2)
         }
