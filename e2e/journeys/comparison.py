@@ -11,7 +11,8 @@ from journeys.world import NAMESPACE, ROOT, World
 from robotapp_testbed.namespaces import created
 from robotapp_testbed.topology import Topology
 
-_COPIES = 6
+_COPIES = 3
+"""As many as fit on the edge servers beside the first one."""
 _ROBOT = "@robot"
 
 
@@ -57,7 +58,10 @@ def _placed_legs(world: World, namespace: str, scheduler: str) -> list[Leg]:
     world.cluster.kubectl("-n", namespace, "apply", "-f", "-", stdin=copies)
     wanted = _COPIES * len(app["spec"]["components"])
     nodes, _ = wait_for("all copies placed", lambda: _nodes_of(world, namespace, wanted), within_s=60, every_s=0.1)
-    return list(_legs(copies, nodes, world.topology))
+    legs = list(_legs(copies, nodes, world.topology))
+    world.cluster.kubectl("-n", namespace, "delete", "robotapps", "--all")
+    wait_for("the copies' end", lambda: not world.items("pods", namespace=namespace), within_s=60, every_s=0.1)
+    return legs
 
 
 def _nodes_of(world: World, namespace: str, wanted: int) -> dict[tuple[str, str], str] | None:

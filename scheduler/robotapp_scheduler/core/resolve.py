@@ -107,11 +107,12 @@ def _app_endpoints(
         peer = app.components.get(link.peer)
         # A pod that cannot go elsewhere is placed all the same; the peer, which can, has to come closer.
         required = link.required and not (tied(component) and peer is not None and not tied(peer))
-        found.extend(
-            _end(link, (replica.node,), budget_us, required=required)
-            for replica in around.apps.replicas(member, link.peer)
-            if replica.node and replica.pod.metadata.uid != pod.uid
-        )
+        replicas = around.apps.replicas(member, link.peer)
+        places: list[tuple[str, ...]] = [(r.node,) for r in replicas if r.node and r.pod.metadata.uid != pod.uid]
+        if not places and peer is not None and tied(peer):
+            # It will be there, whatever is decided now; without this a movable pod planned first could sit anywhere.
+            places = [around.robot_nodes(member.instance)]
+        found.extend(_end(link, nodes, budget_us, required=required) for nodes in places if nodes)
     return tuple(dict.fromkeys(found))
 
 
