@@ -90,7 +90,7 @@ class Assets:
                         downloader.fetch(binary, target, note=note)
                 found[binary.name] = store.path(binary.name)
             except release.ReleaseProblem as problem:
-                self._progress.say(f"{problem}; {binary.name} will be compiled instead")
+                self._progress.say(f"{problem}: compiling instead")
         return found
 
     def _compile(self, wanted: list[pins.Binary]) -> dict[str, Path]:

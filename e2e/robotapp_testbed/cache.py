@@ -7,6 +7,7 @@ the second caller wait for the first instead of doing the work twice.
 import fcntl
 import hashlib
 import os
+import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -69,7 +70,7 @@ class Store:
                 yield None
                 return
             for left in self.directory.glob(f".{name}.*.partial*"):  # of callers that were killed
-                left.unlink()
+                shutil.rmtree(left) if left.is_dir() else left.unlink()
             partial = self.directory / f".{name}.{os.getpid()}.partial"
             try:
                 yield partial

@@ -3,6 +3,7 @@
 import os
 import signal
 import subprocess
+import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -36,24 +37,26 @@ def build(
 ) -> None:
     """Write the binary to `target`. `on_line` gets each line Go prints. An interrupt ends the compiler as well."""
     last: list[str] = []
-    process = subprocess.Popen(
-        launcher(command(go, binary, target)),
-        cwd=module_dir,
-        env=build_environment(env),
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,  # so that the compiler's own children can be ended with it
-    )
-    with process:
-        try:
-            for line in process.stderr or ():
-                last = [*last[1 - _ERROR_LINES :], line.rstrip()]
-                on_line(line.rstrip())
-        except BaseException:
-            os.killpg(process.pid, signal.SIGKILL)
-            raise
+    # Go's own temporary files go beside the target: a killed compiler leaves them, and the next caller removes them there.
+    with tempfile.TemporaryDirectory(dir=target.parent, prefix=f"{target.name}-") as temporary:
+        process = subprocess.Popen(
+            launcher(command(go, binary, target)),
+            cwd=module_dir,
+            env={**build_environment(env), "GOTMPDIR": temporary},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,  # so that the compiler's own children can be ended with it
+        )
+        with process:
+            try:
+                for line in process.stderr or ():
+                    last = [*last[1 - _ERROR_LINES :], line.rstrip()]
+                    on_line(line.rstrip())
+            except BaseException:
+                os.killpg(process.pid, signal.SIGKILL)
+                raise
     if process.returncode != 0:
         raise TestbedError(_explain(binary, last))
 

@@ -98,6 +98,7 @@ def test_the_remains_of_a_killed_caller_are_removed(store: cache.Store) -> None:
     store.directory.mkdir()
     (store.directory / ".etcd.4711.partial").write_text("half")
     (store.directory / ".etcd.4711.partial.download").write_text("half")
+    (store.directory / ".etcd.4711.partial-x7" / "b001").mkdir(parents=True)
     assert add(store, "etcd", "whole")
     assert {path.name for path in store.directory.iterdir()} == {".etcd.lock", "etcd"}
 
