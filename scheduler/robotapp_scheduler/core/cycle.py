@@ -203,6 +203,7 @@ class SchedulerCore:
             ties = evaluation.best()
             position = engine.choose(pod, evaluation, ties, self._seed)
             total = int(evaluation.total[position])
+            engine.watch_shadows(evaluation, position)
             recorder.scored(evaluation, position)
         else:
             position = int((evaluation.reason == 0).argmax())

@@ -106,6 +106,16 @@ class Engine:
             if not column.skipped:
                 self._count(column.plugin.name, "score", "score")
 
+    def watch_shadows(self, evaluation: Evaluation, chosen: int) -> None:
+        """Count how often each shadow plugin, had it counted, would have made another node win."""
+        for column in evaluation.scores:
+            if column.plugin.shadow and not column.skipped:
+                feasible = np.flatnonzero(evaluation.reason == 0)
+                share = np.array(evaluation.score_of(column, feasible), dtype=np.int64)
+                total = evaluation.total[feasible] + column.plugin.weight * share
+                stays = total[np.searchsorted(feasible, chosen)] == total.max()
+                self._count(column.plugin.name, "shadow", "same" if stays else "changed")
+
     def name_of(self, evaluation: Evaluation, position: int) -> str:
         """Node name at a position of an evaluation."""
         row = position if evaluation.rows is None else int(evaluation.rows[position])

@@ -192,12 +192,10 @@ def checked_mask(plugin: str, mask: object, rows: int) -> BoolArray:
 
 
 def checked_scores(plugin: str, scores: object, rows: int) -> npt.NDArray[Any]:
-    """The raw scores of a plugin, or PluginError: numbers, one per row, no NaN, no infinity."""
+    """The raw scores of a plugin, or PluginError: numbers, one per row. NaN only counts where a node is feasible."""
     if not isinstance(scores, np.ndarray) or scores.dtype.kind not in "iuf" or scores.shape != (rows,):
         found = f"{scores.dtype} {scores.shape}" if isinstance(scores, np.ndarray) else type(scores).__name__
         raise PluginError(plugin, f"score must answer a number array of shape ({rows},), got {found}")
-    if scores.dtype.kind == "f" and not np.isfinite(scores).all():
-        raise PluginError(plugin, f"score has NaN or infinite values in {int((~np.isfinite(scores)).sum())} rows")
     return scores
 
 

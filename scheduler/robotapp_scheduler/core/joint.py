@@ -70,7 +70,12 @@ def _take_back(cluster: Cluster, decisions: Sequence[Decision]) -> None:
 
 def _all_or_none(cluster: Cluster, decisions: list[Decision]) -> list[Decision]:
     """Undo the placements of an app that must be placed whole, unless part of it runs already."""
-    failures = [decision for decision in decisions if not decision.placed and _counts(cluster, decision.pod)]
+    # A pod that waits for its predecessor is late, not impossible: it does not hold the others.
+    failures = [
+        decision
+        for decision in decisions
+        if not decision.placed and decision.code is not Code.PENDING and _counts(cluster, decision.pod)
+    ]
     if not failures or not _wants_all(cluster, decisions[0].pod, {d.pod.uid for d in decisions}):
         return decisions
     stuck = failures[0]

@@ -112,6 +112,12 @@ def build_profiles(specs: Iterable[ProfileSpec], catalogue: Catalogue) -> dict[s
 
 def _build(spec: ProfileSpec, catalogue: Catalogue, path: str, problems: list[str]) -> Profile | None:
     before = len(problems)
+    problems.extend(
+        f"{path}.plugins.{point}: unknown plugin {ref.name!r}; known: {', '.join(sorted(catalogue.classes))}"
+        for point, plugins in spec.plugins.items()
+        for ref in plugins.enabled
+        if ref.name not in catalogue.classes
+    )
     points = expand(spec.plugins, catalogue, path, problems)
     loaded: dict[str, Any] = {}
     for name in dict.fromkeys(ref.name for refs in points.values() for ref in refs):
@@ -147,8 +153,7 @@ def _instance(
     """(plugin, shadow). `shadow: true` is an argument every plugin understands."""
     cls = catalogue.classes.get(name)
     if cls is None:
-        problems.append(f"{path}.plugins: unknown plugin {name!r}; known: {', '.join(sorted(catalogue.classes))}")
-        return None
+        return None  # reported with the place where it is named
     values = dict(raw or {})
     values.pop("apiVersion", None), values.pop("kind", None)
     shadow = values.pop("shadow", False)

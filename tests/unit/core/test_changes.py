@@ -1,0 +1,36 @@
+from robotapp_scheduler.core.changes import EVERY_ROW, Change, ChangeLog
+
+POD = int(Change.POD_ADDED | Change.POD_REMOVED)
+
+
+def test_a_reader_gets_each_row_of_interest_once() -> None:
+    log = ChangeLog()
+    start = log.position
+    for row, change in ((3, Change.POD_ADDED), (5, Change.LABELS), (3, Change.POD_REMOVED)):
+        log.add(row, change)
+    assert log.since(start, POD, most=10) == [3]
+    assert log.since(log.position, POD, most=10) == []
+
+
+def test_a_reader_that_is_too_far_behind_looks_at_everything() -> None:
+    log = ChangeLog()
+    for row in range(11):
+        log.add(row, Change.POD_ADDED)
+    assert log.since(0, POD, most=10) is None
+    assert log.since(1, POD, most=10) == list(range(1, 11))
+
+
+def test_a_change_of_every_row_only_concerns_those_interested_in_it() -> None:
+    log = ChangeLog()
+    log.add(EVERY_ROW, Change.RTT)
+    assert log.since(0, POD, most=10) == []
+    assert log.since(0, int(Change.RTT), most=10) is None
+
+
+def test_the_log_is_bounded_and_forgotten_entries_mean_everything() -> None:
+    log = ChangeLog(limit=8)
+    for _ in range(100):
+        log.add(1, Change.POD_ADDED)
+    assert log.position == 100
+    assert log.since(0, POD, most=10_000) is None
+    assert log.since(99, POD, most=10_000) == [1]

@@ -1,0 +1,130 @@
+import pytest
+from tests.support.scheduling import device_claim, make_cluster, make_node, telemetry
+
+from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.devices import Device, DeviceIndex, devices_of_labels, identity_matches, matches
+from robotapp_scheduler.core.robotics import TelemetryDevice
+from robotapp_scheduler.core.ros import DeviceHolder, DeviceWish
+
+MINE = DeviceHolder(uid="app-1", namespace="default", instance="amr", component="driver", pod_uid="new")
+CAN = DeviceWish("bus", "can")
+
+
+def index(*devices: TelemetryDevice) -> DeviceIndex:
+    found = DeviceIndex()
+    found.set_telemetry("n", devices)
+    return found
+
+
+def can(number: int, **fields: str) -> TelemetryDevice:
+    return TelemetryDevice(id=f"can-can{number}", type="can", interface=f"can{number}", **fields)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "identity", "expected"),
+    [
+        ("8086:0b3a", "usb:8086:0B3A:123", True),
+        ("8086:0b3a:123", "usb:8086:0b3a:123", True),
+        ("8086:0b3a:124", "usb:8086:0b3a:123", False),
+        ("8086:0b3b", "usb:8086:0b3a:123", False),
+        ("serial-7", "serial-7", True),
+        ("8086:0b3a", "", False),
+    ],
+)
+def test_identities_match_by_vendor_product_and_serial_when_given(wanted: str, identity: str, expected: bool) -> None:
+    assert identity_matches(wanted, identity) is expected
+
+
+def test_empty_fields_of_a_wish_accept_anything_of_the_type() -> None:
+    device = Device("can-can0", "can", "pcan", "can0")
+    assert matches(CAN, device)
+    assert matches(DeviceWish("x", "can", model="pcan", interface="can0"), device)
+    assert not matches(DeviceWish("x", "can", model="other"), device)
+    assert not matches(DeviceWish("x", "usb"), device)
+
+
+def test_labels_say_what_a_node_has_until_an_agent_does() -> None:
+    labels = {"hardware.robotics.io/can-can0": "true", "hardware.robotics.io/gpu": "nvidia", "zone": "a"}
+    assert devices_of_labels(labels) == (Device("can-can0", "can", "", "can0"), Device("gpu", "gpu", "nvidia", ""))
+    cluster = make_cluster(make_node("n", labels=labels))
+    assert [device.id for device in cluster.devices.of("n")] == ["can-can0", "gpu"]
+    assert cluster.apply_telemetry(telemetry("n", devices=[{"id": "usb-1", "type": "usb"}])) & Change.DEVICES
+    assert [device.id for device in cluster.devices.of("n")] == ["usb-1"]
+    assert cluster.remove_telemetry(telemetry("n")) & Change.DEVICES
+    assert [device.id for device in cluster.devices.of("n")] == ["can-can0", "gpu"]
+
+
+def test_an_absent_device_does_not_count() -> None:
+    assert index(TelemetryDevice(id="x", type="can", present=False)).of("n") == ()
+
+
+def test_two_wishes_get_two_devices_even_when_the_first_would_take_the_only_match_of_the_second() -> None:
+    devices = index(can(0), can(1))
+    wishes = (DeviceWish("any", "can"), DeviceWish("front", "can", interface="can0"))
+    grants = devices.choose(wishes, "n", MINE)
+    assert grants is not None
+    assert [(grant.wish, grant.device.id) for grant in grants] == [("any", "can-can1"), ("front", "can-can0")]
+    assert devices.choose((*wishes, DeviceWish("third", "can")), "n", MINE) is None
+
+
+def test_a_shared_wish_only_needs_the_device_to_be_there() -> None:
+    devices = index(can(0))
+    devices.apply_claim(device_claim("n", "can-can0", uid="stranger"))
+    shared = DeviceWish("tap", "can", exclusive=False)
+    grants = devices.choose((shared,), "n", MINE)
+    assert grants is not None
+    assert not grants[0].exclusive
+    assert devices.choose((DeviceWish("bus", "can"),), "n", MINE) is None
+
+
+@pytest.mark.parametrize(
+    ("phase", "pod", "component", "free"),
+    [
+        ("Reserved", "", "driver", True),
+        ("Reserved", "new", "driver", True),
+        ("Bound", "old", "driver", False),
+        ("Draining", "old", "driver", True),
+        ("Draining", "old", "planner", False),
+        ("Reserved", "", "planner", False),
+    ],
+)
+def test_a_claim_is_ours_for_the_same_app_instance_and_component_and_no_other_pod(
+    phase: str, pod: str, component: str, free: bool
+) -> None:
+    devices = index(can(0))
+    devices.apply_claim(
+        device_claim("n", "can-can0", uid="app-1", instance="amr", component=component, phase=phase, pod=pod)
+    )
+    assert (devices.choose((CAN,), "n", MINE) is not None) is free
+    assert bool(devices.blockers((CAN,), "n", MINE)) is not free
+
+
+def test_a_retry_takes_the_device_it_has_claimed_already() -> None:
+    devices = index(can(0), can(1))
+    devices.apply_claim(
+        device_claim("n", "can-can1", uid="app-1", instance="amr", component="driver", phase="Reserved")
+    )
+    grants = devices.choose((CAN,), "n", MINE)
+    assert grants is not None
+    assert grants[0].device.id == "can-can1"
+
+
+def test_a_promise_keeps_others_out_until_it_is_released() -> None:
+    devices = index(can(0))
+    grants = devices.choose((CAN,), "n", MINE)
+    assert grants is not None
+    devices.promise("new", grants)
+    other = DeviceHolder(uid="app-2", namespace="default", pod_uid="other")
+    assert devices.contested("n")
+    assert devices.choose((CAN,), "n", other) is None
+    assert devices.choose((CAN,), "n", MINE) is not None
+    devices.release("new")
+    assert not devices.contested("n")
+    assert devices.choose((CAN,), "n", other) is not None
+
+
+def test_the_holder_is_named_for_the_event() -> None:
+    devices = index(can(0))
+    devices.apply_claim(device_claim("n", "can-can0", uid="x", holder_name="teleop-b"))
+    (busy,) = devices.blockers((CAN,), "n", MINE)
+    assert (busy.device.id, busy.namespace, busy.holder) == ("can-can0", "default", "teleop-b")

@@ -1,0 +1,218 @@
+# ruff: noqa: ARG002 - example plugins keep the signature of the contract
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.support.scheduling import Clock, make_cluster, make_info, make_node
+
+from robotapp_api.model.names import SCHEDULER_NAME
+from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.framework import (
+    Code,
+    Loaded,
+    PluginError,
+    Verdict,
+    histogram,
+    normalized,
+    per_node,
+    pre_filter_message,
+)
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
+from robotapp_scheduler.core.view import Nodes
+from robotapp_scheduler.plugins.registry import catalogue
+
+
+class QuietNodes:
+    """The example of the manual, with a weight that outvotes the defaults."""
+
+    name = "QuietNodes"
+    reads = ()
+    node_reads = ("requested",)
+    normalize = "minmax"
+
+    def score(self, pod: PodInfo, nodes: Nodes) -> Any:
+        return nodes.free("cpu")
+
+
+def core_with(plugin: type, weight: int = 1000, *, count: int = 4) -> SchedulerCore:
+    clock = Clock()
+    cluster = make_cluster(*(make_node(f"n{i}", cpu=str(i + 1)) for i in range(count)), clock=clock)
+    name = str(plugin.name)  # type: ignore[attr-defined]  # every plugin class has one
+    plugins = {"multiPoint": PluginSet(enabled=(PluginRef(name, weight),))}
+    profiles = build_profiles([ProfileSpec(SCHEDULER_NAME, plugins=plugins)], catalogue({name: plugin}))
+    return SchedulerCore(cluster, profiles, clock=clock)
+
+
+def test_a_ten_line_plugin_decides_and_is_repaired_as_pods_arrive() -> None:
+    core = core_with(QuietNodes)
+    for i in range(12):
+        decision = core.schedule_one(make_info(f"p{i}", cpu="500m"))
+        free = Nodes(core.cluster).free("cpu").tolist()
+        chosen = core.cluster.nodes.row_of[str(decision.node)]
+        assert free[chosen] + 500 == max([*free, free[chosen] + 500])
+
+
+@pytest.mark.parametrize(
+    ("answer", "text"),
+    [
+        (lambda n: np.ones(n + 1, dtype=np.bool_), "bool array of shape"),
+        (np.ones, "bool array of shape"),
+        (lambda n: [True] * n, "got list"),
+    ],
+)
+def test_a_filter_that_answers_nonsense_is_an_error_that_names_it(answer: Callable[[int], Any], text: str) -> None:
+    class Broken:
+        name = "Broken"
+
+        def filter(self, pod: PodInfo, nodes: Nodes) -> Any:
+            return answer(nodes.n)
+
+    decision = core_with(Broken).schedule_one(make_info("p"))
+    assert decision.code is Code.ERROR
+    assert "plugin Broken" in decision.message
+    assert text in decision.message
+    assert decision.rejected_by == frozenset()
+
+
+@pytest.mark.parametrize(
+    ("value", "normalize"),
+    [(v, n) for v in (float("nan"), float("inf"), -1.0) for n in ("none", "max")] + [(101.0, "none")],
+)
+def test_a_score_that_is_no_number_from_0_to_100_is_an_error(value: float, normalize: str) -> None:
+    class Broken:
+        name = "Broken"
+
+        def score(self, pod: PodInfo, nodes: Nodes) -> Any:
+            scores = np.full(nodes.n, 50.0)
+            scores[1] = value
+            return scores
+
+    setattr(Broken, "normalize", normalize)  # noqa: B010 - the class body cannot see the parameter
+    decision = core_with(Broken).schedule_one(make_info("p"))
+    assert decision.code is Code.ERROR
+    assert "Broken" in decision.message
+
+
+def test_an_unusable_score_of_a_node_that_is_out_anyway_does_no_harm() -> None:
+    class Divides:
+        name = "Divides"
+
+        def score(self, pod: PodInfo, nodes: Nodes) -> Any:
+            return 100.0 * nodes.free("cpu") / nodes.allocatable("cpu")
+
+    core = core_with(Divides)
+    core.cluster.apply_node(make_node("empty", cpu="0"))
+    core.cluster.remove_node("n0")
+    assert core.schedule_one(make_info("p")).placed
+
+
+@pytest.mark.parametrize(
+    ("how", "raw", "expected"),
+    [
+        ("max", [0, 5, 10], [0, 50, 100]),
+        ("max", [0, 0], [0, 0]),
+        ("max", [1, 3], [33, 100]),
+        ("inverse", [0, 1, 3], [100, 67, 0]),
+        ("inverse", [0, 0], [100, 100]),
+        ("minmax", [0, 29, 100], [0, 28, 100]),  # dividing first, as upstream
+        ("minmax", [7, 7], [0, 0]),
+        ("none", [12, 99], [12, 99]),
+        ("none", [12.9, 0.1], [12, 0]),
+    ],
+)
+def test_normalising_equals_upstreams_integers(how: str, raw: list[float], expected: list[int]) -> None:
+    assert normalized("P", how, np.array(raw)).tolist() == expected
+
+
+def test_a_normalised_score_outside_0_to_100_names_the_plugin() -> None:
+    with pytest.raises(PluginError, match="plugin P: returns an invalid score 120"):
+        normalized("P", "none", np.array([120]))
+
+
+def test_the_histogram_sorts_its_entries_as_strings() -> None:
+    counts = {"b": 2, "a": 10, "c": 2, "none": 0}
+    assert histogram(14, counts) == "0/14 nodes are available: 10 a, 2 b, 2 c."
+    assert histogram(0, {}) == "no nodes available to schedule pods"
+    assert pre_filter_message(5, "x") == "0/5 nodes are available: x."
+
+
+def test_several_reasons_details_and_finality_of_a_verdict_reach_message_and_explain() -> None:
+    class Picky:
+        name = "Picky"
+
+        def filter(self, pod: PodInfo, nodes: Nodes) -> Verdict:
+            codes = np.arange(nodes.n) % 2
+            detail = np.arange(nodes.n) * 1.5
+            mask = np.zeros(nodes.n, dtype=np.bool_)
+            return Verdict(mask, codes, (("too loud",), ("too loud", "too far")), detail, "dB", codes == 0)
+
+    core = core_with(Picky)
+    decision = core.schedule_one(make_info("p"))
+    assert decision.message == (
+        "0/4 nodes are available: 2 too far, 4 too loud. preemption: 0/4 nodes are available: "
+        "2 No preemption victims found for incoming pod, 2 Preemption is not helpful for scheduling."
+    )
+    record = core.explain.get("uid-p")
+    assert record is not None
+    loud = next(refusal for refusal in record.refusals if refusal.reason == "too loud")
+    assert [(example.node, example.number) for example in loud.examples] == [("n0", 0.0), ("n2", 3.0)]
+    assert loud.unit == "dB"
+
+
+def test_a_scalar_function_becomes_a_plugin() -> None:
+    class EvenCpu:
+        name = "EvenCpu"
+
+        @per_node
+        def filter(self, pod: PodInfo, node: Any) -> bool:
+            return bool(node.allocatable("cpu") % 2000 == 0 and node.name and node.labels)
+
+        @per_node
+        def score(self, pod: PodInfo, node: Any) -> int:
+            return int(node.free("cpu") // 1000)
+
+    core = core_with(EvenCpu)
+    core.cluster.remove_node("n2")
+    assert core.schedule_one(make_info("p")).node == "n3"
+
+
+def test_a_shadow_plugin_is_scored_and_recorded_but_never_decides() -> None:
+    clock = Clock()
+    cluster = make_cluster(make_node("small", cpu="4"), make_node("large", cpu="64"), clock=clock)
+    plugins = {"multiPoint": PluginSet(enabled=(PluginRef("QuietNodes", 1000),), disabled=(PluginRef("*"),))}
+    plugins["queueSort"] = PluginSet(enabled=(PluginRef("PrioritySort"),))
+    plugins["bind"] = PluginSet(enabled=(PluginRef("ROSBind"),))
+    spec = ProfileSpec(SCHEDULER_NAME, plugins=plugins, plugin_config={"QuietNodes": {"shadow": True}})
+    core = SchedulerCore(cluster, build_profiles([spec], catalogue({"QuietNodes": QuietNodes})), clock=clock)
+    chosen = {core.schedule_one(make_info(f"p{i}"), assume=False).node for i in range(30)}
+    assert chosen == {"small", "large"}  # all totals are equal, so the hash decides
+    decisions = core.decisions()
+    changed = decisions.get(("QuietNodes", "shadow", "changed"), 0)
+    same = decisions.get(("QuietNodes", "shadow", "same"), 0)
+    assert changed + same == 30
+    assert changed > 0
+    record = core.explain.latest(1)[0]
+    assert record.top.shadow == ("QuietNodes",)
+    assert set(record.top.scores["QuietNodes"]) == {0, 100}
+
+
+def test_unknown_reads_are_refused_when_the_plugin_is_loaded() -> None:
+    class Wrong:
+        name = "Wrong"
+        reads = ("mood",)
+
+    with pytest.raises(PluginError, match="mood"):
+        Loaded(Wrong())
+
+
+def test_decisions_are_counted_per_plugin_point_and_result() -> None:
+    core = core_with(QuietNodes)
+    core.schedule_one(make_info("p"))
+    decisions = core.decisions()
+    assert decisions["NodeResourcesFit", "filter", "pass"] == 1
+    assert decisions["NodeAffinity", "filter", "skip"] == 1
+    assert decisions["QuietNodes", "score", "score"] == 1
+    core.schedule_one(make_info("big", cpu="100"))
+    assert core.decisions()["NodeResourcesFit", "filter", "reject"] == 1

@@ -1,0 +1,240 @@
+from typing import Any
+
+from tests.support.scheduling import (
+    Clock,
+    app_object,
+    chain,
+    make_core,
+    make_node,
+    make_pod,
+    member_pod,
+    telemetry,
+)
+
+from robotapp_api.model.names import Label, PodReason
+from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.objects import Node, Pod
+from robotapp_scheduler.core.queue import Rejection
+
+NODES = ("n0", "n1", "n2")
+
+
+def teleop(core: SchedulerCore, *names: str, **spec: Any) -> None:
+    components = [{"name": name} if isinstance(name, str) else name for name in names]
+    core.cluster.apply_app(app_object(*components, **spec))
+    for component in components:
+        for owned in chain(str(component["name"])):
+            core.cluster.apply_owner(owned)
+
+
+def arrive(core: SchedulerCore, pod: Pod) -> None:
+    """What the shell does with a new pod of ours."""
+    change = core.cluster.apply_pod(pod)
+    core.queue.add(pod)
+    core.queue.move(change, apps=core.cluster.take_touched_apps())
+
+
+def run(core: SchedulerCore) -> dict[str, str]:
+    """Pop and schedule until nothing is left; answers placements by component."""
+    placed: dict[str, str] = {}
+    while batch := core.queue.pop():
+        for decision in core.schedule(batch):
+            assert decision.queued is not None
+            if decision.node is None:
+                core.queue.requeue(decision.queued, Rejection(plugins=decision.rejected_by))
+                continue
+            core.queue.done(decision.pod.uid)
+            placed[decision.pod.labels[Label.COMPONENT]] = decision.node
+    return placed
+
+
+def three_nodes(**fields: Any) -> list[Node]:
+    return [make_node(name, **fields) for name in NODES]
+
+
+def test_pods_wait_until_every_component_has_one_and_then_go_together() -> None:
+    core = make_core(*three_nodes())
+    teleop(core, "driver", "planner")
+    arrive(core, member_pod("driver"))
+    (queued,) = core.queue.gated()
+    assert queued.gate is not None
+    assert (queued.gate.code, queued.gate.reason) == (
+        PodReason.WAITING_FOR_GROUP,
+        "waiting for pods of planner (0 of 1)",
+    )
+    assert run(core) == {}
+    arrive(core, member_pod("planner"))
+    assert set(run(core)) == {"driver", "planner"}
+
+
+def test_pods_wait_for_their_app_for_the_operator_and_for_their_owner_chain() -> None:
+    core = make_core(*three_nodes())
+    arrive(core, member_pod("driver"))
+
+    def reason() -> str:
+        gated = core.queue.gated()
+        return gated[0].gate.reason if gated and gated[0].gate else ""
+
+    def tell(change: Change) -> None:
+        core.queue.move(change, apps=core.cluster.take_touched_apps())
+
+    assert "uid app-1 to be seen" in reason()
+    tell(core.cluster.apply_app(app_object({"name": "driver"}, generation=2, observed=1)))
+    assert "owner chain" in reason()
+    deployment, replica_set = chain("driver")
+    tell(core.cluster.apply_owner(replica_set))
+    assert "owner chain" in reason()
+    tell(core.cluster.apply_owner(deployment))
+    assert "act on generation 2" in reason()
+    tell(core.cluster.apply_app(app_object({"name": "driver"}, generation=2)))
+    assert run(core) == {"driver": "n0"} or run(core) == {}
+
+
+def test_a_forged_label_does_not_complete_a_group() -> None:
+    core = make_core(*three_nodes())
+    teleop(core, "driver", "planner")
+    labels = {str(Label.APP_UID): "app-1", str(Label.COMPONENT): "planner", str(Label.INSTANCE): ""}
+    arrive(core, make_pod("forged", labels=labels))
+    arrive(core, member_pod("driver"))
+    assert run(core) == {}
+    assert len(core.queue.gated()) == 2
+
+
+def test_a_group_that_stays_incomplete_is_named_after_thirty_seconds() -> None:
+    clock = Clock()
+    core = make_core(*three_nodes(), clock=clock)
+    teleop(core, "driver", "planner")
+    arrive(core, member_pod("driver"))
+    clock.forward(29)
+    assert core.held() == []
+    clock.forward(1)
+    ((queued, gate),) = core.held()
+    assert queued.info.member is not None
+    assert (queued.info.member.component, gate.reason) == ("driver", "waiting for pods of planner (0 of 1)")
+
+
+def test_instances_are_groups_of_their_own() -> None:
+    core = make_core(*three_nodes())
+    teleop(core, "driver", "planner")
+    arrive(core, member_pod("driver", instance="amr-1", uid="d1"))
+    arrive(core, member_pod("planner", instance="amr-2", uid="p2"))
+    assert run(core) == {}
+    arrive(core, member_pod("planner", instance="amr-1", uid="p1"))
+    assert set(run(core)) == {"driver", "planner"}
+    assert [queued.info.uid for queued in core.queue.gated()] == ["p2"]
+
+
+def test_parts_the_operator_adds_are_not_waited_for_and_do_not_wait() -> None:
+    core = make_core(*three_nodes())
+    teleop(core, "driver", "planner")
+    for owned in chain("roscore"):
+        core.cluster.apply_owner(owned)
+    arrive(core, member_pod("roscore"))
+    assert set(run(core)) == {"roscore"}
+
+
+def test_a_single_replica_waits_until_its_predecessor_is_gone() -> None:
+    core = make_core(*three_nodes())
+    teleop(core, {"name": "driver", "runsOn": "Robot"})  # type: ignore[arg-type]  # a component with fields
+    old = member_pod("driver", uid="old", node="n0")
+    old.metadata.deletion_timestamp = "2026-01-01T00:00:00Z"
+    core.cluster.apply_pod(old)
+    arrive(core, member_pod("driver", uid="new"))
+    (queued,) = core.queue.gated()
+    assert queued.gate is not None
+    assert queued.gate.code == PodReason.WAITING_FOR_PREDECESSOR
+    assert "teleop-driver-abc-old on n0" in queued.gate.reason
+    core.queue.move(core.cluster.remove_pod(old), apps=core.cluster.take_touched_apps())
+    assert set(run(core)) == {"driver"}
+
+
+def test_failover_does_not_wait_for_a_pod_nobody_can_reach_but_keep_does() -> None:
+    for policy, placed in (("Failover", {"driver"}), ("Keep", set[str]())):
+        core = make_core(*three_nodes())
+        teleop(core, {"name": "driver", "onDisconnect": policy})  # type: ignore[arg-type]  # a component with fields
+        core.cluster.apply_pod(member_pod("driver", uid="old", node="n0"))
+        arrive(core, member_pod("driver", uid="new"))
+        assert run(core) == {}
+        lost = make_node("n0", taints=[{"key": "node.kubernetes.io/unreachable", "effect": "NoExecute"}])
+        core.queue.move(core.cluster.apply_node(lost), apps=core.cluster.take_touched_apps())
+        assert set(run(core)) == placed
+
+
+def test_two_pods_of_a_single_replica_do_not_both_start() -> None:
+    core = make_core(*three_nodes())
+    teleop(core, "driver")
+    core.cluster.apply_pod(member_pod("driver", uid="a"))
+    arrive(core, member_pod("driver", uid="a"))
+    arrive(core, member_pod("driver", uid="b"))
+    run(core)
+    assert len(core.cluster.placed) == 1
+
+
+def test_all_or_nothing_places_nobody_when_one_cannot_be_placed() -> None:
+    core = make_core(*three_nodes())
+    teleop(core, "driver", "planner")
+    for pod in (member_pod("driver"), member_pod("planner", cpu="64")):
+        core.cluster.apply_pod(pod)
+        core.queue.add(pod)
+    core.queue.move(Change.POD_SEEN, apps=["app-1"])
+    decisions = {str(d.pod.labels[Label.COMPONENT]): d for d in core.schedule(core.queue.pop())}
+    assert not any(decision.placed for decision in decisions.values())
+    assert core.cluster.placed == {}
+    assert decisions["driver"].message.startswith(
+        "the app is placed whole or not at all, and component planner cannot be placed: 0/3 nodes are available: "
+        "3 Insufficient cpu."
+    )
+    assert decisions["driver"].rejected_by == {"NodeResourcesFit"}
+
+
+def test_without_all_or_nothing_and_for_late_members_the_rest_is_placed() -> None:
+    for running, placement in ((False, {"allOrNothing": False}), (True, {})):
+        core = make_core(*three_nodes())
+        teleop(core, "driver", "planner", "map", placement=placement)
+        pods = [member_pod("driver"), member_pod("planner", cpu="64")]
+        third = member_pod("map", node="n0" if running else "")
+        core.cluster.apply_pod(third)
+        for pod in pods if running else [*pods, third]:
+            arrive(core, pod)
+        placed = run(core)
+        assert "driver" in placed
+        assert "planner" not in placed
+
+
+def test_the_most_constrained_is_placed_first_and_the_others_come_close_to_it() -> None:
+    core = make_core(
+        make_node("robot", labels={"tier": "robot"}), make_node("edge", cpu="8"), make_node("cloud", cpu="64")
+    )
+    for a, b, ms in (("robot", "edge", 15.0), ("robot", "cloud", 60.0), ("edge", "cloud", 50.0)):
+        core.cluster.apply_telemetry(telemetry(a, rtt_ms={b: ms}))
+        if a == "robot":
+            core.cluster.apply_telemetry(telemetry("robot", rtt_ms={"edge": 15.0, "cloud": 60.0}))
+    edges = [
+        {"topic": "/cmd_vel", "from": "operator", "to": "driver", "latency": {"budget": "30ms"}},
+        {"topic": "/image", "from": "driver", "to": "vision", "latency": {"budget": "20ms"}},
+    ]
+    teleop(core, "operator", "vision", "driver", edges=edges)
+    arrive(core, member_pod("operator"))
+    arrive(core, member_pod("vision"))
+    arrive(core, member_pod("driver", nodeSelector={"tier": "robot"}))
+    placed = run(core)
+    assert placed["driver"] == "robot"
+    assert placed["operator"] in {"robot", "edge"}
+    assert placed["vision"] in {"robot", "edge"}
+    record = core.explain.get("uid-teleop-operator")
+    assert record is not None
+    (edge,) = record.edges
+    assert (edge.what, edge.peer_node, edge.budget_ms, edge.source, edge.met) == (
+        "/cmd_vel to driver", "robot", 30.0, "measured", True,
+    )  # fmt: skip
+
+
+def test_a_pod_that_finds_no_place_after_the_others_is_tried_first() -> None:
+    """`b` only fits on the large node, where `a` would go too when placed before it."""
+    core = make_core(make_node("large", cpu="4"), make_node("small", cpu="2"))
+    teleop(core, "a", "b")
+    core.cluster.apply_pod(make_pod("load", node="small", cpu="500m"))
+    arrive(core, member_pod("a", cpu="1500m"))
+    arrive(core, member_pod("b", cpu="3"))
+    assert run(core) == {"a": "small", "b": "large"}

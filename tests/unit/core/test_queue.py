@@ -1,0 +1,224 @@
+import pytest
+from tests.support.scheduling import Clock, make_info, make_pod
+
+from robotapp_scheduler.core.backoff import Backoff, Heap
+from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.queue import Gate, QueuedPod, Rejection, SchedulingQueue
+
+FIT = Rejection(plugins=frozenset({"Fit"}))
+EVENTS = {"Fit": Change.POD_REMOVED, "Group": Change.POD_SEEN}
+
+
+def make_queue(clock: Clock, gates: dict[str, Gate] | None = None) -> SchedulingQueue:
+    return SchedulingQueue(
+        clock=clock,
+        key=lambda info, queued_s: (-info.priority, queued_s),
+        gate=lambda info: (gates or {}).get(info.name),
+        events=lambda plugin: EVENTS.get(plugin, Change.NONE),
+        group=lambda info: info.labels.get("group"),
+    )
+
+
+def names(batch: list[QueuedPod]) -> list[str]:
+    return [queued.info.name for queued in batch]
+
+
+def only(queue: SchedulingQueue) -> QueuedPod:
+    (queued,) = queue.pop()
+    return queued
+
+
+def test_higher_priority_leaves_first_then_who_came_first() -> None:
+    clock = Clock()
+    queue = make_queue(clock)
+    for name, priority in (("late", 0), ("low", -5), ("vip", 7), ("later", 0)):
+        queue.add(make_info(name, priority=priority))
+        clock.forward(1)
+    assert [names(queue.pop()) for _ in range(4)] == [["vip"], ["late"], ["later"], ["low"]]
+    assert queue.pop() == []
+
+
+@pytest.mark.parametrize(("failures", "expected"), [(0, 0), (1, 1), (2, 2), (3, 4), (4, 8), (5, 10), (5000, 10)])
+def test_back_off_doubles_from_one_to_ten_seconds(failures: int, expected: float) -> None:
+    assert Backoff(initial_s=1, most_s=10, clock=Clock()).duration_s(failures) == expected
+
+
+def test_back_off_settings_upstream_refuses_are_refused_in_its_words() -> None:
+    with pytest.raises(ValueError, match="podInitialBackoffSeconds must be greater than 0"):
+        Backoff(initial_s=0, most_s=10, clock=Clock())
+    with pytest.raises(ValueError, match="greater than or equal to PodInitialBackoffSeconds"):
+        Backoff(initial_s=2, most_s=1, clock=Clock())
+
+
+def test_a_refused_pod_waits_for_an_event_of_its_plugin() -> None:
+    clock = Clock()
+    queue = make_queue(clock)
+    queue.add(make_info("a"))
+    queue.requeue(only(queue), FIT)
+    assert queue.move(Change.LABELS) == 0
+    assert queue.pending()["unschedulable"] == 1
+    assert queue.move(Change.POD_REMOVED) == 1
+    assert queue.pending() == {"active": 0, "backoff": 1, "unschedulable": 0, "gated": 0}
+
+
+def test_an_idle_scheduler_takes_the_head_of_the_backoff_queue_early() -> None:
+    queue = make_queue(Clock())
+    queue.add(make_info("a"))
+    for attempt in range(1, 6):
+        queued = only(queue)
+        assert queued.attempts == attempt
+        queue.requeue(queued, FIT)
+        queue.move(Change.POD_REMOVED)
+
+
+def test_a_pod_that_failed_by_an_error_is_not_taken_early_and_comes_back_by_itself() -> None:
+    clock = Clock()
+    queue = make_queue(clock)
+    queue.add(make_info("a"))
+    queue.requeue(only(queue), Rejection())
+    assert queue.pop() == []
+    clock.forward(2)
+    queue.tick()
+    assert names(queue.pop()) == ["a"]
+
+
+def test_an_expiry_is_cut_to_a_full_second_and_ready_only_in_a_later_one() -> None:
+    clock = Clock(100.9)
+    queue = make_queue(clock)
+    queue.add(make_info("a"))
+    queue.requeue(only(queue), Rejection())
+    clock.now_s = 101.99  # expires in second 101
+    queue.tick()
+    assert queue.pending()["backoff"] == 1
+    clock.now_s = 102.0
+    queue.tick()
+    assert queue.pending()["active"] == 1
+
+
+def test_a_pod_that_waited_longer_than_its_back_off_goes_straight_to_the_active_queue() -> None:
+    clock = Clock()
+    queue = make_queue(clock)
+    queue.add(make_info("a"))
+    queue.requeue(only(queue), FIT)
+    clock.forward(5)
+    queue.move(Change.POD_REMOVED)
+    assert queue.pending()["active"] == 1
+
+
+def test_an_event_during_the_attempt_counts_when_the_pod_comes_back() -> None:
+    queue = make_queue(Clock())
+    queue.add(make_info("a"))
+    queued = only(queue)
+    queue.move(Change.POD_REMOVED)
+    queue.requeue(queued, FIT)
+    assert queue.pending()["backoff"] == 1
+
+
+def test_an_event_of_a_pending_plugin_skips_the_back_off() -> None:
+    queue = make_queue(Clock())
+    queue.add(make_info("a"))
+    queue.requeue(only(queue), Rejection(plugins=frozenset({"Fit"}), pending=frozenset({"Fit"})))
+    queue.move(Change.POD_REMOVED)
+    assert queue.pending()["active"] == 1
+
+
+def test_nothing_waits_longer_than_five_minutes() -> None:
+    clock = Clock()
+    queue = make_queue(clock)
+    queue.add(make_info("a"))
+    queue.requeue(only(queue), Rejection(plugins=frozenset({"Nobody"})))
+    clock.forward(299)
+    queue.tick()
+    assert queue.pending()["unschedulable"] == 1
+    clock.forward(40)
+    queue.tick()
+    assert queue.pending()["active"] == 1
+
+
+def test_a_gate_is_tested_only_by_its_events_and_around_its_app() -> None:
+    gates = {"a": Gate(plugin="Group", reason="waits", events=Change.POD_SEEN, app_uid="app-1")}
+    queue = make_queue(Clock(), gates)
+    queue.add(make_info("a"))
+    assert queue.pending()["gated"] == 1
+    assert [queued.gate and queued.gate.reason for queued in queue.gated()] == ["waits"]
+    gates.clear()
+    assert queue.move(Change.LABELS, apps=["app-1"]) == 0
+    assert queue.move(Change.POD_SEEN, apps=["app-2"]) == 0
+    assert queue.move(Change.POD_SEEN, apps=["app-1"]) == 1
+    assert names(queue.pop()) == ["a"]
+
+
+def test_a_group_leaves_together_wherever_its_members_wait() -> None:
+    gates = {"d": Gate(plugin="Group", reason="closed")}
+    queue = make_queue(Clock(), gates)
+    for name in "abcd":
+        queue.add(make_info(name, labels={"group": "g"}))
+    queue.add(make_info("stranger"))
+    batch = queue.pop()
+    assert sorted(names(batch)) == ["a", "b", "c"]
+    for queued in batch:
+        queue.requeue(queued, FIT)
+    queue.activate(["uid-b"])
+    assert names(queue.pop()) == ["stranger"]
+    assert sorted(names(queue.pop())) == ["a", "b", "c"]
+    queue.invariant()
+
+
+def test_a_deleted_pod_in_flight_is_dropped_when_it_returns() -> None:
+    queue = make_queue(Clock())
+    queue.add(make_info("a"))
+    queued = only(queue)
+    queue.delete("uid-a")
+    queue.requeue(queued, FIT)
+    assert len(queue) == 0
+    queue.invariant()
+
+
+def test_a_failed_bind_comes_back_although_the_queue_had_let_go() -> None:
+    queue = make_queue(Clock())
+    queue.add(make_info("a"))
+    queued = only(queue)
+    queue.done("uid-a")
+    assert len(queue) == 0
+    queue.requeue(queued, Rejection())
+    assert queue.pending()["backoff"] == 1
+
+
+def test_our_own_status_patch_does_not_wake_a_pod_but_a_new_label_does() -> None:
+    clock = Clock()
+    queue = make_queue(clock)
+    queue.add(make_info("a"))
+    queue.requeue(only(queue), FIT)
+    clock.forward(60)
+    patched = make_pod("a")
+    patched.status.phase = "Pending"
+    patched.metadata.resource_version = "9"
+    queue.update(patched)
+    assert queue.pending()["unschedulable"] == 1
+    queue.update(make_pod("a", labels={"new": "label"}))
+    assert queue.pending()["active"] == 1
+
+
+def test_a_heap_forgets_what_was_taken_out_and_keeps_order() -> None:
+    heap = Heap()
+    for i in range(200):
+        heap.push(str(i), (i,))
+    for i in range(0, 200, 2):
+        heap.discard(str(i))
+    heap.push("199", (-1,))
+    assert [heap.pop() for _ in range(3)] == ["199", "1", "3"]
+    assert len(heap) == 97
+    assert "5" in heap
+    assert "4" not in heap
+
+
+def test_what_entered_which_queue_is_counted_for_the_metrics() -> None:
+    queue = make_queue(Clock())
+    queue.add(make_info("a"))
+    queue.requeue(only(queue), FIT)
+    queue.move(Change.POD_REMOVED)
+    assert queue.incoming == {
+        ("active", "UnscheduledPodAdd"): 1,
+        ("unschedulable", "ScheduleAttemptFailure"): 1,
+        ("backoff", "POD_REMOVED"): 1,
+    }
