@@ -35,7 +35,7 @@ class DeviceGrant(NamedTuple):
 
 
 class Busy(NamedTuple):
-    """Who keeps a device from a pod."""
+    """Who keeps a device from a pod; without a namespace it is a pod that is being placed, not a claim yet."""
 
     device: Device
     namespace: str
@@ -164,18 +164,17 @@ class DeviceIndex:
 
         A claim of the same app, instance and component is ours when it names no other pod, or is Draining (handover).
         """
+        claim = self._claims.get((node, device.id))
+        if claim is not None:
+            held_by = claim.spec.holder
+            same = (held_by.uid, held_by.instance, held_by.component) == (holder.uid, holder.instance, holder.component)
+            ours = claim.status.phase == ClaimPhase.DRAINING or claim.status.pod in {"", holder.pod_uid}
+            if not (same and ours):
+                return Busy(device, held_by.namespace, held_by.name)
         promised = self._promised.get((node, device.id))
         if promised is not None and promised != holder.pod_uid:
-            return Busy(device, holder.namespace, "a pod being placed")
-        claim = self._claims.get((node, device.id))
-        if claim is None:
-            return None
-        held_by = claim.spec.holder
-        same = (held_by.uid, held_by.instance, held_by.component) == (holder.uid, holder.instance, holder.component)
-        ours = claim.status.phase == ClaimPhase.DRAINING or claim.status.pod in {"", holder.pod_uid}
-        if same and ours:
-            return None
-        return Busy(device, held_by.namespace, held_by.name)
+            return Busy(device, "", "a pod being placed")
+        return None
 
     def choose(self, wishes: Sequence[DeviceWish], node: str, holder: DeviceHolder) -> tuple[DeviceGrant, ...] | None:
         """A different device for every exclusive wish, all or nothing; None when the node cannot give that."""

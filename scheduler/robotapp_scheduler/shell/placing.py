@@ -168,6 +168,8 @@ class Placer:
         nodes = sorted(set().union(*(index.capable(wish) for wish in ros.devices)))
         for node in nodes:
             for busy in index.blockers(ros.devices, node, ros.holder):
+                if not busy.namespace:
+                    continue  # its claim is on the way, and will bring this pod back to name the holder
                 text = device_busy(
                     busy.device.id,
                     node,

@@ -1,0 +1,121 @@
+"""Devices: one pod each, the holder is named to its own namespace only, and the next one starts when it is gone."""
+
+import json
+import logging
+import secrets
+import time
+from collections.abc import Iterator
+
+import pytest
+from tests.support.stage import CLAIMS, Json, Stage, nodes, pod
+
+from robotapp_api.model.names import Annotation
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.namespaces import created
+from robotapp_testbed.nodes import Device, SimulatedNode, edge
+
+pytestmark = [pytest.mark.live, pytest.mark.usefixtures("scheduler")]
+
+log = logging.getLogger(__name__)
+CAN = Device(id="can-can0", type="can", interface="can0")
+WANTS_CAN = {str(Annotation.AFFINITY): json.dumps({"hardware_requirements": [{"type": "can", "interface": "can0"}]})}
+
+
+def with_can(name: str = "edge-1") -> SimulatedNode:
+    return edge(name, devices=[CAN])
+
+
+def driver(name: str) -> Json:
+    return pod(name, annotations=WANTS_CAN)
+
+
+def claims(cp: ControlPlane) -> list[Json]:
+    items: list[Json] = cp.api.get(CLAIMS)["items"]
+    return [item for item in items if "device" in item["spec"]]
+
+
+@pytest.fixture(autouse=True)
+def _nothing_left(installed_plane: ControlPlane) -> Iterator[None]:
+    """Every test starts and ends without device claims: the sweep gives them back once their pods are gone."""
+    yield
+    for namespace in installed_plane.api.get("/api/v1/namespaces")["items"]:
+        name = namespace["metadata"]["name"]
+        if name.startswith("test-"):
+            installed_plane.kubectl("delete", "pods", "--all", "--force", "-n", name, check=False)
+    Stage.wait(lambda: not claims(installed_plane), what=lambda: f"left: {claims(installed_plane)}")
+
+
+def test_two_pods_and_one_device_the_second_names_the_holder_and_follows_it(
+    installed_plane: ControlPlane, stage: Stage
+) -> None:
+    with nodes(installed_plane, with_can()):
+        stage.create_pod(driver("first"))
+        assert stage.wait_bound("first") == "edge-1"
+        granted = stage.pod("first")["metadata"]["annotations"]
+        assert granted[str(Annotation.GRANTED_DEVICES)] == "can-can0"
+        (claim,) = claims(installed_plane)
+        assert claim["spec"]["holder"]["uid"] == stage.pod("first")["metadata"]["uid"]
+
+        stage.create_pod(driver("second"))
+        stage.wait_refused("second", reason="Unschedulable")
+        note = stage.wait_event("second", reason="DeviceBusy")["note"]
+        assert f"device can-can0 on edge-1 is held by {stage.namespace}/first" in note
+
+        started = time.monotonic()
+        stage.delete_pod("first")
+        stage.wait_bound("second")
+        handover_ms = 1000 * (time.monotonic() - started)
+        log.info("device handed on %.0f ms after its holder was deleted", handover_ms)
+        assert handover_ms < 5000
+        (claim,) = claims(installed_plane)
+        assert claim["spec"]["holder"]["uid"] == stage.pod("second")["metadata"]["uid"]
+
+
+def test_a_holder_in_another_namespace_is_not_named(installed_plane: ControlPlane, stage: Stage) -> None:
+    with (
+        nodes(installed_plane, with_can()),
+        created(installed_plane, f"test-{secrets.token_hex(3)}") as elsewhere,
+    ):
+        other = Stage(installed_plane, elsewhere)
+        other.create_pod(driver("secret-name"))
+        other.wait_bound("secret-name")
+        stage.create_pod(driver("asking"))
+        note = stage.wait_event("asking", reason="DeviceBusy")["note"]
+        assert "another namespace" in note
+        everything = json.dumps(stage.events("asking")) + json.dumps(stage.pod("asking")["status"])
+        assert "secret-name" not in everything
+        assert elsewhere not in everything
+
+
+def test_a_free_device_on_another_node_is_taken_instead(installed_plane: ControlPlane, stage: Stage) -> None:
+    with nodes(installed_plane, with_can("edge-1"), with_can("edge-2")):
+        for name in ("first", "second"):
+            stage.create_pod(driver(name))
+        assert {stage.wait_bound("first"), stage.wait_bound("second")} == {"edge-1", "edge-2"}
+        assert len(claims(installed_plane)) == 2
+
+
+def test_twenty_pods_and_three_devices_three_run_and_each_device_has_one_holder(
+    installed_plane: ControlPlane, stage: Stage
+) -> None:
+    with nodes(installed_plane, *(with_can(f"edge-{number}") for number in (1, 2, 3))):
+        for number in range(20):
+            stage.create_pod(driver(f"driver-{number:02}"))
+
+        def bound() -> list[Json]:
+            return [item for item in stage.pods() if item["spec"].get("nodeName")]
+
+        stage.wait(lambda: len(bound()) == 3, what=lambda: f"{len(bound())} bound")
+        waiting = [item["metadata"]["name"] for item in stage.pods() if not item["spec"].get("nodeName")]
+        for name in waiting:
+            stage.wait_refused(name, reason="Unschedulable")
+        assert len({item["spec"]["nodeName"] for item in bound()}) == 3
+        holders = {claim["spec"]["holder"]["uid"] for claim in claims(installed_plane)}
+        assert holders == {item["metadata"]["uid"] for item in bound()}
+
+
+def test_a_node_without_the_device_is_refused_for_it(installed_plane: ControlPlane, stage: Stage) -> None:
+    with nodes(installed_plane, edge("edge-1")):
+        stage.create_pod(driver("lonely"))
+        message = stage.wait_refused("lonely", reason="Unschedulable")
+        assert message.startswith("0/1 nodes are available: 1 node(s) didn't have the required hardware.")

@@ -1,0 +1,119 @@
+"""Two schedulers and one lease; kill -9 in the middle of a burst; a configuration that cannot be used."""
+
+import secrets
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import yaml
+from tests.support.stage import Stage, nodes, pod
+
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.nodes import edge
+from robotapp_testbed.process import Process
+from robotapp_testbed.product import start_scheduler
+
+pytestmark = pytest.mark.live
+
+LEASE = "/apis/coordination.k8s.io/v1/namespaces/robotapp-system/leases/robotapp-scheduler"
+QUICK = {"leaseDuration": "3s", "renewDeadline": "2s", "retryPeriod": "500ms"}
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    """The built-in configuration with a lease that changes hands in seconds."""
+    document = {
+        "apiVersion": "kubescheduler.config.k8s.io/v1",
+        "kind": "KubeSchedulerConfiguration",
+        "leaderElection": QUICK,
+    }
+    path = tmp_path / "scheduler.yaml"
+    path.write_text(yaml.safe_dump(document))
+    return path
+
+
+def fresh(cp: ControlPlane, config: Path) -> Process:
+    """A scheduler with a log of its own, so that nobody reads what an earlier one wrote."""
+    return start_scheduler(cp, config, name=f"scheduler-{secrets.token_hex(3)}", sweep_seconds=1)
+
+
+@pytest.fixture
+def two(installed_plane: ControlPlane, config: Path) -> Iterator[tuple[Process, Process]]:
+    first = fresh(installed_plane, config)
+    Stage.wait(lambda: "leading" in first.log_text(), what=first.log_text)
+    second = fresh(installed_plane, config)
+    yield first, second
+    for process in (first, second):
+        process.stop()
+
+
+def test_the_standby_is_ready_does_nothing_and_takes_over_when_the_leader_dies(
+    installed_plane: ControlPlane, stage: Stage, two: tuple[Process, Process]
+) -> None:
+    leader, standby = two
+    with nodes(installed_plane, edge("edge-1")):
+        stage.create_pod(pod("by-the-leader"))
+        stage.wait_bound("by-the-leader")
+        assert "leading" not in standby.log_text()
+        leader.kill()
+        stage.create_pod(pod("by-the-standby"))
+        stage.wait_bound("by-the-standby", timeout_s=15.0)
+        assert "leading" in standby.log_text()
+
+
+def test_a_clean_stop_hands_the_lease_over_at_once_and_exits_with_0(
+    installed_plane: ControlPlane, stage: Stage, two: tuple[Process, Process]
+) -> None:
+    leader, _ = two
+    with nodes(installed_plane, edge("edge-1")):
+        assert leader.stop() == 0
+        stage.create_pod(pod("next"))
+        stage.wait_bound("next", timeout_s=3.0)
+
+
+def test_a_leader_whose_lease_was_taken_exits_with_1(installed_plane: ControlPlane, config: Path) -> None:
+    process = fresh(installed_plane, config)
+    Stage.wait(lambda: "leading" in process.log_text(), what=process.log_text)
+    installed_plane.api.patch(LEASE, {"spec": {"holderIdentity": "somebody-else", "leaseDurationSeconds": 1}})
+    Stage.wait(lambda: process.returncode is not None, what=process.log_text)
+    assert process.returncode == 1
+
+
+def test_killed_in_the_middle_of_a_burst_every_pod_is_bound_once_by_its_successor(
+    installed_plane: ControlPlane, stage: Stage, config: Path
+) -> None:
+    with nodes(installed_plane, *(edge(f"edge-{number}", pods=60) for number in range(1, 6))):
+        process = fresh(installed_plane, config)
+        for number in range(200):
+            stage.create_pod(pod(f"burst-{number:03}", requests={"cpu": "10m"}))
+            if number in (60, 120, 180):
+                process.kill()
+                process.start()
+
+        def bound() -> int:
+            return sum(1 for item in stage.pods() if item["spec"].get("nodeName"))
+
+        stage.wait(lambda: bound() == 200, what=lambda: f"{bound()} of 200 bound", timeout_s=60.0)
+        per_node = Counter(item["spec"]["nodeName"] for item in stage.pods())
+        assert max(per_node.values()) <= 60
+        process.stop()
+
+
+def test_a_configuration_that_cannot_be_used_names_every_mistake_and_exits_with_2(tmp_path: Path) -> None:
+    path = tmp_path / "bad.yaml"
+    document = {
+        "apiVersion": "kubescheduler.config.k8s.io/v1",
+        "kind": "KubeSchedulerConfiguration",
+        "parallelism": 0,
+        "profiles": [{"plugins": {"score": {"enabled": [{"name": "ImageLocality"}]}}}],
+    }
+    path.write_text(yaml.safe_dump(document))
+    command = [sys.executable, "-m", "robotapp_scheduler", "--config", str(path)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 2
+    assert f"{path}: parallelism: Invalid value: 0: should be an integer value greater than zero" in done.stderr
+    assert 'plugin "ImageLocality" is not built into this scheduler yet' in done.stderr
+    assert "Traceback" not in done.stderr
