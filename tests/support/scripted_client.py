@@ -66,6 +66,26 @@ class ScriptedClient:
     ) -> Any:
         return self._answer("patch", resource.path(namespace, name, subresource), (content_type, patch))
 
+    async def apply(
+        self, resource: Resource, obj: Any, *, namespace: str | None = None, subresource: str = "", force: bool = True
+    ) -> Any:
+        where = resource.path(namespace or obj["metadata"].get("namespace"), obj["metadata"]["name"], subresource)
+        assert force, "our writers own what they apply"
+        return self._answer("apply", where, obj)
+
+    async def delete(
+        self,
+        resource: Resource,
+        name: str,
+        *,
+        namespace: str | None = None,
+        uid: str | None = None,
+        resource_version: str | None = None,
+        propagation: str | None = None,
+    ) -> Any:
+        condition = {"uid": uid, "resourceVersion": resource_version, "propagation": propagation}
+        return self._answer("delete", resource.path(namespace, name), condition)
+
     def _answer(self, method: str, path: str, body: Any) -> Any:
         self.calls.append((method, path, body))
         script = self.scripts.get(method)

@@ -1,0 +1,247 @@
+"""One instance's children against an API server: the protocol's order, fences and turns."""
+
+from collections.abc import AsyncIterator
+from typing import Any
+
+import pytest
+from tests.support.apiserver import FakeApiServer
+from tests.support.clients import client_for
+from tests.support.factories import app_body
+from tests.support.factories import robots as robot_nodes
+
+from robotapp_api.client import ApiClient
+from robotapp_api.client.resources import DEPLOYMENTS, DOMAINPOOLS, ROBOTAPPS, ROBOTCLAIMS, SERVICES
+from robotapp_api.model.names import API_VERSION, Annotation, Label, Reason
+from robotapp_operator.cache import Cache
+from robotapp_operator.children import Children
+from robotapp_operator.execute import StartOver
+from robotapp_operator.memory import Memory
+from robotapp_operator.plan.objects import Deployment, Service
+
+VERSION = "1.2.0"
+MULTICAST = {"dds": {"discovery": {"mode": "Multicast"}}}
+
+
+class World:
+    """A server, its client and one operator's memory. No informers: caches hold only what a test puts there."""
+
+    def __init__(self, api: FakeApiServer, client: ApiClient) -> None:
+        self.api = api
+        self.client = client
+        self.cache = Cache()
+        self.memory = Memory()
+        self.children = Children(client, self.cache, self.memory, version=VERSION)
+
+    async def pool(self, ids: str = "1-101") -> None:
+        await self.client.create(
+            DOMAINPOOLS, {"metadata": {"name": "default"}, "spec": {"scope": "Cluster", "ids": ids}}
+        )
+
+    async def app(self, name: str = "teleop", **spec: Any) -> str:
+        body = app_body(name, **{**MULTICAST, **spec})
+        body["metadata"] = {"name": name, "namespace": "default"}
+        created = await self.client.create(ROBOTAPPS, body)
+        return self.cache.update_app(created).uid
+
+    async def edit(self, name: str, **spec: Any) -> None:
+        changed = await self.client.patch(ROBOTAPPS, name, {"spec": spec}, namespace="default")
+        self.cache.update_app(changed)
+
+    async def deployments(self) -> list[dict[str, Any]]:
+        return (await self.client.list(DEPLOYMENTS)).items
+
+    async def mirror(self) -> None:
+        """Put the children into the cache, as the informers do."""
+        for item in (await self.client.list(DEPLOYMENTS, as_type=Deployment)).items:
+            self.cache.deployments.put(item.metadata.labels[Label.APP_UID], item.metadata.name, item)
+        for service in (await self.client.list(SERVICES, as_type=Service)).items:
+            self.cache.services.put(service.metadata.labels[Label.APP_UID], service.metadata.name, service)
+
+    async def claims(self) -> list[dict[str, Any]]:
+        return (await self.client.list(ROBOTCLAIMS)).items
+
+    def writes(self) -> int:
+        return sum(method != "GET" for method, _ in self.api.requests)
+
+
+@pytest.fixture
+async def world() -> AsyncIterator[World]:
+    async with FakeApiServer() as api, client_for(api.endpoint, field_manager="robotapp-operator") as client:
+        yield World(api, client)
+
+
+def domain_of(deployment: dict[str, Any]) -> str:
+    (container,) = deployment["spec"]["template"]["spec"]["containers"]
+    return next(str(item["value"]) for item in container["env"] if item["name"] == "ROS_DOMAIN_ID")
+
+
+async def test_the_claim_exists_before_the_first_deployment(world: World) -> None:
+    await world.pool()
+    uid = await world.app()
+    assert await world.children.reconcile(uid, "")
+    created = [path for method, path in world.api.requests if method == "POST"]
+    kinds = [path.partition("?")[0].rsplit("/", 1)[-1] for path in created]
+    assert kinds.index("robotclaims") < kinds.index("deployments")
+    (claim,) = await world.claims()
+    assert {domain_of(item) for item in await world.deployments()} == {str(claim["spec"]["domain"]["id"])}
+    assert world.memory.of(uid).new_domains == {"": claim["spec"]["domain"]["id"]}
+
+
+async def test_a_second_run_writes_nothing(world: World) -> None:
+    await world.pool()
+    uid = await world.app()
+    await world.children.reconcile(uid, "")
+    before = world.writes()
+    assert await world.children.reconcile(uid, "")
+    assert world.writes() == before
+
+
+async def test_an_app_that_is_gone_is_forgotten_and_nothing_is_written(world: World) -> None:
+    uid = await world.app()
+    await world.client.delete(ROBOTAPPS, "teleop", namespace="default")
+    before = world.writes()
+    assert await world.children.reconcile(uid, "")
+    assert world.writes() == before
+    assert uid not in world.cache.apps
+
+
+async def test_an_app_replaced_by_another_of_its_name_is_not_written_for(world: World) -> None:
+    await world.pool()
+    old = await world.app()
+    await world.client.delete(ROBOTAPPS, "teleop", namespace="default")
+    new = await world.app()
+    assert new != old
+    assert await world.children.reconcile(old, "")
+    assert await world.deployments() == []
+    assert set(world.cache.apps) == {new}
+
+
+async def test_without_a_free_id_nothing_is_created(world: World) -> None:
+    await world.pool(ids="7")
+    first, second = await world.app("one"), await world.app("two")
+    assert await world.children.reconcile(first, "")
+    assert await world.children.reconcile(second, "")
+    outcome = world.memory.outcome(second, "")
+    assert outcome is not None
+    assert outcome.reason == Reason.DOMAIN_EXHAUSTED
+    assert len(await world.claims()) == 1
+    assert {item["metadata"]["labels"]["robotics.io/app"] for item in await world.deployments()} == {"one"}
+    assert world.memory.waiting() == [(second, "")]
+
+
+async def test_a_template_with_a_lost_domain_and_no_other_to_be_had_stops(world: World) -> None:
+    await world.pool(ids="7")
+    first = await world.app("one")
+    await world.children.reconcile(first, "")
+    (claim,) = await world.claims()
+    await world.client.delete(ROBOTCLAIMS, claim["metadata"]["name"])
+    second = await world.app("two")
+    await world.children.reconcile(second, "")
+    await world.children.reconcile(first, "")
+    replicas = {
+        (item["metadata"]["labels"]["robotics.io/app"], item["spec"]["replicas"]) for item in await world.deployments()
+    }
+    assert replicas == {("one", 0), ("two", 1)}
+
+
+async def test_a_template_naming_an_id_that_is_not_held_is_rewritten(world: World) -> None:
+    await world.pool()
+    uid = await world.app()
+    await world.children.reconcile(uid, "")
+    (claim,) = await world.claims()
+    (first, *_) = await world.deployments()
+    env = first["spec"]["template"]["spec"]["containers"][0]["env"]
+    next(item for item in env if item["name"] == "ROS_DOMAIN_ID")["value"] = "99"
+    await world.client.replace(DEPLOYMENTS, first, namespace="default")
+    await world.children.reconcile(uid, "")
+    assert {domain_of(item) for item in await world.deployments()} == {str(claim["spec"]["domain"]["id"])}
+
+
+async def test_a_removed_component_is_deleted(world: World) -> None:
+    await world.pool()
+    uid = await world.app()
+    await world.children.reconcile(uid, "")
+    await world.edit("teleop", components=[{"name": "driver", "image": "x"}])
+    await world.children.reconcile(uid, "")
+    assert [item["metadata"]["labels"]["robotics.io/component"] for item in await world.deployments()] == ["driver"]
+
+
+async def test_an_instance_that_is_no_longer_wanted_is_pruned(world: World) -> None:
+    await world.pool()
+    uid = await world.app()
+    await world.children.reconcile(uid, "")
+    robots = {"selector": {"matchLabels": {"robotics.io/robot": "amr-07"}}}
+    world.cache.nodes.update(robot_nodes("amr-07"))
+    await world.edit("teleop", robots=robots)
+    await world.mirror()
+    await world.children.reconcile(uid, "")
+    assert await world.deployments() == []
+    assert (await world.client.list(SERVICES)).items == []
+    await world.children.reconcile(uid, "amr-07")
+    assert {item["metadata"]["labels"]["robotics.io/instance"] for item in await world.deployments()} == {"amr-07"}
+
+
+async def test_a_refused_spec_leaves_what_runs_alone(world: World) -> None:
+    await world.pool()
+    uid = await world.app()
+    await world.children.reconcile(uid, "")
+    await world.edit("teleop", ros={"distro": "humbel"})
+    before = world.writes()
+    assert await world.children.reconcile(uid, "")
+    assert world.writes() == before
+    assert len(await world.deployments()) == 2
+
+
+async def test_a_newer_operators_template_is_left_alone(world: World) -> None:
+    await world.pool()
+    uid = await world.app()
+    await world.children.reconcile(uid, "")
+    for item in await world.deployments():
+        mark = {"metadata": {"annotations": {Annotation.RENDERED_BY: "9.0.0", Annotation.CONTENT_HASH: "theirs"}}}
+        await world.client.patch(DEPLOYMENTS, item["metadata"]["name"], mark, namespace="default")
+    before = world.writes()
+    assert await world.children.reconcile(uid, "")
+    assert world.writes() == before
+
+
+async def test_ros_1_needs_no_pool(world: World) -> None:
+    uid = await world.app(ros={"distro": "noetic"}, dds=None)
+    assert await world.children.reconcile(uid, "")
+    assert len(await world.deployments()) == 3
+    assert await world.claims() == []
+
+
+async def test_a_race_that_never_ends_is_given_back_to_the_queue(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    await world.pool()
+    uid = await world.app()
+    turns = 0
+
+    async def never(*_: Any, **__: Any) -> Any:
+        nonlocal turns
+        turns += 1
+        raise StartOver("somebody else was faster")
+
+    monkeypatch.setattr("robotapp_operator.children.execute", never)
+    with pytest.raises(StartOver):
+        await world.children.reconcile(uid, "")
+    assert turns == 4
+
+
+async def test_an_existing_claim_is_adopted_after_a_crash(world: World) -> None:
+    """The claim was created, the process died before the Deployments."""
+    await world.pool()
+    uid = await world.app()
+    holder = {
+        "apiVersion": API_VERSION,
+        "kind": "RobotApp",
+        "namespace": "default",
+        "name": "teleop",
+        "uid": uid,
+        "instance": "",
+        "component": "",
+    }
+    spec = {"domain": {"pool": "default", "scope": "Cluster", "scopeValue": "", "id": 42}, "holder": holder}
+    await world.client.create(ROBOTCLAIMS, {"metadata": {"name": "dds.default.c.42"}, "spec": spec})
+    await world.children.reconcile(uid, "")
+    assert {domain_of(item) for item in await world.deployments()} == {"42"}
+    assert len(await world.claims()) == 1

@@ -1,0 +1,175 @@
+"""Carrying out a plan: preconditions on every write, and what each refusal means."""
+
+from typing import Any
+
+import pytest
+from tests.support.factories import VERSION, after, make_app
+from tests.support.scripted_client import ScriptedClient
+
+from robotapp_api.claims.domain import Fence
+from robotapp_api.client import AlreadyExists, Conflict, Forbidden, NotFound
+from robotapp_api.model.names import Reason
+from robotapp_operator.execute import StartOver, Written, execute
+from robotapp_operator.plan.changes import Change, Observed, Plan, plan, wanted_children
+from robotapp_operator.plan.objects import ChildRef
+from robotapp_operator.plan.wish import Domain, wish_of
+
+APP = make_app(dds={"discovery": {"mode": "Multicast"}})
+NEWER = make_app(dds={"discovery": {"mode": "Multicast"}}, generation=2, suspend=True)
+
+
+def children(running: bool = True) -> list[Any]:
+    return wanted_children(wish_of(APP, ""), domain=Domain(7, "c"), params={}, running=running)
+
+
+def fresh() -> Plan:
+    return plan(APP, children(), {}, version=VERSION, settled={})
+
+
+def there() -> dict[ChildRef, Observed]:
+    return after(fresh(), {}, APP)
+
+
+def change_of_one() -> Plan:
+    changes = plan(NEWER, children(running=False), there(), version=VERSION, settled={}).changes
+    return Plan(changes=tuple(change for change in changes if "driver" in change.child.ref.name))
+
+
+async def run(client: ScriptedClient, what: Plan, fences: dict[str, Fence] | None = None) -> Written:
+    return await execute(client, APP, what, fences=fences or {}, version=VERSION)  # type: ignore[arg-type] - a double
+
+
+def answer(*_: Any) -> dict[str, Any]:
+    return {"metadata": {"uid": "u", "generation": 3, "resourceVersion": "9"}}
+
+
+def refusal(kind: Any, message: str, status: int) -> Exception:
+    error: Exception = kind(message, status=status)
+    return error
+
+
+def live(resource_version: str = "1", *, manager: str = "kubectl", operation: str = "Update") -> dict[str, Any]:
+    (change,) = change_of_one().changes
+    assert change.over is not None
+    entry = {"manager": manager, "operation": operation}
+    return {
+        "metadata": {
+            "uid": change.over.metadata.uid,
+            "resourceVersion": resource_version,
+            "managedFields": [
+                {"manager": "kube-controller-manager", "operation": "Update", "subresource": "status"},
+                entry,
+            ],
+        }
+    }
+
+
+async def test_absent_children_are_posted() -> None:
+    client = ScriptedClient().always("create", answer)
+    done = await run(client, fresh())
+    assert client.methods() == ["create"] * 3
+    assert done.count == 3
+
+
+async def test_what_was_written_is_remembered_by_generation_and_hash() -> None:
+    client = ScriptedClient().always("create", answer)
+    (change, *_) = fresh().changes
+    done = await run(client, Plan(changes=(change,)))
+    assert done.settled == {"u": (3, change.child.hash)}
+
+
+async def test_existing_children_are_applied_with_uid_and_the_fenced_version() -> None:
+    client = ScriptedClient().always("get", live("5")).always("apply", answer)
+    what = change_of_one()
+    (change,) = what.changes
+    assert change.over is not None
+    fence = Fence(change.over.metadata.uid, "5")
+    await run(client, what, {change.child.ref.name: fence})
+    _, _, body = client.calls[-1]
+    assert body["metadata"]["uid"] == fence.uid
+    assert body["metadata"]["resourceVersion"] == "5"
+
+
+async def test_a_child_that_changed_since_it_was_read_is_not_written() -> None:
+    client = ScriptedClient().always("get", live("6"))
+    with pytest.raises(StartOver):
+        await run(client, change_of_one())
+    assert client.methods() == ["get"]
+
+
+async def test_fields_created_by_post_are_made_ours_before_the_first_apply() -> None:
+    client = (
+        ScriptedClient()
+        .always("get", live(manager="robotapp-operator"))
+        .always("patch", answer)
+        .always("apply", answer)
+    )
+    await run(client, change_of_one())
+    assert client.methods() == ["get", "patch", "apply"]
+    _, patch = client.calls[1][2]
+    assert patch[0] == {"op": "test", "path": "/metadata/resourceVersion", "value": "1"}
+    assert patch[1]["path"] == "/metadata/managedFields/1/operation"
+    assert client.calls[2][2]["metadata"]["resourceVersion"] == "9"
+
+
+async def test_fields_that_are_ours_by_apply_need_no_further_write() -> None:
+    applied = live(manager="robotapp-operator", operation="Apply")
+    client = ScriptedClient().always("get", applied).always("apply", answer)
+    await run(client, change_of_one())
+    assert client.methods() == ["get", "apply"]
+
+
+@pytest.mark.parametrize("error", [refusal(Conflict, "x", 409), refusal(NotFound, "x", 404)])
+async def test_a_lost_race_starts_over(error: Exception) -> None:
+    client = ScriptedClient().always("get", live()).always("apply", error)
+    with pytest.raises(StartOver):
+        await run(client, change_of_one())
+
+
+async def test_refusals_are_collected_and_the_other_children_still_written() -> None:
+    quota = refusal(Forbidden, "exceeded quota: small", 403)
+    client = ScriptedClient().script("create", quota, refusal(Forbidden, "denied", 403)).always("create", answer)
+    done = await run(client, fresh())
+    assert [reason for reason, _ in done.refusals] == [Reason.QUOTA_REFUSED, Reason.FAILED_CREATE]
+    assert done.count == 1
+    assert "exceeded quota" in done.refusals[0][1]
+
+
+def taken_by(**owner: Any) -> ScriptedClient:
+    meta: dict[str, Any] = {"name": "x", "uid": "other", "resourceVersion": "4"}
+    if owner:
+        meta["ownerReferences"] = [{"controller": True, **owner}]
+    busy = refusal(AlreadyExists, "exists", 409)
+    return ScriptedClient().script("create", busy).always("get", {"metadata": meta}).always("patch", answer)
+
+
+def one() -> Plan:
+    return Plan(changes=(Change(fresh().changes[0].child, None),))
+
+
+async def test_a_taken_name_is_a_refusal_not_a_take_over() -> None:
+    client = taken_by()
+    done = await run(client, one())
+    assert done.refusals[0][0] == Reason.FAILED_CREATE
+    assert "belongs to somebody else" in done.refusals[0][1]
+    assert client.methods() == ["create", "get"]
+
+
+async def test_the_predecessors_child_is_waited_for() -> None:
+    with pytest.raises(StartOver, match="still there"):
+        await run(taken_by(kind="RobotApp", name=APP.name, uid="before"), one())
+
+
+async def test_our_own_child_without_labels_gets_them_back() -> None:
+    client = taken_by(kind="RobotApp", name=APP.name, uid=APP.uid)
+    with pytest.raises(StartOver, match="lost its labels"):
+        await run(client, one())
+    assert client.calls[-1][2][1]["metadata"]["resourceVersion"] == "4"
+
+
+async def test_deletes_name_the_uid_and_do_not_mind_being_late() -> None:
+    client = ScriptedClient().always("delete", refusal(NotFound, "gone", 404))
+    what = plan(APP, [], there(), version=VERSION, settled={})
+    done = await run(client, what)
+    assert done.count == 3
+    assert all(method == "delete" and body["uid"] for method, _, body in client.calls)

@@ -1,0 +1,135 @@
+"""Statuses are written when they differ, and never for the wrong object."""
+
+from collections.abc import AsyncIterator
+from datetime import UTC, datetime
+from typing import Any
+
+import pytest
+from tests.support.apiserver import FakeApiServer
+from tests.support.clients import client_for
+from tests.support.factories import app_body, domain_claim
+
+from robotapp_api.client import ApiClient
+from robotapp_api.client.resources import ROBOTAPPS
+from robotapp_api.model.status import RobotAppStatus
+from robotapp_operator.cache import Cache
+from robotapp_operator.memory import Memory
+from robotapp_operator.plan.record import parse_record
+from robotapp_operator.reporter import Reporter, same_status, unreadable_status
+
+
+class Recorder:
+    def __init__(self) -> None:
+        self.notes: list[tuple[str, str]] = []
+
+    def event(self, regarding: Any, *, reason: str, note: str, action: str, warning: bool = False) -> None:
+        assert regarding["kind"] == "RobotApp"
+        assert action
+        self.notes.append((reason, note if warning else note.lower()))
+
+
+class World:
+    def __init__(self, api: FakeApiServer, client: ApiClient) -> None:
+        self.api = api
+        self.client = client
+        self.cache = Cache()
+        self.memory = Memory()
+        self.recorder = Recorder()
+        self.today = datetime(2026, 1, 1, tzinfo=UTC)
+        self.reporter = Reporter(
+            client,
+            self.cache,
+            self.memory,
+            self.recorder,  # type: ignore[arg-type] - a double
+            clock=lambda: 0.0,
+            now=lambda: self.today,
+        )
+
+    async def app(self, **spec: Any) -> str:
+        body = app_body(**spec)
+        body["metadata"] = {"name": "teleop", "namespace": "default"}
+        return self.cache.update_app(await self.client.create(ROBOTAPPS, body)).uid
+
+    async def status(self) -> dict[str, Any]:
+        found: dict[str, Any] = (await self.client.get(ROBOTAPPS, "teleop", namespace="default")).get("status", {})
+        return found
+
+    def patches(self) -> int:
+        return sum(method == "PATCH" for method, _ in self.api.requests)
+
+
+@pytest.fixture
+async def world() -> AsyncIterator[World]:
+    async with FakeApiServer() as api, client_for(api.endpoint) as client:
+        yield World(api, client)
+
+
+async def test_the_first_status_is_written_and_the_same_one_never_again(world: World) -> None:
+    uid = await world.app()
+    await world.reporter.report(uid)
+    assert (await world.status())["observedGeneration"] == 1
+    await world.reporter.report(uid)
+    world.today = datetime(2026, 1, 2, tzinfo=UTC)
+    await world.reporter.report(uid)
+    assert world.patches() == 1
+
+
+async def test_a_change_is_written_once_more(world: World) -> None:
+    uid = await world.app()
+    await world.reporter.report(uid)
+    world.cache.claims.put(uid, "c", domain_claim(7, uid=uid))
+    world.memory.of(uid).new_domains[""] = 7
+    await world.reporter.report(uid)
+    assert (await world.status())["summary"]["domain"] == "7"
+    assert world.patches() == 2
+    assert ("DomainAllocated", "domain 7") in world.recorder.notes
+    assert world.memory.of(uid).new_domains == {}
+
+
+async def test_a_status_is_never_written_to_another_app_of_the_same_name(world: World) -> None:
+    old = await world.app()
+    record = world.cache.apps[old]
+    await world.client.delete(ROBOTAPPS, "teleop", namespace="default")
+    await world.app()
+    world.cache.apps[old] = record
+    await world.reporter.report(old)
+    assert await world.status() == {}
+
+
+async def test_a_deleted_or_unknown_app_gets_none(world: World) -> None:
+    await world.reporter.report("nobody")
+    uid = await world.app()
+    await world.client.delete(ROBOTAPPS, "teleop", namespace="default")
+    await world.reporter.report(uid)
+    assert world.recorder.notes == []
+
+
+async def test_refusals_and_dead_distributions_are_told(world: World) -> None:
+    uid = await world.app(ros={"distro": "iron"}, ros1={})
+    await world.reporter.report(uid)
+    assert {reason for reason, _ in world.recorder.notes} == {"InvalidSpec", "EolDistro"}
+
+
+async def test_an_app_this_version_cannot_read_says_so(world: World) -> None:
+    uid = await world.app(components="none")
+    await world.reporter.report(uid)
+    status = await world.status()
+    RobotAppStatus.model_validate(status)
+    verdicts = {item["type"]: item["status"] for item in status["conditions"]}
+    assert (verdicts["Accepted"], verdicts["Ready"], verdicts["Stalled"]) == ("False", "False", "True")
+    assert "spec.components" in status["summary"]["message"]
+    await world.reporter.report(uid)
+    assert world.patches() == 1
+
+
+def test_fields_of_other_writers_do_not_count_as_difference() -> None:
+    assert same_status({"phase": "Running"}, {"phase": "Running", "links": {"a": "b"}})
+    assert not same_status({"phase": "Running"}, {"phase": "Pending"})
+    assert not same_status({"phase": "Running"}, {})
+
+
+def test_an_unreadable_status_keeps_its_times() -> None:
+    record = parse_record(app_body(components="none"))
+    first = unreadable_status(record, "2026-01-01T00:00:00Z")
+    again = parse_record(app_body(components="none") | {"status": first})
+    assert unreadable_status(again, "2026-02-01T00:00:00Z") == first
