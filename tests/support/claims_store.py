@@ -59,6 +59,7 @@ class Store:
 
     def remove(self, resource: Resource, name: str, namespace: str | None = None) -> None:
         del self.objects[self.key(resource, namespace, name)]
+        self.writes.append(f"-{resource.plural} {name}")
 
 
 class Client:

@@ -6,8 +6,10 @@ run is one interleaving; hypothesis looks for those that break the promises of t
 
 import asyncio
 import contextlib
+import random
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import msgspec
@@ -21,6 +23,7 @@ from robotapp_api.client.claims import check_bind, ensure_domain
 from robotapp_api.client.errors import ApiError, Unreachable
 from robotapp_api.client.resources import DEPLOYMENTS, DOMAINPOOLS, PODS, REPLICASETS, ROBOTAPPS, ROBOTCLAIMS
 from robotapp_api.client.sweep import Sweeper
+from robotapp_api.values.ranges import parse_ids
 
 Json = dict[str, Any]
 
@@ -36,6 +39,7 @@ class Actor:
     name: str
     work: Callable[[Client], Awaitable[None]]
     gate: asyncio.Future[str] | None = None
+    idle: bool = True
     task: asyncio.Task[None] | None = None
 
 
@@ -44,6 +48,7 @@ class World:
     """apps: name -> uid of the apps ever created. deleted: uids of those that are gone."""
 
     ids: str = "1-2"
+    chance: random.Random = field(default_factory=lambda: random.Random(0))
     now: float = 0.0
     store: Store = field(default_factory=Store)
     actors: list[Actor] = field(default_factory=list)
@@ -62,13 +67,26 @@ class World:
         if self.store.find(ROBOTAPPS, name, "team"):
             self.store.remove(ROBOTAPPS, name, "team")
 
+    def toggle_ros(self, name: str) -> None:
+        """A ROS 1 app wants no domain; back to ROS 2 it wants one again."""
+        app = self.store.find(ROBOTAPPS, name, "team")
+        if app is not None:
+            version = 1 if app["spec"].get("ros", {}).get("version", 2) == 2 else 2
+            self.store.put(ROBOTAPPS, app | {"spec": app["spec"] | {"ros": {"version": version}}})
+
     # Processes of ours
 
     async def operate(self, client: Client, name: str) -> None:
         """Rule 5 as the operator does it: ensure the domain, then write the template with its fence."""
-        if self.store.find(ROBOTAPPS, name, "team") is None:
+        app = self.store.find(ROBOTAPPS, name, "team")
+        if app is None:
             return
-        uid = self.apps[name]
+        uid = app["metadata"]["uid"]
+        if app["spec"].get("ros", {}).get("version") == 1:
+            found = self.store.find(DEPLOYMENTS, name, "team")
+            if found is not None:
+                await client.delete(DEPLOYMENTS, name, namespace="team", uid=found["metadata"]["uid"])
+            return
         outcome = await ensure_domain(client, DomainRequest(app_holder(uid, name=name)))
         if outcome.gone:
             return
@@ -126,23 +144,33 @@ class World:
     # Processes of Kubernetes: garbage collector, controllers, kubelet; one small step per call, on what is there now
 
     async def control(self, client: Client) -> None:
-        for deployment in self.store.all(DEPLOYMENTS):
-            meta = deployment["metadata"]
-            if self.store.find(ROBOTAPPS, meta["name"], "team") is None or self._other_owner(deployment):
-                await client.delete(DEPLOYMENTS, meta["name"], namespace="team", uid=meta["uid"])
+        """Look at the objects in any order and do the first thing there is to do."""
+        steps: list[Callable[[], Awaitable[bool]]] = [
+            *(partial(self._collect, client, obj) for obj in self.store.all(DEPLOYMENTS)),
+            *(partial(self._replica_set, client, obj) for obj in self.store.all(DEPLOYMENTS)),
+            *(partial(self._pods, client, obj) for obj in self.store.all(REPLICASETS)),
+            *(partial(self._kubelet, client, obj) for obj in self.store.all(PODS)),
+        ]
+        self.chance.shuffle(steps)
+        for step in steps:
+            if await step():
                 return
-            if await self._replica_set(client, deployment):
-                return
-        for replica_set in self.store.all(REPLICASETS):
-            if await self._pods(client, replica_set):
-                return
-        for pod in self.store.all(PODS):
-            if pod["metadata"].get("deletionTimestamp"):
-                await client.delete(PODS, pod["metadata"]["name"], namespace="team")
-                return
-            if self.store.find(REPLICASETS, pod["metadata"]["ownedBy"], "team") is None:
-                await self._end(client, pod)
-                return
+
+    async def _collect(self, client: Client, deployment: Json) -> bool:
+        meta = deployment["metadata"]
+        if self._other_owner(deployment):
+            await client.delete(DEPLOYMENTS, meta["name"], namespace="team", uid=meta["uid"])
+            return True
+        return False
+
+    async def _kubelet(self, client: Client, pod: Json) -> bool:
+        if pod["metadata"].get("deletionTimestamp"):
+            await client.delete(PODS, pod["metadata"]["name"], namespace="team")
+            return True
+        if self.store.find(REPLICASETS, pod["metadata"]["ownedBy"], "team") is None:
+            await self._end(client, pod)
+            return True
+        return False
 
     def _other_owner(self, deployment: Json) -> bool:
         app = self.store.find(ROBOTAPPS, deployment["metadata"]["name"], "team")
@@ -219,14 +247,18 @@ class World:
     def wanting(self) -> list[str]:
         """What is not as it should be when everything has come to rest."""
         wrong = []
-        live = {app["metadata"]["uid"] for app in self.store.all(ROBOTAPPS)}
+        live = {
+            app["metadata"]["uid"]
+            for app in self.store.all(ROBOTAPPS)
+            if app["spec"].get("ros", {}).get("version", 2) == 2
+        }
         holders = [claim["spec"]["holder"]["uid"] for claim in self.store.all(ROBOTCLAIMS)]
         running = [
             p["metadata"]["labels"]["robotics.io/app-uid"] for p in self.store.all(PODS) if p["spec"].get("nodeName")
         ]
         if sorted(holders) != sorted(running) or len(set(holders)) != len(holders) or not set(holders) <= live:
             wrong.append(f"claims {holders}, running {running}, live {live}")
-        if len(holders) < min(len(live), 2):
+        if len(holders) < min(len(live), len(parse_ids(self.ids))):
             wrong.append(f"{len(live)} apps live, only {len(holders)} served")
         return wrong
 
@@ -264,8 +296,10 @@ class Director:
 
         client = self.world.store.client(before, after)
         while True:
+            actor.idle = True
             actor.gate = asyncio.get_running_loop().create_future()
             await actor.gate
+            actor.idle = False
             with contextlib.suppress(Killed, Unreachable, ApiError):
                 await actor.work(client)
 
@@ -288,16 +322,33 @@ class Director:
         for _ in range(4):
             await asyncio.sleep(0)
 
-    async def finish(self, rounds: int = 60) -> None:
-        """Everybody works without faults until nothing is left to do; time passes."""
-        for _ in range(rounds):
-            self.world.now += 6
-            for index in range(len(self.world.actors)):
-                for _ in range(30):
-                    await self.step(index, "go")
-            if not self.world.wanting():
+    async def round(self, index: int) -> None:
+        """Let one actor come to the end of what it is at, or do one whole round of its work."""
+        for _ in range(200):
+            await self.step(index, "go")
+            if self.world.actors[index].idle:
                 return
-        raise AssertionError("\n".join([*self.world.wanting(), *self.steps[-400:]]))
+        raise AssertionError(f"{self.world.actors[index].name} never ends its round")
+
+    async def rest(self, *, without: int = -1, time_passes: bool = True, rounds: int = 60) -> None:
+        """Everybody but one works until nobody writes any more."""
+        for _ in range(rounds):
+            before = len(self.world.store.writes)
+            for index in range(len(self.world.actors)):
+                if index != without:
+                    await self.round(index)
+            if len(self.world.store.writes) == before:
+                return
+            self.world.now += 6 if time_passes else 0
+        raise AssertionError("\n".join(["they never stop writing", *self.steps[-200:]]))
+
+    async def finish(self) -> None:
+        """All faults are over: what must be, comes to be."""
+        for _ in range(4):
+            self.world.now += 6
+            await self.rest()
+        wrong = self.world.wanting()
+        assert not wrong, "\n".join([*wrong, *self.steps[-400:]])
 
     async def close(self) -> None:
         for actor in self.world.actors:

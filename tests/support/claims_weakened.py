@@ -1,0 +1,43 @@
+"""Product functions replaced by weaker ones, for tests that must notice."""
+
+import contextlib
+from collections.abc import Iterator
+from typing import Any
+from unittest import mock
+
+from robotapp_api.claims import release
+from robotapp_api.claims.bind import ALLOWED, BindVerdict
+from robotapp_api.claims.objects import Claim, Pod
+from robotapp_api.claims.release import Preconditions, Release
+
+
+@contextlib.contextmanager
+def no_bind_check() -> Iterator[None]:
+    def always(_: Pod, __: Claim | None, **___: Any) -> BindVerdict:
+        return ALLOWED
+
+    with mock.patch("robotapp_api.client.claims.bind_verdict", always):
+        yield
+
+
+@contextlib.contextmanager
+def uid_only() -> Iterator[None]:
+    def weak(claim: Claim) -> Preconditions:
+        return Preconditions(claim.metadata.uid, "")
+
+    with mock.patch("robotapp_api.client.claim_writes.preconditions", weak):
+        yield
+
+
+@contextlib.contextmanager
+def one_phase() -> Iterator[None]:
+    def hasty(**facts: bool) -> Release:
+        decision = release.release_domain(**facts)
+        return Release.DELETE if decision is Release.DRAIN else decision
+
+    with mock.patch("robotapp_api.client.sweep.release_domain", hasty):
+        yield
+
+
+ALL = (no_bind_check, uid_only, one_phase)
+"""Those that one sleeping process is enough for; tests/support/claims_model finds the others too."""
