@@ -1,0 +1,215 @@
+"""What the operator publishes beside statuses: fleet view, probe lists, open gates, health."""
+
+from collections.abc import AsyncIterator
+from typing import Any
+
+import aiohttp
+import msgspec
+import pytest
+from tests.support.apiserver import FakeApiServer
+from tests.support.clients import client_for
+from tests.support.factories import app_body, domain_claim, make_pod, robots
+
+from robotapp_api.client import ApiClient
+from robotapp_api.client.resources import CONFIGMAPS, NODETELEMETRIES, PODS, ROBOTCLAIMS
+from robotapp_api.model.names import FLEET_CONFIG_MAP, SCHEDULING_GATE, Label
+from robotapp_operator.cache import Cache
+from robotapp_operator.fleet_view import FleetView
+from robotapp_operator.gates import Gates
+from robotapp_operator.health import Health
+from robotapp_operator.metrics import Metrics
+from robotapp_operator.plan.objects import Telemetry
+from robotapp_operator.probes import Probes
+from robotapp_operator.queue import Queue
+
+
+class World:
+    def __init__(self, api: FakeApiServer, client: ApiClient) -> None:
+        self.api = api
+        self.client = client
+        self.cache = Cache()
+
+    def place(self, component: str, node: str, *, robot: str = "") -> None:
+        labels = {Label.COMPONENT.value: component, Label.INSTANCE.value: robot}
+        self.cache.pods.put(
+            "uid-1", f"{component}-{robot}", make_pod(component, node=node, metadata={"labels": labels})
+        )
+
+    async def view(self) -> dict[str, str]:
+        found = {item["metadata"]["name"]: item for item in (await self.client.list(CONFIGMAPS)).items}
+        data: dict[str, str] = found.get(FLEET_CONFIG_MAP, {}).get("data", {})
+        return data
+
+    def writes(self) -> int:
+        return sum(method != "GET" for method, _ in self.api.requests)
+
+
+@pytest.fixture
+async def world() -> AsyncIterator[World]:
+    async with FakeApiServer() as api, client_for(api.endpoint) as client:
+        yield World(api, client)
+
+
+async def test_the_fleet_view_is_written_once_and_follows(world: World) -> None:
+    fleet = FleetView(world.client, world.cache)
+    world.cache.update_app(app_body())
+    world.cache.claims.put("uid-1", "c", domain_claim(7))
+    world.place("driver", "amr-07")
+    await fleet.publish("default")
+    assert await world.view() == {"app.teleop": "domain=7 driver@amr-07 operator@-"}
+    before = world.writes()
+    await fleet.publish("default")
+    assert world.writes() == before
+    world.place("operator", "edge-1")
+    await fleet.publish("default")
+    assert await world.view() == {"app.teleop": "domain=7 driver@amr-07 operator@edge-1"}
+
+
+async def test_the_fleet_view_goes_with_the_last_app_and_comes_back_when_deleted(world: World) -> None:
+    fleet = FleetView(world.client, world.cache)
+    world.cache.update_app(app_body())
+    await fleet.publish("default")
+    await world.client.delete(CONFIGMAPS, FLEET_CONFIG_MAP, namespace="default")
+    fleet.forget()
+    await fleet.publish("default")
+    assert await world.view()
+    world.cache.forget_app("uid-1")
+    await fleet.publish("default")
+    assert (await world.client.list(CONFIGMAPS)).items == []
+
+
+async def test_bare_annotated_pods_are_shown_others_are_not(world: World) -> None:
+    marks = {"scheduler.robotics.io/dds-domain": "auto", "granted.robotics.io/dds-domain": "9"}
+    world.cache.bare_pods.put("default", "lidar", make_pod("lidar", node="edge-1", metadata={"annotations": marks}))
+    world.cache.bare_pods.put("default", "web", make_pod("web", node="edge-1"))
+    await FleetView(world.client, world.cache).publish("default")
+    assert await world.view() == {"pod.lidar": "domain=9 lidar@edge-1"}
+
+
+async def test_a_config_map_of_somebody_else_is_left_alone(world: World) -> None:
+    body = {"metadata": {"name": FLEET_CONFIG_MAP, "namespace": "default"}, "data": {"a": "b"}}
+    await world.client.create(CONFIGMAPS, body)
+    world.cache.update_app(app_body())
+    await FleetView(world.client, world.cache).publish("default")
+    assert await world.view() == {"a": "b"}
+
+
+async def test_agents_are_asked_for_the_pairs_in_use_and_no_longer_when_they_are_not(world: World) -> None:
+    edges = [{"topic": "/t", "from": "operator", "to": "@robot"}, {"topic": "/u", "from": "operator", "to": "driver"}]
+    robot = {"selector": {"matchLabels": {"robotics.io/robot": "r"}}}
+    world.cache.update_app(app_body(edges=edges, robots=robot))
+    world.cache.nodes.update(robots("r"))
+    world.place("operator", "edge-1", robot="r")
+    world.place("driver", "n-r", robot="r")
+    for node in ("edge-1", "n-r"):
+        stored = await world.client.create(NODETELEMETRIES, {"metadata": {"name": node}})
+        world.cache.telemetry[node] = msgspec.convert(stored, Telemetry)
+    probes = Probes(world.client, world.cache)
+    await probes.publish()
+    found = await world.client.get(NODETELEMETRIES, "edge-1")
+    assert found["spec"]["probe"] == ["n-r"]
+    before = world.writes()
+    await probes.publish()
+    assert world.writes() == before
+    world.cache.forget_app("uid-1")
+    await probes.publish()
+    assert (await world.client.get(NODETELEMETRIES, "edge-1"))["spec"]["probe"] == []
+
+
+async def gated_pod(world: World, *, domain: int = 7) -> dict[str, Any]:
+    labels = {Label.APP_UID.value: "uid-1", Label.INSTANCE.value: "", Label.APP.value: "teleop"}
+    body = {
+        "metadata": {"name": "p", "namespace": "default", "labels": labels},
+        "spec": {
+            "schedulingGates": [{"name": "other/gate"}, {"name": SCHEDULING_GATE}],
+            "containers": [{"name": "c", "env": [{"name": "ROS_DOMAIN_ID", "value": str(domain)}]}],
+        },
+    }
+    stored = await world.client.create(PODS, body)
+    pod = make_pod(
+        "p",
+        metadata={"labels": labels, "uid": stored["metadata"]["uid"]},
+        schedulingGates=body["spec"]["schedulingGates"],
+    )
+    world.cache.pods.put("uid-1", "default/p", pod)
+    return stored
+
+
+async def claim(world: World, phase: str) -> None:
+    body = msgspec.to_builtins(domain_claim(7, phase=phase))
+    body["metadata"] = {"name": body["metadata"]["name"]}
+    await world.client.create(ROBOTCLAIMS, body)
+
+
+async def test_our_gate_opens_when_the_claim_stands_and_others_stay(world: World) -> None:
+    await gated_pod(world)
+    await claim(world, "Reserved")
+    assert await Gates(world.client, world.cache).open("uid-1", "")
+    pod = await world.client.get(PODS, "p", namespace="default")
+    assert pod["spec"]["schedulingGates"] == [{"name": "other/gate"}]
+
+
+async def test_our_gate_stays_without_a_standing_claim(world: World) -> None:
+    await gated_pod(world)
+    gates = Gates(world.client, world.cache)
+    assert not await gates.open("uid-1", "")
+    await claim(world, "Draining")
+    assert not await gates.open("uid-1", "")
+    pod = await world.client.get(PODS, "p", namespace="default")
+    assert {"name": SCHEDULING_GATE} in pod["spec"]["schedulingGates"]
+
+
+async def test_a_pod_that_is_gone_or_another_needs_no_gate(world: World) -> None:
+    await gated_pod(world)
+    await world.client.delete(PODS, "p", namespace="default")
+    assert await Gates(world.client, world.cache).open("uid-1", "")
+    assert await Gates(world.client, world.cache).open("uid-1", "another instance")
+
+
+async def page(port: int, path: str) -> tuple[int, str]:
+    async with aiohttp.ClientSession() as session, session.get(f"http://127.0.0.1:{port}{path}") as answer:
+        return answer.status, await answer.text()
+
+
+async def test_health_tells_silence_and_filling_caches(unused_tcp_port: int) -> None:
+    state = {"silence": 0.0, "synced": False}
+    health = Health(
+        silence_s=lambda: float(state["silence"]), synced=lambda: bool(state["synced"]), metrics=lambda: b"m 1\n"
+    )
+    await health.start(unused_tcp_port)
+    try:
+        assert (await page(unused_tcp_port, "/healthz"))[0] == 200
+        assert (await page(unused_tcp_port, "/readyz"))[0] == 503
+        state.update(silence=500.0, synced=True)
+        assert await page(unused_tcp_port, "/healthz") == (503, "a watch has been silent for 500 s\n")
+        assert (await page(unused_tcp_port, "/readyz"))[0] == 200
+        assert await page(unused_tcp_port, "/metrics") == (200, "m 1\n")
+    finally:
+        await health.stop()
+
+
+async def test_port_zero_serves_nothing() -> None:
+    health = Health(silence_s=lambda: 0.0, synced=lambda: True, metrics=lambda: b"")
+    await health.start(0)
+    await health.stop()
+
+
+async def test_metrics_carry_controller_runtimes_names(world: World) -> None:
+    metrics = Metrics()
+    metrics.watch(Queue(clock=lambda: 0.0, jitter=lambda: 0.0), world.cache, world.client)
+    with metrics.reconciling("status", 0.5) as result:
+        result("error")
+    metrics.bug()
+    text = metrics.render().decode()
+    for name in (
+        'controller_runtime_reconcile_total{controller="robotapp-status",result="error"} 1.0',
+        "controller_runtime_reconcile_errors_total",
+        "controller_runtime_reconcile_panics_total",
+        "controller_runtime_reconcile_time_seconds_count",
+        "controller_runtime_active_workers",
+        "workqueue_depth 0.0",
+        "workqueue_queue_duration_seconds_sum",
+        "workqueue_work_duration_seconds_count",
+        "rest_client_requests_total",
+    ):
+        assert name in text
