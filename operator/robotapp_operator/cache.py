@@ -1,7 +1,7 @@
 """What the operator knows of the cluster, indexed the way it asks. Filled by the informers; loses nothing but time if empty."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, TypeVar
 
 from robotapp_api.claims.objects import Claim, Pool
@@ -101,6 +101,9 @@ class Cache:
     def devices_held(self, uid: str, instance: str) -> list[Claim]:
         mine = (claim for claim in self.claims.of(uid).values() if claim.holder.instance == instance)
         return [claim for claim in mine if claim.spec.device is not None]
+
+    def all_claims(self) -> Iterator[Claim]:
+        return (claim for claims in self.claims.values() for claim in claims.values())
 
     def pods_by_deployment(self, uid: str) -> dict[str, list[Pod]]:
         """The app's pods by the uid of the Deployment that owns their ReplicaSet: the chain decides, not the label."""

@@ -9,6 +9,7 @@ from robotapp_api.model.names import Label, Reason
 from robotapp_operator.cache import Cache
 from robotapp_operator.plan.app import problems_of
 from robotapp_operator.plan.components import component_view
+from robotapp_operator.plan.devices import device_trouble
 from robotapp_operator.plan.facts import AppFacts, InstanceFacts
 from robotapp_operator.plan.instances import Instance, instances_of
 from robotapp_operator.plan.latency import edge_views
@@ -130,6 +131,10 @@ def _instance_facts(
     robot = cache.nodes.get(instance.node)
     placed = {view.name: view.node for view in views if view.node}
     devices = cache.devices_held(app.uid, instance.robot)
+    wanted = sum(device.exclusive for component in app.spec.components for device in component.devices)
+    busy = ""
+    if len(devices) < wanted:
+        busy = device_trouble(app, instance, claims=cache.all_claims(), telemetry=cache.telemetry)
     domains = cache.domains_held(app.uid, instance.robot).values()
     return InstanceFacts(
         instance=instance,
@@ -137,8 +142,9 @@ def _instance_facts(
         edges=tuple(edge_views(app.spec.edges, placed=placed, robot_node=instance.node, telemetry=cache.telemetry)),
         domain=domain.id if domain else None,
         needs_domain=needs_domain(app),
-        devices_wanted=sum(device.exclusive for component in app.spec.components for device in component.devices),
+        devices_wanted=wanted,
         devices_held=len(devices),
+        busy=busy,
         claims=tuple(sorted(claim.name for claim in (*domains, *devices))),
         refusal=(outcome.reason, outcome.message) if outcome and outcome.id is None and domain is None else None,
         trouble=trouble,

@@ -65,6 +65,9 @@ def allocated(facts: AppFacts) -> Verdict:
             f"{facts.app.spec.scheduler_name} claims no devices; leave schedulerName out",
         )
     if held < wanted and not facts.app.spec.suspend:
+        for instance in facts.instances:
+            if instance.busy:
+                return Verdict("False", Reason.DEVICE_BUSY, _named(instance, instance.busy))
         return Verdict(
             "False",
             Reason.WAITING_FOR_DEVICES,

@@ -13,7 +13,10 @@ from robotapp_operator.plan.wish import App
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class InstanceFacts:
-    """One instance as observed. `refusal` is why it has no domain, `trouble` what else keeps it from its children."""
+    """One instance as observed.
+
+    `refusal` is why it has no domain, `busy` who holds a device it waits for, `trouble` what else keeps it from its children.
+    """
 
     instance: Instance
     components: tuple[ComponentView, ...]
@@ -22,6 +25,7 @@ class InstanceFacts:
     needs_domain: bool = True
     devices_wanted: int = 0
     devices_held: int = 0
+    busy: str = ""
     claims: tuple[str, ...] = ()
     refusal: tuple[Reason, str] | None = None
     trouble: tuple[Reason, str] | None = None

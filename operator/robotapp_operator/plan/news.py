@@ -39,6 +39,8 @@ def news_of(before: Mapping[str, Any], after: Mapping[str, Any], *, new_domains:
     allocated = turned(Condition.ALLOCATED)
     if allocated and allocated[1] in _REFUSED:
         news.append(News(EventReason.DOMAIN_EXHAUSTED, allocated[2], warning=True))
+    if allocated and allocated[1] == Reason.DEVICE_BUSY:
+        news.append(News(EventReason.DEVICE_BUSY, allocated[2], warning=True))
     ready = turned(Condition.READY)
     if ready and ready[1] in _FAILED:
         news.append(News(EventReason.CHILD_FAILED, ready[2], warning=True))

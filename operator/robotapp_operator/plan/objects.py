@@ -153,8 +153,18 @@ class TelemetrySpec(Struct):
     probe: list[str] = []
 
 
+class TelemetryDevice(Struct):
+    id: str = ""
+    type: str = ""
+    model: str = ""
+    interface: str = ""
+    identity: str = ""
+    present: bool = True
+
+
 class TelemetryStatus(Struct):
     rtt: list[Rtt] = []
+    devices: list[TelemetryDevice] = []
 
 
 class Telemetry(Struct):
