@@ -44,6 +44,26 @@ async def ensure_domain(
     return DomainOutcome(Reason.PENDING, "another operator works on this app; trying again")
 
 
+async def ensure_pod_domain(client: Api, request: DomainRequest) -> DomainOutcome:
+    """The domain of a bare pod (`dds-domain: auto` or a number): adopted or created, or a value that says why not.
+
+    Call it between reading the pod and binding it with the resourceVersion that was read; the id is the Binding's grant.
+    """
+    try:
+        pool = await client.get(DOMAINPOOLS, request.pool, as_type=Pool)
+    except NotFound:
+        return rules.pool_not_found(request.pool)
+    refusal = rules.check_request(request, pool)
+    if refusal is not None:
+        return refusal
+    for _ in range(RESTARTS):
+        try:
+            return await _own(client, request, pool, ())
+        except Refused:
+            continue
+    return DomainOutcome(Reason.PENDING, "its claim keeps changing; trying again")
+
+
 async def _ensure_once(
     client: Api,
     request: DomainRequest,

@@ -4,8 +4,10 @@ import asyncio
 import socket
 from collections.abc import Iterable
 
+from robotapp_api.claims.repair import ClaimConflict
 from robotapp_api.client.api import ApiClient
 from robotapp_api.client.events import EventRecorder, reference
+from robotapp_api.model.names import EventReason
 from robotapp_scheduler.core.objects import Pod
 
 QUEUE = 20_000
@@ -40,6 +42,16 @@ class PodEvents:
             resource_version=meta.resource_version,
         )
         recorder.event(regarding, reason=reason, note=note, action=action, warning=warning)
+
+    def conflict(self, found: ClaimConflict) -> None:
+        """Two run with one thing: told to the one that runs without holding it, in words of its own namespace."""
+        runs = found.runs
+        regarding = reference(
+            api_version=runs.api_version, kind=runs.kind, name=runs.name, namespace=runs.namespace, uid=runs.uid
+        )
+        note = found.message(for_namespace=runs.namespace)
+        recorder = next(iter(self._recorders.values()))
+        recorder.event(regarding, reason=EventReason.CLAIM_CONFLICT, note=note, action="Sweeping", warning=True)
 
     async def run(self) -> None:
         """Write until cancelled."""

@@ -86,7 +86,7 @@ class Placer:
             return
         lost: set[str] = set()
         for _ in range(VERSION_TRIES):
-            reserved = await self._reserver.devices(decision.pod, str(decision.node), decision.grants)
+            reserved = await self._reserver.things(decision.pod, str(decision.node), decision.grants)
             while reserved.readiness is Readiness.BUSY:
                 lost.add(str(decision.node))
                 self._forget(decision.pod)
@@ -95,7 +95,7 @@ class Placer:
                     self.refuse(decision)
                     self._device_event(decision.pod, reserved.message)
                     return
-                reserved = await self._reserver.devices(decision.pod, str(decision.node), decision.grants)
+                reserved = await self._reserver.things(decision.pod, str(decision.node), decision.grants)
             if reserved.readiness is not Readiness.READY:
                 self._unready(decision, reserved)
                 return

@@ -36,7 +36,7 @@ from robotapp_scheduler.shell.loop import SchedulerLoop
 from robotapp_scheduler.shell.metrics import Metrics
 from robotapp_scheduler.shell.placing import Placer
 from robotapp_scheduler.shell.report import Reporter
-from robotapp_scheduler.shell.reserve import Reserver
+from robotapp_scheduler.shell.reserve import Reserver, granted_pods
 
 log = logging.getLogger(__name__)
 
@@ -78,7 +78,12 @@ class Scheduler:
             clock=clock,
         )
         self.loop = SchedulerLoop(self.core, placer, self.reporter, self.metrics, clock=clock)
-        self.sweeper = Sweeper(client, period_s=options.sweep_seconds)
+        self.sweeper = Sweeper(
+            client,
+            period_s=options.sweep_seconds,
+            granted_pods=lambda: granted_pods(self.core.cluster.placed.values()),
+            on_conflict=self.events.conflict,
+        )
         self.feed = Feed(
             client, self.core.cluster, on_pod=self.intake.take, on_change=self._changed, metrics=self.metrics
         )

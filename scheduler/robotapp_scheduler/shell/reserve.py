@@ -4,23 +4,25 @@ The filter read a cache; here the API server decides. Nothing taken here is ever
 has claimed is found again by the next one, and the sweep frees it when the pod is gone (claims.md).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 
 from robotapp_api.claims.bind import needs_check
 from robotapp_api.claims.device import Chosen
+from robotapp_api.claims.domain import DomainRequest
 from robotapp_api.claims.identity import claim_name_device, device_label, grants, holder_of_app, holder_of_pod
-from robotapp_api.claims.objects import Holder
+from robotapp_api.claims.objects import Holder, Meta, PodSpec, PodStatus
 from robotapp_api.claims.objects import Pod as ClaimPod
 from robotapp_api.client.api import ApiClient
-from robotapp_api.client.claims import check_bind_all
-from robotapp_api.client.device_claims import reserve_devices
+from robotapp_api.client.claims import check_bind_all, ensure_pod_domain
+from robotapp_api.client.device_claims import Reservation, reserve_devices
 from robotapp_api.client.errors import ClientError, NotFound
 from robotapp_api.client.resources import PODS
-from robotapp_api.model.names import Label, PodReason
+from robotapp_api.model.names import GRANTED_PREFIX, Label, PodReason
 from robotapp_scheduler.core.devices import DeviceGrant
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods import PlacedPod, PodInfo
+from robotapp_scheduler.core.ros import RosRequest
 
 
 class Readiness(StrEnum):
@@ -86,32 +88,45 @@ class Reserver:
                 )
         return verdicts
 
-    async def devices(self, pod: PodInfo, node: str, wanted: Sequence[DeviceGrant]) -> Reserved:
-        """Claim the exclusive devices chosen for this pod on `node`, all or none.
+    async def things(self, pod: PodInfo, node: str, wanted: Sequence[DeviceGrant]) -> Reserved:
+        """Claim what this pod is to be granted on `node`: the devices chosen for it, and a bare pod's domain.
 
         The pod is read first and its version becomes the Binding's precondition, so that a bind decided on an older
         state of the pod fails instead of granting twice.
         """
         exclusive = [grant for grant in wanted if grant.exclusive]
-        if not exclusive:
+        domain = domain_wish(pod)
+        if not exclusive and not domain:
             return READY
         try:
             stored = await self._stored(pod)
             if stored is None:
                 return Reserved(Readiness.GONE)
-            found = await reserve_devices(
-                self._client,
-                holder=holder_of(pod),
-                pod_uid=pod.uid,
-                node=node,
-                devices=[chosen(grant) for grant in exclusive],
-            )
+            found = await self._devices(pod, node, exclusive)
+            if not found.ok:
+                return Reserved(Readiness.BUSY, reason=found.reason, message=found.message)
+            number: int | None = None
+            if domain:
+                outcome = await ensure_pod_domain(self._client, domain_request(pod, domain))
+                if not outcome.held:
+                    return Reserved(Readiness.WAIT, reason=PodReason.WAITING_FOR_DOMAIN, message=outcome.message)
+                number = outcome.id
         except ClientError as error:
             return _error(error)
-        if not found.ok:
-            return Reserved(Readiness.BUSY, reason=found.reason, message=found.message)
         version = stored.metadata.resource_version
-        return Reserved(Readiness.READY, annotations=grants(devices=found.ids), resource_version=version)
+        given = grants(domain=number, devices=found.ids)
+        return Reserved(Readiness.READY, annotations=given, resource_version=version)
+
+    async def _devices(self, pod: PodInfo, node: str, exclusive: Sequence[DeviceGrant]) -> Reservation:
+        if not exclusive:
+            return Reservation(ok=True)
+        return await reserve_devices(
+            self._client,
+            holder=holder_of(pod),
+            pod_uid=pod.uid,
+            node=node,
+            devices=[chosen(grant) for grant in exclusive],
+        )
 
     async def _stored(self, pod: PodInfo) -> ClaimPod | None:
         """The pod as etcd has it; None when it is gone, on its way out or bound already."""
@@ -122,6 +137,27 @@ class Reserver:
         if stored.metadata.uid != pod.uid or stored.metadata.deletion_timestamp or stored.terminal:
             return None
         return stored
+
+
+def granted_pods(placed: Iterable[PlacedPod]) -> Iterator[ClaimPod]:
+    """Running bare pods that were granted something: the sweep re-creates a claim of theirs that was deleted by hand."""
+    for record in placed:
+        meta = record.pod.metadata
+        annotations = meta.annotations
+        if record.member is None and annotations and any(key.startswith(GRANTED_PREFIX) for key in annotations):
+            yield ClaimPod(
+                metadata=Meta(
+                    name=meta.name,
+                    namespace=meta.namespace,
+                    uid=meta.uid,
+                    resource_version=meta.resource_version,
+                    labels=meta.labels or {},
+                    annotations=annotations,
+                    deletion_timestamp=meta.deletion_timestamp,
+                ),
+                spec=PodSpec(node_name=record.node),
+                status=PodStatus(phase=record.pod.status.phase),
+            )
 
 
 def holder_of(pod: PodInfo) -> Holder:
@@ -135,6 +171,17 @@ def holder_of(pod: PodInfo) -> Holder:
         instance=pod.member.instance,
         component=pod.member.component,
     )
+
+
+def domain_wish(pod: PodInfo) -> str:
+    """What a bare pod's dds-domain annotation says: "auto", a number, or nothing. Apps get theirs from the operator."""
+    request = pod.ros_request if pod.member is None else None
+    return request.dds_domain if isinstance(request, RosRequest) else ""
+
+
+def domain_request(pod: PodInfo, wish: str) -> DomainRequest:
+    requested = None if wish == "auto" else int(wish)
+    return DomainRequest(holder=holder_of(pod), requested_id=requested)
 
 
 def chosen(grant: DeviceGrant) -> Chosen:

@@ -58,7 +58,7 @@ class Scripted:
             raise answer
         return answer() if isinstance(answer, Callable) else answer  # type: ignore[arg-type]
 
-    async def devices(self, _pod: PodInfo, _node: str, _wanted: Sequence[DeviceGrant]) -> Reserved:
+    async def things(self, _pod: PodInfo, _node: str, _wanted: Sequence[DeviceGrant]) -> Reserved:
         return self.reservations.popleft() if self.reservations else READY
 
     async def check_domains(self, pods: Sequence[PodInfo]) -> dict[str, Reserved]:
