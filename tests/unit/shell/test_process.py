@@ -1,0 +1,141 @@
+"""The whole process in one test's loop, against the small API server: from a pod to its Binding, and a clean end."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import replace
+from typing import Any
+
+import msgspec
+from tests.support.apiserver import FakeApiServer, Key
+from tests.support.clients import client_for, until
+
+from robotapp_api.client.api import ApiClient
+from robotapp_api.client.reflector import Change as Seen
+from robotapp_api.client.resources import LEASES, NODES, PODS
+from robotapp_scheduler import config as configuration
+from robotapp_scheduler.core.objects import Metadata, Pod
+from robotapp_scheduler.core.robotics import RobotApp
+from robotapp_scheduler.options import Options, parse
+from robotapp_scheduler.plugins.registry import catalogue
+from robotapp_scheduler.shell.process import Scheduler, app_uids, without_nodes
+
+
+def options(**changes: Any) -> Options:
+    return replace(parse(["--health-port", "0", "--health-host", "127.0.0.1"], {}), **changes)
+
+
+def config(*, leader: bool = False) -> configuration.SchedulerConfig:
+    document = {
+        "apiVersion": "kubescheduler.config.k8s.io/v1",
+        "kind": "KubeSchedulerConfiguration",
+        "leaderElection": {"leaderElect": leader},
+    }
+    return configuration.parse(document, catalogue=catalogue())
+
+
+def node(name: str = "n1", cpu: str = "4") -> dict[str, Any]:
+    return {"metadata": {"name": name}, "status": {"allocatable": {"cpu": cpu, "memory": "8Gi", "pods": "110"}}}
+
+
+def pod(name: str = "p", **spec: Any) -> dict[str, Any]:
+    body = {"schedulerName": "ros-aware-scheduler", "containers": [{"name": "c", "image": "i"}], **spec}
+    return {"metadata": {"name": name, "namespace": "default"}, "spec": body, "status": {"phase": "Pending"}}
+
+
+class World:
+    """A fake API server with our scheduler at work on it."""
+
+    def __init__(self, server: FakeApiServer, client: ApiClient, scheduler: Scheduler, task: asyncio.Task[int]) -> None:
+        self.server = server
+        self.client = client
+        self.scheduler = scheduler
+        self.task = task
+
+    def stored(self, name: str) -> dict[str, Any]:
+        return self.server.store.get(Key("/pods", "default", name))
+
+    async def bound(self, name: str) -> str:
+        await until(lambda: self.stored(name)["spec"].get("nodeName"), what=f"{name} bound")
+        return str(self.stored(name)["spec"]["nodeName"])
+
+
+@asynccontextmanager
+async def world(*, leader: bool = False) -> AsyncIterator[World]:
+    async with FakeApiServer() as server, client_for(server.endpoint) as client:
+        scheduler = Scheduler(client, config(leader=leader), options())
+        task = asyncio.create_task(scheduler.run())
+        try:
+            yield World(server, client, scheduler, task)
+        finally:
+            scheduler.stop()
+            await asyncio.wait_for(task, 15)
+
+
+async def test_from_pod_to_binding_and_event() -> None:
+    async with world() as found:
+        await found.client.create(NODES, node())
+        await found.client.create(PODS, pod())
+        assert await found.bound("p") == "n1"
+        await until(lambda: found.scheduler.core.cluster.placed, what="placed")
+        await until(lambda: not any(p.assumed for p in found.scheduler.core.cluster.placed.values()), what="confirmed")
+        events = "events.k8s.io/events"
+        await until(lambda: found.server.store.select(events, None), what="event")
+        (event,) = found.server.store.select(events, None)
+        assert event["note"] == "Successfully assigned default/p to n1"
+        assert len(found.scheduler.core.queue) == 0
+
+
+async def test_a_refused_pod_is_told_why_and_bound_when_a_node_appears() -> None:
+    async with world() as found:
+        await found.client.create(PODS, pod())
+        await until(lambda: found.stored("p")["status"].get("conditions"), what="condition")
+        (condition,) = found.stored("p")["status"]["conditions"]
+        assert (condition["reason"], condition["message"]) == ("Unschedulable", "no nodes available to schedule pods")
+        await found.client.create(NODES, node())
+        assert await found.bound("p") == "n1"
+
+
+async def test_a_poison_node_is_counted_and_the_next_one_is_used() -> None:
+    async with world() as found:
+        await found.client.create(NODES, node("poison", cpu="a lot"))
+        await found.client.create(NODES, node("good"))
+        await found.client.create(PODS, pod())
+        assert await found.bound("p") == "good"
+        assert found.scheduler.metrics.poison_objects.labels("nodes")._value.get() >= 1
+
+
+async def test_a_leader_gives_its_lease_back_when_it_is_stopped() -> None:
+    async with world(leader=True) as found:
+        await until(found.scheduler._leading.is_set, what="leading")
+        namespace = found.client.endpoint.namespace
+        lease = await found.client.get(LEASES, "robotapp-scheduler", namespace=namespace)
+        assert lease["spec"]["holderIdentity"]
+        found.scheduler.stop()
+        assert await asyncio.wait_for(asyncio.shield(found.task), 10) == 0
+        lease = await found.client.get(LEASES, "robotapp-scheduler", namespace=namespace)
+        assert not lease["spec"].get("holderIdentity")
+
+
+def test_a_change_is_about_the_app_its_object_belongs_to() -> None:
+    app = RobotApp(metadata=Metadata(uid="app-1"))
+    child = Pod(metadata=Metadata(uid="p", labels={"robotics.io/app-uid": "app-1"}))
+    stranger = Pod(metadata=Metadata(uid="q"))
+    assert app_uids(Seen("ADDED", "a", None, app)) == ("app-1",)
+    assert app_uids(Seen("DELETED", "p", child, None)) == ("app-1",)
+    assert app_uids(Seen("ADDED", "q", None, stranger)) == ()
+
+
+def test_who_may_not_get_nodes_sees_reasons_and_counts_but_no_names() -> None:
+    record = {
+        "node": "edge-1",  # the pod itself names it
+        "message": "0/1",
+        "refusals": [{"plugin": "LatencyFilter", "reason": "too far", "nodes": 1, "examples": [{"node": "edge-2"}]}],
+        "top": {"nodes": ["edge-1"]},
+        "runnerUp": "edge-3",
+        "edges": [{"peerNode": "edge-4"}],
+    }
+    shown = msgspec.json.encode(without_nodes(record)).decode()
+    assert '"nodes":1' in shown
+    for name in ("edge-2", "edge-3", "edge-4"):
+        assert name not in shown

@@ -1,0 +1,162 @@
+"""Reservations against the small API server: the protocol itself is proved with the claims; here is what we make of it."""
+
+import json
+from collections.abc import AsyncIterator
+from typing import Any
+
+import msgspec
+import pytest
+from tests.support.apiserver import FakeApiServer
+from tests.support.clients import client_for
+
+from robotapp_api.client.api import ApiClient
+from robotapp_api.client.resources import DOMAINPOOLS, PODS, ROBOTCLAIMS
+from robotapp_api.model.names import Annotation, Label, PodReason
+from robotapp_scheduler.core.devices import Device, DeviceGrant
+from robotapp_scheduler.core.objects import Pod
+from robotapp_scheduler.core.pods import PlacedPod, PodInfo
+from robotapp_scheduler.shell.reserve import Readiness, Reserver, chosen, domain_wish, granted_pods, holder_of
+
+CAN = DeviceGrant("can0", "edge-1", Device(id="can-can0", type="can", interface="can0"), exclusive=True)
+
+
+@pytest.fixture
+async def client() -> AsyncIterator[ApiClient]:
+    async with FakeApiServer() as server, client_for(server.endpoint) as found:
+        await found.create(DOMAINPOOLS, {"metadata": {"name": "default"}, "spec": {"scope": "Cluster", "ids": "1-3"}})
+        yield found
+
+
+async def stored(client: ApiClient, name: str, **meta: Any) -> PodInfo:
+    env = [{"name": "ROS_DOMAIN_ID", "value": meta.pop("domain")}] if "domain" in meta else []
+    body = {
+        "metadata": {"name": name, "namespace": "a", **meta},
+        "spec": {"containers": [{"name": "c", "image": "i", "env": env}]},
+        "status": {"phase": "Pending"},
+    }
+    return PodInfo(msgspec.convert(await client.create(PODS, body), Pod))
+
+
+async def test_a_pod_that_wants_nothing_costs_no_request(client: ApiClient) -> None:
+    pod = await stored(client, "plain")
+    before = client.requests.total()
+    assert (await Reserver(client).things(pod, "edge-1", ())).readiness is Readiness.READY
+    assert (await Reserver(client).check_domains([pod]))[pod.uid].readiness is Readiness.READY
+    assert client.requests.total() == before
+
+
+async def test_a_claimed_device_is_granted_with_the_version_the_pod_was_read_at(client: ApiClient) -> None:
+    pod = await stored(client, "drv")
+    found = await Reserver(client).things(pod, "edge-1", (CAN,))
+    assert found.readiness is Readiness.READY
+    assert found.annotations == {str(Annotation.GRANTED_DEVICES): "can-can0"}
+    assert found.resource_version == pod.pod.metadata.resource_version
+    (claim,) = (await client.list(ROBOTCLAIMS)).items
+    assert claim["spec"]["holder"]["uid"] == pod.uid
+    assert claim["status"]["pod"] == pod.uid
+
+
+async def test_the_second_pod_is_told_who_holds_the_device(client: ApiClient) -> None:
+    first, second = await stored(client, "first"), await stored(client, "second")
+    await Reserver(client).things(first, "edge-1", (CAN,))
+    found = await Reserver(client).things(second, "edge-1", (CAN,))
+    assert found.readiness is Readiness.BUSY
+    assert "a/first" in found.message
+
+
+async def test_a_pod_that_is_gone_or_replaced_claims_nothing(client: ApiClient) -> None:
+    pod = await stored(client, "drv")
+    await client.delete(PODS, "drv", namespace="a")
+    assert (await Reserver(client).things(pod, "edge-1", (CAN,))).readiness is Readiness.GONE
+    await stored(client, "drv")
+    assert (await Reserver(client).things(pod, "edge-1", (CAN,))).readiness is Readiness.GONE
+    assert (await client.list(ROBOTCLAIMS)).items == []
+
+
+@pytest.mark.parametrize(("wish", "expected"), [("auto", {"1", "2", "3"}), ("2", {"2"})])
+async def test_a_bare_pod_is_granted_the_domain_it_asks_for(client: ApiClient, wish: str, expected: set[str]) -> None:
+    pod = await stored(client, "talker", annotations={str(Annotation.DDS_DOMAIN): wish})
+    found = await Reserver(client).things(pod, "edge-1", ())
+    assert found.annotations[str(Annotation.GRANTED_DOMAIN)] in expected
+    again = await Reserver(client).things(pod, "edge-1", ())
+    assert again.annotations == found.annotations
+    assert len((await client.list(ROBOTCLAIMS)).items) == 1
+
+
+async def test_an_empty_pool_lets_the_pod_wait_with_what_to_do(client: ApiClient) -> None:
+    for number in range(3):
+        await Reserver(client).things(
+            await stored(client, f"t{number}", annotations={str(Annotation.DDS_DOMAIN): "auto"}), "edge-1", ()
+        )
+    late = await stored(client, "late", annotations={str(Annotation.DDS_DOMAIN): "auto"})
+    found = await Reserver(client).things(late, "edge-1", ())
+    assert (found.readiness, found.reason) == (Readiness.WAIT, PodReason.WAITING_FOR_DOMAIN)
+    assert "3 of 3 domain ids" in found.message
+
+
+async def test_a_pod_of_an_app_is_not_ready_before_its_domain_is_claimed(client: ApiClient) -> None:
+    labels = {str(Label.APP_UID): "app-1", str(Label.APP): "teleop", str(Label.INSTANCE): ""}
+    pod = await stored(client, "drv", labels=labels, domain="2")
+    found = (await Reserver(client).check_domains([pod]))[pod.uid]
+    assert (found.readiness, found.reason) == (Readiness.WAIT, PodReason.WAITING_FOR_DOMAIN)
+
+
+async def test_without_an_api_server_the_pod_is_retried_as_an_error() -> None:
+    async with FakeApiServer() as server, client_for(server.endpoint) as client:
+        pod = await stored(client, "drv", labels={str(Label.APP_UID): "app-1"}, domain="2")
+        server.failing.extend([403] * 20)
+        assert (await Reserver(client).check_domains([pod]))[pod.uid].readiness is Readiness.ERROR
+        assert (await Reserver(client).things(pod, "edge-1", (CAN,))).readiness is Readiness.ERROR
+
+
+def info(**meta: Any) -> PodInfo:
+    return PodInfo(msgspec.convert({"metadata": {"name": "p", "namespace": "a", "uid": "u", **meta}}, Pod))
+
+
+def test_devices_belong_to_the_component_of_an_app_and_to_a_bare_pod_itself() -> None:
+    labels = {
+        str(Label.APP): "teleop",
+        str(Label.APP_UID): "app-1",
+        str(Label.INSTANCE): "amr-07",
+        str(Label.COMPONENT): "driver",
+    }
+    of_app, of_pod = holder_of(info(labels=labels)), holder_of(info())
+    assert (of_app.kind, of_app.uid, of_app.instance, of_app.component) == ("RobotApp", "app-1", "amr-07", "driver")
+    assert (of_pod.kind, of_pod.uid, of_pod.instance) == ("Pod", "u", "")
+
+
+def test_a_device_id_that_is_no_dns_label_is_claimed_under_its_hash() -> None:
+    odd = DeviceGrant("cam", "edge-1", Device(id="usb:8086:0B3A/1", type="usb"), exclusive=True)
+    assert chosen(odd).claim.startswith("dev.n")
+    assert chosen(odd).id != "usb:8086:0B3A/1"
+
+
+@pytest.mark.parametrize(("annotation", "wish"), [("auto", "auto"), ("7", "7"), (json.dumps("x"), "")])
+def test_only_a_usable_dds_domain_annotation_is_a_wish(annotation: str, wish: str) -> None:
+    assert domain_wish(info(annotations={str(Annotation.DDS_DOMAIN): annotation})) == wish
+
+
+def test_the_sweep_is_shown_running_bare_pods_with_grants_only() -> None:
+    def placed(uid: str, annotations: dict[str, str], member: Any = None) -> PlacedPod:
+        pod = info(annotations=annotations, uid=uid).pod
+        return PlacedPod(
+            uid=uid,
+            name="p",
+            namespace="a",
+            node="n",
+            labels={},
+            priority=0,
+            requested=(),
+            scored_cpu_milli=0,
+            scored_memory_bytes=0,
+            ports=(),
+            terminating=False,
+            assumed=False,
+            member=member,
+            pod=pod,
+        )
+
+    granted = {str(Annotation.GRANTED_DOMAIN): "7"}
+    found = list(granted_pods([placed("u1", granted), placed("u2", {"x": "y"}), placed("u3", granted, ("a", "", ""))]))
+    assert [pod.metadata.uid for pod in found] == ["u1"]
+    assert found[0].spec.node_name == "n"
