@@ -57,5 +57,4 @@ def kopf_settings() -> kopf.OperatorSettings:
     settings.networking.connect_timeout = 5
     settings.networking.enforce_retry_after = True
     settings.process.ultimate_exiting_timeout = EXIT_S
-    settings.queueing.idle_timeout = 0.5  # what SIGTERM waits for after the last event of an app; a successor waits with it
     return settings
