@@ -6,7 +6,9 @@ import gc
 import logging
 import os
 import random
+import secrets
 import signal
+import socket
 import sys
 import time
 from collections.abc import AsyncIterator, Callable, Coroutine
@@ -17,7 +19,7 @@ import kopf
 
 from robotapp_api.client import ApiClient, Endpoint, LoginError, load
 from robotapp_api.client.events import EventRecorder
-from robotapp_api.client.lease import LeaderElection, candidate_identity
+from robotapp_api.client.lease import LeaderElection
 from robotapp_api.client.resources import ROBOTAPPS
 from robotapp_api.client.sweep import Sweeper
 from robotapp_api.model.names import OPERATOR_MANAGER
@@ -49,7 +51,7 @@ class Operator:
     def __init__(self, settings: Settings, client: ApiClient) -> None:
         self.settings = settings
         self.client = client
-        identity = candidate_identity(os.environ)
+        identity = f"{socket.gethostname()}-{secrets.token_hex(4)}"
         self.identity = identity
         self.cache = Cache()
         self.memory = Memory()

@@ -136,7 +136,6 @@ class Reason(StrEnum):
     UPDATE_HELD = "UpdateHeld"
     NOT_STALLED = "NotStalled"
     RECONCILE_ERROR = "ReconcileError"
-    RESTART_NEEDED = "RestartNeeded"
 
 
 class Phase(StrEnum):
