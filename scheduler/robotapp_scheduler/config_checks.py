@@ -13,7 +13,7 @@ from robotapp_scheduler.config_model import (
     ProfileModel,
 )
 
-COMPAT_VERSIONS = ("1.37", "1.35")
+COMPAT_VERSIONS = ("1.37",)
 
 
 def check(config: ConfigurationModel) -> list[str]:

@@ -153,7 +153,7 @@ profiles:
         ),
         (
             {"compatVersion": "1.20"},
-            'compatVersion: Unsupported value: "1.20": supported values: "1.37", "1.35"',
+            'compatVersion: Unsupported value: "1.20": supported values: "1.37"',
         ),
         (
             {"profiles": profile(plugins={"multiPoint": {"enabled": [{"name": "PrioritySort"}]}})},
