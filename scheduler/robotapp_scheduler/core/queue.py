@@ -11,6 +11,7 @@ import msgspec
 
 from robotapp_scheduler.core.backoff import Backoff, Heap
 from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.flights import Flight, Flights
 from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.pods import PodInfo
 
@@ -68,16 +69,6 @@ class QueuedPod:
         return self.errors or self.rejections
 
 
-class _Flight:
-    __slots__ = ("activated", "changes", "deleted", "pod")
-
-    def __init__(self, pod: QueuedPod) -> None:
-        self.pod = pod
-        self.changes = Change.NONE
-        self.activated = False
-        self.deleted = False
-
-
 class SchedulingQueue:
     """The queue.
 
@@ -105,7 +96,7 @@ class SchedulingQueue:
         self._waiting: dict[Change, dict[str, None]] = {}
         """Unschedulable pods by the changes that may help them."""
         self._gated: dict[str, None] = {}
-        self._flying: dict[str, _Flight] = {}
+        self._flying = Flights()
         self._groups: dict[Hashable, dict[str, None]] = {}
         self._next_flush_s = clock() + FLUSH_PERIOD_S
         self.incoming: dict[tuple[str, str], int] = {}
@@ -171,8 +162,9 @@ class SchedulingQueue:
         queued = self._pods.get(uid)
         if queued is None:
             return
-        if uid in self._flying:
-            self._flying[uid].deleted = True
+        flight = self._flying.get(uid)
+        if flight is not None:
+            flight.deleted = True
             return
         self._take_out(queued)
         self._drop(queued)
@@ -185,9 +177,7 @@ class SchedulingQueue:
         """
         if not change:
             return 0
-        for uid, flight in self._flying.items():
-            if uid != but:
-                flight.changes |= change
+        self._flying.note(change, but=but)
         moved = 0
         for mask in [mask for mask in self._waiting if mask & change]:
             for uid in list(self._waiting[mask]):
@@ -205,8 +195,9 @@ class SchedulingQueue:
             queued = self._pods.get(uid)
             if queued is None or uid in self._active:
                 continue
-            if uid in self._flying:
-                self._flying[uid].activated = True
+            flight = self._flying.get(uid)
+            if flight is not None:
+                flight.activated = True
                 continue
             self._take_out(queued)
             self._to_active(queued, "ForceActivate")
@@ -246,19 +237,19 @@ class SchedulingQueue:
                 batch.append(sibling)
         for queued in batch:
             queued.attempts += 1
-            self._flying[queued.info.uid] = _Flight(queued)
+            self._flying.start(queued.info.uid, queued)
         return batch
 
     def done(self, uid: str) -> None:
         """The pod got a node: it leaves the queue. Call before the bind; a failed bind comes back through `requeue`."""
-        flight = self._flying.pop(uid, None)
+        flight = self._flying.end(uid)
         if flight is not None:
             self._drop(flight.pod)
 
     def requeue(self, queued: QueuedPod, rejection: Rejection) -> None:
         """An attempt failed. Changes seen while the pod was in flight count as if they came now."""
         uid = queued.info.uid
-        flight = self._flying.pop(uid, None)
+        flight = self._flying.land(uid)
         if flight is not None and flight.deleted:
             self._drop(queued)
             return
@@ -277,7 +268,7 @@ class SchedulingQueue:
 
     # --- Inside ----------------------------------------------------------------------------------------------------
 
-    def _settle(self, queued: QueuedPod, flight: _Flight | None) -> None:
+    def _settle(self, queued: QueuedPod, flight: Flight | None) -> None:
         rejection = queued.rejection or Rejection()
         if flight is not None and flight.activated:
             self._to_active(queued, "ForceActivate")
@@ -290,7 +281,7 @@ class SchedulingQueue:
             queued.mask |= self._events(plugin)
         if flight is not None and flight.changes & queued.mask:
             self._requeue_from_wait(
-                queued, "ScheduleAttemptFailure", immediate=self._is_pending(queued, flight.changes)
+                queued, "ScheduleAttemptFailure", immediate=self._is_pending(queued, Change(flight.changes))
             )
             return
         self._waiting.setdefault(queued.mask, {})[queued.info.uid] = None

@@ -1,0 +1,84 @@
+"""Pods between pop and their return, and what was seen to change meanwhile."""
+
+from collections.abc import Iterator
+from itertools import islice
+from typing import Any, Final
+
+from robotapp_scheduler.core.changes import Change
+
+MOST_LOGGED: Final = 4096
+
+
+class Flight:
+    """One pod in flight; `changes` is complete once it has landed."""
+
+    __slots__ = ("activated", "changes", "deleted", "pod", "since")
+
+    def __init__(self, pod: Any, since: int) -> None:
+        self.pod = pod
+        self.since = since
+        """Where in the log of changes the flight began."""
+        self.changes = 0
+        self.activated = False
+        self.deleted = False
+
+
+class Flights:
+    """All pods in flight by uid. Noting a change appends one entry, however many pods are in flight."""
+
+    def __init__(self) -> None:
+        self._flying: dict[str, Flight] = {}
+        self._log: list[tuple[int, str]] = []
+        """(change, uid of who takes no notice) since the first pod now in flight left."""
+
+    def __repr__(self) -> str:
+        return f"Flights({len(self._flying)} in flight)"
+
+    def __contains__(self, uid: str) -> bool:
+        return uid in self._flying
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._flying)
+
+    def get(self, uid: str) -> Flight | None:
+        """The flight of this pod."""
+        return self._flying.get(uid)
+
+    def start(self, uid: str, pod: Any) -> None:
+        """The pod was popped."""
+        self._flying[uid] = Flight(pod, len(self._log))
+
+    def note(self, change: Change, *, but: str) -> None:
+        """Something changed; the pod `but` takes no notice."""
+        if self._flying:
+            self._log.append((int(change), but))
+            if len(self._log) > MOST_LOGGED:
+                self._fold()
+
+    def end(self, uid: str) -> Flight | None:
+        """The pod got a node; what changed meanwhile does not matter any more."""
+        flight = self._flying.pop(uid, None)
+        if not self._flying:
+            self._log.clear()
+        return flight
+
+    def land(self, uid: str) -> Flight | None:
+        """The pod comes back: its flight with all changes that were noted meanwhile."""
+        flight = self._flying.get(uid)
+        if flight is not None:
+            flight.changes |= self._seen(uid, flight)
+            self.end(uid)
+        return flight
+
+    def _seen(self, uid: str, flight: Flight) -> int:
+        seen = 0
+        for change, but in islice(self._log, flight.since, None):
+            if but != uid:
+                seen |= change
+        return seen
+
+    def _fold(self) -> None:
+        for uid, flight in self._flying.items():
+            flight.changes |= self._seen(uid, flight)
+            flight.since = 0
+        self._log.clear()
