@@ -18,12 +18,13 @@ from robotapp_testbed.failures import ApiStatusError, TestbedError
 from robotapp_testbed.identity import SYSTEM_NAMESPACE
 from robotapp_testbed.pins import REPOSITORY
 from robotapp_testbed.process import Process, wait_until
-from robotapp_testbed.servers import answers
+from robotapp_testbed.servers import Program, answers
 
 CHART = REPOSITORY / "helm" / "robotapp"
 CRDS = REPOSITORY / "crds"
 _WORKLOADS = frozenset({"Deployment", "DaemonSet", "StatefulSet", "Job", "CronJob", "PodDisruptionBudget", "Pod"})
 _FIRST = ("Namespace", "CustomResourceDefinition")
+_CRD_PATH = "/apis/apiextensions.k8s.io/v1/customresourcedefinitions"
 _MANAGER = "robotapp-testbed"
 _PROCESS_READY_S = 30.0
 _POLICIES_S = 20.0
@@ -36,14 +37,22 @@ def install(cp: ControlPlane, *, values: Mapping[str, Any] | None = None) -> Non
     """
     objects = _rendered(cp, values or {}) if (CHART / "Chart.yaml").exists() else []
     objects = [*_crds(objects), *objects]
-    definitions = [obj for obj in objects if obj["kind"] in _FIRST]
-    _apply(cp, [_namespace(), *definitions])
-    names = [obj["metadata"]["name"] for obj in definitions if obj["kind"] == "CustomResourceDefinition"]
-    if names:
-        cp.kubectl("wait", "--for=condition=Established", "--timeout=30s", "crd", *names)
+    define(cp, [_namespace(), *(obj for obj in objects if obj["kind"] in _FIRST)])
     _apply(cp, [obj for obj in objects if obj["kind"] not in _FIRST])
     if any(obj["kind"] == "ValidatingAdmissionPolicyBinding" for obj in objects):
         _wait_for_policies(cp)
+
+
+def define(cp: ControlPlane, objects: Sequence[Mapping[str, Any]]) -> None:
+    """Apply CRDs (and namespaces) and wait until their kinds are served and their deletions noticed."""
+    names = [obj["metadata"]["name"] for obj in objects if obj["kind"] == "CustomResourceDefinition"]
+    present = {item["metadata"]["name"] for item in cp.api.get(_CRD_PATH)["items"]}
+    _apply(cp, objects)
+    if names:
+        cp.kubectl("wait", "--for=condition=Established", "--timeout=30s", "crd", *names)
+    if cp.has_controllers and not present.issuperset(names):
+        # The garbage collector looks for new kinds every 30 s: until then children outlive their RobotApp.
+        cp.process(Program.CONTROLLER_MANAGER).restart()
 
 
 def start_operator(cp: ControlPlane, *, name: str = "operator", wait: bool = True, **flags: object) -> Process:
@@ -82,7 +91,7 @@ def _start(
         [sys.executable, "-m", module, *arguments({**own, **flags})],
         run_dir=cp.run_dir,
         log_path=cp.logs_dir / f"{name}.log",
-        env={key: value for key, value in os.environ.items() if key != "KUBECONFIG"},
+        env={key: value for key, value in os.environ.items() if key != "KUBECONFIG"} | {"POD_NAME": name},
         ready=lambda: answers(f"{url}/readyz"),
         ready_timeout_s=_PROCESS_READY_S,
         health_url=url,

@@ -8,9 +8,10 @@ from robotapp_api.model.component import Params
 from robotapp_api.model.names import Label, Reason
 from robotapp_operator.cache import Cache
 from robotapp_operator.plan.app import problems_of
-from robotapp_operator.plan.components import component_view
+from robotapp_operator.plan.components import component_view, cut_off
 from robotapp_operator.plan.devices import device_trouble
 from robotapp_operator.plan.facts import AppFacts, InstanceFacts
+from robotapp_operator.plan.infrastructure import DISCOVERY
 from robotapp_operator.plan.instances import Instance, instances_of
 from robotapp_operator.plan.latency import edge_views
 from robotapp_operator.plan.objects import ConfigMap, Deployment, Pod
@@ -151,6 +152,7 @@ def _instance_facts(
         held=held,
         robot_online=robot is None or robot.ready,
         infrastructure_ready=_infrastructure_ready(owned),
+        cut_off=_cut_off(owned, pods),
     )
 
 
@@ -162,6 +164,16 @@ def owned_deployments(app: App, robot: str, cache: Cache) -> list[Deployment]:
         if item.metadata.controller_uid() == app.uid and item.metadata.labels.get(Label.INSTANCE, "") == robot
     )
     return sorted(found, key=lambda item: item.metadata.name)
+
+
+def _cut_off(deployments: Iterable[Deployment], pods: Mapping[str, list[Pod]]) -> tuple[str, ...]:
+    servers: list[Pod] = []
+    clients: list[Pod] = []
+    for item in deployments:
+        role = item.metadata.labels.get(Label.ROLE)
+        if role in (None, DISCOVERY):
+            (clients if role is None else servers).extend(pods.get(item.metadata.uid, ()))
+    return cut_off(servers, clients)
 
 
 def _infrastructure_ready(deployments: Iterable[Deployment]) -> bool:

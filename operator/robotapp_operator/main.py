@@ -6,9 +6,7 @@ import gc
 import logging
 import os
 import random
-import secrets
 import signal
-import socket
 import sys
 import time
 from collections.abc import AsyncIterator, Callable, Coroutine
@@ -19,7 +17,7 @@ import kopf
 
 from robotapp_api.client import ApiClient, Endpoint, LoginError, load
 from robotapp_api.client.events import EventRecorder
-from robotapp_api.client.lease import LeaderElection
+from robotapp_api.client.lease import LeaderElection, candidate_identity
 from robotapp_api.client.resources import ROBOTAPPS
 from robotapp_api.client.sweep import Sweeper
 from robotapp_api.model.names import OPERATOR_MANAGER
@@ -51,7 +49,7 @@ class Operator:
     def __init__(self, settings: Settings, client: ApiClient) -> None:
         self.settings = settings
         self.client = client
-        identity = f"{socket.gethostname()}-{secrets.token_hex(4)}"
+        identity = candidate_identity(os.environ)
         self.identity = identity
         self.cache = Cache()
         self.memory = Memory()

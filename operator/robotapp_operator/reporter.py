@@ -11,8 +11,9 @@ from robotapp_api.client.resources import ROBOTAPPS
 from robotapp_api.model.conditions import NEVER
 from robotapp_api.model.names import API_VERSION, Condition, Phase, Reason
 from robotapp_operator.cache import Cache
-from robotapp_operator.gather import app_facts
+from robotapp_operator.gather import app_facts, cached_domain, needs_domain, wanted_instances
 from robotapp_operator.memory import AppMemory, Memory
+from robotapp_operator.plan.app import problems_of
 from robotapp_operator.plan.facts import AppFacts
 from robotapp_operator.plan.news import News, end_of_life, news_of
 from robotapp_operator.plan.record import Record
@@ -50,6 +51,8 @@ class Reporter:
         if record is None or record.deleting:
             return
         memory = self._memory.of(uid)
+        if self._undecided(record, memory):
+            return
         status = self._render(record, memory)
         if same_status(status, record.status):
             return
@@ -67,6 +70,21 @@ class Reporter:
     def _render(self, record: Record, memory: AppMemory) -> dict[str, Any]:
         facts = self._facts(record, memory)
         return unreadable_status(record, self._timestamp()) if facts is None else render_status(facts)
+
+    def _undecided(self, record: Record, memory: AppMemory) -> bool:
+        """After a restart: an instance without a domain has not been asked about yet, and the status there is still true.
+
+        Writing "waiting" now and the old refusal a moment later would be two writes and an event for nothing.
+        """
+        app = record.app
+        if app is None or not needs_domain(app) or record.status.get("observedGeneration") != record.generation:
+            return False
+        if problems_of(app, self._cache.nodes):
+            return False
+        return any(
+            instance.robot not in memory.outcomes and cached_domain(app, instance.robot, self._cache, None) is None
+            for instance in wanted_instances(app, self._cache)
+        )
 
     def _facts(self, record: Record, memory: AppMemory) -> AppFacts | None:
         return app_facts(

@@ -25,7 +25,7 @@ class AppWatch:
         self._namespace = namespace
         self._changed = threading.Condition()
         self._apps: dict[str, App] = {}
-        self._loop = asyncio.new_event_loop()
+        self._stop: Callable[[], object] = lambda: None
         self._thread = threading.Thread(target=self._run, name="app-watch", daemon=True)
         self._synced = threading.Event()
         self.apps: Mapping[str, App] = MappingProxyType(self._apps)
@@ -40,7 +40,7 @@ class AppWatch:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._loop.call_soon_threadsafe(self._task.cancel)
+        self._stop()
         self._thread.join(timeout=10)
 
     def until(self, condition: Callable[[Mapping[str, App]], object], *, within_s: float, what: str) -> float:
@@ -69,23 +69,21 @@ class AppWatch:
         return max(self.ready_s[self._apps[name]["metadata"]["uid"]] for name in names)
 
     def _run(self) -> None:
-        self._task = self._loop.create_task(self._watch())
-        try:
-            self._loop.run_until_complete(self._task)
-        except asyncio.CancelledError:
-            return
-        finally:
-            self._loop.close()
+        asyncio.run(self._watch())
 
     async def _watch(self) -> None:
+        loop, ended = asyncio.get_running_loop(), asyncio.Event()
+        self._stop = lambda: loop.call_soon_threadsafe(ended.set)
         async with ApiClient(self._endpoint, user_agent="robotapp-test-watch") as client:
             reflector = Reflector(
                 client, ROBOTAPPS, as_type=dict, namespace=self._namespace, on_change=self._note, inactivity_s=300
             )
-            async with asyncio.TaskGroup() as group:
-                group.create_task(reflector.run())
-                await reflector.synced.wait()
-                self._synced.set()
+            task = asyncio.create_task(reflector.run())
+            await reflector.synced.wait()
+            self._synced.set()
+            await ended.wait()
+            task.cancel()
+            await asyncio.wait([task])
 
     def _note(self, change: Change) -> None:
         now_s = time.monotonic()

@@ -3,7 +3,9 @@
 from pathlib import Path
 from typing import Any
 
-from robotapp_testbed import ControlPlane
+import yaml
+
+from robotapp_testbed import ControlPlane, product
 
 ROOT = Path(__file__).parents[2]
 FILES = sorted((ROOT / "crds").glob("*.yaml"))
@@ -19,10 +21,7 @@ _PLURALS = {
 
 def install(plane: ControlPlane) -> None:
     """Apply the generated files and wait until the API server serves them."""
-    for path in FILES:
-        plane.kubectl("apply", "--server-side", "--force-conflicts", "-f", str(path))
-    names = [f"crd/{path.stem}.robotics.io" for path in FILES]
-    plane.kubectl("wait", "--for=condition=Established", "--timeout=30s", *names)
+    product.define(plane, [yaml.safe_load(path.read_text()) for path in FILES])
 
 
 def collection(kind: str) -> str:

@@ -7,7 +7,9 @@ it unchanged for its whole duration.
 
 import asyncio
 import logging
-from collections.abc import Callable
+import secrets
+import socket
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from robotapp_api.client.api import ApiClient, Json
@@ -22,6 +24,15 @@ RENEW_DEADLINE_S: Final = 10.0
 RETRY_PERIOD_S: Final = 2.0
 RELEASE_TIMEOUT_S: Final = 3.0
 JITTER: Final = 0.2
+
+
+def candidate_identity(environ: Mapping[str, str]) -> str:
+    """Who we are to a Lease: the pod's name (POD_NAME), else this host and a random part.
+
+    A container that is started again in its pod is the same candidate and leads at once, instead of waiting until the
+    Lease of its dead predecessor runs out; no two live containers of one Deployment share a pod's name.
+    """
+    return environ.get("POD_NAME") or f"{socket.gethostname()}-{secrets.token_hex(4)}"
 
 
 class LeaderElection:

@@ -136,6 +136,7 @@ class Reason(StrEnum):
     UPDATE_HELD = "UpdateHeld"
     NOT_STALLED = "NotStalled"
     RECONCILE_ERROR = "ReconcileError"
+    RESTART_NEEDED = "RestartNeeded"
 
 
 class Phase(StrEnum):

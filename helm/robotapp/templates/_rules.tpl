@@ -6,6 +6,10 @@
 - apiGroups: [robotics.io]
   resources: [robotapps/status]
   verbs: [get, patch, update]
+# Children name the RobotApp as owner with blockOwnerDeletion; some clusters ask for this right before they accept that.
+- apiGroups: [robotics.io]
+  resources: [robotapps/finalizers]
+  verbs: [update]
 # Children are written by server-side apply, which needs create and patch.
 - apiGroups: [apps]
   resources: [deployments]

@@ -2,12 +2,16 @@
 
 import dataclasses
 from collections.abc import Sequence
+from datetime import UTC, datetime, timedelta
+from typing import Final
 
 from robotapp_api.model.component import Component
 from robotapp_api.model.names import Reason
 from robotapp_operator.plan.objects import ContainerStatus, Deployment, Pod
 
-MAX_MESSAGE = 1024
+MAX_MESSAGE: Final = 1024
+SERVER_LEAD_S: Final = 60
+"""Servers and components of one start are made together; a minute apart means that the servers are newer."""
 _PULLING = frozenset(
     {"ErrImagePull", "ImagePullBackOff", "InvalidImageName", "ErrImageNeverPull", "RegistryUnavailable"}
 )
@@ -67,6 +71,29 @@ def component_view(component: Component, deployment: Deployment | None, pods: Se
         reason=reason,
         message=message[:MAX_MESSAGE],
     )
+
+
+def cut_off(servers: Sequence[Pod], clients: Sequence[Pod]) -> tuple[str, ...]:
+    """Deployments' pods that were made well before every discovery server there is now.
+
+    A client keeps the address it resolved at its start; once all servers were replaced it hears of no late joiner.
+    """
+    born = [_created(pod) for pod in servers if not pod.terminal and pod.metadata.deletion_timestamp is None]
+    if not born:
+        return ()
+    oldest = min(born) - timedelta(seconds=SERVER_LEAD_S)
+    return tuple(
+        sorted(
+            pod.metadata.name
+            for pod in clients
+            if not pod.terminal and pod.metadata.deletion_timestamp is None and _created(pod) < oldest
+        )
+    )
+
+
+def _created(pod: Pod) -> datetime:
+    text = pod.metadata.creation_timestamp
+    return datetime.fromisoformat(text) if text else datetime.max.replace(tzinfo=UTC)
 
 
 def _failure(deployment: Deployment, pods: Sequence[Pod], live: Sequence[Pod]) -> tuple[Reason | None, str]:

@@ -153,6 +153,10 @@ def stalled(facts: AppFacts) -> Verdict:
     for instance in facts.instances:
         if instance.trouble:
             return Verdict("True", instance.trouble[0], _named(instance, instance.trouble[1]))
+    for instance in facts.instances:
+        if instance.cut_off:
+            text = f"all discovery servers were replaced since {_shown(instance.cut_off)} started; kubectl delete pod them one by one"
+            return Verdict("True", Reason.RESTART_NEEDED, _named(instance, text))
     return Verdict("False", Reason.NOT_STALLED, "reconciling works")
 
 

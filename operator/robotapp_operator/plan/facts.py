@@ -32,6 +32,8 @@ class InstanceFacts:
     held: tuple[str, ...] = ()
     robot_online: bool = True
     infrastructure_ready: bool = True
+    cut_off: tuple[str, ...] = ()
+    """Pods that know no discovery server any more and must restart."""
 
     @property
     def ready(self) -> bool:

@@ -6,15 +6,13 @@ import gc
 import logging
 import os
 import signal
-import socket
 import time
-import uuid
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from robotapp_api.client.api import ApiClient
-from robotapp_api.client.lease import LeaderElection
+from robotapp_api.client.lease import LeaderElection, candidate_identity
 from robotapp_api.client.login import load as login
 from robotapp_api.client.reflector import Change as Seen
 from robotapp_api.client.sweep import Sweeper
@@ -166,12 +164,11 @@ class Scheduler:
         if not wanted.enabled:
             return None
         namespace = self._options.lease_namespace or wanted.namespace or self._client.endpoint.namespace
-        identity = f"{socket.gethostname()}_{os.getpid()}_{uuid.uuid4().hex[:8]}"
         return LeaderElection(
             self._client,
             namespace,
             wanted.name,
-            identity,
+            candidate_identity(os.environ),
             lease_duration_s=wanted.lease_s,
             renew_deadline_s=wanted.renew_s,
             retry_period_s=wanted.retry_s,

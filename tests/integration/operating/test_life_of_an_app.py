@@ -1,10 +1,13 @@
 """From apply to delete, as a user sees it."""
 
+import secrets
 import time
 from typing import Any
 
 import pytest
-from tests.support.live import Tenant, eventually, part
+from tests.support.live import HandBinder, Tenant, eventually, part, pool
+
+from robotapp_testbed import ControlPlane, namespaces, product, topology
 
 pytestmark = pytest.mark.usefixtures("operator")
 
@@ -185,3 +188,48 @@ def test_the_fleet_view_shows_where_things_run_and_vanishes_with_them(tenant: Te
     eventually(lambda: view() == wanted, what=view)
     tenant.delete("seen")
     eventually(lambda: not view())
+
+
+def test_latency_is_measured_where_the_edges_are_and_judged(
+    installed_plane: ControlPlane, nodes: topology.Topology, tenant: Tenant, ids: str
+) -> None:
+    edge = {"topic": "/cmd_vel", "from": "operator", "to": "driver", "latency": {"budget": "30ms"}}
+    parts = [part("operator", runsOn="Cloud"), part("driver", runsOn="Robot")]
+    with topology.SimulatedTelemetry(installed_plane, nodes) as telemetry:
+        tenant.apply("near", *parts, robots=ANY_ROBOT, edges=[edge], dds={"pool": ids})
+        app = tenant.wait_ready("near")
+        robot = app["status"]["instances"][0]["robot"]
+        found = tenant.wait("near", "BudgetMet", "False", reason="BudgetExceeded")
+        assert "/cmd_vel operator -> driver" in found["message"]
+        assert "of 30ms" in found["message"]
+        telemetry.set_rtt("cloud-1", robot, 12.0)
+        tenant.wait("near", "BudgetMet", "True", reason="WithinBudget")
+        assert tenant.app("near")["status"]["summary"]["budget"].endswith("/30ms")
+
+        def asked() -> bool:
+            found = installed_plane.api.get("/apis/robotics.io/v1alpha1/nodetelemetries")["items"]
+            lists = {item["metadata"]["name"]: item.get("spec", {}).get("probe", []) for item in found}
+            return robot in lists.get("cloud-1", []) or "cloud-1" in lists.get(robot, [])
+
+        eventually(asked)
+
+
+def test_an_operator_of_one_namespace_leaves_the_others_alone(
+    installed_plane: ControlPlane, tenant: Tenant, ids: str
+) -> None:
+    with (
+        namespaces.created(installed_plane, f"served-{secrets.token_hex(2)}") as other,
+        HandBinder(installed_plane, other),
+        pool(installed_plane, f"pool-{secrets.token_hex(2)}") as own,
+    ):
+        process = product.start_operator(
+            installed_plane, name="operator-narrow", namespaces=other, no_leader_election=True, sweep_seconds=1
+        )
+        try:
+            Tenant(installed_plane, other).apply("here", part("a"), dds={"pool": own})
+            Tenant(installed_plane, other).wait_ready("here")
+        finally:
+            process.stop()
+        tenant.apply("there", part("a"), dds={"pool": ids})
+        tenant.wait_ready("there")  # by the operator of all namespaces
+        assert tenant.namespace not in process.log_text()

@@ -4,7 +4,7 @@ import urllib.request
 
 import pytest
 
-from robotapp_testbed import ApiStatusError, ControlPlane, guard, product
+from robotapp_testbed import ApiStatusError, ControlPlane, guard, product, wait_until
 
 pytestmark = pytest.mark.live
 
@@ -46,6 +46,34 @@ def test_identities_have_the_rights_of_the_chart(
     asked = ["auth", "can-i", verb, *resource.split("/")[:1], "--all-namespaces"]
     asked += [f"--subresource={part}" for part in resource.split("/")[1:]]
     assert installed_plane.kubectl(*asked, identity=identity, check=False).splitlines()[-1] == answer
+
+
+def test_children_go_with_their_app_from_the_first_moment() -> None:
+    with ControlPlane(kwok=False) as plane:
+        product.install(plane)
+        plane.api.create("/api/v1/namespaces", {"metadata": {"name": "young"}})
+        apps, children = "/apis/robotics.io/v1alpha1/namespaces/young/robotapps", "/api/v1/namespaces/young/configmaps"
+        app = plane.api.create(
+            apps,
+            {
+                "apiVersion": "robotics.io/v1alpha1",
+                "kind": "RobotApp",
+                "metadata": {"name": "parent"},
+                "spec": {"components": [{"name": "only", "image": "registry.invalid/only:1"}]},
+            },
+        )
+        owner = {
+            "apiVersion": app["apiVersion"],
+            "kind": "RobotApp",
+            "name": "parent",
+            "uid": app["metadata"]["uid"],
+        }
+        plane.api.create(children, {"metadata": {"name": "child", "ownerReferences": [owner]}})
+        plane.api.delete(f"{apps}/parent")
+        gone = wait_until(
+            lambda: all(item["metadata"]["name"] != "child" for item in plane.api.get(children)["items"]), timeout_s=15
+        )
+        assert gone
 
 
 def test_a_local_operator_serves_and_ends_with_its_control_plane() -> None:

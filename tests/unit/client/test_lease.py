@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tests.support.apiserver import Key, Store
 from tests.support.memory import ManualTime, MemoryTransport, Mishap, memory_client, settle
 
-from robotapp_api.client.lease import LeaderElection
+from robotapp_api.client.lease import LeaderElection, candidate_identity
 
 KEY = Key("coordination.k8s.io/leases", "robots", "scheduler")
 NOON = datetime(2026, 1, 1, 12, tzinfo=UTC)
@@ -301,3 +301,11 @@ def test_whatever_happens_to_requests_two_never_lead_at_once(seed: int, trouble:
 
     led = asyncio.run(play())
     assert led > 0 or trouble > 0.5
+
+
+def test_a_container_started_again_in_its_pod_is_the_same_candidate() -> None:
+    assert candidate_identity({"POD_NAME": "robotapp-operator-abc"}) == "robotapp-operator-abc"
+
+
+def test_outside_of_a_pod_two_processes_of_one_host_are_two_candidates() -> None:
+    assert candidate_identity({}) != candidate_identity({})

@@ -9,8 +9,10 @@ from tests.support.apiserver import FakeApiServer
 from tests.support.clients import client_for
 from tests.support.factories import app_body, domain_claim
 
+from robotapp_api.claims.domain import DomainOutcome
 from robotapp_api.client import ApiClient
 from robotapp_api.client.resources import ROBOTAPPS
+from robotapp_api.model.names import Reason
 from robotapp_api.model.status import RobotAppStatus
 from robotapp_operator.cache import Cache
 from robotapp_operator.memory import Memory
@@ -84,6 +86,19 @@ async def test_a_change_is_written_once_more(world: World) -> None:
     assert world.patches() == 2
     assert ("DomainAllocated", "domain 7") in world.recorder.notes
     assert world.memory.of(uid).new_domains == {}
+
+
+async def test_a_restarted_operator_does_not_doubt_a_refusal_it_has_not_asked_about(world: World) -> None:
+    uid = await world.app()
+    refused = DomainOutcome(Reason.DOMAIN_EXHAUSTED, "full")
+    world.memory.of(uid).outcomes[""] = refused
+    await world.reporter.report(uid)
+    world.memory.forget(uid)
+    await world.reporter.report(uid)
+    assert world.patches() == 1
+    world.memory.of(uid).outcomes[""] = refused
+    await world.reporter.report(uid)
+    assert world.patches() == 1
 
 
 async def test_a_status_is_never_written_to_another_app_of_the_same_name(world: World) -> None:

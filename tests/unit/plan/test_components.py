@@ -4,7 +4,7 @@ import pytest
 from tests.support.factories import component, make_app, make_deployment, make_pod
 
 from robotapp_api.model.names import Reason
-from robotapp_operator.plan.components import ComponentView, component_view
+from robotapp_operator.plan.components import ComponentView, component_view, cut_off
 from robotapp_operator.plan.objects import Deployment, Pod
 
 
@@ -95,3 +95,22 @@ def test_waiting_for_the_predecessor_is_said() -> None:
 
 def test_messages_are_bounded() -> None:
     assert len(view(make_deployment(), make_pod(node="e", waiting=("ErrImagePull", "x" * 5000))).message) == 1024
+
+
+def born(name: str, minute: int, **meta: str) -> Pod:
+    return make_pod(name, metadata={"creationTimestamp": f"2026-01-01T10:{minute:02}:00Z", **meta})
+
+
+def test_a_client_older_than_every_discovery_server_must_restart() -> None:
+    clients = [born("old", 0), born("new", 30), born("gone", 0, deletionTimestamp="2026-01-01T10:40:00Z")]
+    assert cut_off([born("s0", 20), born("s1", 25)], clients) == ("old",)
+
+
+def test_one_surviving_server_is_enough() -> None:
+    assert cut_off([born("s0", 0), born("s1", 25)], [born("old", 0)]) == ()
+
+
+def test_servers_and_clients_of_one_start_belong_together() -> None:
+    assert cut_off([born("s0", 1), born("s1", 1)], [born("a", 0)]) == ()
+    assert cut_off([], [born("a", 0)]) == ()
+    assert cut_off([make_pod("unborn")], [make_pod("unborn too")]) == ()

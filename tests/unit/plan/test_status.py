@@ -224,6 +224,12 @@ def test_a_refused_child_stalls_the_app_with_the_servers_words() -> None:
     assert condition(status, Condition.READY) == ("False", Reason.QUOTA_REFUSED)
 
 
+def test_pods_without_a_discovery_server_are_named() -> None:
+    status = status_of(instance(cut_off=("driver-1", "operator-2")))
+    assert condition(status, Condition.STALLED) == ("True", Reason.RESTART_NEEDED)
+    assert "driver-1, operator-2" in message(status, Condition.STALLED)
+
+
 def test_worst_instances_come_first() -> None:
     status = status_of(instance(robot="a"), instance(STARTING, robot="b"), instance(robot="c", edges=edges(p95_ms=99)))
     assert [item["robot"] for item in status["instances"]] == ["b", "c", "a"]

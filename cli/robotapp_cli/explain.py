@@ -1,0 +1,168 @@
+"""`explain`: where each component runs, why there, and which nodes were refused."""
+
+from collections import defaultdict
+from dataclasses import asdict, dataclass, field
+
+from robotapp_api.client.resources import PODS, ROBOTAPPS
+from robotapp_api.model.names import Label
+from robotapp_cli.apps import print_edges
+from robotapp_cli.failures import CliError, Exit
+from robotapp_cli.fields import Json, condition, label, meta, status
+from robotapp_cli.output import Column, Output, blank_line, console, print_table, write_structured
+from robotapp_cli.reasons import budgets, refusals
+from robotapp_cli.scheduler_link import Link, connect
+from robotapp_cli.session import Session
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """What the user asked about."""
+
+    name: str
+    component: str | None = None
+    robot: str | None = None
+    scheduler_url: str | None = None
+    scheduler_namespace: str = "robotapp-system"
+
+
+@dataclass(slots=True)
+class Row:
+    """One pod, or a component without one."""
+
+    component: str
+    pod: str = ""
+    node: str = ""
+    runner_up: str = ""
+    reasons: list[str] = field(default_factory=list)
+    scores: dict[str, int] = field(default_factory=dict)
+    devices: list[str] = field(default_factory=list)
+    recorded: bool = False
+    """The reasons are the scheduler's record of its decision."""
+
+
+@dataclass(slots=True)
+class InstanceView:
+    """One instance of the app."""
+
+    robot: str
+    domain: int | None
+    components: list[Row]
+    edges: list[Json]
+
+
+async def show_explain(session: Session, question: Question) -> None:
+    """Print the answer; the scheduler's records where they can be had, pod conditions otherwise."""
+    app = await session.client.get(ROBOTAPPS, question.name, namespace=session.home)
+    selector = f"{Label.APP_UID}={meta(app)['uid']}"
+    pods = (await session.client.list(PODS, namespace=session.home, label_selector=selector)).items
+    async with connect(session, url=question.scheduler_url, namespace=question.scheduler_namespace) as link:
+        views = [
+            await _instance(app, pods, robot=robot, question=question, link=link)
+            for robot in _robots(app, pods, question)
+        ]
+    note = _note(link, views)
+    if session.options.output.structured:
+        instances = [asdict(view) for view in views]
+        source = "conditions" if note else "scheduler"
+        write_structured(
+            {"app": question.name, "namespace": session.home, "source": source, "note": note, "instances": instances},
+            session.options.output,
+        )
+        return
+    for view in views:
+        _print(app, view, wide=session.options.output is Output.WIDE)
+    if note:
+        blank_line()
+        console().print(note, style="yellow", soft_wrap=True)
+
+
+def _robots(app: Json, pods: list[Json], question: Question) -> list[str]:
+    """Instances by robot name ("" for an app without robots)."""
+    known = {item.get("robot", "") for item in status(app).get("instances") or []}
+    known |= {label(pod, Label.INSTANCE) for pod in pods}
+    if question.robot is None:
+        return sorted(known) or [""]
+    if question.robot not in known:
+        raise CliError(
+            f"{question.name} has no instance on robot {question.robot}; it has: {', '.join(sorted(known)) or 'none'}",
+            code=Exit.NOT_FOUND,
+        )
+    return [question.robot]
+
+
+async def _instance(app: Json, pods: list[Json], *, robot: str, question: Question, link: Link) -> InstanceView:
+    observed: Json = next((item for item in status(app).get("instances") or [] if item.get("robot", "") == robot), {})
+    by_component = defaultdict(list)
+    for pod in pods:
+        if label(pod, Label.INSTANCE) == robot:
+            by_component[label(pod, Label.COMPONENT) or _infrastructure(pod)].append(pod)
+    nodes = {name: found[0]["spec"].get("nodeName", "") for name, found in by_component.items()}
+    messages = {item["name"]: item.get("message", "") for item in observed.get("components") or []}
+    rows: list[Row] = []
+    names = [item["name"] for item in app["spec"]["components"]]
+    if question.component and question.component not in names:
+        raise CliError(
+            f"{question.name} has no component {question.component}; it has: {', '.join(names)}", code=Exit.NOT_FOUND
+        )
+    for name in [question.component] if question.component else [*names, *sorted(set(by_component) - set(names))]:
+        peers = budgets(app, name, instance=robot, nodes=nodes)
+        own = sorted(by_component.get(name, []), key=lambda pod: str(meta(pod)["name"]))
+        for pod in own:
+            record = await link.fetch(meta(pod)["namespace"], meta(pod)["name"])
+            rows.append(_row(name, pod, record, refusals(record, peers) if record else []))
+        if not own:
+            rows.append(Row(name, reasons=[messages.get(name) or "no pod yet"]))
+    edges = [edge for edge in observed.get("edges") or [] if question.component in (None, edge["from"], edge["to"])]
+    return InstanceView(robot, observed.get("domain"), rows, edges)
+
+
+def _infrastructure(pod: Json) -> str:
+    """Name of a pod that belongs to the app but to none of its components: a discovery server."""
+    return f"({label(pod, Label.NAME) or 'other'})"
+
+
+def _row(component: str, pod: Json, record: Json | None, reasons: list[str]) -> Row:
+    node = str(pod["spec"].get("nodeName") or "")
+    row = Row(component, pod=str(meta(pod)["name"]), node=node, reasons=reasons, recorded=record is not None)
+    if record:
+        top = record.get("top") or {}
+        row.runner_up = record.get("runnerUp") or ""
+        row.scores = dict(zip(top.get("nodes") or [], top.get("totals") or [], strict=False))
+        row.devices = list(record.get("devices") or [])
+    if not node and not reasons:
+        waiting = condition(pod, "PodScheduled")
+        row.reasons = [waiting.get("message") or "the scheduler has not looked at it yet"]
+    return row
+
+
+def _note(link: Link, views: list[InstanceView]) -> str:
+    if link.problem:
+        return (
+            f"The scheduler's records could not be read: {link.problem}.\n"
+            "Shown are pod conditions, without the nodes refused. --scheduler-url (or ROBOTAPP_SCHEDULER_URL) says where the scheduler listens."
+        )
+    missing = [
+        row.component
+        for view in views
+        for row in view.components
+        if row.pod and not row.recorded and not row.component.startswith("(")
+    ]
+    return f"The scheduler has no record (any more) of: {', '.join(missing)}." if missing else ""
+
+
+def _print(app: Json, view: InstanceView, *, wide: bool) -> None:
+    title = [f"{meta(app)['namespace']}/{meta(app)['name']}"]
+    title += [f"robot {view.robot}"] if view.robot else []
+    title += [f"domain {view.domain}"] if view.domain is not None else []
+    console().print(", ".join(title), style="bold", soft_wrap=True)
+    shown = [row for row in view.components if wide or not row.component.startswith("(")]
+    columns = [Column("COMPONENT"), Column("NODE"), Column("RUNNER-UP"), Column("NODES REFUSED", wraps=True)]
+    rows = [[row.component, row.node or "waiting", row.runner_up, "\n".join(row.reasons)] for row in shown]
+    if wide:
+        columns.append(Column("SCORES", wraps=True))
+        rows = [
+            [*cells, ", ".join(f"{node} {total}" for node, total in row.scores.items())]
+            for cells, row in zip(rows, shown, strict=True)
+        ]
+    print_table(columns, rows, indent=2)
+    print_edges(view.edges)

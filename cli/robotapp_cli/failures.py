@@ -1,0 +1,52 @@
+"""Exit codes, and how an error becomes one or two lines for a person."""
+
+from enum import IntEnum
+
+from robotapp_api.client.errors import ApiError, ClientError, Forbidden, LoginError, NotFound, Unauthorized, Unreachable
+
+
+class Exit(IntEnum):
+    """Exit codes of kubectl-robotapp, listed in --help."""
+
+    OK = 0
+    REFUSED = 1
+    USAGE = 2
+    UNREACHABLE = 3
+    NOT_FOUND = 4
+
+
+class CliError(Exception):
+    """A message for the user: what is wrong and what to do."""
+
+    def __init__(self, message: str, *, code: Exit = Exit.REFUSED) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+def explained(error: ClientError) -> CliError:
+    """The user's side of an error of the client."""
+    if isinstance(error, NotFound):
+        return CliError(f"{error.message}{_crds(error)}", code=Exit.NOT_FOUND)
+    if isinstance(error, Forbidden):
+        return CliError(
+            f"you may not do this: {error.message}\nAsk for the ClusterRole robotapp-cluster-viewer (claims, pools, telemetry) or for view in the namespace."
+        )
+    if isinstance(error, Unauthorized):
+        return CliError(
+            f"the API server does not know you: {error.message}\nSign in again, or choose another --context.",
+            code=Exit.UNREACHABLE,
+        )
+    if isinstance(error, LoginError):
+        return CliError(str(error), code=Exit.UNREACHABLE)
+    if isinstance(error, Unreachable):
+        return CliError(
+            f"the API server cannot be reached: {error}\nTry kubectl version; --context or --kubeconfig choose another cluster.",
+            code=Exit.UNREACHABLE,
+        )
+    return CliError(error.message if isinstance(error, ApiError) else str(error))
+
+
+def _crds(error: NotFound) -> str:
+    if "could not find the requested resource" in error.message:
+        return "\nRobotApp is not installed in this cluster: helm install robotapp helm/robotapp -n robotapp-system --create-namespace"
+    return "\nkubectl robotapp list -A shows what there is."

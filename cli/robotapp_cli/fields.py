@@ -1,0 +1,53 @@
+"""Reading plain Kubernetes JSON, and showing ages and durations."""
+
+import re
+from datetime import UTC, datetime
+from typing import Any, Final
+
+Json = dict[str, Any]
+_PART: Final = re.compile(r"(\d+(?:\.\d+)?)(us|ms|s|m|h)")
+_MS: Final = {"us": 0.001, "ms": 1.0, "s": 1_000.0, "m": 60_000.0, "h": 3_600_000.0}
+
+
+def meta(obj: Json) -> Json:
+    found: Json = obj.get("metadata") or {}
+    return found
+
+
+def status(obj: Json) -> Json:
+    found: Json = obj.get("status") or {}
+    return found
+
+
+def label(obj: Json, name: str) -> str:
+    return str((meta(obj).get("labels") or {}).get(name, ""))
+
+
+def condition(obj: Json, kind: str) -> Json:
+    """The condition of this type, or an empty one."""
+    found = (item for item in status(obj).get("conditions") or [] if item.get("type") == kind)
+    return next(found, {})
+
+
+def age(timestamp: str | None, now: datetime | None = None) -> str:
+    """`5s`, `3m`, `4h`, `12d`, as kubectl shows ages."""
+    if not timestamp:
+        return ""
+    seconds = max(0, int(((now or datetime.now(UTC)) - datetime.fromisoformat(timestamp)).total_seconds()))
+    for unit, size, limit in (("s", 1, 120), ("m", 60, 7200), ("h", 3600, 172_800)):
+        if seconds < limit:
+            return f"{seconds // size}{unit}"
+    return f"{seconds // 86_400}d"
+
+
+def milliseconds(duration: str | None) -> float | None:
+    """`1m30s` -> 90000.0; None when there is no duration."""
+    parts = _PART.findall(duration or "")
+    return sum(float(number) * _MS[unit] for number, unit in parts) if parts else None
+
+
+def short_ms(value: float | None) -> str:
+    """`0.05`, `2`, `60`: three significant digits, without an exponent."""
+    if value is None:
+        return "?"
+    return f"{value:.0f}" if value >= 100 else f"{value:.3g}"

@@ -1,0 +1,155 @@
+"""`kubectl-robotapp`, which kubectl finds as `kubectl robotapp`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from robotapp_cli.apps import show_info, show_list
+from robotapp_cli.claims import show_devices, show_domains
+from robotapp_cli.completion import complete_names
+from robotapp_cli.explain import Question, show_explain
+from robotapp_cli.failures import Exit
+from robotapp_cli.output import Output
+from robotapp_cli.rendering import show_children, show_file
+from robotapp_cli.session import Options, run
+
+_EPILOG = """\
+Exit codes: 0 done; 1 refused by the API server; 2 wrong usage or unreadable file; 3 API server not reached or not signed in; 4 not found.
+
+Colour only on a terminal (NO_COLOR is respected). Completion: kubectl-robotapp --install-completion
+"""
+
+app = typer.Typer(
+    name="kubectl robotapp",
+    help="RobotApps, their placement, DDS domains and devices.",
+    epilog=_EPILOG,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+Namespace = Annotated[str | None, typer.Option("--namespace", "-n", help="Namespace (default: the context's).")]
+Everywhere = Annotated[bool, typer.Option("--all-namespaces", "-A", help="All namespaces.")]
+Context = Annotated[str | None, typer.Option("--context", help="Context of the kubeconfig.")]
+Kubeconfig = Annotated[
+    Path | None, typer.Option("--kubeconfig", help="Kubeconfig file (default: $KUBECONFIG, ~/.kube/config).")
+]
+OutputFormat = Annotated[Output, typer.Option("--output", "-o", help="Form of the output.")]
+Name = Annotated[str, typer.Argument(metavar="NAME", help="Name of the RobotApp.", autocompletion=complete_names)]
+
+
+@app.command("list", epilog="Example: kubectl robotapp list -A -o wide")
+def list_command(
+    *,
+    namespace: Namespace = None,
+    everywhere: Everywhere = False,
+    context: Context = None,
+    kubeconfig: Kubeconfig = None,
+    output: OutputFormat = Output.TABLE,
+) -> None:
+    """List RobotApps with domain, latency and devices."""
+    run(Options(namespace, everywhere, context, kubeconfig, output), show_list)
+
+
+@app.command("info", epilog="Example: kubectl robotapp info teleop")
+def info_command(
+    name: Name,
+    *,
+    namespace: Namespace = None,
+    context: Context = None,
+    kubeconfig: Kubeconfig = None,
+    output: OutputFormat = Output.TABLE,
+) -> None:
+    """Show one RobotApp: conditions, instances, edges with their latency, events."""
+    run(Options(namespace, False, context, kubeconfig, output), lambda session: show_info(session, name))
+
+
+@app.command("explain", epilog="Example: kubectl robotapp explain teleop --component operator-ui -o wide")
+def explain_command(
+    name: Name,
+    *,
+    component: Annotated[str | None, typer.Option("--component", "-c", help="Only this component.")] = None,
+    robot: Annotated[str | None, typer.Option("--robot", help="Only the instance of this robot.")] = None,
+    scheduler_url: Annotated[
+        str | None,
+        typer.Option(
+            envvar="ROBOTAPP_SCHEDULER_URL",
+            help="Where the scheduler listens (default: kubectl port-forward to its pod).",
+        ),
+    ] = None,
+    scheduler_namespace: Annotated[str, typer.Option(help="Namespace of the scheduler's pod.")] = "robotapp-system",
+    namespace: Namespace = None,
+    context: Context = None,
+    kubeconfig: Kubeconfig = None,
+    output: OutputFormat = Output.TABLE,
+) -> None:
+    """Say why each component runs where it runs, and which nodes were refused."""
+    question = Question(name, component, robot, scheduler_url, scheduler_namespace)
+    run(Options(namespace, False, context, kubeconfig, output), lambda session: show_explain(session, question))
+
+
+@app.command("domains", epilog="Example: kubectl robotapp domains -n fleet-a")
+def domains_command(
+    *,
+    namespace: Annotated[
+        str | None, typer.Option("--namespace", "-n", help="Only domains held from this namespace (default: all).")
+    ] = None,
+    context: Context = None,
+    kubeconfig: Kubeconfig = None,
+    output: OutputFormat = Output.TABLE,
+) -> None:
+    """Show the domain pools and who holds which DDS domain."""
+    run(Options(namespace, False, context, kubeconfig, output), show_domains)
+
+
+@app.command("devices", epilog="Example: kubectl robotapp devices -o wide")
+def devices_command(
+    *,
+    namespace: Annotated[
+        str | None,
+        typer.Option("--namespace", "-n", help="Only free devices and those held from this namespace (default: all)."),
+    ] = None,
+    context: Context = None,
+    kubeconfig: Kubeconfig = None,
+    output: OutputFormat = Output.TABLE,
+) -> None:
+    """Show the devices of all nodes and who holds them."""
+    run(Options(namespace, False, context, kubeconfig, output), show_devices)
+
+
+@app.command(
+    "render", epilog="Examples: kubectl robotapp render teleop; kubectl robotapp render -f examples/teleop.yaml"
+)
+def render_command(
+    name: Annotated[
+        str | None, typer.Argument(metavar="[NAME]", help="A RobotApp in the cluster.", autocompletion=complete_names)
+    ] = None,
+    *,
+    file: Annotated[
+        Path | None, typer.Option("--file", "-f", help="A file with RobotApps (- for standard input).")
+    ] = None,
+    namespace: Namespace = None,
+    context: Context = None,
+    kubeconfig: Kubeconfig = None,
+    output: OutputFormat = Output.YAML,
+) -> None:
+    """Show the children of a RobotApp in the cluster; with -f, what the API server would store (a dry run)."""
+    options = Options(namespace, False, context, kubeconfig, output)
+    if (name is None) == (file is None):
+        typer.echo("error: give a NAME, or -f FILE", err=True)
+        raise typer.Exit(Exit.USAGE)
+    if file is not None:
+        run(options, lambda session: show_file(session, file))
+    elif name is not None:
+        run(options, lambda session: show_children(session, name))
+
+
+def main() -> None:
+    """Entry point."""
+    app()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,96 @@
+"""Tables for people, JSON and YAML for programs; colour only on a terminal."""
+
+import json
+import os
+import sys
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, Final
+
+import yaml
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+_UNLIMITED: Final = 400
+_BAR: Final = 12
+_STYLES: Final = {
+    **dict.fromkeys(("True", "Running", "yes", "Bound"), "green"),
+    **dict.fromkeys(("False", "Failed", "Degraded", "Offline", "no"), "red"),
+    **dict.fromkeys(("Pending", "Placing", "Unknown", "Draining", "Stopping", "Suspended"), "yellow"),
+}
+
+
+class Output(StrEnum):
+    """Values of -o."""
+
+    TABLE = "table"
+    WIDE = "wide"
+    JSON = "json"
+    YAML = "yaml"
+
+    @property
+    def structured(self) -> bool:
+        return self in (Output.JSON, Output.YAML)
+
+
+def console() -> Console:
+    """Standard output; where it is no terminal, lines are not cut unless COLUMNS says how wide they may be."""
+    width = None if sys.stdout.isatty() or "COLUMNS" in os.environ else _UNLIMITED
+    return Console(file=sys.stdout, width=width, highlight=False, soft_wrap=False)
+
+
+def write_structured(data: Any, output: Output) -> None:
+    """Plain JSON or YAML, never coloured or wrapped."""
+    if output is Output.JSON:
+        sys.stdout.write(json.dumps(data, indent=2, ensure_ascii=False) + "\n")
+    else:
+        sys.stdout.write(yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=_UNLIMITED))
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A heading; `wraps` columns give way when the terminal is narrow."""
+
+    heading: str
+    wraps: bool = False
+
+
+def print_table(
+    columns: Sequence[Column | str], rows: Iterable[Sequence[str]], *, indent: int = 0, on: Console | None = None
+) -> None:
+    """Columns without lines, as kubectl prints them."""
+    table = Table(box=None, pad_edge=False, show_edge=False, header_style="bold", padding=(0, 3, 0, 0))
+    for column in columns:
+        spec = column if isinstance(column, Column) else Column(column)
+        table.add_column(spec.heading, no_wrap=not spec.wraps, overflow="fold" if spec.wraps else "ellipsis")
+    for row in rows:
+        table.add_row(*(Text(cell, style=_STYLES.get(cell, "")) for cell in row))
+    target = on or console()
+    with target.capture() as capture:
+        target.print(table)
+    for line in capture.get().splitlines():
+        target.file.write(" " * indent + line.rstrip() + "\n")
+
+
+def blank_line() -> None:
+    sys.stdout.write("\n")
+
+
+def bar(share: float | None, *, ascii_only: bool | None = None) -> str:
+    """A budget's use as a bar of twelve cells; beyond the budget it is full and marked."""
+    plain = not _speaks_unicode() if ascii_only is None else ascii_only
+    full, empty = ("#", ".") if plain else ("█", "░")
+    if share is None:
+        return "?" * _BAR
+    cells = min(_BAR, max(1 if share > 0 else 0, round(share * _BAR)))
+    return full * cells + empty * (_BAR - cells) + ("!" if share > 1 else "")
+
+
+def arrow() -> str:
+    return "→" if _speaks_unicode() else "->"
+
+
+def _speaks_unicode() -> bool:
+    return "utf" in (sys.stdout.encoding or "").lower()

@@ -1,0 +1,75 @@
+"""From the scheduler's record to sentences: which nodes were refused, and why."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from robotapp_api.model.names import ROBOT_END
+from robotapp_cli.fields import Json, milliseconds, short_ms
+
+_PREFIX: Final = "node(s) "
+
+
+@dataclass(frozen=True, slots=True)
+class Peer:
+    """The other end of a latency budget."""
+
+    node: str
+    budget_ms: float
+
+
+def budgets(app: Json, component: str, *, instance: str, nodes: Mapping[str, str]) -> tuple[Peer, ...]:
+    """What the component must stay near to, from the spec; `nodes` tells where the instance's components are."""
+    found: list[Peer] = []
+    for edge in app["spec"].get("edges") or []:
+        ends = (edge["from"], edge["to"])
+        budget = milliseconds((edge.get("latency") or {}).get("budget"))
+        if component not in ends or budget is None:
+            continue
+        other = ends[1] if ends[0] == component else ends[0]
+        where = instance if other == ROBOT_END else nodes.get(other, "")
+        found.append(Peer(where or other, budget))
+    own: Json = next((item for item in app["spec"]["components"] if item["name"] == component), {})
+    if (budget := milliseconds((own.get("policies") or {}).get("latencyBudget"))) is not None and instance:
+        found.append(Peer(instance, budget))
+    return tuple(dict.fromkeys(found))
+
+
+def refusals(record: Json, peers: tuple[Peer, ...]) -> list[str]:
+    """One line per refused node where there is a number, one per reason otherwise."""
+    stated = tuple(
+        Peer(e["peerNode"], e["budgetMs"]) for e in record.get("edges") or [] if e.get("budgetMs") is not None
+    )
+    lines: list[str] = []
+    for refusal in record.get("refusals") or []:
+        lines += _lines(refusal, stated or peers)
+    return lines
+
+
+def _lines(refusal: Json, peers: tuple[Peer, ...]) -> Iterator[str]:
+    examples = refusal.get("examples") or []
+    reason = str(refusal["reason"]).removeprefix(_PREFIX)
+    measured = [example for example in examples if example.get("number") is not None]
+    for example in measured:
+        yield f"{example['node']}: {_measured(example['number'], refusal, peers, reason)}"
+    others = [str(example["node"]) for example in examples if example not in measured]
+    more = int(refusal["nodes"]) - len(examples)
+    if others or more > 0:
+        yield f"{_names(others, more)}: {reason}"
+
+
+def _measured(number: float, refusal: Json, peers: Iterable[Peer], reason: str) -> str:
+    """`60.0 ms to amr-07 > 30 ms` where the budget it broke is known."""
+    unit = refusal.get("unit", "")
+    broken = [peer for peer in peers if number > peer.budget_ms] if unit == "ms" else []
+    if not broken:
+        return f"{number:.1f} {unit}, {reason}".replace(" ,", ",")
+    tightest = min(peer.budget_ms for peer in broken)
+    where = sorted({peer.node for peer in broken if peer.budget_ms == tightest})
+    return f"{number:.1f} ms to {' or '.join(where)} > {short_ms(tightest)} ms"
+
+
+def _names(names: list[str], more: int) -> str:
+    if more <= 0:
+        return ", ".join(names)
+    return f"{', '.join(names)} and {more} more" if names else f"{more} nodes"

@@ -1,0 +1,138 @@
+"""Asking the scheduler why: by a given URL, or through kubectl port-forward to its pod.
+
+The API server's own pod proxy would do, were it not that it drops the Authorization header the scheduler asks for.
+"""
+
+import asyncio
+import re
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from typing import Final
+
+import aiohttp
+
+from robotapp_api.client.errors import ApiError
+from robotapp_api.client.resources import LEASES, PODS
+from robotapp_cli.fields import Json, meta, status
+from robotapp_cli.session import Session
+
+_SELECTOR: Final = "app.kubernetes.io/component=scheduler"
+_LEASE: Final = "robotapp-scheduler"
+_PORT: Final = 10259
+_PATIENCE_S: Final = 5.0
+_LISTENING: Final = re.compile(r"127\.0\.0\.1:(\d+)")
+
+
+class NoAnswerError(Exception):
+    """The scheduler cannot be asked; the text says why."""
+
+
+@dataclass(slots=True)
+class Link:
+    """A way to the scheduler's /explain. `problem` says why there is none (any more)."""
+
+    base: str = ""
+    headers: dict[str, str] = field(default_factory=dict)
+    problem: str = ""
+
+    async def fetch(self, namespace: str, pod: str) -> Json | None:
+        """The scheduler's record of the pod; None when it has none or cannot be asked."""
+        if self.problem:
+            return None
+        try:
+            return await self._get(f"{self.base}/explain/{namespace}/{pod}")
+        except NoAnswerError as error:
+            self.problem = str(error)
+            return None
+
+    async def _get(self, url: str) -> Json | None:
+        try:
+            timeout = aiohttp.ClientTimeout(total=_PATIENCE_S)
+            async with aiohttp.ClientSession(timeout=timeout, headers=self.headers) as http, http.get(url) as answer:
+                if answer.status == 404:
+                    return None
+                body = await answer.json(content_type=None)
+        except (aiohttp.ClientError, TimeoutError, ValueError) as error:
+            raise NoAnswerError(f"{self.base} does not answer: {error or type(error).__name__}") from error
+        if not isinstance(body, dict) or answer.status != 200:
+            text = body.get("error", "") if isinstance(body, dict) else ""
+            raise NoAnswerError(f"{self.base} answers {answer.status} {text}".rstrip())
+        return body
+
+
+@asynccontextmanager
+async def connect(session: Session, *, url: str | None, namespace: str) -> AsyncIterator[Link]:
+    """A link to the scheduler at `url`, or to its pod in `namespace`. Never fails: see `Link.problem`."""
+    headers = await _identity(session)
+    if url:
+        yield Link(url.rstrip("/"), headers)
+        return
+    try:
+        pod, port = await _scheduler_pod(session, namespace)
+        process, local = await _forward(session, namespace, pod=pod, port=port)
+    except NoAnswerError as error:
+        yield Link(problem=str(error))
+        return
+    try:
+        yield Link(f"http://127.0.0.1:{local}", headers)
+    finally:
+        process.terminate()
+        await process.wait()
+
+
+async def _identity(session: Session) -> dict[str, str]:
+    credentials = session.client.endpoint.credentials
+    if credentials.due:
+        await credentials.refresh()
+    return {"Authorization": credentials.authorization} if credentials.authorization else {}
+
+
+async def _scheduler_pod(session: Session, namespace: str) -> tuple[str, int]:
+    """The leading scheduler pod and its port."""
+    try:
+        pods = (await session.client.list(PODS, namespace=namespace, label_selector=_SELECTOR)).items
+    except ApiError as error:
+        raise NoAnswerError(error.message) from error
+    running = [pod for pod in pods if status(pod).get("phase") == "Running"]
+    if not running:
+        raise NoAnswerError(f"no scheduler pod runs in namespace {namespace}")
+    leader = await _leader(session, namespace)
+    running.sort(key=lambda pod: not leader.startswith(meta(pod)["name"]))
+    ports = [port for container in running[0]["spec"]["containers"] for port in container.get("ports") or []]
+    health = next((port["containerPort"] for port in ports if port.get("name") == "health"), _PORT)
+    return meta(running[0])["name"], int(health)
+
+
+async def _leader(session: Session, namespace: str) -> str:
+    try:
+        lease = await session.client.get(LEASES, _LEASE, namespace=namespace)
+    except ApiError:  # users seldom may read Leases; then any replica is asked
+        return ""
+    return str(lease.get("spec", {}).get("holderIdentity") or "")
+
+
+async def _forward(session: Session, namespace: str, *, pod: str, port: int) -> tuple[asyncio.subprocess.Process, int]:
+    options = session.options
+    command = ["kubectl", "port-forward", "-n", namespace, f"pod/{pod}", f":{port}"]
+    command += ["--context", options.context] if options.context else []
+    command += ["--kubeconfig", str(options.kubeconfig)] if options.kubeconfig else []
+    pipe = asyncio.subprocess.PIPE
+    try:
+        process = await asyncio.create_subprocess_exec(
+            *command, stdin=asyncio.subprocess.DEVNULL, stdout=pipe, stderr=pipe
+        )
+    except OSError as error:
+        raise NoAnswerError(f"kubectl port-forward cannot be started: {error.strerror}") from error
+    assert process.stdout is not None  # noqa: S101 - asked for with a pipe
+    try:
+        line = (await asyncio.wait_for(process.stdout.readline(), _PATIENCE_S)).decode()
+    except TimeoutError:
+        line = ""
+    if found := _LISTENING.search(line):
+        return process, int(found[1])
+    if process.returncode is None:
+        process.terminate()
+    _, complaint = await process.communicate()
+    text = complaint.decode(errors="replace").strip().rpartition("\n")[2]
+    raise NoAnswerError(f"kubectl port-forward to {pod} failed: {text or 'no answer'}")

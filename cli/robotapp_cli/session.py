@@ -1,0 +1,69 @@
+"""One command's connection: which cluster, which namespace, and how errors end the process."""
+
+import asyncio
+import sys
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+import typer
+
+from robotapp_api.client.api import ApiClient
+from robotapp_api.client.errors import ClientError
+from robotapp_api.client.login import Endpoint, default_kubeconfigs, load
+from robotapp_cli.failures import CliError, explained
+from robotapp_cli.output import Output
+
+T = TypeVar("T")
+_TIMEOUT_S = 15.0
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What every command takes. `namespace` None means the context's; `everywhere` all of them."""
+
+    namespace: str | None = None
+    everywhere: bool = False
+    context: str | None = None
+    kubeconfig: Path | None = None
+    output: Output = Output.TABLE
+
+
+@dataclass(frozen=True, slots=True)
+class Session:
+    """An open client and the namespace to look in (None: all)."""
+
+    client: ApiClient
+    namespace: str | None
+    options: Options
+
+    @property
+    def home(self) -> str:
+        """The namespace for objects asked by name."""
+        return self.options.namespace or self.client.endpoint.namespace
+
+
+def endpoint(options: Options) -> Endpoint:
+    """The cluster kubectl would talk to."""
+    files = [options.kubeconfig] if options.kubeconfig else default_kubeconfigs()
+    return load(files or None, options.context)
+
+
+def run(options: Options, work: Callable[[Session], Awaitable[T]]) -> T:
+    """Do the work; a failure is printed without a traceback and ends the process with its exit code."""
+    try:
+        return asyncio.run(_connected(options, work))
+    except ClientError as error:
+        failure = explained(error)
+    except CliError as error:
+        failure = error
+    sys.stderr.write(f"error: {failure}\n")
+    raise typer.Exit(failure.code)
+
+
+async def _connected(options: Options, work: Callable[[Session], Awaitable[T]]) -> T:
+    where = endpoint(options)
+    async with ApiClient(where, user_agent="kubectl-robotapp", timeout_s=_TIMEOUT_S) as client:
+        namespace = None if options.everywhere else options.namespace or where.namespace
+        return await work(Session(client, namespace, options))

@@ -1,0 +1,153 @@
+"""kubectl-robotapp as a user runs it, on the real control plane with operator and scheduler."""
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from robotapp_testbed import ControlPlane, product
+from robotapp_testbed.nodes import Device
+from robotapp_testbed.telemetry import SimulatedTelemetry
+from robotapp_testbed.topology import apply, fleet
+
+pytestmark = pytest.mark.live
+
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
+PROGRAM = Path(sys.executable).parent / "kubectl-robotapp"
+NAMESPACE = "fleet-a"
+
+
+@dataclass
+class World:
+    plane: ControlPlane
+    scheduler_url: str
+
+    def run(
+        self, *arguments: str, identity: str = "admin", stdin: str | None = None
+    ) -> subprocess.CompletedProcess[str]:
+        environment = {
+            "KUBECONFIG": str(self.plane.kubeconfig(identity)),
+            "COLUMNS": "150",
+            "PYTHONIOENCODING": "utf-8",
+            "PATH": "/usr/bin:/bin",
+        }
+        return subprocess.run(
+            [PROGRAM, *arguments], env=environment, input=stdin, capture_output=True, text=True, check=False
+        )
+
+    def text(self, *arguments: str) -> str:
+        done = self.run(*arguments, "-n", NAMESPACE)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    def app(self, name: str) -> Any:
+        return json.loads(self.plane.kubectl("get", "robotapp", name, "-n", NAMESPACE, "-o", "json"))
+
+
+@pytest.fixture(scope="module")
+def world() -> Iterator[World]:
+    topology = fleet(
+        robots=["amr-07", "amr-08"],
+        edges=2,
+        clouds=1,
+        devices={"amr-07": [Device(id="can-can0", type="can", interface="can0")]},
+    )
+    with ControlPlane(kwok=True, controller_manager=True) as plane:
+        product.install(plane)
+        apply(plane, topology)
+        with SimulatedTelemetry(plane, topology):
+            product.start_operator(plane)
+            scheduler = product.start_scheduler(plane)
+            plane.kubectl("create", "namespace", NAMESPACE)
+            for name in ("teleop", "can-holder"):
+                plane.kubectl("apply", "-n", NAMESPACE, "-f", str(EXAMPLES / f"{name}.yaml"))
+            found = World(plane, str(scheduler.health_url))
+            for name in ("teleop", "can-holder"):
+                await_ready(found, name)
+            plane.kubectl("apply", "-n", NAMESPACE, "-f", str(EXAMPLES / "can-rival.yaml"))
+            yield found
+
+
+def await_ready(world: World, name: str) -> None:
+    until = time.monotonic() + 60
+    while not any(c["type"] == "Ready" and c["status"] == "True" for c in world.app(name)["status"]["conditions"]):
+        assert time.monotonic() < until, world.app(name)["status"]
+        time.sleep(0.2)
+
+
+def test_explain_names_the_node_that_is_too_far_with_its_latency(world: World) -> None:
+    text = world.text("explain", "teleop", "--scheduler-url", world.scheduler_url)
+    assert "cloud-1: 60.0 ms to amr-07 > 30 ms" in text
+    assert "/cmd_vel" in text
+    assert "records" not in text, "the scheduler's own records are shown, no fallback"
+
+
+def test_explain_without_the_scheduler_says_so_and_shows_the_nodes(world: World) -> None:
+    text = world.text("explain", "teleop")
+    assert "no scheduler pod runs in namespace robotapp-system" in text
+    assert "amr-07" in text
+
+
+def test_explain_of_a_waiting_app_names_what_is_missing(world: World) -> None:
+    until = time.monotonic() + 30
+    while "no free device" not in (text := world.text("explain", "can-rival", "--scheduler-url", world.scheduler_url)):
+        assert time.monotonic() < until, text
+        time.sleep(0.2)
+    assert "waiting" in text
+    assert "amr-07: had no free device for the pod" in text
+
+
+def test_list_and_info_show_what_kubectl_get_shows(world: World) -> None:
+    domain = world.app("teleop")["status"]["summary"]["domain"]
+    row = next(line for line in world.text("list").splitlines() if line.startswith("teleop"))
+    assert row.split()[1:4] == ["2/2", "Running", domain]
+    info = world.text("info", "teleop")
+    assert f"robot amr-07, domain {domain}" in info
+    assert "DomainAllocated" in info
+
+
+def test_domains_and_devices_name_their_holders(world: World) -> None:
+    domain = world.app("teleop")["status"]["summary"]["domain"]
+    assert [domain, "default", f"{NAMESPACE}/teleop"] in [
+        line.split()[:3] for line in world.text("domains").splitlines()
+    ]
+    (device,) = json.loads(world.text("devices", "-o", "json"))["devices"]
+    assert (device["node"], device["device"], device["holder"]) == ("amr-07", "can-can0", f"{NAMESPACE}/can-holder")
+
+
+def test_what_render_shows_can_be_applied_again_without_a_change(world: World) -> None:
+    documents = list(yaml.safe_load_all(world.text("render", "teleop")))
+    assert {"Deployment", "Service"} <= {item["kind"] for item in documents}
+    diff = world.plane.kubectl(
+        "diff", "--server-side", "--field-manager=robotapp-operator", "-f", "-", stdin=documents, check=False
+    )
+    assert diff == ""
+
+
+def test_render_of_a_file_shows_the_defaults_and_stores_nothing(world: World) -> None:
+    done = world.run("render", "-f", str(EXAMPLES / "minimal.yaml"), "-n", "default")
+    assert done.returncode == 0, done.stderr
+    (app,) = yaml.safe_load_all(done.stdout)
+    assert app["spec"]["schedulerName"] == "ros-aware-scheduler"
+    assert "minimal" not in world.plane.kubectl("get", "robotapps", "-n", "default", "-o", "name")
+
+
+def test_render_of_a_wrong_file_names_the_field(world: World) -> None:
+    text = (EXAMPLES / "minimal.yaml").read_text().replace("image:", "imgae:")
+    done = world.run("render", "-f", "-", "-n", "default", stdin=text)
+    assert done.returncode == 1
+    assert "imgae" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_tenant_is_told_what_to_ask_for(world: World) -> None:
+    done = world.run("domains", identity="tenant")
+    assert done.returncode == 1
+    assert "robotapp-cluster-viewer" in done.stderr

@@ -1,0 +1,37 @@
+"""Many apps at once, more apps than domains, one app on many robots, and silence when nothing changes."""
+
+import pytest
+from tests.integration.journeys.conftest import ROBOTS, Pools
+from tests.support import journeys, quiet
+from tests.support.world import World, plain_app
+
+pytestmark = pytest.mark.live
+
+
+def test_twenty_apps_applied_at_once_are_ready_with_distinct_domains_in_each_pool(world: World, pools: Pools) -> None:
+    found = journeys.storm(world, [pools.twelve, pools.dozen], apps=20, within_s=120)
+    assert found.problems == ()
+    assert found.domains == {pools.twelve: 10, pools.dozen: 10}
+
+
+def test_apps_beyond_the_pool_wait_and_are_told_what_to_do_and_start_when_others_go(world: World, pools: Pools) -> None:
+    found = journeys.overflow(world, pools.four, size=4, apps=6, within_s=60)
+    assert found.problems == ()
+    assert (found.ready, found.waiting) == (4, 2)
+    for message in found.messages:
+        for part in ("4 of 4", pools.four, "delete", "DomainPool", "spec.dds.pool"):
+            assert part in message
+
+
+def test_an_app_for_each_robot_has_as_many_domains_as_robots(world: World, pools: Pools) -> None:
+    found = journeys.one_per_robot(world, pool=pools.dozen, within_s=60)
+    assert found.problems == ()
+    assert found.domains == {pools.dozen: ROBOTS}
+
+
+def test_nothing_is_written_while_nothing_changes(world: World, pools: Pools) -> None:
+    names = [f"calm-{number}" for number in range(3)]
+    world.create_all([plain_app(name, dds={"pool": pools.twelve}) for name in names])
+    world.watch.until_ready(*names, within_s=60)
+    assert quiet.until_quiet(world.cp, quiet_s=6.0, within_s=60), quiet.by_object(quiet.writes_during(world.cp, 3.0))
+    assert quiet.by_object(quiet.writes_during(world.cp, 10.0)) == {}

@@ -1,0 +1,284 @@
+"""list, info, domains, devices, render: tables, structured output, errors and exit codes."""
+
+import json
+from typing import Any
+
+import pytest
+import yaml
+from tests.support.cli import ROBOTAPPS, UID, Stage, robotapp
+
+SUMMARY = {
+    "ready": "2/2",
+    "domain": "7",
+    "robots": "1/1",
+    "budget": "18/30ms",
+    "devices": "1/1",
+    "rmw": "rmw_fastrtps_cpp",
+    "nodes": "amr-07",
+}
+EDGE = {
+    "topic": "/cmd_vel",
+    "from": "panel",
+    "to": "driver",
+    "budget": "30ms",
+    "p95": "18ms",
+    "measured": True,
+    "met": True,
+    "nodes": ["edge-1", "amr-07"],
+}
+STATUS = {
+    "phase": "Running",
+    "observedGeneration": 1,
+    "summary": SUMMARY,
+    "conditions": [
+        {
+            "type": "Ready",
+            "status": "True",
+            "reason": "AllComponentsReady",
+            "message": "2 of 2",
+            "lastTransitionTime": "2026-01-01T00:00:00Z",
+        },
+        {"type": "Stalled", "status": "False", "reason": "NotStalled"},
+    ],
+    "instances": [
+        {
+            "robot": "amr-07",
+            "domain": 7,
+            "phase": "Running",
+            "components": [
+                {"name": "driver", "node": "amr-07", "ready": True},
+                {"name": "panel", "ready": False, "message": "ImagePullBackOff"},
+            ],
+            "edges": [EDGE],
+        }
+    ],
+}
+
+
+def claim(name: str, *, namespace: str = "fleet", phase: str = "Bound", **thing: Any) -> dict[str, Any]:
+    holder = {
+        "apiVersion": "robotics.io/v1alpha1",
+        "kind": "RobotApp",
+        "namespace": namespace,
+        "name": "teleop",
+        "uid": UID,
+        "instance": "amr-07",
+        "component": "driver",
+    }
+    return {"metadata": {"name": name}, "spec": {**thing, "holder": holder}, "status": {"phase": phase}}
+
+
+class TestList:
+    def test_shows_the_columns_of_kubectl_get(self, stage: Stage) -> None:
+        stage.add(ROBOTAPPS, robotapp(status=STATUS), robotapp("other", namespace="elsewhere"))
+        heading, row = stage.text("list").splitlines()
+        assert heading.split() == ["NAME", "READY", "PHASE", "DOMAIN", "ROBOTS", "BUDGET", "DEVICES", "AGE"]
+        assert row.split()[:-1] == ["teleop", "2/2", "Running", "7", "1/1", "18/30ms", "1/1"]
+
+    def test_all_namespaces_and_wide(self, stage: Stage) -> None:
+        stage.add(ROBOTAPPS, robotapp(status=STATUS), robotapp("other", namespace="elsewhere"))
+        lines = stage.text("list", "-A", "-o", "wide").splitlines()
+        assert lines[0].split()[0] == "NAMESPACE"
+        assert [line.split()[:2] for line in lines[1:]] == [["elsewhere", "other"], ["fleet", "teleop"]]
+        assert "rmw_fastrtps_cpp" in lines[2]
+
+    def test_an_empty_namespace_says_what_to_try(self, stage: Stage) -> None:
+        assert "No RobotApp in namespace nowhere" in stage.text("list", "-n", "nowhere")
+
+    @pytest.mark.parametrize(("output", "load"), [("json", json.loads), ("yaml", yaml.safe_load)])
+    def test_structured_output_is_the_objects(self, stage: Stage, output: str, load: Any) -> None:
+        stage.add(ROBOTAPPS, robotapp(status=STATUS))
+        found = load(stage.text("list", "-o", output))
+        assert (found["kind"], found["items"][0]["status"]["summary"]) == ("List", SUMMARY)
+
+    def test_nothing_is_coloured_outside_a_terminal(self, stage: Stage) -> None:
+        stage.add(ROBOTAPPS, robotapp(status=STATUS))
+        assert "\x1b" not in stage.text("list") + stage.text("info", "teleop")
+
+
+class TestInfo:
+    def test_shows_conditions_components_and_edges_with_bars(self, stage: Stage) -> None:
+        stage.add(ROBOTAPPS, robotapp(status=STATUS))
+        text = stage.text("info", "teleop", PYTHONIOENCODING="utf-8")
+        assert "fleet/teleop  Running  ready 2/2" in text
+        assert "AllComponentsReady" in text
+        assert "NotStalled" not in text, "what is well and says False is left out"
+        assert "ImagePullBackOff" in text
+        (edge,) = [line for line in text.splitlines() if "/cmd_vel" in line]
+        assert "18/30 ms" in edge
+        assert "measured" in edge
+        assert edge.count("█") + edge.count("#") == 7
+
+    def test_says_when_the_operator_is_behind(self, stage: Stage) -> None:
+        app = robotapp(status=STATUS)
+        app["metadata"]["generation"] = 2
+        stage.add(ROBOTAPPS, app)
+        assert "has not seen the latest change" in stage.text("info", "teleop")
+
+    def test_shows_the_latest_events(self, stage: Stage) -> None:
+        stage.add(ROBOTAPPS, robotapp(status=STATUS))
+        for number in range(12):
+            event = {
+                "metadata": {"name": f"e{number}", "namespace": "fleet"},
+                "regarding": {"uid": UID},
+                "reason": f"Reason{number}",
+                "note": "n",
+            }
+            stage.add(
+                "events.k8s.io/events",
+                {**event, "eventTime": f"2026-01-01T00:00:{number:02}.000000Z", "type": "Normal"},
+            )
+        text = stage.text("info", "teleop")
+        assert "Reason11" in text
+        assert "Reason3 " not in text
+
+    def test_a_new_app_without_status_is_shown(self, stage: Stage) -> None:
+        stage.add(ROBOTAPPS, robotapp())
+        assert "fleet/teleop  Pending" in stage.text("info", "teleop")
+
+
+POOL = {"metadata": {"name": "default"}, "spec": {"scope": "Cluster", "ids": "1-101,215-232"}}
+
+
+class TestDomains:
+    def test_shows_how_full_the_pools_are_and_who_holds_what(self, stage: Stage) -> None:
+        stage.add("robotics.io/domainpools", POOL)
+        domain = {"pool": "default", "scope": "Cluster", "scopeValue": ""}
+        stage.add("robotics.io/robotclaims", claim("dds.default.c.7", domain={**domain, "id": 7}))
+        stage.add(
+            "robotics.io/robotclaims",
+            claim("dds.default.c.12", namespace="b", phase="Draining", domain={**domain, "id": 12}),
+        )
+        lines = stage.text("domains").splitlines()
+        assert lines[1].split() == ["default", "Cluster", "2/119", "1", "1-101,215-232"]
+        assert [line.split()[:5] for line in lines[4:]] == [
+            ["7", "default", "fleet/teleop", "amr-07", "Bound"],
+            ["12", "default", "b/teleop", "amr-07", "Draining"],
+        ]
+        assert [item["metadata"]["name"] for item in stage.data("domains", "-n", "b")["claims"]] == ["dds.default.c.12"]
+        assert "Namespace c holds no domain." in stage.text("domains", "-n", "c")
+        assert "dds.default.c.7" in stage.text("domains", "-o", "wide")
+
+
+class TestDevices:
+    def test_free_held_and_lost_devices(self, stage: Stage) -> None:
+        devices = [
+            {"id": "can-can0", "type": "can", "interface": "can0", "present": True},
+            {"id": "cam", "type": "usb", "present": False},
+        ]
+        stage.add("robotics.io/nodetelemetries", {"metadata": {"name": "amr-07"}, "status": {"devices": devices}})
+        stage.add("robotics.io/robotclaims", claim("dev.a", device={"node": "amr-07", "id": "can-can0", "type": "can"}))
+        stage.add(
+            "robotics.io/robotclaims",
+            claim("dev.b", namespace="b", device={"node": "gone", "id": "lidar", "type": "usb"}),
+        )
+        rows = [line.split() for line in stage.text("devices").splitlines()[1:]]
+        assert rows[0] == ["amr-07", "cam", "usb", "no", "free"]
+        assert rows[1] == ["amr-07", "can-can0", "can", "can0", "yes", "fleet/teleop", "amr-07", "driver", "Bound"]
+        assert rows[2] == ["gone", "lidar", "usb", "no", "b/teleop", "amr-07", "driver", "Bound"]
+        assert [row["device"] for row in stage.data("devices", "-n", "fleet")["devices"]] == ["cam", "can-can0"]
+
+    def test_no_device_at_all_says_who_would_report_one(self, stage: Stage) -> None:
+        assert "written by the node agents" in stage.text("devices")
+
+
+class TestRender:
+    def test_shows_the_children_without_what_others_added(self, stage: Stage) -> None:
+        stage.add(ROBOTAPPS, robotapp())
+        owner = {"uid": UID, "kind": "RobotApp", "name": "teleop", "apiVersion": "robotics.io/v1alpha1"}
+        metadata = {
+            "name": "d",
+            "namespace": "fleet",
+            "labels": {"robotics.io/app-uid": UID},
+            "uid": "x",
+            "managedFields": [],
+            "generation": 3,
+        }
+        annotations = {"deployment.kubernetes.io/revision": "1", "kept": "yes"}
+        child = {
+            "metadata": {**metadata, "annotations": annotations, "ownerReferences": [owner]},
+            "spec": {"replicas": 1},
+            "status": {"replicas": 1},
+        }
+        foreign = {"metadata": {**metadata, "name": "foreign"}, "spec": {}}
+        stage.add("apps/deployments", child, foreign)
+        (found,) = yaml.safe_load_all(stage.text("render", "teleop"))
+        assert (found["kind"], found["spec"], found["metadata"]["annotations"]) == (
+            "Deployment",
+            {"replicas": 1},
+            {"kept": "yes"},
+        )
+        assert not {"uid", "managedFields", "generation", "resourceVersion", "status"} & {*found, *found["metadata"]}
+        assert len(stage.data("render", "teleop")["items"]) == 1
+
+    def test_an_app_without_children_says_where_to_look(self, stage: Stage) -> None:
+        stage.add(ROBOTAPPS, robotapp())
+        result = stage.run("render", "teleop")
+        assert (result.exit_code, result.stdout) == (0, "")
+        assert "kubectl robotapp info teleop says why" in result.stderr
+
+    @pytest.mark.parametrize(
+        ("content", "message"),
+        [
+            ("kind: Pod\nmetadata: {name: x}\n", "holds no RobotApp with a name"),
+            ("a: [", "is not YAML"),
+            ("kind: RobotApp\nmetadata: {}\n", "holds no RobotApp"),
+        ],
+    )
+    def test_a_file_that_holds_no_robotapp_is_refused(self, stage: Stage, content: str, message: str) -> None:
+        path = stage.kubeconfig.with_name("app.yaml")
+        path.write_text(content)
+        result = stage.run("render", "-f", str(path))
+        assert result.exit_code == 2
+        assert message in result.stderr
+
+    def test_a_name_and_a_file_together_or_neither_are_wrong_usage(self, stage: Stage) -> None:
+        assert stage.run("render").exit_code == stage.run("render", "x", "-f", "y").exit_code == 2
+        assert stage.run("render", "-f", "/nowhere").exit_code == 2
+
+
+class TestErrors:
+    def test_an_unknown_app_is_not_found(self, stage: Stage) -> None:
+        result = stage.run("info", "telop")
+        assert result.exit_code == 4
+        assert result.stderr == 'error: robotapps "telop" not found\nkubectl robotapp list -A shows what there is.\n'
+
+    def test_a_missing_kubeconfig_names_the_option(self, stage: Stage) -> None:
+        result = stage.run("list", KUBECONFIG="/nowhere/config")
+        assert result.exit_code == 3
+        assert "--kubeconfig" in result.stderr
+
+    def test_an_unknown_context_is_said_with_the_file(self, stage: Stage) -> None:
+        result = stage.run("list", "--context", "prod")
+        assert result.exit_code == 3
+        assert "prod" in result.stderr
+
+    def test_a_server_that_is_gone_is_unreachable(self, stage: Stage) -> None:
+        stage.kubeconfig.write_text(
+            stage.kubeconfig.read_text().replace(stage.api.endpoint.server, "http://127.0.0.1:1")
+        )
+        result = stage.run("list")
+        assert result.exit_code == 3
+        assert "the API server cannot be reached" in result.stderr
+
+    @pytest.mark.parametrize(
+        ("status", "code", "text"),
+        [(403, 1, "robotapp-cluster-viewer"), (401, 3, "does not know you"), (400, 1, "error: ")],
+    )
+    def test_refusals_say_what_to_ask_for(self, stage: Stage, status: int, code: int, text: str) -> None:
+        stage.api.failing.extend([status] * 3)
+        result = stage.run("domains")
+        assert result.exit_code == code
+        assert text in result.stderr
+        assert "Traceback" not in result.output
+
+    @pytest.mark.parametrize("arguments", [["nope"], ["list", "--nope"], ["list", "-o", "xml"], ["info"]])
+    def test_wrong_usage_has_code_2(self, stage: Stage, arguments: list[str]) -> None:
+        assert stage.run(*arguments).exit_code == 2
+
+    @pytest.mark.parametrize("command", ["list", "info", "explain", "domains", "devices", "render"])
+    def test_every_command_has_help_with_an_example(self, stage: Stage, command: str) -> None:
+        assert f"kubectl robotapp {command}" in stage.text(command, "--help")
+
+    def test_the_exit_codes_are_in_the_help(self, stage: Stage) -> None:
+        assert "Exit codes: 0 done; 1 refused" in stage.text("--help")

@@ -1,0 +1,211 @@
+"""explain: the scheduler's records where they can be had, pod conditions otherwise, and it says which."""
+
+import stat
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.support.cli import ROBOTAPPS, Stage, pod, robotapp
+
+EDGE = {"topic": "/cmd_vel", "from": "panel", "to": "driver", "latency": {"budget": "30ms"}}
+OBSERVED = {
+    "topic": "/cmd_vel",
+    "from": "panel",
+    "to": "driver",
+    "budget": "30ms",
+    "p95": "45ms",
+    "measured": False,
+    "nodes": ["edge-1", "amr-07"],
+}
+STATUS = {
+    "instances": [
+        {
+            "robot": "amr-07",
+            "domain": 7,
+            "components": [{"name": "panel", "message": "quota exceeded"}],
+            "edges": [OBSERVED],
+        }
+    ]
+}
+RECORD: dict[str, Any] = {
+    "node": "edge-1",
+    "runnerUp": "edge-2",
+    "refusals": [
+        {
+            "plugin": "LatencyFilter",
+            "reason": "node(s) exceeded the latency budget",
+            "nodes": 1,
+            "unit": "ms",
+            "examples": [{"node": "cloud-1", "number": 61.0}],
+        },
+        {
+            "plugin": "NodeAffinity",
+            "reason": "node(s) didn't match",
+            "nodes": 1,
+            "unit": "",
+            "examples": [{"node": "amr-08", "number": None}],
+        },
+    ],
+    "edges": [
+        {
+            "what": "/cmd_vel to driver",
+            "peerNode": "amr-07",
+            "rttMs": 2.0,
+            "budgetMs": 30.0,
+            "source": "measured",
+            "met": True,
+        }
+    ],
+    "top": {"nodes": ["edge-1", "edge-2"], "totals": [1964, 1748]},
+    "devices": [],
+}
+WAITING = {
+    "type": "PodScheduled",
+    "status": "False",
+    "reason": "Unschedulable",
+    "message": "0/5 nodes are available: 5 were full.",
+}
+
+
+@pytest.fixture
+def placed(stage: Stage) -> Stage:
+    stage.add(ROBOTAPPS, robotapp(edges=[EDGE], status=STATUS))
+    stage.add("/pods", pod("driver-1", "driver", node="amr-07"), pod("panel-1", "panel", node="edge-1"))
+    stage.scheduler.records = {
+        "panel-1": RECORD,
+        "driver-1": {**RECORD, "node": "amr-07", "refusals": [], "runnerUp": None},
+    }
+    return stage
+
+
+def test_each_component_has_its_node_and_the_refused_ones_with_reasons(placed: Stage) -> None:
+    text = placed.text("explain", "teleop", "--scheduler-url", placed.scheduler.url)
+    lines = text.splitlines()
+    assert lines[0] == "fleet/teleop, robot amr-07, domain 7"
+    assert lines[1].split("  ")[1:2] == ["COMPONENT"]
+    assert lines[2].split() == ["driver", "amr-07"]
+    assert lines[3].split() == [
+        "panel",
+        "edge-1",
+        "edge-2",
+        *["cloud-1:", "61.0", "ms", "to", "amr-07", ">", "30", "ms"],
+    ]
+    assert lines[4].strip() == "amr-08: didn't match"
+    assert "45/30 ms" in text
+    assert "!" in text, "an edge beyond its budget is marked"
+
+
+def test_the_users_token_goes_to_the_scheduler(placed: Stage) -> None:
+    placed.text("explain", "teleop", ROBOTAPP_SCHEDULER_URL=placed.scheduler.url)
+    assert set(placed.scheduler.authorizations) == {"Bearer t0ken"}
+
+
+def test_structured_output_says_where_it_comes_from(placed: Stage) -> None:
+    found = placed.data("explain", "teleop", "--scheduler-url", placed.scheduler.url, "-c", "panel")
+    assert (found["source"], found["note"]) == ("scheduler", "")
+    (row,) = found["instances"][0]["components"]
+    assert (row["node"], row["runner_up"], row["scores"]) == ("edge-1", "edge-2", {"edge-1": 1964, "edge-2": 1748})
+
+
+def test_wide_shows_the_scores(placed: Stage) -> None:
+    assert "edge-1 1964, edge-2 1748" in placed.text(
+        "explain", "teleop", "--scheduler-url", placed.scheduler.url, "-o", "wide"
+    )
+
+
+@pytest.mark.parametrize(("status", "text"), [(401, "answers 401 who are you"), (503, "answers 503")])
+def test_a_scheduler_that_refuses_is_named_and_conditions_are_shown(placed: Stage, status: int, text: str) -> None:
+    placed.scheduler.status = status
+    output = placed.text("explain", "teleop", "--scheduler-url", placed.scheduler.url)
+    assert text in output
+    assert "Shown are pod conditions" in output
+
+
+def test_a_scheduler_that_does_not_answer_is_asked_once(placed: Stage) -> None:
+    output = placed.text("explain", "teleop", "--scheduler-url", "http://127.0.0.1:1")
+    assert "http://127.0.0.1:1 does not answer" in output
+    assert "amr-07" in output
+
+
+def test_without_a_scheduler_pod_the_condition_of_a_waiting_pod_is_shown(stage: Stage) -> None:
+    stage.add(ROBOTAPPS, robotapp(status=STATUS))
+    stage.add("/pods", pod("driver-1", "driver", conditions=[WAITING]))
+    text = stage.text("explain", "teleop")
+    assert "0/5 nodes are available: 5 were full." in text
+    assert "waiting" in text
+    assert "no scheduler pod runs in namespace robotapp-system" in text
+    assert "quota exceeded" in text, "a component without a pod shows why"
+
+
+def test_a_pod_without_a_record_is_said(placed: Stage) -> None:
+    del placed.scheduler.records["panel-1"]
+    assert "has no record (any more) of: panel" in placed.text(
+        "explain", "teleop", "--scheduler-url", placed.scheduler.url
+    )
+
+
+def test_unknown_components_and_robots_are_not_found(placed: Stage) -> None:
+    for option, value, known in (("-c", "nope", "driver, panel"), ("--robot", "nope", "amr-07")):
+        result = placed.run("explain", "teleop", option, value)
+        assert result.exit_code == 4
+        assert f"it has: {known}" in result.stderr
+
+
+def test_an_app_without_pods_is_shown(stage: Stage) -> None:
+    stage.add(ROBOTAPPS, robotapp())
+    assert stage.text("explain", "teleop").count("no pod yet") == 2
+
+
+class TestPortForward:
+    """kubectl is a script here; the real one needs a kubelet."""
+
+    @pytest.fixture
+    def with_scheduler_pod(self, placed: Stage) -> Stage:
+        labels = {"app.kubernetes.io/component": "scheduler"}
+        ports = [{"name": "health", "containerPort": 10259}]
+        for name in ("sched-a", "sched-b"):
+            metadata = {"name": name, "namespace": "robotapp-system", "labels": labels}
+            placed.add(
+                "/pods",
+                {"metadata": metadata, "spec": {"containers": [{"ports": ports}]}, "status": {"phase": "Running"}},
+            )
+        lease = {
+            "metadata": {"name": "robotapp-scheduler", "namespace": "robotapp-system"},
+            "spec": {"holderIdentity": "sched-b_1"},
+        }
+        placed.add("coordination.k8s.io/leases", lease)
+        return placed
+
+    def kubectl(self, folder: Path, body: str) -> str:
+        folder.mkdir()
+        script = folder / "kubectl"
+        script.write_text(f"#!/bin/sh\n{body}\n")
+        script.chmod(script.stat().st_mode | stat.S_IXUSR)
+        return f"{folder}:/usr/bin:/bin"
+
+    def test_the_leaders_pod_is_asked_through_kubectl(self, with_scheduler_pod: Stage, tmp_path: Path) -> None:
+        port = with_scheduler_pod.scheduler.url.rpartition(":")[2]
+        path = self.kubectl(
+            tmp_path / "bin",
+            f'echo "$@" > {tmp_path}/called; echo "Forwarding from 127.0.0.1:{port} -> 10259"; exec sleep 60',
+        )
+        text = with_scheduler_pod.text("explain", "teleop", "--context", "x", PATH=path)
+        assert "cloud-1: 61.0 ms to amr-07 > 30 ms" in text
+        assert (tmp_path / "called").read_text().split() == [
+            "port-forward",
+            "-n",
+            "robotapp-system",
+            "pod/sched-b",
+            ":10259",
+            "--context",
+            "x",
+        ]
+
+    def test_a_failing_kubectl_is_quoted(self, with_scheduler_pod: Stage, tmp_path: Path) -> None:
+        path = self.kubectl(tmp_path / "bin", "echo 'error: pods is forbidden' >&2; exit 1")
+        assert "port-forward to sched-b failed: error: pods is forbidden" in with_scheduler_pod.text(
+            "explain", "teleop", PATH=path
+        )
+
+    def test_a_missing_kubectl_is_said(self, with_scheduler_pod: Stage, tmp_path: Path) -> None:
+        assert "cannot be started" in with_scheduler_pod.text("explain", "teleop", PATH=str(tmp_path))

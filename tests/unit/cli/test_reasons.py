@@ -1,0 +1,62 @@
+"""The scheduler's record in words. Records are made by the scheduler's own types, so the two cannot drift apart."""
+
+from tests.support.cli import robotapp
+
+from robotapp_cli.reasons import Peer, budgets, refusals
+from robotapp_scheduler.core.explain import EdgeView, Example, Record, Refusal, as_json
+
+
+def record(*found: Refusal, edges: tuple[EdgeView, ...] = ()) -> dict[str, object]:
+    fields = {"namespace": "n", "name": "p", "uid": "u", "at_s": 1.0, "profile": "x", "config_hash": "y", "attempt": 1}
+    return as_json(Record(**fields, node=None, message="", nodes=5, feasible=0, refusals=found, edges=edges))  # type: ignore[arg-type]
+
+
+LATE = Refusal(
+    plugin="LatencyFilter",
+    reason="node(s) exceeded the latency budget",
+    nodes=1,
+    unit="ms",
+    examples=(Example("cloud-1", 61.04),),
+)
+
+
+def test_a_latency_names_the_peer_and_the_budget() -> None:
+    edge = EdgeView(
+        what="/cmd_vel to driver", peer_node="amr-07", rtt_ms=2.0, budget_ms=30.0, source="measured", met=True
+    )
+    assert refusals(record(LATE, edges=(edge,)), ()) == ["cloud-1: 61.0 ms to amr-07 > 30 ms"]
+
+
+def test_without_a_placement_the_peers_come_from_the_spec() -> None:
+    assert refusals(record(LATE), (Peer("amr-07", 30.0),)) == ["cloud-1: 61.0 ms to amr-07 > 30 ms"]
+
+
+def test_of_several_budgets_the_tightest_broken_one_is_named() -> None:
+    peers = (Peer("amr-07", 100.0), Peer("edge-1", 50.0), Peer("edge-2", 50.0), Peer("amr-08", 60.0))
+    assert refusals(record(LATE), peers) == ["cloud-1: 61.0 ms to edge-1 or edge-2 > 50 ms"]
+
+
+def test_a_number_that_breaks_no_known_budget_keeps_the_reason() -> None:
+    assert refusals(record(LATE), ()) == ["cloud-1: 61.0 ms, exceeded the latency budget"]
+
+
+def test_nodes_of_one_reason_share_a_line_with_the_rest_as_a_count() -> None:
+    examples = (Example("a"), Example("b"), Example("c"))
+    many = Refusal(plugin="NodeAffinity", reason="node(s) didn't match", nodes=1000, examples=examples)
+    none = Refusal(plugin="X", reason="node(s) were full", nodes=4)
+    assert refusals(record(many, none), ()) == ["a, b, c and 997 more: didn't match", "4 nodes: were full"]
+
+
+def test_budgets_come_from_both_ends_of_the_edges_and_from_the_policies() -> None:
+    app = robotapp(
+        edges=[
+            {"topic": "/a", "from": "panel", "to": "driver", "latency": {"budget": "30ms"}},
+            {"topic": "/b", "from": "driver", "to": "panel", "latency": {"budget": "30ms"}},
+            {"topic": "/c", "from": "panel", "to": "@robot", "latency": {"budget": "50ms"}},
+            {"topic": "/d", "from": "panel", "to": "driver"},
+        ]
+    )
+    app["spec"]["components"][1]["policies"] = {"latencyBudget": "80ms"}
+    found = budgets(app, "panel", instance="amr-07", nodes={"driver": "edge-1"})
+    assert found == (Peer("edge-1", 30.0), Peer("amr-07", 50.0), Peer("amr-07", 80.0))
+    assert budgets(app, "driver", instance="", nodes={}) == (Peer("panel", 30.0),)
