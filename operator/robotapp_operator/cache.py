@@ -1,7 +1,7 @@
 """What the operator knows of the cluster, indexed the way it asks. Filled by the informers; loses nothing but time if empty."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, TypeVar
 
 from robotapp_api.claims.objects import Claim, Pool
@@ -123,13 +123,3 @@ class Cache:
 
     def put_replica_set(self, replica_set: ReplicaSet) -> None:
         self.replica_sets[replica_set.metadata.uid] = replica_set.metadata.controller_uid()
-
-
-def label_of(meta: Any, label: Label) -> str:
-    """A label of an object or of a claims struct; both have `labels`."""
-    value: str = meta.labels.get(label, "")
-    return value
-
-
-def app_uids(records: Iterable[Record]) -> set[str]:
-    return {record.uid for record in records}

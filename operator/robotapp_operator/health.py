@@ -7,15 +7,27 @@ from aiohttp import web
 
 SILENCE_LIMIT_S: Final = 180.0
 """Bookmarks come every minute: nothing for three minutes means that we look at an old picture."""
+OVERDUE_LIMIT_S: Final = 180.0
+"""No single key takes that long: the workers hang."""
 
 
 class Health:
-    """`silence_s`: seconds since the quietest watch heard something; `synced`: caches are filled, or we stand by."""
+    """What the probes ask.
+
+    `silence_s`: seconds since the quietest watch heard something; `overdue_s`: how long the oldest due key has waited;
+    `synced`: caches are filled, or we stand by.
+    """
 
     def __init__(
-        self, *, silence_s: Callable[[], float], synced: Callable[[], bool], metrics: Callable[[], bytes]
+        self,
+        *,
+        silence_s: Callable[[], float],
+        overdue_s: Callable[[], float],
+        synced: Callable[[], bool],
+        metrics: Callable[[], bytes],
     ) -> None:
         self._silence_s = silence_s
+        self._overdue_s = overdue_s
         self._synced = synced
         self._metrics = metrics
         self._runner: web.AppRunner | None = None
@@ -43,6 +55,9 @@ class Health:
         silence_s = self._silence_s()
         if silence_s > SILENCE_LIMIT_S:
             return web.Response(status=503, text=f"a watch has been silent for {silence_s:.0f} s\n")
+        overdue_s = self._overdue_s()
+        if overdue_s > OVERDUE_LIMIT_S:
+            return web.Response(status=503, text=f"work has been due for {overdue_s:.0f} s\n")
         return web.Response(text="ok\n")
 
     async def _readyz(self, _: web.Request) -> web.Response:

@@ -98,7 +98,7 @@ class Operator:
         """
         async with contextlib.AsyncExitStack() as stack:
             for reflector in self.informers.reflectors:
-                stack.push_async_callback(_ended, asyncio.create_task(reflector.run()))
+                stack.push_async_callback(_ended, _supervised(reflector.run(), stop))
             for reflector in self.informers.reflectors:
                 await _first(reflector.synced.wait(), stop.wait())
             gc.freeze()  # caches live for ever; scanning them again and again is the largest cost of the process
@@ -109,8 +109,8 @@ class Operator:
         async with contextlib.AsyncExitStack() as stack:
             helpers: list[Coroutine[Any, Any, None]] = [self.recorder.run(), self.sweeper.run()]
             for helper in helpers:
-                stack.push_async_callback(_ended, asyncio.create_task(helper))
-            worker = asyncio.create_task(self.controller.run())
+                stack.push_async_callback(_ended, _supervised(helper, stop))
+            worker = _supervised(self.controller.run(), stop)
             stack.push_async_callback(self._drain, worker)
             await self._watch_apps(stop)
 
@@ -156,7 +156,12 @@ async def run(settings: Settings, endpoint: Endpoint) -> None:
     agent = f"{OPERATOR_MANAGER}/{__version__}"
     async with ApiClient(endpoint, user_agent=agent, field_manager=OPERATOR_MANAGER) as client:
         operator = Operator(settings, client)
-        health = Health(silence_s=operator.silence_s, synced=operator.ready, metrics=operator.metrics.render)
+        health = Health(
+            silence_s=operator.silence_s,
+            overdue_s=lambda: operator.queue.overdue_s,
+            synced=operator.ready,
+            metrics=operator.metrics.render,
+        )
         await health.start(settings.health_port)
         try:
             async with operator.caches(stop):
@@ -189,6 +194,19 @@ async def _first(*waits: Coroutine[Any, Any, Any]) -> None:
     await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
     for task in tasks:
         await _ended(task)
+
+
+def _supervised(work: Coroutine[Any, Any, None], stop: asyncio.Event) -> asyncio.Task[None]:
+    """Run `work` in the background; if it dies, stop the process rather than go on without it."""
+
+    async def watched() -> None:
+        try:
+            await work
+        except Exception:
+            log.exception("a background task died, the operator stops")
+            stop.set()
+
+    return asyncio.create_task(watched())
 
 
 async def _ended(task: asyncio.Task[Any]) -> None:

@@ -61,6 +61,12 @@ class Queue:
     def active(self) -> int:
         return len(self._active)
 
+    @property
+    def overdue_s(self) -> float:
+        """How long the key that waits longest has been due: the workers are stuck when this grows."""
+        self._promote()
+        return max((self._clock() - keys[0][1] for keys in self._ready.values()), default=0.0)
+
     def add(self, key: Key, *, delay_s: float = 0.0) -> None:
         """Ask for `key` in `delay_s`; an earlier request stands, a later one is forgotten."""
         self.adds += 1

@@ -2,9 +2,9 @@
 
 import argparse
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 PREFIX: Final = "ROBOTAPP_OPERATOR_"
 SYSTEM_NAMESPACE: Final = "robotapp-system"
@@ -30,75 +30,6 @@ class Settings:
     """text or json."""
 
 
-def parse(argv: Sequence[str], environ: Mapping[str, str]) -> Settings:
-    """Settings from flags, then environment, then defaults. Exits with a sentence on a wrong value."""
-    defaults = Settings()
-
-    def default(flag: str, fallback: object) -> object:
-        return environ.get(PREFIX + flag.upper().replace("-", "_"), fallback)
-
-    parser = argparse.ArgumentParser(
-        prog="robotapp-operator", description="Turns RobotApps into Deployments with DDS domains."
-    )
-    add = parser.add_argument
-    add(
-        "--kubeconfig",
-        type=Path,
-        default=default("kubeconfig", None),
-        help="kubeconfig file; without one the pod's service account",
-    )
-    add(
-        "--namespaces",
-        type=_names,
-        default=default("namespaces", ""),
-        help="namespaces to serve, separated by commas; empty means all",
-    )
-    add(
-        "--sweep-seconds",
-        type=_positive,
-        default=default("sweep-seconds", defaults.sweep_seconds),
-        help="period of the claim sweep",
-    )
-    add(
-        "--handover-seconds",
-        type=_positive,
-        default=default("handover-seconds", defaults.handover_seconds),
-        help="how long a device waits for its next pod",
-    )
-    add(
-        "--health-port",
-        type=int,
-        default=default("health-port", defaults.health_port),
-        help="port of /healthz, /readyz and /metrics; 0 for none",
-    )
-    add("--lease-namespace", default=default("lease-namespace", ""), help="namespace of the election Lease")
-    add(
-        "--no-leader-election",
-        action="store_true",
-        default=default("no-leader-election", "") in ("1", "true", "yes"),
-        help="work without holding the Lease",
-    )
-    add(
-        "--log-format",
-        choices=("text", "json"),
-        default=default("log-format", defaults.log_format),
-        help="form of log lines",
-    )
-    found = parser.parse_args(argv)
-    if not isinstance(found.namespaces, tuple):
-        found.namespaces = _names(found.namespaces)
-    return Settings(
-        kubeconfig=found.kubeconfig and Path(found.kubeconfig),
-        namespaces=found.namespaces,
-        sweep_seconds=found.sweep_seconds,
-        handover_seconds=found.handover_seconds,
-        health_port=found.health_port,
-        lease_namespace=found.lease_namespace,
-        leader_election=not found.no_leader_election,
-        log_format=found.log_format,
-    )
-
-
 def _names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
@@ -108,3 +39,45 @@ def _positive(text: str) -> float:
     if seconds <= 0:
         raise argparse.ArgumentTypeError(f"{text} is not above zero")
     return seconds
+
+
+def _log_format(text: str) -> str:
+    if text not in ("text", "json"):
+        raise argparse.ArgumentTypeError(f"{text} is neither text nor json")
+    return text
+
+
+_KINDS: Final[Mapping[str, Callable[[str], Any]]] = {
+    "kubeconfig": Path,
+    "namespaces": _names,
+    "sweep_seconds": _positive,
+    "handover_seconds": _positive,
+    "health_port": int,
+    "lease_namespace": str,
+    "log_format": _log_format,
+}
+_HELP: Final = {
+    "kubeconfig": "kubeconfig file; without one the pod's service account",
+    "namespaces": "namespaces to serve, separated by commas; without it all",
+    "sweep_seconds": "period of the claim sweep; events wake it earlier",
+    "handover_seconds": "how long a device waits for the next pod of its component",
+    "health_port": "port of /healthz, /readyz and /metrics; 0 for none",
+    "lease_namespace": "namespace of the election Lease",
+    "log_format": "text or json",
+}
+
+
+def parse(argv: Sequence[str], environ: Mapping[str, str]) -> Settings:
+    """Settings from flags, then environment, then defaults. Exits with a sentence on a wrong value."""
+    parser = argparse.ArgumentParser(
+        prog="robotapp-operator", description="Turns RobotApps into Deployments with DDS domains."
+    )
+    for name, kind in _KINDS.items():
+        flag = name.replace("_", "-")
+        fallback = environ.get(PREFIX + name.upper())
+        parser.add_argument(f"--{flag}", type=kind, default=fallback, help=_HELP[name])
+    off = environ.get(f"{PREFIX}NO_LEADER_ELECTION", "") in ("1", "true", "yes")
+    parser.add_argument("--no-leader-election", action="store_true", default=off, help="work without holding the Lease")
+    found = vars(parser.parse_args(argv))
+    election = not found.pop("no_leader_election")
+    return Settings(leader_election=election, **{name: value for name, value in found.items() if value is not None})

@@ -2,7 +2,7 @@
 
 import dataclasses
 import hashlib
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping
 
 from robotapp_api.model.base import dump
 from robotapp_api.model.names import Annotation
@@ -61,7 +61,3 @@ def _preference(app: App, node: Node, recorded: Collection[str]) -> tuple[bool, 
     """Recorded first, then reachable, then spread over the robots by hash instead of always taking the first name."""
     spread = hashlib.sha256(f"{app.uid}/{node.robot}".encode()).hexdigest()
     return (node.robot not in recorded, not node.ready, spread, node.metadata.name)
-
-
-def recorded_instances(instance_keys: Iterable[str]) -> frozenset[str]:
-    return frozenset(key for key in instance_keys if key)

@@ -66,7 +66,7 @@ def test_two_operators_at_work_agree_and_then_rest(installed_plane: ControlPlane
         eventually(all_ready(tenant, 8), timeout_s=60, what=lambda: domains(tenant))
         assert len(set(domains(tenant))) == len(tenant.claims()) == 8
         assert len(tenant.deployments()) == 16
-        time.sleep(2)
+        time.sleep(6)  # the fleet view rests for five seconds between two writes
         assert writes_in(installed_plane, tenant.namespace, seconds=5) == []
 
 

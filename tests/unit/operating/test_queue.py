@@ -80,6 +80,17 @@ def test_the_wait_beyond_the_due_time_is_reported() -> None:
     assert item[1] == 3
 
 
+def test_stuck_work_shows_as_overdue() -> None:
+    queue, clock = make_queue()
+    assert queue.overdue_s == 0
+    queue.add(key("a"))
+    queue.add(key("b"), delay_s=50)
+    clock.now_s += 30
+    assert queue.overdue_s == 30
+    queue.pop()
+    assert queue.overdue_s == 0
+
+
 def test_failures_back_off_exponentially_up_to_a_minute() -> None:
     queue, clock = make_queue()
     delays = []

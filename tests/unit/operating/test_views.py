@@ -172,9 +172,12 @@ async def page(port: int, path: str) -> tuple[int, str]:
 
 
 async def test_health_tells_silence_and_filling_caches(unused_tcp_port: int) -> None:
-    state = {"silence": 0.0, "synced": False}
+    state = {"silence": 0.0, "overdue": 0.0, "synced": False}
     health = Health(
-        silence_s=lambda: float(state["silence"]), synced=lambda: bool(state["synced"]), metrics=lambda: b"m 1\n"
+        silence_s=lambda: float(state["silence"]),
+        overdue_s=lambda: float(state["overdue"]),
+        synced=lambda: bool(state["synced"]),
+        metrics=lambda: b"m 1\n",
     )
     await health.start(unused_tcp_port)
     try:
@@ -182,6 +185,8 @@ async def test_health_tells_silence_and_filling_caches(unused_tcp_port: int) -> 
         assert (await page(unused_tcp_port, "/readyz"))[0] == 503
         state.update(silence=500.0, synced=True)
         assert await page(unused_tcp_port, "/healthz") == (503, "a watch has been silent for 500 s\n")
+        state.update(silence=0.0, overdue=181.0)
+        assert await page(unused_tcp_port, "/healthz") == (503, "work has been due for 181 s\n")
         assert (await page(unused_tcp_port, "/readyz"))[0] == 200
         assert await page(unused_tcp_port, "/metrics") == (200, "m 1\n")
     finally:
@@ -189,7 +194,7 @@ async def test_health_tells_silence_and_filling_caches(unused_tcp_port: int) -> 
 
 
 async def test_port_zero_serves_nothing() -> None:
-    health = Health(silence_s=lambda: 0.0, synced=lambda: True, metrics=lambda: b"")
+    health = Health(silence_s=lambda: 0.0, overdue_s=lambda: 0.0, synced=lambda: True, metrics=lambda: b"")
     await health.start(0)
     await health.stop()
 

@@ -5,7 +5,7 @@ import dataclasses
 from tests.support.factories import by_name, make_app, make_node, robots
 
 from robotapp_api.model.names import Annotation
-from robotapp_operator.plan.instances import Instance, admits, instances_of, recorded_instances
+from robotapp_operator.plan.instances import Instance, admits, instances_of
 
 ALL = {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}
 EACH = {"selector": ALL}
@@ -63,7 +63,3 @@ def test_any_spreads_different_apps_over_the_robots() -> None:
 
 def test_no_robot_means_no_instance() -> None:
     assert instances_of(make_app(robots=ANY), {}, recorded={"a"}) == ()
-
-
-def test_only_names_of_robots_count_as_records() -> None:
-    assert recorded_instances(["", "a"]) == {"a"}
