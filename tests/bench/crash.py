@@ -11,39 +11,44 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from tests.support.crash_campaign import CrashCampaign, Outcome, kill_points, sample
+from tests.support.crash_campaign import CrashCampaign, Outcome, kill_points, lives, sample
 
 from robotapp_testbed import ControlPlane
 
 
 def main(argv: Sequence[str] | None = None) -> int:
+    arguments = _parser().parse_args(argv)
+    with ControlPlane() as cp, CrashCampaign(cp, apps=arguments.apps) as campaign:
+        writes = campaign.reference()
+        points = list(kill_points(writes))
+        chosen = points if arguments.all else sample(points, arguments.points, arguments.seed)
+        planned = lives(chosen, arguments.kills)
+        say(f"writes of one life of {arguments.apps} apps: {writes}; {len(chosen)} of {len(points)} kill points")
+        outcomes = []
+        for number, each in enumerate(planned, 1):
+            outcomes.append(campaign.live(each))
+            say(f"life {number}/{len(planned)}: {_line(outcomes[-1])}")
+    if arguments.json:
+        found = {"writes": writes, "outcomes": [asdict(each) for each in outcomes]}
+        arguments.json.write_text(json.dumps(found, indent=1) + "\n")
+    failed = sum(bool(each.problems) for each in outcomes)
+    struck = sum(len(each.points) - len(each.missed) for each in outcomes)
+    say(
+        f"{struck} kills struck in {len(outcomes)} lives, {len(chosen) - struck} not reached, {failed} lives with problems"
+    )
+    return 1 if failed or not struck else 0
+
+
+def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="scripts/bench crash", description=__doc__.splitlines()[0])
     amount = parser.add_mutually_exclusive_group()
     amount.add_argument("--all", action="store_true", help="every write, before and after")
     amount.add_argument("--points", type=int, default=15, help="this many, spread over all")
     parser.add_argument("--seed", type=int, default=0, help="rotates the sample")
+    parser.add_argument("--kills", type=int, default=12, help="kills within one life of the workload")
     parser.add_argument("--apps", type=int, default=20)
     parser.add_argument("--json", type=Path, help="write every outcome to this file")
-    arguments = parser.parse_args(argv)
-    with ControlPlane() as cp, CrashCampaign(cp, apps=arguments.apps) as campaign:
-        writes = campaign.reference()
-        points = list(kill_points(writes))
-        chosen = points if arguments.all else sample(points, arguments.points, arguments.seed)
-        say(f"writes of one life of {arguments.apps} apps: {writes}; {len(chosen)} of {len(points)} kill points")
-        outcomes = []
-        for number, point in enumerate(chosen, 1):
-            outcomes.append(campaign.run(point))
-            say(f"{number:4}/{len(chosen)} {_line(outcomes[-1])}")
-    if arguments.json:
-        arguments.json.write_text(
-            json.dumps({"writes": writes, "outcomes": [asdict(each) for each in outcomes]}, indent=1) + "\n"
-        )
-    failed = [each for each in outcomes if each.problems]
-    struck = sum(each.struck for each in outcomes)
-    say(
-        f"{struck} kills struck, {len(outcomes) - struck} points were past the last write, {len(failed)} runs with problems"
-    )
-    return 1 if failed or not struck else 0
+    return parser
 
 
 def say(text: str) -> None:
@@ -51,9 +56,11 @@ def say(text: str) -> None:
 
 
 def _line(outcome: Outcome) -> str:
-    verdict = "; ".join(outcome.problems) or "ok"
-    struck = "" if outcome.struck else " (not reached)"
-    return f"{outcome.point}{struck}: ready {outcome.ready_s:.1f} s, gone {outcome.gone_s:.1f} s, {verdict}"
+    verdict = "; ".join(outcome.problems)
+    if verdict:
+        verdict += f" (kills: {', '.join(map(str, outcome.points))})"
+    struck = len(outcome.points) - len(outcome.missed)
+    return f"{struck} kills, ready {outcome.ready_s:.1f} s, gone {outcome.gone_s:.1f} s, {verdict or 'ok'}"
 
 
 if __name__ == "__main__":

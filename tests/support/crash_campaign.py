@@ -1,10 +1,11 @@
-"""Kill -9 of operator or scheduler at one chosen write of a workload, then look at what is left.
+"""Kill -9 of operator and scheduler at chosen writes of a workload's life, then look at what is left.
 
-The fault proxy stands between each of them and the API server, so "before" and "after" a write are exact.
+The fault proxy stands between each of them and the API server, so "before" and "after" a write are exact. It counts a
+component's writes across restarts, so one life of the workload can hold several kills, far apart from each other.
 """
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Self
@@ -20,7 +21,7 @@ from robotapp_testbed.topology import SimulatedTelemetry, apply, fleet
 NAMESPACE = "crash"
 COMPONENTS = ("operator", "scheduler")
 _READY_S = 60.0
-_GONE_S = 30.0
+_RESTART_S = 10.0
 _APPS = f"/apis/{API_VERSION}/namespaces/{NAMESPACE}/robotapps"
 
 
@@ -38,10 +39,10 @@ class KillPoint:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What one run showed. `struck` is False when the component made fewer writes than the point's index."""
+    """What one life showed. `missed` are points behind the last write the component made."""
 
-    point: KillPoint
-    struck: bool
+    points: tuple[KillPoint, ...]
+    missed: tuple[KillPoint, ...]
     problems: tuple[str, ...]
     ready_s: float
     gone_s: float
@@ -86,29 +87,31 @@ class CrashCampaign:
         self._proxy.__exit__(kind, error, trace)
 
     def reference(self) -> dict[str, int]:
-        """A run without a kill: how many writes each component makes for the workload's whole life."""
-        outcome = self.run(None)
+        """A life without a kill: how many writes each component makes."""
+        outcome = self.live(())
         if outcome.problems:
             raise AssertionError(f"the workload fails without any kill: {outcome.problems}")
         return {each: len(self._proxy.ledger.writes(component=each)) for each in COMPONENTS}
 
-    def run(self, point: KillPoint | None) -> Outcome:
-        """Apply the workload, let the point strike, wait for Ready, delete everything, wait until nothing is left."""
+    def live(self, points: Sequence[KillPoint]) -> Outcome:
+        """Apply the workload, let the points strike, wait for Ready, delete everything, wait until nothing is left."""
         self._proxy.ledger.reset()
         self._proxy.forget_hooks()
-        struck = self._arm(point)
+        struck = {point: self._arm(point) for point in points}
         self._cp.kubectl("-n", NAMESPACE, "apply", "-f", "-", stdin=self._apps)
         problems: list[str] = []
-        ready_s = self._until(lambda: self._watched(problems) and self._all_ready(), _READY_S)
+        patience_s = _READY_S + _RESTART_S * len(points)
+        ready_s = self._until(lambda: self._watched(problems) and self._all_ready(), patience_s)
         if ready_s < 0:
-            problems.append(f"not all Ready after {_READY_S:.0f} s: {self._not_ready()}")
+            problems.append(f"not all Ready after {patience_s:.0f} s: {self._not_ready()}")
         problems += _doubles(self._cp)
         self._cp.kubectl("-n", NAMESPACE, "delete", "robotapps", "--all", "--wait=false")
-        gone_s = self._until(lambda: self._watched(problems) and not self._left(), _GONE_S)
+        gone_s = self._until(lambda: self._watched(problems) and not self._left(), patience_s)
         if gone_s < 0:
-            problems.append(f"left {_GONE_S:.0f} s after deletion: {self._left()}")
-        point = point or KillPoint("nobody", 0, Moment.BEFORE)
-        return Outcome(point, struck(), tuple(dict.fromkeys(problems)), ready_s, gone_s)
+            problems.append(f"left {patience_s:.0f} s after deletion: {self._left()}")
+        problems += [f"fault proxy: {error!r}" for error in self._proxy.errors]
+        missed = tuple(point for point, happened in struck.items() if not happened())
+        return Outcome(tuple(points), missed, tuple(dict.fromkeys(problems)), ready_s, gone_s)
 
     # --- inside -----------------------------------------------------------------------------------------------
 
@@ -117,12 +120,10 @@ class CrashCampaign:
         start = product.start_operator if component == "operator" else product.start_scheduler
         self._processes[component] = start(self._cp, kubeconfig=route.kubeconfig, sweep_seconds=1)
 
-    def _arm(self, point: KillPoint | None) -> Any:
-        if point is None:
-            return lambda: False
+    def _arm(self, point: KillPoint) -> Callable[[], bool]:
         return self._proxy.kill_at(point.component, point.index, point.moment, self._processes[point.component].kill)
 
-    def _until(self, condition: Any, within_s: float) -> float:
+    def _until(self, condition: Callable[[], bool], within_s: float) -> float:
         """Seconds until the condition held, -1 when it did not in time."""
         began_s = time.monotonic()
         held = wait_until(condition, timeout_s=within_s, poll_s=0.1)
@@ -180,6 +181,13 @@ def sample(points: Sequence[KillPoint], count: int, seed: int) -> list[KillPoint
     """`count` points spread evenly over the whole list, rotated by the seed so that successive runs cover it all."""
     step = max(1, len(points) // count)
     return [points[(seed + step * n) % len(points)] for n in range(min(count, len(points)))]
+
+
+def lives(points: Sequence[KillPoint], kills: int) -> list[list[KillPoint]]:
+    """Share the points among as few lives as hold `kills` each, so that kills within a life are far apart."""
+    count = -(-len(points) // kills)
+    ordered = sorted(points, key=lambda point: (point.component, point.index, point.moment))
+    return [ordered[start::count] for start in range(count)]
 
 
 def _app(number: int) -> dict[str, Any]:

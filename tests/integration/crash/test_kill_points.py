@@ -5,11 +5,12 @@ import os
 from collections.abc import Iterator
 
 import pytest
-from tests.support.crash_campaign import CrashCampaign, kill_points, sample
+from tests.support.crash_campaign import CrashCampaign, kill_points, lives, sample
 
 from robotapp_testbed import ControlPlane
 
 SAMPLE = 15
+KILLS_PER_LIFE = 5
 
 
 def seed() -> int:
@@ -31,6 +32,7 @@ def test_whoever_dies_at_whichever_write_every_app_becomes_ready_and_nothing_is_
 ) -> None:
     points = list(kill_points(campaign.reference()))
     assert len(points) >= 120
-    outcomes = [campaign.run(point) for point in sample(points, SAMPLE, seed())]
-    assert {str(each.point): each.problems for each in outcomes if each.problems} == {}, f"ROBOTAPP_SEED={seed()}"
-    assert sum(each.struck for each in outcomes) >= SAMPLE // 2
+    outcomes = [campaign.live(each) for each in lives(sample(points, SAMPLE, seed()), KILLS_PER_LIFE)]
+    problems = {str(each.points): each.problems for each in outcomes if each.problems}
+    assert problems == {}, f"repeat with ROBOTAPP_SEED={seed()}"
+    assert sum(len(each.missed) for each in outcomes) < SAMPLE // 2
