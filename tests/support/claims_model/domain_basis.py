@@ -71,6 +71,8 @@ class Basis:
     pods: int = 3
     lag: bool = True
     history: bool = False
+    apart: bool = False
+    """The sweep reads claims and Deployments in two steps instead of one."""
     pods_first: bool = False
     """Structure mutant: the sweep lists pods before it reads the claims."""
     cached_check: bool = False

@@ -30,9 +30,16 @@ class Sweepers(Basis):
             yield from self._look(s, k, sweeper)
 
     def _begin(self, s: State, k: int, x: int, claim: tuple[int, int]) -> Iterator[Move]:
-        """Claims and Deployments read; what the instance held and named is remembered for the question who wants."""
+        """Claims read; what the instance held, and soon named, is remembered for the question who wants.
+
+        Unless `apart`, the Deployments are read in the same step: between the two only the claim itself could matter,
+        and a change of it refuses this sweeper anyway. The `apart` scenarios check that this saves states, not errors.
+        """
         h, draining = claim
         held = tuple(number for number, _ in self._own(s, h))
+        if self.apart:
+            yield move(s, f"S reads id{x}", True, sweepers=self._sweeps(s, k, (x, 1, h, draining, held, NONE)))
+            return
         seen = (x, 2, h, draining, held, self._named(s, h))
         if self.rules.error_means_gone():
             yield move(
@@ -49,7 +56,7 @@ class Sweepers(Basis):
         wanted = stage == 4 and self.rules.wants(
             self.who[h], x, held, named, s.wants[h] if self._state(s, h) == LIVE else None
         )
-        following = (x, stage + 1, h, draining, held, named)
+        following = (x, stage + 1, h, draining, held, self._named(s, h) if stage == 1 else named)
         yield from self._judge(s, k, following, wanted=wanted, used=used)
 
     def _used(self, s: State, stage: int, h: int, x: int) -> bool:

@@ -73,14 +73,14 @@ AGAIN: dict[str, Any] = {"begin": "LN", "names": (0, 0), "specs": (AUTO, NONE)}
 """An app deleted and created again under its name."""
 
 domain("R1", "2 apps, 1 id, 2 changes, 2 sweepers", quick=False, **ONE, changes=2, sweepers=2)
-domain("R1s", "2 apps, 1 id, 1 change, 2 pods", **ONE, pods=2)
+domain("R1s", "2 apps, 1 id, 1 change, 2 pods", **ONE, pods=2, apart=True)
 domain("R2", "2 apps, 2 ids, 1 change", quick=False, pods=2)
 domain("R3", "1 app, 2 ids, 2 changes, 2 sweepers", quick=False, **SOLO, changes=2, sweepers=2)
-domain("R3s", "1 app, 2 ids, 1 change", **SOLO)
+domain("R3s", "1 app, 2 ids, 1 change", **SOLO, apart=True)
 domain("R4", "2 instances, 2 ids, 1 change", quick=False, **PAIR, pods=2)
-domain("R4s", "2 instances, 1 id, 1 change", **{**PAIR, "ids": 1}, pods=2)
+domain("R4s", "2 instances, 1 id, 1 change", **{**PAIR, "ids": 1}, pods=2, apart=True)
 domain("R5", "app re-created under its name, 2 ids, 2 changes", quick=False, **AGAIN, changes=2, pods=2)
-domain("R5s", "app re-created under its name, 1 id, 2 changes", **{**AGAIN, "ids": 1}, changes=2, pods=2)
+domain("R5s", "app re-created under its name, 1 id, 2 changes", **{**AGAIN, "ids": 1}, changes=2, pods=2, apart=True)
 domain("R6", "deletions only, strict orphans, no template moves", quick=False, specs=(), pods=2)
 domain("R6s", "deletions only, prompt controllers, no template moves", quick=False, specs=(), pods=2, lag=False)
 domain("R6t", "deletions only, 1 id, prompt controllers", ids=1, specs=(), pods=2, lag=False)
