@@ -4,6 +4,7 @@ Labels find candidates; that a pod belongs to an app is decided by its ownerRefe
 pod → ReplicaSet → Deployment → RobotApp inside one namespace.
 """
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from robotapp_api.model.names import ROBOT_END
@@ -102,6 +103,7 @@ class AppIndex:
     def __init__(self) -> None:
         self._apps: dict[str, App] = {}
         self._owners: dict[str, Owned] = {}
+        self._expected: Mapping[Member, tuple[str, ...]] = {}
         self._replicas: dict[tuple[str, str], dict[str, dict[str, Replica]]] = {}
 
     def __repr__(self) -> str:
@@ -195,6 +197,14 @@ class AppIndex:
         return [
             replica for replica in instance.get(component, {}).values() if self.belongs(replica.pod, member.app_uid)
         ]
+
+    def expect(self, candidates: Mapping[Member, tuple[str, ...]]) -> None:
+        """While a group is planned: nodes on which components that are not placed yet may still end up."""
+        self._expected = candidates
+
+    def expected(self, member: Member, component: str) -> tuple[str, ...]:
+        """Nodes a component of the same instance may still end up on; empty when that says nothing."""
+        return self._expected.get(member._replace(component=component), ())
 
     def labelled(self, member: Member) -> list[Replica]:
         """Live pods with exactly these labels, owner chain not asked."""

@@ -135,16 +135,22 @@ class SchedulerCore:
         self.explain.add(recorder.record(decision))
         return decision
 
-    def room(self, pod: PodInfo) -> int:
-        """How many nodes would take the pod now; -1 when it cannot be tried at all."""
+    def room(self, pod: PodInfo, *, name_up_to: int) -> tuple[int, tuple[str, ...]]:
+        """How many nodes would take the pod now (-1: it cannot be tried at all), named when at most `name_up_to`."""
         try:
             if pod.scheduler_name not in self._engines or self.prepare(pod) is not None:
-                return -1
+                return -1, ()
             engine = self._engines[pod.scheduler_name]
             narrowed = engine.pre_filter(pod)
-            return -1 if narrowed.status is not None else engine.evaluate(pod, narrowed.names).feasible
+            if narrowed.status is not None:
+                return -1, ()
+            evaluation = engine.evaluate(pod, narrowed.names)
         except (PluginError, ValueError, OverflowError):
-            return -1
+            return -1, ()
+        if evaluation.feasible > name_up_to:
+            return evaluation.feasible, ()
+        positions = (evaluation.reason == 0).nonzero()[0]
+        return evaluation.feasible, tuple(engine.name_of(evaluation, int(position)) for position in positions)
 
     def prepare(self, pod: PodInfo) -> Decision | None:
         """Resolve the pod's ROS wishes; a decision when it cannot be tried at all."""

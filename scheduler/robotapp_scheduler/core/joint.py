@@ -14,6 +14,8 @@ from robotapp_scheduler.core.framework import Code
 from robotapp_scheduler.core.pods import Member, PodInfo
 
 MOST_RESTARTS: Final = 8
+FEW_CANDIDATES: Final = 16
+"""A peer with more places to go than this says little about where its partners should be."""
 
 
 class Placer(Protocol):
@@ -22,14 +24,24 @@ class Placer(Protocol):
     cluster: Cluster
 
     def schedule_one(self, pod: PodInfo, *, attempt: int = 1) -> Decision: ...
-    def room(self, pod: PodInfo) -> int:
-        """How many nodes would take the pod now."""
+    def room(self, pod: PodInfo, *, name_up_to: int) -> tuple[int, tuple[str, ...]]:
+        """How many nodes would take the pod now, and their names when there are not too many."""
 
 
 def plan_together(core: Placer, pods: Sequence[PodInfo], attempts: Mapping[str, int]) -> list[Decision]:
     """Decisions for all pods, in the order in which they were placed."""
-    room = {pod.uid: core.room(pod) for pod in pods}
-    order = sorted(pods, key=lambda pod: (room[pod.uid], pod.namespace, pod.name))
+    room = {pod.uid: core.room(pod, name_up_to=FEW_CANDIDATES) for pod in pods}
+    order = sorted(pods, key=lambda pod: (room[pod.uid][0], pod.namespace, pod.name))
+    apps = core.cluster.apps
+    # A peer that comes later counts by the best node it may still use.
+    apps.expect({pod.member: room[pod.uid][1] for pod in pods if pod.member is not None and room[pod.uid][1]})
+    try:
+        return _plan(core, order, attempts)
+    finally:
+        apps.expect({})
+
+
+def _plan(core: Placer, order: list[PodInfo], attempts: Mapping[str, int]) -> list[Decision]:
     decisions = _place(core, order, attempts)
     for _ in range(min(MOST_RESTARTS, len(order))):
         stuck = next((d for d in decisions if _refused(d) and order[0] is not d.pod), None)

@@ -109,9 +109,10 @@ def _app_endpoints(
         required = link.required and not (tied(component) and peer is not None and not tied(peer))
         replicas = around.apps.replicas(member, link.peer)
         places: list[tuple[str, ...]] = [(r.node,) for r in replicas if r.node and r.pod.metadata.uid != pod.uid]
-        if not places and peer is not None and tied(peer):
-            # It will be there, whatever is decided now; without this a movable pod planned first could sit anywhere.
-            places = [around.robot_nodes(member.instance)]
+        if not places:
+            # A pod planned before its peer must not end up where no node of the peer is in reach.
+            tied_to = around.robot_nodes(member.instance) if peer is not None and tied(peer) else ()
+            places = [tied_to or around.apps.expected(member, link.peer)]
         found.extend(_end(link, nodes, budget_us, required=required) for nodes in places if nodes)
     return tuple(dict.fromkeys(found))
 

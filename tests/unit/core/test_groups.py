@@ -238,3 +238,20 @@ def test_a_pod_that_finds_no_place_after_the_others_is_tried_first() -> None:
     arrive(core, member_pod("a", cpu="1500m"))
     arrive(core, member_pod("b", cpu="3"))
     assert run(core) == {"a": "small", "b": "large"}
+
+
+def test_a_pod_planned_before_its_peer_stays_in_reach_of_the_nodes_the_peer_may_use() -> None:
+    """`fusion` is planned first and would like the larger node, from which no node of `sensor` is in reach."""
+    core = make_core(
+        make_node("s1", labels={"sensor": "yes"}, cpu="2"), make_node("s2", labels={"sensor": "yes"}, cpu="2"),
+        make_node("near", cpu="16"), make_node("far", cpu="64"),
+    )  # fmt: skip
+    for name in ("s1", "s2"):
+        core.cluster.apply_telemetry(telemetry(name, rtt_ms={"near": 5, "far": 60}))
+    edges = [{"topic": "/scan", "from": "sensor", "to": "fusion", "latency": {"budget": "20ms"}}]
+    teleop(core, "sensor", "fusion", edges=edges)
+    arrive(core, member_pod("sensor", nodeSelector={"sensor": "yes"}, cpu="1"))
+    arrive(core, member_pod("fusion", cpu="8", nodeSelector=None, affinity=None))
+    placed = run(core)
+    assert placed["fusion"] == "near"
+    assert placed["sensor"] in {"s1", "s2"}

@@ -1,0 +1,203 @@
+from typing import Any
+
+from tests.support.scheduling import app_object, chain, make_cluster, make_info, make_node, make_pod, member_pod
+
+from robotapp_api.model.names import Annotation, Label
+from robotapp_scheduler.core.apps import read_app
+from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.resolve import qos_fields, resolve
+from robotapp_scheduler.core.ros import DeviceHolder, Endpoint, Hardware, RosContext, thesis_tier, tier
+
+
+def fleet() -> Cluster:
+    return make_cluster(
+        make_node("robot", labels={str(Label.ROBOT): "amr"}), make_node("edge"), make_node("cloud"), make_node("other")
+    )
+
+
+def app_cluster(*components: dict[str, Any], **spec: Any) -> Cluster:
+    cluster = fleet()
+    cluster.apply_app(app_object(*components, **spec))
+    for component in components:
+        for owned in chain(str(component["name"])):
+            cluster.apply_owner(owned)
+    return cluster
+
+
+def context(cluster: Cluster, component: str, instance: str = "amr") -> RosContext:
+    found = resolve(PodInfo(member_pod(component, instance=instance)), cluster)
+    assert found is not None
+    return found
+
+
+def annotated(cluster: Cluster, labels: dict[str, str] | None = None, **annotations: str) -> RosContext | None:
+    keys = {"policies": Annotation.POLICIES, "topology": Annotation.TOPOLOGY, "shared": Annotation.SHARED_DATA}
+    keys["affinity"] = Annotation.AFFINITY
+    found = {str(keys[name]): text for name, text in annotations.items()}
+    return resolve(make_info("p", labels=labels, annotations=found), cluster)
+
+
+def test_pods_without_ros_fields_have_no_context() -> None:
+    assert resolve(make_info("p"), fleet()) is None
+    assert annotated(fleet(), topology='{"master_node":"","preferred_zones":[]}') is None
+
+
+def test_an_edge_reaches_its_placed_peer_with_its_own_budget_and_percentile() -> None:
+    edge = {"topic": "/t", "from": "a", "to": "b", "latency": {"budget": "30ms", "percentile": 50}}
+    cluster = app_cluster({"name": "a"}, {"name": "b"}, edges=[edge])
+    assert context(cluster, "a").endpoints == ()
+    cluster.apply_pod(member_pod("b", instance="amr", node="edge"))
+    assert context(cluster, "a").endpoints == (Endpoint("/t to b", ("edge",), 30_000, 50),)
+    assert context(cluster, "a").has_budget
+    assert context(cluster, "a", instance="other-robot").endpoints == ()
+
+
+def test_peers_count_only_when_their_owner_chain_leads_to_the_app() -> None:
+    edge = {"topic": "/t", "from": "a", "to": "b", "latency": {"budget": "30ms"}}
+    cluster = app_cluster({"name": "a"}, {"name": "b"}, edges=[edge])
+    forged = {str(Label.APP_UID): "app-1", str(Label.COMPONENT): "b", str(Label.INSTANCE): "amr"}
+    cluster.apply_pod(make_pod("forged", labels=forged, node="cloud"))
+    assert context(cluster, "a").endpoints == ()
+
+
+def test_the_robot_end_is_the_node_of_the_instance() -> None:
+    edge = {"topic": "/t", "from": "a", "to": "@robot", "latency": {"budget": "20ms"}}
+    cluster = app_cluster({"name": "a"}, edges=[edge])
+    assert context(cluster, "a").endpoints == (Endpoint("/t to @robot", ("robot",), 20_000),)
+    assert context(cluster, "a", instance="").endpoints == ()
+
+
+def test_a_preferred_edge_and_a_movable_peer_of_a_tied_pod_do_not_exclude_nodes() -> None:
+    edges = [
+        {"topic": "/soft", "from": "a", "to": "b", "latency": {"budget": "5ms", "enforce": "Preferred"}},
+        {"topic": "/hard", "from": "driver", "to": "b", "latency": {"budget": "5ms"}},
+        {"topic": "/two", "from": "driver", "to": "base", "latency": {"budget": "5ms"}},
+    ]
+    tied = {"runsOn": "Robot"}
+    cluster = app_cluster(
+        {"name": "a"}, {"name": "b"}, {"name": "driver", **tied}, {"name": "base", **tied}, edges=edges
+    )
+    for name in ("b", "base"):
+        cluster.apply_pod(member_pod(name, instance="amr", node="cloud"))
+    assert [end.required for end in context(cluster, "a").endpoints] == [False]
+    assert {end.what: end.required for end in context(cluster, "driver").endpoints} == {
+        "/hard to b": False, "/two to base": True,
+    }  # fmt: skip
+
+
+def test_a_components_own_budget_covers_edges_without_one_else_the_robot() -> None:
+    policies = {"latencyBudget": "40ms", "deadline": "50ms"}
+    cluster = app_cluster(
+        {"name": "a", "policies": policies}, {"name": "b"}, {"name": "lonely", "policies": policies},
+        edges=[{"topic": "/t", "from": "a", "to": "b"}],
+    )  # fmt: skip
+    cluster.apply_pod(member_pod("b", instance="amr", node="edge"))
+    assert context(cluster, "a").endpoints == (Endpoint("/t to b", ("edge",), 40_000),)
+    assert context(cluster, "a").deadline_us == 50_000
+    assert context(cluster, "lonely").endpoints == (Endpoint("robot amr", ("robot",), 40_000),)
+
+
+def test_devices_are_held_for_app_instance_and_component_and_gpus_never() -> None:
+    devices = [{"name": "cam", "type": "usb", "match": "8086:0b3a"}, {"name": "gpu", "type": "gpu", "model": "nvidia"}]
+    cluster = app_cluster({"name": "a", "devices": devices, "requires": [{"type": "lidar"}]})
+    found = context(cluster, "a")
+    assert [wish.name for wish in found.devices] == ["cam"]
+    assert found.hardware == (Hardware("lidar"), Hardware("gpu", "nvidia"))
+    assert found.holder == DeviceHolder("app-1", "default", "amr", "a", "uid-teleop-a")
+
+
+def test_peers_to_join_and_to_avoid_are_resolved_to_nodes() -> None:
+    cluster = app_cluster(
+        {"name": "a", "colocateWith": ["b"], "separateFrom": ["c"], "sharedData": {"with": ["d"], "peerPods": ["legacy"]}},
+        {"name": "b"}, {"name": "c"}, {"name": "d"},
+    )  # fmt: skip
+    cluster.apply_pod(member_pod("b", instance="amr", node="edge"))
+    cluster.apply_pod(member_pod("c", instance="amr", node="cloud"))
+    cluster.apply_pod(make_pod("legacy", node="other"))
+    found = context(cluster, "a")
+    assert {group.what: group.nodes for group in found.together} == {
+        "component b": ("edge",), "component d": (), "legacy": ("other",),
+    }  # fmt: skip
+    assert found.apart == ("cloud",)
+
+
+def test_placement_gives_zones_and_master() -> None:
+    cluster = app_cluster({"name": "a"}, placement={"zones": ["z1"], "masterNode": "edge"})
+    assert (context(cluster, "a").zones, context(cluster, "a").master_node) == (("z1",), "edge")
+
+
+def test_a_bare_pods_budget_reaches_master_then_placed_peers_then_its_robot() -> None:
+    cluster = fleet()
+    policies = '{"latency_budget":"30ms"}'
+    robot = {str(Label.ROBOT): "amr"}
+    found = annotated(cluster, robot, policies=policies)
+    assert found is not None
+    assert found.endpoints == (Endpoint("robot amr", ("robot",), 30_000),)
+    found = annotated(cluster, robot, policies=policies, shared='{"peer_pods":["mapper"]}')
+    assert found is not None
+    assert found.endpoints[0].what == "robot amr"
+    cluster.apply_pod(make_pod("mapper", node="cloud"))
+    found = annotated(cluster, robot, policies=policies, shared='{"peer_pods":["mapper"]}')
+    assert found is not None
+    assert found.endpoints == (Endpoint("peer mapper", ("cloud",), 30_000),)
+    found = annotated(cluster, robot, policies=policies, topology='{"master_node":"edge"}')
+    assert found is not None
+    assert found.endpoints == (Endpoint("master node edge", ("edge",), 30_000),)
+    found = annotated(cluster, policies=policies)
+    assert found is not None
+    assert found.endpoints == ()
+    assert found.has_budget
+
+
+def test_peers_of_another_namespace_are_strangers() -> None:
+    cluster = fleet()
+    cluster.apply_pod(make_pod("mapper", node="cloud", namespace="other"))
+    found = annotated(cluster, shared='{"peer_pods":["mapper"]}')
+    assert found is not None
+    assert found.together[0].nodes == ()
+
+
+def test_exclusive_types_of_a_bare_pod_become_devices_it_holds_alone() -> None:
+    found = annotated(fleet(), affinity='{"hardware_requirements":[{"type":"gpu"},{"type":"can","interface":"can0"}]}')
+    assert found is not None
+    assert [(wish.type, wish.interface) for wish in found.devices] == [("can", "can0")]
+    assert [hardware.type for hardware in found.hardware] == ["gpu", "can"]
+    assert found.holder == DeviceHolder(uid="uid-p", namespace="default", pod_uid="uid-p")
+
+
+def test_annotations_of_an_apps_pod_do_not_count() -> None:
+    cluster = app_cluster({"name": "a"})
+    pod = member_pod("a", annotations={str(Annotation.TOPOLOGY): '{"master_node":"edge"}'})
+    found = resolve(PodInfo(pod), cluster)
+    assert found is not None
+    assert found.master_node == ""
+
+
+def test_durations_nobody_can_read_are_collected_with_their_path() -> None:
+    edge = {"topic": "/t", "from": "a", "to": "b", "latency": {"budget": "fast"}}
+    app = read_app(app_object({"name": "a", "policies": {"deadline": "5"}}, edges=[edge]))
+    assert app.problems == (
+        "spec.edges[0].latency.budget: 'fast' is not a duration such as 30ms",
+        "spec.components[0].policies.deadline: '5' is not a duration such as 30ms",
+    )
+
+
+def test_the_tier_comes_from_the_class_and_rises_for_reliable_manual_liveliness() -> None:
+    assert [tier(c, reliability="best_effort", liveliness="") for c in ("realtime", "sensor_data", "best_effort")] == [
+        3,
+        2,
+        0,
+    ]
+    assert tier("best_effort", reliability="reliable", liveliness="manual_by_topic") == 2
+    assert tier("realtime", reliability="reliable", liveliness="manual_by_topic") == 3
+    assert thesis_tier("realtime", reliability="best_effort", liveliness="") == 0
+    assert thesis_tier("realtime", reliability="reliable", liveliness="manual_by_topic") == 2
+
+
+def test_the_queue_reads_the_class_from_the_app_or_the_annotations() -> None:
+    cluster = app_cluster({"name": "a", "qosClass": "realtime"})
+    assert qos_fields(PodInfo(member_pod("a")), cluster.apps) == ("realtime", "", "")
+    info = make_info("p", annotations={str(Annotation.POLICIES): '{"qos_class":"sensor_data"}'})
+    assert qos_fields(info, cluster.apps) == ("sensor_data", "", "")
+    assert qos_fields(make_info("plain"), cluster.apps) is None

@@ -1,0 +1,353 @@
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from tests.support.scheduling import device_claim, make_cluster, make_info, make_node, make_pod, telemetry
+
+from robotapp_api.model.names import Annotation, Label
+from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.devices import Device, DeviceGrant
+from robotapp_scheduler.core.framework import Scores, Verdict
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.ros import DeviceHolder, DeviceWish, Endpoint, Hardware, PeerGroup, RosContext
+from robotapp_scheduler.core.view import Nodes
+from robotapp_scheduler.plugins.registry import ROS, catalogue
+from robotapp_scheduler.plugins.ros.bind import binding_annotations
+from robotapp_scheduler.plugins.ros.deadline_score import DeadlineScore
+from robotapp_scheduler.plugins.ros.hardware_affinity import HardwareAffinityFilter
+from robotapp_scheduler.plugins.ros.latency_filter import LatencyFilter, LatencyFilterArgs
+from robotapp_scheduler.plugins.ros.latency_score import LatencyScore, LatencyScoreArgs
+from robotapp_scheduler.plugins.ros.load_balance import LoadBalanceArgs, LoadBalanceScore
+from robotapp_scheduler.plugins.ros.queue_sort import ROSQueueSort, ROSQueueSortArgs
+from robotapp_scheduler.plugins.ros.reserve import ROSReserve
+from robotapp_scheduler.plugins.ros.shared_data import SharedDataFilter
+from robotapp_scheduler.plugins.ros.topology_score import TopologyScore
+
+ZONE = str(Label.ZONE)
+DRAINING = {str(Annotation.GRACEFUL_SHUTDOWN): "true"}
+
+
+def pod(**context: Any) -> PodInfo:
+    info = make_info("p")
+    info.ros = RosContext(**context)
+    return info
+
+
+def line(*ms: float) -> Cluster:
+    """Node `robot` and nodes n0, n1 … that far away from it."""
+    cluster = make_cluster(make_node("robot"), *(make_node(f"n{i}") for i in range(len(ms))))
+    cluster.apply_telemetry(telemetry("robot", rtt_ms={f"n{i}": value for i, value in enumerate(ms)}))
+    return cluster
+
+
+def near_robot(budget_ms: float | None = None, **fields: Any) -> Endpoint:
+    return Endpoint("robot", ("robot",), None if budget_ms is None else int(budget_ms * 1000), **fields)
+
+
+def mask(answer: Any) -> list[bool]:
+    found = answer.mask if isinstance(answer, Verdict) else answer
+    assert isinstance(found, np.ndarray)
+    return [bool(value) for value in found]
+
+
+def passing(answer: Any, nodes: Nodes) -> set[str]:
+    return {name for name, passes in zip(nodes.names, mask(answer), strict=True) if passes}
+
+
+def scores(answer: Any) -> list[float]:
+    found = answer.raw if isinstance(answer, Scores) else answer
+    assert isinstance(found, np.ndarray)
+    return [round(float(value), 3) for value in found]
+
+
+@pytest.mark.parametrize("name", [ref.name for ref in ROS if ref.name not in {"ROSQueueSort", "ROSBind"}])
+def test_a_pod_without_ros_fields_skips_every_ros_plugin(name: str) -> None:
+    plugin = catalogue().classes[name]()
+    nodes = Nodes(make_cluster(make_node("n", annotations=DRAINING)))
+    plain = make_info("p")
+    for hook in ("pre_filter", "filter", "score"):
+        if hasattr(plugin, hook):
+            assert getattr(plugin, hook)(plain, nodes) is None
+
+
+# --- LatencyFilter ---------------------------------------------------------------------------------------------------
+
+
+def latency(**args: Any) -> LatencyFilter:
+    return LatencyFilter(msgspec.convert(args, LatencyFilterArgs))
+
+
+def test_nodes_beyond_the_budget_are_refused_with_their_distance() -> None:
+    verdict = latency().filter(pod(endpoints=(near_robot(30),)), Nodes(line(15, 30, 30.001, 61)))
+    assert mask(verdict) == [True, True, True, False, False]
+    assert isinstance(verdict, Verdict)
+    assert verdict.detail is not None
+    assert verdict.detail[3:].tolist() == [30.001, 61.0]
+    assert verdict.detail_unit == "ms"
+    assert verdict.codes is not None
+    assert verdict.reasons[int(verdict.codes[4])] == ("node(s) exceeded the latency budget",)
+
+
+def test_a_connection_without_a_budget_is_held_to_max_latency() -> None:
+    info = pod(endpoints=(near_robot(),))
+    assert mask(latency().filter(info, Nodes(line(99, 101)))) == [True, True, False]
+    assert mask(latency(maxLatency="1s").filter(info, Nodes(line(99, 101)))) == [True, True, True]
+
+
+def test_an_edge_that_is_only_preferred_excludes_nobody() -> None:
+    assert all(mask(latency().filter(pod(endpoints=(near_robot(1, required=False),)), Nodes(line(50)))))
+
+
+def test_every_connection_must_fit_and_the_nearest_of_several_places_counts() -> None:
+    cluster = make_cluster(*(make_node(name) for name in "abc"))
+    cluster.apply_telemetry(telemetry("a", rtt_ms={"b": 10, "c": 40}))
+    cluster.apply_telemetry(telemetry("b", rtt_ms={"c": 10}))
+    both = (Endpoint("x", ("a",), 20_000), Endpoint("y", ("b",), 5_000))
+    assert mask(latency().filter(pod(endpoints=both), Nodes(cluster))) == [False, True, False]
+    either = (Endpoint("x", ("a", "b"), 10_000),)
+    assert mask(latency().filter(pod(endpoints=either), Nodes(cluster))) == [True, True, True]
+
+
+def test_an_unknown_distance_is_allowed_unless_the_configuration_denies_it() -> None:
+    cluster = line(5)
+    cluster.apply_node(make_node("dark"))
+    info = pod(endpoints=(near_robot(30),))
+    assert mask(latency().filter(info, Nodes(cluster))) == [True, True, True]
+    assert mask(latency(unknown="Deny").filter(info, Nodes(cluster))) == [True, True, False]
+
+
+def test_draining_nodes_take_no_ros_pods_even_without_connections() -> None:
+    cluster = make_cluster(make_node("a", annotations=DRAINING), make_node("b"))
+    assert mask(latency().filter(pod(), Nodes(cluster))) == [False, True]
+
+
+def test_an_outlier_is_far_from_the_median_and_then_no_row_stands_alone() -> None:
+    plugin = latency(outlierFactor=3)
+    assert mask(plugin.filter(pod(endpoints=(near_robot(),)), Nodes(line(5, 6, 7, 50)))) == [True] * 4 + [False]
+    assert not plugin.row_local
+    assert latency().row_local
+
+
+@pytest.mark.parametrize(
+    ("args", "text"),
+    [
+        ({"source": "SchedulerProbe"}, "NodeTelemetry"),
+        ({"outlierFactor": -1}, "0-1000"),
+        ({"cacheTTL": "soon"}, "soon"),
+    ],
+)
+def test_arguments_that_cannot_be_honoured_are_refused(args: dict[str, Any], text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        latency(**args)
+
+
+# --- Hardware, shared data, devices ------------------------------------------------------------------------------------
+
+
+def hardware_cluster() -> Cluster:
+    prefix = "hardware.robotics.io/"
+    return make_cluster(
+        make_node("plain"),
+        make_node("gpu", labels={f"{prefix}gpu": "nvidia"}),
+        make_node("amd", labels={f"{prefix}gpu": "amd"}),
+        make_node("can", labels={f"{prefix}can-can0": "true"}),
+        make_node("plugin", **{"nvidia.com/gpu": "1"}),
+    )
+
+
+@pytest.mark.parametrize(
+    ("hardware", "expected"),
+    [
+        (Hardware("gpu"), {"gpu", "amd", "plugin"}),
+        (Hardware("gpu", "nvidia"), {"gpu", "plugin"}),
+        (Hardware("can", interface="can0"), {"can"}),
+        (Hardware("can", interface="can1"), set[str]()),
+        (Hardware("lidar"), set[str]()),
+    ],
+)
+def test_requirements_match_labels_or_an_extended_resource(hardware: Hardware, expected: set[str]) -> None:
+    nodes = Nodes(hardware_cluster())
+    assert passing(HardwareAffinityFilter().filter(pod(hardware=(hardware,)), nodes), nodes) == expected
+
+
+def test_every_requirement_must_be_met_and_devices_match_what_agents_see() -> None:
+    cluster = hardware_cluster()
+    camera = {"id": "usb-cam", "type": "usb", "model": "d435", "identity": "usb:8086:0b3a:77"}
+    cluster.apply_telemetry(telemetry("gpu", devices=[camera]))
+    wish = DeviceWish("cam", "usb", match="8086:0b3a")
+    nodes = Nodes(cluster)
+    info = pod(hardware=(Hardware("gpu"),), devices=(wish,))
+    assert passing(HardwareAffinityFilter().filter(info, nodes), nodes) == {"gpu"}
+
+
+def test_a_view_of_some_rows_gives_the_same_verdicts_as_the_whole() -> None:
+    cluster = hardware_cluster()
+    info = pod(hardware=(Hardware("gpu"),), together=(PeerGroup("x", ("gpu", "amd")),))
+    for plugin in (HardwareAffinityFilter(), SharedDataFilter(), LatencyFilter()):
+        whole = mask(plugin.filter(info, Nodes(cluster)))
+        some = mask(plugin.filter(info, Nodes(cluster, [4, 1, 0])))
+        assert some == [whole[4], whole[1], whole[0]]
+
+
+def test_a_pod_joins_its_placed_peers_and_keeps_away_from_others() -> None:
+    nodes = Nodes(make_cluster(*(make_node(name) for name in "abc")))
+    together = (PeerGroup("map", ("a", "b")), PeerGroup("not placed yet", ()))
+    verdict = SharedDataFilter().filter(pod(together=together, apart=("b",)), nodes)
+    assert mask(verdict) == [True, False, False]
+    assert isinstance(verdict, Verdict)
+    assert verdict.codes is not None
+    assert [verdict.reasons[int(code)][0] for code in verdict.codes[1:]] == [
+        "node(s) ran a component the pod must be separate from",
+        "node(s) didn't run the pod's shared-data peers",
+    ]
+
+
+def test_shared_volume_claims_are_refused_in_plain_words_until_volumes_are_read() -> None:
+    answer = SharedDataFilter().pre_filter(pod(volume_claims=("map",)), Nodes(make_cluster()))
+    assert answer is not None
+    assert answer.status is not None
+    assert "shared-data claim 'map' is not supported by this scheduler yet" in answer.status.reason
+
+
+def test_a_pod_only_fits_where_a_free_device_is_left_for_every_wish() -> None:
+    cluster = make_cluster(*(make_node(name) for name in ("one", "two", "busy", "none")))
+    bus = [{"id": f"can-can{i}", "type": "can", "interface": f"can{i}"} for i in range(2)]
+    for name, devices in (("one", bus[:1]), ("two", bus), ("busy", bus)):
+        cluster.apply_telemetry(telemetry(name, devices=devices))
+    cluster.apply_claim(device_claim("busy", "can-can0", uid="stranger"))
+    holder = DeviceHolder(uid="app", namespace="default", pod_uid="uid-p")
+    wishes = (DeviceWish("left", "can"), DeviceWish("right", "can"))
+    nodes = Nodes(cluster)
+    assert passing(ROSReserve().filter(pod(devices=wishes, holder=holder), nodes), nodes) == {"two"}
+    assert passing(ROSReserve().filter(pod(devices=wishes[:1], holder=holder), nodes), nodes) == {"one", "two", "busy"}
+
+
+# --- Scores ------------------------------------------------------------------------------------------------------------
+
+
+def test_topology_prefers_master_then_zones_in_order() -> None:
+    zones = {"a": "z1", "b": "z2", "c": "z3", "d": "z1"}
+    nodes = Nodes(make_cluster(*(make_node(name, labels={ZONE: zone}) for name, zone in zones.items())))
+    assert scores(TopologyScore().score(pod(zones=("z1", "z2"), master_node="d"), nodes)) == [1, 2, 3, 0]
+    assert TopologyScore.normalize == "inverse"
+
+
+def test_topology_is_uniform_for_ros_pods_that_name_none() -> None:
+    found = TopologyScore().score(pod(), Nodes(make_cluster(make_node("a"), make_node("b"))))
+    assert isinstance(found, Scores)
+    assert (scores(found), found.normalize) == ([80, 80], "none")
+
+
+def test_latency_scores_the_share_of_the_budget_that_is_left_and_one_slow_node_flattens_nothing() -> None:
+    found = LatencyScore().score(pod(endpoints=(near_robot(40),)), Nodes(line(10, 20, 4000)))
+    assert scores(found) == [100.0, 75.0, 50.0, 0.0]
+
+
+def test_latency_is_neutral_without_a_budget_and_where_nothing_is_known() -> None:
+    cluster = line(10)
+    cluster.apply_node(make_node("dark"))
+    assert scores(LatencyScore().score(pod(endpoints=(near_robot(),)), Nodes(cluster))) == [50, 50, 50]
+    assert scores(LatencyScore().score(pod(endpoints=(near_robot(40),)), Nodes(cluster))) == [100, 75, 50]
+
+
+def test_the_thesis_form_of_latency_compares_nodes_with_each_other() -> None:
+    plugin = LatencyScore(LatencyScoreArgs(normalize="MinMax"))
+    found = plugin.score(pod(endpoints=(near_robot(40),)), Nodes(line(10, 20)))
+    assert isinstance(found, Scores)
+    assert (scores(found), found.normalize, plugin.row_local) == ([0, -10_000, -20_000], "minmax", False)
+
+
+def test_deadline_uses_the_95th_percentile_of_the_worst_connection() -> None:
+    cluster = make_cluster(make_node("robot"), make_node("near"), make_node("jumpy"))
+    reading = telemetry("robot", rtt_ms={"near": 10, "jumpy": 10}, p95_ms={"near": 10, "jumpy": 60})
+    cluster.apply_telemetry(reading)
+    end = near_robot(percentile=50)
+    found = DeadlineScore().score(pod(endpoints=(end,), deadline_us=50_000), Nodes(cluster))
+    assert scores(found) == [100.0, 80.0, 0.0]
+    assert DeadlineScore().score(pod(endpoints=(end,)), Nodes(cluster)) is None
+    assert DeadlineScore().score(pod(deadline_us=50_000), Nodes(cluster)) is None
+
+
+@pytest.mark.parametrize(
+    ("qos_class", "cpu", "memory", "gpu"),
+    [("realtime", 0.65, 0.25, 0.10), ("best_effort", 0.35, 0.35, 0.30), ("sensor_data", 0.50, 0.30, 0.20)],
+)
+def test_load_is_weighted_by_class_and_a_missing_gpu_leaves_its_weight_to_the_others(
+    qos_class: str, cpu: float, memory: float, gpu: float
+) -> None:
+    with_gpu = make_node("gpu", cpu="4", memory="8Gi", **{"nvidia.com/gpu": "1"})
+    cluster = make_cluster(make_node("plain", cpu="4", memory="8Gi"), with_gpu)
+    cluster.apply_pod(make_pod("a", node="plain", cpu="2", memory="2Gi"))
+    requests = {"cpu": "2", "memory": "2Gi", "nvidia.com/gpu": "1"}
+    cluster.apply_pod(make_pod("b", node="gpu", containers=[{"name": "c", "resources": {"requests": requests}}]))
+    used = cpu * 0.5 + memory * 0.25
+    expected = [100 * (1 - used / (cpu + memory)), 100 * (1 - used - gpu)]
+    assert scores(LoadBalanceScore().score(pod(qos_class=qos_class), Nodes(cluster))) == [round(e, 3) for e in expected]
+
+
+def test_an_empty_node_scores_100_and_a_node_without_anything_too() -> None:
+    nodes = Nodes(make_cluster(make_node("empty"), make_node("nothing", cpu="0", memory="0")))
+    assert scores(LoadBalanceScore().score(pod(), nodes)) == [100.0, 100.0]
+
+
+def test_measured_load_replaces_requests_where_an_agent_reports_it() -> None:
+    cluster = make_cluster(make_node("a", cpu="4"), make_node("b", cpu="4"))
+    cluster.apply_telemetry(telemetry("a", load={"cpuPercent": 80.0, "memoryPercent": 40.0}))
+    plugin = LoadBalanceScore(LoadBalanceArgs(source="Telemetry"))
+    assert scores(plugin.score(pod(), Nodes(cluster))) == [35.0, 100.0]
+
+
+# --- Queue and bind ------------------------------------------------------------------------------------------------------
+
+
+def queued(priority: int = 0, *qos: str) -> PodInfo:
+    info = make_info("p", priority=priority)
+    info.qos = (qos[0], qos[1], qos[2]) if qos else None
+    return info
+
+
+def test_priority_class_stands_before_the_tier_and_system_pods_before_everything() -> None:
+    sort = ROSQueueSort()
+    order = [
+        sort.queue_key(queued(2_000_000_000), 9.0),
+        sort.queue_key(queued(10), 9.0),
+        sort.queue_key(queued(0, "realtime", "", ""), 9.0),
+        sort.queue_key(queued(0, "sensor_data", "best_effort", ""), 9.0),
+        sort.queue_key(queued(0), 1.0),
+        sort.queue_key(queued(0), 2.0),
+        sort.queue_key(queued(0, "best_effort", "", ""), 0.0),
+    ]
+    assert order == sorted(order)
+
+
+def test_the_thesis_order_puts_the_tier_first_and_best_effort_reliability_last() -> None:
+    sort = ROSQueueSort(ROSQueueSortArgs(order="Thesis"))
+    order = [
+        sort.queue_key(queued(0, "realtime", "", ""), 9.0),
+        sort.queue_key(queued(0, "system_default", "reliable", "manual_by_topic"), 9.0),
+        sort.queue_key(queued(5), 9.0),
+        sort.queue_key(queued(0), 9.0),
+        sort.queue_key(queued(9, "realtime", "best_effort", ""), 0.0),
+    ]
+    assert order == sorted(order)
+
+
+def test_with_ageing_a_waiting_pod_overtakes_a_higher_tier_of_the_same_priority() -> None:
+    sort = ROSQueueSort(ROSQueueSortArgs(aging_seconds=60))
+    best_effort, realtime = queued(0, "best_effort", "", ""), queued(0, "realtime", "", "")
+    assert sort.queue_key(best_effort, 0.0) > sort.queue_key(realtime, 100.0)
+    assert sort.queue_key(best_effort, 0.0) < sort.queue_key(realtime, 181.0)
+
+
+def test_grants_become_annotations_of_the_binding() -> None:
+    grants = [
+        DeviceGrant("b", "n", Device("usb-cam", "usb"), exclusive=True),
+        DeviceGrant("a", "n", Device("can-can0", "can"), exclusive=True),
+        DeviceGrant("c", "n", Device("gpu", "gpu"), exclusive=False),
+    ]
+    assert binding_annotations(grants, "7") == {
+        "granted.robotics.io/devices": "can-can0,usb-cam",
+        "granted.robotics.io/dds-domain": "7",
+    }
+    assert binding_annotations([], None) == {}
