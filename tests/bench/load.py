@@ -11,7 +11,7 @@ from tests.bench.contestants import Contestant
 from robotapp_api.client.api import ApiClient
 from robotapp_api.client.errors import NotFound
 from robotapp_api.client.reflector import Change, Reflector
-from robotapp_api.client.resources import LEASES, NODES, PODS
+from robotapp_api.client.resources import EVENTS, LEASES, NODES, PODS
 
 T = TypeVar("T")
 CONNECTIONS = 32
@@ -84,6 +84,13 @@ async def drop_lease(client: ApiClient, contestant: Contestant) -> None:
         await client.delete(LEASES, contestant.lease, namespace=contestant.lease_namespace)
     except NotFound:
         return
+
+
+async def count_events(client: ApiClient, namespace: str) -> int:
+    """Events of a namespace, without reading them."""
+    answer = await client.request("GET", f"{EVENTS.path(namespace)}?limit=1")
+    page = msgspec.json.decode(answer.body)
+    return len(page["items"]) + int(page["metadata"].get("remainingItemCount", 0))
 
 
 class BoundWatch:
