@@ -84,7 +84,7 @@ domain("R5s", "app re-created under its name, 1 id, 2 changes", **{**AGAIN, "ids
 domain("R6", "deletions only, strict orphans, no template moves", quick=False, specs=(), pods=2)
 domain("R6s", "deletions only, prompt controllers, no template moves", quick=False, specs=(), pods=2, lag=False)
 domain("R6t", "deletions only, 1 id, prompt controllers", ids=1, specs=(), pods=2, lag=False)
-domain("R1t", "2 apps, 1 id, 2 changes, prompt controllers", **ONE, changes=2, pods=2, lag=False)
+domain("R1t", "2 apps, 1 id, 2 changes, prompt controllers", quick=False, **ONE, changes=2, pods=2, lag=False)
 domain("R7", "a lone app never has two claims", **SOLO, changes=0, no_duplicates=True)
 domain("R8", "forced template writes: still safe", "OK", mutants.Forced, quick=False, **ONE, changes=2)
 domain("R9", "forced template writes move a running app", "FLAP", mutants.Forced, quick=False, specs=(), pods=2)
@@ -110,10 +110,18 @@ domain("L3", "bind check by owner chain", "STUCK", mutants.OwnerChain, quick=Fal
 domain("L3s", "bind check by owner chain, 1 id", "STUCK", mutants.OwnerChain, ids=1, specs=(), pods=2, lag=False)
 domain("L4", "templates with an unheld id stay", "STUCK", mutants.UnheldStays, quick=False, pods=2)
 domain(
-    "L4s", "templates with an unheld id stay, 1 id", "STUCK", mutants.UnheldStays, **ONE, changes=2, pods=2, lag=False
+    "L4s",
+    "templates with an unheld id stay, 1 id",
+    "STUCK",
+    mutants.UnheldStays,
+    **ONE,
+    changes=2,
+    pods=2,
+    lag=False,
+    operators=1,
 )
 
-domain("M1", "create without LIST", "FLAP|STUCK", mutants.NoList, specs=(), pods=2, lag=False)
+domain("M1", "create without LIST", "FLAP|STUCK", mutants.NoList, specs=(), pods=2, lag=False, operators=1)
 domain("M2", "random order of ids", "DUP", mutants.RandomOrder, **SOLO, changes=0, no_duplicates=True)
 domain("M3", "pods alone count as use", "STUCK|LOST", mutants.PodsOnly, quick=False, specs=(), pods=2)
 domain(
@@ -136,8 +144,9 @@ domain("M9", "pods listed before the claims", "LOST", **ONE, sweepers=2, pods_fi
 domain("M10", "bind on a Draining claim", "LOST", mutants.BindOnDraining, **ONE)
 domain("M14", "bind check older than the pod", "LOST", **ONE, cached_check=True)
 
-device("D1", "1 device, 3 + 1 pods, 2 schedulers, 2 sweepers", holders=(0, 0, 0, 1))
-device("D2", "1 device, 2 + 2 pods", holders=(0, 0, 1, 1))
+device("D0", "1 device, 2 + 1 pods, 2 schedulers, 2 sweepers")
+device("D1", "1 device, 3 + 1 pods, 2 schedulers, 2 sweepers", quick=False, holders=(0, 0, 0, 1))
+device("D2", "1 device, 2 + 2 pods", quick=False, holders=(0, 0, 1, 1))
 device("D3", "2 devices, 2 + 1 pods", quick=False, devices=2)
 device("D4", "2 devices, 3 apps", quick=False, devices=2, holders=(0, 1, 2), groups=(0, 1, 2))
 device("D5", "2 instances of one component", groups=(0, 0))
