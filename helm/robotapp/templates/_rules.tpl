@@ -1,3 +1,13 @@
+{{/* Claims, for both components. The spec never changes, so only the status is updated. */}}
+{{- define "robotapp.claimRules" -}}
+- apiGroups: [robotics.io]
+  resources: [robotclaims]
+  verbs: [get, list, watch, create, delete]
+- apiGroups: [robotics.io]
+  resources: [robotclaims/status]
+  verbs: [update]
+{{- end -}}
+
 {{/* Rules of the operator inside a namespace it serves: a Role in each, or one ClusterRole. */}}
 {{- define "robotapp.operatorNamespacedRules" -}}
 - apiGroups: [robotics.io]
@@ -5,7 +15,7 @@
   verbs: [get, list, watch]
 - apiGroups: [robotics.io]
   resources: [robotapps/status]
-  verbs: [get, patch, update]
+  verbs: [patch]
 # Children name the RobotApp as owner with blockOwnerDeletion; some clusters ask for this right before they accept that.
 - apiGroups: [robotics.io]
   resources: [robotapps/finalizers]
@@ -13,9 +23,13 @@
 # Children are written by server-side apply, which needs create and patch.
 - apiGroups: [apps]
   resources: [deployments]
-  verbs: [get, list, watch, create, update, patch, delete]
+  verbs: [get, list, watch, create, patch, delete]
 - apiGroups: [""]
-  resources: [services, configmaps]
+  resources: [services]
+  verbs: [get, list, watch, create, patch, delete]
+# update: the fleet view is replaced as a whole.
+- apiGroups: [""]
+  resources: [configmaps]
   verbs: [get, list, watch, create, update, patch, delete]
 - apiGroups: [apps]
   resources: [replicasets]
@@ -31,27 +45,16 @@
 
 {{/* Rules of the operator on cluster-scoped objects. */}}
 {{- define "robotapp.operatorClusterRules" -}}
-- apiGroups: [robotics.io]
-  resources: [robotclaims]
-  verbs: [get, list, watch, create, update, patch, delete]
-- apiGroups: [robotics.io]
-  resources: [robotclaims/status]
-  verbs: [get, update, patch]
+{{ include "robotapp.claimRules" . }}
 - apiGroups: [robotics.io]
   resources: [domainpools]
   verbs: [get, list, watch]
-- apiGroups: [robotics.io]
-  resources: [domainpools/status]
-  verbs: [get, update, patch]
 # spec.probe: which peers a node's agent should measure.
 - apiGroups: [robotics.io]
   resources: [nodetelemetries]
   verbs: [get, list, watch, create, patch]
 - apiGroups: [""]
-  resources: [nodes, namespaces]
-  verbs: [get, list, watch]
-- apiGroups: [apiextensions.k8s.io]
-  resources: [customresourcedefinitions]
+  resources: [nodes]
   verbs: [get, list, watch]
 {{- end -}}
 
@@ -75,12 +78,7 @@
 - apiGroups: [""]
   resources: [pods/status]
   verbs: [patch]
-- apiGroups: [robotics.io]
-  resources: [robotclaims]
-  verbs: [get, list, watch, create, update, patch, delete]
-- apiGroups: [robotics.io]
-  resources: [robotclaims/status]
-  verbs: [get, update, patch]
+{{ include "robotapp.claimRules" . }}
 - apiGroups: [events.k8s.io]
   resources: [events]
   verbs: [create, patch]

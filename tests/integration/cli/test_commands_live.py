@@ -59,7 +59,7 @@ def world() -> Iterator[World]:
         clouds=1,
         devices={"amr-07": [Device(id="can-can0", type="can", interface="can0")]},
     )
-    with ControlPlane(kwok=True, controller_manager=True) as plane:
+    with ControlPlane(kwok=True, controller_manager=True, audit=True) as plane:
         product.install(plane)
         apply(plane, topology)
         with SimulatedTelemetry(plane, topology):
@@ -151,3 +151,18 @@ def test_a_tenant_is_told_what_to_ask_for(world: World) -> None:
     done = world.run("domains", identity="tenant")
     assert done.returncode == 1
     assert "robotapp-cluster-viewer" in done.stderr
+
+
+def test_our_processes_were_refused_nothing_by_the_charts_roles(world: World) -> None:
+    ours = [
+        event
+        for event in world.plane.audit()
+        if event["user"]["username"].startswith("system:serviceaccount:robotapp-system:")
+    ]
+    assert len(ours) > 50
+    refused = [
+        (event["user"]["username"], event["verb"], event["requestURI"])
+        for event in ours
+        if (event.get("responseStatus") or {}).get("code") in (401, 403)
+    ]
+    assert refused == []
