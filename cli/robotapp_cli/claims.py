@@ -1,5 +1,6 @@
 """`domains` and `devices`: who holds what."""
 
+from robotapp_api.claims.identity import device_label
 from robotapp_api.client.resources import DOMAINPOOLS, NODETELEMETRIES, ROBOTCLAIMS
 from robotapp_cli.fields import Json, age, meta, status
 from robotapp_cli.output import Column, Output, blank_line, console, print_table, write_structured
@@ -74,7 +75,7 @@ async def show_devices(session: Session) -> None:
         for node in telemetry
         for device in status(node).get("devices") or []
     ]
-    seen = {(row["node"], row["device"]) for row in rows}
+    seen = {(row["node"], device_label(row["device"])) for row in rows}
     rows += [_lost(claim) for key, claim in claims.items() if key not in seen]
     if namespace := session.options.namespace:
         rows = [row for row in rows if not row["holder"] or row["holder"].startswith(f"{namespace}/")]
@@ -96,7 +97,7 @@ async def show_devices(session: Session) -> None:
 
 
 def _device(node: str, device: Json, claims: dict[tuple[str, str], Json]) -> dict[str, str]:
-    claim = claims.get((node, device["id"]))
+    claim = claims.get((node, device_label(device["id"])))
     found = {"node": node, "device": device["id"], "present": "yes" if device.get("present") else "no"}
     found |= {key: device.get(key, "") for key in ("type", "model", "interface", "path")}
     return found | _claim_fields(claim)

@@ -12,7 +12,7 @@ from robotapp_api.claims.identity import holder_of_pod
 from robotapp_api.claims.objects import Pod
 from robotapp_api.client.claim_writes import Refused, create_claim, delete_claim, drain, touch
 from robotapp_api.client.claims import check_bind, ensure_domain, find_claim, reserve_domain
-from robotapp_api.client.errors import Invalid, Unreachable
+from robotapp_api.client.errors import Forbidden, Invalid, Unreachable
 from robotapp_api.client.resources import PODS, ROBOTCLAIMS
 from robotapp_api.model.names import Reason
 
@@ -94,6 +94,8 @@ async def test_a_claim_is_shown_with_thing_and_holder_and_never_changes_hands(pl
     claim = await place.admin.get(ROBOTCLAIMS, outcome.claim)
     claim["spec"]["holder"]["uid"] = "thief"
     with pytest.raises(Invalid, match="never changes its thing or its holder"):
+        await place.admin.replace(ROBOTCLAIMS, claim)
+    with pytest.raises(Forbidden):  # our own components are not even asked: they may create and delete, not update
         await place.operator.replace(ROBOTCLAIMS, claim)
 
 

@@ -7,6 +7,8 @@ import pytest
 import yaml
 from tests.support.cli import ROBOTAPPS, UID, Stage, robotapp
 
+from robotapp_api.claims.identity import device_label
+
 SUMMARY = {
     "ready": "2/2",
     "domain": "7",
@@ -177,6 +179,14 @@ class TestDevices:
         assert rows[1] == ["amr-07", "can-can0", "can", "can0", "yes", "fleet/teleop", "amr-07", "driver", "Bound"]
         assert rows[2] == ["gone", "lidar", "usb", "no", "b/teleop", "amr-07", "driver", "Bound"]
         assert [row["device"] for row in stage.data("devices", "-n", "fleet")["devices"]] == ["cam", "can-can0"]
+
+    def test_a_device_whose_id_is_no_label_is_found_under_its_hashed_name(self, stage: Stage) -> None:
+        device = {"id": "/dev/ttyUSB0", "type": "serial", "present": True}
+        stage.add("robotics.io/nodetelemetries", {"metadata": {"name": "n"}, "status": {"devices": [device]}})
+        thing = {"node": "n", "id": device_label("/dev/ttyUSB0"), "type": "serial"}
+        stage.add("robotics.io/robotclaims", claim("dev.c", device=thing))
+        (row,) = stage.data("devices")["devices"]
+        assert (row["device"], row["holder"]) == ("/dev/ttyUSB0", "fleet/teleop")
 
     def test_no_device_at_all_says_who_would_report_one(self, stage: Stage) -> None:
         assert "written by the node agents" in stage.text("devices")
