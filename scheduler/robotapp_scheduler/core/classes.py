@@ -85,8 +85,8 @@ class FilterColumn:
 
     def refresh(self, pod: PodInfo, cluster: Cluster, full: Nodes) -> None:
         """Bring the column up to the head of the log."""
-        if self.position == cluster.log.position and self._fits(full):
-            return
+        if self.skipped or (self.position == cluster.log.position and self._fits(full)):
+            return  # a plugin has no opinion because of the pod alone: that never changes
         rows = stale_rows(self.plugin, self.position, cluster, fits=self._fits(full))
         if rows is None:
             clean = self.clean
@@ -184,8 +184,8 @@ class ScoreColumn:
 
     def refresh(self, pod: PodInfo, cluster: Cluster, full: Nodes) -> None:
         """Bring the column up to the head of the log."""
-        fits = self.skipped or len(self.raw) == full.n
-        if self.position == cluster.log.position and fits:
+        fits = len(self.raw) == full.n
+        if self.skipped or (self.position == cluster.log.position and fits):
             return
         rows = stale_rows(self.plugin, self.position, cluster, fits=fits)
         if rows is None:

@@ -80,6 +80,8 @@ class Cluster:
         self.nodes.remove(name)
         self.devices.set_labels(name, {})
         self._note(row, Change.NODE_REMOVED)
+        # What this node measured no longer stands for its zone.
+        self.log.add(EVERY_ROW, Change.RTT)
         return Change.NODE_REMOVED
 
     # --- Pods ----------------------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from robotapp_scheduler.core.classes import ColumnCache, FilterColumn, Reasons, 
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.evaluation import Evaluation, Tally
 from robotapp_scheduler.core.framework import Code, Status
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods import ROS_FEATURES, PodInfo
 from robotapp_scheduler.core.profiles import Profile
 from robotapp_scheduler.core.view import Nodes
 
@@ -40,7 +40,7 @@ class Engine:
         self._reasons = Reasons()
         self._columns = ColumnCache(self._reasons)
         self._classes: OrderedDict[Hashable, Evaluation] = OrderedDict()
-        self._static_reads = tuple(name for name in profile.reads if name != "ros")
+        self._static_reads = tuple(name for name in profile.reads if not name.startswith(ROS_FEATURES))
         self._generation = 0
         self._class_ids: dict[Hashable, int] = {}
         self._counts: dict[tuple[str, str, str], int] = {}

@@ -52,7 +52,7 @@ import numpy.typing as npt
 
 from robotapp_scheduler.core.changes import READS, Change
 from robotapp_scheduler.core.columns import BoolArray, FloatArray, IntArray
-from robotapp_scheduler.core.pods import FEATURES, PodInfo
+from robotapp_scheduler.core.pods import FEATURES, ROS_FEATURES, PodInfo
 from robotapp_scheduler.core.view import Nodes, Row
 
 MAX_SCORE: Final = 100
@@ -157,8 +157,11 @@ class Loaded:
         self.events: Change = getattr(plugin, "events", Change.ALL)
         self.reads: tuple[str, ...] = tuple(sorted(getattr(plugin, "reads", ("uid",))))
         node_reads: tuple[str, ...] = tuple(getattr(plugin, "node_reads", READS))
+        mixed = {name.startswith(ROS_FEATURES) for name in self.reads} == {True, False}
         unknown = [name for name in self.reads if name not in FEATURES]
         unknown += [name for name in node_reads if name not in READS and not name.startswith("column:")]
+        if mixed:
+            raise PluginError(self.name, f"reads {list(self.reads)} mixes parts of ros with other features")
         if unknown or self.normalize not in NORMALIZERS:
             raise PluginError(
                 self.name,

@@ -17,6 +17,7 @@ from robotapp_scheduler.core.objects import Affinity, Container, NodeAffinity, O
 from robotapp_scheduler.core.ros import InvalidAnnotation, RosContext, RosRequest
 
 ANY_IP: Final = "0.0.0.0"  # noqa: S104 - the wildcard a hostPort without hostIP stands for, nothing is bound here
+ROS_FEATURES: Final = "ros"
 SYSTEM_CRITICAL: Final = 2_000_000_000
 """Priorities from here on belong to system-node-critical and system-cluster-critical."""
 
@@ -121,8 +122,8 @@ class PodInfo:
 
     def features(self, names: tuple[str, ...]) -> tuple[Hashable, ...]:
         """The values of some features as a key: two pods with equal keys are equal to every rule that reads these."""
-        if "ros" in names:  # resolved anew at each attempt, so never kept
-            return tuple(FEATURES[name](self) for name in names)
+        if names and names[0].startswith(ROS_FEATURES):  # resolved anew at each attempt, so never kept
+            return (FEATURES[names[0]](self),) if len(names) == 1 else tuple(FEATURES[name](self) for name in names)
         key = self._keys.get(names)
         if key is None:
             key = tuple(FEATURES[name](self) for name in names)
@@ -165,8 +166,16 @@ FEATURES: Final[dict[str, Callable[[PodInfo], Hashable]]] = {
     "volumes": lambda pod: msgspec.json.encode(pod.pod.spec.volumes),
     "resource_claims": lambda pod: msgspec.json.encode(pod.pod.spec.resource_claims),
     "ros": lambda pod: pod.ros,
+    "ros.qos": lambda pod: pod.ros and pod.ros.qos_class,
+    "ros.topology": lambda pod: pod.ros and (pod.ros.zones, pod.ros.master_node),
+    "ros.endpoints": lambda pod: pod.ros and pod.ros.endpoints,
+    "ros.deadline": lambda pod: pod.ros and (pod.ros.deadline_us, pod.ros.endpoints),
+    "ros.hardware": lambda pod: pod.ros and (pod.ros.hardware, pod.ros.devices),
+    "ros.peers": lambda pod: pod.ros and (pod.ros.together, pod.ros.apart),
+    "ros.devices": lambda pod: pod.ros and (pod.ros.devices, pod.ros.holder),
 }
-"""What a plugin may name in `reads`."""
+"""What a plugin may name in `reads`. The parts of "ros" are None for a pod without ROS fields; a plugin names either
+parts of "ros" or other features, not both."""
 
 
 class PlacedPod(msgspec.Struct, gc=False):

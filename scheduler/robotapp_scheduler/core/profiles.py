@@ -10,6 +10,7 @@ from typing import Any, Final
 import msgspec
 
 from robotapp_scheduler.core.framework import Loaded, NoArgs
+from robotapp_scheduler.core.pods import ROS_FEATURES
 
 POINTS: Final = {
     "preEnqueue": "pre_enqueue",
@@ -85,7 +86,7 @@ class Profile:
         self.all = {loaded.name: loaded for chain in plugins.values() for loaded in chain}
         self.reads = tuple(sorted({name for loaded in (*self.filters, *self.scores) for name in loaded.reads}))
         """Features of the class key."""
-        self.uses_ros = "ros" in self.reads or any(getattr(p.plugin, "ros", False) for p in self.all.values())
+        self.uses_ros = any(name.startswith(ROS_FEATURES) for name in self.reads)
 
     def __repr__(self) -> str:
         return f"Profile({self.scheduler_name}, {len(self.filters)} filters, {len(self.scores)} scores)"

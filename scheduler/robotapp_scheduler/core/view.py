@@ -191,6 +191,11 @@ class Row:
         self._table = table
         self._row = row
 
+    @property
+    def resources(self) -> list[str]:
+        """Names of all resources any node or pod has named."""
+        return self._table.resources.names
+
     def allocatable(self, resource: str) -> int:
         """What the node offers."""
         table = self._table

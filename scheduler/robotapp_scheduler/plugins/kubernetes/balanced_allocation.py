@@ -116,8 +116,9 @@ def _pair(fractions: Sequence[FloatArray], offered: Sequence[BoolArray], rows: i
         np.copyto(second, fraction, where=there & ~empty & np.isnan(second))
         np.copyto(first, fraction, where=there & empty)
     half: FloatArray = np.abs((first - second) / 2.0)
+    half[np.isnan(half)] = 0.0
     return half
 
 
 def _score(spread: FloatArray) -> IntArray:
-    return ((1.0 - np.nan_to_num(spread)) * float(MAX_SCORE)).astype(np.int64)
+    return ((1.0 - spread) * float(MAX_SCORE)).astype(np.int64)

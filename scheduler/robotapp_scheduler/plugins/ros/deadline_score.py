@@ -16,7 +16,7 @@ class DeadlineScore:
     """100·max(0, 1 - RTT p95 / deadline) of the worst connection."""
 
     name = "DeadlineScore"
-    reads = ("ros",)
+    reads = ("ros.deadline",)
     node_reads = ("rtt",)
     row_local = True
     events = Change.NONE

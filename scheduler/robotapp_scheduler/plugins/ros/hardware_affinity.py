@@ -19,7 +19,7 @@ class HardwareAffinityFilter:
     """Requirements match labels, an extended resource, or a device the agent sees; devices match what the agent sees."""
 
     name = "HardwareAffinityFilter"
-    reads = ("ros",)
+    reads = ("ros.hardware",)
     node_reads = ("labels", "allocatable", "devices")
     row_local = True
     events = Change.NODE_ADDED | Change.LABELS | Change.ALLOCATABLE | Change.DEVICES | Change.APPS

@@ -35,7 +35,7 @@ class LatencyFilter:
     """RTT between the candidate and where each placed peer or the robot is, at the edge's percentile."""
 
     name = "LatencyFilter"
-    reads = ("ros",)
+    reads = ("ros.endpoints",)
     node_reads = ("rtt", "annotations")
     events = Change.NODE_ADDED | Change.ANNOTATIONS | Change.RTT | Change.POD_ADDED | Change.POD_REMOVED | Change.APPS
     resolvable = False

@@ -25,7 +25,7 @@ class LatencyScore:
     """100·(1 - RTT/budget) of the worst connection, clipped to 0…100, so that one slow node does not flatten the rest."""
 
     name = "LatencyScore"
-    reads = ("ros",)
+    reads = ("ros.endpoints",)
     node_reads = ("rtt",)
     events = Change.NONE
     Args = LatencyScoreArgs

@@ -9,7 +9,7 @@ from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.columns import FloatArray
 from robotapp_scheduler.core.framework import ScoreResult
 from robotapp_scheduler.core.pods import PodInfo
-from robotapp_scheduler.core.view import Nodes
+from robotapp_scheduler.core.view import Nodes, Row
 
 WEIGHTS: Final = {"realtime": (0.65, 0.25, 0.10), "best_effort": (0.35, 0.35, 0.30)}
 """cpu, memory, gpu per QoS class; all others use DEFAULT."""
@@ -26,7 +26,7 @@ class LoadBalanceScore:
     """100·(1 - Σ weight·used share); a node without GPU leaves that column out and the other weights grow."""
 
     name = "LoadBalanceScore"
-    reads = ("ros",)
+    reads = ("ros.qos",)
     node_reads = ("allocatable", "requested", "load")
     row_local = True
     events = Change.NONE
@@ -37,6 +37,8 @@ class LoadBalanceScore:
         if source not in {"Requests", "Telemetry"}:
             raise ValueError(f"source: {source!r} is not allowed; write Requests or Telemetry")
         self._measured = source == "Telemetry"
+        if not self._measured:
+            self.score_row = self._score_row
 
     def score(self, pod: PodInfo, nodes: Nodes) -> ScoreResult:
         """0…100 per node; no opinion for a pod without ROS fields."""
@@ -54,6 +56,21 @@ class LoadBalanceScore:
         used = np.where(weight_sum > 0.0, taken / np.maximum(weight_sum, 1e-9), 0.0)
         # Rounded first: 100·(1 - 0.29) is 70.99999… in floats and must not be cut to 70.
         return np.clip(np.round(100.0 * (1.0 - used), 6), 0.0, 100.0)
+
+    def _score_row(self, pod: PodInfo, row: Row) -> int:
+        """The score of one node, from requests."""
+        ros = pod.ros
+        if ros is None:
+            return 0
+        gpus = tuple(name for name in row.resources if name.endswith("/gpu"))
+        taken = weight_sum = 0.0
+        for weight, names in zip(WEIGHTS.get(ros.qos_class, DEFAULT), (("cpu",), ("memory",), gpus), strict=True):
+            offered = sum(row.allocatable(name) for name in names)
+            if offered > 0:
+                taken += weight * (sum(row.requested(name) for name in names) / offered)
+                weight_sum += weight
+        used = taken / weight_sum if weight_sum > 0.0 else 0.0
+        return int(min(max(float(np.round(100.0 * (1.0 - used), 6)), 0.0), 100.0))
 
     def _share(self, nodes: Nodes, resources: tuple[str, ...], field: str) -> FloatArray:
         """Used share per node, NaN where the node offers none."""

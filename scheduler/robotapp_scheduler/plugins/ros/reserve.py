@@ -17,7 +17,7 @@ class ROSReserve:
     """All or nothing: a different free device for every wish."""
 
     name = "ROSReserve"
-    reads = ("ros",)
+    reads = ("ros.devices",)
     node_reads = ("devices",)
     row_local = True
     events = Change.NODE_ADDED | Change.DEVICES | Change.CLAIMS | Change.POD_REMOVED | Change.LABELS

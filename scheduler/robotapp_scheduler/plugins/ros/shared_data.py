@@ -17,7 +17,7 @@ class SharedDataFilter:
     """The pod's node must be a node of every placed peer. Peers that are not placed yet do not limit it."""
 
     name = "SharedDataFilter"
-    reads = ("ros",)
+    reads = ("ros.peers",)
     node_reads = ("name",)
     row_local = True
     events = Change.NODE_ADDED | Change.POD_ADDED | Change.POD_REMOVED | Change.APPS

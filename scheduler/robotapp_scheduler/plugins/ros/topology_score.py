@@ -20,7 +20,7 @@ class TopologyScore:
     """Cost 0 on the master's node, 1…n in the n preferred zones, n + 1 elsewhere; 100 - 100·cost // highest cost."""
 
     name = "TopologyScore"
-    reads = ("ros",)
+    reads = ("ros.topology",)
     node_reads = ("labels", "name")
     row_local = True
     events = Change.NONE

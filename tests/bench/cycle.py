@@ -1,0 +1,99 @@
+"""What one scheduling attempt costs the core, µs of CPU per pod: scripts/bench cycle [--nodes 1000 5000] [--json FILE]
+
+No API server, no I/O: decode is done, the pod is in the queue; measured are pop, filters, scores, choice, assume and
+the explain record. `classes` is the number of distinct pod shapes, interleaved; "each" makes every pod its own.
+Use ratios; absolute values belong to the machine and to what else runs on it.
+"""
+
+import argparse
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+from tests.support.scheduling import make_node, make_pod, telemetry
+
+from robotapp_api.model.names import Annotation, Label
+from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.plugins.registry import default_profiles
+
+ZONES = 10
+
+
+def build(nodes: int) -> SchedulerCore:
+    """Nodes of 32 CPU and 256 Gi in ten zones, agents that measure sixteen peers each."""
+    cluster = Cluster(clock=time.monotonic)
+    for i in range(nodes):
+        zone = {str(Label.ZONE): f"zone-{i % ZONES}", "disk": "ssd" if i % 3 else "hdd"}
+        cluster.apply_node(make_node(f"node-{i}", labels=zone, cpu="32", memory="256Gi"))
+    for i in range(nodes):
+        peers = {f"node-{(i * 7 + k * 131) % nodes}": 2.0 + (k * 13) % 60 for k in range(16)}
+        cluster.apply_telemetry(telemetry(f"node-{i}", rtt_ms=peers))
+    return SchedulerCore(cluster, default_profiles(), clock=time.monotonic)
+
+
+def pod(index: int, classes: int, workload: str) -> Any:
+    fields: dict[str, Any] = {"cpu": f"{100 + index % classes}m", "memory": "100Mi"}
+    if workload == "rich":
+        fields["nodeSelector"] = {"disk": "ssd"}
+        fields["tolerations"] = [{"key": f"k{index % classes}", "operator": "Exists"}]
+    if workload == "ros":
+        policies = {"latency_budget": "40ms", "deadline": "80ms", "qos_class": "realtime"}
+        master = {"master_node": f"node-{index % classes}", "preferred_zones": ["zone-1", "zone-2"]}
+        fields["annotations"] = {
+            str(Annotation.POLICIES): json.dumps(policies),
+            str(Annotation.TOPOLOGY): json.dumps(master),
+        }
+    return make_pod(f"p{index}", **fields)
+
+
+def measure(nodes: int, classes: int, workload: str, pods: int) -> dict[str, Any]:
+    core = build(nodes)
+    made = [pod(i, classes, workload) for i in range(pods + 100)]
+    started = time.process_time()
+    for one in made:
+        core.cluster.apply_pod(one)
+        core.queue.add(one)
+    queued = time.process_time()
+    spent: list[float] = []
+    while batch := core.queue.pop():
+        before = time.process_time()
+        for decision in core.schedule(batch):
+            if decision.node is None:
+                raise SystemExit(f"{decision.pod.key} was refused: {decision.message}")
+            core.queue.done(decision.pod.uid)
+        spent.append(1e6 * (time.process_time() - before))
+    steady = sorted(spent[100:])
+    return {
+        "nodes": nodes,
+        "workload": workload,
+        "classes": classes if classes < pods else "each",
+        "add_us": round(1e6 * (queued - started) / len(made), 1),
+        "mean_us": round(sum(steady) / len(steady), 1),
+        "p50_us": round(steady[len(steady) // 2], 1),
+        "p99_us": round(steady[int(len(steady) * 0.99)], 1),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--nodes", type=int, nargs="+", default=[1000, 5000])
+    parser.add_argument("--pods", type=int, default=2000)
+    parser.add_argument("--json", type=Path, help="write the rows to this file")
+    args = parser.parse_args()
+    rows = []
+    for nodes in args.nodes:
+        for workload, classes in (
+            ("basic", 1), ("basic", 20), ("basic", args.pods + 100), ("rich", 20), ("rich", args.pods + 100),
+            ("ros", 20), ("ros", args.pods + 100),
+        ):  # fmt: skip
+            row = measure(nodes, classes, workload, args.pods)
+            rows.append(row)
+            print("  ".join(f"{key} {value!s:>7}" for key, value in row.items()), flush=True)
+    if args.json:
+        args.json.write_text(json.dumps(rows, indent=1))
+
+
+if __name__ == "__main__":
+    main()

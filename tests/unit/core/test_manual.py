@@ -1,0 +1,33 @@
+"""The plugin in the documentation is run as printed."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+from tests.support.scheduling import Clock, make_cluster, make_info, make_node
+
+from robotapp_api.model.names import SCHEDULER_NAME
+from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
+from robotapp_scheduler.plugins.registry import catalogue
+
+MANUAL = Path(__file__).parents[3] / "docs" / "scheduling-rules.md"
+
+
+def test_the_plugin_of_the_manual_filters_and_decides() -> None:
+    (source,) = re.findall(r"```python\n(.*?)```", MANUAL.read_text(), flags=re.DOTALL)
+    space: dict[str, Any] = {}
+    exec(source, space)  # noqa: S102 - our own documentation
+    lines = [line for line in source.split("class ", 1)[1].splitlines() if line.strip()]
+    assert len(lines) <= 12
+    clock = Clock()
+    cluster = make_cluster(
+        make_node("busy", cpu="1"), make_node("small", cpu="4"), make_node("large", cpu="16"), clock=clock
+    )
+    enabled = PluginSet(enabled=(PluginRef("QuietNodes", 100),))
+    spec = ProfileSpec(SCHEDULER_NAME, plugins={"multiPoint": enabled})
+    core = SchedulerCore(cluster, build_profiles([spec], catalogue({"QuietNodes": space["QuietNodes"]})), clock=clock)
+    assert core.schedule_one(make_info("p")).node == "large"
+    cluster.remove_node("small")
+    cluster.remove_node("large")
+    assert core.schedule_one(make_info("q")).message.startswith("0/1 nodes are available: 1 node(s) were too busy.")
