@@ -38,7 +38,9 @@ class Cluster:
         self.placed: dict[str, PlacedPod] = {}
         """Pods on nodes by uid, assumed ones included."""
         self._by_node: dict[str, dict[str, PlacedPod]] = {}
-        self._by_name: dict[tuple[str, str], dict[str, PlacedPod]] = {}
+        self._by_name: dict[tuple[str, str], str] = {}
+        """Uid of the placed pod of this namespace and name: one string per pod, tens of thousands of times."""
+        self._by_deployment: dict[tuple[str, str], dict[str, None]] = {}
         self._seen: dict[str, Pod] = {}
         """Live pods without a node, by uid."""
         self._touched: set[str] = set()
@@ -146,8 +148,10 @@ class Cluster:
         return any(other < priority for other in self._priorities)
 
     def placed_named(self, namespace: str, name: str) -> list[PlacedPod]:
-        """Placed pods with this name, or of the Deployment (or ReplicaSet) with this name."""
-        return list(self._by_name.get((namespace, name), {}).values())
+        """Placed pods with this name, or of the Deployment with this name."""
+        uids = list(self._by_deployment.get((namespace, name), ()))
+        own = self._by_name.get((namespace, name))
+        return [self.placed[uid] for uid in dict.fromkeys([own, *uids] if own is not None else uids)]
 
     # --- RobotApps, owners, claims, telemetry ----------------------------------------------------------------------
 
@@ -320,23 +324,27 @@ class Cluster:
             del self._priorities[priority]
 
     def _name(self, record: PlacedPod, *, add: bool) -> None:
-        for name in _names(record.pod):
-            key = (record.namespace, name)
-            if add:
-                self._by_name.setdefault(key, {})[record.uid] = record
-                continue
-            found = self._by_name.get(key, {})
-            found.pop(record.uid, None)
-            if not found:
-                self._by_name.pop(key, None)
+        key = (record.namespace, record.name)
+        if add:
+            self._by_name[key] = record.uid
+        elif self._by_name.get(key) == record.uid:
+            del self._by_name[key]
+        deployment = _deployment_of(record.pod)
+        if not deployment:
+            return
+        uids = self._by_deployment.setdefault((record.namespace, deployment), {})
+        if add:
+            uids[record.uid] = None
+            return
+        uids.pop(record.uid, None)
+        if not uids:
+            del self._by_deployment[record.namespace, deployment]
 
 
-def _names(pod: Pod) -> tuple[str, ...]:
-    """The pod's own name and that of its Deployment (the ReplicaSet's name without its hash)."""
+def _deployment_of(pod: Pod) -> str:
+    """Name of the pod's Deployment (its ReplicaSet's without the hash), "" when it has none."""
     owner = controller_of(pod.metadata.owner_references)
-    if owner is None or owner.kind != "ReplicaSet":
-        return (pod.metadata.name,)
-    return (pod.metadata.name, owner.name.rpartition("-")[0] or owner.name)
+    return owner.name.rpartition("-")[0] if owner is not None and owner.kind == "ReplicaSet" else ""
 
 
 def _footprint(record: PlacedPod) -> tuple[object, ...]:

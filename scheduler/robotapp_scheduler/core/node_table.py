@@ -54,6 +54,8 @@ class NodeTable:
         """Robot name → names of its nodes."""
         self.generation = 0
         """Grows when a node comes, goes or changes labels."""
+        self.zone_generation = 0
+        """Grows when a node comes, goes or changes its zone."""
         self._free: list[int] = []
 
     def __repr__(self) -> str:
@@ -92,6 +94,7 @@ class NodeTable:
         self.scored[:, row] = 0
         self.count -= 1
         self.generation += 1
+        self.zone_generation += 1
         self._free.append(row)
         return row
 
@@ -118,6 +121,7 @@ class NodeTable:
         self.valid[row] = True
         self.name_hash[row] = int.from_bytes(blake2b(name.encode(), digest_size=8).digest(), "little")
         self.labels.set(row, {})
+        self.zone_generation += 1
         self.count += 1
         return row
 
@@ -143,6 +147,8 @@ class NodeTable:
         old = self.labels.of(row)
         if old == labels:
             return Change.NONE
+        if old.get(Label.ZONE) != labels.get(Label.ZONE):
+            self.zone_generation += 1
         name = self.names[row]
         if (robot := old.get(Label.ROBOT)) and robot in self.robots:
             self.robots[robot].pop(name, None)

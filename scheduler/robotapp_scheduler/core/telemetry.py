@@ -5,7 +5,6 @@ intervals is unknown.
 """
 
 from collections.abc import Callable
-from statistics import median
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -15,9 +14,9 @@ from robotapp_api.model.names import Label
 from robotapp_scheduler.core.columns import FloatArray
 from robotapp_scheduler.core.node_table import NodeTable
 from robotapp_scheduler.core.robotics import Load, NodeTelemetry
+from robotapp_scheduler.core.zones import ZoneModel
 
 INTERVALS_KEPT: Final = 3
-ZONE_REFRESH_S: Final = 1.0
 CACHED_ROWS: Final = 512
 UNKNOWN, ESTIMATED, MEASURED = 0, 1, 2
 SOURCE_NAMES: Final = ("unknown", "estimated", "measured")
@@ -46,9 +45,8 @@ class RttModel:
         self._readings: dict[str, _Reading] = {}
         self._seen_by: dict[str, set[str]] = {}
         self._rows: dict[tuple[str, int], tuple[tuple[int, int], RttRow]] = {}
-        self._zones: dict[tuple[str, str], tuple[float, float]] = {}
-        self._zones_key: tuple[int, int] | None = None
-        self._zones_made_s = float("-inf")
+        self._zones = ZoneModel(clock)
+        self._zones_of_generation = -1
         self.version = 0
 
     def __repr__(self) -> str:
@@ -78,12 +76,15 @@ class RttModel:
         return True
 
     def expire(self) -> bool:
-        """Drop readings that grew too old; True when there were any."""
+        """Drop readings that grew too old; True when any RTT may be different now. Call about once a second."""
         now = self._clock()
         late = [name for name, reading in self._readings.items() if reading.expires_s <= now]
         for name in late:
             self.remove(name)
-        return bool(late)
+        behind, self._zones.behind = self._zones.behind, False
+        if behind:
+            self.version += 1
+        return behind or bool(late)
 
     def load(self, name: str) -> Load | None:
         """Load the agent of a node reported, None when unknown."""
@@ -112,6 +113,7 @@ class RttModel:
         return (None if np.isnan(value) else value), SOURCE_NAMES[int(rtt.source[row])]
 
     def _reindex(self, name: str, old: dict[str, tuple[float, float]], new: dict[str, tuple[float, float]]) -> None:
+        self._zones.report(name, new)
         for peer in old.keys() - new.keys():
             self._seen_by[peer].discard(name)
         for peer in new.keys() - old.keys():
@@ -147,35 +149,21 @@ class RttModel:
         zone = vocabulary.values[codes[own]]
         if not zone:
             return
-        self._refresh_zones()
+        self._follow_nodes()
         per_zone = np.full(len(vocabulary.values), np.nan)
         for code in range(1, len(per_zone)):
-            other = vocabulary.values[code]
-            pair = self._zones.get((min(zone, other), max(zone, other)))
+            pair = self._zones.estimate(zone, vocabulary.values[code])
             if pair is not None:
                 per_zone[code] = pair[which]
         size = self._table.size
         rtt[:] = per_zone[codes[:size]]
         source[~np.isnan(rtt)] = ESTIMATED
 
-    def _refresh_zones(self) -> None:
-        key = (self.version, self._table.generation)
-        now = self._clock()
-        if self._zones_key is not None and (self._zones_key == key or now - self._zones_made_s < ZONE_REFRESH_S):
+    def _follow_nodes(self) -> None:
+        """Nodes came, went or changed zone: the samples are sorted into zones anew."""
+        if self._zones_of_generation == self._table.zone_generation:
             return
         codes, vocabulary = self._table.labels.column(str(Label.ZONE))
         zone_of = {name: vocabulary.values[codes[row]] for name, row in self._table.row_of.items()}
-        gathered: dict[tuple[str, str], list[tuple[float, float]]] = {}
-        for name, reading in self._readings.items():
-            mine = zone_of.get(name)
-            if not mine:
-                continue
-            for peer, pair in reading.pairs.items():
-                theirs = zone_of.get(peer)
-                if theirs and peer != name:
-                    gathered.setdefault((min(mine, theirs), max(mine, theirs)), []).append(pair)
-        self._zones = {
-            zones: (median(p50 for p50, _ in pairs), median(p95 for _, p95 in pairs))
-            for zones, pairs in gathered.items()
-        }
-        self._zones_key, self._zones_made_s = key, now
+        self._zones.rebuild(zone_of, {name: reading.pairs for name, reading in self._readings.items()})
+        self._zones_of_generation = self._table.zone_generation

@@ -95,3 +95,17 @@ def test_rows_cannot_be_written() -> None:
     row = zoned(a="a").rtt.from_node("a", 50)
     with pytest.raises(ValueError, match="read-only"):
         row.rtt_us[0] = 1.0
+
+
+def test_an_estimate_that_is_a_second_behind_is_corrected_by_the_next_tick() -> None:
+    clock = Clock()
+    cluster = zoned(clock, a1="a", a2="a", b1="b")
+    cluster.apply_telemetry(telemetry("a1", rtt_ms={"b1": 10}))
+    assert cluster.rtt.between("a2", "b1", 50) == (10_000.0, "estimated")
+    clock.forward(0.2)
+    cluster.apply_telemetry(telemetry("a1", rtt_ms={"b1": 80}))
+    assert cluster.rtt.between("a2", "b1", 50) == (10_000.0, "estimated")
+    clock.forward(1.0)
+    assert cluster.tick() == Change.RTT
+    assert cluster.rtt.between("a2", "b1", 50) == (80_000.0, "estimated")
+    assert cluster.tick() == Change.NONE
