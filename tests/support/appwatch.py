@@ -84,6 +84,7 @@ class AppWatch:
             await ended.wait()
             task.cancel()
             await asyncio.wait([task])
+        await asyncio.sleep(0.1)  # TLS connections say goodbye in the loop; without one their sockets would be leaked
 
     def _note(self, change: Change) -> None:
         now_s = time.monotonic()

@@ -1,0 +1,118 @@
+"""Bad input is refused by name, hurts nobody else, and no process falls over it."""
+
+from collections.abc import Iterator, Sequence
+
+import pytest
+from tests.integration.journeys.conftest import Pools
+from tests.support.appwatch import condition
+from tests.support.malformed import Malformed, malformed_apps
+from tests.support.malformed_annotations import Wrong, malformed_annotations, pod
+from tests.support.misfits import misfits
+from tests.support.world import World, plain_app
+
+from robotapp_api.model.names import PodReason
+from robotapp_api.model.robotapp import RobotApp
+from robotapp_api.schema.crd import schema_of
+from robotapp_testbed import ApiStatusError, wait_until
+
+pytestmark = pytest.mark.live
+
+MALFORMED = 90
+BATCH = 15
+READY_S = 2.0
+
+
+@pytest.fixture(autouse=True)
+def steady(world: World) -> Iterator[None]:
+    """Operator and scheduler are the same processes afterwards and logged no stack."""
+    before = (world.operator.pid, world.scheduler.pid)
+    yield
+    assert world.operator.running
+    assert world.scheduler.running
+    assert (world.operator.pid, world.scheduler.pid) == before
+    assert "Traceback" not in world.operator.log_text()
+    assert "Traceback" not in world.scheduler.log_text()
+
+
+def test_ninety_malformed_apps_are_refused_by_field_and_healthy_ones_start_in_between(
+    world: World, pools: Pools
+) -> None:
+    cases = malformed_apps(schema_of(RobotApp))
+    chosen = [cases[index * len(cases) // MALFORMED] for index in range(MALFORMED)]
+    undisturbed_s = _start(world, "undisturbed", pools)
+    unclear: list[str] = []
+    for first in range(0, MALFORMED, BATCH):
+        unclear += _refused(world, chosen[first : first + BATCH])
+        took_s = _start(world, f"healthy-{first:02}", pools)
+        assert took_s < max(READY_S, 2 * undisturbed_s)
+    assert unclear == []
+
+
+def test_ten_apps_that_cannot_work_say_so_in_a_condition_and_healthy_ones_start_in_between(
+    world: World, pools: Pools
+) -> None:
+    undisturbed_s = _start(world, "undisturbed", pools)
+    cases = misfits()
+    assert len(cases) == 100 - MALFORMED
+    world.create_all([case.app for case in cases])
+    assert _start(world, "healthy", pools) < max(READY_S, 2 * undisturbed_s)
+    for case in cases:
+        name = case.app["metadata"]["name"]
+        world.watch.until(
+            lambda apps, name=name, kind=case.kind: condition(apps[name], kind).get("status") == "False",
+            within_s=10,
+            what=f"{name}: {case.kind}=False",
+        )
+        said = condition(world.watch.apps[name], case.kind)
+        for word in (case.field, *case.words):
+            assert word in said["message"], name
+        assert condition(world.watch.apps[name], "Ready")["status"] == "False"
+
+
+def test_malformed_annotations_keep_a_pod_pending_and_name_key_field_value_and_what_is_allowed(
+    world: World, pools: Pools
+) -> None:
+    undisturbed_s = _start(world, "undisturbed", pools)
+    cases = {f"wrong-{index:02}": wrong for index, wrong in enumerate(malformed_annotations())}
+    path = f"/api/v1/namespaces/{world.namespace}/pods"
+    world.cp.api.each(lambda item: world.cp.api.create(path, pod(*item)), cases.items())
+    try:
+        assert _start(world, "healthy", pools) < max(READY_S, 2 * undisturbed_s)
+        assert wait_until(lambda: _all_judged(world, cases), timeout_s=20, poll_s=0.2)
+        said = {each["metadata"]["name"]: each for each in world.pods() if each["metadata"]["name"] in cases}
+        assert all(not each["spec"].get("nodeName") for each in said.values())
+        for name, wrong in cases.items():
+            verdict = _verdict(said[name])
+            assert verdict["reason"] == PodReason.INVALID_ANNOTATION, str(wrong)
+            for part in (wrong.key, wrong.field, wrong.shown, wrong.allowed):
+                assert part in verdict["message"], str(wrong)
+    finally:
+        world.cp.api.each(lambda name: world.cp.api.delete(f"{path}/{name}"), cases)
+
+
+def _start(world: World, name: str, pools: Pools) -> float:
+    """Seconds from the creation of a healthy app until it is Ready."""
+    sent_s = world.create(plain_app(name, dds={"pool": pools.twelve}))
+    return world.watch.until_ready(name, within_s=30) - sent_s
+
+
+def _refused(world: World, cases: Sequence[Malformed]) -> list[str]:
+    """Of these cases, those that were taken or refused without naming the field."""
+    unclear = []
+    for case in cases:
+        try:
+            world.create(case.obj)
+            unclear.append(f"{case.field} was taken")
+        except ApiStatusError as refused:
+            if refused.status not in (400, 422) or case.field not in str(refused):
+                unclear.append(f"{case.field}: {refused}")
+    return unclear
+
+
+def _verdict(found: dict) -> dict:
+    conditions = found["status"].get("conditions") or []
+    return next((each for each in conditions if each["type"] == "PodScheduled" and each["status"] == "False"), {})
+
+
+def _all_judged(world: World, cases: dict[str, Wrong]) -> bool:
+    return all(_verdict(each) for each in world.pods() if each["metadata"]["name"] in cases)
