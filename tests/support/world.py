@@ -9,9 +9,10 @@ from typing import Any, Self
 
 from tests.support.appwatch import AppWatch
 
-from robotapp_api.model.names import API_VERSION
+from robotapp_api.model.names import API_VERSION, OPERATOR_MANAGER, SCHEDULER_MANAGER
 from robotapp_testbed import ControlPlane, Process, product, topology, wait_until
 from robotapp_testbed.failures import ApiStatusError
+from robotapp_testbed.identity import SYSTEM_NAMESPACE
 from robotapp_testbed.namespaces import created
 from robotapp_testbed.telemetry import PATH as TELEMETRY
 from robotapp_testbed.topology import SimulatedTelemetry, Topology
@@ -24,15 +25,26 @@ GONE_S = 60.0
 class World:
     """Everything is the test's own and gone afterwards, so that tests can share one control plane.
 
-    `pools` are ids by pool name, with a quarantine of one second; the sweep runs every second.
+    `pools` are ids by pool name, with a quarantine of one second; the sweep runs every second. `operator_flags` are for
+    the operator. Not `tidy`: the control plane is thrown away afterwards, so apps are left as they are.
     """
 
-    def __init__(self, cp: ControlPlane, nodes: Topology, *, pools: Mapping[str, str] | None = None) -> None:
+    def __init__(
+        self,
+        cp: ControlPlane,
+        nodes: Topology,
+        *,
+        pools: Mapping[str, str] | None = None,
+        operator_flags: Mapping[str, object] | None = None,
+        tidy: bool = True,
+    ) -> None:
         self.cp = cp
         self.nodes = nodes
         self.namespace = f"journey-{secrets.token_hex(3)}"
         self.apps_path = f"{APIS}/namespaces/{self.namespace}/robotapps"
         self._pools = dict(pools or {})
+        self._operator_flags = dict(operator_flags or {})
+        self._tidy = tidy
         self._closing = ExitStack()
 
     def __enter__(self) -> Self:
@@ -45,9 +57,12 @@ class World:
             self.telemetry = stack.enter_context(SimulatedTelemetry(self.cp, self.nodes))
             stack.enter_context(created(self.cp, self.namespace))
             self.watch = stack.enter_context(AppWatch(self.cp.kubeconfig(), self.namespace))
-            self.operator = stack.enter_context(_ended(self.start_operator()))
+            flags = {"sweep_seconds": 1, **self._operator_flags}
+            self._forget_leases()
+            self.operator = stack.enter_context(_ended(product.start_operator(self.cp, **flags)))
             self.scheduler = stack.enter_context(_ended(product.start_scheduler(self.cp, sweep_seconds=1)))
-            stack.callback(self.clear)
+            if self._tidy:
+                stack.callback(self.clear)
             self._closing = stack.pop_all()
         return self
 
@@ -56,8 +71,10 @@ class World:
     ) -> None:
         self._closing.__exit__(kind, error, trace)
 
-    def start_operator(self, **flags: object) -> Process:
-        return product.start_operator(self.cp, **{"sweep_seconds": 1, **flags})
+    def another_operator(self, **flags: object) -> Process:
+        """Start one more, without election; it ends with this world."""
+        flags = {"name": "operator-2", "sweep_seconds": 1, "no_leader_election": True, **flags}
+        return self._closing.enter_context(_ended(product.start_operator(self.cp, **flags)))
 
     def kubectl(self, *args: str, stdin: object = None, check: bool = True) -> str:
         """kubectl in the namespace of this world, as admin."""
@@ -123,6 +140,11 @@ class World:
         path = f"/apis/events.k8s.io/v1/namespaces/{self.namespace}/events"
         return [each for each in self.cp.api.get(path)["items"] if each.get("regarding", {}).get("name") == name]
 
+    def _forget_leases(self) -> None:
+        """A test before us may have killed its operator: nobody shall wait until its Lease runs out."""
+        for name in (OPERATOR_MANAGER, SCHEDULER_MANAGER):
+            self._delete(f"/apis/coordination.k8s.io/v1/namespaces/{SYSTEM_NAMESPACE}/leases/{name}")
+
     def _remove_nodes(self) -> None:
         topology.remove(self.cp, self.nodes)
         self.cp.api.each(lambda node: self._delete(f"{TELEMETRY}/{node.name}"), self.nodes)
@@ -140,7 +162,7 @@ def _ended(process: Process) -> Iterator[Process]:
     try:
         yield process
     finally:
-        process.stop()
+        process.kill()
 
 
 def plain_app(name: str, *, parts: Sequence[str] = ("sense", "plan", "act"), **spec: Any) -> Object:
