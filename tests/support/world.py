@@ -25,8 +25,8 @@ GONE_S = 60.0
 class World:
     """Everything is the test's own and gone afterwards, so that tests can share one control plane.
 
-    `pools` are ids by pool name, with a quarantine of one second; the sweep runs every second. `operator_flags` are for
-    the operator. Not `tidy`: the control plane is thrown away afterwards, so apps are left as they are.
+    `pools` are ids by pool name, with a quarantine of one second; the sweep runs every second. `operator_flags` and
+    `scheduler_flags` are for the two processes. Not `tidy`: the control plane is thrown away afterwards, so apps are left as they are.
     """
 
     def __init__(
@@ -36,6 +36,7 @@ class World:
         *,
         pools: Mapping[str, str] | None = None,
         operator_flags: Mapping[str, object] | None = None,
+        scheduler_flags: Mapping[str, object] | None = None,
         tidy: bool = True,
     ) -> None:
         self.cp = cp
@@ -43,7 +44,8 @@ class World:
         self.namespace = f"journey-{secrets.token_hex(3)}"
         self.apps_path = f"{APIS}/namespaces/{self.namespace}/robotapps"
         self._pools = dict(pools or {})
-        self._operator_flags = dict(operator_flags or {})
+        self._operator_flags = {"sweep_seconds": 1, **(operator_flags or {})}
+        self._scheduler_flags = {"sweep_seconds": 1, **(scheduler_flags or {})}
         self._tidy = tidy
         self._closing = ExitStack()
 
@@ -57,10 +59,9 @@ class World:
             self.telemetry = stack.enter_context(SimulatedTelemetry(self.cp, self.nodes))
             stack.enter_context(created(self.cp, self.namespace))
             self.watch = stack.enter_context(AppWatch(self.cp.kubeconfig(), self.namespace))
-            flags = {"sweep_seconds": 1, **self._operator_flags}
             self._forget_leases()
-            self.operator = stack.enter_context(_ended(product.start_operator(self.cp, **flags)))
-            self.scheduler = stack.enter_context(_ended(product.start_scheduler(self.cp, sweep_seconds=1)))
+            self.operator = stack.enter_context(_ended(product.start_operator(self.cp, **self._operator_flags)))
+            self.scheduler = stack.enter_context(_ended(product.start_scheduler(self.cp, **self._scheduler_flags)))
             if self._tidy:
                 stack.callback(self.clear)
             self._closing = stack.pop_all()

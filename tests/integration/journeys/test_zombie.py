@@ -2,7 +2,8 @@
 
 The zombie talks through a proxy; at the chosen write it is stopped with SIGSTOP and the write is held back. Meanwhile a
 second operator gives the only domain of the pool to another app. Then the write arrives after all.
-There is no garbage collector, which would tidy the stale objects up before they can do harm.
+There is no garbage collector, which would tidy the stale objects up before they can do harm, and the scheduler never
+hears of the deletion: only the claim as it is stored can keep the stale pods off.
 """
 
 import threading
@@ -12,10 +13,10 @@ from typing import Any
 
 import pytest
 from tests.support.invariants import claims, domain_of, violations
-from tests.support.proxy import FaultProxy, Moment, Write
+from tests.support.proxy import FaultProxy, Moment, Write, hide
 from tests.support.world import World, plain_app
 
-from robotapp_api.model.names import Label
+from robotapp_api.model.names import Label, PodReason
 from robotapp_testbed import ControlPlane, Process, product, wait_until
 from robotapp_testbed.topology import fleet
 
@@ -59,11 +60,21 @@ def plane() -> Iterator[ControlPlane]:
 @contextmanager
 def haunted(plane: ControlPlane, domain: int) -> Iterator[tuple[World, FaultProxy]]:
     """A world whose operator talks through a proxy, without election, and a pool `one-N` of that one domain."""
-    with FaultProxy() as proxy:
-        route = proxy.route("zombie", plane.kubeconfig("operator"))
-        flags = {"kubeconfig": route.kubeconfig, "no_leader_election": True, "name": "zombie"}
+    with FaultProxy() as proxy, FaultProxy() as deaf:  # two, since a held write stops everything in its proxy
+        route, deaf_route = (
+            proxy.route("zombie", plane.kubeconfig("operator")),
+            deaf.route("scheduler", plane.kubeconfig("scheduler")),
+        )
+        deaf.add(hide(when=_deletion_of_first), verbs="watch", resource="robotapps", times=None)
         nodes = fleet(robots=1, edges=2, clouds=1)
-        with World(plane, nodes, pools={f"one-{domain}": str(domain)}, operator_flags=flags, tidy=False) as world:
+        with World(
+            plane,
+            nodes,
+            pools={f"one-{domain}": str(domain)},
+            operator_flags={"kubeconfig": route.kubeconfig, "no_leader_election": True, "name": "zombie"},
+            scheduler_flags={"kubeconfig": deaf_route.kubeconfig},
+            tidy=False,
+        ) as world:
             yield world, proxy
             assert proxy.errors == []
 
@@ -79,8 +90,11 @@ def test_a_late_template_of_a_deleted_app_makes_pods_that_never_bind(plane: Cont
         assert wait_until(lambda: _pods_of(world, first), timeout_s=20), "the late write made no pod"
         _never_bound(world, first)
         assert _holders(plane, 1) == [second]
-        stale = _pods_of(world, first)
-        assert {domain_of(pod) for pod in stale} == {"1"}
+        (stale,) = _pods_of(world, first)
+        assert domain_of(stale) == "1"
+        said = next(each for each in stale["status"]["conditions"] if each["type"] == "PodScheduled")
+        assert (said["status"], said["reason"]) == ("False", PodReason.WAITING_FOR_DOMAIN)
+        assert "one-1" in said["message"]
         world.delete("second")
 
 
@@ -139,6 +153,10 @@ def _never_bound(world: World, uid: str) -> None:
 
     assert not wait_until(broken, timeout_s=WATCHED_S, poll_s=0.05), seen
     world.watch.until_ready("second", within_s=1)
+
+
+def _deletion_of_first(line: bytes) -> bool:
+    return b'"DELETED"' in line and b'"name":"first"' in line
 
 
 def _is_template(write: Write) -> bool:
