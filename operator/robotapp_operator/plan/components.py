@@ -111,7 +111,8 @@ def _failure(deployment: Deployment, pods: Sequence[Pod], live: Sequence[Pod]) -
     for pod in live:
         for condition in pod.status.conditions:
             if condition.type == "PodScheduled" and condition.status == "False":
-                return Reason.UNSCHEDULABLE, condition.message or condition.reason
+                # What preemption thought of it stays in the pod's own condition.
+                return Reason.UNSCHEDULABLE, condition.message.partition(" preemption: ")[0] or condition.reason
     if not live and any(pod.metadata.deletion_timestamp for pod in pods):
         return None, "waiting until the previous pod has ended"
     return None, ""

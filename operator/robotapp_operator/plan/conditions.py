@@ -76,7 +76,9 @@ def allocated(facts: AppFacts) -> Verdict:
     domains = sorted({instance.domain for instance in facts.instances if instance.domain is not None})
     if not domains and not wanted:
         return Verdict("True", Reason.NOTHING_TO_ALLOCATE, "the app needs neither a domain nor devices")
-    return Verdict("True", Reason.ALLOCATED, f"domain {_shown(domains)}; {held} of {wanted} devices")
+    parts = [f"domain {_shown(domains)}"] if domains else []
+    parts += [f"{held} of {wanted} devices"] if wanted else []
+    return Verdict("True", Reason.ALLOCATED, "; ".join(parts))
 
 
 def placed(facts: AppFacts) -> Verdict:
@@ -89,10 +91,9 @@ def placed(facts: AppFacts) -> Verdict:
     for instance in facts.instances:
         for component in instance.components:
             if component.reason == Reason.UNSCHEDULABLE:
-                text = f"{component.name}: {component.message}"
-                return Verdict(
-                    "False", Reason.UNSCHEDULABLE, f"{bound} of {len(parts)} placed; {_named(instance, text)}"
-                )
+                text = _named(instance, f"{component.name}: {component.message}")
+                more = f"kubectl robotapp explain {facts.app.name} shows every node's reason"
+                return Verdict("False", Reason.UNSCHEDULABLE, f"{bound} of {len(parts)} placed; {text}; {more}")
     if parts and bound == len(parts):
         nodes = sorted({node for component in parts for node in component.nodes})
         return Verdict("True", Reason.PLACED, f"{bound} of {len(parts)} components on {_shown(nodes)}")
@@ -137,12 +138,17 @@ def progressing(facts: AppFacts) -> Verdict:
         )
     if facts.problems or facts.app.spec.suspend:
         return Verdict("False", Reason.UP_TO_DATE, "nothing to roll out")
-    rolling = [component.name for instance in facts.instances for component in instance.components if component.rolling]
+    going = [instance for instance in facts.instances if not instance.refusal]
+    rolling = [component.name for instance in going for component in instance.components if component.rolling]
     if rolling or not facts.instances:
         return Verdict(
             "True", Reason.ROLLING_OUT, f"{len(rolling)} components are rolling out: {_shown(sorted(set(rolling)))}"
         )
-    return Verdict("False", Reason.UP_TO_DATE, "every component runs its newest template")
+    refused = [instance for instance in facts.instances if instance.refusal]
+    if refused:
+        reason = refused[0].refusal[0] if refused[0].refusal else Reason.PENDING
+        return Verdict("False", reason, f"{len(refused)} of {len(facts.instances)} instances wait for a domain")
+    return Verdict("False", Reason.UP_TO_DATE, "every component has its newest template")
 
 
 def stalled(facts: AppFacts) -> Verdict:
@@ -179,9 +185,10 @@ def edge_text(edge: EdgeView) -> str:
 
 
 def _why_not_ready(facts: AppFacts, up: int, total: int) -> tuple[Reason, str]:
-    """The worst instance speaks: without a domain, then with a failing component, then with one that is starting."""
+    """The worst instance speaks: without a domain or device, then with a failing component, then with one that is starting."""
     for instance in facts.instances:
-        for problem in (instance.refusal, instance.trouble):
+        busy = (Reason.DEVICE_BUSY, instance.busy) if instance.busy and not instance.ready else None
+        for problem in (instance.refusal, instance.trouble, busy):
             if problem:
                 return problem[0], _named(instance, problem[1])
     failing = [instance for instance in facts.instances if not instance.ready]

@@ -47,6 +47,8 @@ def news_of(before: Mapping[str, Any], after: Mapping[str, Any], *, new_domains:
     placed = turned(Condition.PLACED)
     if placed and placed[0] == "True":
         news.append(News(EventReason.PLACED, placed[2], warning=False))
+    if placed and placed[1] == Reason.UNSCHEDULABLE:
+        news.append(News(EventReason.NODE_REJECTED, placed[2], warning=True))
     budget = turned(Condition.BUDGET_MET)
     if budget and budget[1] == Reason.BUDGET_EXCEEDED:
         news.append(News(EventReason.BUDGET_EXCEEDED, budget[2], warning=True))

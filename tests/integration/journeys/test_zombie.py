@@ -94,7 +94,7 @@ def test_a_late_template_of_a_deleted_app_makes_pods_that_never_bind(plane: Cont
         assert domain_of(stale) == "1"
         said = next(each for each in stale["status"]["conditions"] if each["type"] == "PodScheduled")
         assert (said["status"], said["reason"]) == ("False", PodReason.WAITING_FOR_DOMAIN)
-        assert "one-1" in said["message"]
+        assert "domain 1 is held by another app" in said["message"]
         world.delete("second")
 
 

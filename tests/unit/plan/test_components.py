@@ -75,7 +75,7 @@ def test_an_unschedulable_pod_shows_the_schedulers_words() -> None:
         "type": "PodScheduled",
         "status": "False",
         "reason": "Unschedulable",
-        "message": "0/5 nodes are available",
+        "message": "0/5 nodes are available preemption: 0/5 nodes are available: 5 Preemption is not helpful",
     }
     found = view(make_deployment(), make_pod(status={"conditions": [condition]}))
     assert found.reason == Reason.UNSCHEDULABLE

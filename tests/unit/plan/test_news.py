@@ -42,6 +42,10 @@ def test_each_state_is_told_when_it_begins_and_not_again() -> None:
     assert reasons(bad, bad) == []
 
 
+def test_a_refusal_by_all_nodes_is_told_on_the_app_itself() -> None:
+    assert reasons({}, status(Placed=("False", "Unschedulable", "0 of 3 placed"))) == ["NodeRejected"]
+
+
 def test_another_message_of_the_same_state_is_no_news() -> None:
     before = status(Placed=("True", "Placed", "on a"))
     assert reasons(before, status(Placed=("True", "Placed", "on b"))) == []

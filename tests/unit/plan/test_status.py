@@ -125,6 +125,19 @@ def test_missing_devices_are_counted() -> None:
     assert status["summary"]["devices"] == "1/2"
 
 
+def test_a_busy_device_is_the_reason_in_the_table_too() -> None:
+    stuck = dataclasses.replace(WAITING, reason=Reason.UNSCHEDULABLE, message="0/5 nodes are available")
+    status = status_of(instance(stuck, devices_wanted=1, busy="device can-can0 is held by team/holder"))
+    assert condition(status, Condition.READY) == ("False", Reason.DEVICE_BUSY)
+    assert "team/holder" in status["summary"]["message"]
+
+
+def test_an_app_without_a_domain_rolls_nothing_out() -> None:
+    status = status_of(instance(WAITING, domain=None, refusal=(Reason.DOMAIN_EXHAUSTED, "4 of 4 ids are claimed")))
+    assert condition(status, Condition.PROGRESSING) == ("False", Reason.DOMAIN_EXHAUSTED)
+    assert "1 of 1 instances wait" in message(status, Condition.PROGRESSING)
+
+
 def test_another_scheduler_claims_no_devices() -> None:
     status = status_of(instance(devices_wanted=1), app={"schedulerName": "default-scheduler"})
     assert condition(status, Condition.ALLOCATED) == ("Unknown", Reason.NOT_OUR_SCHEDULER)
@@ -139,7 +152,7 @@ def test_the_schedulers_refusal_is_shown_with_counts() -> None:
     stuck = dataclasses.replace(WAITING, name="gpu", reason=Reason.UNSCHEDULABLE, message="0/5 nodes are available")
     status = status_of(instance(UP, stuck))
     assert condition(status, Condition.PLACED) == ("False", Reason.UNSCHEDULABLE)
-    assert message(status, Condition.PLACED) == "1 of 2 placed; gpu: 0/5 nodes are available"
+    assert message(status, Condition.PLACED).startswith("1 of 2 placed; gpu: 0/5 nodes are available; kubectl robotapp")
     assert status["phase"] == Phase.PLACING
 
 
