@@ -5,6 +5,7 @@ A local operator or scheduler uses the identity its pod would have, so RBAC and 
 
 import os
 import sys
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ import yaml
 from robotapp_api.model.names import Annotation
 from robotapp_testbed import ports
 from robotapp_testbed.controlplane import ControlPlane
-from robotapp_testbed.failures import ApiStatusError, TestbedError
+from robotapp_testbed.failures import ApiStatusError, CommandError, TestbedError
 from robotapp_testbed.identity import SYSTEM_NAMESPACE
 from robotapp_testbed.pins import REPOSITORY
 from robotapp_testbed.process import Process, wait_until
@@ -28,6 +29,7 @@ _CRD_PATH = "/apis/apiextensions.k8s.io/v1/customresourcedefinitions"
 _MANAGER = "robotapp-testbed"
 _PROCESS_READY_S = 30.0
 _POLICIES_S = 20.0
+_ESTABLISHED_S = 30.0
 
 
 def install(cp: ControlPlane, *, values: Mapping[str, Any] | None = None) -> None:
@@ -49,10 +51,24 @@ def define(cp: ControlPlane, objects: Sequence[Mapping[str, Any]]) -> None:
     present = {item["metadata"]["name"] for item in cp.api.get(_CRD_PATH)["items"]}
     _apply(cp, objects)
     if names:
-        cp.kubectl("wait", "--for=condition=Established", "--timeout=30s", "crd", *names)
+        _wait_established(cp, names)
     if cp.has_controllers and not present.issuperset(names):
         # The garbage collector looks for new kinds every 30 s: until then children outlive their RobotApp.
         cp.process(Program.CONTROLLER_MANAGER).restart()
+
+
+def _wait_established(cp: ControlPlane, names: Sequence[str]) -> None:
+    deadline_s = time.monotonic() + _ESTABLISHED_S
+    while True:
+        try:
+            cp.kubectl("wait", "--for=condition=Established", f"--timeout={_ESTABLISHED_S:g}s", "crd", *names)
+        except CommandError as error:
+            # kubectl gives up at once on a CRD the server has not written a status to yet.
+            if "accessor error" not in error.stderr or time.monotonic() > deadline_s:
+                raise
+            time.sleep(0.1)
+        else:
+            return
 
 
 def start_operator(cp: ControlPlane, *, name: str = "operator", wait: bool = True, **flags: object) -> Process:
@@ -153,13 +169,13 @@ def _crds(rendered: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _apply(cp: ControlPlane, objects: Sequence[Mapping[str, Any]]) -> None:
+    """Without --namespace: the chart states each object's own, and with watched namespaces these are several."""
     if objects:
         cp.kubectl(
             "apply",
             "--server-side",
             "--force-conflicts",
             f"--field-manager={_MANAGER}",
-            f"--namespace={SYSTEM_NAMESPACE}",
             "-f",
             "-",
             stdin=list(objects),

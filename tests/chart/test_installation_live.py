@@ -1,6 +1,7 @@
 """helm install, upgrade and uninstall on the real API server."""
 
 import json
+import re
 import time
 from collections.abc import Iterator
 
@@ -51,12 +52,18 @@ def settled(chart: Chart, expected: set[str], *, deadline_s: float = 30) -> set[
     return difference
 
 
-def test_uninstalling_without_keep_leaves_nothing_not_even_users_apps() -> None:
+@pytest.mark.parametrize("afterwards", [False, True], ids=["from-the-start", "decided-later"])
+def test_uninstalling_without_keep_leaves_nothing_not_even_users_apps(afterwards: bool) -> None:
+    quiet = {"operator.replicas": "0", "scheduler.replicas": "0"}
     with ControlPlane(kwok=False, controller_manager=True) as plane:
         chart = Chart(plane)
         settle_namespace(chart)
         before = everything(plane)
-        chart.install({"crds.keep": "false", "operator.replicas": "0", "scheduler.replicas": "0"})
+        if afterwards:
+            chart.install(quiet)
+            chart.upgrade({**quiet, "crds.keep": "false"})
+        else:
+            chart.install({**quiet, "crds.keep": "false"})
         plane.kubectl("create", "-f", "-", stdin=json.dumps(APP))
         during = everything(plane)
         assert {f"resource/{name}" for name in CRDS} <= during - before
@@ -100,6 +107,14 @@ def test_the_notes_name_three_commands_that_prove_the_installation(free: Chart) 
     assert "Three commands prove it" in notes
     assert notes.count("\n  kubectl ") + notes.count("\n  printf ") == 3
     assert pool_field(free, "ids") == "1-101,215-232"
+
+
+def test_the_example_of_the_notes_is_accepted(free: Chart) -> None:
+    notes = free.install(NO_WORKLOADS)
+    found = re.search(r"printf '(.*?)'", notes, re.DOTALL)
+    assert found, notes
+    manifest = found[1].replace("\\n", "\n")
+    free.plane.kubectl("apply", "--dry-run=server", "--validate=strict", "-f", "-", stdin=manifest)
 
 
 def test_every_switch_gives_objects_the_server_accepts(free: Chart) -> None:

@@ -9,6 +9,7 @@ import pytest
 import yaml
 
 from robotapp_testbed import ApiStatusError, ControlPlane, TestbedError, product
+from robotapp_testbed.failures import CommandError
 
 CRD = "CustomResourceDefinition"
 
@@ -28,10 +29,25 @@ class Plane:
         self.denials: list[str] = ["forbidden: ValidatingAdmissionPolicy 'grants' denied request: is a grant"]
         self.probes = 0
         self.logs_dir = Path("/logs")
+        self.present: list[str] = []
+        self.has_controllers = False
+        self.restarted: list[str] = []
+        self.wait_errors: list[str] = []
 
     @property
     def api(self) -> "Plane":
         return self
+
+    def get(self, path: str) -> dict[str, Any]:
+        assert path.endswith("/customresourcedefinitions")
+        return {"items": [{"metadata": {"name": name}} for name in self.present]}
+
+    def process(self, name: str) -> "Plane":
+        self.restarted.append(name)
+        return self
+
+    def restart(self) -> None:
+        pass
 
     def helm(self, *args: str, stdin: str) -> str:
         assert args[0] == "template"
@@ -44,6 +60,8 @@ class Plane:
                 [f"{each['kind']}/{each['metadata']['name']}" for each in json.loads(json.dumps(stdin))]
             )
         else:
+            if self.wait_errors:
+                raise CommandError(["kubectl", *args], 1, "", self.wait_errors.pop(0))
             self.waited = [arg for arg in args[1:] if not arg.startswith("--")]
         return ""
 
@@ -123,4 +141,26 @@ def test_policies_that_never_decide_are_reported(monkeypatch: pytest.MonkeyPatch
     plane = Plane([obj("ValidatingAdmissionPolicyBinding", "grants")])
     plane.denials = ["forbidden for another reason"]
     with pytest.raises(TestbedError, match="stored but do not decide"):
+        product.install(cast(ControlPlane, plane))
+
+
+@pytest.mark.parametrize(("present", "restarts"), [([], 1), (["robotapps.robotics.io"], 0)])
+def test_the_garbage_collector_is_told_of_kinds_it_does_not_know(present: list[str], restarts: int) -> None:
+    plane = Plane([])
+    plane.has_controllers, plane.present = True, present
+    product.install(cast(ControlPlane, plane))
+    assert plane.restarted == ["kube-controller-manager"] * restarts
+
+
+def test_a_definition_without_a_status_yet_is_waited_for() -> None:
+    plane = Plane([])
+    plane.wait_errors = ["error: .status.conditions accessor error: <nil> is of the type <nil>"] * 2
+    product.install(cast(ControlPlane, plane))
+    assert plane.waited == ["crd", "robotapps.robotics.io"]
+
+
+def test_other_failures_of_the_wait_are_reported() -> None:
+    plane = Plane([])
+    plane.wait_errors = ["error: timed out waiting for the condition"]
+    with pytest.raises(CommandError, match="timed out"):
         product.install(cast(ControlPlane, plane))
