@@ -61,12 +61,24 @@ def _lines(refusal: Json, peers: tuple[Peer, ...]) -> Iterator[str]:
 def _measured(number: float, refusal: Json, peers: Iterable[Peer], reason: str) -> str:
     """`60.0 ms to amr-07 > 30 ms` where the budget it broke is known."""
     unit = refusal.get("unit", "")
+    if unit == "free":
+        return f"{reason}, {_amount(number, reason)} free"
     broken = [peer for peer in peers if number > peer.budget_ms] if unit == "ms" else []
     if not broken:
         return f"{number:.1f} {unit}, {reason}".replace(" ,", ",")
     tightest = min(peer.budget_ms for peer in broken)
     where = sorted({peer.node for peer in broken if peer.budget_ms == tightest})
     return f"{number:.1f} ms to {' or '.join(where)} > {short_ms(tightest)} ms"
+
+
+def _amount(number: float, reason: str) -> str:
+    """The scheduler counts CPU in thousandths and memory in bytes; people read cores and GiB."""
+    resource = reason.partition(",")[0].removeprefix("Insufficient ")
+    if resource == "cpu":
+        return f"{number / 1000:g}"
+    if resource in {"memory", "ephemeral-storage"} or resource.startswith("hugepages-"):
+        return f"{number / 2**30:.1f} GiB" if number >= 2**30 else f"{number / 2**20:.0f} MiB"
+    return f"{number:g}"
 
 
 def _names(names: list[str], more: int) -> str:

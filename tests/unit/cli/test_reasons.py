@@ -1,5 +1,6 @@
 """The scheduler's record in words. Records are made by the scheduler's own types, so the two cannot drift apart."""
 
+import pytest
 from tests.support.cli import robotapp
 
 from robotapp_cli.reasons import Peer, budgets, refusals
@@ -38,6 +39,21 @@ def test_of_several_budgets_the_tightest_broken_one_is_named() -> None:
 
 def test_a_number_that_breaks_no_known_budget_keeps_the_reason() -> None:
     assert refusals(record(LATE), ()) == ["cloud-1: 61.0 ms, exceeded the latency budget"]
+
+
+@pytest.mark.parametrize(
+    ("reason", "number", "text"),
+    [
+        ("Insufficient cpu", 3500.0, "a: Insufficient cpu, 3.5 free"),
+        ("Insufficient memory", 3 * 2**30, "a: Insufficient memory, 3.0 GiB free"),
+        ("Insufficient memory", 50 * 2**20, "a: Insufficient memory, 50 MiB free"),
+        ("Insufficient devices.robotics.io/cam", 0.0, "a: Insufficient devices.robotics.io/cam, 0 free"),
+        ("Insufficient cpu, Insufficient memory", 250.0, "a: Insufficient cpu, Insufficient memory, 0.25 free"),
+    ],
+)
+def test_what_is_free_is_told_in_units_people_use(reason: str, number: float, text: str) -> None:
+    short = Refusal(plugin="NodeResourcesFit", reason=reason, nodes=1, unit="free", examples=(Example("a", number),))
+    assert refusals(record(short), ()) == [text]
 
 
 def test_nodes_of_one_reason_share_a_line_with_the_rest_as_a_count() -> None:
