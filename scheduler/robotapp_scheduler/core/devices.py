@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import Final, NamedTuple
 
+from robotapp_api.claims.identity import device_label
 from robotapp_api.model.names import HARDWARE_PREFIX, ClaimPhase
 from robotapp_scheduler.core.robotics import RobotClaim, TelemetryDevice
 from robotapp_scheduler.core.ros import DeviceHolder, DeviceWish
@@ -80,6 +81,7 @@ class DeviceIndex:
     def __init__(self) -> None:
         self._devices: dict[str, tuple[Device, ...]] = {}
         self._with_telemetry: set[str] = set()
+        # Claims and promises are kept under the label of the device's id, which is how claims name it.
         self._claims: dict[tuple[str, str], RobotClaim] = {}
         self._claim_names: dict[str, tuple[str, str]] = {}
         self._promised: dict[tuple[str, str], str] = {}
@@ -111,7 +113,7 @@ class DeviceIndex:
         thing = claim.spec.device
         if thing is None:
             return None
-        key = (thing.node, thing.id)
+        key = (thing.node, device_label(thing.id))
         if key not in self._claims:
             self._contest(thing.node, +1)
         self._claims[key] = claim
@@ -131,9 +133,10 @@ class DeviceIndex:
         """Keep devices for an assumed pod until its claims are seen or it is forgotten."""
         for grant in grants:
             if grant.exclusive:
-                if (grant.node, grant.device.id) not in self._promised:
+                key = (grant.node, device_label(grant.device.id))
+                if key not in self._promised:
                     self._contest(grant.node, +1)
-                self._promised[grant.node, grant.device.id] = pod_uid
+                self._promised[key] = pod_uid
 
     def release(self, pod_uid: str) -> None:
         """Drop all promises to a pod."""
@@ -164,14 +167,15 @@ class DeviceIndex:
 
         A claim of the same app, instance and component is ours when it names no other pod, or is Draining (handover).
         """
-        claim = self._claims.get((node, device.id))
+        key = (node, device_label(device.id))
+        claim = self._claims.get(key)
         if claim is not None:
             held_by = claim.spec.holder
             same = (held_by.uid, held_by.instance, held_by.component) == (holder.uid, holder.instance, holder.component)
             ours = claim.status.phase == ClaimPhase.DRAINING or claim.status.pod in {"", holder.pod_uid}
             if not (same and ours):
                 return Busy(device, held_by.namespace, held_by.name)
-        promised = self._promised.get((node, device.id))
+        promised = self._promised.get(key)
         if promised is not None and promised != holder.pod_uid:
             return Busy(device, "", "a pod being placed")
         return None
@@ -210,7 +214,7 @@ class DeviceIndex:
             if matches(wish, device) and (not wish.exclusive or self.blocker(node, device, holder) is None)
         ]
         # What is already claimed for this holder comes first: a retry must not collect a second device.
-        return sorted(found, key=lambda i: (node, devices[i].id) not in self._claims)
+        return sorted(found, key=lambda i: (node, device_label(devices[i].id)) not in self._claims)
 
     def _contest(self, node: str, sign: int) -> None:
         count = self._contested.get(node, 0) + sign

@@ -19,7 +19,7 @@ from robotapp_scheduler.plugins.kubernetes.not_yet import (
 from robotapp_scheduler.plugins.kubernetes.queue_sort import PrioritySort, SchedulingGates
 from robotapp_scheduler.plugins.kubernetes.resources_fit import NodeResourcesFit
 from robotapp_scheduler.plugins.kubernetes.taint_toleration import TaintToleration
-from robotapp_scheduler.plugins.ros.bind import ROSBind
+from robotapp_scheduler.plugins.ros.bind import DefaultBinder, ROSBind
 from robotapp_scheduler.plugins.ros.deadline_score import DeadlineScore
 from robotapp_scheduler.plugins.ros.hardware_affinity import HardwareAffinityFilter
 from robotapp_scheduler.plugins.ros.latency_filter import LatencyFilter
@@ -35,6 +35,7 @@ BUILT_IN: Final[tuple[type, ...]] = (
     NodeResourcesFit, VolumeBinding, PodTopologySpread, InterPodAffinity, DynamicResources,
     NodeResourcesBalancedAllocation, LatencyFilter, HardwareAffinityFilter, SharedDataFilter, TopologyScore,
     LatencyScore, LoadBalanceScore, DeadlineScore, ROSReserve, ROSBind,
+    DefaultBinder,
 )  # fmt: skip
 KUBERNETES: Final = (
     PluginRef("SchedulingGates"),

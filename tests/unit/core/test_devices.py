@@ -1,6 +1,7 @@
 import pytest
 from tests.support.scheduling import device_claim, make_cluster, make_node, telemetry
 
+from robotapp_api.claims.identity import device_label
 from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.devices import Device, DeviceIndex, devices_of_labels, identity_matches, matches
 from robotapp_scheduler.core.robotics import TelemetryDevice
@@ -128,3 +129,10 @@ def test_the_holder_is_named_for_the_event() -> None:
     devices.apply_claim(device_claim("n", "can-can0", uid="x", holder_name="teleop-b"))
     (busy,) = devices.blockers((CAN,), "n", MINE)
     assert (busy.device.id, busy.namespace, busy.holder) == ("can-can0", "default", "teleop-b")
+
+
+def test_a_device_whose_id_is_no_dns_label_is_busy_under_the_label_its_claim_has() -> None:
+    devices = index(TelemetryDevice(id="usb:1d50:606f:00A1", type="can"))
+    devices.apply_claim(device_claim("n", device_label("usb:1d50:606f:00A1"), uid="stranger"))
+    assert devices.choose((CAN,), "n", MINE) is None
+    assert len(devices.blockers((CAN,), "n", MINE)) == 1

@@ -7,13 +7,12 @@ from tests.support.scheduling import device_claim, make_cluster, make_info, make
 
 from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.cluster import Cluster
-from robotapp_scheduler.core.devices import Device, DeviceGrant
 from robotapp_scheduler.core.framework import Scores, Verdict
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.ros import DeviceHolder, DeviceWish, Endpoint, Hardware, PeerGroup, RosContext
 from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.plugins.registry import ROS, catalogue
-from robotapp_scheduler.plugins.ros.bind import binding_annotations
+from robotapp_scheduler.plugins.ros.bind import DefaultBinder, ROSBind
 from robotapp_scheduler.plugins.ros.deadline_score import DeadlineScore
 from robotapp_scheduler.plugins.ros.hardware_affinity import HardwareAffinityFilter
 from robotapp_scheduler.plugins.ros.latency_filter import LatencyFilter, LatencyFilterArgs
@@ -340,14 +339,10 @@ def test_with_ageing_a_waiting_pod_overtakes_a_higher_tier_of_the_same_priority(
     assert sort.queue_key(best_effort, 0.0) < sort.queue_key(realtime, 181.0)
 
 
-def test_grants_become_annotations_of_the_binding() -> None:
-    grants = [
-        DeviceGrant("b", "n", Device("usb-cam", "usb"), exclusive=True),
-        DeviceGrant("a", "n", Device("can-can0", "can"), exclusive=True),
-        DeviceGrant("c", "n", Device("gpu", "gpu"), exclusive=False),
-    ]
-    assert binding_annotations(grants, "7") == {
-        "granted.robotics.io/devices": "can-can0,usb-cam",
-        "granted.robotics.io/dds-domain": "7",
-    }
-    assert binding_annotations([], None) == {}
+def test_grants_become_annotations_of_the_binding_under_either_name() -> None:
+    for plugin in (ROSBind(), DefaultBinder()):
+        assert plugin.bind(domain=7, devices=["usb-cam", "can-can0"]) == {
+            "granted.robotics.io/devices": "can-can0,usb-cam",
+            "granted.robotics.io/dds-domain": "7",
+        }
+        assert plugin.bind() == {}

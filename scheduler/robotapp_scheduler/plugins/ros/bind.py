@@ -1,27 +1,23 @@
-"""ROSBind, the pure part: what a Binding carries so that grant and placement become visible in one write."""
+"""The bind plugins, as names of a configuration: the Binding itself is sent by the shell, with the pod's uid as
+precondition, and carries whatever was granted, so that grant and placement become visible in one write.
+"""
 
-from collections.abc import Iterable
+from collections.abc import Collection
 
-from robotapp_api.model.names import Annotation
-from robotapp_scheduler.core.devices import DeviceGrant
+from robotapp_api.claims.identity import grants
 
 
 class ROSBind:
-    """DefaultBinder with grants; the shell sends it with the pod's uid as precondition."""
+    """Binds, and tells the pod what it was given."""
 
     name = "ROSBind"
 
-    def bind(self, grants: Iterable[DeviceGrant], domain: str | None) -> dict[str, str]:
+    def bind(self, *, domain: int | None = None, devices: Collection[str] = ()) -> dict[str, str]:
         """Annotations of the Binding; empty for a pod that was granted nothing."""
-        return binding_annotations(grants, domain)
+        return grants(domain=domain, devices=devices)
 
 
-def binding_annotations(grants: Iterable[DeviceGrant], domain: str | None) -> dict[str, str]:
-    """granted.robotics.io/devices: sorted ids, comma separated; granted.robotics.io/dds-domain: the id of a bare pod."""
-    found: dict[str, str] = {}
-    ids = sorted(grant.device.id for grant in grants if grant.exclusive)
-    if ids:
-        found[str(Annotation.GRANTED_DEVICES)] = ",".join(ids)
-    if domain is not None:
-        found[str(Annotation.GRANTED_DOMAIN)] = domain
-    return found
+class DefaultBinder(ROSBind):
+    """Upstream's name, so that a kube-scheduler's configuration can be carried over; grants are not left out."""
+
+    name = "DefaultBinder"
