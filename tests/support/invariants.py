@@ -46,13 +46,16 @@ def holder_of(pod: Object) -> tuple[str, str]:
 
 
 def _by_thing(found: Iterable[Object]) -> dict[str, tuple[str, str]]:
-    """Claimed domain ("7") or device ("node/id") → (holder uid, instance). The server itself keeps names unique."""
+    """Claim of a domain (by name, and by number alone) or device ("node/id") → (holder uid, instance).
+
+    The server itself keeps names unique. Numbers repeat where there are several pools: they serve pods that name no claim.
+    """
     things = {}
     for claim in found:
         spec, holder = claim["spec"], claim["spec"]["holder"]
         device, domain = spec.get("device"), spec.get("domain")
-        thing = f"{device['node']}/{device['id']}" if device else str(domain["id"])
-        things[thing] = (holder["uid"], holder.get("instance", ""))
+        names = [f"{device['node']}/{device['id']}"] if device else [claim["metadata"]["name"], str(domain["id"])]
+        things.update(dict.fromkeys(names, (holder["uid"], holder.get("instance", ""))))
     return things
 
 
@@ -76,7 +79,11 @@ def _shared(live: Iterable[Object]) -> list[str]:
 
 
 def _things_of(pod: Object) -> list[str]:
-    granted = pod["metadata"].get("annotations", {}).get(Annotation.GRANTED_DEVICES, "")
-    devices = [f"{pod['spec']['nodeName']}/{each}" for each in granted.split(",") if each]
+    annotations = pod["metadata"].get("annotations", {})
+    devices = [
+        f"{pod['spec']['nodeName']}/{each}"
+        for each in annotations.get(Annotation.GRANTED_DEVICES, "").split(",")
+        if each
+    ]
     domain = domain_of(pod)
-    return [*([domain] if domain else []), *devices]
+    return [*([annotations.get(Annotation.DOMAIN_CLAIM, domain)] if domain else []), *devices]
