@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from tests.support.claims_model.domain_basis import LIVE, RESTING, Basis, State, move, put
-from tests.support.claims_model.domain_rules import NONE
+from tests.support.claims_model.domain_rules import AUTO, NONE
 from tests.support.claims_model.explore import Move
 
 from robotapp_api.claims.release import Release
@@ -40,7 +40,7 @@ class Sweepers(Basis):
         if self.apart:
             yield move(s, f"S reads id{x}", True, sweepers=self._sweeps(s, k, (x, 1, h, draining, held, NONE)))
             return
-        seen = (x, 2, h, draining, held, self._named(s, h))
+        seen = (x, 2, h, draining, *self._memory(s, h, x, held))
         if self.rules.error_means_gone():
             yield move(
                 s,
@@ -56,8 +56,19 @@ class Sweepers(Basis):
         wanted = stage == 4 and self.rules.wants(
             self.who[h], x, held, named, s.wants[h] if self._state(s, h) == LIVE else None
         )
-        following = (x, stage + 1, h, draining, held, self._named(s, h) if stage == 1 else named)
+        memory = self._memory(s, h, x, held) if stage == 1 else (held, named)
+        following = (x, stage + 1, h, draining, *memory)
         yield from self._judge(s, k, following, wanted=wanted, used=used)
+
+    def _memory(self, s: State, h: int, x: int, held: tuple[int, ...]) -> tuple[tuple[int, ...], int]:
+        """What to remember of (held, named) until the app is read: one of two pairs that give the same answers.
+
+        An app that asks for an id decides by that id alone; one that takes any id only needs to know whether x comes first.
+        """
+        if self.rules.wants(self.who[h], x, held, self._named(s, h), AUTO):
+            return (x,), NONE
+        other = next(number for number in held if number != x)
+        return (x, other), other
 
     def _used(self, s: State, stage: int, h: int, x: int) -> bool:
         """Stage 1 Deployments, 2 ReplicaSets, 3 pods."""
