@@ -4,6 +4,7 @@ One vocabulary serves three readers: the change log (which node rows a cached re
 (which waiting pods a change may help) and the plugins (`node_reads` and `events`).
 """
 
+from collections.abc import Iterable
 from enum import IntFlag, auto
 from typing import Final
 
@@ -39,7 +40,9 @@ class Change(IntFlag):
     """A ReplicaSet or Deployment changed."""
     ANTI_AFFINITY = auto()
     """A placed pod with required anti-affinity came or went."""
-    ALL = (1 << 17) - 1
+    COLUMN = auto()
+    """A plugin's own column was filled anew."""
+    ALL = (1 << 18) - 1
 
 
 NODE: Final = Change.NODE_ADDED | Change.NODE_REMOVED
@@ -61,7 +64,17 @@ READS: Final[dict[str, Change]] = {
 }
 """`node_reads` of a plugin → the changes after which its result for that row must be computed again."""
 
+OWN_COLUMN: Final = "column:"
+"""`node_reads` of a plugin-owned column, as in "column:noise"."""
 EVERY_ROW: Final = -1
+
+
+def interest_of(node_reads: Iterable[str]) -> int:
+    """The changes that concern a reader of these facts, as a plain int. Unknown names are KeyErrors."""
+    found = Change.NONE
+    for name in node_reads:
+        found |= NODE | Change.COLUMN if name.startswith(OWN_COLUMN) else READS[name]
+    return int(found)
 
 
 class ChangeLog:

@@ -29,7 +29,7 @@ from robotapp_scheduler.core.view import Nodes, Row
 
 MOST_REPAIRED: Final = 48
 """With more log entries than this a column is computed anew: the vector form costs as much as ~50 single rows."""
-FEW_ROWS: Final = 12
+FEW_ROWS: Final = 8
 """Up to here plain integers beat arrays."""
 COLUMNS_PER_PLUGIN: Final = 32
 HOLE: Final = -1
@@ -114,7 +114,7 @@ class FilterColumn:
 
     def _patch(self, rows: list[int], pod: PodInfo, cluster: Cluster) -> None:
         passes = self.plugin.filter_row
-        if passes is not None and all(passes(pod, Row(cluster.nodes, row)) for row in rows):
+        if passes is not None and len(rows) <= FEW_ROWS and all(passes(pod, Row(cluster.nodes, row)) for row in rows):
             if not self.clean:
                 self.codes[rows] = 0
             return
@@ -265,14 +265,14 @@ class ScoreColumn:
 
     def _integral(self, raw: npt.NDArray[Any]) -> IntArray:
         if raw.dtype.kind == "f":
-            usable = np.isfinite(raw)
-            scores = np.where(usable, raw, 0.0).astype(np.int64)
+            scores = np.where(np.isfinite(raw), raw, -1.0)
+            # -0.5 must not become a valid 0.
+            scores = np.where(scores < 0.0, -1.0, scores).astype(np.int64)
         else:
-            usable, scores = np.ones(len(raw), dtype=np.bool_), raw.astype(np.int64)
-        usable &= (scores >= 0) & (scores <= MAX_SCORE)
-        if not usable.all():
+            scores = raw.astype(np.int64)
+        if len(scores) and (scores.min() < 0 or scores.max() > MAX_SCORE):
             self.bad = True
-            scores[~usable] = _BAD
+            scores[(scores < 0) | (scores > MAX_SCORE)] = _BAD
         return scores
 
     def _constant(self, raw: npt.NDArray[Any]) -> int | None:
@@ -305,7 +305,7 @@ class ColumnCache:
     def filter(self, plugin: Loaded, pod: PodInfo) -> FilterColumn:
         """The column of a filter plugin for pods like this one."""
         columns = self._filters.setdefault(plugin.name, OrderedDict())
-        key = pod.features(plugin.reads)
+        key = pod.ros_features(plugin.reads) if plugin.reads_ros else pod.features(plugin.reads)
         column = columns.get(key)
         if column is None:
             column = columns[key] = FilterColumn(plugin, self._reasons)
@@ -318,7 +318,7 @@ class ColumnCache:
     def score(self, plugin: Loaded, pod: PodInfo) -> ScoreColumn:
         """The column of a score plugin for pods like this one."""
         columns = self._scores.setdefault(plugin.name, OrderedDict())
-        key = pod.features(plugin.reads)
+        key = pod.ros_features(plugin.reads) if plugin.reads_ros else pod.features(plugin.reads)
         column = columns.get(key)
         if column is None:
             column = columns[key] = ScoreColumn(plugin)

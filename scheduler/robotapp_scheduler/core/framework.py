@@ -50,7 +50,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.changes import READS, Change
+from robotapp_scheduler.core.changes import OWN_COLUMN, READS, Change, interest_of
 from robotapp_scheduler.core.columns import BoolArray, FloatArray, IntArray
 from robotapp_scheduler.core.pods import FEATURES, ROS_FEATURES, PodInfo
 from robotapp_scheduler.core.view import Nodes, Row
@@ -157,9 +157,10 @@ class Loaded:
         self.events: Change = getattr(plugin, "events", Change.ALL)
         self.reads: tuple[str, ...] = tuple(sorted(getattr(plugin, "reads", ("uid",))))
         node_reads: tuple[str, ...] = tuple(getattr(plugin, "node_reads", READS))
+        self.reads_ros = any(name.startswith(ROS_FEATURES) for name in self.reads)
         mixed = {name.startswith(ROS_FEATURES) for name in self.reads} == {True, False}
         unknown = [name for name in self.reads if name not in FEATURES]
-        unknown += [name for name in node_reads if name not in READS and not name.startswith("column:")]
+        unknown += [name for name in node_reads if name not in READS and not name.startswith(OWN_COLUMN)]
         if mixed:
             raise PluginError(self.name, f"reads {list(self.reads)} mixes parts of ros with other features")
         if unknown or self.normalize not in NORMALIZERS:
@@ -168,10 +169,8 @@ class Loaded:
                 f"unknown reads {unknown} (pod: {sorted(FEATURES)}, node: {sorted(READS)}) or "
                 f"normalize {self.normalize!r} (one of {sorted(NORMALIZERS)})",
             )
-        self.interest = 0
+        self.interest = interest_of(node_reads)
         """Changes after which a row must be looked at again, as a plain int."""
-        for name in node_reads:
-            self.interest |= int(READS.get(name, Change.NONE))
         self.filter: Callable[[PodInfo, Nodes], FilterResult] | None = getattr(plugin, "filter", None)
         self.score: Callable[[PodInfo, Nodes], ScoreResult] | None = getattr(plugin, "score", None)
         self.filter_row: Callable[[PodInfo, Row], bool] | None = getattr(plugin, "filter_row", None)

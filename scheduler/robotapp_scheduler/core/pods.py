@@ -18,6 +18,8 @@ from robotapp_scheduler.core.ros import InvalidAnnotation, RosContext, RosReques
 
 ANY_IP: Final = "0.0.0.0"  # noqa: S104 - the wildcard a hostPort without hostIP stands for, nothing is bound here
 ROS_FEATURES: Final = "ros"
+NO_ROS: Final[tuple[Hashable, ...]] = (None,)
+"""Key of every plugin that reads parts of "ros", for a pod without ROS fields."""
 SYSTEM_CRITICAL: Final = 2_000_000_000
 """Priorities from here on belong to system-node-critical and system-cluster-critical."""
 
@@ -122,13 +124,15 @@ class PodInfo:
 
     def features(self, names: tuple[str, ...]) -> tuple[Hashable, ...]:
         """The values of some features as a key: two pods with equal keys are equal to every rule that reads these."""
-        if names and names[0].startswith(ROS_FEATURES):  # resolved anew at each attempt, so never kept
-            return (FEATURES[names[0]](self),) if len(names) == 1 else tuple(FEATURES[name](self) for name in names)
         key = self._keys.get(names)
         if key is None:
             key = tuple(FEATURES[name](self) for name in names)
             self._keys[names] = key
         return key
+
+    def ros_features(self, names: tuple[str, ...]) -> tuple[Hashable, ...]:
+        """The same for parts of "ros": resolved anew at each attempt, so never kept."""
+        return NO_ROS if self.ros is None else tuple(FEATURES[name](self) for name in names)
 
     def class_number(self, owner: object) -> int | None:
         """The number `owner` gave this pod's class, None before it did."""

@@ -164,6 +164,11 @@ class Nodes:
         row = self.cluster.rtt.from_node(node, percentile)
         return RttRow(self._pick(row.rtt_us), self._pick(row.source))
 
+    def column(self, name: str, *, max_age: float = float("inf")) -> FloatArray:
+        """A column the plugin filled with `Cluster.set_column`, NaN where it has no value or is older (seconds)."""
+        values = self.cluster.column(name, max_age_s=max_age)
+        return np.array([values.get(node, np.nan) for node in self.names], dtype=np.float64)
+
     def load(self, field: str) -> FloatArray:
         """cpu_percent, memory_percent or gpu_percent as reported by the agents, NaN where unknown."""
         found = (self.cluster.rtt.load(name) for name in self.names)

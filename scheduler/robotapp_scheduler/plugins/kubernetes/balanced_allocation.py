@@ -48,10 +48,14 @@ class NodeResourcesBalancedAllocation:
         capacities = [nodes.allocatable(name) for name in names]
         before = [nodes.requested(name) for name in names]
         after = [use + wanted.get(name, 0) for name, use in zip(names, before, strict=True)]
-        balance = _balance(after, capacities, nodes.n)
+        offered = [capacity > 0 for capacity in capacities]
+        safe = [np.maximum(capacity, 1) for capacity in capacities]
+        plain = len(names) == 2 and all(bool(there.all()) for there in offered)
+        balance = _plain_pair(after, safe) if plain else _balance(after, safe, offered, nodes.n)
         if not self._change:
             return balance
-        return 50 + (50 + balance - _balance(before, capacities, nodes.n)) // 2
+        old = _plain_pair(before, safe) if plain else _balance(before, safe, offered, nodes.n)
+        return 50 + (50 + balance - old) // 2
 
     def score_row(self, pod: PodInfo, row: Row) -> int:
         """The score of one node."""
@@ -69,12 +73,14 @@ class NodeResourcesBalancedAllocation:
         return 50 + (50 + balance - _balance_row(before)) // 2 if self._change else balance
 
 
-def _balance(used: Sequence[IntArray], capacities: Sequence[IntArray], rows: int) -> IntArray:
+def _plain_pair(used: Sequence[IntArray], safe: Sequence[IntArray]) -> IntArray:
+    """As `_balance` for the usual case: two resources that every node offers."""
+    return _score(np.abs((np.minimum(used[0] / safe[0], 1.0) - np.minimum(used[1] / safe[1], 1.0)) / 2.0))
+
+
+def _balance(used: Sequence[IntArray], safe: Sequence[IntArray], offered: Sequence[BoolArray], rows: int) -> IntArray:
     """int((1 - std of the used fractions)·100); resources a node does not offer are left out."""
-    offered = [capacity > 0 for capacity in capacities]
-    fractions = [np.minimum(use / np.maximum(c, 1), 1.0) for use, c in zip(used, capacities, strict=True)]
-    if len(fractions) == 2 and offered[0].all() and offered[1].all():
-        return _score(np.abs((fractions[0] - fractions[1]) / 2.0))
+    fractions = [np.minimum(use / capacity, 1.0) for use, capacity in zip(used, safe, strict=True)]
     count = np.zeros(rows, dtype=np.int64)
     total = np.zeros(rows)
     for fraction, there in zip(fractions, offered, strict=True):
