@@ -113,4 +113,5 @@ class ExplainRing:
 
 def as_json(record: Record) -> dict[str, Any]:
     """Plain JSON of a record, camelCase."""
-    return dict(msgspec.to_builtins(record))
+    plain: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(record))
+    return plain
