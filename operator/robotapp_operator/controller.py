@@ -126,13 +126,13 @@ class Controller:
         self._fleet_later(record.namespace)
         if record.deleting:
             return 0.0
+        # First of all: the scheduler waits until it sees its generation observed.
+        self._queue.add(Key(Work.STATUS, key.group))
         if record.app is not None and not problems_of(record.app, self._cache.nodes):
             wanted = {instance.robot for instance in wanted_instances(record.app, self._cache)}
             self._memory.forget_instances(key.group, wanted)
             for robot in sorted(wanted | self._cache.instance_keys(key.group)):
                 self._queue.add(Key(Work.CHILDREN, key.group, robot))
-        # At once: the scheduler waits until it sees its generation observed.
-        self._queue.add(Key(Work.STATUS, key.group))
         return 0.0
 
     async def _instance(self, key: Key) -> float | None:

@@ -1,8 +1,8 @@
 """The work queue: every key at most once at a time, earliest due first, fair between groups.
 
 A key that is added again while it is being worked on runs once more afterwards. A key that fails waits
-1 s, 2 s, 4 s … up to a minute, other keys do not notice. Among due keys the groups (apps) take turns, so an
-app with a thousand instances does not delay its neighbour.
+1 s, 2 s, 4 s … up to a minute, other keys do not notice. Among due keys the lanes (an app's keys of one kind)
+take turns, so an app with a thousand instances delays neither its neighbour nor its own status.
 """
 
 import asyncio
@@ -38,7 +38,7 @@ class Queue:
         self._due: dict[Key, float] = {}
         self._heap: list[tuple[float, int, Key]] = []
         self._sequence = 0
-        self._ready: OrderedDict[str, deque[tuple[Key, float]]] = OrderedDict()
+        self._ready: OrderedDict[tuple[str, str], deque[tuple[Key, float]]] = OrderedDict()
         self._ready_keys: set[Key] = set()
         self._active: set[Key] = set()
         self._again: dict[Key, float] = {}
@@ -84,12 +84,12 @@ class Queue:
         self._promote()
         if not self._ready:
             return None
-        group, keys = next(iter(self._ready.items()))
+        lane, keys = next(iter(self._ready.items()))
         key, due = keys.popleft()
         if keys:
-            self._ready.move_to_end(group)
+            self._ready.move_to_end(lane)
         else:
-            del self._ready[group]
+            del self._ready[lane]
         self._ready_keys.discard(key)
         self._active.add(key)
         return key, max(0.0, self._clock() - due)
@@ -152,7 +152,7 @@ class Queue:
             due, _, key = heapq.heappop(self._heap)
             if self._due.get(key) == due:  # else: superseded by an earlier request
                 del self._due[key]
-                self._ready.setdefault(key.group, deque()).append((key, due))
+                self._ready.setdefault((key.group, key.work), deque()).append((key, due))
                 self._ready_keys.add(key)
 
     def _release(self, key: Key) -> None:

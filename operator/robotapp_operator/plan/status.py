@@ -1,7 +1,7 @@
 """The status to write: phase, conditions, instances worst first, and one line for the table."""
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any, Final
 
 from robotapp_api.model.names import Phase, Reason
@@ -132,7 +132,7 @@ def _summary(facts: AppFacts, shown: list[dict[str, Any]], omitted: int) -> dict
         readyComponents=up,
         desiredComponents=desired,
         robots=robots,
-        domain=ranges({i.domain for i in facts.instances if i.domain is not None})[:63],
+        domain=domains_text({i.domain for i in facts.instances if i.domain is not None}),
         budget=_budget(shown),
         devices=f"{held}/{wanted}" if wanted else "",
         nodes=",".join(sorted({node for component in parts for node in component.nodes}))[:253],
@@ -157,6 +157,15 @@ def _budget(shown: Iterable[Mapping[str, Any]]) -> str:
                 time = "?" if p95_us is None else format_ms(p95_us / 1000).removesuffix("ms")
                 worst, text = use, f"{time}/{format_ms(budget_us / 1000)}"
     return text[:32]
+
+
+def domains_text(ids: Collection[int], limit: int = 63) -> str:
+    """Ranges of `ids`; where they do not fit, the first ones and how many there are."""
+    text = ranges(ids)
+    if len(text) <= limit:
+        return text
+    count = f",… ({len(ids)})"
+    return text[: limit - len(count)].rpartition(",")[0] + count
 
 
 def ranges(ids: Iterable[int]) -> str:

@@ -71,6 +71,14 @@ def test_groups_take_turns() -> None:
     assert popped(queue) == ["big-0", "small", "big-1", "big-2"]
 
 
+def test_a_status_does_not_wait_behind_all_instances_of_its_app() -> None:
+    queue, _ = make_queue()
+    for number in range(3):
+        queue.add(key(f"instance-{number}"))
+    queue.add(Key("status", "app", "status"))
+    assert popped(queue) == ["instance-0", "status", "instance-1", "instance-2"]
+
+
 def test_the_wait_beyond_the_due_time_is_reported() -> None:
     queue, clock = make_queue()
     queue.add(key("a"), delay_s=1)

@@ -15,7 +15,7 @@ from robotapp_operator.plan.components import ComponentView
 from robotapp_operator.plan.facts import AppFacts, InstanceFacts
 from robotapp_operator.plan.instances import Instance
 from robotapp_operator.plan.latency import edge_views
-from robotapp_operator.plan.status import MAX_DETAIL_BYTES, ranges, render_status
+from robotapp_operator.plan.status import MAX_DETAIL_BYTES, domains_text, ranges, render_status
 
 UP = ComponentView(name="driver", replicas=1, ready=True, exists=True, bound=True, rolling=False, nodes=("edge-1",))
 STARTING = dataclasses.replace(UP, ready=False)
@@ -288,3 +288,10 @@ def test_before_any_instance_the_table_shows_what_is_wanted() -> None:
 )
 def test_domains_are_shown_as_ranges(ids: set[int], text: str) -> None:
     assert ranges(ids) == text
+
+
+def test_more_domains_than_fit_are_counted() -> None:
+    text = domains_text(range(1, 120, 2))
+    assert len(text) <= 63
+    assert text.startswith("1,3,5,")
+    assert text.endswith(",… (60)")
