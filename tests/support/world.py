@@ -137,9 +137,10 @@ class World:
         return found
 
     def events(self, name: str) -> list[Object]:
-        """Events about the RobotApp of this name."""
+        """Events about the app that has this name now."""
+        uid = self.app(name)["metadata"]["uid"]
         path = f"/apis/events.k8s.io/v1/namespaces/{self.namespace}/events"
-        return [each for each in self.cp.api.get(path)["items"] if each.get("regarding", {}).get("name") == name]
+        return [each for each in self.cp.api.get(path)["items"] if each.get("regarding", {}).get("uid") == uid]
 
     def _forget_leases(self) -> None:
         """A test before us may have killed its operator: nobody shall wait until its Lease runs out."""

@@ -1,9 +1,13 @@
 """Many apps at once, more apps than domains, one app on many robots, and silence when nothing changes."""
 
+from datetime import UTC, datetime
+
 import pytest
 from tests.integration.journeys.conftest import ROBOTS, Pools
 from tests.support import journeys, quiet
 from tests.support.world import World, plain_app
+
+from robotapp_testbed.identity import OPERATOR_ACCOUNT, SCHEDULER_ACCOUNT
 
 pytestmark = pytest.mark.live
 
@@ -30,8 +34,11 @@ def test_an_app_for_each_robot_has_as_many_domains_as_robots(world: World, pools
 
 
 def test_nothing_is_written_while_nothing_changes(world: World, pools: Pools) -> None:
+    began = datetime.now(UTC)
     names = [f"calm-{number}" for number in range(3)]
     world.create_all([plain_app(name, dds={"pool": pools.twelve}) for name in names])
     world.watch.until_ready(*names, within_s=60)
+    writers = {each.partition(" ")[0] for each in quiet.by_object(quiet.writes_since(world.cp, began))}
+    assert writers == {OPERATOR_ACCOUNT, SCHEDULER_ACCOUNT}  # the log does show who writes
     assert quiet.until_quiet(world.cp, quiet_s=6.0, within_s=60), quiet.by_object(quiet.writes_during(world.cp, 3.0))
     assert quiet.by_object(quiet.writes_during(world.cp, 10.0)) == {}
