@@ -1,0 +1,172 @@
+"""Laws of the status, whatever was observed: within the API's bounds, and still when nothing changes."""
+
+import json
+from typing import Any
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tests.support.factories import component, make_app, telemetry
+
+from robotapp_api.model.names import Condition, Reason
+from robotapp_api.model.status import RobotAppStatus
+from robotapp_operator.plan.app import Problem
+from robotapp_operator.plan.compare import content_hash, covers
+from robotapp_operator.plan.components import ComponentView
+from robotapp_operator.plan.facts import AppFacts, InstanceFacts
+from robotapp_operator.plan.instances import Instance
+from robotapp_operator.plan.latency import edge_views, steady_p95
+from robotapp_operator.plan.status import render_status
+
+TEXT = st.text(max_size=2000)
+NODES = st.sampled_from(["edge-1", "edge-2", "amr-07", "n" * 253])
+REASONS = st.sampled_from(list(Reason))
+TROUBLES = st.none() | st.tuples(REASONS, st.text(min_size=1, max_size=2000))
+EDGES = [
+    {"topic": f"/topic_{number}", "from": "a", "to": "b", "latency": {"budget": budget}}
+    for number, budget in enumerate(["1ms", "30ms", "999999s"])
+]
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers(-5, 5) | st.sampled_from(["", "a", "100m", "1Gi"]),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.sampled_from("abc"), inner, max_size=3),
+    max_leaves=12,
+)
+
+
+@st.composite
+def views(draw: st.DrawFn, name: str) -> ComponentView:
+    ready = draw(st.booleans())
+    return ComponentView(
+        name=name,
+        replicas=draw(st.integers(0, 32)),
+        ready=ready,
+        exists=draw(st.booleans()),
+        bound=draw(st.booleans()),
+        rolling=draw(st.booleans()),
+        nodes=tuple(sorted(set(draw(st.lists(NODES, max_size=3))))),
+        restarts=draw(st.integers(0, 9999)),
+        reason=None if ready else draw(st.none() | REASONS),
+        message="" if ready else draw(TEXT)[:1024],
+    )
+
+
+@st.composite
+def instances(draw: st.DrawFn, robot: str) -> InstanceFacts:
+    table = {"edge-1": telemetry("edge-1", amr_07=draw(st.floats(0, 90_000)))} if draw(st.booleans()) else {}
+    placed = {name: draw(NODES) for name in ("a", "b") if draw(st.booleans())}
+    edges = make_app(component("a"), component("b"), edges=EDGES).spec.edges
+    return InstanceFacts(
+        instance=Instance(robot, "amr-07" if robot else ""),
+        components=(draw(views("a")), draw(views("b"))),
+        edges=tuple(edge_views(edges, placed=placed, robot_node="", telemetry=table)),
+        domain=draw(st.none() | st.integers(0, 232)),
+        needs_domain=draw(st.booleans()),
+        devices_wanted=draw(st.integers(0, 3)),
+        devices_held=draw(st.integers(0, 3)),
+        claims=tuple(draw(st.lists(st.sampled_from(["dds.default.c.7", "dev.n1.can"]), max_size=2, unique=True))),
+        refusal=draw(TROUBLES),
+        trouble=draw(TROUBLES),
+        held=tuple(draw(st.lists(st.sampled_from(["x", "y"]), max_size=2))),
+        robot_online=draw(st.booleans()),
+        infrastructure_ready=draw(st.booleans()),
+        cut_off=tuple(draw(st.lists(st.sampled_from(["p", "q"]), max_size=2))),
+    )
+
+
+@st.composite
+def facts(draw: st.DrawFn, previous: dict[str, Any] | None = None) -> AppFacts:
+    robots = draw(st.lists(st.sampled_from(["", "amr-07", "amr-08"]), max_size=3, unique=True))
+    return AppFacts(
+        app=make_app(component("a"), component("b"), suspend=draw(st.booleans()), edges=EDGES),
+        problems=tuple(draw(st.lists(st.builds(Problem, REASONS, st.just("spec.x"), TEXT), max_size=4))),
+        instances=tuple(draw(instances(robot)) for robot in sorted(robots)),
+        previous=previous or {},
+        now=draw(st.sampled_from(["2026-01-01T00:00:00Z", "2026-01-01T00:00:01Z"])),
+        latency_rested=draw(st.booleans()),
+        rmw="rmw_fastrtps_cpp",
+        discovery="Server",
+        bug=draw(st.just("") | TEXT.map(lambda text: text[:512])),
+    )
+
+
+def again(found: AppFacts, status: dict[str, Any], *, now: str) -> AppFacts:
+    """The same observation a moment later, with the status as the API server returns it."""
+    return AppFacts(
+        app=found.app,
+        problems=found.problems,
+        instances=found.instances,
+        previous=json.loads(json.dumps(status)),
+        now=now,
+        latency_rested=True,
+        rmw=found.rmw,
+        discovery=found.discovery,
+        bug=found.bug,
+    )
+
+
+@given(facts())
+@settings(deadline=None)
+def test_every_status_is_within_the_bounds_of_the_api(found: AppFacts) -> None:
+    status = render_status(found)
+    RobotAppStatus.model_validate(status)
+    assert [item["type"] for item in status["conditions"]] == [kind.value for kind in Condition]
+    assert len(json.dumps(status)) < 256 * 1024
+
+
+@given(facts())
+@settings(deadline=None)
+def test_a_status_settles_so_an_app_at_rest_is_never_written(found: AppFacts) -> None:
+    """Phases look back one step (what ran is Degraded, what starts is Placing), so one round may move; no further one does."""
+    first = render_status(found)
+    second = render_status(again(found, first, now="2027-01-01T00:00:00Z"))
+    assert render_status(again(found, second, now="2028-01-01T00:00:00Z")) == second
+
+
+@given(facts())
+@settings(deadline=None)
+def test_ready_is_said_only_of_what_is_ready(found: AppFacts) -> None:
+    status = render_status(found)
+    (ready,) = [item for item in status["conditions"] if item["type"] == "Ready"]
+    if ready["status"] == "True":
+        assert not found.problems
+        assert not found.app.spec.suspend
+        assert found.instances
+        assert all(view.ready for instance in found.instances for view in instance.components)
+    else:
+        assert ready["message"]
+
+
+@given(facts(), facts())
+@settings(deadline=None)
+def test_transition_times_move_exactly_with_the_status(before: AppFacts, found: AppFacts) -> None:
+    first = render_status(before)
+    second = render_status(again(found, first, now="2030-01-01T00:00:00Z"))
+    for old, new in zip(first["conditions"], second["conditions"], strict=True):
+        moved = new["lastTransitionTime"] == "2030-01-01T00:00:00Z"
+        assert moved == (old["status"] != new["status"])
+
+
+@given(st.none() | st.integers(1, 10**6), st.none() | st.integers(1, 10**6), st.booleans(), st.booleans())
+def test_a_published_figure_is_the_old_or_the_new_one(
+    old: int | None, new: int | None, changed: bool, rested: bool
+) -> None:
+    shown = steady_p95(old, new, verdict_changed=changed, rested=rested)
+    assert shown in (old, new)
+    assert steady_p95(shown, new, verdict_changed=False, rested=rested) == shown
+
+
+@given(JSON)
+def test_everything_covers_itself(value: Any) -> None:
+    assert covers(value, value)
+    assert content_hash(value) == content_hash(json.loads(json.dumps(value)))
+
+
+@given(st.dictionaries(st.sampled_from("abc"), JSON, max_size=3), JSON)
+def test_fields_the_server_adds_are_no_difference(wanted: dict[str, Any], extra: Any) -> None:
+    assert covers(wanted | {"added": extra}, wanted)
+
+
+@given(st.dictionaries(st.sampled_from("abc"), st.integers(1, 9), min_size=1), st.sampled_from("abc"))
+def test_a_field_that_says_something_else_is_a_difference(wanted: dict[str, int], key: str) -> None:
+    if key in wanted:
+        assert not covers(wanted | {key: wanted[key] + 10}, wanted)
+        assert not covers({name: value for name, value in wanted.items() if name != key}, wanted)
