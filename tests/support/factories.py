@@ -68,8 +68,11 @@ def robots(*names: str) -> dict[str, Node]:
 
 
 def telemetry(node: str, **p95_ms: float) -> Telemetry:
-    """Peers as keywords, `_` for `-`: telemetry("edge-1", amr_07=12.5)."""
-    rtt = [{"peer": peer.replace("_", "-"), "p95Us": int(value * 1000)} for peer, value in p95_ms.items()]
+    """Peers as keywords, `_` for `-`: telemetry("edge-1", amr_07=12.5). The median is half of it."""
+    rtt = [
+        {"peer": peer.replace("_", "-"), "p50Us": int(value * 500), "p95Us": int(value * 1000)}
+        for peer, value in p95_ms.items()
+    ]
     return msgspec.convert({"metadata": {"name": node}, "status": {"rtt": rtt}}, Telemetry)
 
 

@@ -180,7 +180,7 @@ _RULES: Final[Mapping[Condition, Callable[[AppFacts], Verdict]]] = {
 def edge_text(edge: EdgeView) -> str:
     """`/cmd_vel operator -> driver 18ms of 30ms`."""
     name = f"{edge.edge.topic} {edge.edge.from_} -> {edge.edge.to}"
-    time = "unknown" if edge.p95_us is None else format_ms(edge.p95_us / 1000)
+    time = "unknown" if edge.judged_us is None else format_ms(edge.judged_us / 1000)
     return f"{name} {time} of {format_ms((edge.budget_us or 0) / 1000)}"
 
 

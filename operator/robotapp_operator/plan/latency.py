@@ -8,7 +8,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Final
 
-from robotapp_api.model.edge import Edge
+from robotapp_api.model.edge import Edge, Percentile
 from robotapp_api.model.names import ROBOT_END
 from robotapp_api.values.duration import parse_us
 from robotapp_operator.plan.objects import Telemetry
@@ -18,24 +18,28 @@ SAME_NODE_US: Final = 50
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class EdgeView:
-    """One edge of one instance. `p95_us` None: unknown. `budget_us` None: no budget written."""
+    """One edge of one instance. Times None: unknown. `budget_us` None: no budget written.
+
+    `judged_us` is the percentile the budget is about (50 or 95); `p95_us` is what status publishes.
+    """
 
     edge: Edge
     nodes: tuple[str, str]
     budget_us: int | None
     p95_us: int | None
+    judged_us: int | None
     measured: bool
 
     @property
     def met(self) -> bool | None:
-        if self.budget_us is None or self.p95_us is None:
+        if self.budget_us is None or self.judged_us is None:
             return None
-        return self.p95_us <= self.budget_us
+        return self.judged_us <= self.budget_us
 
     @property
     def use(self) -> float:
         """Share of the budget in use; -1 when unknown, so that it sorts last."""
-        return -1.0 if self.met is None else (self.p95_us or 0) / (self.budget_us or 1)
+        return -1.0 if self.met is None else (self.judged_us or 0) / (self.budget_us or 1)
 
 
 def edge_views(
@@ -46,14 +50,16 @@ def edge_views(
     return sorted(views, key=lambda view: (-view.use, view.edge.topic, view.edge.from_, view.edge.to))
 
 
-def round_trip_us(one: str, other: str, telemetry: Mapping[str, Telemetry]) -> int | None:
-    """Worse of the two directions' p95 in microseconds, None when neither was measured."""
+def round_trip_us(
+    one: str, other: str, telemetry: Mapping[str, Telemetry], *, percentile: Percentile = 95
+) -> int | None:
+    """Worse of the two directions in microseconds, None when neither was measured."""
     if one == other:
         return SAME_NODE_US
     found = [
-        p95
+        time_us
         for near, far in ((one, other), (other, one))
-        if near in telemetry and (p95 := telemetry[near].p95_to(far)) is not None
+        if near in telemetry and (time_us := telemetry[near].time_to(far, percentile)) is not None
     ]
     return max(found, default=None)
 
@@ -62,11 +68,13 @@ def _view(edge: Edge, placed: Mapping[str, str], telemetry: Mapping[str, Telemet
     nodes = (placed.get(edge.from_, ""), placed.get(edge.to, ""))
     known = all(nodes)
     p95_us = round_trip_us(*nodes, telemetry) if known else None
+    percentile = edge.latency.percentile if edge.latency else 95
     return EdgeView(
         edge=edge,
         nodes=nodes,
         budget_us=parse_us(edge.latency.budget) if edge.latency else None,
         p95_us=p95_us,
+        judged_us=round_trip_us(*nodes, telemetry, percentile=percentile) if known else None,
         measured=p95_us is not None and nodes[0] != nodes[1],
     )
 

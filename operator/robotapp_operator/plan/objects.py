@@ -172,9 +172,12 @@ class Telemetry(Struct):
     spec: TelemetrySpec = msgspec.field(default_factory=TelemetrySpec)
     status: TelemetryStatus = msgspec.field(default_factory=TelemetryStatus)
 
-    def p95_to(self, peer: str) -> int | None:
-        """Measured p95 round trip to `peer` in microseconds, None when never measured."""
-        return next((entry.p95_us for entry in self.status.rtt if entry.peer == peer), None)
+    def time_to(self, peer: str, percentile: int) -> int | None:
+        """Measured round trip to `peer` in microseconds, None when never measured."""
+        found = next((entry for entry in self.status.rtt if entry.peer == peer), None)
+        if found is None:
+            return None
+        return found.p50_us if percentile == 50 else found.p95_us
 
 
 class ConfigMap(Struct):

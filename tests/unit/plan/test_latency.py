@@ -26,6 +26,14 @@ def test_an_unmeasured_pair_is_unknown_not_zero() -> None:
     assert round_trip_us("edge-1", "elsewhere", TELEMETRY) is None
 
 
+def test_a_budget_of_the_median_is_judged_by_the_median() -> None:
+    edge = {"topic": "/t", "from": "operator", "to": "driver", "latency": {"budget": "10ms", "percentile": 50}}
+    app = make_app(edges=[edge])
+    placed = {"operator": "edge-1", "driver": "amr-07"}
+    (view,) = edge_views(app.spec.edges, placed=placed, robot_node="", telemetry=TELEMETRY)
+    assert (view.judged_us, view.p95_us, view.met) == (7_500, 15_000, True)
+
+
 def test_edges_come_worst_first_and_unknown_last() -> None:
     found = views(operator="edge-1", driver="amr-07")
     assert [view.edge.topic for view in found] == ["/odom", "/cmd_vel", "/log"]
