@@ -107,26 +107,36 @@ class Operator:
     async def work(self, stop: asyncio.Event) -> None:
         """Reconcile until `stop`."""
         async with contextlib.AsyncExitStack() as stack:
+            stack.push_async_callback(_ended, asyncio.create_task(self._watch_apps(stop)))
             helpers: list[Coroutine[Any, Any, None]] = [self.recorder.run(), self.sweeper.run()]
             for helper in helpers:
                 stack.push_async_callback(_ended, _supervised(helper, stop))
             worker = _supervised(self.controller.run(), stop)
             stack.push_async_callback(self._drain, worker)
-            await self._watch_apps(stop)
+            await stop.wait()
 
     async def _watch_apps(self, stop: asyncio.Event) -> None:
+        """Run kopf until cancelled, which comes last: it takes every task of the process that began after it for its
+        own, and when it ends by itself it waits 5 s for them and then cancels them.
+        """
         registry = kopf.OperatorRegistry()
         register(registry, self.cache, self.queue)
         kopf.on.login(registry=registry)(self._login)
-        await kopf.operator(
-            registry=registry,
-            settings=kopf_settings(),
-            standalone=True,
-            clusterwide=not self.settings.namespaces,
-            namespaces=self.settings.namespaces,
-            stop_flag=stop,
-        )
-        stop.set()
+
+        @kopf.on.startup(registry=registry)
+        async def _signals(**_: Any) -> None:
+            asyncio.get_running_loop().call_soon(_on_signals, stop.set)  # kopf takes them for itself in this same turn
+
+        try:
+            await kopf.operator(
+                registry=registry,
+                settings=kopf_settings(),
+                standalone=True,
+                clusterwide=not self.settings.namespaces,
+                namespaces=self.settings.namespaces,
+            )
+        finally:
+            stop.set()
 
     async def _login(self, **kwargs: Any) -> kopf.ConnectionInfo | None:
         if self.settings.kubeconfig is None:
