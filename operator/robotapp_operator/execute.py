@@ -18,6 +18,7 @@ from robotapp_api.model.names import OPERATOR_MANAGER, Reason
 from robotapp_operator.plan.changes import Change, Observed, Plan, ref_of
 from robotapp_operator.plan.children import DEPLOYMENT, SERVICE
 from robotapp_operator.plan.objects import Meta
+from robotapp_operator.plan.strays import strays
 from robotapp_operator.plan.wish import App
 
 log = logging.getLogger(__name__)
@@ -74,7 +75,13 @@ async def _write(
         fence = Fence(over.metadata.uid, over.metadata.resource_version)
     resource_version = await _own_by_apply(client, resource, app.namespace, child.ref.name, fence)
     body["metadata"] |= {"uid": fence.uid, "resourceVersion": resource_version}
-    return await client.apply(resource, body)
+    result = await client.apply(resource, body)
+    foreign = strays(result.get("spec", {}), child.spec)
+    if not foreign:
+        return result
+    version_test = {"op": "test", "path": "/metadata/resourceVersion", "value": result["metadata"]["resourceVersion"]}
+    patch = [version_test, *({"op": "remove", "path": pointer} for pointer in foreign)]
+    return await client.patch(resource, child.ref.name, patch, namespace=app.namespace, content_type=JSON_PATCH)
 
 
 async def _own_by_apply(client: ApiClient, resource: Resource, namespace: str, name: str, fence: Fence) -> str:

@@ -11,6 +11,7 @@ from robotapp_operator.plan.environment import DOMAIN_VARIABLE
 from robotapp_operator.plan.infrastructure import infrastructure
 from robotapp_operator.plan.objects import ChildRef, Deployment, Service
 from robotapp_operator.plan.services import peers_service
+from robotapp_operator.plan.strays import strays
 from robotapp_operator.plan.template import ParamsFile
 from robotapp_operator.plan.versions import is_newer
 from robotapp_operator.plan.wish import App, Domain, Wish
@@ -93,7 +94,9 @@ def in_place(child: Child, over: Observed, settled: Mapping[str, tuple[int, str]
     meta = over.metadata
     if meta.annotations.get(Annotation.CONTENT_HASH) != child.hash or not covers(meta.labels, child.labels):
         return False
-    return settled.get(meta.uid) == (meta.generation, child.hash) or covers(over.spec, child.spec)
+    if settled.get(meta.uid) == (meta.generation, child.hash):
+        return True  # even with a stray: whoever puts it back at once would have us write for ever
+    return covers(over.spec, child.spec) and not strays(over.spec, child.spec)
 
 
 def is_held(app: App, child: Child, over: Observed, version: str) -> bool:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import yaml
 from tests.integration.journeys.conftest import Pools
-from tests.support.appwatch import condition
+from tests.support.appwatch import condition, is_ready
 from tests.support.world import World, plain_app
 
 from robotapp_api.model.names import EventReason, Label
@@ -60,6 +60,27 @@ def test_deletion_is_not_held_up_by_an_operator_that_is_down_and_leaves_nothing(
         assert "Traceback" not in world.operator.log_text()
 
 
+def test_a_stopped_operator_ends_at_once_and_its_successor_need_not_wait(world: World, pools: Pools) -> None:
+    world.create(plain_app("before", dds={"pool": pools.twelve}))
+    world.watch.until_ready("before", within_s=30)
+    began_s = time.monotonic()
+    assert world.operator.stop() == 0
+    assert time.monotonic() - began_s < 3.0
+    world.operator.start().wait_ready()
+    world.create(plain_app("after", dds={"pool": pools.twelve}))
+    world.watch.until_ready("after", within_s=10)  # less than the Lease of an operator that was killed
+
+
+def test_a_domain_written_into_a_deployment_by_hand_is_taken_out_again(world: World, pools: Pools) -> None:
+    world.create(plain_app("edited", parts=("only",), dds={"pool": pools.twelve}))
+    world.watch.until_ready("edited", within_s=30)
+    number = world.app("edited")["status"]["summary"]["domain"]
+    world.kubectl("set", "env", "deployment", "--selector", "robotics.io/app=edited", "ROS_DOMAIN_ID=99")
+    assert wait_until(lambda: _domains(world) == {number}, timeout_s=10, poll_s=0.2), _domains(world)
+    assert wait_until(lambda: all(pod["spec"].get("nodeName") for pod in world.pods()), timeout_s=20, poll_s=0.2)
+    world.watch.until(lambda apps: is_ready(apps["edited"]), within_s=20, what="edited Ready again")
+
+
 def test_an_app_too_big_for_every_node_is_told_how_many_and_what_to_ask_next(world: World, pools: Pools) -> None:
     app = plain_app("big", parts=("giant",), dds={"pool": pools.twelve})
     app["spec"]["components"][0]["resources"] = {"requests": {"cpu": "5000"}}
@@ -97,6 +118,15 @@ def _row(world: World, name: str) -> dict[str, str]:
     starts = [head.index(word) for word in head.split()]
     ends = [*starts[1:], None]
     return {head[a:b].strip(): line[a:b].strip() for a, b in zip(starts, ends, strict=True)}
+
+
+def _domains(world: World) -> set[str]:
+    """Every domain that any container of any Deployment names."""
+    items = world.cp.api.get(f"/apis/apps/v1/namespaces/{world.namespace}/deployments")["items"]
+    pods = [item["spec"]["template"]["spec"] for item in items]
+    containers = [each for pod in pods for each in (*pod["containers"], *pod.get("initContainers", ()))]
+    variables = [variable for container in containers for variable in container.get("env", ())]
+    return {variable["value"] for variable in variables if variable["name"] == "ROS_DOMAIN_ID"}
 
 
 def _is_still(world: World, name: str) -> bool:

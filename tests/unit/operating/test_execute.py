@@ -119,6 +119,19 @@ async def test_fields_that_are_ours_by_apply_need_no_further_write() -> None:
     assert client.methods() == ["get", "apply"]
 
 
+async def test_a_domain_that_apply_cannot_remove_is_taken_out_of_exactly_the_version_apply_left() -> None:
+    stray = {"name": "wait-for-names", "env": [{"name": "ROS_DOMAIN_ID", "value": "99"}]}
+    applied = answer() | {"spec": {"template": {"spec": {"containers": [], "initContainers": [stray]}}}}
+    client = ScriptedClient().always("get", live()).always("apply", applied).always("patch", answer)
+    await run(client, change_of_one())
+    assert client.methods() == ["get", "apply", "patch"]
+    _, patch = client.calls[-1][2]
+    assert patch == [
+        {"op": "test", "path": "/metadata/resourceVersion", "value": "9"},
+        {"op": "remove", "path": "/spec/template/spec/initContainers/0/env/0"},
+    ]
+
+
 @pytest.mark.parametrize("error", [refusal(Conflict, "x", 409), refusal(NotFound, "x", 404)])
 async def test_a_lost_race_starts_over(error: Exception) -> None:
     client = ScriptedClient().always("get", live()).always("apply", error)

@@ -104,6 +104,18 @@ def test_a_variable_somebody_added_is_seen_as_drift_but_only_once() -> None:
     assert not plan(app, wanted(app), observed, version=VERSION, settled=settled)
 
 
+def test_a_domain_somebody_wrote_into_another_container_is_drift_but_only_once() -> None:
+    app = make_app()
+    observed = settled_world(app)
+    ref = driver_of(observed)
+    stray = [{"name": "sidecar", "env": [{"name": "ROS_DOMAIN_ID", "value": "99"}]}]
+    observed[ref] = bent(observed[ref], spec__template__spec__initContainers=stray)
+    (change,) = planned(app, wanted(app), observed).changes
+    meta = observed[ref].metadata
+    settled = {meta.uid: (meta.generation, change.child.hash)}
+    assert not plan(app, wanted(app), observed, version=VERSION, settled=settled)
+
+
 def test_defaults_and_canonical_quantities_of_the_server_are_no_drift() -> None:
     app = make_app(component("driver", resources={"requests": {"cpu": "1000m", "memory": "1024Mi"}}))
     observed = settled_world(app)

@@ -1,0 +1,30 @@
+"""Domain variables that somebody else wrote into a template of ours.
+
+Server-side apply never removes another manager's variable, and such a template names a domain its instance does not
+hold (claims, rule 5): no pod of it would ever be bound.
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from robotapp_operator.plan.environment import DOMAIN_VARIABLE
+
+_PLACES = ("initContainers", "containers")
+
+
+def strays(spec: Mapping[str, Any], wanted: Mapping[str, Any]) -> list[str]:
+    """JSON pointers into a Deployment whose spec is `spec`: literal domains `wanted` does not name, last ones first.
+
+    In this order they can be removed one after the other.
+    """
+    ours = {value for _, value in _literals(wanted)}
+    return [pointer for pointer, value in _literals(spec) if value not in ours][::-1]
+
+
+def _literals(spec: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    pod = (spec.get("template") or {}).get("spec") or {}
+    for place in _PLACES:
+        for index, container in enumerate(pod.get(place) or ()):
+            for number, variable in enumerate(container.get("env") or ()):
+                if variable.get("name") == DOMAIN_VARIABLE and variable.get("value"):
+                    yield f"/spec/template/spec/{place}/{index}/env/{number}", variable["value"]
