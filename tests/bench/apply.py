@@ -43,7 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--only", choices=sorted(PHASES), action="append", help="this phase only (may be repeated)")
     options = parser.parse_args(argv)
     with ControlPlane(audit=True) as cp:
-        product.install(cp)
+        product.install(cp, values={"domainPool": {"quarantineSeconds": 1}})
         result = run(cp, options)
     print(json.dumps(result, indent=2))
     if options.json:
