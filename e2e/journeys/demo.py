@@ -11,6 +11,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
+from pathlib import Path
 
 from journeys.burst import survive_kills
 from journeys.comparison import compare_with_kube_scheduler
@@ -47,7 +48,7 @@ def main() -> int:
         print("The demo's cluster is gone." if _CLUSTER.down() else "No demo cluster is running.")
         return 0
     if arguments.once:
-        return _tell(hold=False)
+        return _tell(hold=False, picture=arguments.svg)
     if arguments.hold:
         return _tell(hold=True)
     return _start_holder()
@@ -63,11 +64,12 @@ def _arguments() -> argparse.Namespace:
     mode = parser.add_mutually_exclusive_group()
     mode.add_argument("--once", action="store_true", help="tear down at the end instead of leaving the cluster up")
     mode.add_argument("--down", action="store_true", help="end the cluster an earlier run left up")
+    parser.add_argument("--svg", type=Path, help="with --once: save what was shown as a picture")
     mode.add_argument("--hold", action="store_true", help=argparse.SUPPRESS)
     return parser.parse_args()
 
 
-def _tell(*, hold: bool) -> int:
+def _tell(*, hold: bool, picture: Path | None = None) -> int:
     """Tell the story; 1 when a claim was false or something could not start."""
     stage = Stage()
     plane = ControlPlane(kube_scheduler=True)
@@ -77,6 +79,8 @@ def _tell(*, hold: bool) -> int:
         else:
             with plane as cluster, ExitStack() as stack:
                 _tell_on(stage, cluster, stack)
+        if picture:
+            stage.save_svg(picture)
     except (FalseClaimError, TestbedError) as failure:
         stage.say(f"\n[red]The demo stops here.[/red] {failure}")
         return 1

@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TypeVar
 
 from rich.console import Console
@@ -19,9 +20,13 @@ class FalseClaimError(AssertionError):
 class Stage:
     """Where the story is told; counts what was claimed so that the last line can say so."""
 
-    console: Console = field(default_factory=lambda: Console(highlight=False, soft_wrap=True))
+    console: Console = field(default_factory=lambda: Console(highlight=False, soft_wrap=True, record=True))
     held: int = 0
     started_s: float = field(default_factory=time.monotonic)
+
+    def save_svg(self, path: Path) -> None:
+        """Everything said so far, as the picture that the README shows."""
+        path.write_text(self.console.export_svg(title="scripts/demo --once", unique_id="demo"))
 
     def step(self, number: str, title: str) -> None:
         self.console.print()
