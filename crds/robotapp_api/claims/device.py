@@ -4,22 +4,23 @@ A device claim belongs to app uid + instance + component and is used by one pod 
 claim waits, Draining, for a successor of the same component, so a restarted driver gets its own camera back.
 """
 
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Protocol
+from typing import Final, Protocol
 
 from robotapp_api.claims.identity import claim_name_device, device_label, granted_devices, holder_text, same_holder
 from robotapp_api.claims.objects import App, Claim, Holder, Pod
 from robotapp_api.claims.release import Release
 from robotapp_api.model.names import Reason
 
+_USB_IDENTITY: Final = re.compile(r"(?:usb:)?([0-9a-f]{4}:[0-9a-f]{4})(?::(.*))?", re.IGNORECASE)
 
-class Requirement(Protocol):
-    """RobotApp `devices` entry; the model and the sweep's struct both fit."""
 
-    @property
-    def name(self) -> str: ...
+class Kind(Protocol):
+    """What a device must be. Empty fields accept anything."""
+
     @property
     def type(self) -> str: ...
     @property
@@ -28,15 +29,20 @@ class Requirement(Protocol):
     def interface(self) -> str: ...
     @property
     def match(self) -> str | None: ...
+
+
+class Requirement(Kind, Protocol):
+    """RobotApp `devices` entry; the model and the sweep's struct both fit."""
+
+    @property
+    def name(self) -> str: ...
     @property
     def exclusive(self) -> bool: ...
 
 
-class Reported(Protocol):
-    """A device as the node's agent reports it (NodeTelemetry)."""
+class Described(Protocol):
+    """What is known about a device, wherever it is kept."""
 
-    @property
-    def id(self) -> str: ...
     @property
     def type(self) -> str: ...
     @property
@@ -45,6 +51,13 @@ class Reported(Protocol):
     def interface(self) -> str: ...
     @property
     def identity(self) -> str: ...
+
+
+class Reported(Described, Protocol):
+    """A device as the node's agent reports it (NodeTelemetry)."""
+
+    @property
+    def id(self) -> str: ...
     @property
     def present(self) -> bool: ...
 
@@ -123,11 +136,15 @@ def wants_devices(app: App | None, holder: Holder) -> bool:
 # Which device for which requirement
 
 
-def fits(requirement: Requirement, device: Reported) -> bool:
+def fits(requirement: Kind, device: Reported) -> bool:
+    """There, and of the kind the requirement names."""
+    return device.present and fits_kind(requirement, device)
+
+
+def fits_kind(requirement: Kind, device: Described) -> bool:
     """Type, and model, interface and vid:pid[:serial] where the requirement names them."""
     return (
-        device.present
-        and device.type == requirement.type
+        device.type == requirement.type
         and requirement.model in {"", device.model}
         and requirement.interface in {"", device.interface}
         and (not requirement.match or identity_fits(requirement.match, device.identity))
@@ -135,10 +152,15 @@ def fits(requirement: Requirement, device: Reported) -> bool:
 
 
 def identity_fits(match: str, identity: str) -> bool:
-    """`8086:0b3a` fits `usb:8086:0B3A:123` and `8086:0b3a:123`; with a serial the serial must be equal too."""
-    asked, reported = match.split(":"), identity.removeprefix("usb:").split(":")
-    same_model = [part.lower() for part in asked[:2]] == [part.lower() for part in reported[:2]]
-    return same_model and (len(asked) < 3 or asked[2:] == reported[2:])
+    """`8086:0b3a` fits `usb:8086:0B3A:123` and `8086:0b3a:123`; with a serial the serial must be equal too.
+
+    vid:pid are hexadecimal numbers, so their case means nothing; a serial's does. Anything else must be the same text.
+    """
+    asked, reported = _USB_IDENTITY.fullmatch(match), _USB_IDENTITY.fullmatch(identity)
+    if asked is None or reported is None:
+        return match == identity
+    same_model = asked[1].lower() == reported[1].lower()
+    return same_model and (not asked[2] or asked[2] == reported[2])
 
 
 @dataclass(frozen=True, slots=True)

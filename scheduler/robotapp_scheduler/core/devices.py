@@ -4,16 +4,14 @@ A requirement always resolves to a device id, so that one device has one name. T
 good enough to choose a node, never to grant (the shell's create of the RobotClaim decides).
 """
 
-import re
 from collections.abc import Iterable, Sequence
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
+from robotapp_api.claims.device import fits_kind
 from robotapp_api.claims.identity import device_label
 from robotapp_api.model.names import HARDWARE_PREFIX, ClaimPhase
 from robotapp_scheduler.core.robotics import RobotClaim, TelemetryDevice
 from robotapp_scheduler.core.ros import DeviceHolder, DeviceWish
-
-_USB_IDENTITY: Final = re.compile(r"^(?:usb:)?([0-9a-f]{4}):([0-9a-f]{4})(?::(.+))?$", re.IGNORECASE)
 
 
 class Device(NamedTuple):
@@ -41,26 +39,6 @@ class Busy(NamedTuple):
     device: Device
     namespace: str
     holder: str
-
-
-def matches(wish: DeviceWish, device: Device) -> bool:
-    """Is this the kind of device the wish names? Empty fields of the wish accept anything."""
-    if wish.type != device.type:
-        return False
-    if wish.model and wish.model != device.model:
-        return False
-    if wish.interface and wish.interface != device.interface:
-        return False
-    return not wish.match or identity_matches(wish.match, device.identity)
-
-
-def identity_matches(wanted: str, identity: str) -> bool:
-    """`vid:pid[:serial]` against an identity such as `usb:1d50:606f:00A1`; a wish without serial takes any."""
-    want, have = _USB_IDENTITY.match(wanted), _USB_IDENTITY.match(identity)
-    if want is None or have is None:
-        return wanted == identity
-    same_model = want[1].lower() == have[1].lower() and want[2].lower() == have[2].lower()
-    return same_model and (want[3] is None or want[3] == have[3])
 
 
 def devices_of_labels(labels: dict[str, str]) -> tuple[Device, ...]:
@@ -154,7 +132,7 @@ class DeviceIndex:
         found = self._capable.get(key)
         if found is None:
             found = self._capable[key] = frozenset(
-                node for node, devices in self._devices.items() if any(matches(wish, device) for device in devices)
+                node for node, devices in self._devices.items() if any(fits_kind(wish, device) for device in devices)
             )
         return found
 
@@ -203,7 +181,7 @@ class DeviceIndex:
             for wish in wishes
             if wish.exclusive
             for device in self.of(node)
-            if matches(wish, device)
+            if fits_kind(wish, device)
         )
         return tuple(busy for busy in found if busy is not None)
 
@@ -211,7 +189,7 @@ class DeviceIndex:
         found = [
             i
             for i, device in enumerate(devices)
-            if matches(wish, device) and (not wish.exclusive or self.blocker(node, device, holder) is None)
+            if fits_kind(wish, device) and (not wish.exclusive or self.blocker(node, device, holder) is None)
         ]
         # What is already claimed for this holder comes first: a retry must not collect a second device.
         return sorted(found, key=lambda i: (node, device_label(devices[i].id)) not in self._claims)

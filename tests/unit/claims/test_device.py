@@ -109,10 +109,20 @@ def test_another_uid_wants_nothing_of_the_old_ones_devices() -> None:
         ("8086:0b3a:123", "usb:8086:0b3a:124", False),
         ("8086:0b3a:123", "usb:8086:0b3a", False),
         ("8086:0b3b", "usb:8086:0b3a:123", False),
+        ("8086:0b3a:123", "usb:8086:0b3a:", False),
+        ("8086:0b3a", "usb:8086:0b3a:", True),
+        ("8086:0b3a:a1", "8086:0b3a:A1", False),
+        ("8086:0b3a:a:1", "usb:8086:0b3a:a:1", True),
+        ("usb:8086:0b3a", "8086:0b3a:123", True),
         ("8086:0b3a", "", False),
+        ("serial-7", "serial-7", True),
+        ("serial-7", "Serial-7", False),
+        ("serial-7", "usb:serial-7", False),
     ],
 )
-def test_usb_identities_match_by_vendor_product_and_serial(match: str, identity: str, fits: bool) -> None:
+def test_usb_identities_match_by_vendor_product_and_serial_others_as_they_are(
+    match: str, identity: str, fits: bool
+) -> None:
     assert device.identity_fits(match, identity) is fits
 
 

@@ -3,7 +3,7 @@ from tests.support.scheduling import device_claim, make_cluster, make_node, tele
 
 from robotapp_api.claims.identity import device_label
 from robotapp_scheduler.core.changes import Change
-from robotapp_scheduler.core.devices import Device, DeviceIndex, devices_of_labels, identity_matches, matches
+from robotapp_scheduler.core.devices import Device, DeviceIndex, devices_of_labels
 from robotapp_scheduler.core.robotics import TelemetryDevice
 from robotapp_scheduler.core.ros import DeviceHolder, DeviceWish
 
@@ -21,27 +21,13 @@ def can(number: int, **fields: str) -> TelemetryDevice:
     return TelemetryDevice(id=f"can-can{number}", type="can", interface=f"can{number}", **fields)
 
 
-@pytest.mark.parametrize(
-    ("wanted", "identity", "expected"),
-    [
-        ("8086:0b3a", "usb:8086:0B3A:123", True),
-        ("8086:0b3a:123", "usb:8086:0b3a:123", True),
-        ("8086:0b3a:124", "usb:8086:0b3a:123", False),
-        ("8086:0b3b", "usb:8086:0b3a:123", False),
-        ("serial-7", "serial-7", True),
-        ("8086:0b3a", "", False),
-    ],
-)
-def test_identities_match_by_vendor_product_and_serial_when_given(wanted: str, identity: str, expected: bool) -> None:
-    assert identity_matches(wanted, identity) is expected
-
-
-def test_empty_fields_of_a_wish_accept_anything_of_the_type() -> None:
-    device = Device("can-can0", "can", "pcan", "can0")
-    assert matches(CAN, device)
-    assert matches(DeviceWish("x", "can", model="pcan", interface="can0"), device)
-    assert not matches(DeviceWish("x", "can", model="other"), device)
-    assert not matches(DeviceWish("x", "usb"), device)
+def test_a_wish_is_met_by_the_rule_that_claims_use() -> None:
+    devices = index(TelemetryDevice("cam", "usb", "d435", "video0", "usb:8086:0B3A:123"))
+    fitting = ({}, {"model": "d435", "interface": "video0"}, {"match": "8086:0b3a"}, {"match": "usb:8086:0b3a:123"})
+    others = ({"model": "zed"}, {"interface": "video1"}, {"match": "8086:0b3b"}, {"match": "8086:0b3a:124"})
+    assert [devices.capable(DeviceWish("cam", "usb", **fields)) for fields in fitting] == [{"n"}] * 4
+    assert [devices.capable(DeviceWish("cam", "usb", **fields)) for fields in others] == [set()] * 4
+    assert devices.capable(DeviceWish("bus", "can")) == set()
 
 
 def test_labels_say_what_a_node_has_until_an_agent_does() -> None:
