@@ -22,15 +22,14 @@ def pods(cp: ControlPlane, namespace: str) -> list[Object]:
 def violations(cp: ControlPlane, namespace: str) -> list[str]:
     """Every broken rule, in words. Pods are read after the claims: a pod that runs then was bound to a claim read before
     or after, so a missing claim is looked up once more before it is called missing."""
-    held = _by_thing(claims(cp))
-    live = [
-        pod for pod in pods(cp, namespace) if pod["status"].get("phase") not in _ENDED and pod["spec"].get("nodeName")
-    ]
-    suspects = [*_unbacked(live, held), *_shared(live)]
-    if suspects:
-        held = _by_thing(claims(cp))
-        suspects = [*_unbacked(live, held), *_shared(live)]
-    return suspects
+    found, running = claims(cp), pods(cp, namespace)
+    return broken_rules(found, running) and broken_rules(claims(cp), running)
+
+
+def broken_rules(found: Iterable[Object], running: Iterable[Object]) -> list[str]:
+    """The rules that these claims and pods break, in words. Pods that ended or have no node yet use nothing."""
+    live = [pod for pod in running if pod["status"].get("phase") not in _ENDED and pod["spec"].get("nodeName")]
+    return [*_unbacked(live, _by_thing(found)), *_shared(live)]
 
 
 def domain_of(pod: Object) -> str:
@@ -70,20 +69,30 @@ def _unbacked(live: Iterable[Object], held: Mapping[str, tuple[str, str]]) -> li
 
 
 def _shared(live: Iterable[Object]) -> list[str]:
-    """Domains and devices in use by more than one (app, instance), or devices by more than one pod."""
+    """Domains in use by more than one (app, instance), devices by more than one pod, be they of one component.
+
+    A pod that terminates still counts: its driver may be moving the robot.
+    """
     users: dict[str, set[tuple[str, str]]] = defaultdict(set)
     for pod in live:
-        for thing in _things_of(pod):
-            users[thing].add(holder_of(pod))
+        metadata = pod["metadata"]
+        for domain in _domains_of(pod):
+            users[domain].add(holder_of(pod))
+        for device in _devices_of(pod):
+            users[device].add((metadata["name"], metadata["uid"]))
     return [f"{thing} is used by {sorted(who)}" for thing, who in users.items() if len(who) > 1]
 
 
 def _things_of(pod: Object) -> list[str]:
-    annotations = pod["metadata"].get("annotations", {})
-    devices = [
-        f"{pod['spec']['nodeName']}/{each}"
-        for each in annotations.get(Annotation.GRANTED_DEVICES, "").split(",")
-        if each
-    ]
+    return [*_domains_of(pod), *_devices_of(pod)]
+
+
+def _domains_of(pod: Object) -> list[str]:
     domain = domain_of(pod)
-    return [*([annotations.get(Annotation.DOMAIN_CLAIM, domain)] if domain else []), *devices]
+    return [pod["metadata"].get("annotations", {}).get(Annotation.DOMAIN_CLAIM, domain)] if domain else []
+
+
+def _devices_of(pod: Object) -> list[str]:
+    """Devices granted to the pod alone, as "node/id"; shared ones are never granted."""
+    granted = pod["metadata"].get("annotations", {}).get(Annotation.GRANTED_DEVICES, "")
+    return [f"{pod['spec']['nodeName']}/{each}" for each in granted.split(",") if each]
