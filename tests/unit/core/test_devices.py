@@ -122,3 +122,19 @@ def test_a_device_whose_id_is_no_dns_label_is_busy_under_the_label_its_claim_has
     devices.apply_claim(device_claim("n", device_label("usb:1d50:606f:00A1"), uid="stranger"))
     assert devices.choose((CAN,), "n", MINE) is None
     assert len(devices.blockers((CAN,), "n", MINE)) == 1
+
+
+def test_promises_and_own_claims_of_such_a_device_are_found_again() -> None:
+    first, second = (TelemetryDevice(id=f"usb:1d50:606f:0{name}", type="can") for name in "AB")
+    devices = index(first, second)
+    devices.apply_claim(
+        device_claim(
+            "n", device_label(second.id), uid="app-1", instance="amr", component="driver", phase="Reserved", pod="new"
+        )
+    )
+    grants = devices.choose((CAN,), "n", MINE)
+    assert grants is not None
+    assert grants[0].device.id == second.id
+    devices = index(second)
+    devices.promise("new", grants)
+    assert devices.choose((CAN,), "n", DeviceHolder(uid="app-2", namespace="default", pod_uid="other")) is None
