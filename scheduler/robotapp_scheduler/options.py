@@ -43,7 +43,7 @@ def parse(argv: Sequence[str] | None = None, environment: Mapping[str, str] | No
 def _parser(environment: Mapping[str, str]) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="robotapp-scheduler",
-        description="Places the pods of robot applications by ROS rules, all others exactly as kube-scheduler does.",
+        description="Places the pods of robot applications by ROS rules, all others by kube-scheduler's basic ones.",
         epilog="example: robotapp-scheduler --kubeconfig ~/.kube/config --config scheduler.yaml",
     )
 
