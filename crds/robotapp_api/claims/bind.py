@@ -4,7 +4,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 from robotapp_api.claims.objects import Claim, Pod
-from robotapp_api.claims.usage import named_ids
+from robotapp_api.claims.usage import named_ids, unclear_domains
 from robotapp_api.model.names import PodReason
 
 
@@ -24,8 +24,8 @@ ALLOWED = BindVerdict(allowed=True)
 
 
 def needs_check(pod: Pod) -> bool:
-    """Only pods of a RobotApp whose environment carries a literal domain: the others have nothing to share."""
-    return bool(pod.metadata.app_uid) and bool(named_ids(pod.spec))
+    """Only pods of a RobotApp whose environment sets a domain, however written: the others have nothing to share."""
+    return bool(pod.metadata.app_uid) and bool(named_ids(pod.spec) or unclear_domains(pod.spec))
 
 
 def bind_verdict(pod: Pod, claim: Claim | None, *, sharing: Collection[str] = ()) -> BindVerdict:
@@ -33,6 +33,8 @@ def bind_verdict(pod: Pod, claim: Claim | None, *, sharing: Collection[str] = ()
 
     sharing: uids of the apps whose domain this pod's app joins on purpose (shareWith, checked by the caller).
     """
+    if unclear := unclear_domains(pod.spec):
+        return _unclear(unclear)
     ids = named_ids(pod.spec)
     if len(ids) != 1:
         return BindVerdict(False, f"its containers name several domains ({_list(ids)}): ROS_DOMAIN_ID must be the same")
@@ -54,10 +56,19 @@ def bind_verdict(pod: Pod, claim: Claim | None, *, sharing: Collection[str] = ()
 
 def shared_verdict(pod: Pod, shared_ids: Collection[int]) -> BindVerdict:
     """Pods with isolation Discovery use a shared id, which nobody can claim."""
+    if unclear := unclear_domains(pod.spec):
+        return _unclear(unclear)
     ids = named_ids(pod.spec)
     if ids and ids <= set(shared_ids):
         return ALLOWED
     return BindVerdict(False, f"domain {_list(ids)} is not claimed for this app yet")
+
+
+def _unclear(texts: Collection[str]) -> BindVerdict:
+    shown = ", ".join(map(repr, sorted(texts)))
+    return BindVerdict(
+        False, f"ROS_DOMAIN_ID is {shown}: only a plain decimal number is allowed, and the operator sets it"
+    )
 
 
 def _list(ids: Collection[int]) -> str:

@@ -11,10 +11,16 @@ from robotapp_api.claims.objects import Claim, ClaimSpec, DeviceThing, DomainThi
 from robotapp_api.model.names import API_VERSION, Annotation, Label
 
 DNS_LABEL: Final = re.compile(r"[a-z0-9]([-a-z0-9]{0,61}[a-z0-9])?")
+_DOMAIN_LITERAL: Final = re.compile(r"0|[1-9][0-9]{0,2}")
 
 
 def hash10(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:10]
+
+
+def domain_literal(text: str) -> int | None:
+    """The id a plain decimal number names, None for any other way of writing (`010`, `0x8`, ` 8`), which ROS may read."""
+    return int(text) if _DOMAIN_LITERAL.fullmatch(text) else None
 
 
 def scope_part(scope: str, scope_value: str) -> str:
@@ -195,8 +201,7 @@ def grants(*, domain: int | None = None, devices: Collection[str] = ()) -> dict[
 
 
 def granted_domain(annotations: dict[str, str]) -> int | None:
-    text = annotations.get(Annotation.GRANTED_DOMAIN, "")
-    return int(text) if text.isdecimal() else None
+    return domain_literal(annotations.get(Annotation.GRANTED_DOMAIN, ""))
 
 
 def granted_devices(annotations: dict[str, str]) -> frozenset[str]:

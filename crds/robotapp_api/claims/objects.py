@@ -4,7 +4,7 @@ Sweeps decode thousands of these straight from bytes; every field that is not na
 Optional lists and maps have empty defaults, because the API server leaves empty ones out.
 """
 
-from typing import Final
+from typing import Any, Final
 
 import msgspec
 
@@ -131,6 +131,7 @@ class Pool(Object, frozen=True, kw_only=True):
 class EnvVar(Object, frozen=True, kw_only=True):
     name: str
     value: str = ""
+    value_from: dict[str, Any] | None = None
 
 
 class Container(Object, frozen=True, kw_only=True):

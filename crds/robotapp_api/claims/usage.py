@@ -7,25 +7,35 @@ running pod, but not its environment.
 """
 
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from typing import Final
 
-from robotapp_api.claims.objects import ROS_DOMAIN_ID, Claim, Deployment, Holder, Meta, Pod, PodSpec, ReplicaSet
+from robotapp_api.claims.identity import domain_literal
+from robotapp_api.claims.objects import ROS_DOMAIN_ID, Claim, Deployment, EnvVar, Holder, Meta, Pod, PodSpec, ReplicaSet
 from robotapp_api.model.names import Annotation
 
 InstanceKey = tuple[str, str]
 """(app uid, instance)."""
+_SHOWN: Final = 32
+"""Characters of a user's text that go into a message."""
 
 
 def named_ids(spec: PodSpec) -> frozenset[int]:
-    """The literal domain ids in the environment of any container; anything that is no number names nothing."""
-    texts = (
-        variable.value
-        for container in (*spec.containers, *spec.init_containers)
-        for variable in container.env
-        if variable.name == ROS_DOMAIN_ID
-    )
-    return frozenset(int(text) for text in texts if text.isdecimal())
+    """The literal domain ids in the environment of any container; anything that is no plain number names nothing."""
+    ids = (domain_literal(variable.value) for variable in _domain_variables(spec))
+    return frozenset(number for number in ids if number is not None)
+
+
+def unclear_domains(spec: PodSpec) -> frozenset[str]:
+    """Domains written so that we cannot tell which one ROS joins: `0x8`, `010`, or taken from elsewhere by valueFrom."""
+    variables = (variable for variable in _domain_variables(spec) if domain_literal(variable.value) is None)
+    return frozenset(v.value[:_SHOWN] or "valueFrom" for v in variables if v.value or v.value_from is not None)
+
+
+def _domain_variables(spec: PodSpec) -> Iterator[EnvVar]:
+    for container in (*spec.containers, *spec.init_containers):
+        yield from (variable for variable in container.env if variable.name == ROS_DOMAIN_ID)
 
 
 def deployment_ids(deployment: Deployment) -> frozenset[int]:

@@ -113,6 +113,9 @@ class Sweeper:
             except (ClientError, msgspec.ValidationError) as error:
                 self.counts["failed passes"] += 1
                 log.warning("sweep ended early, nothing was concluded from it: %s", describe(error))
+            except Exception:  # one odd object must not end the process that sweeps, again after each restart
+                self.counts["failed passes"] += 1
+                log.exception("sweep ended by a bug, nothing was concluded from it")
             await asyncio.sleep(max(PAUSE_S, DUTY * (self._clock() - started)))
             wait_s = self._period_s if due_s is None else min(self._period_s, max(due_s, 0))
             try:

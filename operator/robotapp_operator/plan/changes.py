@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Collection, Mapping
 
+from robotapp_api.claims.identity import domain_literal
 from robotapp_api.model.names import Annotation, Label
 from robotapp_operator.plan.children import DEPLOYMENT, SERVICE, Child
 from robotapp_operator.plan.compare import covers
@@ -116,8 +117,7 @@ def is_held(app: App, child: Child, over: Observed, version: str) -> bool:
 
 def deployment_domain(deployment: Deployment) -> int | None:
     """The id a Deployment's template names, None without one."""
-    text = template_env(deployment.spec).get(DOMAIN_VARIABLE)
-    return int(text) if text and text.isdecimal() else None
+    return domain_literal(template_env(deployment.spec).get(DOMAIN_VARIABLE, ""))
 
 
 def template_env(spec: Mapping[str, object]) -> dict[str, str]:

@@ -2,7 +2,7 @@ import pytest
 from tests.support.claims_objects import app_holder, domain_claim, labels, pod, pod_holder
 
 from robotapp_api.claims.bind import bind_verdict, needs_check, shared_verdict
-from robotapp_api.claims.objects import Claim, Pod
+from robotapp_api.claims.objects import Claim, Container, EnvVar, Pod, PodSpec
 from robotapp_api.model.names import PodReason
 
 
@@ -46,9 +46,9 @@ def test_containers_that_disagree_about_the_domain_are_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    ("candidate", "needed"), [(pod(7), True), (pod(), False), (pod(7, of={}), False), (pod("auto"), False)]
+    ("candidate", "needed"), [(pod(7), True), (pod(), False), (pod(7, of={}), False), (pod("auto"), True)]
 )
-def test_only_children_with_a_literal_domain_are_checked(candidate: Pod, needed: bool) -> None:
+def test_only_children_whose_environment_sets_a_domain_are_checked(candidate: Pod, needed: bool) -> None:
     assert needs_check(candidate) is needed
 
 
@@ -56,3 +56,25 @@ def test_a_shared_id_needs_no_claim() -> None:
     assert shared_verdict(pod(91), (90, 91)).allowed
     assert not shared_verdict(pod(7), (90, 91)).allowed
     assert not shared_verdict(pod(), (90, 91)).allowed
+
+
+@pytest.mark.parametrize("written", ["0x8", " 8", "+8", "010", "8 ", "\u0668", "9" * 5000])
+def test_a_domain_written_in_another_way_is_checked_and_refused_whatever_claim_stands(written: str) -> None:
+    odd = pod(written)
+    assert needs_check(odd)
+    verdict = bind_verdict(odd, domain_claim(8))
+    assert not verdict.allowed
+    assert "plain decimal number" in verdict.message
+    assert len(verdict.message) < 200
+    assert not shared_verdict(odd, {8}).allowed
+
+
+def test_a_domain_taken_from_elsewhere_is_refused() -> None:
+    variable = EnvVar(name="ROS_DOMAIN_ID", value_from={"fieldRef": {"fieldPath": "metadata.labels['x']"}})
+    odd = Pod(metadata=pod(7).metadata, spec=PodSpec(containers=(Container(env=(variable,)),)))
+    assert needs_check(odd)
+    assert not bind_verdict(odd, domain_claim(7)).allowed
+
+
+def test_an_empty_domain_names_nothing() -> None:
+    assert not needs_check(pod(""))

@@ -392,7 +392,8 @@ async def looping(sweeper: Sweeper) -> AsyncIterator[None]:
         task.cancel()
 
 
-async def test_waking_sweeps_at_once_and_a_failed_pass_does_not_end_the_loop() -> None:
+@pytest.mark.parametrize("failure", [Forbidden("no", status=403, reason="Forbidden"), ValueError("a bug")])
+async def test_waking_sweeps_at_once_and_a_failed_pass_does_not_end_the_loop(failure: Exception) -> None:
     world = World()
     name = await world.domain()
     world.delete_app()
@@ -400,7 +401,7 @@ async def test_waking_sweeps_at_once_and_a_failed_pass_does_not_end_the_loop() -
 
     async def gate(what: str) -> None:
         if broken and what.startswith("list pods"):
-            raise Forbidden("no", status=403, reason="Forbidden")
+            raise failure
 
     sweeper = Sweeper(world.store.client(before=gate), period_s=3600)
     async with looping(sweeper):

@@ -114,3 +114,8 @@ def test_more_objects_never_mean_less_use(some: list[Deployment | ReplicaSet | P
 @given(st.lists(objects, max_size=8))
 def test_use_does_not_depend_on_the_order_of_objects(found: list[Deployment | ReplicaSet | Pod]) -> None:
     assert _usage(found) == _usage(found[::-1])
+
+
+@pytest.mark.parametrize("written", ["9" * 5000, "0x7", "\u0667", "07", "7\n"])
+def test_an_id_that_is_no_plain_number_names_nothing_and_breaks_nothing(written: str) -> None:
+    assert not usage_of(deployments=[deployment(written)]).uses(seven)
