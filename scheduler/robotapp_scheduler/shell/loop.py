@@ -109,7 +109,13 @@ class SchedulerLoop:
         task.add_done_callback(self._finished)
 
     async def _carry_out(self, placed: Sequence[Decision]) -> None:
-        checked = await self._placer.check(placed)
+        try:
+            checked = await self._placer.check(placed)
+        except Exception:  # an answer nobody foresaw must not leave the batch assumed and in flight for ever
+            log.exception("the bind check of %s failed", ", ".join(decision.pod.key for decision in placed))
+            for decision in placed:
+                self._abandon(decision)
+            return
         if len(placed) == 1:
             await self._place(placed[0], checked)
             return
@@ -122,7 +128,13 @@ class SchedulerLoop:
             await self._placer.place(decision, checked.get(decision.pod.uid, READY))
         except Exception:  # a pod must never stay assumed and forgotten because of a bug
             log.exception("placing %s failed", decision.pod.key)
+            self._abandon(decision)
+
+    def _abandon(self, decision: Decision) -> None:
+        try:
             self._placer.abandon(decision)
+        except Exception:  # the other pods of the batch go on: raising here would cancel their binds half-way
+            log.exception("abandoning %s failed", decision.pod.key)
 
     def _finished(self, task: asyncio.Task[None]) -> None:
         self._tasks.discard(task)

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from prometheus_client import CollectorRegistry
 
-from robotapp_api.model.names import PodReason
+from robotapp_api.model.names import Label, PodReason
 from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
@@ -42,8 +42,8 @@ class Scripted:
 
     def __init__(self) -> None:
         self.binds: deque[Any] = deque()
-        self.reservations: deque[Reserved] = deque()
-        self.domains: Reserved = READY
+        self.reservations: deque[Reserved | Exception] = deque()
+        self.domains: Reserved | Exception = READY
         self.started = asyncio.Event()
         self.asked: list[tuple[str, str, Mapping[str, str], str]] = []
 
@@ -59,20 +59,29 @@ class Scripted:
         return answer() if isinstance(answer, Callable) else answer  # type: ignore[arg-type]
 
     async def things(self, _pod: PodInfo, _node: str, _wanted: Sequence[DeviceGrant]) -> Reserved:
-        return self.reservations.popleft() if self.reservations else READY
+        return given(self.reservations.popleft()) if self.reservations else READY
 
     async def check_domains(self, pods: Sequence[PodInfo]) -> dict[str, Reserved]:
-        return {pod.uid: self.domains for pod in pods}
+        return {pod.uid: given(self.domains) for pod in pods}
+
+
+def given(answer: Reserved | Exception) -> Reserved:
+    if isinstance(answer, Exception):
+        raise answer
+    return answer
 
 
 class Said:
     def __init__(self) -> None:
         self.lines: list[tuple[str, str, str]] = []
+        self.broken_for = ""
 
     def scheduled(self, pod: Pod, node: str) -> None:
         self.lines.append(("scheduled", pod.metadata.name, node))
 
     def unscheduled(self, pod: Pod, *, reason: str, message: str) -> None:
+        if pod.metadata.name == self.broken_for:
+            raise RuntimeError("cannot tell")
         self.lines.append((str(reason), pod.metadata.name, message))
 
     def note(self, pod: Pod, *, reason: str, text: str) -> None:
@@ -114,6 +123,15 @@ class Rig:
         self.waiting[meta.uid] = pod
         self.core.cluster.apply_pod(pod)
         self.core.queue.add(pod)
+
+    async def carry_out(self, *names: str) -> None:
+        """Decide about these app pods as one batch, and let the loop finish it."""
+        for name in names:
+            self.show(name, labels={str(Label.APP_UID): "app-1"})
+        batch = [queued for _ in names for queued in self.core.queue.pop()]
+        self.loop._decide(batch)
+        await self.loop.drain(1.0)
+        self.core.queue.invariant()
 
     async def turn(self) -> None:
         """Let the loop run until nothing moves."""
@@ -198,6 +216,37 @@ async def test_a_bug_on_the_way_never_leaves_a_pod_assumed() -> None:
     assert rig.core.cluster.placed == {}
     assert rig.core.queue.pending()["backoff"] == 1
     assert rig.said.lines[0][0] == PodReason.SCHEDULER_ERROR
+
+
+async def test_a_bind_check_that_meets_a_bug_returns_every_pod_of_the_batch_to_the_queue(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    rig = Rig()
+    rig.io.domains = ValueError("unreadable")
+    await rig.carry_out("p", "q")
+    assert rig.io.asked == []
+    assert rig.core.cluster.placed == {}
+    assert rig.core.queue.pending()["backoff"] == 2
+    assert [line[:2] for line in rig.said.lines] == [(PodReason.SCHEDULER_ERROR, name) for name in ("p", "q")]
+    assert any(record.exc_info for record in caplog.records)
+
+
+async def test_a_pod_that_cannot_even_be_abandoned_does_not_keep_its_batch_assumed() -> None:
+    rig = Rig()
+    rig.io.domains = ValueError("unreadable")
+    rig.said.broken_for = "p"
+    await rig.carry_out("p", "q")
+    assert rig.core.cluster.placed == {}
+    assert [line[1] for line in rig.said.lines] == ["q"]
+
+
+async def test_a_pod_that_cannot_even_be_abandoned_does_not_cancel_the_binds_of_its_batch() -> None:
+    rig = Rig()
+    rig.io.reservations.append(RuntimeError("bug"))
+    rig.said.broken_for = "p"
+    await rig.carry_out("p", "q")
+    assert [line[:2] for line in rig.said.lines] == [("scheduled", "q")]
+    assert set(rig.core.cluster.placed) == {"uid-q"}
 
 
 async def test_a_device_lost_at_reserve_leads_to_the_next_node_in_the_same_cycle() -> None:
