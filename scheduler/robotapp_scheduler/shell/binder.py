@@ -25,6 +25,7 @@ from robotapp_api.client.errors import (
     Unreachable,
 )
 from robotapp_api.client.resources import PODS
+from robotapp_api.client.sweep_view import means_gone
 from robotapp_scheduler.core.objects import Pod
 
 TRIES = 4
@@ -142,9 +143,9 @@ class Binder:
                 await self._sleep(self._delay_s(attempt))
             try:
                 found = await self._client.get(PODS, pod.metadata.name, namespace=pod.metadata.namespace, as_type=Pod)
-            except NotFound:
-                return BindOutcome(BindResult.GONE, problem)
             except ClientError as error:
+                if isinstance(error, NotFound) and means_gone(error, pod.metadata.name):
+                    return BindOutcome(BindResult.GONE, problem)
                 problem = f"{problem}; reading the pod: {error}" if attempt == 0 else problem
                 continue
             return judge(found, pod, node, problem=problem)

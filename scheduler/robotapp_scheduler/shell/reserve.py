@@ -17,8 +17,9 @@ from robotapp_api.claims.objects import Pod as ClaimPod
 from robotapp_api.client.api import ApiClient
 from robotapp_api.client.claims import check_bind_all, ensure_pod_domain
 from robotapp_api.client.device_claims import Reservation, reserve_devices
-from robotapp_api.client.errors import ClientError, NotFound
+from robotapp_api.client.errors import ClientError
 from robotapp_api.client.resources import PODS
+from robotapp_api.client.sweep_view import find
 from robotapp_api.model.names import GRANTED_PREFIX, Label, PodReason
 from robotapp_scheduler.core.devices import DeviceGrant
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo
@@ -129,12 +130,9 @@ class Reserver:
         )
 
     async def _stored(self, pod: PodInfo) -> ClaimPod | None:
-        """The pod as etcd has it; None when it is gone, on its way out or bound already."""
-        try:
-            stored = await self._client.get(PODS, pod.name, namespace=pod.namespace, as_type=ClaimPod)
-        except NotFound:
-            return None
-        if stored.metadata.uid != pod.uid or stored.metadata.deletion_timestamp or stored.terminal:
+        """The pod as etcd has it; None when it is gone, replaced, on its way out or ended."""
+        stored = await find(self._client, PODS, pod.name, pod.namespace, ClaimPod)
+        if stored is None or stored.metadata.uid != pod.uid or stored.metadata.deletion_timestamp or stored.terminal:
             return None
         return stored
 

@@ -34,6 +34,10 @@ def conflict() -> Conflict:
     return Conflict("already assigned", status=409, reason="Conflict")
 
 
+def no_pod() -> NotFound:
+    return NotFound('pods "drv-0" not found', status=404, reason="NotFound")
+
+
 def server_error(status: int) -> ServerError:
     return ServerError("boom", status=status)
 
@@ -96,7 +100,7 @@ async def test_four_tries_with_growing_delays_then_the_pod_is_read() -> None:
         (pod(uid="other", node="edge-1"), BindResult.GONE),
         (pod(version="8"), BindResult.CHANGED),
         (pod(), BindResult.FAILED),
-        (NotFound("gone", status=404), BindResult.GONE),
+        (no_pod(), BindResult.GONE),
     ],
 )
 async def test_after_an_unclear_answer_the_stored_pod_decides(
@@ -108,8 +112,16 @@ async def test_after_an_unclear_answer_the_stored_pod_decides(
 
 
 async def test_a_deleted_pod_is_gone() -> None:
-    client = ScriptedClient().script("post_raw", NotFound("no pod", status=404)).script("get", NotFound("", status=404))
+    client = ScriptedClient().script("post_raw", no_pod()).script("get", no_pod())
     assert (await bind(client)).result is BindResult.GONE
+
+
+async def test_a_proxys_404_does_not_mean_that_the_pod_is_gone() -> None:
+    proxys = NotFound("404 page not found", status=404)
+    client = ScriptedClient().script("post_raw", proxys).script("get", proxys, pod(node="edge-1"))
+    assert (await bind(client)).result is BindResult.BOUND
+    client = ScriptedClient().script("post_raw", proxys).always("get", proxys)
+    assert (await bind(client)).result is BindResult.FAILED
 
 
 async def test_a_refusal_is_reported_with_the_servers_words_and_not_repeated() -> None:

@@ -109,6 +109,14 @@ async def test_without_an_api_server_the_pod_is_retried_as_an_error() -> None:
         assert (await Reserver(client).things(pod, "edge-1", (CAN,))).readiness is Readiness.ERROR
 
 
+async def test_a_404_that_does_not_name_the_pod_is_retried_as_an_error() -> None:
+    async with FakeApiServer() as server, client_for(server.endpoint) as client:
+        pod = await stored(client, "drv", labels={str(Label.APP_UID): "app-1"}, domain="2")
+        server.failing.extend([404] * 2)
+        assert (await Reserver(client).check_domains([pod]))[pod.uid].readiness is Readiness.ERROR
+        assert (await Reserver(client).things(pod, "edge-1", (CAN,))).readiness is Readiness.ERROR
+
+
 def info(**meta: Any) -> PodInfo:
     return PodInfo(msgspec.convert({"metadata": {"name": "p", "namespace": "a", "uid": "u", **meta}}, Pod))
 
