@@ -48,6 +48,7 @@ async def ensure_pod_domain(client: Api, request: DomainRequest) -> DomainOutcom
     """The domain of a bare pod (`dds-domain: auto` or a number): adopted or created, or a value that says why not.
 
     Call it between reading the pod and binding it with the resourceVersion that was read; the id is the Binding's grant.
+    request.holder is the pod. Never rolled back: calling again adopts what was created. Raises ApiError or Unreachable.
     """
     try:
         pool = await client.get(DOMAINPOOLS, request.pool, as_type=Pool)
@@ -94,27 +95,6 @@ async def _ensure_once(
     if refusal is not None:
         return _without(refusal, deployments, held=())
     return await _own(client, request, pool, deployments)
-
-
-async def reserve_domain(client: Api, request: DomainRequest) -> DomainOutcome:
-    """A domain for a bare pod: kept, adopted or created in the pod's name. Never rolled back.
-
-    request.holder is the pod; after success bind with the pod's uid and resourceVersion and the grant annotation.
-    Raises ApiError or Unreachable; calling again adopts what was created.
-    """
-    try:
-        pool = await client.get(DOMAINPOOLS, request.pool, as_type=Pool)
-    except NotFound:
-        return rules.pool_not_found(request.pool)
-    refusal = rules.check_request(request, pool)
-    if refusal is not None:
-        return refusal
-    for _ in range(RESTARTS):
-        try:
-            return await _own(client, request, pool, ())
-        except Refused:
-            continue
-    return DomainOutcome(Reason.PENDING, "another scheduler works on this pod; trying again")
 
 
 async def _own(client: Api, request: DomainRequest, pool: Pool, deployments: Sequence[Deployment]) -> DomainOutcome:

@@ -11,7 +11,7 @@ from robotapp_api.claims.domain import DomainRequest
 from robotapp_api.claims.identity import holder_of_pod
 from robotapp_api.claims.objects import Pod
 from robotapp_api.client.claim_writes import Refused, create_claim, delete_claim, drain, touch
-from robotapp_api.client.claims import check_bind, ensure_domain, find_claim, reserve_domain
+from robotapp_api.client.claims import check_bind, ensure_domain, ensure_pod_domain, find_claim
 from robotapp_api.client.errors import Forbidden, Invalid, Unreachable
 from robotapp_api.client.resources import PODS, ROBOTCLAIMS
 from robotapp_api.model.names import Reason
@@ -124,7 +124,7 @@ async def test_the_bind_check_follows_the_claim_through_its_life(place: Live) ->
 async def test_a_bare_pod_holds_a_domain_until_it_is_gone(place: Live) -> None:
     pod = await place.make_pod("bare", None)
     holder = holder_of_pod(namespace=place.namespace, name="bare", uid=pod["metadata"]["uid"])
-    outcome = await reserve_domain(place.scheduler, DomainRequest(holder, pool=place.pool))
+    outcome = await ensure_pod_domain(place.scheduler, DomainRequest(holder, pool=place.pool))
     sweeper = place.sweeper(place.scheduler)
     await sweeper.sweep_once()
     assert await place.phase(outcome.claim) == "Reserved"

@@ -8,7 +8,7 @@ from tests.support.claims_store import Store
 
 from robotapp_api.claims.domain import DomainOutcome, DomainRequest
 from robotapp_api.claims.identity import id_order
-from robotapp_api.client.claims import check_bind, ensure_domain, reserve_domain
+from robotapp_api.client.claims import check_bind, ensure_domain, ensure_pod_domain
 from robotapp_api.client.errors import Forbidden, Unreachable
 from robotapp_api.client.resources import DEPLOYMENTS, DOMAINPOOLS, ROBOTAPPS, ROBOTCLAIMS
 from robotapp_api.model.names import Reason
@@ -218,10 +218,10 @@ async def test_an_adoption_that_lost_against_a_delete_starts_over() -> None:
 async def test_a_bare_pod_reserves_a_domain_in_its_own_name_and_keeps_it() -> None:
     store = fresh()
     request = DomainRequest(pod_holder())
-    outcome = await reserve_domain(store.client(), request)
-    again = await reserve_domain(store.client(), request)
+    outcome = await ensure_pod_domain(store.client(), request)
+    again = await ensure_pod_domain(store.client(), request)
     assert (again.id, again.created) == (outcome.id, False)
-    missing = await reserve_domain(store.client(), DomainRequest(pod_holder(), pool="radio"))
+    missing = await ensure_pod_domain(store.client(), DomainRequest(pod_holder(), pool="radio"))
     assert missing.reason == Reason.POOL_NOT_FOUND
 
 

@@ -14,7 +14,7 @@ from robotapp_api.claims.domain import DomainRequest
 from robotapp_api.claims.identity import claim_name_device
 from robotapp_api.claims.objects import Holder
 from robotapp_api.claims.repair import ClaimConflict
-from robotapp_api.client.claims import ensure_domain, reserve_domain
+from robotapp_api.client.claims import ensure_domain, ensure_pod_domain
 from robotapp_api.client.device_claims import reserve_devices
 from robotapp_api.client.errors import Forbidden, NotFound
 from robotapp_api.client.resources import (
@@ -317,7 +317,7 @@ async def test_a_bare_pods_domain_rests_and_its_device_is_free_at_once() -> None
     world = World()
     pod = world.store.put(PODS, pod_json(name="bare"))
     holder = pod_holder(pod["metadata"]["uid"], "bare")
-    domain = (await reserve_domain(world.store.client(), DomainRequest(holder))).claim
+    domain = (await ensure_pod_domain(world.store.client(), DomainRequest(holder))).claim
     device = await world.device(holder.uid, holder)
     await world.sweep()
     assert (world.phase(domain), world.phase(device)) == ("Reserved", "Reserved")
