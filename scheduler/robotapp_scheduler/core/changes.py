@@ -6,7 +6,7 @@ One vocabulary serves three readers: the change log (which node rows a cached re
 
 from collections.abc import Iterable
 from enum import IntFlag, auto
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 
 class Change(IntFlag):
@@ -42,11 +42,56 @@ class Change(IntFlag):
     """A placed pod with required anti-affinity came or went."""
     COLUMN = auto()
     """A plugin's own column was filled anew."""
-    ALL = (1 << 18) - 1
+    SELF = auto()
+    """A waiting pod itself changed (spec, labels or annotations); concerns that pod alone."""
+    NOMINATED = auto()
+    """A waiting pod gave up the node it was nominated for."""
+    ALL = (1 << 40) - 1
+    """Every change, those that are added here later as well."""
 
 
 NODE: Final = Change.NODE_ADDED | Change.NODE_REMOVED
 PLACED: Final = Change.POD_ADDED | Change.POD_REMOVED | Change.POD_UPDATED
+
+
+class Event(NamedTuple):
+    """One change as a queueing hint sees it. `old` is None for what appeared, `new` for what is gone.
+
+    `resource` is the plural of the watched resource ("pods", "nodes", "persistentvolumes" …), the objects are the structs
+    its watch decodes. Time and telemetry have neither: resource "", no object.
+    """
+
+    resource: str
+    change: Change
+    old: Any = None
+    new: Any = None
+
+    @property
+    def action(self) -> str:
+        """One of "add", "update" and "delete"; "" without an object."""
+        if self.old is None:
+            return "" if self.new is None else "add"
+        return "delete" if self.new is None else "update"
+
+    @property
+    def label(self) -> str:
+        """Upstream's name of the event where it has one, for scheduler_queue_incoming_pods_total."""
+        return next((name for change, name in _LABELS if change & self.change), self.change.name or "Change")
+
+
+_LABELS: Final = (
+    (Change.NODE_ADDED, "NodeAdd"),
+    (Change.NODE_REMOVED, "NodeDelete"),
+    (Change.ALLOCATABLE, "NodeAllocatableChange"),
+    (Change.LABELS, "NodeLabelChange"),
+    (Change.TAINTS, "NodeTaintChange"),
+    (Change.ANNOTATIONS, "NodeAnnotationChange"),
+    (Change.POD_ADDED, "AssignedPodAdd"),
+    (Change.POD_REMOVED, "AssignedPodDelete"),
+    (Change.POD_UPDATED, "AssignedPodUpdate"),
+    (Change.SELF, "UnscheduledPodUpdate"),
+    (Change.NOMINATED, "UnscheduledPodDelete"),
+)
 
 READS: Final[dict[str, Change]] = {
     "name": NODE,

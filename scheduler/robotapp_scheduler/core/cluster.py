@@ -267,13 +267,16 @@ class Cluster:
         if old.node != record.node or _footprint(old) != _footprint(record):
             self._take_off(uid)
             self._put_on(record, Change.POD_UPDATED)
-            return Change.POD_UPDATED
+            if old.node != record.node:
+                return Change.POD_ADDED | Change.POD_REMOVED
+            return Change.POD_ADDED if old.assumed else Change.POD_UPDATED
         # Same footprint: the record is exchanged without touching a column. A confirmed assumption ends here.
         self._by_node[record.node][uid] = self.placed[uid] = record
         self._name(old, add=False)
         self._name(record, add=True)
         self._member(pod, record.node)
-        return Change.NONE
+        # News for the queue: pods wait for others to be placed, and an assumption could still have failed.
+        return Change.POD_ADDED if old.assumed else Change.NONE
 
     def _record(self, pod: Pod, info: PodInfo, node: str, *, assumed: bool) -> PlacedPod:
         requests = info.requests

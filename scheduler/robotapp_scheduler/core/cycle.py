@@ -24,13 +24,24 @@ from robotapp_scheduler.core.joint import plan_together
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.preemption import tail
 from robotapp_scheduler.core.profiles import Profile
-from robotapp_scheduler.core.queue import Gate, QueuedPod, SchedulingQueue
+from robotapp_scheduler.core.queue import SchedulingQueue
+from robotapp_scheduler.core.queued import Gate, QueuedPod
 from robotapp_scheduler.core.recorder import Recorder
 from robotapp_scheduler.core.resolve import qos_fields, resolve
 from robotapp_scheduler.core.ros import InvalidAnnotation
+from robotapp_scheduler.core.waiting import Waker
 
 ANNOTATIONS: Final = "InvalidAnnotation"
 """Stands for a plugin name: only a change of the pod itself helps."""
+WAKERS: Final = {
+    name: Waker(name, events)
+    for name, events in (
+        (ANNOTATIONS, Change.NONE),
+        (GROUP_PLUGIN, GROUP_EVENTS),
+        (PREDECESSOR_PLUGIN, GROUP_EVENTS),
+    )
+}
+"""What may help where no plugin of a profile rejected the pod."""
 LOST_DEVICE: Final = "node(s) lost a device to another pod"
 DEVICE_PLUGIN: Final = "ROSReserve"
 
@@ -57,13 +68,12 @@ class SchedulerCore:
         self._clock = clock
         self._seed = seed
         self._engines: dict[str, Engine] = {}
-        self._events: dict[str, Change] = {}
         self.use(profiles)
         self.queue = SchedulingQueue(
             clock=clock,
             key=self._queue_key,
             gate=self._gate,
-            events=lambda plugin: self._events.get(plugin, Change.ALL),
+            waker=self._waker,
             group=group_key,
             initial_backoff_s=initial_backoff_s,
             max_backoff_s=max_backoff_s,
@@ -75,9 +85,6 @@ class SchedulerCore:
     def use(self, profiles: Mapping[str, Profile]) -> None:
         """Swap the profiles, between two attempts. Cached results go with the old ones."""
         self._engines = {name: Engine(profile, self.cluster) for name, profile in profiles.items()}
-        self._events = {ANNOTATIONS: Change.NONE, GROUP_PLUGIN: GROUP_EVENTS, PREDECESSOR_PLUGIN: GROUP_EVENTS}
-        for profile in profiles.values():
-            self._events.update({name: loaded.events for name, loaded in profile.all.items()})
 
     def engine(self, scheduler_name: str) -> Engine:
         """The engine of a profile. Raises KeyError for a schedulerName that is not ours."""
@@ -272,6 +279,11 @@ class SchedulerCore:
         )
 
     # --- Wiring of the queue -------------------------------------------------------------------------------------
+
+    def _waker(self, pod: PodInfo, plugin: str) -> Waker:
+        engine = self._engines.get(pod.scheduler_name)
+        loaded = engine.profile.all.get(plugin) if engine is not None else None
+        return loaded.waker if loaded is not None else WAKERS.get(plugin) or Waker(plugin)
 
     def _queue_key(self, pod: PodInfo, queued_s: float) -> tuple[Any, ...]:
         engine = self._engines.get(pod.scheduler_name)

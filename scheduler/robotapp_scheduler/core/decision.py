@@ -8,7 +8,7 @@ from robotapp_scheduler.core.framework import Code
 from robotapp_scheduler.core.pods import PodInfo
 
 if TYPE_CHECKING:
-    from robotapp_scheduler.core.queue import QueuedPod
+    from robotapp_scheduler.core.queued import QueuedPod
 
 
 class Decision:

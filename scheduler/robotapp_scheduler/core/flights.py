@@ -4,21 +4,25 @@ from collections.abc import Iterator
 from itertools import islice
 from typing import Any, Final
 
-from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.changes import Change, Event
 
 MOST_LOGGED: Final = 4096
 
 
 class Flight:
-    """One pod in flight; `changes` is complete once it has landed."""
+    """One pod in flight; `seen` is complete once it has landed."""
 
-    __slots__ = ("activated", "changes", "deleted", "pod", "since")
+    __slots__ = ("activated", "deleted", "folded", "own", "pod", "seen", "since")
 
     def __init__(self, pod: Any, since: int) -> None:
         self.pod = pod
         self.since = since
         """Where in the log of changes the flight began."""
-        self.changes = 0
+        self.folded = 0
+        """Kinds of change of entries that are no longer in the log, without their objects."""
+        self.own: list[Event] = []
+        """Changes of the pod itself."""
+        self.seen: list[Event] = []
         self.activated = False
         self.deleted = False
 
@@ -28,8 +32,8 @@ class Flights:
 
     def __init__(self) -> None:
         self._flying: dict[str, Flight] = {}
-        self._log: list[tuple[int, str]] = []
-        """(change, uid of who takes no notice) since the first pod now in flight left."""
+        self._log: list[tuple[Event, str]] = []
+        """(event, uid of who takes no notice) since the first pod now in flight left."""
 
     def __repr__(self) -> str:
         return f"Flights({len(self._flying)} in flight)"
@@ -48,12 +52,16 @@ class Flights:
         """The pod was popped."""
         self._flying[uid] = Flight(pod, len(self._log))
 
-    def note(self, change: Change, *, but: str) -> None:
+    def note(self, event: Event, *, but: str) -> None:
         """Something changed; the pod `but` takes no notice."""
         if self._flying:
-            self._log.append((int(change), but))
+            self._log.append((event, but))
             if len(self._log) > MOST_LOGGED:
                 self._fold()
+
+    def note_own(self, uid: str, event: Event) -> None:
+        """The pod itself changed while it was in flight."""
+        self._flying[uid].own.append(event)
 
     def end(self, uid: str) -> Flight | None:
         """The pod got a node; what changed meanwhile does not matter any more."""
@@ -66,19 +74,17 @@ class Flights:
         """The pod comes back: its flight with all changes that were noted meanwhile."""
         flight = self._flying.get(uid)
         if flight is not None:
-            flight.changes |= self._seen(uid, flight)
+            folded = [Event("", Change(flight.folded))] if flight.folded else []
+            flight.seen = [*folded, *self._seen(uid, flight), *flight.own]
             self.end(uid)
         return flight
 
-    def _seen(self, uid: str, flight: Flight) -> int:
-        seen = 0
-        for change, but in islice(self._log, flight.since, None):
-            if but != uid:
-                seen |= change
-        return seen
+    def _seen(self, uid: str, flight: Flight) -> list[Event]:
+        return [event for event, but in islice(self._log, flight.since, None) if but != uid]
 
     def _fold(self) -> None:
         for uid, flight in self._flying.items():
-            flight.changes |= self._seen(uid, flight)
+            for event in self._seen(uid, flight):
+                flight.folded |= int(event.change)
             flight.since = 0
         self._log.clear()

@@ -26,12 +26,21 @@ Hooks, in the order of a cycle:
                                              optional fast forms for one changed node, with plain integers:
                                              True = certainly passes (False: `filter` is asked); the same score
 
+`hint(pod, event) -> bool`                   may this event help a pod the plugin rejected? `event` (core.changes.Event)
+                                             has resource, action, change, old, new. Asked for kinds of change in
+                                             `events`, and for every change of the pod itself (Change.SELF in
+                                             event.change); without a hint each of these counts. Decide from the pod and
+                                             the event alone: never from the cluster, never from `pod.ros`. True when
+                                             unsure; raising counts as True
+
 Class attributes and their defaults:
 
 `reads`       features of the pod; default: everything (the result is never shared between pods)
 `node_reads`  facts of the nodes; default: everything
 `row_local`   True: a row's result depends on that row alone, so only changed rows are computed again; default False
 `events`      changes that may help a pod this plugin rejected; default: every change
+`hint_reads`  features of the pod that `hint` depends on; default: `reads`. Waiting pods that are equal in them are
+              asked about once, so name as few as you can
 `reason`      text for rows a bare mask rejects
 `resolvable`  False: taking other pods away cannot help (UnschedulableAndUnresolvable)
 `normalize`   "none" (raw is 0…100), "max", "inverse" or "minmax"; see `normalized`
@@ -50,10 +59,11 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.changes import OWN_COLUMN, READS, Change, interest_of
+from robotapp_scheduler.core.changes import OWN_COLUMN, READS, Change, Event, interest_of
 from robotapp_scheduler.core.columns import BoolArray, FloatArray, IntArray
 from robotapp_scheduler.core.pods import FEATURES, ROS_FEATURES, PodInfo
 from robotapp_scheduler.core.view import Nodes, Row
+from robotapp_scheduler.core.waiting import Waker
 
 MAX_SCORE: Final = 100
 MAX_MESSAGE: Final = 1024
@@ -159,7 +169,8 @@ class Loaded:
         node_reads: tuple[str, ...] = tuple(getattr(plugin, "node_reads", READS))
         self.reads_ros = any(name.startswith(ROS_FEATURES) for name in self.reads)
         mixed = {name.startswith(ROS_FEATURES) for name in self.reads} == {True, False}
-        unknown = [name for name in self.reads if name not in FEATURES]
+        hint_reads: tuple[str, ...] = tuple(sorted(getattr(plugin, "hint_reads", self.reads)))
+        unknown = [name for name in {*self.reads, *hint_reads} if name not in FEATURES]
         unknown += [name for name in node_reads if name not in READS and not name.startswith(OWN_COLUMN)]
         if mixed:
             raise PluginError(self.name, f"reads {list(self.reads)} mixes parts of ros with other features")
@@ -176,6 +187,8 @@ class Loaded:
         self.filter_row: Callable[[PodInfo, Row], bool] | None = getattr(plugin, "filter_row", None)
         self.score_row: Callable[[PodInfo, Row], int] | None = getattr(plugin, "score_row", None)
         self.pre_filter: Callable[[PodInfo, Nodes], PreFilter | None] | None = getattr(plugin, "pre_filter", None)
+        hint: Callable[[PodInfo, Event], bool] | None = getattr(plugin, "hint", None)
+        self.waker = Waker(self.name, self.events, hint, hint_reads)
         self.pre_enqueue: Callable[[PodInfo], Status | None] | None = getattr(plugin, "pre_enqueue", None)
 
     def __repr__(self) -> str:

@@ -8,7 +8,7 @@ from robotapp_scheduler.core.apps import App, AppIndex, Replica
 from robotapp_scheduler.core.changes import PLACED, Change
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.pods import Member, PodInfo
-from robotapp_scheduler.core.queue import Gate
+from robotapp_scheduler.core.queued import Gate
 from robotapp_scheduler.core.robotics import Component
 
 GROUP_PLUGIN: Final = "RobotAppGroup"

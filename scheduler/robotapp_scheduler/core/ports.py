@@ -8,6 +8,13 @@ from robotapp_scheduler.core.columns import BoolArray
 from robotapp_scheduler.core.pods import ANY_IP, HostPort
 
 
+def clash(one: HostPort, other: HostPort) -> bool:
+    """May the two not be used on one node? The wildcard address clashes with every address."""
+    if (one.protocol, one.port) != (other.protocol, other.port):
+        return False
+    return one.ip == other.ip or ANY_IP in {one.ip, other.ip}
+
+
 class PortUsers:
     """Counts of users per (protocol, port), row and address."""
 

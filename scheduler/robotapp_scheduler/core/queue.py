@@ -7,73 +7,23 @@ nothing here sleeps; the shell calls `tick` once a second and `pop` whenever it 
 from collections.abc import Callable, Hashable, Iterable
 from typing import Any, Final
 
-import msgspec
-
 from robotapp_scheduler.core.backoff import Backoff, Heap
-from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.flights import Flight, Flights
 from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.queued import Gate, QueuedPod, Rejection
+from robotapp_scheduler.core.waiting import WaitingRoom, Waker
 
 UNSCHEDULABLE_TIMEOUT_S: Final = 300.0
 FLUSH_PERIOD_S: Final = 30.0
 
 
-class Gate(msgspec.Struct, frozen=True):
-    """Why a pod may not be tried at all, and what may open the gate."""
-
-    plugin: str
-    reason: str
-    events: Change = Change.ALL
-    app_uid: str = ""
-    """Only changes around this RobotApp matter, when set."""
-    code: str = ""
-    """Reason for the pod's condition; empty: no condition is written."""
-
-
-class Rejection(msgspec.Struct, frozen=True):
-    """Outcome of a failed attempt. No plugins = an error, which is retried after back-off by itself."""
-
-    plugins: frozenset[str] = frozenset()
-    pending: frozenset[str] = frozenset()
-    """Those of `plugins` that said Pending: when they ask for the pod again, it skips its back-off."""
-
-
-class QueuedPod:
-    """A pod in the queue. The queue alone changes it."""
-
-    __slots__ = (
-        "attempts", "errors", "first_seen_s", "gate", "group", "info", "mask", "rejection", "rejections", "timestamp_s",
-    )  # fmt: skip
-
-    def __init__(self, info: PodInfo, now_s: float, group: Hashable | None) -> None:
-        self.info = info
-        self.group = group
-        self.first_seen_s = now_s
-        self.timestamp_s = now_s
-        """First arrival, renewed each time the pod comes back from a failed attempt."""
-        self.attempts = 0
-        self.rejections = 0
-        self.errors = 0
-        self.rejection: Rejection | None = None
-        self.mask = Change.NONE
-        """Changes that may help, while unschedulable."""
-        self.gate: Gate | None = None
-
-    def __repr__(self) -> str:
-        return f"QueuedPod({self.info.key}, attempts={self.attempts}, gate={self.gate and self.gate.plugin})"
-
-    @property
-    def failures(self) -> int:
-        """What back-off counts: errors in a row while there are any, else rejections."""
-        return self.errors or self.rejections
-
-
 class SchedulingQueue:
     """The queue.
 
-    `key(info, timestamp_s)` orders the active queue, `gate(info)` is PreEnqueue, `events(plugin)` are the changes that
-    may help a pod this plugin rejected, `group(info)` names pods that are tried together (None = alone).
+    `key(info, timestamp_s)` orders the active queue, `gate(info)` is PreEnqueue, `waker(info, plugin)` says what may
+    help a pod this plugin rejected, `group(info)` names pods that are tried together (None = alone).
     """
 
     def __init__(
@@ -82,19 +32,18 @@ class SchedulingQueue:
         clock: Callable[[], float],
         key: Callable[[PodInfo, float], tuple[Any, ...]],
         gate: Callable[[PodInfo], Gate | None] = lambda _: None,
-        events: Callable[[str], Change] = lambda _: Change.ALL,
+        waker: Callable[[PodInfo, str], Waker] = lambda _, plugin: Waker(plugin),
         group: Callable[[PodInfo], Hashable | None] = lambda _: None,
         initial_backoff_s: float = 1.0,
         max_backoff_s: float = 10.0,
     ) -> None:
-        self._clock, self._key, self._gate, self._events, self._group = clock, key, gate, events, group
+        self._clock, self._key, self._gate, self._group = clock, key, gate, group
         self._backoff_rule = Backoff(initial_s=initial_backoff_s, most_s=max_backoff_s, clock=clock)
         self._pods: dict[str, QueuedPod] = {}
         self._active = Heap()
         self._backoff = Heap()
         self._error_backoff = Heap()
-        self._waiting: dict[Change, dict[str, None]] = {}
-        """Unschedulable pods by the changes that may help them."""
+        self._waiting = WaitingRoom(waker)
         self._gated: dict[str, None] = {}
         self._flying = Flights()
         self._groups: dict[Hashable, dict[str, None]] = {}
@@ -117,7 +66,7 @@ class SchedulingQueue:
         return {
             "active": len(self._active),
             "backoff": len(self._backoff) + len(self._error_backoff),
-            "unschedulable": sum(len(uids) for uids in self._waiting.values()),
+            "unschedulable": len(self._waiting),
             "gated": len(self._gated),
         }
 
@@ -140,22 +89,25 @@ class SchedulingQueue:
         self._to_active(queued, "UnscheduledPodAdd")
 
     def update(self, pod: Pod | PodInfo) -> None:
-        """The pod changed. Only changes a rule can see (spec, labels, annotations) bring it back from waiting."""
+        """The pod changed. Only what a rule can see (spec, labels, annotations) counts, and of that what may help it."""
         info = pod if isinstance(pod, PodInfo) else PodInfo(pod)
         queued = self._pods.get(info.uid)
         if queued is None:
             self.add(info)
             return
+        event = Event("pods", Change.SELF, queued.info.pod, info.pod)
         relevant = _relevant(queued.info.pod, info.pod)
         queued.info = info
-        flight = self._flying.get(info.uid)
-        if flight is not None:
-            flight.activated = flight.activated or relevant
+        if info.uid in self._flying:
+            if relevant:
+                self._flying.note_own(info.uid, event)
         elif info.uid in self._active:
             self._active.push(info.uid, self._active_key(queued))
-        elif relevant and (queued.gate is not None or self._is_waiting(queued)):
+        elif relevant and queued.gate is not None:
             self._take_out(queued)
-            self._requeue_from_wait(queued, "UnscheduledPodUpdate", immediate=False)
+            self._requeue_from_wait(queued, event.label, immediate=False)
+        elif relevant and info.uid in self._waiting:
+            self._updated_while_waiting(queued, event)
 
     def delete(self, uid: str) -> None:
         """The pod is gone, bound by somebody else or terminal. In flight, it is dropped when it returns."""
@@ -169,25 +121,21 @@ class SchedulingQueue:
         self._take_out(queued)
         self._drop(queued)
 
-    def move(self, change: Change, *, apps: Iterable[str] = (), but: str = "") -> int:
+    def move(self, what: Change | Event, *, apps: Iterable[str] = (), but: str = "") -> int:
         """Something changed: waiting pods it may help go back, gates it may open are tested. Answers how many left.
 
         `apps` are uids of RobotApps around which something changed; gates of other apps are not tested. The pod `but`
         takes no notice: its own failure freed the room, and must not wake it again.
         """
-        if not change:
+        event = what if isinstance(what, Event) else Event("", what)
+        if not event.change:
             return 0
-        self._flying.note(change, but=but)
-        moved = 0
-        for mask in [mask for mask in self._waiting if mask & change]:
-            for uid in list(self._waiting[mask]):
-                if uid == but:
-                    continue
-                queued = self._pods[uid]
-                self._take_out(queued)
-                self._requeue_from_wait(queued, change.name or "Change", immediate=self._is_pending(queued, change))
-                moved += 1
-        return moved + self._test_gates(change, frozenset(apps))
+        self._flying.note(event, but=but)
+        woken = self._waiting.woken(event, but=but)
+        for queued, immediate in woken:
+            self._take_out(queued)
+            self._requeue_from_wait(queued, event.label, immediate=immediate)
+        return len(woken) + self._test_gates(event, frozenset(apps))
 
     def activate(self, uids: Iterable[str]) -> None:
         """Try these as soon as possible, without back-off (siblings of a group)."""
@@ -276,20 +224,23 @@ class SchedulingQueue:
         if not rejection.plugins:
             self._requeue_from_wait(queued, "ScheduleAttemptFailure", immediate=False)
             return
-        queued.mask = Change.NONE
-        for plugin in rejection.plugins:
-            queued.mask |= self._events(plugin)
-        if flight is not None and flight.changes & queued.mask:
-            self._requeue_from_wait(
-                queued, "ScheduleAttemptFailure", immediate=self._is_pending(queued, Change(flight.changes))
-            )
+        answers = {self._waiting.answer(queued, event) for event in (flight.seen if flight is not None else ())}
+        if answers - {None}:
+            self._requeue_from_wait(queued, "ScheduleAttemptFailure", immediate=True in answers)
             return
-        self._waiting.setdefault(queued.mask, {})[queued.info.uid] = None
-        self._note("unschedulable", "ScheduleAttemptFailure")
+        self._wait(queued, "ScheduleAttemptFailure")
 
-    def _is_pending(self, queued: QueuedPod, change: Change) -> bool:
-        pending = queued.rejection.pending if queued.rejection else frozenset()
-        return any(self._events(plugin) & change for plugin in pending)
+    def _wait(self, queued: QueuedPod, event: str) -> None:
+        self._waiting.add(queued)
+        self._note("unschedulable", event)
+
+    def _updated_while_waiting(self, queued: QueuedPod, event: Event) -> None:
+        self._take_out(queued)
+        answer = self._waiting.answer(queued, event)
+        if answer is None:
+            self._wait(queued, event.label)  # anew: it may be another kind of pod now
+        else:
+            self._requeue_from_wait(queued, event.label, immediate=answer)
 
     def _requeue_from_wait(self, queued: QueuedPod, event: str, *, immediate: bool) -> None:
         if immediate or self._backoff_rule.over(queued.timestamp_s, queued.failures):
@@ -315,21 +266,21 @@ class SchedulingQueue:
         self._gated[queued.info.uid] = None
         return True
 
-    def _test_gates(self, change: Change, apps: frozenset[str]) -> int:
+    def _test_gates(self, event: Event, apps: frozenset[str]) -> int:
         opened = 0
         for uid in list(self._gated):
             queued = self._pods[uid]
             gate = queued.gate
-            if gate is None or not gate.events & change or (gate.app_uid and gate.app_uid not in apps):
+            if gate is None or not gate.events & event.change or (gate.app_uid and gate.app_uid not in apps):
                 continue
             del self._gated[uid]
-            self._requeue_from_wait(queued, change.name or "Change", immediate=False)
+            self._requeue_from_wait(queued, event.label, immediate=False)
             opened += queued.gate is None
         return opened
 
     def _flush_stuck(self) -> None:
         limit = self._clock() - UNSCHEDULABLE_TIMEOUT_S
-        stuck = [uid for uids in self._waiting.values() for uid in uids] + list(self._gated)
+        stuck = [*self._waiting, *self._gated]
         for uid in stuck:
             queued = self._pods[uid]
             if queued.timestamp_s < limit:
@@ -339,20 +290,13 @@ class SchedulingQueue:
     def _active_key(self, queued: QueuedPod) -> tuple[Any, ...]:
         return self._key(queued.info, queued.timestamp_s)
 
-    def _is_waiting(self, queued: QueuedPod) -> bool:
-        return queued.info.uid in self._waiting.get(queued.mask, ())
-
     def _take_out(self, queued: QueuedPod) -> None:
         uid = queued.info.uid
         for heap in (self._active, self._backoff, self._error_backoff):
             heap.discard(uid)
         self._gated.pop(uid, None)
         queued.gate = None
-        waiting = self._waiting.get(queued.mask)
-        if waiting is not None:
-            waiting.pop(uid, None)
-            if not waiting:
-                del self._waiting[queued.mask]
+        self._waiting.discard(uid)
 
     def _drop(self, queued: QueuedPod) -> None:
         self._pods.pop(queued.info.uid, None)
@@ -369,7 +313,7 @@ class SchedulingQueue:
         """Raise AssertionError unless every pod is in exactly one place and every place knows only such pods."""
         heaps = (self._active, self._backoff, self._error_backoff)
         places = [uid for heap in heaps for uid in heap.ids()] + [*self._gated, *self._flying]
-        places += [uid for uids in self._waiting.values() for uid in uids]
+        places += list(self._waiting)
         if len(places) != len(set(places)):
             raise AssertionError(f"a pod is in two places: {sorted(places)}")
         if set(places) != set(self._pods):

@@ -26,7 +26,7 @@ from robotapp_api.client.resources import (
     Resource,
 )
 from robotapp_api.model.names import Label
-from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.objects import Node, Owned, Pod
 from robotapp_scheduler.core.robotics import NodeTelemetry, RobotApp, RobotClaim
@@ -54,7 +54,7 @@ class Route:
 class Feed:
     """All reflectors. `run` until cancelled; `synced` once everything there was at the start is in the cluster.
 
-    `on_change` is told what changed (never `Change.NONE`) after the cluster has taken it in.
+    `on_change` is told what changed (never nothing) after the cluster has taken it in.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class Feed:
         cluster: Cluster,
         *,
         on_pod: Callable[[Seen], Change],
-        on_change: Callable[[Change, Any], None],
+        on_change: Callable[[Event], None],
         metrics: Metrics,
     ) -> None:
         self._client = client
@@ -141,7 +141,7 @@ class Feed:
         try:
             change = handle(seen)
             if change:
-                self._on_change(change, seen)
+                self._on_change(Event(resource.plural, change, seen.old, seen.new))
         except Exception:  # one object must never stop the feed; the log has the stack, the metric the count
             self._metrics.poison_objects.labels(resource.plural).inc()
             log.exception("%s %s could not be taken over", resource.kind, seen.key)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.decision import Decision
-from robotapp_scheduler.core.queue import QueuedPod, Rejection
+from robotapp_scheduler.core.queued import QueuedPod, Rejection
 from robotapp_scheduler.shell.metrics import Metrics
 from robotapp_scheduler.shell.placing import Placer
 from robotapp_scheduler.shell.report import Reporter

@@ -10,7 +10,7 @@ from prometheus_client import CollectorRegistry, Counter, Histogram
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from robotapp_scheduler.core.queue import QueuedPod
+from robotapp_scheduler.core.queued import QueuedPod
 
 MOST_ATTEMPTS = 15
 """Upstream's cap of the `attempts` label."""

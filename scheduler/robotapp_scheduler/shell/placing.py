@@ -8,12 +8,12 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 
 from robotapp_api.model.names import EventReason, PodReason
-from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.cycle import DEVICE_PLUGIN, SchedulerCore
 from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.pods import PodInfo
-from robotapp_scheduler.core.queue import QueuedPod, Rejection
+from robotapp_scheduler.core.queued import QueuedPod, Rejection
 from robotapp_scheduler.shell.binder import Binder, BindOutcome, BindResult
 from robotapp_scheduler.shell.metrics import AttemptResult, Metrics
 from robotapp_scheduler.shell.report import Reporter
@@ -157,7 +157,8 @@ class Placer:
         if change:
             # Freed room is news for every other waiting pod, exactly as if the pod had been deleted. Not for this one:
             # it would wake itself by its own failure, for ever.
-            self._core.queue.move(change | Change.DEVICES, apps=_app_of(pod), but=pod.uid)
+            event = Event("pods", change | Change.DEVICES, old=pod.pod)
+            self._core.queue.move(event, apps=_app_of(pod), but=pod.uid)
 
     def _name_holders(self, pod: PodInfo) -> None:
         """Who has the devices this pod wants, in one event."""

@@ -14,11 +14,10 @@ from typing import Any
 from robotapp_api.client.api import ApiClient
 from robotapp_api.client.lease import LeaderElection, candidate_identity
 from robotapp_api.client.login import load as login
-from robotapp_api.client.reflector import Change as Seen
 from robotapp_api.client.sweep import Sweeper
 from robotapp_api.model.names import SCHEDULER_MANAGER, Label
 from robotapp_scheduler.config import SchedulerConfig
-from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.explain import as_json
@@ -174,10 +173,10 @@ class Scheduler:
             retry_period_s=wanted.retry_s,
         )
 
-    def _changed(self, change: Change, seen: Seen) -> None:
+    def _changed(self, event: Event) -> None:
         """Something is different in the cluster: wake who may profit."""
-        self.core.queue.move(change, apps=app_uids(seen))
-        if change & SWEEP_CHANGES and seen.new is None:
+        self.core.queue.move(event, apps=app_uids(event))
+        if event.change & SWEEP_CHANGES and event.new is None:
             self.sweeper.wake()
         self.loop.wake()
 
@@ -235,7 +234,7 @@ class Scheduler:
         return found if with_nodes else without_nodes(found)
 
 
-def app_uids(seen: Seen) -> tuple[str, ...]:
+def app_uids(seen: Event) -> tuple[str, ...]:
     """The RobotApp a change is about: pods, owners and claims carry its uid as a label."""
     found = seen.new if seen.new is not None else seen.old
     if isinstance(found, RobotApp):

@@ -1,16 +1,31 @@
 """Random operations on the queue against a plain model of who must still be known, and upstream's timing rules."""
 
+from collections.abc import Callable
+
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, invariant, precondition, rule
-from tests.support.scheduling import Clock, make_info
+from tests.support.scheduling import Clock, make_info, make_pod
 
-from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.pods import PodInfo
-from robotapp_scheduler.core.queue import Gate, QueuedPod, Rejection, SchedulingQueue
+from robotapp_scheduler.core.queue import SchedulingQueue
+from robotapp_scheduler.core.queued import Gate, QueuedPod, Rejection
+from robotapp_scheduler.core.waiting import Waker
 
 EVENTS = {"Fit": Change.POD_REMOVED | Change.NODE_ADDED, "Taint": Change.TAINTS, "Quiet": Change.NONE}
 CHANGES = st.sampled_from((Change.POD_REMOVED, Change.TAINTS, Change.NODE_ADDED | Change.TAINTS, Change.LABELS))
+
+
+def hint_of(plugin: str) -> Callable[[PodInfo, Event], bool] | None:
+    """Taint's hint raises for some pods, Fit's answers by the labels of pod and event, Quiet has none."""
+
+    def hint(info: PodInfo, event: Event) -> bool:
+        if plugin == "Taint" and info.labels.get("value") == "y":
+            raise ValueError("a mistake of the plugin")
+        return bool(event.new is not None and event.new.metadata.labels == info.labels)
+
+    return None if plugin == "Quiet" else hint
 
 
 class QueueMachine(RuleBasedStateMachine):
@@ -29,7 +44,7 @@ class QueueMachine(RuleBasedStateMachine):
             clock=self.clock,
             key=lambda info, queued_s: (-info.priority, queued_s),
             gate=self.gate,
-            events=lambda plugin: EVENTS[plugin],
+            waker=lambda _, plugin: Waker(plugin, EVENTS[plugin], hint_of(plugin), ("labels",)),
             group=lambda info: info.labels.get("group") or None,
         )
 
@@ -77,6 +92,11 @@ class QueueMachine(RuleBasedStateMachine):
     @rule(change=CHANGES)
     def move(self, change: Change) -> None:
         self.queue.move(change)
+
+    @rule(change=CHANGES, value=st.sampled_from(("x", "y")), group=st.sampled_from(("", "g")), gone=st.booleans())
+    def something_happens_to_another_pod(self, change: Change, value: str, group: str, gone: bool) -> None:
+        other = make_pod("other", labels={"group": group, "value": value})
+        self.queue.move(Event("pods", change, other, None if gone else other))
 
     @rule(uid=names)
     def activate(self, uid: str) -> None:

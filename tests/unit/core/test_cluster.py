@@ -41,7 +41,7 @@ def test_pods_outlive_their_node_object_and_count_again_when_it_comes_back() -> 
     assert used(cluster, "a") == (100, 1)
 
 
-def test_an_assumed_pod_counts_at_once_is_confirmed_without_a_change_and_can_no_longer_be_forgotten() -> None:
+def test_an_assumed_pod_counts_at_once_is_news_when_confirmed_and_can_no_longer_be_forgotten() -> None:
     cluster = make_cluster(make_node("a"))
     info = make_info("x")
     cluster.apply_pod(info.pod)
@@ -49,7 +49,7 @@ def test_an_assumed_pod_counts_at_once_is_confirmed_without_a_change_and_can_no_
     assert used(cluster, "a") == (100, 1)
     assert cluster.apply_pod(info.pod) == Change.NONE  # news from before the bind
     assert cluster.is_assumed(info.uid)
-    assert cluster.apply_pod(make_pod("x", node="a")) == Change.NONE
+    assert cluster.apply_pod(make_pod("x", node="a")) == Change.POD_ADDED
     assert not cluster.is_assumed(info.uid)
     assert cluster.forget(info.uid) == Change.NONE
     assert used(cluster, "a") == (100, 1)
@@ -67,7 +67,7 @@ def test_forgetting_frees_the_room_once() -> None:
 def test_a_pod_bound_elsewhere_than_assumed_moves() -> None:
     cluster = make_cluster(make_node("a"), make_node("b"))
     cluster.assume(make_info("x"), "a")
-    assert cluster.apply_pod(make_pod("x", node="b")) == Change.POD_UPDATED
+    assert cluster.apply_pod(make_pod("x", node="b")) == Change.POD_ADDED | Change.POD_REMOVED
     assert (used(cluster, "a"), used(cluster, "b")) == ((0, 0), (100, 1))
 
 

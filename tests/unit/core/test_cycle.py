@@ -6,7 +6,7 @@ from tests.support.scheduling import device_claim, make_core, make_info, make_no
 from robotapp_api.model.names import Annotation, PodReason
 from robotapp_scheduler.core.framework import Code
 from robotapp_scheduler.core.pods import PodInfo
-from robotapp_scheduler.core.queue import Rejection
+from robotapp_scheduler.core.queued import Rejection
 
 HERE = "is not supported by this scheduler yet; use schedulerName default-scheduler for this pod"
 

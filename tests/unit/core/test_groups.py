@@ -15,7 +15,7 @@ from robotapp_api.model.names import Label, PodReason
 from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.objects import Node, Pod
-from robotapp_scheduler.core.queue import Rejection
+from robotapp_scheduler.core.queued import Rejection
 
 NODES = ("n0", "n1", "n2")
 

@@ -3,7 +3,9 @@ from tests.support.scheduling import Clock, make_info, make_pod
 
 from robotapp_scheduler.core.backoff import Backoff, Heap
 from robotapp_scheduler.core.changes import Change
-from robotapp_scheduler.core.queue import Gate, QueuedPod, Rejection, SchedulingQueue
+from robotapp_scheduler.core.queue import SchedulingQueue
+from robotapp_scheduler.core.queued import Gate, QueuedPod, Rejection
+from robotapp_scheduler.core.waiting import Waker
 
 FIT = Rejection(plugins=frozenset({"Fit"}))
 EVENTS = {"Fit": Change.POD_REMOVED, "Group": Change.POD_SEEN}
@@ -14,7 +16,7 @@ def make_queue(clock: Clock, gates: dict[str, Gate] | None = None) -> Scheduling
         clock=clock,
         key=lambda info, queued_s: (-info.priority, queued_s),
         gate=lambda info: (gates or {}).get(info.name),
-        events=lambda plugin: EVENTS.get(plugin, Change.NONE),
+        waker=lambda _, plugin: Waker(plugin, EVENTS.get(plugin, Change.NONE)),
         group=lambda info: info.labels.get("group"),
     )
 
@@ -220,5 +222,5 @@ def test_what_entered_which_queue_is_counted_for_the_metrics() -> None:
     assert queue.incoming == {
         ("active", "UnscheduledPodAdd"): 1,
         ("unschedulable", "ScheduleAttemptFailure"): 1,
-        ("backoff", "POD_REMOVED"): 1,
+        ("backoff", "AssignedPodDelete"): 1,
     }

@@ -6,12 +6,12 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from robotapp_api.values.selector import NAME_FIELD, valid_term
-from robotapp_scheduler.core.changes import Change
+from robotapp_api.values.selector import NAME_FIELD, matches_node_terms, valid_term
+from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.core.framework import Code, FilterResult, PluginError, PreFilter, ScoreResult, Status, Verdict
+from robotapp_scheduler.core.objects import Node, NodeSelectorTerm, PreferredTerm
 from robotapp_scheduler.core.objects import NodeAffinity as Affinity
-from robotapp_scheduler.core.objects import NodeSelectorTerm, PreferredTerm
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.plugins.kubernetes.matching import labels_mask, term_mask, terms_mask
@@ -82,6 +82,19 @@ class NodeAffinity:
         if not preferred and not self._added_preferred:
             return None
         return self._weights(preferred, nodes) + self._weights(self._added_preferred, nodes)
+
+    def hint(self, pod: PodInfo, event: Event) -> bool:
+        """A node that matches now and did not before. A pod's own wishes can only change while it is gated."""
+        if event.resource != "nodes" or event.new is None:
+            return False
+        return self._matches(pod, event.new) and (event.old is None or not self._matches(pod, event.old))
+
+    def _matches(self, pod: PodInfo, node: Node) -> bool:
+        labels, name = node.metadata.labels or {}, node.metadata.name
+        required = (pod.node_affinity.required if pod.node_affinity is not None else None, self._added_required)
+        return all(labels.get(key) == value for key, value in pod.node_selector.items()) and all(
+            selector is None or matches_node_terms(selector.node_selector_terms, labels, name) for selector in required
+        )
 
     def _weights(self, terms: Sequence[PreferredTerm], nodes: Nodes) -> IntArray:
         total = np.zeros(nodes.n, dtype=np.int64)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from robotapp_scheduler.core.changes import NODE
+from robotapp_scheduler.core.changes import NODE, Event
 from robotapp_scheduler.core.framework import FilterResult
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.view import Nodes
@@ -27,3 +27,7 @@ class NodeName:
         mask = np.zeros(nodes.n, dtype=np.bool_)
         mask[nodes.indices((wanted,))] = True
         return mask
+
+    def hint(self, pod: PodInfo, event: Event) -> bool:
+        """The node that the pod names appeared."""
+        return event.resource == "nodes" and event.old is None and event.new.metadata.name == pod.pod.spec.node_name

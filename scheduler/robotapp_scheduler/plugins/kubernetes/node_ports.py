@@ -1,8 +1,9 @@
 """NodePorts: a host port is taken once per node, protocol and address."""
 
-from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.framework import FilterResult
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods import PodInfo, host_ports
+from robotapp_scheduler.core.ports import clash
 from robotapp_scheduler.core.view import Nodes
 
 
@@ -13,7 +14,7 @@ class NodePorts:
     reads = ("host_ports",)
     node_reads = ("ports",)
     row_local = True
-    events = Change.NODE_ADDED | Change.POD_REMOVED | Change.POD_UPDATED
+    events = Change.NODE_ADDED | Change.POD_REMOVED | Change.NOMINATED
     reason = "node(s) didn't have free ports for the requested pod ports"
     resolvable = True
 
@@ -23,3 +24,11 @@ class NodePorts:
             return None
         free = nodes.cluster.ports.free(pod.host_ports, nodes.cluster.nodes.size)
         return free[nodes.rows]
+
+    def hint(self, pod: PodInfo, event: Event) -> bool:
+        """A new node, or a pod gone that used (or was to use) one of the ports."""
+        if event.resource == "nodes":
+            return event.old is None
+        if event.change & Change.SELF or event.old is None:
+            return False
+        return any(clash(wanted, used) for used in host_ports(event.old) for wanted in pod.host_ports)

@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 
 from robotapp_api.values.toleration import tolerates
-from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.framework import FilterResult
 from robotapp_scheduler.core.objects import Taint
 from robotapp_scheduler.core.pods import PodInfo
@@ -27,6 +27,17 @@ class NodeUnschedulable:
 
     def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
         """True where the node is not cordoned; no opinion when the pod tolerates cordoning."""
-        if any(tolerates(toleration, CORDON) for toleration in pod.tolerations):
+        if _tolerated(pod):
             return None
         return np.logical_not(nodes.unschedulable)
+
+    def hint(self, pod: PodInfo, event: Event) -> bool:
+        """A node that is not cordoned and was, or is new; or a toleration of the pod itself."""
+        if event.resource == "pods":
+            return _tolerated(pod)
+        open_now = event.new is not None and not event.new.spec.unschedulable
+        return open_now and (event.old is None or event.old.spec.unschedulable)
+
+
+def _tolerated(pod: PodInfo) -> bool:
+    return any(tolerates(toleration, CORDON) for toleration in pod.tolerations)

@@ -1,14 +1,16 @@
 """NodeResourcesFit: room for the pod's requests, and how full the node would be."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import msgspec
 import numpy as np
 
-from robotapp_scheduler.core.changes import Change
+from robotapp_api.values.requests import amounts, pod_requests
+from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.columns import BoolArray, IntArray
 from robotapp_scheduler.core.framework import FilterResult, ScoreResult, Verdict
+from robotapp_scheduler.core.objects import Node, Pod
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.view import Nodes, Row
 from robotapp_scheduler.plugins.kubernetes.fit_strategies import (
@@ -54,7 +56,7 @@ class NodeResourcesFit:
     reads = ("requests",)
     node_reads = ("allocatable", "requested")
     row_local = True
-    events = Change.NODE_ADDED | Change.ALLOCATABLE | Change.POD_REMOVED | Change.POD_UPDATED
+    events = Change.NODE_ADDED | Change.ALLOCATABLE | Change.POD_REMOVED | Change.POD_UPDATED | Change.NOMINATED
     Args = FitArgs
 
     def __init__(self, args: FitArgs | None = None) -> None:
@@ -76,6 +78,17 @@ class NodeResourcesFit:
         if mask.all():
             return mask
         return _verdict(nodes, mask, full, short)
+
+    def hint(self, pod: PodInfo, event: Event) -> bool:
+        """Room that could be enough: a node that grew in what is asked for, a pod gone, or one that asks for less."""
+        wishes = {name: value for name, value in pod.requests.exact.items() if value > 0 and self._counts(name)}
+        if event.resource == "nodes":
+            return event.new is not None and _roomier(event.old, event.new, wishes)
+        if event.change & (Change.POD_REMOVED | Change.NOMINATED) or event.old is None:
+            return event.old is not None
+        if event.change & Change.SELF:
+            return _smaller(event.old, event.new, None)
+        return bool(event.new.spec.node_name) and _smaller(event.old, event.new, wishes)
 
     def filter_row(self, pod: PodInfo, row: Row) -> bool:
         """Does one node surely have room?"""
@@ -115,6 +128,21 @@ class NodeResourcesFit:
         if name in NATIVE or "/" not in name:
             return True
         return name not in self._ignored and name.partition("/")[0] not in self._ignored_groups
+
+
+def _roomier(old: Node | None, new: Node, wishes: Mapping[str, int]) -> bool:
+    """Could the empty node hold the wishes, and does it offer more of one than it did?"""
+    offered = amounts(new.status.allocatable)
+    if not offered.get("pods", 0) or any(value > offered.get(name, 0) for name, value in wishes.items()):
+        return False
+    before = amounts(old.status.allocatable) if old is not None else {}
+    return old is None or any(offered.get(name, 0) > before.get(name, 0) for name in ("pods", *wishes))
+
+
+def _smaller(old: Pod, new: Pod, wishes: Mapping[str, int] | None) -> bool:
+    """Does a pod ask for less than it did, of anything or of one of the wishes?"""
+    before, after = pod_requests(old.spec).exact, pod_requests(new.spec).exact
+    return any(after.get(name, 0) < value for name, value in before.items() if wishes is None or name in wishes)
 
 
 def _strategy(args: ScoringStrategy) -> Strategy:

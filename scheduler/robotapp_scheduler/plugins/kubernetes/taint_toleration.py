@@ -6,9 +6,9 @@ from typing import Final
 import numpy as np
 
 from robotapp_api.values.toleration import tolerates
-from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.framework import FilterResult, ScoreResult
-from robotapp_scheduler.core.objects import Taint, Toleration
+from robotapp_scheduler.core.objects import Node, Taint, Toleration
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.view import Nodes
 
@@ -34,12 +34,23 @@ class TaintToleration:
         passes = [untolerated(taints, pod.tolerations, HARD) == 0 for taints in sets]
         return np.array(passes, dtype=np.bool_)[codes]
 
+    def hint(self, pod: PodInfo, event: Event) -> bool:
+        """A node that is tolerated now and was not before, or a toleration of the pod itself."""
+        if event.resource == "pods":
+            return bool(event.old.spec.tolerations != event.new.spec.tolerations)
+        before: Node | None = event.old
+        return _passes(event.new, pod) and (before is None or not _passes(before, pod))
+
     def score(self, pod: PodInfo, nodes: Nodes) -> ScoreResult:
         """Number of untolerated PreferNoSchedule taints; fewer is better."""
         soft = [t for t in pod.tolerations if t.effect in {"", SOFT}]
         codes, sets = nodes.taint_sets
         counts = [untolerated(taints, soft, frozenset({SOFT})) for taints in sets]
         return np.array(counts, dtype=np.int64)[codes]
+
+
+def _passes(node: Node | None, pod: PodInfo) -> bool:
+    return node is not None and untolerated(node.spec.taints, pod.tolerations, HARD) == 0
 
 
 def untolerated(taints: Sequence[Taint], tolerations: Sequence[Toleration], effects: frozenset[str]) -> int:

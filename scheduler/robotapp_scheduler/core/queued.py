@@ -1,0 +1,56 @@
+"""What the queue keeps of a pod: its attempts, why it waits, and what may let it go on."""
+
+from collections.abc import Hashable
+
+import msgspec
+
+from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.pods import PodInfo
+
+
+class Gate(msgspec.Struct, frozen=True):
+    """Why a pod may not be tried at all, and what may open the gate."""
+
+    plugin: str
+    reason: str
+    events: Change = Change.ALL
+    app_uid: str = ""
+    """Only changes around this RobotApp matter, when set."""
+    code: str = ""
+    """Reason for the pod's condition; empty: no condition is written."""
+
+
+class Rejection(msgspec.Struct, frozen=True):
+    """Outcome of a failed attempt. No plugins = an error, which is retried after back-off by itself."""
+
+    plugins: frozenset[str] = frozenset()
+    pending: frozenset[str] = frozenset()
+    """Those of `plugins` that said Pending: when they ask for the pod again, it skips its back-off."""
+
+
+class QueuedPod:
+    """A pod in the queue. The queue alone changes it."""
+
+    __slots__ = (
+        "attempts", "errors", "first_seen_s", "gate", "group", "info", "rejection", "rejections", "timestamp_s",
+    )  # fmt: skip
+
+    def __init__(self, info: PodInfo, now_s: float, group: Hashable | None) -> None:
+        self.info = info
+        self.group = group
+        self.first_seen_s = now_s
+        self.timestamp_s = now_s
+        """First arrival, renewed each time the pod comes back from a failed attempt."""
+        self.attempts = 0
+        self.rejections = 0
+        self.errors = 0
+        self.rejection: Rejection | None = None
+        self.gate: Gate | None = None
+
+    def __repr__(self) -> str:
+        return f"QueuedPod({self.info.key}, attempts={self.attempts}, gate={self.gate and self.gate.plugin})"
+
+    @property
+    def failures(self) -> int:
+        """What back-off counts: errors in a row while there are any, else rejections."""
+        return self.errors or self.rejections

@@ -1,0 +1,105 @@
+"""What each built-in plugin says about an event, as kube-scheduler's queueing hints do."""
+
+from typing import Any
+
+import pytest
+from tests.support.scheduling import make_info, make_node, make_pod
+
+from robotapp_scheduler.core.changes import Change, Event
+from robotapp_scheduler.core.framework import Loaded
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.plugins.registry import catalogue
+
+TAINT = [{"key": "a", "value": "b", "effect": "NoSchedule"}]
+TOLERATION = [{"key": "a", "operator": "Exists"}]
+CORDON = [{"key": "node.kubernetes.io/unschedulable", "operator": "Exists"}]
+PORT = [{"name": "c", "ports": [{"containerPort": 80, "hostPort": 80}]}]
+OTHER_IP = [{"name": "c", "ports": [{"containerPort": 80, "hostPort": 80, "hostIP": "10.0.0.1"}]}]
+ZONE = {"zone": "a"}
+
+
+def wants(plugin: str, pod: PodInfo, event: Event) -> bool:
+    return Loaded(catalogue().classes[plugin]()).waker.wants(pod, event)
+
+
+def added(**fields: Any) -> Event:
+    return Event("nodes", Change.NODE_ADDED, new=make_node("n", **fields))
+
+
+def changed(change: Change, before: dict[str, Any], after: dict[str, Any]) -> Event:
+    return Event("nodes", change, make_node("n", **before), make_node("n", **after))
+
+
+def gone(**fields: Any) -> Event:
+    return Event("pods", Change.POD_REMOVED, old=make_pod("other", node="n", **fields))
+
+
+def other_changed(before: dict[str, Any], after: dict[str, Any]) -> Event:
+    old, new = (make_pod("other", node="n", **fields) for fields in (before, after))
+    return Event("pods", Change.POD_UPDATED, old, new)
+
+
+def itself(before: dict[str, Any], after: dict[str, Any]) -> Event:
+    return Event("pods", Change.SELF, make_pod(**before), make_pod(**after))
+
+
+FIT: list[tuple[dict[str, Any], Event, bool]] = [
+    ({"cpu": "2"}, added(cpu="2"), True),
+    ({"cpu": "2"}, added(cpu="1"), False),
+    ({"cpu": "2"}, added(pods="0"), False),
+    ({"cpu": "2"}, changed(Change.ALLOCATABLE, {"cpu": "2"}, {"cpu": "3"}), True),
+    ({"cpu": "2"}, changed(Change.ALLOCATABLE, {"cpu": "3"}, {"cpu": "2"}), False),
+    ({"cpu": "2"}, changed(Change.ALLOCATABLE, {"memory": "8Gi"}, {"memory": "9Gi"}), True),
+    ({"cpu": "2", "memory": None}, changed(Change.ALLOCATABLE, {"memory": "8Gi"}, {"memory": "9Gi"}), False),
+    ({"cpu": "2"}, changed(Change.ALLOCATABLE, {"pods": "9"}, {"pods": "10"}), True),
+    ({"cpu": "2"}, gone(cpu="1m"), True),
+    ({"cpu": "2"}, other_changed({"cpu": "2"}, {"cpu": "1"}), True),
+    ({"cpu": "2"}, other_changed({"cpu": "1"}, {"cpu": "2"}), False),
+    ({"cpu": "2", "memory": None}, other_changed({"memory": "2Gi"}, {"memory": "1Gi"}), False),
+    ({"cpu": "2"}, other_changed({}, {"labels": {"a": "b"}}), False),
+    ({"cpu": "2"}, itself({"cpu": "2"}, {"cpu": "1"}), True),
+    ({"cpu": "2"}, itself({}, {"labels": {"a": "b"}}), False),
+    ({"cpu": "2"}, Event("pods", Change.NOMINATED, old=make_pod("other")), True),
+    ({"cpu": "2"}, Event("pods", Change.POD_ADDED, make_pod("o"), make_pod("o", node="n")), False),
+]
+OTHERS: list[tuple[str, dict[str, Any], Event, bool]] = [
+    ("TaintToleration", {}, added(), True),
+    ("TaintToleration", {}, added(taints=TAINT), False),
+    ("TaintToleration", {"tolerations": TOLERATION}, added(taints=TAINT), True),
+    ("TaintToleration", {}, changed(Change.TAINTS, {"taints": TAINT}, {}), True),
+    ("TaintToleration", {}, changed(Change.TAINTS, {}, {"taints": TAINT}), False),
+    ("TaintToleration", {"tolerations": TOLERATION}, changed(Change.TAINTS, {}, {"taints": TAINT}), False),
+    ("TaintToleration", {}, itself({}, {"tolerations": TOLERATION}), True),
+    ("TaintToleration", {}, itself({}, {"labels": {"a": "b"}}), False),
+    ("NodeUnschedulable", {}, added(), True),
+    ("NodeUnschedulable", {}, added(unschedulable=True), False),
+    ("NodeUnschedulable", {}, changed(Change.TAINTS, {"unschedulable": True}, {}), True),
+    ("NodeUnschedulable", {}, changed(Change.TAINTS, {}, {"taints": TAINT}), False),
+    ("NodeUnschedulable", {"tolerations": CORDON}, itself({}, {"tolerations": CORDON}), True),
+    ("NodeUnschedulable", {}, itself({}, {"labels": {"a": "b"}}), False),
+    ("NodeName", {"node": "n"}, added(), True),
+    ("NodeName", {"node": "m"}, added(), False),
+    ("NodeAffinity", {"nodeSelector": ZONE}, added(labels=ZONE), True),
+    ("NodeAffinity", {"nodeSelector": ZONE}, added(), False),
+    ("NodeAffinity", {"nodeSelector": ZONE}, changed(Change.LABELS, {}, {"labels": ZONE}), True),
+    ("NodeAffinity", {"nodeSelector": ZONE}, changed(Change.LABELS, {"labels": ZONE}, {"labels": {**ZONE, "x": "y"}}), False),
+    ("NodeAffinity", {"nodeSelector": ZONE}, itself({}, {"labels": {"a": "b"}}), False),
+    ("NodePorts", {"containers": PORT}, added(), True),
+    ("NodePorts", {"containers": PORT}, gone(containers=PORT), True),
+    ("NodePorts", {"containers": PORT}, gone(containers=OTHER_IP), True),
+    ("NodePorts", {"containers": PORT}, gone(), False),
+    ("NodePorts", {"containers": PORT}, itself({}, {"labels": {"a": "b"}}), False),
+    ("VolumeBinding", {}, itself({}, {"labels": {"a": "b"}}), True),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("pod", "event", "expected"), FIT)
+def test_fit_wants_only_events_that_may_leave_enough_room(pod: dict[str, Any], event: Event, expected: bool) -> None:
+    assert wants("NodeResourcesFit", make_info(**pod), event) is expected
+
+
+@pytest.mark.parametrize(("plugin", "pod", "event", "expected"), OTHERS)
+def test_a_plugin_wants_only_events_that_may_turn_its_refusal(
+    plugin: str, pod: dict[str, Any], event: Event, expected: bool
+) -> None:
+    assert wants(plugin, make_info(**pod), event) is expected
