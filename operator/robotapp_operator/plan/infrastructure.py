@@ -9,7 +9,14 @@ from robotapp_operator.plan.environment import DISCOVERY_SERVER_PORT, ZENOH_PORT
 from robotapp_operator.plan.objects import ChildRef
 from robotapp_operator.plan.ros1 import MASTER_PORT, own_address
 from robotapp_operator.plan.services import role_service
-from robotapp_operator.plan.where import disconnect_tolerations, is_in, required_nodes, robot_tolerations
+from robotapp_operator.plan.where import (
+    disconnect_tolerations,
+    is_in,
+    required_nodes,
+    robot_tolerations,
+    shared_node_selector,
+    shared_tolerations,
+)
 from robotapp_operator.plan.wish import MASTER, ROUTER, SERVERS, Wish
 
 DISCOVERY: Final = "discovery"
@@ -110,8 +117,11 @@ def _deployment(
     affinity = _affinity(labels, home=home, node=node)
     if affinity:
         spec["affinity"] = affinity
-    if home:
-        spec["tolerations"] = robot_tolerations(home) + disconnect_tolerations(None)
+    tolerations = shared_tolerations(wish) + (robot_tolerations(home) + disconnect_tolerations(None) if home else [])
+    if tolerations:
+        spec["tolerations"] = tolerations
+    if node_selector := shared_node_selector(wish):
+        spec["nodeSelector"] = node_selector
     template = {"metadata": {"labels": labels}, "spec": spec}
     return Child(
         ref=ChildRef(DEPLOYMENT, wish.name_of(part)),

@@ -27,6 +27,22 @@ def tolerations(component: Component, wish: Wish) -> list[dict[str, Any]]:
     return result + disconnect_tolerations(None if keep else grace_s)
 
 
+def shared_tolerations(wish: Wish) -> list[dict[str, Any]]:
+    """What every component tolerates. Servers and routers go where all components may: a tainted pool is then no trap."""
+    first, *others = wish.app.spec.components
+    return [one for one in first.tolerations if all(one in other.tolerations for other in others)]
+
+
+def shared_node_selector(wish: Wish) -> dict[str, str]:
+    """Labels that every component asks of its node."""
+    first, *others = wish.app.spec.components
+    return {
+        key: value
+        for key, value in first.node_selector.items()
+        if all(other.node_selector.get(key) == value for other in others)
+    }
+
+
 def robot_tolerations(robot: str) -> list[dict[str, Any]]:
     """Robots are kept free of other work by a taint whose key is one of their labels."""
     own = {"operator": "Equal", "value": robot} if robot else {"operator": "Exists"}

@@ -130,8 +130,8 @@ def test_defaults_and_canonical_quantities_of_the_server_are_no_drift() -> None:
 
 
 def test_a_field_we_no_longer_render_is_noticed_by_the_hash() -> None:
-    app = make_app(component("driver", nodeSelector={"a": "b"}))
-    plain = make_app(component("driver"), generation=2)
+    app = make_app(component("driver", nodeSelector={"a": "b"}), component("eyes"))
+    plain = make_app(component("driver"), component("eyes"), generation=2)
     assert len(planned(plain, wanted(plain), settled_world(app)).changes) == 1
 
 

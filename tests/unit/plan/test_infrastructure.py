@@ -48,6 +48,21 @@ def test_servers_avoid_each_other_and_the_first_stays_with_the_robot() -> None:
     assert "tolerations" in pod_spec(first)
 
 
+def test_servers_go_where_every_component_may_go() -> None:
+    taint = {"key": "pool", "operator": "Equal", "value": "robotics", "effect": "NoSchedule"}
+    own = {"key": "gpu", "operator": "Exists"}
+    components = [
+        {"name": "sense", "image": "a:1", "tolerations": [taint], "nodeSelector": {"pool": "robotics", "disk": "ssd"}},
+        {"name": "plan", "image": "a:1", "tolerations": [own, taint], "nodeSelector": {"pool": "robotics"}},
+    ]
+    for server in deployments(parts(components=components)):
+        assert pod_spec(server)["tolerations"] == [taint]
+        assert pod_spec(server)["nodeSelector"] == {"pool": "robotics"}
+    for server in deployments(parts()):
+        assert "tolerations" not in pod_spec(server)
+        assert "nodeSelector" not in pod_spec(server)
+
+
 def test_infrastructure_has_a_role_and_no_component_and_no_domain() -> None:
     for spec in ({}, {"dds": {"rmw": "rmw_zenoh_cpp"}}, {"ros": {"distro": "noetic"}}):
         for child in deployments(parts(**spec)):
