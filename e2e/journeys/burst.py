@@ -2,6 +2,7 @@
 
 import time
 from collections import Counter
+from typing import Any
 
 from journeys.stage import Stage, wait_for
 from journeys.world import World, is_ready
@@ -15,7 +16,7 @@ def survive_kills(stage: Stage, world: World) -> None:
     stage.step("6", f"kill -9 of operator and scheduler in the middle of {_APPS} applications")
     names = [f"burst-{number:02}" for number in range(_APPS)]
     began_s = time.monotonic()
-    world.kubectl("apply", "-f", "-", stdin=[_app(name) for name in names])
+    world.apply(*(_app(name) for name in names))
     wait_for("the first of them running", lambda: _ready(world, names) >= 1, within_s=30)
     ready = _ready(world, names)
     world.operator.kill()
@@ -53,7 +54,7 @@ def _ready(world: World, names: list[str]) -> int:
     return sum(is_ready(app) for app in world.items("robotapps") if app["metadata"]["name"] in wanted)
 
 
-def _app(name: str) -> dict[str, object]:
+def _app(name: str) -> dict[str, Any]:
     components = [{"name": part, "image": "registry.example/burst:1"} for part in ("sense", "plan", "act")]
     return {
         "apiVersion": "robotics.io/v1alpha1",

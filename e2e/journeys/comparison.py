@@ -36,7 +36,7 @@ def compare_with_kube_scheduler(stage: Stage, world: World) -> None:
     stage.step("3", f"The same application {_COPIES} times under each scheduler")
     counts = {}
     for scheduler in ("default-scheduler", "ros-aware-scheduler"):
-        with created(world.cluster, f"{NAMESPACE}-{scheduler.split('-')[0]}") as namespace:
+        with created(world.cluster, f"{NAMESPACE}-{scheduler.partition('-')[0]}") as namespace:
             legs = _placed_legs(world, namespace, scheduler)
         counts[scheduler] = sum(not leg.met for leg in legs)
         stage.say(f"[bold]{scheduler}[/bold]: {counts[scheduler]} of {len(legs)} edges miss their budget")
@@ -55,7 +55,7 @@ def _placed_legs(world: World, namespace: str, scheduler: str) -> list[Leg]:
         app | {"metadata": {"name": f"copy-{number}"}, "spec": app["spec"] | {"schedulerName": scheduler}}
         for number in range(_COPIES)
     ]
-    world.cluster.kubectl("-n", namespace, "apply", "-f", "-", stdin=copies)
+    world.apply(*copies, namespace=namespace)
     wanted = _COPIES * len(app["spec"]["components"])
     nodes, _ = wait_for("all copies placed", lambda: _nodes_of(world, namespace, wanted), within_s=60, every_s=0.1)
     legs = list(_legs(copies, nodes, world.topology))

@@ -11,19 +11,21 @@ import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 from journeys.burst import survive_kills
 from journeys.comparison import compare_with_kube_scheduler
 from journeys.stage import FalseClaimError, Stage
 from journeys.steps import apply_teleop, explain_teleop, render_from_rigel, share_a_can_bus
-from journeys.world import NAMESPACE, ROOT, World
-from robotapp_testbed import ControlPlane, TestbedError, product
+from journeys.world import NAMESPACE, NAMESPACES, ROOT, World
+from robotapp_testbed import ControlPlane, TestbedError, guest, product
 from robotapp_testbed.assets import Assets
 from robotapp_testbed.detached import Cluster
+from robotapp_testbed.guest import GuestPlane
 from robotapp_testbed.nodes import Device
 from robotapp_testbed.process import wait_until
-from robotapp_testbed.topology import SimulatedTelemetry, apply, fleet
+from robotapp_testbed.topology import SimulatedTelemetry, Topology, apply, fleet
 
 STORY: tuple[Callable[[Stage, World], None], ...] = (
     apply_teleop,
@@ -37,21 +39,34 @@ EXAMPLES = """examples:
   scripts/demo            tell the story, then leave the cluster up to play with
   scripts/demo --once     tell the story, tear down; exit status 1 on the first false claim
   scripts/demo --down     end the cluster that an earlier run left up
+  scripts/demo --once --kubeconfig ~/.kube/kind
+                          the same on a cluster of your own, which is left as it was
 """
 _CLUSTER = Cluster("demo")
 _STORY_LIMIT_S = 900.0
+_DOWN_LIMIT_S = 180.0
+"""A guest removes its namespaces from the user's cluster, which takes as long as that cluster likes."""
 
 
 def main() -> int:
     arguments = _arguments()
-    if arguments.down:
-        print("The demo's cluster is gone." if _CLUSTER.down() else "No demo cluster is running.")
-        return 0
-    if arguments.once:
-        return _tell(hold=False, picture=arguments.svg)
-    if arguments.hold:
-        return _tell(hold=True)
-    return _start_holder()
+    try:
+        if arguments.down:
+            return _down(arguments.kubeconfig)
+        if arguments.once or arguments.hold:
+            return _tell(hold=arguments.hold, picture=arguments.svg, kubeconfig=arguments.kubeconfig)
+        return _start_holder(arguments.kubeconfig)
+    except TestbedError as failure:
+        print(f"The demo cannot run: {failure}", file=sys.stderr)
+        return 1
+
+
+def _down(kubeconfig: Path | None) -> int:
+    ended = _CLUSTER.down(within_s=_DOWN_LIMIT_S)
+    if kubeconfig:  # a demo that was killed could not clean up there
+        ended = guest.remove(kubeconfig, namespaces=NAMESPACES) or ended
+    print("The demo is gone." if ended else "No demo is running.")
+    return 0
 
 
 def _arguments() -> argparse.Namespace:
@@ -64,15 +79,21 @@ def _arguments() -> argparse.Namespace:
     mode = parser.add_mutually_exclusive_group()
     mode.add_argument("--once", action="store_true", help="tear down at the end instead of leaving the cluster up")
     mode.add_argument("--down", action="store_true", help="end the cluster an earlier run left up")
+    parser.add_argument(
+        "--kubeconfig",
+        metavar="FILE",
+        type=Path,
+        help="tell the story on your own cluster (kind, k3s …), on simulated nodes that are added and removed again",
+    )
     parser.add_argument("--svg", type=Path, help="with --once: save what was shown as a picture")
     mode.add_argument("--hold", action="store_true", help=argparse.SUPPRESS)
     return parser.parse_args()
 
 
-def _tell(*, hold: bool, picture: Path | None = None) -> int:
+def _tell(*, hold: bool, picture: Path | None = None, kubeconfig: Path | None = None) -> int:
     """Tell the story; 1 when a claim was false or something could not start."""
     stage = Stage()
-    plane = ControlPlane(kube_scheduler=True)
+    plane = _plane(kubeconfig)
     try:
         if hold:
             _CLUSTER.hold(plane, prepare=lambda cluster, stack: _tell_and_stay(stage, cluster, stack))
@@ -85,6 +106,21 @@ def _tell(*, hold: bool, picture: Path | None = None) -> int:
         stage.say(f"\n[red]The demo stops here.[/red] {failure}")
         return 1
     return 0
+
+
+def _plane(kubeconfig: Path | None) -> ControlPlane:
+    if kubeconfig:
+        return GuestPlane(kubeconfig, nodes=_topology().nodes, namespaces=NAMESPACES)
+    return ControlPlane(kube_scheduler=True)
+
+
+def _topology(*, guests: bool = False) -> Topology:
+    """Two robots, one of them with a CAN bus, two edge servers, one cloud machine. `guests` keep everybody else off."""
+    can = Device(id="can-can0", type="can", interface="can0")
+    nodes = fleet(robots=["amr-07", "amr-08"], edges=2, clouds=1, devices={"amr-07": [can]})
+    if not guests:
+        return nodes
+    return Topology(replace(node, taints=[guest.TAINT], labels={guest.GUEST_LABEL: "true"}) for node in nodes)
 
 
 def _tell_on(stage: Stage, cluster: ControlPlane, stack: ExitStack) -> None:
@@ -101,13 +137,18 @@ def _tell_and_stay(stage: Stage, cluster: ControlPlane, stack: ExitStack) -> Non
 
 
 def _set_up(stage: Stage, cluster: ControlPlane, stack: ExitStack) -> World:
-    """Two robots, two edge servers, one cloud machine; operator and scheduler as local processes with their pods' rights."""
-    stage.say(f"A real control plane runs: {cluster.server_url} (etcd, kube-apiserver, controllers, kube-scheduler).")
+    """The nodes, and operator and scheduler as local processes with their pods' rights."""
+    confined = isinstance(cluster, GuestPlane)
+    if confined:
+        stage.say(f"A guest in your cluster {cluster.server_url}: everything added is removed at the end.")
+        stage.say("Each application gets a toleration and a node selector that keep it on the simulated nodes.")
+    else:
+        stage.say(f"A real control plane runs: {cluster.server_url} (etcd, kube-apiserver, controllers, scheduler).")
     stage.say("Nodes: 2 robots, 2 edge servers, 1 cloud machine.")
     stage.say("[yellow]Simulated[/yellow]: the kubelets (by kwok) and the telemetry (round trips of 2, 15 and 60 ms).")
-    product.install(cluster, values={"domainPool": {"quarantineSeconds": 1}})
-    can = Device(id="can-can0", type="can", interface="can0")
-    topology = fleet(robots=["amr-07", "amr-08"], edges=2, clouds=1, devices={"amr-07": [can]})
+    with stage.working("installing CRDs, rights and policies"):
+        product.install(cluster, values={"domainPool": {"quarantineSeconds": 1}})
+    topology = _topology(guests=confined)
     apply(cluster, topology)
     stack.enter_context(SimulatedTelemetry(cluster, topology))
     cluster.kubectl("create", "namespace", NAMESPACE)
@@ -116,7 +157,7 @@ def _set_up(stage: Stage, cluster: ControlPlane, stack: ExitStack) -> World:
         scheduler = product.start_scheduler(cluster, wait=False, sweep_seconds=1, insecure_explain=True)
         operator.wait_ready()
         scheduler.wait_ready()
-    return World(cluster=cluster, operator=operator, scheduler=scheduler, topology=topology)
+    return World(cluster=cluster, operator=operator, scheduler=scheduler, topology=topology, confined=confined)
 
 
 def _how_to_go_on(stage: Stage, cluster: ControlPlane) -> None:
@@ -137,13 +178,14 @@ def _leave_terminal() -> None:
     os.close(log)
 
 
-def _start_holder() -> int:
+def _start_holder(kubeconfig: Path | None) -> int:
     """Run the story in a process of its own session and return once it holds the cluster or has ended."""
     if _CLUSTER.state():
         print("The demo's cluster is still up from an earlier run: scripts/demo --down ends it.")
         return 1
     Assets().resolve()
-    holder = subprocess.Popen([sys.executable, "-m", "journeys.demo", "--hold"], start_new_session=True)
+    own = [f"--kubeconfig={kubeconfig.absolute()}"] if kubeconfig else []
+    holder = subprocess.Popen([sys.executable, "-m", "journeys.demo", "--hold", *own], start_new_session=True)
     try:
         wait_until(lambda: holder.poll() is not None or _CLUSTER.state() is not None, timeout_s=_STORY_LIMIT_S)
     except KeyboardInterrupt:

@@ -3,8 +3,10 @@
 import time
 from typing import Any
 
+import yaml
+
 from journeys.stage import Stage, wait_for
-from journeys.world import ROOT, World, condition, is_ready
+from journeys.world import World, condition, is_ready
 from robotapp_testbed import ApiStatusError
 
 _READY_LIMIT_S = 2.0
@@ -13,9 +15,7 @@ _READY_LIMIT_S = 2.0
 def apply_teleop(stage: Stage, world: World) -> None:
     stage.step("1", "One object for a robot application")
     began_s = time.monotonic()
-    stage.shell(
-        "kubectl apply -f examples/teleop.yaml", world.kubectl("apply", "-f", str(ROOT / "examples/teleop.yaml"))
-    )
+    stage.shell("kubectl apply -f examples/teleop.yaml", world.apply_file("examples/teleop.yaml"))
     app, _ = wait_for("teleop Ready", lambda: _if_ready(world, "teleop"), within_s=30)
     took_s = time.monotonic() - began_s
     stage.shell("kubectl get ra", world.kubectl("get", "ra"))
@@ -43,14 +43,9 @@ def explain_teleop(stage: Stage, world: World) -> None:
 
 def share_a_can_bus(stage: Stage, world: World) -> None:
     stage.step("4", "Two applications, one CAN bus")
-    stage.shell(
-        "kubectl apply -f examples/can-holder.yaml",
-        world.kubectl("apply", "-f", str(ROOT / "examples/can-holder.yaml")),
-    )
+    stage.shell("kubectl apply -f examples/can-holder.yaml", world.apply_file("examples/can-holder.yaml"))
     wait_for("can-holder Ready", lambda: _if_ready(world, "can-holder"), within_s=30)
-    stage.shell(
-        "kubectl apply -f examples/can-rival.yaml", world.kubectl("apply", "-f", str(ROOT / "examples/can-rival.yaml"))
-    )
+    stage.shell("kubectl apply -f examples/can-rival.yaml", world.apply_file("examples/can-rival.yaml"))
     app, _ = wait_for("the refusal", lambda: _if_busy(world, "can-rival"), within_s=30)
     refusal = condition(app, "Allocated")
     stage.say(f"Allocated=False  {refusal['reason']}: {refusal['message']}")
@@ -65,7 +60,7 @@ def share_a_can_bus(stage: Stage, world: World) -> None:
 def render_from_rigel(stage: Stage, world: World) -> None:
     stage.step("7", "From a Rigelfile to a running application")
     rendered = world.run("rigel-bridge", "render", "examples/rigel/teleop/Rigelfile")
-    applied = world.kubectl("apply", "-f", "-", stdin=rendered)
+    applied = world.apply(*yaml.safe_load_all(rendered))
     stage.shell("rigel-bridge render examples/rigel/teleop/Rigelfile | kubectl apply -f -", applied)
     name = applied.split("/")[1].split()[0]
     _, took_s = wait_for(f"{name} Ready", lambda: _if_ready(world, name), within_s=30)

@@ -8,11 +8,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from robotapp_testbed import ControlPlane, Process
+from robotapp_testbed.guest import GUEST_LABEL, TOLERATION
 from robotapp_testbed.topology import Topology
 
 ROOT = Path(__file__).resolve().parents[2]
 NAMESPACE = "demo"
+NAMESPACES = (NAMESPACE, f"{NAMESPACE}-default", f"{NAMESPACE}-ros")
+"""All that the story creates: the last two are those of the two schedulers it compares."""
 _BIN = Path(sys.executable).parent
 
 
@@ -24,9 +29,22 @@ class World:
     operator: Process
     scheduler: Process
     topology: Topology
+    confined: bool = False
+    """Whether the nodes are guests in somebody's cluster: every app is then kept on them."""
 
     def kubectl(self, *args: str, stdin: object = None, check: bool = True) -> str:
         return self.cluster.kubectl("-n", NAMESPACE, *args, stdin=stdin, check=check)
+
+    def apply(self, *apps: dict[str, Any], namespace: str = NAMESPACE) -> str:
+        """kubectl apply of RobotApps."""
+        confined = [confine(app) for app in apps] if self.confined else list(apps)
+        return self.cluster.kubectl("-n", namespace, "apply", "-f", "-", stdin=confined)
+
+    def apply_file(self, path: str) -> str:
+        """kubectl apply of a file of the repository, as it is unless apps must be confined."""
+        if not self.confined:
+            return self.kubectl("apply", "-f", str(ROOT / path))
+        return self.apply(*yaml.safe_load_all((ROOT / path).read_text()))
 
     def items(self, kind: str, *args: str, namespace: str = NAMESPACE) -> list[dict[str, Any]]:
         found = json.loads(self.cluster.kubectl("-n", namespace, "get", kind, "-o", "json", *args))
@@ -56,6 +74,19 @@ class World:
 
     def robotapp(self, *args: str) -> str:
         return self.run("kubectl-robotapp", *args, "-n", NAMESPACE)
+
+
+def confine(app: dict[str, Any]) -> dict[str, Any]:
+    """The app with every component kept on the simulated nodes, whose taint keeps others away."""
+    components = [
+        component
+        | {
+            "tolerations": [*component.get("tolerations", []), dict(TOLERATION)],
+            "nodeSelector": component.get("nodeSelector", {}) | {GUEST_LABEL: "true"},
+        }
+        for component in app["spec"]["components"]
+    ]
+    return app | {"spec": app["spec"] | {"components": components}}
 
 
 def condition(app: dict[str, Any], kind: str) -> dict[str, Any]:

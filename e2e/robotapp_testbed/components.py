@@ -27,16 +27,19 @@ class Layout:
     etcd_peer_port: int
     api_port: int
     kwok_port: int
+    foreign_url: str = ""
 
     @classmethod
-    def create(cls, run_dir: Path) -> "Layout":
+    def create(cls, run_dir: Path, *, server_url: str = "") -> "Layout":
+        """Folders and free ports; `server_url` is that of an API server that is not ours."""
         for folder in ("bin", "logs", "certificates", "kubeconfigs"):
             (run_dir / folder).mkdir()
-        return cls(run_dir, *ports.free_ports(4))
+        etcd, etcd_peer, api, kwok_port = ports.free_ports(4)
+        return cls(run_dir, etcd, etcd_peer, api, kwok_port, foreign_url=server_url)
 
     @property
     def server_url(self) -> str:
-        return f"https://127.0.0.1:{self.api_port}"
+        return self.foreign_url or f"https://127.0.0.1:{self.api_port}"
 
     @property
     def etcd_url(self) -> str:
@@ -87,6 +90,8 @@ class Settings:
     controller_manager: bool = True
     audit: bool = False
     node_lease_s: int = 40
+    own_cluster: bool = True
+    """False: the API server is somebody else's, and so are most nodes."""
     extra: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
 

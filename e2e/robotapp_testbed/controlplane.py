@@ -162,7 +162,7 @@ class ControlPlane:
         self._run_dir = Path(tempfile.mkdtemp(prefix="robotapp-testbed-"))
         try:
             self._guard = start_guard(self._run_dir)
-            self._layout = components.Layout.create(self._run_dir)
+            self._layout = self._make_layout(self._run_dir)
             self._commands = Commands(binaries, self._run_dir)
             self._write_files(self._layout, binaries)
             self._start_servers(self._layout, binaries)
@@ -197,6 +197,11 @@ class ControlPlane:
     def kept_logs_dir(self) -> Path:
         return logs.kept_root() / self.run_dir.name
 
+    def learn_new_kinds(self) -> None:
+        """Make the garbage collector see new CRDs: it looks every 30 s, and until then children outlive their owners."""
+        if self.has_controllers:
+            self.process(Program.CONTROLLER_MANAGER).restart()
+
     def add_process(self, process: Process) -> Process:
         """Adopt a program so that it ends with this control plane (used by robotapp_testbed.product)."""
         self._processes[process.name] = process
@@ -213,6 +218,9 @@ class ControlPlane:
         if self._commands is None:
             raise TestbedError("the control plane is not started")
         return self._commands.run(program, args, kubeconfig=self.kubeconfig(name), stdin=stdin, check=check)
+
+    def _make_layout(self, run_dir: Path) -> components.Layout:
+        return components.Layout.create(run_dir)
 
     def _write_files(self, layout: components.Layout, binaries: Mapping[str, Path]) -> None:
         for name, path in binaries.items():

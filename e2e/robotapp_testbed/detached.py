@@ -111,13 +111,13 @@ class Cluster:
             stack.callback(self._file.unlink, missing_ok=True)
             ended.wait()
 
-    def down(self) -> bool:
-        """End it and wait until nothing of it is left; False when it did not run."""
+    def down(self, *, within_s: float = _DOWN_S) -> bool:
+        """End it and wait until nothing of it is left; False when it did not run. It is killed after `within_s`."""
         state = self.state()
         if state is None:
             return False
         _signal(state, signal.SIGTERM)
-        if not wait_until(lambda: not state.is_held, timeout_s=_DOWN_S):
+        if not wait_until(lambda: not state.is_held, timeout_s=within_s):
             _signal(state, signal.SIGKILL)  # its guard cleans up
         run_dir = Path(state.run_dir)
         if not wait_until(lambda: not state.is_held and not run_dir.exists(), timeout_s=_DOWN_S):

@@ -19,7 +19,7 @@ from robotapp_testbed.failures import ApiStatusError, CommandError, TestbedError
 from robotapp_testbed.identity import SYSTEM_NAMESPACE
 from robotapp_testbed.pins import REPOSITORY
 from robotapp_testbed.process import Process, wait_until
-from robotapp_testbed.servers import Program, answers
+from robotapp_testbed.servers import answers
 
 CHART = REPOSITORY / "helm" / "robotapp"
 CRDS = REPOSITORY / "crds"
@@ -52,9 +52,8 @@ def define(cp: ControlPlane, objects: Sequence[Mapping[str, Any]]) -> None:
     _apply(cp, objects)
     if names:
         _wait_established(cp, names)
-    if cp.has_controllers and not present.issuperset(names):
-        # The garbage collector looks for new kinds every 30 s: until then children outlive their RobotApp.
-        cp.process(Program.CONTROLLER_MANAGER).restart()
+    if not present.issuperset(names):
+        cp.learn_new_kinds()
 
 
 def _wait_established(cp: ControlPlane, names: Sequence[str]) -> None:

@@ -73,7 +73,7 @@ class Builder:
             Program.CONTROLLER_MANAGER: self._controllers_work,
             Program.KWOK: lambda: answers(f"http://127.0.0.1:{layout.kwok_port}/healthz"),
         }
-        before_start = {Program.KWOK: self._drop_node_leases}
+        before_start = {Program.KWOK: self._drop_node_leases} if self._settings.own_cluster else {}
         return Process(
             program,
             [self._binaries[program], *args, *self._settings.extra.get(program, ())],

@@ -1,0 +1,25 @@
+"""What a guest in a user's cluster does to the applications it shows."""
+
+from pathlib import Path
+
+import pytest
+
+from journeys.world import confine
+from robotapp_testbed import TestbedError
+from robotapp_testbed.guest import GUEST_LABEL, TAINT, OwnKubectl
+
+
+def test_every_component_is_kept_on_the_simulated_nodes() -> None:
+    mine = {"key": "gpu", "operator": "Exists"}
+    app = {"spec": {"components": [{"name": "a", "tolerations": [mine], "nodeSelector": {"x": "y"}}, {"name": "b"}]}}
+    first, second = confine(app)["spec"]["components"]
+    toleration = {"key": TAINT["key"], "operator": "Exists"}
+    assert first["tolerations"] == [mine, toleration]
+    assert first["nodeSelector"] == {"x": "y", GUEST_LABEL: "true"}
+    assert second["tolerations"] == [toleration]
+    assert app["spec"]["components"][1] == {"name": "b"}
+
+
+def test_a_missing_kubeconfig_is_named(tmp_path: Path) -> None:
+    with pytest.raises(TestbedError, match="there is no kubeconfig"):
+        OwnKubectl(tmp_path / "absent")
