@@ -214,7 +214,7 @@ def label(item: Any, name: Label) -> str:
     return value
 
 
-def _marks(item: Deployment) -> tuple[dict[str, str], list[Any]]:
+def _marks(item: Deployment) -> tuple[dict[str, str], tuple[Any, ...]]:
     """Metadata of ours whose change is drift; Kubernetes' own annotations (revision) are not."""
     ours = {key: value for key, value in item.metadata.annotations.items() if key.startswith("robotics.io/")}
     return item.metadata.labels | ours, item.metadata.owner_references

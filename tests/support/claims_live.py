@@ -12,9 +12,9 @@ import msgspec
 from tests.support.claims_objects import app_holder, deployment_json, pod_json
 from tests.support.clients import client_for
 
-from robotapp_api.claims.device import Chosen
+from robotapp_api.claims.device import chosen
 from robotapp_api.claims.domain import DomainOutcome, DomainRequest
-from robotapp_api.claims.identity import claim_name_device, holder_of_app
+from robotapp_api.claims.identity import holder_of_app
 from robotapp_api.claims.objects import Claim, Holder
 from robotapp_api.client import ApiClient, load
 from robotapp_api.client.claims import ensure_domain, find_claim
@@ -103,10 +103,9 @@ class Live:
         await client.post_raw(PODS.path(self.namespace, meta["name"], "binding"), msgspec.json.encode(body))
 
     async def reserve(self, pod_uid: str, holder: Holder, *, client: ApiClient | None = None) -> Reservation:
-        name = claim_name_device(self.node, "can-can0")
-        chosen = Chosen(requirement="bus", id="can-can0", type="can", identity="", path="", claim=name)
+        device = chosen(node=self.node, device_id="can-can0", device_type="can", identity="")
         return await reserve_devices(
-            client or self.scheduler, holder=holder, pod_uid=pod_uid, node=self.node, devices=[chosen]
+            client or self.scheduler, holder=holder, pod_uid=pod_uid, node=self.node, devices=[device]
         )
 
     def driver(self, request: DomainRequest) -> Holder:

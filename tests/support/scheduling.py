@@ -5,13 +5,14 @@ from typing import Any
 
 import msgspec
 
-from robotapp_api.model.names import SCHEDULER_NAME, Label
+from robotapp_api.claims.objects import Claim
+from robotapp_api.model.names import API_VERSION, SCHEDULER_NAME, Label
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.objects import Node, Owned, Pod
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.profiles import ProfileSpec
-from robotapp_scheduler.core.robotics import NodeTelemetry, RobotApp, RobotClaim
+from robotapp_scheduler.core.robotics import NodeTelemetry, RobotApp
 from robotapp_scheduler.plugins.registry import default_profiles
 
 Json = dict[str, Any]
@@ -147,8 +148,9 @@ def telemetry(node: str, *, rtt_ms: Mapping[str, float] | None = None, p95_ms: M
 
 
 def device_claim(node: str, device: str, *, uid: str, instance: str = "", component: str = "", phase: str = "Bound",
-                 pod: str = "", holder_name: str = "other") -> RobotClaim:  # fmt: skip
-    holder = {"uid": uid, "instance": instance, "component": component, "namespace": "default", "name": holder_name}
+                 pod: str = "", holder_name: str = "other") -> Claim:  # fmt: skip
+    holder = {"apiVersion": API_VERSION, "kind": "RobotApp", "namespace": "default", "name": holder_name,
+              "uid": uid, "instance": instance, "component": component}  # fmt: skip
     spec = {"device": {"node": node, "id": device, "type": device.split("-", maxsplit=1)[0]}, "holder": holder}
     raw = {"metadata": {"name": f"dev.{node}.{device}"}, "spec": spec, "status": {"phase": phase, "pod": pod}}
-    return msgspec.convert(raw, RobotClaim)
+    return msgspec.convert(raw, Claim)

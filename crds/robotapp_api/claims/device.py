@@ -5,15 +5,21 @@ claim waits, Draining, for a successor of the same component, so a restarted dri
 """
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final, Protocol
 
-from robotapp_api.claims.identity import claim_name_device, device_label, granted_devices, holder_text, same_holder
+from robotapp_api.claims.identity import (
+    Owner,
+    claim_name_device,
+    device_label,
+    granted_devices,
+    holder_text,
+    same_holder,
+)
 from robotapp_api.claims.objects import App, Claim, Holder, Pod
 from robotapp_api.claims.release import Release
-from robotapp_api.model.names import Reason
 
 _USB_IDENTITY: Final = re.compile(r"(?:usb:)?([0-9a-f]{4}:[0-9a-f]{4})(?::(.*))?", re.IGNORECASE)
 
@@ -29,15 +35,6 @@ class Kind(Protocol):
     def interface(self) -> str: ...
     @property
     def match(self) -> str | None: ...
-
-
-class Requirement(Kind, Protocol):
-    """RobotApp `devices` entry; the model and the sweep's struct both fit."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def exclusive(self) -> bool: ...
 
 
 class Described(Protocol):
@@ -57,23 +54,24 @@ class Reported(Described, Protocol):
     """A device as the node's agent reports it (NodeTelemetry)."""
 
     @property
-    def id(self) -> str: ...
-    @property
     def present(self) -> bool: ...
 
 
 class Take(StrEnum):
-    """What a pod may do about one device."""
+    """What a pod may do about one device; what it would rather take comes first."""
 
-    CREATE = "Create"
     ADOPT = "Adopt"
     """It has the claim already (an earlier attempt): touch it."""
     TAKE = "Take"
     """A claim of its own component that no pod uses: take it over by compare-and-swap."""
+    CREATE = "Create"
     BUSY = "Busy"
 
 
-def take_device(claim: Claim | None, *, holder: Holder, pod_uid: str) -> Take:
+PREFERENCE: Final = {take: rank for rank, take in enumerate(Take)}
+
+
+def take_device(claim: Claim | None, *, holder: Owner, pod_uid: str) -> Take:
     """Whether this pod may have the device. Only the same uid, instance and component may ever take a claim over."""
     if claim is None:
         return Take.CREATE
@@ -165,91 +163,42 @@ def identity_fits(match: str, identity: str) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """One device to be claimed for one requirement."""
+    """One device to be claimed. `id` is the label claims name it by."""
 
-    requirement: str
     id: str
     type: str
     identity: str
-    path: str
     claim: str
 
 
-@dataclass(frozen=True, slots=True)
-class Choice:
-    """Devices of one node for all exclusive requirements of a pod, sorted by claim name, or why there are none."""
-
-    ok: bool
-    devices: tuple[Chosen, ...] = ()
-    reason: str = ""
-    message: str = ""
+def chosen(*, node: str, device_id: str, device_type: str, identity: str) -> Chosen:
+    """The device `device_id` of `node`, with the name of its claim."""
+    return Chosen(device_label(device_id), device_type, identity, claim_name_device(node, device_id))
 
 
-def choose_devices(
-    requirements: Sequence[Requirement],
-    devices: Sequence[Reported],
-    claims: Mapping[str, Claim],
-    *,
-    node: str,
-    holder: Holder,
-    pod_uid: str,
-) -> Choice:
-    """Give every requirement a device of its own, or none at all. Requirements that share only need one that fits."""
-    options: list[tuple[Requirement, list[Reported]]] = []
-    for requirement in requirements:
-        fitting = [device for device in devices if fits(requirement, device)]
-        if not fitting:
-            return Choice(False, reason=Reason.WAITING_FOR_DEVICES, message=f"no {describe(requirement)} on {node}")
-        if requirement.exclusive:
-            mine = [d for d in fitting if _rank(d, claims, node=node, holder=holder, pod_uid=pod_uid) < BUSY_RANK]
-            if not mine:
-                return _busy(fitting[0], claims, node=node, holder=holder)
-            mine.sort(key=lambda d: (_rank(d, claims, node=node, holder=holder, pod_uid=pod_uid), d.id))
-            options.append((requirement, mine))
-    found = _assign(options, frozenset())
-    if found is None:
-        wanted = ", ".join(describe(requirement) for requirement, _ in options)
-        return Choice(False, reason=Reason.WAITING_FOR_DEVICES, message=f"not enough free devices on {node}: {wanted}")
-    chosen = [_chosen(requirement, device, node) for (requirement, _), device in zip(options, found, strict=True)]
-    return Choice(True, devices=tuple(sorted(chosen, key=lambda one: one.claim)))
+def assign(fitting: Sequence[Collection[int]], *, preferred: Iterable[int]) -> list[int] | None:
+    """A device of its own for every wish, or None. fitting: per wish the devices that would do.
+
+    preferred: devices one may take, best first. Each finds a place if rearranging the earlier ones makes room for it, and
+    none is given up again: no other assignment uses better devices, so a retry never collects a second one.
+    """
+    taken: dict[int, int] = {}
+    for device in preferred:
+        if len(taken) == len(fitting):
+            break
+        _place(device, fitting, taken, set())
+    return [taken[wish] for wish in range(len(fitting))] if len(taken) == len(fitting) else None
 
 
-BUSY_RANK = 3
-_RANK = {Take.ADOPT: 0, Take.TAKE: 1, Take.CREATE: 2, Take.BUSY: BUSY_RANK}
-
-
-def _rank(device: Reported, claims: Mapping[str, Claim], *, node: str, holder: Holder, pod_uid: str) -> int:
-    return _RANK[take_device(claims.get(claim_name_device(node, device.id)), holder=holder, pod_uid=pod_uid)]
-
-
-def _assign(
-    options: Sequence[tuple[Requirement, list[Reported]]], used: Collection[str]
-) -> tuple[Reported, ...] | None:
-    """First assignment without a device twice, in order of preference. Components ask for a handful at most."""
-    if not options:
-        return ()
-    for device in options[0][1]:
-        if device.id not in used:
-            rest = _assign(options[1:], {*used, device.id})
-            if rest is not None:
-                return (device, *rest)
-    return None
-
-
-def _chosen(requirement: Requirement, device: Reported, node: str) -> Chosen:
-    return Chosen(
-        requirement=requirement.name,
-        id=device_label(device.id),
-        type=device.type,
-        identity=device.identity,
-        path=getattr(device, "path", ""),
-        claim=claim_name_device(node, device.id),
-    )
-
-
-def _busy(device: Reported, claims: Mapping[str, Claim], *, node: str, holder: Holder) -> Choice:
-    claim = claims[claim_name_device(node, device.id)]
-    return Choice(False, reason=Reason.DEVICE_BUSY, message=busy_text(claim, for_namespace=holder.namespace))
+def _place(device: int, fitting: Sequence[Collection[int]], taken: dict[int, int], tried: set[int]) -> bool:
+    """Augmenting path of a bipartite matching: `taken` maps wish to device."""
+    for wish, devices in enumerate(fitting):
+        if device in devices and wish not in tried:
+            tried.add(wish)
+            if wish not in taken or _place(taken[wish], fitting, taken, tried):
+                taken[wish] = device
+                return True
+    return False
 
 
 def busy_text(claim: Claim, *, for_namespace: str) -> str:
@@ -257,8 +206,3 @@ def busy_text(claim: Claim, *, for_namespace: str) -> str:
     where = f"device {device.id} on {device.node}" if device else claim.name
     who = holder_text(claim.holder, for_namespace=for_namespace)
     return f"{where} is held by {who}: it is free when its holder is deleted or suspended"
-
-
-def describe(requirement: Requirement) -> str:
-    details = (requirement.model, requirement.interface, requirement.match or "")
-    return " ".join(part for part in (requirement.type, *details) if part) + " device"

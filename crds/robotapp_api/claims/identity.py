@@ -5,7 +5,7 @@ import re
 from collections.abc import Collection, Iterable
 from enum import StrEnum
 from functools import lru_cache
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from robotapp_api.claims.objects import Claim, ClaimSpec, DeviceThing, DomainThing, Holder
 from robotapp_api.model.names import API_VERSION, Annotation, Label
@@ -78,12 +78,24 @@ def holder_of_pod(*, namespace: str, name: str, uid: str) -> Holder:
     return Holder(api_version="v1", kind="Pod", namespace=namespace, name=name, uid=uid)
 
 
-def same_holder(one: Holder, other: Holder) -> bool:
-    """The same owner, instance and component. The API version may change with an upgrade, the uid cannot."""
-    return (one.uid, one.namespace, one.kind, one.instance, one.component) == (
+class Owner(Protocol):
+    """What tells holders apart, wherever it is kept."""
+
+    @property
+    def uid(self) -> str: ...
+    @property
+    def namespace(self) -> str: ...
+    @property
+    def instance(self) -> str: ...
+    @property
+    def component(self) -> str: ...
+
+
+def same_holder(one: Owner, other: Owner) -> bool:
+    """The same owner, instance and component. A uid is given to one object of one kind, for ever."""
+    return (one.uid, one.namespace, one.instance, one.component) == (
         other.uid,
         other.namespace,
-        other.kind,
         other.instance,
         other.component,
     )

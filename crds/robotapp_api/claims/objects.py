@@ -13,8 +13,8 @@ from robotapp_api.model.names import ClaimPhase, Label
 ROS_DOMAIN_ID: Final = "ROS_DOMAIN_ID"
 
 
-class Object(msgspec.Struct, rename="camel", frozen=True, kw_only=True):
-    """Base of all structs here: camelCase on the wire, immutable, compared by value.
+class Object(msgspec.Struct, rename="camel", frozen=True, kw_only=True, gc=False):
+    """Base of all structs here: camelCase on the wire, immutable, compared by value, no work for the garbage collector.
 
     Subclasses repeat `frozen` for the type checker; the wire names are inherited.
     """
@@ -253,10 +253,9 @@ class App(Object, frozen=True, kw_only=True):
 class TelemetryDevice(Object, frozen=True, kw_only=True):
     """A device a node's agent reports (NodeTelemetry status.devices)."""
 
-    id: str
-    type: str
+    id: str = ""
+    type: str = ""
     model: str = ""
     interface: str = ""
     identity: str = ""
     present: bool = True
-    path: str = ""

@@ -7,6 +7,8 @@ from typing import Any, NamedTuple
 
 import msgspec
 
+from robotapp_api.claims import objects as claims
+from robotapp_api.claims.objects import TelemetryDevice
 from robotapp_api.model.names import Label
 
 
@@ -21,17 +23,11 @@ class OwnerReference(Struct):
     controller: bool = False
 
 
-class Meta(Struct):
-    name: str = ""
-    namespace: str = ""
-    uid: str = ""
-    resource_version: str = ""
-    generation: int = 0
+class Meta(claims.Meta, frozen=True, kw_only=True):
+    """What the claim rules read of metadata, and who owns the object since when."""
+
     creation_timestamp: str | None = None
-    deletion_timestamp: str | None = None
-    labels: dict[str, str] = {}
-    annotations: dict[str, str] = {}
-    owner_references: list[OwnerReference] = []
+    owner_references: tuple[OwnerReference, ...] = ()
 
     def controller_uid(self) -> str:
         """Uid of the owner that controls this object, "" without one."""
@@ -151,15 +147,6 @@ class Rtt(Struct):
 
 class TelemetrySpec(Struct):
     probe: list[str] = []
-
-
-class TelemetryDevice(Struct):
-    id: str = ""
-    type: str = ""
-    model: str = ""
-    interface: str = ""
-    identity: str = ""
-    present: bool = True
 
 
 class TelemetryStatus(Struct):

@@ -7,6 +7,7 @@ results are repaired.
 
 from collections.abc import Callable, Iterable, Mapping
 
+from robotapp_api.claims.objects import Claim
 from robotapp_scheduler.core.affinity_index import AntiAffinityIndex
 from robotapp_scheduler.core.apps import AppIndex
 from robotapp_scheduler.core.changes import EVERY_ROW, Change, ChangeLog
@@ -16,7 +17,7 @@ from robotapp_scheduler.core.node_table import SCORED_CPU, SCORED_MEMORY, NodeTa
 from robotapp_scheduler.core.objects import Node, Owned, Pod
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo, controller_of
 from robotapp_scheduler.core.ports import PortUsers
-from robotapp_scheduler.core.robotics import NodeTelemetry, RobotApp, RobotClaim
+from robotapp_scheduler.core.robotics import NodeTelemetry, RobotApp
 from robotapp_scheduler.core.telemetry import RttModel
 
 
@@ -179,11 +180,11 @@ class Cluster:
         """A ReplicaSet or Deployment is gone."""
         return Change.OWNERS if self.apps.remove_owner(owner.metadata.uid) else Change.NONE
 
-    def apply_claim(self, claim: RobotClaim) -> Change:
+    def apply_claim(self, claim: Claim) -> Change:
         """A RobotClaim appeared or changed."""
         return self._claims_changed(self.devices.apply_claim(claim))
 
-    def remove_claim(self, claim: RobotClaim) -> Change:
+    def remove_claim(self, claim: Claim) -> Change:
         """A RobotClaim is gone: its device or domain is free."""
         return self._claims_changed(self.devices.remove_claim(claim.metadata.name))
 

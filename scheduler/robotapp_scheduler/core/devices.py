@@ -7,10 +7,10 @@ good enough to choose a node, never to grant (the shell's create of the RobotCla
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from robotapp_api.claims.device import fits_kind
+from robotapp_api.claims.device import PREFERENCE, Take, assign, fits_kind, take_device
 from robotapp_api.claims.identity import device_label
-from robotapp_api.model.names import HARDWARE_PREFIX, ClaimPhase
-from robotapp_scheduler.core.robotics import RobotClaim, TelemetryDevice
+from robotapp_api.claims.objects import Claim, TelemetryDevice
+from robotapp_api.model.names import HARDWARE_PREFIX
 from robotapp_scheduler.core.ros import DeviceHolder, DeviceWish
 
 
@@ -60,7 +60,7 @@ class DeviceIndex:
         self._devices: dict[str, tuple[Device, ...]] = {}
         self._with_telemetry: set[str] = set()
         # Claims and promises are kept under the label of the device's id, which is how claims name it.
-        self._claims: dict[tuple[str, str], RobotClaim] = {}
+        self._claims: dict[tuple[str, str], Claim] = {}
         self._claim_names: dict[str, tuple[str, str]] = {}
         self._promised: dict[tuple[str, str], str] = {}
         self._contested: dict[str, int] = {}
@@ -86,7 +86,7 @@ class DeviceIndex:
         self._with_telemetry.discard(node)
         return self.set_labels(node, labels)
 
-    def apply_claim(self, claim: RobotClaim) -> str | None:
+    def apply_claim(self, claim: Claim) -> str | None:
         """Take in a device claim; answers the node it is on, None for a domain claim."""
         thing = claim.spec.device
         if thing is None:
@@ -141,18 +141,11 @@ class DeviceIndex:
         return node in self._contested
 
     def blocker(self, node: str, device: Device, holder: DeviceHolder) -> Busy | None:
-        """Who stands in the way of this holder taking the device; None when it is free for it.
-
-        A claim of the same app, instance and component is ours when it names no other pod, or is Draining (handover).
-        """
+        """Who stands in the way of this holder taking the device; None when it is free for it."""
         key = (node, device_label(device.id))
         claim = self._claims.get(key)
-        if claim is not None:
-            held_by = claim.spec.holder
-            same = (held_by.uid, held_by.instance, held_by.component) == (holder.uid, holder.instance, holder.component)
-            ours = claim.status.phase == ClaimPhase.DRAINING or claim.status.pod in {"", holder.pod_uid}
-            if not (same and ours):
-                return Busy(device, held_by.namespace, held_by.name)
+        if claim is not None and take_device(claim, holder=holder, pod_uid=holder.pod_uid) is Take.BUSY:
+            return Busy(device, claim.holder.namespace, claim.holder.name)
         promised = self._promised.get(key)
         if promised is not None and promised != holder.pod_uid:
             return Busy(device, "", "a pod being placed")
@@ -161,17 +154,17 @@ class DeviceIndex:
     def choose(self, wishes: Sequence[DeviceWish], node: str, holder: DeviceHolder) -> tuple[DeviceGrant, ...] | None:
         """A different device for every exclusive wish, all or nothing; None when the node cannot give that."""
         devices = self.of(node)
-        taken: dict[int, int] = {}
-        choices = [self._choices(wish, devices, node, holder) for wish in wishes]
-        for wanted in range(len(wishes)):
-            if wishes[wanted].exclusive and not _assign(wanted, choices, taken, set()):
-                return None
-            if not choices[wanted]:
-                return None
-        chosen = {wish: device for device, wish in taken.items()}
+        fitting = [[i for i, device in enumerate(devices) if fits_kind(wish, device)] for wish in wishes]
+        if not all(fitting):
+            return None
+        own = [options for wish, options in zip(wishes, fitting, strict=True) if wish.exclusive]
+        found = assign(own, preferred=self._preferred(devices, node, holder)) if own else []
+        if found is None:
+            return None
+        claimed = iter(found)
         return tuple(
-            DeviceGrant(wish.name, node, devices[chosen.get(i, choices[i][0])], wish.exclusive)
-            for i, wish in enumerate(wishes)
+            DeviceGrant(wish.name, node, devices[next(claimed) if wish.exclusive else options[0]], wish.exclusive)
+            for wish, options in zip(wishes, fitting, strict=True)
         )
 
     def blockers(self, wishes: Sequence[DeviceWish], node: str, holder: DeviceHolder) -> tuple[Busy, ...]:
@@ -185,14 +178,16 @@ class DeviceIndex:
         )
         return tuple(busy for busy in found if busy is not None)
 
-    def _choices(self, wish: DeviceWish, devices: Sequence[Device], node: str, holder: DeviceHolder) -> list[int]:
-        found = [
-            i
-            for i, device in enumerate(devices)
-            if fits_kind(wish, device) and (not wish.exclusive or self.blocker(node, device, holder) is None)
-        ]
-        # What is already claimed for this holder comes first: a retry must not collect a second device.
-        return sorted(found, key=lambda i: (node, device_label(devices[i].id)) not in self._claims)
+    def _preferred(self, devices: Sequence[Device], node: str, holder: DeviceHolder) -> list[int]:
+        """Devices that are free for this holder; those it has or inherits come first, or a retry would collect more."""
+        free = [i for i, device in enumerate(devices) if self.blocker(node, device, holder) is None]
+        if not self.contested(node):
+            return free
+        return sorted(free, key=lambda i: PREFERENCE[self._take(node, devices[i], holder)])
+
+    def _take(self, node: str, device: Device, holder: DeviceHolder) -> Take:
+        claim = self._claims.get((node, device_label(device.id)))
+        return take_device(claim, holder=holder, pod_uid=holder.pod_uid)
 
     def _contest(self, node: str, sign: int) -> None:
         count = self._contested.get(node, 0) + sign
@@ -210,15 +205,3 @@ class DeviceIndex:
         else:
             self._devices.pop(node, None)
         return True
-
-
-def _assign(wanted: int, choices: list[list[int]], taken: dict[int, int], tried: set[int]) -> bool:
-    """Augmenting path of a bipartite matching: `taken` maps device → wish."""
-    for device in choices[wanted]:
-        if device in tried:
-            continue
-        tried.add(device)
-        if device not in taken or _assign(taken[device], choices, taken, tried):
-            taken[device] = wanted
-            return True
-    return False

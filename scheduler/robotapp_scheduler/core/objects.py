@@ -2,7 +2,7 @@
 
 Only fields that a rule looks at are here, everything else is skipped by the decoder. The structs are `gc=False`
 (the collector would otherwise walk 50,000 pods) and are never changed after decoding.
-The RobotApp side (RobotApp, RobotClaim, NodeTelemetry) is in `robotics.py`.
+The RobotApp side (RobotApp, NodeTelemetry) is in `robotics.py`, claims are in `robotapp_api.claims.objects`.
 """
 
 from typing import Any

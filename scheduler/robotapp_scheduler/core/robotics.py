@@ -1,11 +1,13 @@
 """The robotics.io objects as the scheduler reads them: slim structs beside `objects.py`.
 
 `robotapp_api.model` is the full, validated form; on the scheduler's hot path only the fields that decide a placement
-are decoded. Durations stay Go strings here and are parsed once per app in `apps.py`.
+are decoded. Durations stay Go strings here and are parsed once per app in `apps.py`. A RobotClaim is read as the claim
+rules read it, `robotapp_api.claims.objects.Claim`.
 """
 
 import msgspec
 
+from robotapp_api.claims.objects import TelemetryDevice
 from robotapp_scheduler.core.objects import Metadata, Slim, SlimValue
 
 
@@ -118,75 +120,7 @@ class RobotApp(Slim):
     status: ObservedStatus = msgspec.field(default_factory=ObservedStatus)
 
 
-# --- RobotClaim ----------------------------------------------------------------------------------------------------
-
-
-class Holder(SlimValue, frozen=True):
-    """Who holds a claim. Instance and component are empty for bare pods."""
-
-    api_version: str = ""
-    kind: str = ""
-    namespace: str = ""
-    name: str = ""
-    uid: str = ""
-    instance: str = ""
-    component: str = ""
-
-
-class DomainThing(SlimValue, frozen=True):
-    """spec.domain of a claim."""
-
-    pool: str = ""
-    scope: str = ""
-    scope_value: str = ""
-    id: int = 0
-
-
-class DeviceThing(SlimValue, frozen=True):
-    """spec.device of a claim."""
-
-    node: str = ""
-    type: str = ""
-    id: str = ""
-    identity: str = ""
-
-
-class ClaimSpec(Slim):
-    """spec of a RobotClaim: exactly one of domain and device."""
-
-    domain: DomainThing | None = None
-    device: DeviceThing | None = None
-    holder: Holder = msgspec.field(default_factory=Holder)
-
-
-class ClaimStatus(Slim):
-    """status of a RobotClaim; `pod` is the uid of the pod that uses the device."""
-
-    phase: str = "Reserved"
-    attempt: int = 0
-    pod: str = ""
-
-
-class RobotClaim(Slim):
-    """robotics.io RobotClaim: its name is the claimed thing."""
-
-    metadata: Metadata = msgspec.field(default_factory=Metadata)
-    spec: ClaimSpec = msgspec.field(default_factory=ClaimSpec)
-    status: ClaimStatus = msgspec.field(default_factory=ClaimStatus)
-
-
 # --- NodeTelemetry ---------------------------------------------------------------------------------------------------
-
-
-class TelemetryDevice(SlimValue, frozen=True):
-    """A device the agent sees on its node."""
-
-    id: str = ""
-    type: str = ""
-    model: str = ""
-    interface: str = ""
-    identity: str = ""
-    present: bool = True
 
 
 class Rtt(SlimValue, frozen=True):

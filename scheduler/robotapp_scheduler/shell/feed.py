@@ -11,6 +11,7 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any
 
+from robotapp_api.claims.objects import Claim
 from robotapp_api.client.api import ApiClient
 from robotapp_api.client.errors import ClientError, NotFound
 from robotapp_api.client.reflector import Change as Seen
@@ -29,7 +30,7 @@ from robotapp_api.model.names import Label
 from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.objects import Node, Owned, Pod
-from robotapp_scheduler.core.robotics import NodeTelemetry, RobotApp, RobotClaim
+from robotapp_scheduler.core.robotics import NodeTelemetry, RobotApp
 from robotapp_scheduler.shell.metrics import Metrics
 
 log = logging.getLogger(__name__)
@@ -82,7 +83,7 @@ class Feed:
         )
         self._robotics = self._routed(
             Route(ROBOTAPPS, RobotApp, cluster.apply_app, cluster.remove_app),
-            Route(ROBOTCLAIMS, RobotClaim, cluster.apply_claim, cluster.remove_claim),
+            Route(ROBOTCLAIMS, Claim, cluster.apply_claim, cluster.remove_claim),
             Route(NODETELEMETRIES, NodeTelemetry, cluster.apply_telemetry, cluster.remove_telemetry),
         )
 

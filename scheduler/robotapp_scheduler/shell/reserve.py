@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from robotapp_api.claims.bind import needs_check
-from robotapp_api.claims.device import Chosen
+from robotapp_api.claims.device import Chosen, chosen
 from robotapp_api.claims.domain import DomainRequest
-from robotapp_api.claims.identity import claim_name_device, device_label, grants, holder_of_app, holder_of_pod
+from robotapp_api.claims.identity import grants, holder_of_app, holder_of_pod
 from robotapp_api.claims.objects import Holder, Meta, PodSpec, PodStatus
 from robotapp_api.claims.objects import Pod as ClaimPod
 from robotapp_api.client.api import ApiClient
@@ -126,7 +126,7 @@ class Reserver:
             holder=holder_of(pod),
             pod_uid=pod.uid,
             node=node,
-            devices=[chosen(grant) for grant in exclusive],
+            devices=[thing(grant) for grant in exclusive],
         )
 
     async def _stored(self, pod: PodInfo) -> ClaimPod | None:
@@ -182,16 +182,9 @@ def domain_request(pod: PodInfo, wish: str) -> DomainRequest:
     return DomainRequest(holder=holder_of(pod), requested_id=requested)
 
 
-def chosen(grant: DeviceGrant) -> Chosen:
+def thing(grant: DeviceGrant) -> Chosen:
     device = grant.device
-    return Chosen(
-        requirement=grant.wish,
-        id=device_label(device.id),
-        type=device.type,
-        identity=device.identity,
-        path="",
-        claim=claim_name_device(grant.node, device.id),
-    )
+    return chosen(node=grant.node, device_id=device.id, device_type=device.type, identity=device.identity)
 
 
 def _error(error: ClientError) -> Reserved:

@@ -6,14 +6,11 @@ from hypothesis import strategies as st
 from tests.support.claims_objects import app_holder, device_claim, pod
 
 from robotapp_api.claims import device
-from robotapp_api.claims.device import PodUse, Take, choose_devices, release_device, take_device
-from robotapp_api.claims.identity import claim_name_device
+from robotapp_api.claims.device import PREFERENCE, PodUse, Take, assign, busy_text, release_device, take_device
 from robotapp_api.claims.objects import App, AppSpec, Claim, Component, DeviceRequirement, Meta, Pod, TelemetryDevice
 from robotapp_api.claims.release import Release
-from robotapp_api.model.names import Reason
 
 ME = app_holder(component="driver")
-CAN = DeviceRequirement(name="bus", type="can")
 
 
 def reported(device_id: str = "can-can0", kind: str = "can", **fields: object) -> TelemetryDevice:
@@ -145,73 +142,48 @@ def test_a_device_fits_by_everything_the_requirement_names(requirement: DeviceRe
     assert not device.fits(requirement, unplugged)
 
 
-def choose(
-    wanted: list[DeviceRequirement], devices: list[TelemetryDevice], *claims: Claim, pod_uid: str = "pod-1"
-) -> device.Choice:
-    return choose_devices(
-        wanted, devices, {claim.name: claim for claim in claims}, node="edge-1", holder=ME, pod_uid=pod_uid
-    )
+# A device of its own for every wish
+
+wishes = st.lists(st.frozensets(st.integers(0, 5)), max_size=5)
+orders = st.lists(st.integers(0, 5), unique=True)
+
+
+def everything(fitting: list[frozenset[int]], free: set[int]) -> list[tuple[int, ...]]:
+    """Every way to give each wish a device of its own, by trying all."""
+    found: list[tuple[int, ...]] = [()]
+    for options in fitting:
+        found = [(*rest, device) for rest in found for device in options & free if device not in rest]
+    return found
+
+
+@given(wishes, orders)
+def test_every_wish_gets_a_device_of_its_own_whenever_that_is_possible_at_all(
+    fitting: list[frozenset[int]], preferred: list[int]
+) -> None:
+    ways = everything(fitting, set(preferred))
+    found = assign(fitting, preferred=preferred)
+    assert (tuple(found) in ways) if found is not None else not ways
+
+
+@given(wishes, orders)
+def test_no_other_assignment_uses_better_devices(fitting: list[frozenset[int]], preferred: list[int]) -> None:
+    rank = {device: index for index, device in enumerate(preferred)}
+    found = assign(fitting, preferred=preferred)
+    if found is not None:
+        used = sorted(rank[device] for device in found)
+        for way in everything(fitting, set(preferred)):
+            assert all(mine <= theirs for mine, theirs in zip(used, sorted(map(rank.__getitem__, way)), strict=True))
 
 
 def test_a_pod_gets_back_what_it_has_then_what_its_predecessor_left_then_something_free() -> None:
-    devices = [reported("can-a"), reported("can-b"), reported("can-c")]
-    left, mine = device_claim("can-c", phase="Draining"), device_claim("can-b", pod="pod-1")
-    assert [d.id for d in choose([CAN], devices).devices] == ["can-a"]
-    assert [d.id for d in choose([CAN], devices, left).devices] == ["can-c"]
-    assert [d.id for d in choose([CAN], devices, left, mine).devices] == ["can-b"]
+    takes = [
+        take_device(claim, holder=ME, pod_uid="pod-1")
+        for claim in (None, device_claim(phase="Draining"), device_claim(pod="pod-1"))
+    ]
+    assert sorted(takes, key=PREFERENCE.__getitem__) == [Take.ADOPT, Take.TAKE, Take.CREATE]
 
 
-def test_a_device_that_somebody_has_is_busy_and_says_who() -> None:
-    choice = choose([CAN], [reported()], device_claim(holder=app_holder("app-2", name="other", component="driver")))
-    assert not choice.ok
-    assert choice.reason == Reason.DEVICE_BUSY
-    assert "can-can0 on edge-1 is held by team/other" in choice.message
-
-
-def test_a_node_without_the_device_says_what_is_missing() -> None:
-    choice = choose([DeviceRequirement(name="cam", type="usb", match="8086:0b3a")], [reported()])
-    assert choice.reason == Reason.WAITING_FOR_DEVICES
-    assert choice.message == "no usb 8086:0b3a device on edge-1"
-
-
-def test_two_requirements_never_share_one_device_even_when_the_greedy_order_fails() -> None:
-    first = DeviceRequirement(name="any", type="can")
-    second = DeviceRequirement(name="zero", type="can", interface="can0")
-    devices = [reported("can-a", interface="can0"), reported("can-b", interface="can1")]
-    choice = choose([first, second], devices)
-    assert {d.requirement: d.id for d in choice.devices} == {"any": "can-b", "zero": "can-a"}
-    short = choose([first, second], devices[:1])
-    assert not short.ok
-    assert "not enough free devices" in short.message
-
-
-def test_a_shared_device_is_looked_for_but_not_claimed() -> None:
-    shared = DeviceRequirement(name="clock", type="can", exclusive=False)
-    taken = device_claim(holder=app_holder("app-2", component="driver"))
-    assert choose([shared], [reported()], taken) == device.Choice(True)
-    assert not choose([shared], []).ok
-
-
-kinds = st.sampled_from(["can", "usb"])
-
-
-@given(
-    st.lists(st.builds(lambda k, n: DeviceRequirement(name=n, type=k), kinds, st.sampled_from("abc")), max_size=4),
-    st.lists(st.tuples(kinds, st.integers(0, 5)), max_size=6, unique_by=lambda pair: pair[1]),
-    st.sets(st.integers(0, 5)),
-)
-def test_a_choice_is_complete_without_doubles_sorted_and_free(
-    wanted: list[DeviceRequirement], found: list[tuple[str, int]], taken: set[int]
-) -> None:
-    devices = [reported(f"d{number}", kind) for kind, number in found]
-    claims = [device_claim(f"d{number}", app_holder("app-2", component="driver")) for number in taken]
-    choice = choose(wanted, devices, *claims)
-    enough = all(
-        sum(kind == one and number not in taken for one, number in found) >= sum(r.type == kind for r in wanted)
-        for kind in ("can", "usb")
-    )
-    assert choice.ok is enough
-    names = [one.claim for one in choice.devices]
-    assert names == sorted(set(names))
-    assert len(names) == (len(wanted) if enough else 0)
-    assert not set(names) & {claim_name_device("edge-1", f"d{number}") for number in taken}
+def test_a_busy_device_says_who_has_it_and_when_it_is_free() -> None:
+    taken = device_claim(holder=app_holder("app-2", name="other", component="driver"))
+    text = busy_text(taken, for_namespace="team")
+    assert text == "device can-can0 on edge-1 is held by team/other: it is free when its holder is deleted or suspended"

@@ -9,9 +9,8 @@ from tests.support.claims_objects import app_holder, app_json, deployment_json, 
 from tests.support.claims_store import Store
 from tests.support.clients import until
 
-from robotapp_api.claims.device import Chosen
+from robotapp_api.claims.device import chosen
 from robotapp_api.claims.domain import DomainRequest
-from robotapp_api.claims.identity import claim_name_device
 from robotapp_api.claims.objects import Holder
 from robotapp_api.claims.repair import ClaimConflict
 from robotapp_api.client.claims import ensure_domain, ensure_pod_domain
@@ -51,14 +50,13 @@ class World:
         return (await ensure_domain(self.store.client(), DomainRequest(holder or self.app))).claim
 
     async def device(self, pod_uid: str, holder: Holder | None = None) -> str:
-        name = claim_name_device("edge-1", "can-can0")
-        chosen = Chosen(requirement="bus", id="can-can0", type="can", identity="", path="", claim=name)
+        device = chosen(node="edge-1", device_id="can-can0", device_type="can", identity="")
         mine = holder or app_holder(self.app.uid, component="driver")
         found = await reserve_devices(
-            self.store.client(), holder=mine, pod_uid=pod_uid, node="edge-1", devices=[chosen]
+            self.store.client(), holder=mine, pod_uid=pod_uid, node="edge-1", devices=[device]
         )
         assert found.ok, found.message
-        return name
+        return device.claim
 
     def delete_app(self) -> None:
         self.store.remove(ROBOTAPPS, "teleop", "team")

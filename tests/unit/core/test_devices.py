@@ -2,9 +2,9 @@ import pytest
 from tests.support.scheduling import device_claim, make_cluster, make_node, telemetry
 
 from robotapp_api.claims.identity import device_label
+from robotapp_api.claims.objects import TelemetryDevice
 from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.devices import Device, DeviceIndex, devices_of_labels
-from robotapp_scheduler.core.robotics import TelemetryDevice
 from robotapp_scheduler.core.ros import DeviceHolder, DeviceWish
 
 MINE = DeviceHolder(uid="app-1", namespace="default", instance="amr", component="driver", pod_uid="new")
@@ -22,7 +22,9 @@ def can(number: int, **fields: str) -> TelemetryDevice:
 
 
 def test_a_wish_is_met_by_the_rule_that_claims_use() -> None:
-    devices = index(TelemetryDevice("cam", "usb", "d435", "video0", "usb:8086:0B3A:123"))
+    devices = index(
+        TelemetryDevice(id="cam", type="usb", model="d435", interface="video0", identity="usb:8086:0B3A:123")
+    )
     fitting = ({}, {"model": "d435", "interface": "video0"}, {"match": "8086:0b3a"}, {"match": "usb:8086:0b3a:123"})
     others = ({"model": "zed"}, {"interface": "video1"}, {"match": "8086:0b3b"}, {"match": "8086:0b3a:124"})
     assert [devices.capable(DeviceWish("cam", "usb", **fields)) for fields in fitting] == [{"n"}] * 4
@@ -94,6 +96,21 @@ def test_a_retry_takes_the_device_it_has_claimed_already() -> None:
     grants = devices.choose((CAN,), "n", MINE)
     assert grants is not None
     assert grants[0].device.id == "can-can1"
+
+
+def test_a_retry_keeps_all_it_has_claimed_whichever_wish_each_device_meets() -> None:
+    devices = index(
+        TelemetryDevice(id="can-both", type="can", model="m", interface="x"),
+        TelemetryDevice(id="can-fresh", type="can", model="m", interface="y"),
+        TelemetryDevice(id="can-other", type="can", model="n", interface="x"),
+    )
+    for mine in ("can-both", "can-other"):
+        devices.apply_claim(
+            device_claim("n", mine, uid="app-1", instance="amr", component="driver", phase="Reserved", pod="new")
+        )
+    grants = devices.choose((DeviceWish("m", "can", model="m"), DeviceWish("x", "can", interface="x")), "n", MINE)
+    assert grants is not None
+    assert [grant.device.id for grant in grants] == ["can-both", "can-other"]
 
 
 def test_a_promise_keeps_others_out_until_it_is_released() -> None:

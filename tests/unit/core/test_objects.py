@@ -1,7 +1,7 @@
 import msgspec
 
 from robotapp_scheduler.core.objects import Node, Pod
-from robotapp_scheduler.core.robotics import NodeTelemetry, RobotApp, RobotClaim
+from robotapp_scheduler.core.robotics import NodeTelemetry, RobotApp
 
 POD = b"""{"apiVersion":"v1","kind":"Pod","metadata":{"name":"p","namespace":"d","uid":"u","creationTimestamp":null,
 "managedFields":[{"manager":"x"}],"ownerReferences":[{"apiVersion":"apps/v1","kind":"ReplicaSet","name":"r","uid":"o",
@@ -43,13 +43,7 @@ def test_a_robot_app_keeps_both_ends_of_its_edges() -> None:
     assert app.spec.components[0].shared_data.with_ == ("map",)
 
 
-def test_claims_and_telemetry_decode() -> None:
-    claim = msgspec.json.decode(
-        b'{"metadata":{"name":"dds.default.c.7"},"spec":{"domain":{"pool":"default","scope":"Cluster","id":7},"holder":{"uid":"u"}}}',
-        type=RobotClaim,
-    )
-    assert claim.spec.domain is not None
-    assert (claim.spec.domain.id, claim.spec.device, claim.status.phase) == (7, None, "Reserved")
+def test_telemetry_decodes() -> None:
     telemetry = msgspec.json.decode(
         b'{"metadata":{"name":"n"},"status":{"rtt":[{"peer":"m","p50Us":1500,"p95Us":2500}],"load":{"cpuPercent":12}}}',
         type=NodeTelemetry,

@@ -183,7 +183,7 @@ def held_world(**spec: Any) -> tuple[App, dict[ChildRef, Observed]]:
     observed = settled_world(app)
     ref = driver_of(observed)
     old = bent(observed[ref], spec__template__spec__enableServiceLinks=True)
-    old.metadata.annotations |= {Annotation.RENDERED_BY: "1.0.0", Annotation.CONTENT_HASH: "old"}
+    old.metadata.annotations.update({Annotation.RENDERED_BY: "1.0.0", Annotation.CONTENT_HASH: "old"})
     observed[ref] = old
     return app, observed
 

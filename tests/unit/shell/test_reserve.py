@@ -15,7 +15,7 @@ from robotapp_api.model.names import Annotation, Label, PodReason
 from robotapp_scheduler.core.devices import Device, DeviceGrant
 from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo
-from robotapp_scheduler.shell.reserve import Readiness, Reserver, chosen, domain_wish, granted_pods, holder_of
+from robotapp_scheduler.shell.reserve import Readiness, Reserver, domain_wish, granted_pods, holder_of, thing
 
 CAN = DeviceGrant("can0", "edge-1", Device(id="can-can0", type="can", interface="can0"), exclusive=True)
 
@@ -135,8 +135,8 @@ def test_devices_belong_to_the_component_of_an_app_and_to_a_bare_pod_itself() ->
 
 def test_a_device_id_that_is_no_dns_label_is_claimed_under_its_hash() -> None:
     odd = DeviceGrant("cam", "edge-1", Device(id="usb:8086:0B3A/1", type="usb"), exclusive=True)
-    assert chosen(odd).claim.startswith("dev.n")
-    assert chosen(odd).id != "usb:8086:0B3A/1"
+    assert thing(odd).claim.startswith("dev.n")
+    assert thing(odd).id != "usb:8086:0B3A/1"
 
 
 @pytest.mark.parametrize(("annotation", "wish"), [("auto", "auto"), ("7", "7"), (json.dumps("x"), "")])
