@@ -5,17 +5,19 @@ The API server's own pod proxy would do, were it not that it drops the Authoriza
 
 import asyncio
 import re
+import ssl
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from typing import Final
+from urllib.parse import urlsplit
 
 import aiohttp
 
 from robotapp_api.client.errors import ApiError
 from robotapp_api.client.resources import LEASES, PODS
 from robotapp_cli.fields import Json, meta, status
-from robotapp_cli.session import Session
+from robotapp_cli.session import Session, endpoint
 
 _SELECTOR: Final = "app.kubernetes.io/component=scheduler"
 _LEASE: Final = "robotapp-scheduler"
@@ -30,11 +32,13 @@ class NoAnswerError(Exception):
 
 @dataclass(slots=True)
 class Link:
-    """A way to the scheduler's /explain. `problem` says why there is none (any more)."""
+    """A way to the scheduler's pages. `problem` says why there is none (any more)."""
 
     base: str = ""
     headers: dict[str, str] = field(default_factory=dict)
     problem: str = ""
+    tls: ssl.SSLContext | None = None
+    """How its certificate is checked, with the user's own client certificate if there is one."""
 
     async def fetch(self, namespace: str, pod: str) -> Json | None:
         """The scheduler's record of the pod; None when it has none or cannot be asked."""
@@ -49,7 +53,10 @@ class Link:
     async def _get(self, url: str) -> Json | None:
         try:
             timeout = aiohttp.ClientTimeout(total=_PATIENCE_S)
-            async with aiohttp.ClientSession(timeout=timeout, headers=self.headers) as http, http.get(url) as answer:
+            async with (
+                aiohttp.ClientSession(timeout=timeout, headers=self.headers) as http,
+                http.get(url, ssl=self.tls or True) as answer,
+            ):
                 if answer.status == 404:
                     return None
                 body = await answer.json(content_type=None)
@@ -64,9 +71,14 @@ class Link:
 @asynccontextmanager
 async def connect(session: Session, *, url: str | None, namespace: str) -> AsyncIterator[Link]:
     """A link to the scheduler at `url`, or to its pod in `namespace`. Never fails: see `Link.problem`."""
-    headers = await _identity(session)
+    headers, tls = await _identity(session)
     if url:
-        yield Link(url.rstrip("/"), headers)
+        if not _local(url):
+            _verify(tls)
+            if url.startswith("http:"):
+                yield Link(problem=f"{url} is not encrypted: your token is sent to https:// and to this machine only")
+                return
+        yield Link(url.rstrip("/"), headers, tls=tls)
         return
     try:
         pod, port = await _scheduler_pod(session, namespace)
@@ -75,17 +87,38 @@ async def connect(session: Session, *, url: str | None, namespace: str) -> Async
         yield Link(problem=str(error))
         return
     try:
-        yield Link(f"http://127.0.0.1:{local}", headers)
+        yield Link(f"https://127.0.0.1:{local}", headers, tls=tls)
     finally:
         process.terminate()
         await process.wait()
 
 
-async def _identity(session: Session) -> dict[str, str]:
-    credentials = session.client.endpoint.credentials
-    if credentials.due:
-        await credentials.refresh()
-    return {"Authorization": credentials.authorization} if credentials.authorization else {}
+async def _identity(session: Session) -> tuple[dict[str, str], ssl.SSLContext]:
+    """The user's token, and a context that presents the user's certificate and believes any scheduler.
+
+    A scheduler makes its certificate at its start, so nobody can verify it. kubectl's tunnel ends in the pod the API
+    server named, which is what a certificate would prove; for other addresses see `_verify`.
+    """
+    own = endpoint(session.options)  # a context of our own: that of the API server's connection must go on verifying
+    if own.credentials.due:
+        await own.credentials.refresh()
+    tls = own.tls or ssl.create_default_context()
+    tls.check_hostname = False
+    tls.verify_mode = ssl.CERT_NONE
+    return {"Authorization": own.credentials.authorization} if own.credentials.authorization else {}, tls
+
+
+def _verify(tls: ssl.SSLContext) -> None:
+    """Believe the machine's and the cluster's authorities only."""
+    tls.load_default_certs()
+    tls.verify_mode = ssl.CERT_REQUIRED
+    tls.check_hostname = True
+
+
+def _local(url: str) -> bool:
+    """Whether the address is on this machine: a port-forward of the user's own."""
+    host = urlsplit(url).hostname or ""
+    return host in {"localhost", "::1"} or host.startswith("127.")
 
 
 async def _scheduler_pod(session: Session, namespace: str) -> tuple[str, int]:

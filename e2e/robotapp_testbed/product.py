@@ -72,7 +72,7 @@ def _wait_established(cp: ControlPlane, names: Sequence[str]) -> None:
 
 def start_operator(cp: ControlPlane, *, name: str = "operator", wait: bool = True, **flags: object) -> Process:
     """`python -m robotapp_operator` as the operator's identity. `sweep_seconds=1` becomes `--sweep-seconds 1`, True a bare flag."""
-    return _start(cp, "robotapp_operator", identity="operator", name=name, wait=wait, flags=flags)
+    return _start(cp, "robotapp_operator", identity="operator", name=name, wait=wait, flags=flags, scheme="http")
 
 
 def start_scheduler(
@@ -80,7 +80,8 @@ def start_scheduler(
 ) -> Process:
     """`python -m robotapp_scheduler` as the scheduler's identity."""
     extra = {"config": config} if config else {}
-    return _start(cp, "robotapp_scheduler", identity="scheduler", name=name, wait=wait, flags={**extra, **flags})
+    given = {**extra, **flags}
+    return _start(cp, "robotapp_scheduler", identity="scheduler", name=name, wait=wait, flags=given, scheme="https")
 
 
 def arguments(flags: Mapping[str, object]) -> list[str]:
@@ -96,11 +97,18 @@ def arguments(flags: Mapping[str, object]) -> list[str]:
 
 
 def _start(
-    cp: ControlPlane, module: str, *, identity: str, name: str, wait: bool, flags: Mapping[str, object]
+    cp: ControlPlane,
+    module: str,
+    *,
+    identity: str,
+    name: str,
+    wait: bool,
+    flags: Mapping[str, object],
+    scheme: str,
 ) -> Process:
     (port,) = ports.free_ports(1)
     own = {"kubeconfig": cp.kubeconfig(identity), "health_port": port}
-    url = f"http://127.0.0.1:{port}"
+    url = f"{scheme}://127.0.0.1:{port}"
     process = Process(
         name,
         [sys.executable, "-m", module, *arguments({**own, **flags})],

@@ -1,5 +1,6 @@
 """Turn settings into the control plane's processes, each with what tells that it serves."""
 
+import ssl
 import urllib.error
 import urllib.request
 from collections.abc import Iterable, Mapping
@@ -26,10 +27,19 @@ class Program(StrEnum):
     SCHEDULER = "kube-scheduler"
 
 
+def unverified() -> ssl.SSLContext:
+    """For our own loopback ports with certificates made at the start, which nobody can verify."""
+    context = ssl.create_default_context()
+    context.check_hostname = False
+    context.verify_mode = ssl.CERT_NONE
+    return context
+
+
 def answers(url: str) -> bool:
-    """Whether an HTTP GET of a local address succeeds now."""
+    """Whether an HTTP(S) GET of a local address succeeds now."""
+    context = unverified() if url.startswith("https:") else None
     try:
-        with urllib.request.urlopen(url, timeout=_PROBE_TIMEOUT_S) as response:  # noqa: S310 - our own loopback URLs
+        with urllib.request.urlopen(url, timeout=_PROBE_TIMEOUT_S, context=context) as response:  # noqa: S310 - our own loopback URLs
             return bool(response.status == 200)
     except (OSError, urllib.error.URLError):
         return False

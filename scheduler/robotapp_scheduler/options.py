@@ -17,6 +17,8 @@ class Options:
     config: Path | None
     health_host: str
     health_port: int
+    tls_certificate: Path | None
+    tls_key: Path | None
     sweep_seconds: float
     log_format: str
     log_level: str
@@ -26,12 +28,17 @@ class Options:
 
 def parse(argv: Sequence[str] | None = None, environment: Mapping[str, str] | None = None) -> Options:
     """Flags win over the environment. Exits with a usage text on a mistake, as argparse does."""
-    found = _parser(os.environ if environment is None else environment).parse_args(argv)
+    parser = _parser(os.environ if environment is None else environment)
+    found = parser.parse_args(argv)
+    if (found.tls_cert_file is None) != (found.tls_private_key_file is None):
+        parser.error("--tls-cert-file and --tls-private-key-file belong together")
     return Options(
         kubeconfig=found.kubeconfig,
         config=found.config,
         health_host=found.health_host,
         health_port=found.health_port,
+        tls_certificate=found.tls_cert_file,
+        tls_key=found.tls_private_key_file,
         sweep_seconds=found.sweep_seconds,
         log_format=found.log_format,
         log_level=found.log_level,
@@ -57,8 +64,10 @@ def _parser(environment: Mapping[str, str]) -> argparse.ArgumentParser:
 
     add("kubeconfig", "default: the service account of the pod it runs in", default="", convert=Path)
     add("config", "KubeSchedulerConfiguration file; default: built in", default="", convert=Path)
-    add("health-host", "address of the HTTP endpoint", default="0.0.0.0")  # noqa: S104 - probes come from the node
-    add("health-port", "port of the HTTP endpoint, 0 takes a free one", default="10259", convert=int)
+    add("health-host", "address of the HTTPS endpoint", default="0.0.0.0")  # noqa: S104 - probes come from the node
+    add("health-port", "port of the HTTPS endpoint, 0 takes a free one", default="10259", convert=int)
+    add("tls-cert-file", "certificate of the endpoint (PEM); default: made at the start", default="", convert=Path)
+    add("tls-private-key-file", "key of that certificate (PEM)", default="", convert=Path)
     add("sweep-seconds", "period of the claim sweep", default="30", convert=float)
     add("log-format", "json for machines, text for people", default="json", choices=("json", "text"))
     add("log-level", "debug, info, warning or error", default="info", choices=("debug", "info", "warning", "error"))

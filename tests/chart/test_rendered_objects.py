@@ -92,6 +92,30 @@ def test_pods_meet_the_restricted_pod_security_standard_and_have_a_read_only_roo
     assert container["livenessProbe"]["httpGet"]["port"] == container["readinessProbe"]["httpGet"]["port"] == "health"
 
 
+def test_the_schedulers_port_is_probed_and_scraped_over_tls(rendered: list[Object]) -> None:
+    (container,) = pod_spec(rendered, "scheduler")["containers"]
+    for probe in ("livenessProbe", "readinessProbe"):
+        assert container[probe]["httpGet"]["scheme"] == "HTTPS"
+    for kind, field in (("PodMonitor", "podMetricsEndpoints"), ("ServiceMonitor", "endpoints")):
+        assert named(rendered, kind, "robotapp-scheduler")["spec"][field][0]["scheme"] == "https"
+        assert "scheme" not in named(rendered, kind, "robotapp-operator")["spec"][field][0]
+
+
+def test_a_given_certificate_is_mounted_and_served(chart: Chart) -> None:
+    spec = pod_spec(chart.render({"scheduler.tls.secretName": "cert"}), "scheduler")
+    assert "--tls-cert-file=/etc/robotapp-tls/tls.crt" in spec["containers"][0]["args"]
+    assert {"name": "tls", "secret": {"secretName": "cert"}} in spec["volumes"]
+
+
+def test_the_scheduler_may_read_which_authority_signs_client_certificates_and_nothing_else_there(
+    rendered: list[Object],
+) -> None:
+    outside = [item for item in rendered if item["metadata"].get("namespace") == "kube-system"]
+    assert [(item["kind"], item["roleRef"]["name"]) for item in outside] == [
+        ("RoleBinding", "extension-apiserver-authentication-reader")
+    ]
+
+
 @pytest.mark.parametrize("component", ["operator", "scheduler"])
 def test_every_component_runs_under_an_account_of_its_own(rendered: list[Object], component: str) -> None:
     assert pod_spec(rendered, component)["serviceAccountName"] == f"robotapp-{component}"

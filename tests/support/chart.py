@@ -70,7 +70,8 @@ def named(objects: list[Object], kind: str, name: str) -> Object:
 def rules(objects: list[Object]) -> Iterator[tuple[str, Object]]:
     for role in of_kind(objects, "Role", "ClusterRole"):
         for rule in role["rules"]:
-            yield f"{role['kind']}/{role['metadata']['name']}", rule
+            if "resources" in rule:  # the others are about paths such as /configz
+                yield f"{role['kind']}/{role['metadata']['name']}", rule
 
 
 def everything(plane: ControlPlane) -> set[str]:

@@ -16,6 +16,7 @@ from tests.support.apiserver.store import Key
 from typer.testing import CliRunner
 
 from robotapp_cli.main import app
+from robotapp_scheduler.shell.tls import TlsPort
 
 T = TypeVar("T")
 Json = dict[str, Any]
@@ -31,6 +32,8 @@ class FakeScheduler:
         self.status = 200
         self.authorizations: list[str] = []
         self.url = ""
+        self.tls_url = ""
+        """The same with a certificate of its own making, as a scheduler has."""
         self._runner: web.AppRunner | None = None
 
     async def start(self) -> None:
@@ -40,6 +43,10 @@ class FakeScheduler:
         await self._runner.setup()
         await web.TCPSite(self._runner, "127.0.0.1", 0).start()
         self.url = f"http://127.0.0.1:{self._runner.addresses[0][1]}"
+        port = TlsPort()
+        port.load()
+        await web.TCPSite(self._runner, "127.0.0.1", 0, ssl_context=port.context).start()
+        self.tls_url = f"https://127.0.0.1:{self._runner.addresses[1][1]}"
 
     async def stop(self) -> None:
         if self._runner:

@@ -7,7 +7,8 @@ import ssl
 import subprocess
 import tempfile
 import time
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -153,12 +154,27 @@ class ExecPlugin:
 
 def load_pair(context: ssl.SSLContext, certificate: bytes, key: bytes) -> None:
     """Load PEM bytes into a context; OpenSSL takes files only, so they live for a moment in one only we can read."""
-    descriptor, name = tempfile.mkstemp(prefix="robotapp-")  # mode 0600
+    try:
+        with _private_file(certificate.rstrip() + b"\n" + key) as name:
+            context.load_cert_chain(name)
+    except ssl.SSLError as error:
+        raise LoginError(f"the certificate and key do not fit: {error.reason}") from error
+
+
+@contextmanager
+def _private_file(content: bytes) -> Iterator[str]:
+    """In memory where the system can (a container may have no writable folder), else a file of mode 0600."""
+    if hasattr(os, "memfd_create"):
+        descriptor = os.memfd_create("robotapp", os.MFD_CLOEXEC)
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(content)
+            file.flush()
+            yield f"/proc/self/fd/{descriptor}"
+        return
+    descriptor, name = tempfile.mkstemp(prefix="robotapp-")
     try:
         with os.fdopen(descriptor, "wb") as file:
-            file.write(certificate.rstrip() + b"\n" + key)
-        context.load_cert_chain(name)
-    except ssl.SSLError as error:
-        raise LoginError(f"the client certificate and key do not fit: {error.reason}") from error
+            file.write(content)
+        yield name
     finally:
         Path(name).unlink()

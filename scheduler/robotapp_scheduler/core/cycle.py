@@ -10,7 +10,7 @@ from robotapp_scheduler.core.decision import Decision, failed
 from robotapp_scheduler.core.devices import DeviceGrant
 from robotapp_scheduler.core.engine import Engine
 from robotapp_scheduler.core.evaluation import Evaluation
-from robotapp_scheduler.core.explain import ExplainRing
+from robotapp_scheduler.core.explain import ExplainRing, Record
 from robotapp_scheduler.core.framework import Code, PluginError, Status, histogram, pre_filter_message
 from robotapp_scheduler.core.groups import (
     GROUP_EVENTS,
@@ -86,6 +86,11 @@ class SchedulerCore:
         """Swap the profiles, between two attempts. Cached results go with the old ones."""
         self._engines = {name: Engine(profile, self.cluster) for name, profile in profiles.items()}
 
+    @property
+    def scheduler_names(self) -> frozenset[str]:
+        """The profiles' names."""
+        return frozenset(self._engines)
+
     def engine(self, scheduler_name: str) -> Engine:
         """The engine of a profile. Raises KeyError for a schedulerName that is not ours."""
         return self._engines[scheduler_name]
@@ -141,6 +146,15 @@ class SchedulerCore:
             self.cluster.assume(pod, decision.node, decision.grants)
         self.explain.add(recorder.record(decision))
         return decision
+
+    def consider(self, pod: PodInfo, engine: Engine) -> tuple[Record, Evaluation | None]:
+        """What `schedule_one` would say now, with this engine; nothing is assumed or kept. Raises nothing either."""
+        recorder = Recorder(self.cluster, engine, at_s=self._clock(), seed=self._seed, attempt=0)
+        try:
+            decision = self._attempt(pod, engine, frozenset(), recorder)
+        except (PluginError, ValueError, OverflowError) as error:
+            decision = failed(pod, str(error), nodes=self.cluster.nodes.count)
+        return recorder.record(decision), recorder.evaluation
 
     def room(self, pod: PodInfo, *, name_up_to: int) -> tuple[int, tuple[str, ...]]:
         """How many nodes would take the pod now (-1: it cannot be tried at all), named when at most `name_up_to`."""

@@ -6,6 +6,9 @@ from typing import Any, Final
 import msgspec
 
 KEPT: Final = 2000
+KEPT_BYTES: Final = 20_000_000
+MOST_REFUSALS: Final = 50
+"""Reasons kept per record, the commonest: a cluster with a taint of its own on every node has thousands."""
 TOP: Final = 10
 EXAMPLES: Final = 3
 
@@ -73,11 +76,24 @@ class Record(msgspec.Struct, gc=False, rename="camel"):
     """Tie-break seed: with pod uid and node names it reproduces the choice among equal totals."""
 
 
-class ExplainRing:
-    """The latest record of up to `kept` pods, oldest dropped first."""
+def weight_bytes(record: Record) -> int:
+    """What a record keeps in memory, estimated from above: measuring it would cost more than making it."""
+    top = record.top
+    scores = (len(top.scores) + 1) * len(top.nodes) * 32
+    texts = 2 * (len(record.message) + len(record.namespace) + len(record.name))
+    refusals = sum(200 + 2 * len(refusal.reason) + 150 * len(refusal.examples) for refusal in record.refusals)
+    return (
+        1000 + texts + scores + 100 * len(top.scores) + refusals + 400 * len(record.edges) + 100 * len(record.devices)
+    )
 
-    def __init__(self, kept: int = KEPT) -> None:
+
+class ExplainRing:
+    """The latest record of up to `kept` pods and `kept_bytes` of memory, oldest dropped first."""
+
+    def __init__(self, kept: int = KEPT, kept_bytes: int = KEPT_BYTES) -> None:
         self._kept = kept
+        self._kept_bytes = kept_bytes
+        self._bytes = 0
         self._records: OrderedDict[str, Record] = OrderedDict()
         self._by_name: dict[tuple[str, str], str] = {}
 
@@ -85,15 +101,24 @@ class ExplainRing:
         return len(self._records)
 
     def __repr__(self) -> str:
-        return f"ExplainRing({len(self._records)} of {self._kept})"
+        return f"ExplainRing({len(self._records)} of {self._kept}, {self._bytes >> 10} KiB)"
+
+    @property
+    def size_bytes(self) -> int:
+        """Memory the records may take, estimated from above."""
+        return self._bytes
 
     def add(self, record: Record) -> None:
         """Keep a record in place of an older one of the same pod."""
-        self._records.pop(record.uid, None)
+        older = self._records.pop(record.uid, None)
+        if older is not None:
+            self._bytes -= weight_bytes(older)
         self._records[record.uid] = record
+        self._bytes += weight_bytes(record)
         self._by_name[record.namespace, record.name] = record.uid
-        if len(self._records) > self._kept:
+        while len(self._records) > self._kept or (self._bytes > self._kept_bytes and len(self._records) > 1):
             _, old = self._records.popitem(last=False)
+            self._bytes -= weight_bytes(old)
             if self._by_name.get((old.namespace, old.name)) == old.uid:
                 del self._by_name[old.namespace, old.name]
 

@@ -7,7 +7,7 @@ from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.engine import Engine
 from robotapp_scheduler.core.evaluation import Evaluation
-from robotapp_scheduler.core.explain import EXAMPLES, TOP, EdgeView, Example, Record, Refusal, Top
+from robotapp_scheduler.core.explain import EXAMPLES, MOST_REFUSALS, TOP, EdgeView, Example, Record, Refusal, Top
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.ros import Endpoint
 
@@ -21,12 +21,12 @@ class Recorder:
         self._at_s = at_s
         self._seed = seed
         self._attempt = attempt
-        self._evaluation: Evaluation | None = None
+        self.evaluation: Evaluation | None = None
         self._top = Top()
 
     def filtered(self, evaluation: Evaluation) -> None:
         """The filters have run."""
-        self._evaluation = evaluation
+        self.evaluation = evaluation
 
     def scored(self, evaluation: Evaluation, chosen: int) -> None:
         """The scores are in and `chosen` won."""
@@ -70,12 +70,15 @@ class Recorder:
         )
 
     def _refusals(self) -> tuple[Refusal, ...]:
-        evaluation = self._evaluation
+        evaluation = self.evaluation
         if evaluation is None:
             return ()
         kept = evaluation.refusals
         if kept is None or kept[0] != evaluation.revision:
-            found = tuple(self._refusal(evaluation, code, count) for code, count in evaluation.counts().items())
+            commonest = evaluation.counts()
+            if len(commonest) > MOST_REFUSALS:
+                commonest = dict(sorted(commonest.items(), key=lambda entry: -entry[1])[:MOST_REFUSALS])
+            found = tuple(self._refusal(evaluation, code, count) for code, count in commonest.items())
             kept = evaluation.refusals = (evaluation.revision, found)
         return kept[1]
 

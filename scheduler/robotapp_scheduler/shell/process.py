@@ -9,7 +9,6 @@ import signal
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from robotapp_api.client.api import ApiClient
 from robotapp_api.client.lease import LeaderElection, candidate_identity
@@ -20,13 +19,14 @@ from robotapp_scheduler.config import SchedulerConfig
 from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
-from robotapp_scheduler.core.explain import as_json
 from robotapp_scheduler.core.robotics import RobotApp
 from robotapp_scheduler.options import Options
 from robotapp_scheduler.shell import health
-from robotapp_scheduler.shell.access import Access, Gatekeeper
+from robotapp_scheduler.shell.access import Gatekeeper
+from robotapp_scheduler.shell.answers import Answers, Everything
 from robotapp_scheduler.shell.binder import Binder
 from robotapp_scheduler.shell.events import PodEvents
+from robotapp_scheduler.shell.explaining import Explainer
 from robotapp_scheduler.shell.feed import Feed
 from robotapp_scheduler.shell.intake import Intake
 from robotapp_scheduler.shell.loop import SchedulerLoop
@@ -34,6 +34,7 @@ from robotapp_scheduler.shell.metrics import Metrics
 from robotapp_scheduler.shell.placing import Placer
 from robotapp_scheduler.shell.report import Reporter
 from robotapp_scheduler.shell.reserve import Reserver, granted_pods
+from robotapp_scheduler.shell.tls import TlsPort, loaded
 
 log = logging.getLogger(__name__)
 
@@ -54,6 +55,8 @@ class Scheduler:
         self._stop = asyncio.Event()
         self._lost = False
         self._leading = asyncio.Event()
+        self.port = 0
+        """Where we serve, once `run` has opened it."""
         self.metrics = Metrics()
         self.core = SchedulerCore(
             Cluster(clock=clock),
@@ -84,6 +87,7 @@ class Scheduler:
         self.feed = Feed(
             client, self.core.cluster, on_pod=self.intake.take, on_change=self._changed, metrics=self.metrics
         )
+        self._explainer = Explainer(self.core, waiting=self.intake.waiting.values, digest=lambda: self._config.digest)
         self._election = self._candidate()
         self._publish()
 
@@ -96,13 +100,19 @@ class Scheduler:
 
     async def run(self) -> int:
         """Run until stopped. The exit status: 0 after a clean stop, 1 when leadership was lost."""
-        runner, port = await health.serve(self._pages(), host=self._options.health_host, port=self._options.health_port)
+        options = self._options
+        tls = await loaded(TlsPort(options.tls_certificate, options.tls_key))
+        runner, port = await health.serve(
+            self._pages(), host=options.health_host, port=options.health_port, tls=tls.context
+        )
+        self.port = port
         log.info("serving health, metrics and explanations on port %d", port)
         try:
             async with asyncio.TaskGroup() as group:
                 background = [
                     group.create_task(self.feed.run(), name="feed"),
                     group.create_task(self.events.run(), name="events"),
+                    group.create_task(tls.run(self._client), name="tls"),
                     group.create_task(self.reporter.run(), name="conditions"),
                 ]
                 work = group.create_task(self._lead(), name="lead")
@@ -211,11 +221,10 @@ class Scheduler:
         return {"nodes": cluster.nodes.count, "pods": len(cluster.placed), "assumed_pods": assumed}
 
     def _pages(self) -> health.Pages:
+        gate = Everything() if self._options.insecure_explain else Gatekeeper(self._client)
         return health.Pages(
             registry=self.metrics.registry,
-            config=self._config.as_json,
-            explain=self._explain,
-            authorize=_everything if self._options.insecure_explain else Gatekeeper(self._client).access,
+            answers=Answers(gate=gate, explain=self._explainer, config=self._config.as_json),
             ready_checks={"informer-sync": self.feed.synced.is_set, "shutdown": lambda: not self._stop.is_set()},
             live_checks={"leader-election": self._leads, "scheduling-loop": self._turns},
         )
@@ -226,13 +235,6 @@ class Scheduler:
     def _turns(self) -> bool:
         return not self._leading.is_set() or time.monotonic() - self.loop.turned_s < STALLED_S
 
-    def _explain(self, namespace: str, name: str, with_nodes: bool) -> Mapping[str, Any] | None:
-        record = self.core.explain.find(namespace, name)
-        if record is None:
-            return None
-        found = as_json(record) | {"config": self._config.digest}
-        return found if with_nodes else without_nodes(found)
-
 
 def app_uids(seen: Event) -> tuple[str, ...]:
     """The RobotApp a change is about: pods, owners and claims carry its uid as a label."""
@@ -241,17 +243,6 @@ def app_uids(seen: Event) -> tuple[str, ...]:
         return (found.metadata.uid,)
     uid = (found.metadata.labels or {}).get(Label.APP_UID)
     return (uid,) if uid else ()
-
-
-def without_nodes(record: Mapping[str, Any]) -> dict[str, Any]:
-    """An explanation for somebody who may not get nodes: reasons and counts, no names."""
-    hidden = {"top", "runnerUp", "edges"}
-    shown = {key: value for key, value in record.items() if key not in hidden}
-    return shown | {"refusals": [{**refusal, "examples": []} for refusal in record.get("refusals", ())]}
-
-
-async def _everything(_token: str, _namespace: str) -> Access:
-    return Access.ALL
 
 
 async def run(options: Options, config: SchedulerConfig) -> int:

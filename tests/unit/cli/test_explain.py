@@ -100,6 +100,22 @@ def test_the_users_token_goes_to_the_scheduler(placed: Stage) -> None:
     assert set(placed.scheduler.authorizations) == {"Bearer t0ken"}
 
 
+def test_a_scheduler_on_this_machine_is_believed_without_a_certificate_anybody_signed(placed: Stage) -> None:
+    assert "cloud-1: 61.0 ms" in placed.text("explain", "teleop", "--scheduler-url", placed.scheduler.tls_url)
+
+
+def test_a_token_is_not_sent_without_encryption_to_another_machine(placed: Stage) -> None:
+    text = placed.text("explain", "teleop", "--scheduler-url", "http://scheduler.invalid:10259")
+    assert "is not encrypted" in text
+    assert placed.scheduler.authorizations == []
+
+
+def test_another_machines_certificate_must_be_signed_by_somebody_known(placed: Stage) -> None:
+    elsewhere = placed.scheduler.tls_url.replace("127.0.0.1", "0.0.0.0")  # noqa: S104 - an address that is not loopback's
+    assert "does not answer" in placed.text("explain", "teleop", "--scheduler-url", elsewhere)
+    assert placed.scheduler.authorizations == []
+
+
 def test_structured_output_says_where_it_comes_from(placed: Stage) -> None:
     found = placed.data("explain", "teleop", "--scheduler-url", placed.scheduler.url, "-c", "panel")
     assert (found["source"], found["note"]) == ("scheduler", "")
@@ -184,7 +200,7 @@ class TestPortForward:
         return f"{folder}:/usr/bin:/bin"
 
     def test_the_leaders_pod_is_asked_through_kubectl(self, with_scheduler_pod: Stage, tmp_path: Path) -> None:
-        port = with_scheduler_pod.scheduler.url.rpartition(":")[2]
+        port = with_scheduler_pod.scheduler.tls_url.rpartition(":")[2]
         path = self.kubectl(
             tmp_path / "bin",
             f'echo "$@" > {tmp_path}/called; echo "Forwarding from 127.0.0.1:{port} -> 10259"; exec sleep 60',

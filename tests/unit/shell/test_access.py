@@ -4,7 +4,7 @@ import pytest
 from tests.support.scripted_client import ScriptedClient
 
 from robotapp_api.client.errors import Unreachable
-from robotapp_scheduler.shell.access import REMEMBER_S, Access, Gatekeeper
+from robotapp_scheduler.shell.access import REMEMBER_S, Access, Caller, Gatekeeper, User, certified
 
 USER = {"username": "eve", "uid": "1", "groups": ["devs"], "extra": {"k": ["v"]}}
 KNOWN = {"status": {"authenticated": True, "user": USER}}
@@ -31,12 +31,12 @@ def gatekeeper(*answers: Any) -> tuple[Gatekeeper, ScriptedClient]:
 )
 async def test_the_api_server_decides(answers: list[Any], access: Access) -> None:
     keeper, _ = gatekeeper(*answers)
-    assert await keeper.access("t", "team-a") is access
+    assert await keeper.access(Caller(token="t"), "team-a") is access
 
 
 async def test_the_review_asks_for_this_user_this_namespace_and_nothing_more() -> None:
     keeper, client = gatekeeper(KNOWN, allowed(True), allowed(True))
-    await keeper.access("t", "team-a")
+    await keeper.access(Caller(token="t"), "team-a")
     assert client.calls[0][2] == {"spec": {"token": "t"}}
     pods = client.calls[1][2]["spec"]
     assert (pods["user"], pods["groups"], pods["extra"]) == ("eve", ["devs"], {"k": ["v"]})
@@ -46,23 +46,55 @@ async def test_the_review_asks_for_this_user_this_namespace_and_nothing_more() -
 
 async def test_no_token_asks_nobody() -> None:
     keeper, client = gatekeeper()
-    assert await keeper.access("", "team-a") is Access.UNKNOWN_CALLER
+    assert await keeper.access(Caller(), "team-a") is Access.UNKNOWN_CALLER
     assert client.calls == []
 
 
 async def test_an_answer_is_remembered_for_some_seconds_per_namespace() -> None:
     keeper, client = gatekeeper(*[KNOWN, allowed(False)] * 3)
     for _ in range(3):
-        await keeper.access("t", "team-a")
+        await keeper.access(Caller(token="t"), "team-a")
     assert len(client.calls) == 2
-    await keeper.access("t", "team-b")
+    await keeper.access(Caller(token="t"), "team-b")
     assert len(client.calls) == 4
     client.now_s += REMEMBER_S
-    await keeper.access("t", "team-a")
+    await keeper.access(Caller(token="t"), "team-a")
     assert len(client.calls) == 6
 
 
 async def test_without_an_api_server_nobody_is_let_in() -> None:
     keeper, _ = gatekeeper(Unreachable("down", maybe_applied=False))
     with pytest.raises(Unreachable):
-        await keeper.access("t", "team-a")
+        await keeper.access(Caller(token="t"), "team-a")
+
+
+async def test_a_certificate_is_its_own_proof_so_only_its_rights_are_asked_for() -> None:
+    keeper, client = gatekeeper(allowed(True), allowed(False))
+    user = User("amy", ("tenants", "system:authenticated"))
+    assert await keeper.access(Caller(user=user), "team-a") is Access.WITHOUT_NODES
+    assert [call[2]["spec"]["user"] for call in client.calls] == ["amy", "amy"]
+    assert client.calls[0][2]["spec"]["groups"] == ["tenants", "system:authenticated"]
+
+
+async def test_a_path_is_asked_for_as_such_and_not_confused_with_a_namespace() -> None:
+    keeper, client = gatekeeper(KNOWN, allowed(False), KNOWN, allowed(True), allowed(True))
+    caller = Caller(token="t")
+    assert await keeper.path(caller, "get", "/configz") is Access.FORBIDDEN
+    assert client.calls[1][2]["spec"]["nonResourceAttributes"] == {"verb": "get", "path": "/configz"}
+    assert await keeper.access(caller, "/configz") is Access.ALL
+
+
+@pytest.mark.parametrize(
+    ("subject", "user"),
+    [
+        ((), None),
+        (None, None),
+        (((("organizationName", "tenants"),),), None),
+        (
+            ((("organizationName", "a"),), (("organizationName", "b"),), (("commonName", "amy"),)),
+            User("amy", ("a", "b", "system:authenticated")),
+        ),
+    ],
+)
+def test_a_subject_is_a_user_and_groups_as_the_api_server_reads_it(subject: object, user: User | None) -> None:
+    assert certified(subject) == user

@@ -6,7 +6,8 @@ import pytest
 from prometheus_client import CollectorRegistry
 
 from robotapp_api.client.errors import Unreachable
-from robotapp_scheduler.shell.access import Access
+from robotapp_scheduler.shell.access import Access, Caller
+from robotapp_scheduler.shell.answers import Answers
 from robotapp_scheduler.shell.health import Pages, serve
 from robotapp_scheduler.shell.metrics import Metrics
 
@@ -17,27 +18,29 @@ class Site:
     def __init__(self) -> None:
         self.ready = True
         self.live = True
-        self.access: Access | Exception = Access.ALL
+        self.answer: Access | Exception = Access.ALL
         self.asked: list[tuple[str, str]] = []
         self.metrics = Metrics(CollectorRegistry())
         self.pages = Pages(
             registry=self.metrics.registry,
-            config=lambda: {"profiles": ["ours"]},
-            explain=self.explain,
-            authorize=self.authorize,
+            answers=Answers(gate=self, explain=self.explain, config=lambda: {"profiles": ["ours"]}),
             ready_checks={"informers-sync": lambda: self.ready},
             live_checks={"leader-election": lambda: self.live},
         )
 
     @staticmethod
-    def explain(namespace: str, pod: str, with_nodes: bool) -> Mapping[str, Any] | None:
-        return {"pod": pod, "nodes": with_nodes} if namespace == "team-a" else None
+    def explain(namespace: str, name: str, *, with_nodes: bool, full: bool) -> Mapping[str, Any] | None:
+        found = {"pod": name, "nodes": with_nodes} | ({"full": True} if full else {})
+        return found if namespace == "team-a" else None
 
-    async def authorize(self, token: str, namespace: str) -> Access:
-        self.asked.append((token, namespace))
-        if isinstance(self.access, Exception):
-            raise self.access
-        return self.access
+    async def access(self, caller: Caller, namespace: str) -> Access:
+        self.asked.append((caller.token, namespace))
+        if isinstance(self.answer, Exception):
+            raise self.answer
+        return self.answer
+
+    async def path(self, caller: Caller, verb: str, path: str) -> Access:
+        return await self.access(caller, f"{verb} {path}")
 
 
 @pytest.fixture
@@ -84,9 +87,18 @@ async def test_metrics_carry_upstream_names_and_buckets(site: tuple[Site, str]) 
     assert 'scheduler_pending_pods{queue="active"} 3.0' in text
 
 
-async def test_configz_shows_what_the_process_runs_with(site: tuple[Site, str]) -> None:
+async def test_configz_shows_what_the_process_runs_with_to_who_may_get_it(site: tuple[Site, str]) -> None:
+    found, url = site
+    assert '"profiles":["ours"]' in (await get(f"{url}/configz", Authorization="Bearer t1"))[1]
+    assert found.asked == [("t1", "get /configz")]
+    for access, status in ((Access.FORBIDDEN, 403), (Access.UNKNOWN_CALLER, 401)):
+        found.answer = access
+        assert (await get(f"{url}/configz"))[0] == status
+
+
+async def test_the_full_table_is_asked_for_by_a_parameter(site: tuple[Site, str]) -> None:
     _, url = site
-    assert '"profiles":["ours"]' in (await get(f"{url}/configz"))[1]
+    assert '"full":true' in (await get(f"{url}/explain/team-a/p?full=1"))[1]
 
 
 async def test_explain_passes_the_bearer_token_and_hides_nodes_from_who_may_not_get_them(
@@ -94,7 +106,7 @@ async def test_explain_passes_the_bearer_token_and_hides_nodes_from_who_may_not_
 ) -> None:
     found, url = site
     assert await get(f"{url}/explain/team-a/p", Authorization="Bearer t1") == (200, '{"pod":"p","nodes":true}')
-    found.access = Access.WITHOUT_NODES
+    found.answer = Access.WITHOUT_NODES
     assert (await get(f"{url}/explain/team-a/p", Authorization="Bearer t1"))[1] == '{"pod":"p","nodes":false}'
     assert found.asked == [("t1", "team-a")] * 2
 
@@ -111,7 +123,7 @@ async def test_explain_refuses_with_a_reason(
     site: tuple[Site, str], access: Access | Exception, status: int, text: str
 ) -> None:
     found, url = site
-    found.access = access
+    found.answer = access
     answer = await get(f"{url}/explain/team-a/p")
     assert answer[0] == status
     assert text in answer[1]

@@ -6,7 +6,6 @@ from contextlib import asynccontextmanager
 from dataclasses import replace
 from typing import Any
 
-import msgspec
 from tests.support.apiserver import FakeApiServer, Key
 from tests.support.clients import client_for, until
 
@@ -18,7 +17,7 @@ from robotapp_scheduler.core.objects import Metadata, Pod
 from robotapp_scheduler.core.robotics import RobotApp
 from robotapp_scheduler.options import Options, parse
 from robotapp_scheduler.plugins.registry import catalogue
-from robotapp_scheduler.shell.process import Scheduler, app_uids, without_nodes
+from robotapp_scheduler.shell.process import Scheduler, app_uids
 
 
 def options(**changes: Any) -> Options:
@@ -124,18 +123,3 @@ def test_a_change_is_about_the_app_its_object_belongs_to() -> None:
     assert app_uids(Seen("ADDED", "a", None, app)) == ("app-1",)
     assert app_uids(Seen("DELETED", "p", child, None)) == ("app-1",)
     assert app_uids(Seen("ADDED", "q", None, stranger)) == ()
-
-
-def test_who_may_not_get_nodes_sees_reasons_and_counts_but_no_names() -> None:
-    record = {
-        "node": "edge-1",  # the pod itself names it
-        "message": "0/1",
-        "refusals": [{"plugin": "LatencyFilter", "reason": "too far", "nodes": 1, "examples": [{"node": "edge-2"}]}],
-        "top": {"nodes": ["edge-1"]},
-        "runnerUp": "edge-3",
-        "edges": [{"peerNode": "edge-4"}],
-    }
-    shown = msgspec.json.encode(without_nodes(record)).decode()
-    assert '"nodes":1' in shown
-    for name in ("edge-2", "edge-3", "edge-4"):
-        assert name not in shown

@@ -1,0 +1,144 @@
+"""What would be decided about a known pod now: its record and the whole table over all nodes, made when somebody asks.
+
+Nothing of it is kept: neither the ring, nor the caches, nor the counters notice. A bound pod is taken off its node while
+it is looked at, so that it does not stand in its own way.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.engine import Engine
+from robotapp_scheduler.core.evaluation import Evaluation
+from robotapp_scheduler.core.explain import Record
+from robotapp_scheduler.core.framework import PluginError
+from robotapp_scheduler.core.objects import Pod
+from robotapp_scheduler.core.pods import PodInfo
+
+
+class TableReason(msgspec.Struct, frozen=True, rename="camel"):
+    """One reason nodes were refused for; index 0 of the list stands for "not refused"."""
+
+    plugin: str
+    reason: str
+    unit: str = ""
+
+
+class TableScore(msgspec.Struct, frozen=True, rename="camel"):
+    """What one plugin gave, per node of the table; None where the node was refused."""
+
+    plugin: str
+    weight: int
+    shadow: bool
+    raw: list[float | None]
+    normalized: list[int | None]
+
+
+class Table(msgspec.Struct, frozen=True, rename="camel"):
+    """All lists but `reasons` and `scores` have one element per node, in the order of `nodes`."""
+
+    nodes: list[str]
+    reasons: list[TableReason]
+    refused: list[int]
+    """Index into `reasons`: the first plugin that refused; 0 = feasible."""
+    numbers: list[float | None]
+    """What that plugin measured there, in the unit of the reason."""
+    totals: list[int | None]
+    scores: list[TableScore]
+
+
+class Reconsidered(msgspec.Struct, frozen=True):
+    """The record of the decision as it would be made now, and the table behind it (None: it did not come that far)."""
+
+    record: Record
+    table: Table | None
+
+
+def reconsider(core: SchedulerCore, pod: Pod) -> Reconsidered:
+    """Decide about a pod again without doing anything. Raises KeyError when no profile of ours serves it."""
+    with _waiting(core.cluster, pod) as waiting:
+        info = PodInfo(waiting)
+        engine = Engine(core.engine(info.scheduler_name).profile, core.cluster, caching=False)
+        record, evaluation = core.consider(info, engine)
+        return Reconsidered(record, None if evaluation is None else _table(info, engine, evaluation))
+
+
+@contextmanager
+def _waiting(cluster: Cluster, pod: Pod) -> Iterator[Pod]:
+    """The pod as one without a node, and the cluster without it; afterwards all is as before."""
+    if not pod.spec.node_name:  # it waits, or is on its way: an assumption lasts milliseconds, and is left alone
+        yield pod
+        return
+    waiting = msgspec.structs.replace(pod, spec=msgspec.structs.replace(pod.spec, node_name=""))
+    cluster.remove_pod(pod)
+    cluster.apply_pod(waiting)
+    try:
+        yield waiting
+    finally:
+        cluster.apply_pod(pod)
+
+
+def _table(pod: PodInfo, engine: Engine, evaluation: Evaluation) -> Table:
+    if evaluation.feasible:
+        try:
+            engine.score(pod, evaluation)
+        except PluginError:
+            evaluation.scores = []
+    rows = [int(row) for row in np.flatnonzero(evaluation.reason >= 0)]
+    feasible = np.array([row for row in rows if evaluation.reason[row] == 0], dtype=np.intp)
+    codes = sorted({int(code) for code in evaluation.reason if code > 0})
+    units = {column.plugin.name: column.detail_unit for column in evaluation.filters}
+    reasons = [TableReason("", "")]
+    for code in codes:
+        reason = evaluation.reasons.values[code]
+        reasons.append(TableReason(reason.plugin, ", ".join(reason.texts), units.get(reason.plugin, "")))
+    index = {0: 0} | {code: at for at, code in enumerate(codes, start=1)}
+    scored = bool(evaluation.scores) and len(evaluation.total) == len(evaluation.reason) and len(feasible) > 0
+    return Table(
+        nodes=[engine.name_of(evaluation, row) for row in rows],
+        reasons=reasons,
+        refused=[index[int(evaluation.reason[row])] for row in rows],
+        numbers=[_number(evaluation, row) for row in rows],
+        totals=[int(total) if scored and (total := evaluation.total[row]) >= 0 else None for row in rows],
+        scores=_scores(evaluation, rows, feasible) if scored else [],
+    )
+
+
+def _number(evaluation: Evaluation, row: int) -> float | None:
+    code = int(evaluation.reason[row])
+    if code <= 0:
+        return None
+    plugin = evaluation.reasons.values[code].plugin
+    column = next((each for each in evaluation.filters if each.plugin.name == plugin), None)
+    if column is None or column.detail is None or np.isnan(column.detail[row]):
+        return None
+    return float(column.detail[row])
+
+
+def _scores(
+    evaluation: Evaluation, rows: list[int], feasible: "np.ndarray[Any, np.dtype[np.intp]]"
+) -> list[TableScore]:
+    found = []
+    for column in evaluation.scores:
+        if column.skipped:
+            continue
+        normalized = dict(zip(feasible.tolist(), evaluation.score_of(column, feasible), strict=True))
+        found.append(
+            TableScore(
+                plugin=column.plugin.name,
+                weight=column.plugin.weight,
+                shadow=column.plugin.shadow,
+                raw=[_finite(column.raw[row]) if row in normalized else None for row in rows],
+                normalized=[normalized.get(row) for row in rows],
+            )
+        )
+    return found
+
+
+def _finite(value: Any) -> float | None:
+    return float(value) if np.isfinite(value) else None

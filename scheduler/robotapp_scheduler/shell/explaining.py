@@ -1,0 +1,70 @@
+"""Answers of /explain: the record of the decision as it was made, or, marked so, one made again now."""
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, Final
+
+import msgspec
+
+from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.explain import as_json
+from robotapp_scheduler.core.objects import Pod
+from robotapp_scheduler.core.reconsider import reconsider
+
+RECOMPUTED: Final = "decided again just now, on the cluster as it is: not the decision that placed the pod"
+NO_NODES: Final = "the table names nodes: it takes the right to get nodes"
+
+
+class Explainer:
+    """Looks in the ring first; a pod it no longer knows (or never did: we were restarted) is decided again."""
+
+    def __init__(self, core: SchedulerCore, *, waiting: Callable[[], Iterable[Pod]], digest: Callable[[], str]) -> None:
+        self._core = core
+        self._waiting = waiting
+        self._digest = digest
+
+    def __repr__(self) -> str:
+        return f"<Explainer {self._core.explain!r}>"
+
+    def __call__(self, namespace: str, name: str, *, with_nodes: bool, full: bool) -> Mapping[str, Any] | None:
+        """The explanation as JSON, None for a pod that is not ours or not known."""
+        record = self._core.explain.find(namespace, name)
+        if record is not None and not full:
+            found = as_json(record) | {"recomputed": False}
+        else:
+            pod = self._pod(namespace, name)
+            if pod is None:
+                return None
+            found = self._again(pod, recorded=None if record is None else as_json(record), full=full and with_nodes)
+            if full and not with_nodes:
+                found["note"] = NO_NODES
+        found["config"] = self._digest()
+        return found if with_nodes else without_nodes(found)
+
+    def _again(self, pod: Pod, *, recorded: dict[str, Any] | None, full: bool) -> dict[str, Any]:
+        made = reconsider(self._core, pod)
+        now = as_json(made.record)
+        found = recorded | {"recomputed": False} if recorded else now | {"recomputed": True, "note": RECOMPUTED}
+        if not recorded:
+            found |= {"node": pod.spec.node_name or None, "chosenNow": now["node"]}
+        if full:
+            table = None if made.table is None else msgspec.to_builtins(made.table)
+            found["full"] = {"recomputed": True, "note": RECOMPUTED, "node": now["node"], "message": now["message"]}
+            found["full"]["table"] = table
+        return found
+
+    def _pod(self, namespace: str, name: str) -> Pod | None:
+        """The newest known version of a pod of ours, placed or waiting; assumed ones count as placed."""
+        for placed in self._core.cluster.placed_named(namespace, name):
+            if placed.name == name and placed.pod.spec.scheduler_name in self._core.scheduler_names:
+                return placed.pod
+        for pod in self._waiting():
+            if (pod.metadata.namespace, pod.metadata.name) == (namespace, name):
+                return pod
+        return None
+
+
+def without_nodes(record: Mapping[str, Any]) -> dict[str, Any]:
+    """An explanation for somebody who may not get nodes: reasons and counts, no names."""
+    hidden = {"top", "runnerUp", "edges", "full", "chosenNow"}
+    shown = {key: value for key, value in record.items() if key not in hidden}
+    return shown | {"refusals": [{**refusal, "examples": []} for refusal in record.get("refusals", ())]}

@@ -1,0 +1,131 @@
+"""The scheduler's TLS port as users of the cluster meet it: tokens, client certificates, and what each may see."""
+
+import json
+import ssl
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from tests.support.certificates import Authority
+from tests.support.stage import Stage, nodes, pod
+
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.failures import ApiStatusError
+from robotapp_testbed.nodes import edge
+from robotapp_testbed.process import Process
+from robotapp_testbed.product import start_scheduler
+from robotapp_testbed.servers import unverified
+
+pytestmark = pytest.mark.live
+
+PUBLISHED = "/api/v1/namespaces/kube-system/configmaps/extension-apiserver-authentication"
+
+
+@pytest.fixture(scope="module")
+def authority(installed_plane: ControlPlane) -> Iterator[Authority]:
+    """An authority of client certificates, published as the API server publishes its own."""
+    made = Authority()
+    name = PUBLISHED.rpartition("/")[2]
+    body = {"metadata": {"name": name}, "data": {"client-ca-file": made.pem}}
+    try:
+        installed_plane.api.create(PUBLISHED.rpartition("/")[0], body)
+    except ApiStatusError:
+        installed_plane.api.patch(PUBLISHED, {"data": body["data"]})
+    yield made
+    installed_plane.api.patch(PUBLISHED, {"data": {"client-ca-file": None}})
+
+
+@pytest.fixture(scope="module")
+def guarded(installed_plane: ControlPlane, authority: Authority) -> Iterator[Process]:
+    """A scheduler that asks who you are."""
+    assert authority.pem
+    process = start_scheduler(installed_plane, name="guarded", sweep_seconds=1, log_format="text")
+    yield process
+    process.stop()
+
+
+def token(cp: ControlPlane, identity: str) -> str:
+    config = yaml.safe_load(cp.kubeconfig(identity).read_text())
+    return str(config["users"][0]["user"]["token"])
+
+
+def get(scheduler: Process, path: str, *, bearer: str = "", context: ssl.SSLContext | None = None) -> tuple[int, Any]:
+    headers = {"Authorization": f"Bearer {bearer}"} if bearer else {}
+    request = urllib.request.Request(f"{scheduler.health_url}{path}", headers=headers)  # noqa: S310 - our own
+    try:
+        with urllib.request.urlopen(request, context=context or unverified()) as answer:  # noqa: S310 - our own
+            return answer.status, json.load(answer)
+    except urllib.error.HTTPError as error:
+        return error.code, json.load(error)
+
+
+def allow(stage: Stage, user: str) -> None:
+    """`user` may get pods in the stage's namespace."""
+    api, group = "/apis/rbac.authorization.k8s.io/v1", "rbac.authorization.k8s.io"
+    inside = f"{api}/namespaces/{stage.namespace}"
+    rules = [{"apiGroups": [""], "resources": ["pods"], "verbs": ["get"]}]
+    stage.cp.api.create(f"{inside}/roles", {"metadata": {"name": "reader"}, "rules": rules})
+    body = {
+        "metadata": {"name": "reader"},
+        "roleRef": {"apiGroup": group, "kind": "Role", "name": "reader"},
+        "subjects": [{"apiGroup": group, "kind": "User", "name": user}],
+    }
+    stage.cp.api.create(f"{inside}/rolebindings", body)
+
+
+def test_a_tenant_sees_reasons_without_names_of_nodes_and_an_admin_sees_all(
+    installed_plane: ControlPlane, stage: Stage, guarded: Process
+) -> None:
+    path = f"/explain/{stage.namespace}/asked"
+    with nodes(installed_plane, edge("edge-1"), edge("edge-2")):
+        stage.create_pod(pod("asked"))
+        chosen = stage.wait_bound("asked")
+        other = {"edge-1": "edge-2", "edge-2": "edge-1"}[chosen]
+        assert get(guarded, path)[0] == 401
+        assert get(guarded, path, bearer="made-up")[0] == 401
+        assert get(guarded, path, bearer=token(installed_plane, "tenant-b"))[0] == 403
+        allow(stage, "tenant")
+        status, found = get(guarded, path, bearer=token(installed_plane, "tenant"))
+        assert (status, found["node"], found["recomputed"]) == (200, chosen, False)
+        assert other not in json.dumps(found)
+        status, found = get(guarded, f"{path}?full=1", bearer=token(installed_plane, "admin"))
+        assert (status, found["runnerUp"]) == (200, other)
+        assert {chosen, other} <= set(found["full"]["table"]["nodes"])
+        assert get(guarded, f"/explain/{stage.namespace}/nobody", bearer=token(installed_plane, "admin"))[0] == 404
+
+
+def test_a_client_certificate_is_an_identity_too(
+    installed_plane: ControlPlane, stage: Stage, guarded: Process, authority: Authority, tmp_path: Path
+) -> None:
+    context = unverified()
+    context.load_cert_chain(*authority.user(tmp_path / "amy", "amy", "tenants"))
+    with nodes(installed_plane, edge("edge-1")):
+        stage.create_pod(pod("asked"))
+        stage.wait_bound("asked")
+        path = f"/explain/{stage.namespace}/asked"
+        assert get(guarded, path, context=context)[0] == 403
+        allow(stage, "amy")
+        stage.wait(lambda: get(guarded, path, context=context)[0] == 200, what=lambda: "remembered for some seconds")
+
+
+def test_after_a_restart_the_explanation_is_made_again_and_says_so(
+    installed_plane: ControlPlane, stage: Stage, guarded: Process
+) -> None:
+    with nodes(installed_plane, edge("edge-1")):
+        stage.create_pod(pod("old"))
+        stage.wait_bound("old")
+        guarded.stop()
+        guarded.start().wait_ready()
+        status, found = get(guarded, f"/explain/{stage.namespace}/old", bearer=token(installed_plane, "admin"))
+        assert (status, found["recomputed"], found["node"]) == (200, True, "edge-1")
+
+
+def test_the_configuration_is_for_who_may_get_the_path(installed_plane: ControlPlane, guarded: Process) -> None:
+    status, found = get(guarded, "/configz", bearer=token(installed_plane, "admin"))
+    assert status == 200
+    assert len(found["kubescheduler.config.k8s.io"]["profiles"]) == 2
+    assert get(guarded, "/configz", bearer=token(installed_plane, "tenant"))[0] == 403
