@@ -87,6 +87,9 @@ class Cache:
         metas += [item.metadata for item in self.services.of(uid).values()]
         return {meta.labels.get(Label.INSTANCE, "") for meta in metas}
 
+    def running_instances(self, uid: str) -> set[str]:
+        return {item.metadata.instance for item in self.deployments.of(uid).values()}
+
     def claimed_instances(self, uid: str) -> set[str]:
         return {claim.holder.instance for claim in self.claims.of(uid).values()}
 

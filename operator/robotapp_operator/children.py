@@ -12,6 +12,7 @@ import msgspec
 
 from robotapp_api.claims.domain import DomainOutcome, DomainRequest, Fence
 from robotapp_api.claims.identity import holder_of_app
+from robotapp_api.claims.instances import Instance
 from robotapp_api.claims.objects import Deployment as ClaimsDeployment
 from robotapp_api.client import ApiClient, NotFound
 from robotapp_api.client.claims import ensure_domain
@@ -24,7 +25,6 @@ from robotapp_operator.memory import Memory
 from robotapp_operator.plan.app import problems_of
 from robotapp_operator.plan.changes import Observed, Plan, deployment_domain, plan, ref_of, wanted_children
 from robotapp_operator.plan.children import Child
-from robotapp_operator.plan.instances import Instance
 from robotapp_operator.plan.objects import ChildRef, Deployment, Service
 from robotapp_operator.plan.record import Record
 from robotapp_operator.plan.wish import App, Domain, wish_of
@@ -63,12 +63,12 @@ class Children:
         if record is None or record.deleting or record.app is None:
             return True
         app = record.app
-        if problems_of(app, self._cache.nodes):
-            return True
         instance = find_instance(wanted_instances(app, self._cache), robot)
         observed = self._cache.children(uid, robot)
         if instance is None:
             return not self._plan(app, [], observed)
+        if problems_of(app, self._cache.nodes):
+            return True
         domain = cached_domain(app, robot, self._cache, self._memory.outcome(uid, robot))
         if needs_domain(app) and domain is None:
             return False
@@ -78,10 +78,12 @@ class Children:
 
     async def _turn(self, uid: str, robot: str) -> bool:
         app = await self._fresh_app(uid)
-        if app is None or problems_of(app, self._cache.nodes):
+        if app is None:
+            return True
+        instance = find_instance(wanted_instances(app, self._cache), robot)
+        if instance is not None and problems_of(app, self._cache.nodes):
             return True
         observed = await self._observe(app, robot)
-        instance = find_instance(wanted_instances(app, self._cache), robot)
         fences = {
             item.metadata.name: Fence(item.metadata.uid, item.metadata.resource_version)
             for item in observed.values()

@@ -128,10 +128,13 @@ class Controller:
             return 0.0
         # First of all: the scheduler waits until it sees its generation observed.
         self._queue.add(Key(Work.STATUS, key.group))
-        if record.app is not None and not problems_of(record.app, self._cache.nodes):
+        if record.app is not None:
             wanted = {instance.robot for instance in wanted_instances(record.app, self._cache)}
             self._memory.forget_instances(key.group, wanted)
-            for robot in sorted(wanted | self._cache.instance_keys(key.group)):
+            present = self._cache.instance_keys(key.group)
+            # Whatever is wrong with the spec: what runs for a robot that is none of the app's any more goes.
+            refused = problems_of(record.app, self._cache.nodes)
+            for robot in sorted(present - wanted if refused else present | wanted):
                 self._queue.add(Key(Work.CHILDREN, key.group, robot))
         return 0.0
 

@@ -4,6 +4,7 @@ import hashlib
 from collections.abc import Iterable, Mapping
 
 from robotapp_api.claims.domain import DomainOutcome
+from robotapp_api.claims.instances import Instance
 from robotapp_api.model.component import Params
 from robotapp_api.model.names import Label, Reason
 from robotapp_operator.cache import Cache
@@ -12,7 +13,7 @@ from robotapp_operator.plan.components import component_view, cut_off
 from robotapp_operator.plan.devices import device_trouble
 from robotapp_operator.plan.facts import AppFacts, InstanceFacts
 from robotapp_operator.plan.infrastructure import DISCOVERY
-from robotapp_operator.plan.instances import Instance, instances_of
+from robotapp_operator.plan.instances import instances_of
 from robotapp_operator.plan.latency import edge_views
 from robotapp_operator.plan.objects import ConfigMap, Deployment, Pod
 from robotapp_operator.plan.record import Record
@@ -21,8 +22,8 @@ from robotapp_operator.plan.wish import App, Domain, wish_of
 
 
 def wanted_instances(app: App, cache: Cache) -> tuple[Instance, ...]:
-    recorded = cache.claimed_instances(app.uid) or cache.instance_keys(app.uid)
-    return instances_of(app, cache.nodes, recorded=recorded)
+    running, claimed = cache.running_instances(app.uid), cache.claimed_instances(app.uid)
+    return instances_of(app, cache.nodes, running=running, claimed=claimed)
 
 
 def needs_domain(app: App) -> bool:

@@ -6,13 +6,13 @@ gate before every request, so that a test decides who goes next, who dies, and w
 
 import copy
 import itertools
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Collection
 from typing import Any
 
 import msgspec
 
 from robotapp_api.client.api import Json, Listing
-from robotapp_api.client.errors import AlreadyExists, ApiError, Conflict, NotFound
+from robotapp_api.client.errors import AlreadyExists, ApiError, Conflict, Forbidden, NotFound
 from robotapp_api.client.resources import ROBOTCLAIMS, Resource
 
 Key = tuple[str, str, str]
@@ -31,8 +31,11 @@ class Store:
         self.writes: list[str] = []
         self._versions = itertools.count(1)
 
-    def client(self, before: Gate = _open, after: Gate = _open) -> "Client":
-        return Client(self, before, after)
+    def client(
+        self, before: Gate = _open, after: Gate = _open, *, namespaces: Collection[str] | None = None
+    ) -> "Client":
+        """namespaces: where this client may list namespaced objects; None is everywhere."""
+        return Client(self, before, after, namespaces)
 
     def key(self, resource: Resource, namespace: str | None, name: str) -> Key:
         return (resource.plural, (namespace or "") if resource.namespaced else "", name)
@@ -65,8 +68,9 @@ class Store:
 class Client:
     """The verbs of ApiClient that claims use."""
 
-    def __init__(self, store: Store, before: Gate, after: Gate) -> None:
+    def __init__(self, store: Store, before: Gate, after: Gate, namespaces: Collection[str] | None) -> None:
         self.store = store
+        self._namespaces = namespaces
         self._before = before
         self._after = after
 
@@ -86,6 +90,8 @@ class Client:
         as_type: Any = dict,
     ) -> Listing[Any]:
         await self._before(f"list {resource.plural}")
+        if resource.namespaced and self._namespaces is not None and namespace not in self._namespaces:
+            raise Forbidden("not in this namespace", status=403, reason="Forbidden")
         items = [
             _convert(obj, as_type)
             for obj in self.store.all(resource)
@@ -174,6 +180,4 @@ def _fields_match(selector: str, obj: Json) -> bool:
 
 
 def forbidden() -> ApiError:
-    from robotapp_api.client.errors import Forbidden
-
     return Forbidden("forbidden", status=403, reason="Forbidden")

@@ -199,19 +199,10 @@ class Dds(Object, frozen=True, kw_only=True):
     share_with: tuple[SharedApp, ...] = ()
 
 
-class LabelExpression(Object, frozen=True, kw_only=True):
-    key: str
-    operator: str
-    values: tuple[str, ...] = ()
-
-
-class LabelSelector(Object, frozen=True, kw_only=True):
-    match_labels: dict[str, str] = {}
-    match_expressions: tuple[LabelExpression, ...] = ()
-
-
 class Robots(Object, frozen=True, kw_only=True):
-    selector: LabelSelector = LabelSelector()
+    """selector: as it is stored, for `matches_labels`."""
+
+    selector: dict[str, Any] = {}
     instances: str = "Each"
 
 

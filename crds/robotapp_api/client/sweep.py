@@ -68,7 +68,8 @@ class Rests:
 class Sweeper:
     """Gives back what nobody uses, and re-creates claims that something running stands on.
 
-    namespaces: sweep only holders there (a namespaced operator); None sweeps all. granted_pods: bare pods with grants,
+    namespaces: sweep only holders there (a namespaced operator); None sweeps all. Without the right to list workloads
+    everywhere such a sweep gives no domain of an app back: apps elsewhere may share it. granted_pods: bare pods with grants,
     from a cache, to be repaired. on_conflict is told about things with two users. counts: writes and passes by kind.
     """
 
@@ -134,7 +135,7 @@ class Sweeper:
             except Refused:
                 self.counts["refused"] += 1  # somebody else wrote to it: the next pass sees what
         pods = [*view.pods.values(), *self._granted_pods()]
-        for conflict in await repair(self._client, pods, view.claims, counts=self.counts):
+        for conflict in await repair(self._client, pods, view.known.values(), counts=self.counts):
             self._on_conflict(conflict)
         self.counts["passes"] += 1
 
@@ -145,9 +146,15 @@ class Sweeper:
 
     async def _decide_domain(self, view: View, claim: Claim) -> Release:
         used = view.usage.uses(claim)
+        wanted = not used and await view.wants(claim)
+        if not used and not wanted:
+            elsewhere = await view.used_elsewhere(claim)
+            if elsewhere is None:
+                return Release.KEEP  # a sweep of all namespaces (the scheduler's) sees who shares it
+            used = elsewhere
         return release_domain(
             draining=claim.draining,
-            wanted=not used and await view.wants(claim),
+            wanted=wanted,
             used=used,
             rested=claim.draining and self._rests.rested(claim, view.rest_s(claim)),
         )

@@ -8,12 +8,12 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 
 from robotapp_api.claims.identity import same_holder
-from robotapp_api.claims.instances import chosen_instance, robot_selector
+from robotapp_api.claims.instances import instances_of, wish_of
 from robotapp_api.claims.objects import App, Claim, Deployment, Holder, Meta, Object, Pod, Pool, ReplicaSet
 from robotapp_api.claims.release import is_gone, wants_domain
 from robotapp_api.claims.usage import Usage, usage_of
 from robotapp_api.client.claim_writes import Api, T
-from robotapp_api.client.errors import ApiError, NotFound
+from robotapp_api.client.errors import ApiError, Forbidden, NotFound
 from robotapp_api.client.resources import (
     DEPLOYMENTS,
     DOMAINPOOLS,
@@ -41,13 +41,22 @@ class View:
 
     client: Api
     claims: list[Claim]
+    """Those whose holders are ours to judge."""
+    known: Mapping[str, Claim]
+    """All claims by name: what our pods run with may be held in another namespace."""
     usage: Usage
     pods: dict[str, Pod]
     """Pods of RobotApps by uid."""
     quarantine_s: Mapping[str, int]
+    everywhere: bool = True
+    """False for a namespaced sweep: `usage` and `pods` are those of some namespaces."""
+    _elsewhere: Usage | None = None
+    _blind: bool = False
+    """The API server refused to list the workloads of other namespaces."""
     _apps: dict[tuple[str, str], App | None] = field(default_factory=dict)
     _holder_pods: dict[tuple[str, str], Pod | None] = field(default_factory=dict)
-    _robots: dict[tuple[str, str], bool] = field(default_factory=dict)
+    _robots: list[Meta] | None = None
+    _instances: dict[str, frozenset[str]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return f"<View of {len(self.claims)} claims, {len(self.pods)} pods>"
@@ -81,44 +90,59 @@ class View:
         siblings = [c for c in self.claims if c.spec.domain and same_holder(c.holder, claim.holder)]
         return wants_domain(app, claim, siblings, named=self.usage.named_by_deployments(claim.holder))
 
-    async def instance_exists(self, app: App, instance: str) -> bool:
-        robots = app.spec.robots
-        if robots is None:
-            return not instance
-        if not instance or not await self._is_robot(app, instance):
-            return False
-        if robots.instances != "Any":
-            return True
-        uid = app.metadata.uid
-        claimed = {claim.holder.instance for claim in self.claims if claim.holder.uid == uid}
-        deployed = {key[1] for key in self.usage.deployments if key[0] == uid}
-        return chosen_instance(uid, claimed=claimed, deployed=deployed) == instance
+    async def used_elsewhere(self, claim: Claim) -> bool | None:
+        """Whether apps of other namespaces, which share it, use a domain. None: we may not look, so nobody can say.
 
-    async def _is_robot(self, app: App, robot: str) -> bool:
-        key = (app.metadata.uid, robot)
-        if key not in self._robots:
-            assert app.spec.robots is not None  # noqa: S101 - the caller has looked
-            selector = robot_selector(app.spec.robots.selector, robot)
-            nodes = await self.client.list(NODES, label_selector=selector, as_type=Named)
-            self._robots[key] = bool(nodes.items)
-        return self._robots[key]
+        Asked only before something is given back, and read after the claim like everything else.
+        """
+        if self.everywhere:
+            return False
+        if self._elsewhere is None and not self._blind:
+            try:
+                self._elsewhere = (await _workloads(self.client, None))[0]
+            except Forbidden:
+                self._blind = True
+        return self._elsewhere.uses(claim) if self._elsewhere is not None else None
+
+    async def instance_exists(self, app: App, instance: str) -> bool:
+        uid = app.metadata.uid
+        if uid not in self._instances:
+            nodes = await self._robot_nodes() if app.spec.robots else ()
+            claimed = {claim.holder.instance for claim in self.claims if claim.holder.uid == uid}
+            running = {key[1] for key in self.usage.deployments if key[0] == uid}
+            found = instances_of(wish_of(app), nodes, running=running, claimed=claimed)
+            self._instances[uid] = frozenset(one.robot for one in found)
+        return instance in self._instances[uid]
+
+    async def _robot_nodes(self) -> list[Meta]:
+        if self._robots is None:
+            listing = await self.client.list(NODES, label_selector=Label.ROBOT, as_type=Named)
+            self._robots = [node.metadata for node in listing.items]
+        return self._robots
 
 
 async def read_view(client: Api, namespaces: Collection[str] | None) -> View:
     """Claims, then pools, Deployments, ReplicaSets and pods, one LIST each (one per namespace for a namespaced one)."""
     listing = await client.list(ROBOTCLAIMS, as_type=Claim)
-    claims = [c for c in listing.items if namespaces is None or c.holder.namespace in namespaces]
     pools = await client.list(DOMAINPOOLS, as_type=Pool)
+    usage, pods = await _workloads(client, namespaces)
+    return View(
+        client=client,
+        claims=[c for c in listing.items if namespaces is None or c.holder.namespace in namespaces],
+        known={claim.name: claim for claim in listing.items},
+        usage=usage,
+        pods={pod.metadata.uid: pod for pod in pods},
+        quarantine_s={pool.metadata.name: pool.spec.quarantine_seconds for pool in pools.items},
+        everywhere=namespaces is None,
+    )
+
+
+async def _workloads(client: Api, namespaces: Collection[str] | None) -> tuple[Usage, list[Pod]]:
+    """In the order in which one makes the next, so that none slips through between two listings."""
     deployments = await _children(client, DEPLOYMENTS, namespaces, Deployment)
     replica_sets = await _children(client, REPLICASETS, namespaces, ReplicaSet)
     pods = await _children(client, PODS, namespaces, Pod)
-    return View(
-        client=client,
-        claims=claims,
-        usage=usage_of(deployments=deployments, replica_sets=replica_sets, pods=pods),
-        pods={pod.metadata.uid: pod for pod in pods},
-        quarantine_s={pool.metadata.name: pool.spec.quarantine_seconds for pool in pools.items},
-    )
+    return usage_of(deployments=deployments, replica_sets=replica_sets, pods=pods), pods
 
 
 async def _children(client: Api, resource: Resource, namespaces: Collection[str] | None, as_type: type[T]) -> list[T]:

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
+from robotapp_api.claims.instances import robot_of
 from robotapp_api.model.distros import DISTROS, nearest
 from robotapp_api.model.names import ROBOT_END, Annotation, Reason
 from robotapp_operator.plan.environment import OURS
@@ -157,11 +158,11 @@ def _placement_problems(app: App, nodes: Mapping[str, Node]) -> Iterator[Problem
         yield Problem(Reason.NO_MATCHING_ROBOT, "spec.robots.selector", f"no robot matches; {shown}")
     elif not allowed_robots(app, nodes):
         node = matching[0]
-        allowed = node.metadata.annotations.get(Annotation.ALLOWED_NAMESPACES, "")
+        allowed = node.annotations.get(Annotation.ALLOWED_NAMESPACES, "")
         yield Problem(
             Reason.NOT_ALLOWED_ON_ROBOT,
             "spec.robots.selector",
-            f'robot {node.robot} admits apps of namespace "{allowed}" only (node annotation {Annotation.ALLOWED_NAMESPACES}), this is {app.namespace}',
+            f'robot {robot_of(node)} admits apps of namespace "{allowed}" only (node annotation {Annotation.ALLOWED_NAMESPACES}), this is {app.namespace}',
         )
 
 

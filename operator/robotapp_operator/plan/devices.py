@@ -4,8 +4,8 @@ from collections.abc import Iterable, Mapping
 
 from robotapp_api.claims.device import busy_text, fits
 from robotapp_api.claims.identity import claim_name_device
+from robotapp_api.claims.instances import Instance
 from robotapp_api.claims.objects import Claim
-from robotapp_operator.plan.instances import Instance
 from robotapp_operator.plan.objects import Telemetry
 from robotapp_operator.plan.wish import App
 

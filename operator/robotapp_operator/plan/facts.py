@@ -3,10 +3,10 @@
 import dataclasses
 from collections.abc import Mapping
 
+from robotapp_api.claims.instances import Instance
 from robotapp_api.model.names import Reason
 from robotapp_operator.plan.app import Problem
 from robotapp_operator.plan.components import ComponentView
-from robotapp_operator.plan.instances import Instance
 from robotapp_operator.plan.latency import EdgeView
 from robotapp_operator.plan.wish import App
 

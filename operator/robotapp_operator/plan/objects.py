@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import msgspec
 
 from robotapp_api.claims import objects as claims
+from robotapp_api.claims.instances import robot_of
 from robotapp_api.claims.objects import TelemetryDevice
-from robotapp_api.model.names import Label
 
 
 class Struct(msgspec.Struct, rename="camel", kw_only=True):
@@ -132,7 +132,7 @@ class Node(Struct):
     @property
     def robot(self) -> str:
         """Name of the robot this node is on, "" for other nodes."""
-        return self.metadata.labels.get(Label.ROBOT, "")
+        return robot_of(self.metadata)
 
     @property
     def ready(self) -> bool:

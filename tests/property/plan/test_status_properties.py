@@ -7,13 +7,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.support.factories import component, make_app, telemetry
 
+from robotapp_api.claims.instances import Instance
 from robotapp_api.model.names import Condition, Reason
 from robotapp_api.model.status import RobotAppStatus
 from robotapp_operator.plan.app import Problem
 from robotapp_operator.plan.compare import content_hash, covers
 from robotapp_operator.plan.components import ComponentView
 from robotapp_operator.plan.facts import AppFacts, InstanceFacts
-from robotapp_operator.plan.instances import Instance
 from robotapp_operator.plan.latency import edge_views, steady_p95
 from robotapp_operator.plan.status import render_status
 

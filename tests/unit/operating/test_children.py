@@ -181,6 +181,23 @@ async def test_an_instance_that_is_no_longer_wanted_is_pruned(world: World) -> N
     assert {item["metadata"]["labels"]["robotics.io/instance"] for item in await world.deployments()} == {"amr-07"}
 
 
+@pytest.mark.parametrize("revoked", [True, False], ids=["admits others only", "is gone"])
+async def test_what_runs_for_the_last_robot_goes_when_the_robot_does(world: World, revoked: bool) -> None:
+    await world.pool()
+    world.cache.nodes.update(robot_nodes("amr-07"))
+    uid = await world.app(robots={"selector": {"matchLabels": {"robotics.io/robot": "amr-07"}}})
+    await world.children.reconcile(uid, "amr-07")
+    await world.mirror()
+    assert len(await world.deployments()) == 2
+    if revoked:
+        world.cache.nodes["n-amr-07"].metadata.annotations[Annotation.ALLOWED_NAMESPACES] = "other"
+    else:
+        world.cache.nodes.clear()
+    await world.edit("teleop", ros={"distro": "humbel"})
+    assert await world.children.reconcile(uid, "amr-07")
+    assert await world.deployments() == []
+
+
 async def test_a_refused_spec_leaves_what_runs_alone(world: World) -> None:
     await world.pool()
     uid = await world.app()

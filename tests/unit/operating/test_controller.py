@@ -132,6 +132,17 @@ async def test_a_refused_app_only_gets_a_status(world: World) -> None:
     assert world.due() == {Key(Work.STATUS, "uid-1")}
 
 
+async def test_a_refused_app_still_visits_instances_that_are_no_longer_its_own(world: World) -> None:
+    world.cache.update_app(app_body(ros={"distro": "humbel"}, robots=EACH))
+    world.cache.nodes.update(robots("kept"))
+    for robot in ("kept", "revoked"):
+        child = make_deployment(robot)
+        child.metadata.labels[Label.INSTANCE] = robot
+        world.cache.deployments.put("uid-1", robot, child)
+    await world.handle(Key(Work.APP, "uid-1"))
+    assert world.due() == {Key(Work.CHILDREN, "uid-1", "revoked"), Key(Work.STATUS, "uid-1")}
+
+
 async def test_a_deleted_app_is_forgotten_and_its_claims_are_swept_soon(world: World) -> None:
     world.memory.of("uid-1").bug = "x"
     await world.handle(Key(Work.APP, "uid-1"))

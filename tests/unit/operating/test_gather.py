@@ -71,14 +71,15 @@ def test_a_shared_domain_is_remembered_from_the_last_answer() -> None:
     assert cached_domain(app, "", Cache(), outcome) == Domain(90, "")
 
 
-def test_any_follows_the_claim_before_the_children() -> None:
+def test_any_follows_the_claim_until_it_runs_and_then_stays() -> None:
     app = make_app(robots=EACH | {"instances": "Any"})
     cache = Cache()
     cache.nodes.update(robots("a", "b", "c"))
+    for robot in ("b", "c"):
+        cache.claims.put(app.uid, "x", domain_claim(7, instance=robot))
+        assert wanted_instances(app, cache)[0].robot == robot
     with_children(cache, app, "b")
     assert wanted_instances(app, cache)[0].robot == "b"
-    cache.claims.put(app.uid, "x", domain_claim(7, instance="c"))
-    assert wanted_instances(app, cache)[0].robot == "c"
 
 
 def test_the_parameters_key_is_the_robots_own_then_the_common_then_the_only_one() -> None:

@@ -7,9 +7,9 @@ import pytest
 from tests.support.factories import component, make_app
 
 from robotapp_api.claims.identity import claim_name_device
+from robotapp_api.claims.instances import Instance
 from robotapp_api.claims.objects import Claim
 from robotapp_operator.plan.devices import device_trouble
-from robotapp_operator.plan.instances import Instance
 from robotapp_operator.plan.objects import Telemetry
 
 ON_ROBOT = Instance(robot="amr-07", node="amr-07")

@@ -8,12 +8,12 @@ from typing import Any
 import pytest
 from tests.support.factories import make_app, telemetry
 
+from robotapp_api.claims.instances import Instance
 from robotapp_api.model.names import Condition, Phase, Reason
 from robotapp_api.model.status import RobotAppStatus
 from robotapp_operator.plan.app import Problem
 from robotapp_operator.plan.components import ComponentView
 from robotapp_operator.plan.facts import AppFacts, InstanceFacts
-from robotapp_operator.plan.instances import Instance
 from robotapp_operator.plan.latency import edge_views
 from robotapp_operator.plan.status import MAX_DETAIL_BYTES, domains_text, ranges, render_status
 

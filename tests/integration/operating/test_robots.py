@@ -1,0 +1,55 @@
+"""Robots come and go: what runs for a robot goes with it, and its domain comes back."""
+
+import secrets
+from collections.abc import Iterator
+
+import pytest
+from tests.support.live import Tenant, eventually, part
+
+from robotapp_testbed import ControlPlane
+
+pytestmark = pytest.mark.usefixtures("operator")
+ALLOWED = "robotics.io/allowed-namespaces"
+
+
+@pytest.fixture
+def robot(installed_plane: ControlPlane) -> Iterator[str]:
+    """edge-2 as a robot of this test."""
+    name = f"amr-{secrets.token_hex(2)}"
+    installed_plane.kubectl("label", "node", "edge-2", f"robotics.io/robot={name}")
+    yield name
+    installed_plane.kubectl("label", "node", "edge-2", "robotics.io/robot-")
+    installed_plane.kubectl("annotate", "node", "edge-2", f"{ALLOWED}-")
+
+
+def test_a_revoked_robot_stops_the_apps_pods_says_why_and_gives_the_domain_back(
+    installed_plane: ControlPlane, tenant: Tenant, ids: str, robot: str
+) -> None:
+    selector = {"selector": {"matchLabels": {"robotics.io/robot": robot}}}
+    tenant.apply("guest", part("driver", runsOn="Robot"), robots=selector, dds={"pool": ids})
+    tenant.wait_ready("guest")
+    assert len(tenant.claims()) == 1
+    installed_plane.kubectl("annotate", "node", "edge-2", f"{ALLOWED}=other")
+    said = tenant.wait("guest", "Accepted", "False", reason="NotAllowedOnRobot")["message"]
+    assert f'robot {robot} admits apps of namespace "other" only' in said
+    eventually(lambda: not tenant.listed("pods") and not tenant.deployments(), what=tenant.children)
+    eventually(lambda: not tenant.claims(), what=tenant.claims)
+    installed_plane.kubectl("annotate", "node", "edge-2", f"{ALLOWED}-")
+    tenant.wait_ready("guest")
+    assert len(tenant.claims()) == 1
+
+
+def test_a_robot_that_leaves_gives_back_its_own_domain_and_no_other(
+    installed_plane: ControlPlane, tenant: Tenant, ids: str, robot: str
+) -> None:
+    selector = {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}
+    tenant.apply("fleet", part("driver", runsOn="Robot"), robots={"selector": selector}, dds={"pool": ids})
+    tenant.wait_ready("fleet")
+    before = {claim["spec"]["holder"]["instance"] for claim in tenant.claims()}
+    assert robot in before
+    installed_plane.kubectl("annotate", "node", "edge-2", f"{ALLOWED}=other")
+    eventually(
+        lambda: {claim["spec"]["holder"]["instance"] for claim in tenant.claims()} == before - {robot},
+        what=tenant.claims,
+    )
+    tenant.wait_ready("fleet")

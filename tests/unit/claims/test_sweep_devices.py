@@ -1,0 +1,82 @@
+"""Devices are handed over or given back; bare pods hold what they were granted."""
+
+from tests.support.claims_objects import pod_holder, pod_json
+from tests.support.sweep_world import World
+
+from robotapp_api.claims.domain import DomainRequest
+from robotapp_api.client.claims import ensure_pod_domain
+from robotapp_api.client.resources import (
+    PODS,
+    ROBOTCLAIMS,
+)
+
+
+async def test_a_device_waits_for_a_successor_which_takes_it_over() -> None:
+    world = World()
+    pod = world.store.put(PODS, pod_json(name="p1", uid=world.app.uid))
+    name = await world.device(pod["metadata"]["uid"])
+    await world.sweep()
+    assert world.phase(name) == "Reserved"
+    world.store.remove(PODS, "p1", "team")
+    await world.sweep()
+    assert world.phase(name) == "Draining"
+    await world.device("successor")
+    claim = world.store.find(ROBOTCLAIMS, name)
+    assert claim is not None
+    assert claim["status"] == {"phase": "Reserved", "attempt": 2, "pod": "successor", "node": "edge-1"}
+
+
+async def test_a_device_nobody_comes_for_is_freed_after_the_handover() -> None:
+    world = World()
+    name = await world.device("gone")
+    await world.sweep()
+    await world.sweep(after_s=14)
+    assert world.phase(name) == "Draining"
+    await world.sweep(after_s=2)
+    assert world.phase(name) == "gone"
+
+
+async def test_a_device_of_a_deleted_or_suspended_app_is_freed_when_its_pod_is_gone_and_not_before() -> None:
+    world = World()
+    pod = world.store.put(PODS, pod_json(name="p1", uid=world.app.uid))
+    name = await world.device(pod["metadata"]["uid"])
+    world.delete_app()
+    await world.sweep()
+    assert world.phase(name) == "Reserved"
+    world.store.remove(PODS, "p1", "team")
+    await world.sweep()
+    assert world.phase(name) == "gone"
+
+
+async def test_a_pod_that_lost_its_labels_but_still_runs_keeps_its_device() -> None:
+    world = World()
+    pod = world.store.put(PODS, pod_json(name="p1", node="edge-1"))
+    name = await world.device(pod["metadata"]["uid"])
+    await world.sweep()
+    assert world.phase(name) == "Reserved"
+
+
+async def test_a_pod_bound_without_the_device_gives_it_back() -> None:
+    world = World()
+    pod = world.store.put(PODS, pod_json(name="p1", uid=world.app.uid, node="edge-2", phase="Running"))
+    name = await world.device(pod["metadata"]["uid"])
+    await world.sweep()
+    assert world.phase(name) == "gone"
+
+
+# Bare pods
+
+
+async def test_a_bare_pods_domain_rests_and_its_device_is_free_at_once() -> None:
+    world = World()
+    pod = world.store.put(PODS, pod_json(name="bare"))
+    holder = pod_holder(pod["metadata"]["uid"], "bare")
+    domain = (await ensure_pod_domain(world.store.client(), DomainRequest(holder))).claim
+    device = await world.device(holder.uid, holder)
+    await world.sweep()
+    assert (world.phase(domain), world.phase(device)) == ("Reserved", "Reserved")
+    world.store.remove(PODS, "bare", "team")
+    await world.sweep()
+    assert (world.phase(domain), world.phase(device)) == ("Draining", "gone")
+    await world.sweep(after_s=61)
+    assert world.phase(domain) == "gone"

@@ -1,0 +1,80 @@
+"""Claims that running pods stand on are made again; what somebody else holds is told."""
+
+from tests.support.claims_objects import pod_json
+from tests.support.sweep_world import World, number
+
+from robotapp_api.claims.domain import DomainRequest
+from robotapp_api.claims.identity import claim_object, domain_spec, holder_of_app
+from robotapp_api.client.claims import ensure_domain
+from robotapp_api.client.resources import (
+    PODS,
+    ROBOTCLAIMS,
+)
+
+
+def running(world: World, lock: str, *, uid: str = "", name: str = "runs") -> None:
+    notes = {"robotics.io/domain-claim": lock}
+    world.store.put(
+        PODS,
+        pod_json(number(lock), name=name, uid=uid or world.app.uid, node="edge-1", phase="Running", annotations=notes),
+    )
+
+
+async def test_a_claim_deleted_by_hand_is_made_again_for_the_running_pod() -> None:
+    world = World()
+    name = await world.domain()
+    running(world, name)
+    world.store.remove(ROBOTCLAIMS, name)
+    await world.sweep()
+    claim = world.store.find(ROBOTCLAIMS, name)
+    assert claim is not None
+    assert claim["spec"]["holder"]["uid"] == world.app.uid
+    assert world.conflicts == []
+
+
+async def test_a_lost_claim_that_somebody_else_has_is_told_and_not_taken() -> None:
+    world = World()
+    name = await world.domain()
+    running(world, name)
+    world.store.remove(ROBOTCLAIMS, name)
+    other = world.new_app("other")
+    await ensure_domain(world.store.client(), DomainRequest(other, requested_id=number(name)))
+    await world.sweep()
+    claim = world.store.find(ROBOTCLAIMS, name)
+    assert claim is not None
+    assert claim["spec"]["holder"]["uid"] == other.uid
+    assert [conflict.runs.uid for conflict in world.conflicts] == [world.app.uid]
+
+
+async def test_an_app_that_shares_neither_repairs_nor_conflicts() -> None:
+    world = World()
+    name = await world.domain()
+    sharer = world.new_app("sharer", dds={"shareWith": [{"name": "teleop"}]})
+    notes = {"robotics.io/domain-claim": name}
+    pod = pod_json(number(name), name="s", uid=sharer.uid, node="edge-1", phase="Running", annotations=notes)
+    pod["metadata"]["labels"]["robotics.io/app"] = "sharer"
+    world.store.put(PODS, pod)
+    await world.sweep()
+    assert world.conflicts == []
+    world.store.remove(ROBOTCLAIMS, name)
+    await world.sweep()
+    assert world.store.find(ROBOTCLAIMS, name) is None
+
+
+async def test_a_namespaced_sweep_tells_of_a_thing_that_somebody_in_another_namespace_holds() -> None:
+    world = World()
+    name = await world.domain()
+    running(world, name)
+    world.store.remove(ROBOTCLAIMS, name)
+    stranger = holder_of_app(namespace="other", name="stranger", uid="app-9")
+    world.store.put(
+        ROBOTCLAIMS,
+        claim_object(
+            domain_spec(pool="default", scope="Cluster", scope_value="", domain_id=number(name), holder=stranger)
+        ),
+    )
+    writes = len(world.store.writes)
+    world.sweeper = world.another(namespaces=("team",))
+    await world.sweep()
+    assert [conflict.holds.name for conflict in world.conflicts] == ["stranger"]
+    assert len(world.store.writes) == writes
