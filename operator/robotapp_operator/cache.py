@@ -19,6 +19,7 @@ from robotapp_operator.plan.objects import (
     Telemetry,
 )
 from robotapp_operator.plan.record import Record, parse_record
+from robotapp_operator.sharing import Sharing
 
 T = TypeVar("T")
 
@@ -45,6 +46,7 @@ class Cache:
 
     def __init__(self) -> None:
         self.apps: dict[str, Record] = {}
+        self.sharing = Sharing()
         self.nodes: dict[str, Node] = {}
         self.telemetry: dict[str, Telemetry] = {}
         self.pools: dict[str, Pool] = {}
@@ -69,6 +71,10 @@ class Cache:
         if known and record.version_number < known.version_number:
             return known
         self.apps[record.uid] = record
+        if record.app is not None:
+            self.sharing.put(record.app, before=known.app if known else None)
+        elif known and known.app:
+            self.sharing.drop(known.app)
         return record
 
     def children(self, uid: str, instance: str) -> dict[ChildRef, Observed]:
@@ -93,13 +99,10 @@ class Cache:
     def claimed_instances(self, uid: str) -> set[str]:
         return {claim.holder.instance for claim in self.claims.of(uid).values()}
 
-    def domains_held(self, uid: str, instance: str) -> dict[int, Claim]:
-        """Domain claims of one instance by id, draining ones included."""
-        return {
-            claim.spec.domain.id: claim
-            for claim in self.claims.of(uid).values()
-            if claim.spec.domain is not None and claim.holder.instance == instance
-        }
+    def domains_held(self, uid: str, instance: str) -> list[Claim]:
+        """Domain claims of one instance, draining ones included."""
+        mine = (claim for claim in self.claims.of(uid).values() if claim.holder.instance == instance)
+        return [claim for claim in mine if claim.spec.domain is not None]
 
     def devices_held(self, uid: str, instance: str) -> list[Claim]:
         mine = (claim for claim in self.claims.of(uid).values() if claim.holder.instance == instance)
@@ -118,7 +121,9 @@ class Cache:
         return found
 
     def forget_app(self, uid: str) -> None:
-        self.apps.pop(uid, None)
+        record = self.apps.pop(uid, None)
+        if record is not None and record.app is not None:
+            self.sharing.drop(record.app)
 
     def apps_on(self, node: str) -> set[str]:
         """Uids of apps with a pod on `node`."""

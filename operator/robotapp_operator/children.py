@@ -210,7 +210,7 @@ def domain_request(app: App, instance: Instance, *, scope_value: str) -> DomainR
         scope_value=scope_value,
         requested_id=app.requested_domain,
         isolation=dds.isolation if dds else "Domain",
-        share_with=tuple((other.namespace or app.namespace, other.name) for other in dds.share_with) if dds else (),
+        share_with=app.share_with,
     )
 
 

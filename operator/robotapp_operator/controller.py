@@ -29,6 +29,8 @@ FLEET_REST_S: Final = 5.0
 PROBES_REST_S: Final = 10.0
 RESYNC_S: Final = 600.0
 BUG_DELAY_S: Final = 300.0
+OF_APPS: Final = frozenset({Work.APP, Work.CHILDREN, Work.STATUS, Work.GATES})
+"""Work whose group is an app's uid."""
 
 
 class Controller:
@@ -113,6 +115,9 @@ class Controller:
                 else:
                     result("success")
                     self._queue.done(key, rest_s=rest_s)
+            if key.work in OF_APPS and key.group not in self._cache.apps:  # it went while we worked
+                self._memory.forget(key.group)
+                self._queue.forget(key.group)
 
     # Work. Each returns how long the key shall rest, None to be tried again with back-off.
 
@@ -136,6 +141,8 @@ class Controller:
             refused = problems_of(record.app, self._cache.nodes)
             for robot in sorted(present - wanted if refused else present | wanted):
                 self._queue.add(Key(Work.CHILDREN, key.group, robot))
+                if not record.app.our_scheduler:
+                    self._queue.add(Key(Work.GATES, key.group, robot))
         return 0.0
 
     async def _instance(self, key: Key) -> float | None:
@@ -158,7 +165,7 @@ class Controller:
 
     async def _waiting(self, _: Key) -> float:
         for uid, robot in self._memory.waiting():
-            self._queue.add(Key(Work.CHILDREN, uid, robot))
+            self._queue.hurry(Key(Work.CHILDREN, uid, robot))
         return 0.1
 
     async def _fleet_view(self, key: Key) -> float:
@@ -171,13 +178,16 @@ class Controller:
 
     async def _resync(self, _: Key) -> float:
         """Every app once more; those that are gone although nobody said so are forgotten."""
+        known = set(self._cache.apps)
         bodies = await self._list_apps()
+        vanished = known - set(self._cache.apps)  # while the list was under way, which may still show them
         for body in bodies:
-            self._cache.update_app(body)
-        present = {body["metadata"]["uid"] for body in bodies}
-        for uid in set(self._cache.apps) - present:
+            if body["metadata"]["uid"] not in vanished:
+                self._cache.update_app(body)
+        # An app that came while the list was under way may not be in it.
+        for uid in known - {body["metadata"]["uid"] for body in bodies}:
             self._cache.forget_app(uid)
-        for uid in present | set(self._cache.apps):
+        for uid in known | set(self._cache.apps):
             self._queue.add(Key(Work.APP, uid))
         self._queue.add(Key(Work.RESYNC, ""), delay_s=RESYNC_S)
         return 0.0

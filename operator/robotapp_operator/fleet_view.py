@@ -8,7 +8,7 @@ from robotapp_api.client import AlreadyExists, ApiClient, Conflict, NotFound
 from robotapp_api.client.resources import CONFIGMAPS
 from robotapp_api.model.names import FLEET_CONFIG_MAP, OPERATOR_MANAGER, Annotation, Label
 from robotapp_operator.cache import Cache
-from robotapp_operator.gather import wanted_instances
+from robotapp_operator.gather import cached_domain, wanted_instances
 from robotapp_operator.plan.app import problems_of
 from robotapp_operator.plan.fleet import Assignment, fleet_lines, shards
 
@@ -55,12 +55,12 @@ class FleetView:
                 if pod.spec.node_name and not pod.terminal:
                     nodes[labels.get(Label.INSTANCE, ""), labels.get(Label.COMPONENT, "")] = pod.spec.node_name
             for instance in wanted_instances(record.app, self._cache):
-                held = sorted(self._cache.domains_held(record.uid, instance.robot))
+                held = cached_domain(record.app, instance.robot, self._cache, None)
                 parts = tuple(
                     (component.name, nodes.get((instance.robot, component.name), ""))
                     for component in record.app.spec.components
                 )
-                found.append(Assignment(record.name, instance.robot, held[0] if held else None, parts))
+                found.append(Assignment(record.name, instance.robot, held.id if held else None, parts))
         for pod in self._cache.bare_pods.of(namespace).values():
             if not pod.terminal and any(name in pod.metadata.annotations for name in _ANNOTATIONS):
                 domain = granted_domain(pod.metadata.annotations)

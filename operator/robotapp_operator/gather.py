@@ -1,14 +1,21 @@
 """From caches to the facts that plans and status are made of. No I/O, no decisions."""
 
 import hashlib
+from collections import defaultdict
 from collections.abc import Iterable, Mapping
 
 from robotapp_api.claims.domain import DomainOutcome
 from robotapp_api.claims.instances import Instance
+from robotapp_api.claims.objects import App as ClaimsApp
+from robotapp_api.claims.objects import Claim
+from robotapp_api.claims.release import claims_domain, wanted_claim
+from robotapp_api.claims.share import AppKey, Join, claim_to_join, owner_of
 from robotapp_api.model.component import Params
 from robotapp_api.model.names import Label, Reason
+from robotapp_api.values.ranges import parse_ids
 from robotapp_operator.cache import Cache
 from robotapp_operator.plan.app import problems_of
+from robotapp_operator.plan.changes import deployment_domain
 from robotapp_operator.plan.components import component_view, cut_off
 from robotapp_operator.plan.devices import device_trouble
 from robotapp_operator.plan.facts import AppFacts, InstanceFacts
@@ -19,6 +26,7 @@ from robotapp_operator.plan.objects import ConfigMap, Deployment, Pod
 from robotapp_operator.plan.record import Record
 from robotapp_operator.plan.template import PARAMS_FILE, ParamsFile
 from robotapp_operator.plan.wish import App, Domain, wish_of
+from robotapp_operator.sharing import rules_view
 
 
 def wanted_instances(app: App, cache: Cache) -> tuple[Instance, ...]:
@@ -31,18 +39,54 @@ def needs_domain(app: App) -> bool:
 
 
 def cached_domain(app: App, robot: str, cache: Cache, outcome: DomainOutcome | None) -> Domain | None:
-    """The instance's domain as far as caches can tell; None sends the caller to the API server."""
-    if app.spec.dds and (app.spec.dds.share_with or app.spec.dds.isolation == "Discovery"):
-        return Domain(outcome.id, outcome.claim) if outcome and outcome.id is not None else None
-    standing = {
-        number: claim
-        for number, claim in cache.domains_held(app.uid, robot).items()
-        if not claim.draining and claim.spec.domain and claim.spec.domain.pool == app.pool
-    }
-    if len(standing) != 1:
+    """The instance's domain as far as caches can tell; None sends the caller to the API server.
+
+    outcome: the last answer from there; it is trusted for shared ids (isolation Discovery) alone, which nobody claims.
+    """
+    view = rules_view(app)
+    key = (app.namespace, app.name)
+    join = owner_of(view, lambda other: _rules_view_of(other, cache)) if app.share_with else Join(key)
+    if join.owner is None:
         return None
-    ((number, claim),) = standing.items()
-    return Domain(number, claim.name) if app.requested_domain in (None, number) else None
+    if join.owner != key:
+        claim = _joined_claim(join.owner, robot, cache)
+    elif not claims_domain(view):
+        return _shared_id(app, cache, outcome)
+    else:
+        claims = cache.domains_held(app.uid, robot)
+        named = _named(owned_deployments(app, robot, cache)) if len(claims) > 1 else ()
+        claim = wanted_claim(view, claims, named=named)
+    if claim is None or claim.draining or claim.spec.domain is None:
+        return None
+    return Domain(claim.spec.domain.id, claim.name)
+
+
+def _joined_claim(key: AppKey, robot: str, cache: Cache) -> Claim | None:
+    owner = cache.sharing.named(key)
+    if owner is None:
+        return None
+    deployed: dict[str, list[Deployment]] = defaultdict(list)
+    for item in cache.deployments.of(owner.uid).values():
+        deployed[item.metadata.labels.get(Label.INSTANCE, "")].append(item)
+    named = {instance: _named(items) for instance, items in deployed.items()}
+    return claim_to_join(rules_view(owner), robot, cache.claims.of(owner.uid).values(), named=named)
+
+
+def _rules_view_of(key: AppKey, cache: Cache) -> ClaimsApp | None:
+    app = cache.sharing.named(key)
+    return rules_view(app) if app else None
+
+
+def _named(deployments: Iterable[Deployment]) -> set[int]:
+    return {number for item in deployments if (number := deployment_domain(item)) is not None}
+
+
+def _shared_id(app: App, cache: Cache, outcome: DomainOutcome | None) -> Domain | None:
+    """The id of the last answer, while the app's pool still shares it."""
+    pool = cache.pools.get(app.pool)
+    if pool is None or outcome is None or outcome.id not in parse_ids(pool.spec.shared_ids):
+        return None
+    return Domain(outcome.id)
 
 
 def params_files(app: App, robot: str, cache: Cache) -> dict[str, ParamsFile]:
@@ -112,6 +156,13 @@ def app_facts(
     )
 
 
+def _last_joined(app: App, outcome: DomainOutcome | None) -> Domain | None:
+    """What a sharer was told last, for its status alone: after a start its owner may not be in the caches yet."""
+    if not app.share_with or outcome is None or outcome.id is None:
+        return None
+    return Domain(outcome.id, outcome.claim)
+
+
 def _instance_facts(
     app: App,
     instance: Instance,
@@ -129,7 +180,7 @@ def _instance_facts(
         deployment = by_component.get(component.name)
         mine = pods.get(deployment.metadata.uid, ()) if deployment else ()
         views.append(component_view(component, deployment, mine))
-    domain = cached_domain(app, instance.robot, cache, outcome)
+    domain = cached_domain(app, instance.robot, cache, outcome) or _last_joined(app, outcome)
     robot = cache.nodes.get(instance.node)
     placed = {view.name: view.node for view in views if view.node}
     devices = cache.devices_held(app.uid, instance.robot)
@@ -137,7 +188,7 @@ def _instance_facts(
     busy = ""
     if len(devices) < wanted:
         busy = device_trouble(app, instance, claims=cache.all_claims(), telemetry=cache.telemetry)
-    domains = cache.domains_held(app.uid, instance.robot).values()
+    domains = cache.domains_held(app.uid, instance.robot)
     return InstanceFacts(
         instance=instance,
         components=tuple(views),

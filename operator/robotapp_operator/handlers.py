@@ -9,6 +9,7 @@ from robotapp_api.model.names import GROUP, VERSION
 from robotapp_operator.cache import Cache
 from robotapp_operator.keys import Work
 from robotapp_operator.queue import Key, Queue
+from robotapp_operator.wake import wake_sharers
 
 
 def register(registry: kopf.OperatorRegistry, cache: Cache, queue: Queue) -> None:
@@ -21,12 +22,18 @@ def register(registry: kopf.OperatorRegistry, cache: Cache, queue: Queue) -> Non
 
 def observe(kind: str | None, body: Mapping[str, Any], cache: Cache, queue: Queue) -> None:
     """A status write (ours, mostly) only needs the status compared; everything else plans the app anew."""
-    uid = body["metadata"]["uid"]
+    meta = body["metadata"]
+    uid, key = meta["uid"], (meta.get("namespace", ""), meta["name"])
     before = cache.apps.get(uid)
     if kind == "DELETED":
         cache.forget_app(uid)
         queue.add(Key(Work.APP, uid))
+        wake_sharers(cache, queue, key)
         return
     after = cache.update_app(body)
-    same = before is not None and before.wish_mark == after.wish_mark
-    queue.add(Key(Work.STATUS if same else Work.APP, uid))
+    if before is not None and before.wish_mark == after.wish_mark:
+        queue.add(Key(Work.STATUS, uid))
+        return
+    queue.forgive(uid)  # what failed, failed with another spec
+    queue.add(Key(Work.APP, uid))
+    wake_sharers(cache, queue, key)

@@ -9,8 +9,10 @@ from robotapp_api.client.resources import Resource
 from robotapp_api.model.names import FLEET_CONFIG_MAP, SCHEDULER_NAME, SCHEDULING_GATE, THESIS_SCHEDULER_NAME, Label
 from robotapp_operator.cache import Cache, Index
 from robotapp_operator.keys import Work
+from robotapp_operator.plan.changes import deployment_domain
 from robotapp_operator.plan.objects import ConfigMap, Deployment, Node, Pod, ReplicaSet, Service, Telemetry
 from robotapp_operator.queue import Key, Queue
+from robotapp_operator.wake import wake_instance, wake_joined
 
 STATUS_DELAY_S: Final = 0.05
 """Pods of one app change in bursts; one status covers them."""
@@ -88,7 +90,12 @@ class Informers:
             self._children(item)
         if now is None:
             self._wake_sweep()
-        self._status(label(item, Label.APP_UID))
+        uid = label(item, Label.APP_UID)
+        self._status(uid)
+        record = self._cache.apps.get(uid)
+        if record is not None and (before and deployment_domain(before)) != (now and deployment_domain(now)):
+            owner = record.namespace, record.name
+            wake_joined(self._cache, self._queue, owner, uid=uid, instance=label(item, Label.INSTANCE))
 
     def _service(self, change: Change) -> None:
         self._children(self._child(self._cache.services, change))
@@ -180,10 +187,15 @@ class Informers:
         else:
             self._cache.claims.put(holder.uid, claim.name, claim)
         if holder.uid in self._cache.apps:
-            if claim.spec.domain is not None:
-                self._queue.add(Key(Work.CHILDREN, holder.uid, holder.instance))
             self._status(holder.uid)
-        if change.new is None and claim.spec.domain is not None:
+        if claim.spec.domain is None:
+            return
+        # An adoption only counts up `attempt`: our own write is no news, or a failing key would spin on it.
+        if change.old is None or change.new is None or change.old.status.phase != claim.status.phase:
+            wake_instance(self._cache, self._queue, holder.uid, holder.instance)
+            owner = holder.namespace, holder.name
+            wake_joined(self._cache, self._queue, owner, uid=holder.uid, instance=holder.instance)
+        if change.new is None:
             self._waiting_for(claim.spec.domain.pool)
 
     def _waiting_for(self, pool: str) -> None:

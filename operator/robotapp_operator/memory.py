@@ -33,10 +33,12 @@ class Memory:
         return len(self._apps)
 
     def of(self, uid: str) -> AppMemory:
+        """The app's memory, begun if there is none."""
         return self._apps[uid]
 
     def outcome(self, uid: str, robot: str) -> DomainOutcome | None:
-        return self._apps[uid].outcomes.get(robot)
+        memory = self._apps.get(uid)
+        return memory.outcomes.get(robot) if memory else None
 
     def waiting(self) -> list[tuple[str, str]]:
         """(uid, instance) of everything that has asked for a domain in vain."""
@@ -52,7 +54,9 @@ class Memory:
 
     def forget_instances(self, uid: str, kept: set[str]) -> None:
         """Drop what is about instances the app no longer has."""
-        memory = self._apps[uid]
+        memory = self._apps.get(uid)
+        if memory is None:
+            return
         tables: tuple[dict[str, Any], ...] = (memory.outcomes, memory.troubles, memory.held, memory.new_domains)
         for table in tables:
             for robot in set(table) - kept:

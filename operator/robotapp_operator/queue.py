@@ -1,7 +1,8 @@
 """The work queue: every key at most once at a time, earliest due first, fair between groups.
 
 A key that is added again while it is being worked on runs once more afterwards. A key that fails waits
-1 s, 2 s, 4 s … up to a minute, other keys do not notice. Among due keys the lanes (an app's keys of one kind)
+1 s, 2 s, 4 s … up to a minute, other keys do not notice, and events it may have caused itself do not shorten the wait;
+news from outside (`hurry`, `forgive`) end it. Among due keys the lanes (an app's keys of one kind)
 take turns, so an app with a thousand instances delays neither its neighbour nor its own status.
 """
 
@@ -43,6 +44,9 @@ class Queue:
         self._active: set[Key] = set()
         self._again: dict[Key, float] = {}
         self._rest_until: dict[Key, float] = {}
+        self._back_off_until: dict[Key, float] = {}
+        self._hurried: set[Key] = set()
+        """Keys that got news while they were being worked on."""
         self._failures: dict[Key, int] = {}
         self._wake = asyncio.Event()
         self._closed = False
@@ -68,9 +72,9 @@ class Queue:
         return max((self._clock() - keys[0][1] for keys in self._ready.values()), default=0.0)
 
     def add(self, key: Key, *, delay_s: float = 0.0) -> None:
-        """Ask for `key` in `delay_s`; an earlier request stands, a later one is forgotten."""
+        """Ask for `key` in `delay_s`, or when it has rested; an earlier request stands, a later one is forgotten."""
         self.adds += 1
-        due = max(self._clock() + delay_s, self._rest_until.get(key, 0.0))
+        due = max(self._clock() + delay_s, self._rest_until.get(key, 0.0), self._back_off_until.get(key, 0.0))
         if key in self._active:
             self._again[key] = min(due, self._again.get(key, due))
         elif key not in self._ready_keys and due < self._due.get(key, float("inf")):
@@ -78,6 +82,20 @@ class Queue:
             self._sequence += 1
             heapq.heappush(self._heap, (due, self._sequence, key))
             self._wake.set()
+
+    def hurry(self, key: Key) -> None:
+        """Ask for `key` now because of something it did not cause: what failed may work. A failure in progress counts too."""
+        self._back_off_until.pop(key, None)
+        if key in self._active:
+            self._hurried.add(key)
+        self.add(key)
+
+    def forgive(self, group: str) -> None:
+        """End the back-off of a group's keys: what failed may work now. Nothing is asked for."""
+        for key in [key for key in self._back_off_until if key.group == group]:
+            del self._back_off_until[key]
+            self._failures.pop(key, None)
+        self._hurried |= {key for key in self._active if key.group == group}
 
     def pop(self) -> tuple[Key, float] | None:
         """The next due key and the seconds it waited beyond its due time, None when nothing is due."""
@@ -92,11 +110,13 @@ class Queue:
             del self._ready[lane]
         self._ready_keys.discard(key)
         self._active.add(key)
+        self._back_off_until.pop(key, None)
         return key, max(0.0, self._clock() - due)
 
     def done(self, key: Key, *, rest_s: float = 0.0) -> None:
         """`key` was handled: forget its failures; it will not start again within `rest_s`."""
         self._failures.pop(key, None)
+        self._hurried.discard(key)
         if rest_s > 0:
             self._rest_until[key] = self._clock() + rest_s
         else:
@@ -110,14 +130,17 @@ class Queue:
         self._failures[key] = count + 1
         backoff_s = min(self._max_delay_s, self._base_delay_s * 2.0 ** min(count, 16))
         delay_s = max(at_least_s, backoff_s * (0.75 + 0.5 * self._jitter()))
-        # A request that arrived meanwhile must not skip the back-off: a failing key would spin on its own events.
-        self._again[key] = self._clock() + delay_s
+        if key in self._hurried:
+            self._hurried.discard(key)
+            delay_s = at_least_s
+        # A request that arrives meanwhile or later must not skip the back-off: a failing key would spin on its own events.
+        self._again[key] = self._back_off_until[key] = self._clock() + delay_s
         self._release(key)
         return delay_s
 
     def forget(self, group: str) -> None:
         """Drop back-off and rest of a group that no longer exists."""
-        for table in (self._failures, self._rest_until):
+        for table in (self._failures, self._rest_until, self._back_off_until):
             for key in [key for key in table if key.group == group]:
                 del table[key]
 

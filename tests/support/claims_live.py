@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import secrets
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -80,11 +80,19 @@ class Live:
             await self.write_deployment(client, request, outcome)
         return outcome
 
-    async def make_pod(self, name: str, holder: Holder | None, number: int | None = None, *, claim: str = "") -> Json:
+    async def make_pod(
+        self,
+        name: str,
+        holder: Holder | None,
+        number: int | None = None,
+        *,
+        claim: str = "",
+        gates: Sequence[Json] = (),
+    ) -> Json:
         notes = {"robotics.io/domain-claim": claim} if claim else {}
         body = pod_json(number, name=name, uid=holder.uid if holder else "", annotations=notes)
         body["metadata"]["namespace"] = self.namespace
-        body["spec"] |= {"schedulerName": "nobody", "terminationGracePeriodSeconds": 0}
+        body["spec"] |= {"schedulerName": "nobody", "terminationGracePeriodSeconds": 0, "schedulingGates": [*gates]}
         body["spec"]["containers"][0]["image"] = "x"
         body.pop("status")
         return await self.admin.create(PODS, body, namespace=self.namespace)

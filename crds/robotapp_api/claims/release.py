@@ -7,6 +7,7 @@ from enum import StrEnum
 from robotapp_api.claims.domain import wanted_id
 from robotapp_api.claims.identity import granted_devices, granted_domain
 from robotapp_api.claims.objects import App, Claim, Pod
+from robotapp_api.model.distros import ros_version
 
 
 class Release(StrEnum):
@@ -49,22 +50,39 @@ def is_gone(found: App | Pod | None, uid: str) -> bool:
     return found is None or found.metadata.uid != uid
 
 
+def claims_domain(app: App) -> bool:
+    """Whether the app's domains are claimed at all: ROS 1 has none, and isolation Discovery uses ids that nobody claims."""
+    discovery = app.spec.dds is not None and app.spec.dds.isolation == "Discovery"
+    ros = app.spec.ros
+    return not discovery and (ros is None or ros_version(ros.version, ros.distro) == 2)
+
+
+def wanted_claim(app: App, siblings: Collection[Claim], *, named: Collection[int]) -> Claim | None:
+    """Rule 4: which of one instance's domain claims the app wants, for itself and for those that share with it.
+
+    siblings: all domain claims of the instance. named: ids its Deployments name.
+    """
+    dds = app.spec.dds
+    pool, requested = (dds.pool, dds.domain) if dds else ("default", None)
+    held = {c.spec.domain.id: c for c in siblings if c.spec.domain and c.spec.domain.pool == pool}
+    if not held or not claims_domain(app):
+        return None
+    holder = next(iter(held.values())).holder
+    wanted = wanted_id(held=held, named=named, uid=holder.uid, instance=holder.instance, requested=requested)
+    return None if wanted is None else held[wanted]
+
+
 def wants_domain(app: App, claim: Claim, siblings: Collection[Claim], *, named: Collection[int]) -> bool:
     """Whether a live app, whose instance is wanted, wants this very claim (rule 4).
 
     siblings: all domain claims of the same instance, this one included. named: ids its Deployments name.
+    An app with shareWith may lead its ring and own the domain, or join another's. Its Deployments tell, without a look at
+    the other apps: who has joined names the other's id, and only then is an id of its own a leftover.
     """
-    dds, thing = app.spec.dds, claim.spec.domain
-    pool, requested = (dds.pool, dds.domain) if dds else ("default", None)
-    joins = dds is not None and (dds.isolation == "Discovery" or bool(joined(app)))
-    ros1 = app.spec.ros is not None and app.spec.ros.version == 1
-    if thing is None or thing.pool != pool or joins or ros1:
+    wanted = wanted_claim(app, siblings, named=named)
+    if wanted is None or wanted.spec.domain is None or wanted.name != claim.name:
         return False
-    held = {c.spec.domain.id for c in siblings if c.spec.domain and c.spec.domain.pool == pool}
-    wanted = wanted_id(
-        held=held, named=named, uid=claim.holder.uid, instance=claim.holder.instance, requested=requested
-    )
-    return thing.id == wanted
+    return not joined(app) or not named or wanted.spec.domain.id in named
 
 
 def joined(app: App) -> tuple[tuple[str, str], ...]:

@@ -1,10 +1,10 @@
 """`shareWith`: apps that use one domain on purpose. One of them holds the claim, the others carry its id."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 
-from robotapp_api.claims.objects import App
-from robotapp_api.claims.release import joined
+from robotapp_api.claims.objects import App, Claim
+from robotapp_api.claims.release import joined, wanted_claim
 
 AppKey = tuple[str, str]
 """(namespace, name)."""
@@ -81,3 +81,21 @@ def sharer_instance(instance: str, owner_instances: tuple[str, ...]) -> str | No
     if instance in owner_instances:
         return instance
     return owner_instances[0] if len(owner_instances) == 1 else None
+
+
+def claim_to_join(
+    owner: App, instance: str, claims: Collection[Claim], *, named: Mapping[str, Collection[int]]
+) -> Claim | None:
+    """The owner's claim whose id a sharer's instance carries: the one the owner itself wants (rule 4).
+
+    claims: all claims of the owner. named: per instance of the owner that has Deployments, the ids they name; an instance
+    without Deployments is on its way out when another one has some. A Draining claim is an answer to wait for: the owner
+    will take it back, or want another.
+    """
+    domains = [claim for claim in claims if claim.spec.domain is not None]
+    everywhere = {claim.holder.instance for claim in domains}
+    standing = {claim.holder.instance for claim in domains if not claim.draining} or everywhere
+    chosen = sharer_instance(instance, tuple(sorted(standing & set(named) or standing)))
+    if chosen is None:
+        return None
+    return wanted_claim(owner, [c for c in domains if c.holder.instance == chosen], named=named.get(chosen, ()))

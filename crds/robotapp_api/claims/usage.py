@@ -105,6 +105,10 @@ class Usage:
     def named_by_deployments(self, holder: Holder) -> frozenset[int]:
         return frozenset(self.deployments.get(holder_key(holder), ()))
 
+    def named_by_instance(self, uid: str) -> dict[str, frozenset[int]]:
+        """Per instance of one app that has Deployments: the ids they name."""
+        return {key[1]: frozenset(ids) for key, ids in self.deployments.items() if key[0] == uid}
+
 
 def usage_of(
     *, deployments: Iterable[Deployment] = (), replica_sets: Iterable[ReplicaSet] = (), pods: Iterable[Pod] = ()

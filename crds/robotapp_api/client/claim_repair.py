@@ -4,11 +4,11 @@ from collections import Counter
 from collections.abc import Iterable
 
 from robotapp_api.claims.identity import claim_name
-from robotapp_api.claims.objects import Claim, Pod
+from robotapp_api.claims.objects import Claim, Holder, Pod
 from robotapp_api.claims.release import is_gone, joined
 from robotapp_api.claims.repair import ClaimConflict, Missing, conflicts, missing_claims, runs
 from robotapp_api.client.claim_writes import Api, Refused, create_claim, touch
-from robotapp_api.client.claims import find_app
+from robotapp_api.client.claims import find_app, resolve_owner
 from robotapp_api.client.resources import PODS
 from robotapp_api.client.sweep_view import find
 
@@ -24,7 +24,7 @@ async def repair(
         current = await find(client, PODS, pod.metadata.name, pod.metadata.namespace, Pod)
         if current is None or is_gone(current, pod.metadata.uid) or not runs(current):
             continue
-        if await _only_joins(client, missing):
+        if missing.spec.domain and await _joins(client, missing.spec.holder):
             continue
         claim = await create_claim(client, missing.spec)
         if claim is None:
@@ -36,24 +36,22 @@ async def repair(
             except Refused:
                 counts["refused"] += 1
     found = conflicts(known, by_name)
-    return [conflict for conflict in found if not await _joins(client, conflict)]
+    domains = {name for name, claim in by_name.items() if claim.spec.domain}
+    return [conflict for conflict in found if not (conflict.claim in domains and await _joins(client, conflict.runs))]
 
 
 def _needs(pod: Pod) -> Iterable[Missing]:
     return missing_claims((pod,), {}).values()
 
 
-async def _only_joins(client: Api, missing: Missing) -> bool:
-    """An app that shares another one's domain has no claim of its own to lose."""
-    holder = missing.spec.holder
-    if not (missing.spec.domain and holder.is_app):
+async def _joins(client: Api, holder: Holder) -> bool:
+    """Whether the app carries another one's domain now: it has no claim of its own to lose, and stands on one of others.
+
+    The app that leads a ring of shareWith owns the domain like any other owner.
+    """
+    if not holder.is_app:
         return False
     app = await find_app(client, (holder.namespace, holder.name))
-    return app is not None and app.metadata.uid == holder.uid and bool(joined(app))
-
-
-async def _joins(client: Api, conflict: ClaimConflict) -> bool:
-    if not (conflict.runs.is_app and conflict.holds.is_app):
+    if app is None or app.metadata.uid != holder.uid or not joined(app):
         return False
-    app = await find_app(client, (conflict.runs.namespace, conflict.runs.name))
-    return app is not None and app.metadata.uid == conflict.runs.uid and bool(joined(app))
+    return (await resolve_owner(client, app)).owner != (holder.namespace, holder.name)

@@ -8,9 +8,9 @@ from robotapp_api.claims.bind import ALLOWED, BindVerdict, bind_verdict, needs_c
 from robotapp_api.claims.domain import DomainOutcome, DomainPlan, DomainRequest, Step
 from robotapp_api.claims.identity import Found, claim_name, same_tuple
 from robotapp_api.claims.objects import App, Claim, Deployment, Holder, Pod, Pool
-from robotapp_api.claims.release import joined
-from robotapp_api.claims.share import AppKey, Join, owner_of, sharer_instance
-from robotapp_api.claims.usage import deployment_ids, named_ids
+from robotapp_api.claims.release import claims_domain, joined
+from robotapp_api.claims.share import AppKey, Join, claim_to_join, owner_of
+from robotapp_api.claims.usage import deployment_ids, named_ids, usage_of
 from robotapp_api.client.claim_writes import Api, Refused, create_claim, touch
 from robotapp_api.client.errors import NotFound
 from robotapp_api.client.resources import DEPLOYMENTS, DOMAINPOOLS, ROBOTAPPS, ROBOTCLAIMS
@@ -172,18 +172,24 @@ def _without(outcome: DomainOutcome, deployments: Sequence[Deployment], *, held:
 
 
 async def _join(client: Api, request: DomainRequest, owner: AppKey, deployments: Sequence[Deployment]) -> DomainOutcome:
-    """shareWith: carry the id that the owner's instance holds; wait while it has none."""
+    """shareWith: carry the id that the owner's instance wants and holds; wait while it has none."""
+    named = "/".join(owner)
     app = await find_app(client, owner)
-    claims = [] if app is None else await instance_claims(client, app.metadata.uid)
-    instances = tuple(sorted({claim.holder.instance for claim in claims if not claim.draining}))
-    instance = sharer_instance(request.holder.instance, instances)
-    claim = next((c for c in claims if c.holder.instance == instance and not c.draining), None)
-    if claim is None:
-        text = f"waits for the domain of {'/'.join(owner)}, which dds.shareWith names"
-        return _without(DomainOutcome(Reason.PENDING, text), deployments, held=())
+    if app is not None and not claims_domain(app):
+        text = f"dds.shareWith names {named}, which claims no domain (ROS 1, or isolation Discovery): remove it"
+        return _without(DomainOutcome(Reason.INVALID_SPEC, text), deployments, held=())
+    claim = None
+    if app is not None:
+        theirs = usage_of(deployments=await app_deployments(client, app))
+        claims = await instance_claims(client, app.metadata.uid)
+        claim = claim_to_join(app, request.holder.instance, claims, named=theirs.named_by_instance(app.metadata.uid))
+    if claim is None or claim.draining:
+        text = f"waits for the domain of {named}, which dds.shareWith names"
+        held = () if claim is None or claim.spec.domain is None else (claim.spec.domain.id,)
+        return _without(DomainOutcome(Reason.PENDING, text), deployments, held=held)
     outcome = _held(claim)
-    joined = replace(outcome, message=f"{outcome.message}, shared with {'/'.join(owner)}")
-    return _without(joined, deployments, held=() if joined.id is None else (joined.id,))
+    shared = replace(outcome, message=f"{outcome.message}, shared with {named}")
+    return _without(shared, deployments, held=() if shared.id is None else (shared.id,))
 
 
 # Reads
@@ -207,6 +213,13 @@ async def instance_deployments(client: Api, holder: Holder) -> list[Deployment]:
     selector = f"{Label.APP_UID}={holder.uid},{Label.INSTANCE}={holder.instance}"
     listing = await client.list(DEPLOYMENTS, namespace=holder.namespace, label_selector=selector, as_type=Deployment)
     return listing.items
+
+
+async def app_deployments(client: Api, app: App) -> list[Deployment]:
+    """Deployments of all instances of an app."""
+    meta = app.metadata
+    selector = f"{Label.APP_UID}={meta.uid}"
+    return (await client.list(DEPLOYMENTS, namespace=meta.namespace, label_selector=selector, as_type=Deployment)).items
 
 
 async def instance_claims(client: Api, uid: str, *, instance: str | None = None) -> list[Claim]:

@@ -38,6 +38,12 @@ _ALL: Final = (
 DISTROS: Final = {distro.name: distro for distro in _ALL}
 
 
+def ros_version(written: int | None, distro: str) -> int:
+    """1 or 2: as written, else the distribution's, else 2."""
+    known = DISTROS.get(distro)
+    return written or (known.version if known else 2)
+
+
 def nearest(name: str) -> str:
     """The known distribution most similar to `name`, for messages about unknown ones; empty if nothing is similar."""
     matches = difflib.get_close_matches(name.lower(), DISTROS, n=1, cutoff=0.5)

@@ -8,7 +8,8 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Final, NamedTuple
 
-from robotapp_api.model.distros import DISTROS
+from robotapp_api.claims.share import AppKey
+from robotapp_api.model.distros import DISTROS, ros_version
 from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME
 from robotapp_api.model.robotapp import RobotAppSpec
 from robotapp_api.values.naming import child_name
@@ -55,8 +56,7 @@ class App:
     @property
     def ros_version(self) -> int:
         """1 or 2; as written, else from the distro, else 2."""
-        known = DISTROS.get(self.distro)
-        return self.spec.ros.version or (known.version if known else 2)
+        return ros_version(self.spec.ros.version, self.distro)
 
     @property
     def rmw(self) -> str:
@@ -75,6 +75,12 @@ class App:
     @property
     def requested_domain(self) -> int | None:
         return self.spec.dds.domain if self.spec.dds else None
+
+    @property
+    def share_with(self) -> tuple[AppKey, ...]:
+        """The apps whose domain this one asks to share."""
+        others = self.spec.dds.share_with if self.spec.dds else ()
+        return tuple((other.namespace or self.namespace, other.name) for other in others)
 
     @property
     def discovery_mode(self) -> str:

@@ -44,13 +44,21 @@ def test_gone_is_a_404_or_another_uid() -> None:
         (app(domain=8), False),
         (app(pool="other"), False),
         (app(isolation="Discovery"), False),
-        (app(share_with=(SharedApp(name="b"),)), False),
         (App(metadata=Meta(uid="app-1"), spec=AppSpec(ros=Ros(version=1))), False),
+        (App(metadata=Meta(uid="app-1"), spec=AppSpec(ros=Ros(distro="noetic"))), False),
     ],
 )
 def test_an_app_wants_the_claim_its_spec_still_asks_for(spec: App, wanted: bool) -> None:
     held = domain_claim(7)
     assert release.wants_domain(spec, held, [held], named=()) is wanted
+
+
+@pytest.mark.parametrize(("named", "wanted"), [((), True), ((7,), True), ((9,), False), ((7, 9), True)])
+def test_who_shares_keeps_its_own_claim_until_its_deployments_name_anothers_id(
+    named: tuple[int, ...], wanted: bool
+) -> None:
+    held = domain_claim(7)
+    assert release.wants_domain(app(share_with=(SharedApp(name="b"),)), held, [held], named=named) is wanted
 
 
 def test_of_two_claims_exactly_one_is_wanted_and_it_is_the_one_the_deployments_name() -> None:

@@ -55,6 +55,7 @@ class World:
         self.queue = Queue(clock=self.clock, jitter=lambda: 0.5)
         self.children, self.reporter, self.fleet, self.gates, self.probes = (Worker() for _ in range(5))
         self.listed: list[dict[str, Any]] = []
+        self.while_listing: Callable[[], None] = lambda: None
         self.woken = 0
         self.controller = Controller(
             self.cache,
@@ -71,6 +72,7 @@ class World:
         )
 
     async def _list(self) -> list[dict[str, Any]]:
+        self.while_listing()
         return self.listed
 
     def _wake(self) -> None:
@@ -210,6 +212,7 @@ async def test_a_bug_is_logged_counted_shown_and_does_not_stop_the_others(
 
 
 async def test_statuses_and_fleet_views_rest_between_two_writes(world: World) -> None:
+    world.cache.update_app(app_body())
     for key, rest_s in ((Key(Work.STATUS, "uid-1"), STATUS_REST_S), (Key(Work.FLEET, "ns/default"), FLEET_REST_S)):
         await world.handle(key)
         world.queue.add(key)
@@ -231,6 +234,48 @@ async def test_a_full_comparison_finds_what_vanished_unseen(world: World) -> Non
     await world.handle(Key(Work.RESYNC, ""))
     assert set(world.cache.apps) == {"uid-new"}
     assert {Key(Work.APP, "uid-new"), Key(Work.APP, "uid-old")} <= world.due() | {Key(Work.APP, "uid-old")}
+
+
+async def test_an_app_that_comes_or_goes_while_the_list_is_under_way_is_not_misjudged(world: World) -> None:
+    world.cache.update_app(app_body("going", uid="uid-going"))
+    world.listed = [app_body("going", uid="uid-going")]
+
+    def meanwhile() -> None:
+        world.cache.update_app(app_body("coming", uid="uid-coming"))
+        world.cache.forget_app("uid-going")
+
+    world.while_listing = meanwhile
+    await world.handle(Key(Work.RESYNC, ""))
+    assert set(world.cache.apps) == {"uid-coming"}
+
+
+@pytest.mark.parametrize("work", [Work.CHILDREN, Work.STATUS, Work.GATES])
+async def test_an_app_that_goes_while_it_is_worked_on_leaves_no_memory(world: World, work: Work) -> None:
+    world.cache.update_app(app_body())
+
+    def going() -> None:
+        world.cache.forget_app("uid-1")
+        world.memory.of("uid-1").held["a"] = ("x",)
+
+    for worker in (world.children, world.reporter, world.gates):
+        worker.effect = going
+        worker.answer = False
+    await world.handle(Key(work, "uid-1", "a"))
+    assert len(world.memory) == 0
+    assert world.queue.retry(Key(work, "uid-1", "a")) == 1, "its failures are forgotten too"
+
+
+async def test_asking_for_what_is_not_known_remembers_nothing(world: World) -> None:
+    assert world.memory.outcome("nobody", "") is None
+    world.memory.forget_instances("nobody", set())
+    await world.handle(Key(Work.CHILDREN, "nobody", ""))
+    assert len(world.memory) == 0
+
+
+async def test_an_app_of_another_scheduler_has_its_gates_looked_at(world: World) -> None:
+    world.cache.update_app(app_body(schedulerName="by-hand"))
+    await world.handle(Key(Work.APP, "uid-1"))
+    assert Key(Work.GATES, "uid-1", "") in world.due()
 
 
 async def test_work_ends_when_the_queue_is_closed(world: World) -> None:

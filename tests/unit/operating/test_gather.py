@@ -3,6 +3,7 @@
 from typing import Any
 
 import msgspec
+from tests.support.claims_objects import pool_json
 from tests.support.factories import (
     VERSION,
     after,
@@ -15,6 +16,8 @@ from tests.support.factories import (
 )
 
 from robotapp_api.claims.domain import DomainOutcome
+from robotapp_api.claims.identity import id_order
+from robotapp_api.claims.objects import Pool
 from robotapp_api.model.names import Reason
 from robotapp_operator.cache import Cache
 from robotapp_operator.gather import app_facts, cached_domain, params_file, params_files, wanted_instances
@@ -51,7 +54,6 @@ def test_whatever_is_not_plain_goes_to_the_api_server() -> None:
     app = make_app()
     for claims in (
         [domain_claim(7, phase="Draining")],
-        [domain_claim(7), domain_claim(8)],
         [domain_claim(7, pool="other")],
         [domain_claim(7, instance="amr-07")],
     ):
@@ -65,10 +67,107 @@ def test_whatever_is_not_plain_goes_to_the_api_server() -> None:
     assert cached_domain(make_app(dds={"isolation": "Discovery"}), "", cache, None) is None
 
 
-def test_a_shared_domain_is_remembered_from_the_last_answer() -> None:
-    app = make_app(dds={"isolation": "Discovery"})
-    outcome = DomainOutcome(Reason.ALLOCATED, "shared", id=90)
-    assert cached_domain(app, "", Cache(), outcome) == Domain(90, "")
+def test_of_two_claims_the_domain_is_the_one_the_spec_then_the_templates_then_the_hash_choose() -> None:
+    """Moving 5 -> 7 an instance holds both until its last pod has left 5, and has a domain all the time."""
+    app, cache = make_app(), Cache()
+    for number in (5, 7):
+        cache.claims.put(app.uid, str(number), domain_claim(number))
+    first, second = id_order((5, 7), app.uid, "")
+    assert cached_domain(app, "", cache, None) == Domain(first, f"dds.default.c.{first}")
+    with_children(cache, app, number=second)
+    assert cached_domain(app, "", cache, None) == Domain(second, f"dds.default.c.{second}")
+    for number in (5, 7):
+        found = cached_domain(make_app(dds={"domain": number}), "", cache, None)
+        assert found == Domain(number, f"dds.default.c.{number}")
+
+
+def test_the_same_id_of_two_pools_is_two_domains() -> None:
+    app, cache = make_app(dds={"domain": 7, "pool": "field"}), Cache()
+    for pool in ("default", "field", "attic"):
+        cache.claims.put(app.uid, pool, domain_claim(7, pool=pool))
+    assert cached_domain(app, "", cache, None) == Domain(7, "dds.field.c.7")
+
+
+def test_an_unclaimed_domain_is_remembered_from_the_last_answer_while_the_pool_shares_it() -> None:
+    app, cache = make_app(dds={"isolation": "Discovery"}), Cache()
+    cache.pools["default"] = msgspec.convert(pool_json("1-80", sharedIds="90-91"), Pool)
+    answer = DomainOutcome(Reason.ALLOCATED, "shared", id=90)
+    assert cached_domain(app, "", cache, answer) == Domain(90, "")
+    for stale in (None, DomainOutcome(Reason.ALLOCATED, "claimed, before the spec was edited", id=5)):
+        assert cached_domain(app, "", cache, stale) is None
+    cache.pools["default"] = msgspec.convert(pool_json("1-80", sharedIds="91"), Pool)
+    assert cached_domain(app, "", cache, answer) is None
+
+
+# shareWith
+
+
+def sharing(cache: Cache, *apps: tuple[str, str]) -> dict[str, App]:
+    """Apps by name, each with the name it shares with or ""."""
+    found = {}
+    for name, other in apps:
+        dds = {"dds": {"shareWith": [{"name": other}]}} if other else {}
+        record = cache.update_app(app_body(name, uid=f"uid-{name}", **dds))
+        assert record.app is not None
+        found[name] = record.app
+    return found
+
+
+ANSWER = DomainOutcome(Reason.ALLOCATED, "joined", id=5, claim="dds.default.c.5")
+
+
+def test_a_sharer_follows_its_owners_claim_whatever_it_was_told_before() -> None:
+    cache = Cache()
+    apps = sharing(cache, ("mapper", ""), ("teleop", "mapper"))
+    assert cached_domain(apps["teleop"], "", cache, ANSWER) is None
+    cache.claims.put("uid-mapper", "c", domain_claim(5, uid="uid-mapper"))
+    assert cached_domain(apps["teleop"], "", cache, None) == Domain(5, "dds.default.c.5")
+    with_children(cache, apps["mapper"], number=7)
+    cache.claims.put("uid-mapper", "d", domain_claim(7, uid="uid-mapper"))
+    assert cached_domain(apps["teleop"], "", cache, ANSWER) == Domain(7, "dds.default.c.7")
+    for phase, name in (("Draining", "d"), ("Draining", "c")):
+        cache.claims.put("uid-mapper", name, domain_claim({"c": 5, "d": 7}[name], uid="uid-mapper", phase=phase))
+    assert cached_domain(apps["teleop"], "", cache, ANSWER) is None
+
+
+def test_a_ring_has_one_leader_and_nobody_knows_where_a_broken_chain_leads() -> None:
+    cache = Cache()
+    apps = sharing(cache, ("a", "b"), ("b", "a"), ("lost", "nobody"))
+    cache.claims.put("uid-a", "c", domain_claim(5, uid="uid-a"))
+    assert cached_domain(apps["a"], "", cache, None) == cached_domain(apps["b"], "", cache, None)
+    assert cached_domain(apps["a"], "", cache, None) == Domain(5, "dds.default.c.5")
+    assert cached_domain(apps["lost"], "", cache, ANSWER) is None
+
+
+def test_a_sharers_status_shows_the_last_answer_until_its_owner_is_in_the_caches() -> None:
+    cache = Cache()
+    body = app_body(dds={"shareWith": [{"name": "mapper"}]})
+    (instance,) = facts_of(cache, body, outcomes={"": ANSWER}).instances
+    assert (instance.domain, instance.refusal) == (5, None)
+
+
+def test_who_follows_an_app_is_known_step_by_step_and_forgotten_with_it() -> None:
+    cache = Cache()
+    sharing(cache, ("b", "a"), ("c", "b"), ("d", ""))
+    assert cache.sharing.followers(("default", "a")) == {"uid-b", "uid-c"}
+    sharing(cache, ("a", ""))
+    assert cache.sharing.followers(("default", "b")) == {"uid-c"}
+    cache.update_app(app_body("c", uid="uid-c", generation=2))
+    assert cache.sharing.followers(("default", "a")) == {"uid-b"}
+    cache.forget_app("uid-b")
+    assert cache.sharing.followers(("default", "a")) == set()
+    assert cache.sharing.named(("default", "b")) is None
+    assert repr(cache.sharing) == "<Sharing: 0 of 3 apps are named by others>"
+
+
+def test_of_an_app_and_its_successor_the_newer_one_answers_to_the_name() -> None:
+    cache = Cache()
+    for uid in ("uid-1", "uid-2"):
+        cache.update_app(app_body(uid=uid))
+    cache.forget_app("uid-1")
+    found = cache.sharing.named(("default", "teleop"))
+    assert found is not None
+    assert found.uid == "uid-2"
 
 
 def test_any_follows_the_claim_until_it_runs_and_then_stays() -> None:

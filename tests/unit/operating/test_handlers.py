@@ -76,3 +76,31 @@ def test_an_app_of_the_same_name_is_another_app() -> None:
     world.see("ADDED", app_body())
     world.see("ADDED", app_body(uid="uid-2"))
     assert set(world.cache.apps) == {"uid-1", "uid-2"}
+
+
+def test_whoever_follows_an_app_hears_of_its_birth_edit_and_death_but_not_of_its_status() -> None:
+    world = World()
+    world.see("ADDED", app_body("sharer", uid="uid-2", dds={"shareWith": [{"name": "teleop"}]}))
+    world.see("ADDED", app_body("next", uid="uid-3", dds={"shareWith": [{"name": "sharer"}]}))
+    followers = {Key(Work.APP, "uid-2"), Key(Work.APP, "uid-3")}
+    assert set(world.see("ADDED", app_body())) == followers | {Key(Work.APP, "uid-1")}
+    assert world.see("MODIFIED", version(app_body(), 11) | {"status": {"phase": "Running"}}) == [
+        Key(Work.STATUS, "uid-1")
+    ]
+    assert followers < set(world.see("MODIFIED", version(app_body(generation=2), 12)))
+    assert followers < set(world.see("DELETED", app_body()))
+
+
+def test_an_edit_ends_the_back_off_of_the_app_and_of_its_followers() -> None:
+    world = World()
+    world.see("ADDED", app_body("sharer", uid="uid-2", dds={"shareWith": [{"name": "teleop"}]}))
+    keys = {Key(Work.CHILDREN, uid, "") for uid in ("uid-1", "uid-2", "uid-3")}
+    for key in keys:
+        world.queue.add(key)
+        world.queue.pop()
+        world.queue.retry(key)
+    world.see("ADDED", app_body())
+    for key in keys:
+        world.queue.add(key)
+    found = {item[0] for item in iter(world.queue.pop, None)}
+    assert found == keys - {Key(Work.CHILDREN, "uid-3", "")}

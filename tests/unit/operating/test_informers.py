@@ -6,6 +6,7 @@ import msgspec
 import pytest
 from tests.support.factories import app_body, domain_claim, make_node, make_pod, robots, telemetry
 
+from robotapp_api.claims.objects import Meta
 from robotapp_api.client import ApiClient, Change, Endpoint
 from robotapp_api.model.names import SCHEDULING_GATE, Annotation, Label
 from robotapp_operator.cache import Cache
@@ -130,6 +131,49 @@ def test_a_claim_wakes_its_holder_and_a_freed_one_whoever_waits(world: World) ->
     assert world.see("_claim", None, claim) == {CHILDREN, STATUS}
     assert world.see("_claim", claim, None) == {CHILDREN, STATUS, Key(Work.WAITING, "pool/default")}
     assert not world.cache.claims
+
+
+def test_an_adoption_of_ours_is_no_news(world: World) -> None:
+    """Else a key that fails after it has adopted would wake itself for ever, and never back off."""
+    claim = domain_claim(7, instance="a")
+    adopted = msgspec.structs.replace(claim, status=msgspec.structs.replace(claim.status, attempt=1))
+    assert world.see("_claim", claim, adopted) == {STATUS}
+    drained = domain_claim(7, instance="a", phase="Draining")
+    assert world.see("_claim", adopted, drained) == {CHILDREN, STATUS}
+
+
+def test_a_claim_ends_the_back_off_of_its_holder_and_of_its_pods_gates(world: World) -> None:
+    world.cache.update_app(app_body(generation=2, schedulerName="by-hand"))
+    for key in (CHILDREN, Key(Work.GATES, "uid-1", "a")):
+        world.queue.add(key)
+        world.queue.pop()
+        world.queue.retry(key, at_least_s=300)
+    assert world.see("_claim", None, domain_claim(7, instance="a")) == {CHILDREN, STATUS, Key(Work.GATES, "uid-1", "a")}
+
+
+def test_a_claim_wakes_whoever_joins_it_at_once(world: World) -> None:
+    world.cache.update_app(app_body("sharer", uid="uid-2", dds={"shareWith": [{"name": "teleop"}]}))
+    claims = [
+        msgspec.structs.replace(domain_claim(number, instance=robot), metadata=Meta(name=robot))
+        for number, robot in enumerate("abc", 1)
+    ]
+    for claim in claims[:2]:
+        assert Key(Work.APP, "uid-2") in world.see("_claim", None, claim), "the only instance is no longer the only one"
+    assert world.see("_claim", None, claims[2]) == {
+        Key(Work.CHILDREN, "uid-1", "c"),
+        STATUS,
+        Key(Work.CHILDREN, "uid-2", "c"),
+    }
+    assert Key(Work.APP, "uid-2") in world.see("_claim", claims[0], None)
+
+
+def test_another_id_in_the_owners_templates_wakes_whoever_joins_it(world: World) -> None:
+    world.cache.update_app(app_body("sharer", uid="uid-2", dds={"shareWith": [{"name": "teleop"}]}))
+    container = {"name": "main", "env": [{"name": "ROS_DOMAIN_ID", "value": "7"}]}
+    named = msgspec.structs.replace(deployment(), spec={"template": {"spec": {"containers": [container]}}})
+    assert Key(Work.APP, "uid-2") in world.see("_deployment", None, named)
+    assert world.see("_deployment", named, named) == {STATUS}
+    assert Key(Work.APP, "uid-2") in world.see("_deployment", named, None)
 
 
 def test_somebody_elses_claim_only_matters_when_it_goes(world: World) -> None:

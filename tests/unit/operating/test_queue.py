@@ -138,13 +138,62 @@ def test_events_during_a_failing_run_do_not_skip_its_back_off() -> None:
     assert queue.pop() is None
 
 
-def test_a_later_event_ends_the_back_off() -> None:
-    queue, _ = make_queue()
+def failed(queue: Queue) -> None:
     queue.add(key("a"))
     queue.pop()
     queue.retry(key("a"))
+
+
+def test_a_later_event_does_not_shorten_the_back_off_either() -> None:
+    queue, clock = make_queue()
+    failed(queue)
+    queue.add(key("a"))
+    assert popped(queue) == []
+    clock.now_s += 1
+    assert popped(queue) == ["a"]
+
+
+def test_news_from_outside_end_the_back_off() -> None:
+    queue, _ = make_queue()
+    failed(queue)
+    queue.hurry(key("a"))
+    assert popped(queue) == ["a"]
+    assert queue.retry(key("a")) == 2, "a failure is not forgotten for being hurried"
+
+
+def test_news_during_a_failing_run_end_its_back_off_once() -> None:
+    queue, _ = make_queue()
+    queue.add(key("a"))
+    queue.pop()
+    queue.hurry(key("a"))
+    assert queue.retry(key("a")) == 0
+    assert popped(queue) == ["a"]
+    assert queue.retry(key("a")) == 2
+
+
+def test_a_hurried_key_that_succeeds_runs_once_more_and_then_backs_off_as_usual() -> None:
+    queue, _ = make_queue()
+    queue.add(key("a"))
+    queue.pop()
+    queue.hurry(key("a"))
+    queue.done(key("a"))
+    assert popped(queue) == ["a"]
+    assert queue.retry(key("a")) == 1
+
+
+def test_a_forgiven_group_starts_its_back_off_anew_and_runs_when_asked() -> None:
+    queue, _ = make_queue()
+    failed(queue)
+    queue.forgive("other")
+    queue.add(key("a"))
+    assert popped(queue) == []
+    queue.forgive("app")
     queue.add(key("a"))
     assert popped(queue) == ["a"]
+    queue.forgive("app")
+    assert queue.retry(key("a")) == 0
+    assert popped(queue) == ["a"]
+    assert queue.retry(key("a")) == 2
 
 
 def test_a_resting_key_waits_however_often_it_is_added() -> None:
@@ -201,7 +250,7 @@ async def test_every_waiting_worker_gets_work() -> None:
 
 STEPS = st.lists(
     st.one_of(
-        st.tuples(st.just("add"), st.sampled_from("abcdef"), st.sampled_from([0.0, 0.5, 3.0])),
+        st.tuples(st.sampled_from(["add", "hurry"]), st.sampled_from("abcdef"), st.sampled_from([0.0, 0.5, 3.0])),
         st.tuples(st.just("pop"), st.just(""), st.just(0.0)),
         st.tuples(st.sampled_from(["done", "retry"]), st.just(""), st.sampled_from([0.0, 2.0])),
         st.tuples(st.just("time"), st.just(""), st.sampled_from([0.5, 5.0])),
@@ -219,6 +268,9 @@ def test_no_key_is_lost_or_run_twice_at_once(steps: list[tuple[str, str, float]]
     for what, name, number in steps:
         if what == "add":
             queue.add(key(name, group=name), delay_s=number)
+            owed.add(name)
+        elif what == "hurry":
+            queue.hurry(key(name, group=name))
             owed.add(name)
         elif what == "pop" and (item := queue.pop()):
             assert item[0].instance not in active

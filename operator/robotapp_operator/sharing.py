@@ -1,0 +1,69 @@
+"""Who shares whose domain, as the specs say: which apps must look again when one of them changes."""
+
+from collections.abc import MutableMapping
+from typing import Any
+
+from robotapp_api.claims.objects import App as ClaimsApp
+from robotapp_api.claims.objects import AppSpec, Dds, Meta, Ros, SharedApp
+from robotapp_api.claims.share import AppKey
+from robotapp_operator.plan.wish import App
+
+
+class Sharing:
+    """Apps by namespace and name, and who names them in shareWith. An app and its successor of one name may both be here."""
+
+    def __init__(self) -> None:
+        self._apps: dict[AppKey, dict[str, App]] = {}
+        self._asking: dict[AppKey, dict[str, AppKey]] = {}
+        """Per app that is named, existing or not: uid -> key of those who name it."""
+
+    def __repr__(self) -> str:
+        return f"<Sharing: {len(self._asking)} of {len(self._apps)} apps are named by others>"
+
+    def put(self, app: App, *, before: App | None) -> None:
+        """Add an app, or replace what it said `before`."""
+        if before is not None:
+            self.drop(before)
+        key = (app.namespace, app.name)
+        self._apps.setdefault(key, {})[app.uid] = app
+        for other in app.share_with:
+            self._asking.setdefault(other, {})[app.uid] = key
+
+    def drop(self, app: App) -> None:
+        _pop(self._apps, (app.namespace, app.name), app.uid)
+        for other in app.share_with:
+            _pop(self._asking, other, app.uid)
+
+    def named(self, key: AppKey) -> App | None:
+        """The newest app of this name."""
+        found = self._apps.get(key)
+        return found[next(reversed(found))] if found else None
+
+    def followers(self, key: AppKey) -> set[str]:
+        """Uids of the apps whose domain may depend on this app, because shareWith leads them there, step by step."""
+        seen, todo, uids = {key}, [key], set[str]()
+        while todo:
+            asking = self._asking.get(todo.pop(), {})
+            uids |= set(asking)
+            new = set(asking.values()) - seen
+            seen |= new
+            todo += new
+        return uids
+
+
+def _pop(table: MutableMapping[AppKey, Any], key: AppKey, uid: str) -> None:
+    found = table.get(key, {})
+    found.pop(uid, None)
+    if not found:
+        table.pop(key, None)
+
+
+def rules_view(app: App) -> ClaimsApp:
+    """The app in the form the claim rules read, as far as domains go."""
+    wish = app.spec.dds
+    dds = None
+    if wish is not None:
+        shares = tuple(SharedApp(namespace=namespace, name=name) for namespace, name in app.share_with)
+        dds = Dds(domain=wish.domain, pool=wish.pool, isolation=wish.isolation, share_with=shares)
+    ros = Ros(version=app.spec.ros.version, distro=app.distro)
+    return ClaimsApp(metadata=Meta(name=app.name, namespace=app.namespace, uid=app.uid), spec=AppSpec(dds=dds, ros=ros))

@@ -1,0 +1,42 @@
+"""What a change of one app's domain means for the apps that share it: news for their keys."""
+
+from typing import Final
+
+from robotapp_api.claims.share import AppKey
+from robotapp_operator.cache import Cache
+from robotapp_operator.keys import Work
+from robotapp_operator.queue import Key, Queue
+
+FEW: Final = 2
+"""Up to so many instances of an owner, a new or lost one may change what *every* instance of a sharer joins: the only
+one there is stops being the only one, or becomes it."""
+
+
+def wake_sharers(cache: Cache, queue: Queue, owner: AppKey) -> None:
+    """The app, its spec or what its templates name has changed: whoever follows it looks again, in all instances."""
+    for uid in cache.sharing.followers(owner):
+        queue.forgive(uid)
+        queue.add(Key(Work.APP, uid))
+
+
+def wake_instance(cache: Cache, queue: Queue, uid: str, robot: str) -> None:
+    """A domain claim of one instance came, went or changed its phase: news for the instance and its pods' gates."""
+    record = cache.apps.get(uid)
+    if record is None:
+        return
+    queue.hurry(Key(Work.CHILDREN, uid, robot))
+    if record.app is not None and not record.app.our_scheduler:
+        queue.hurry(Key(Work.GATES, uid, robot))
+
+
+def wake_joined(cache: Cache, queue: Queue, owner: AppKey, *, uid: str, instance: str) -> None:
+    """What one instance of the owner holds or names has changed: news for whoever joins that instance."""
+    followers = cache.sharing.followers(owner)
+    if not followers:
+        return
+    claims = cache.claims.of(uid).values()
+    if len({claim.holder.instance for claim in claims if claim.spec.domain and not claim.draining}) <= FEW:
+        wake_sharers(cache, queue, owner)
+        return
+    for follower in followers:
+        wake_instance(cache, queue, follower, instance)
