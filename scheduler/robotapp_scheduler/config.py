@@ -4,6 +4,7 @@ The result is what the process runs with and what `/configz` shows. Without a fi
 two profiles with the same plugins: `ros-aware-scheduler` and `kubernetes-scheduler` (the name the thesis' files use).
 """
 
+import copy
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -28,6 +29,9 @@ from robotapp_scheduler.config_model import PluginSet as PluginSetModel
 from robotapp_scheduler.core.profiles import Catalogue, PluginRef, PluginSet, Profile, ProfileSpec, build_profiles
 from robotapp_scheduler.core.profiles import ConfigError as ProfileError
 from robotapp_scheduler.plugin_catalog import with_third_party
+
+MOST_TEXT = 1 << 20
+"""What a ConfigMap may hold."""
 
 
 class ConfigError(ValueError):
@@ -66,6 +70,15 @@ class SchedulerConfig:
     def scheduler_names(self) -> tuple[str, ...]:
         return tuple(profile.scheduler_name for profile in self.profiles)
 
+    def restart_needed(self, other: "SchedulerConfig") -> tuple[str, ...]:
+        """Fields in which the other configuration differs that cannot be exchanged while the process runs."""
+        pairs = {
+            "profiles[].schedulerName": (sorted(self.scheduler_names), sorted(other.scheduler_names)),
+            "leaderElection": (self.leader_election, other.leader_election),
+            "clientConnection.kubeconfig": (self.kubeconfig, other.kubeconfig),
+        }
+        return tuple(path for path, (old, new) in pairs.items() if old != new)
+
     def build(self) -> dict[str, Profile]:
         """Fresh plugin instances for every profile, by schedulerName."""
         return build_profiles(self.profiles, self.catalogue)
@@ -96,10 +109,21 @@ def load(path: Path | None, *, catalogue: Catalogue) -> SchedulerConfig:
     if path is None:
         return built_in(catalogue)
     try:
-        document = config_yaml.read(path)
+        text = path.read_text(encoding="utf-8")
     except OSError as error:
         raise ConfigError([f"{path}: {error.strerror}"]) from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        raise ConfigError([f"strict decoding error: yaml: {error}"]) from error
+    return parse_text(text, catalogue=catalogue)
+
+
+def parse_text(text: str, *, catalogue: Catalogue) -> SchedulerConfig:
+    """The configuration a file or a ConfigMap holds; see `load`."""
+    if len(text) > MOST_TEXT:
+        raise ConfigError([f"strict decoding error: {len(text)} characters; at most {MOST_TEXT} are read"])
+    try:
+        document = config_yaml.loads(text)
+    except (yaml.YAMLError, RecursionError) as error:
         raise ConfigError([f"strict decoding error: yaml: {error}"]) from error
     return parse(document, catalogue=catalogue)
 
@@ -113,11 +137,8 @@ def built_in(catalogue: Catalogue) -> SchedulerConfig:
 
 def parse(document: object, *, catalogue: Catalogue) -> SchedulerConfig:
     """A decoded document to a configuration; see `load`."""
-    try:
-        model = ConfigurationModel.model_validate(document)
-    except ValidationError as error:
-        raise ConfigError(_shape_problems(error)) from error
-    problems = config_checks.check(model)
+    model, unknown_fields = _model(document)
+    problems = unknown_fields + config_checks.check(model)
     profiles = model.profiles or [ProfileModel()]
     catalogue, unknown = with_third_party(catalogue, _plugin_names(profiles))
     problems += _name_problems(profiles, unknown)
@@ -139,6 +160,27 @@ def parse(document: object, *, catalogue: Catalogue) -> SchedulerConfig:
         kubeconfig=model.client_connection.kubeconfig,
         warnings=tuple(_warnings(model)),
     )
+
+
+def _model(document: object) -> tuple[ConfigurationModel, list[str]]:
+    """The typed document, and its unknown fields: without those the rest is still checked, so all is told at once."""
+    try:
+        return ConfigurationModel.model_validate(document), []
+    except ValidationError as error:
+        problems = _shape_problems(error)
+        unknown = [found["loc"] for found in error.errors() if found["type"] == "extra_forbidden"]
+        if len(unknown) < len(problems):
+            raise ConfigError(problems) from error
+    rest = copy.deepcopy(document)
+    for location in unknown:
+        _remove(rest, location)
+    return ConfigurationModel.model_validate(rest), problems
+
+
+def _remove(document: Any, location: Sequence[int | str]) -> None:
+    for part in location[:-1]:
+        document = document[part]
+    del document[location[-1]]
 
 
 def _spec(profile: ProfileModel) -> ProfileSpec:

@@ -16,7 +16,7 @@ KIND = "KubeSchedulerConfiguration"
 class Strict(BaseModel):
     """Base: camelCase in the file, unknown fields refused, no silent conversion of one type to another."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, alias_generator=to_camel, populate_by_name=True, frozen=True)
+    model_config = ConfigDict(extra="forbid", strict=True, alias_generator=to_camel, frozen=True)
 
 
 class PluginRef(Strict):

@@ -1,7 +1,6 @@
 """YAML to plain values, strictly: a key written twice is an error, because one of the two would be lost in silence."""
 
 from collections.abc import Hashable
-from pathlib import Path
 from typing import Any
 
 import yaml
@@ -21,10 +20,6 @@ class StrictLoader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-def read(path: Path) -> object:
-    """The file's one document. Raises `OSError` or `yaml.YAMLError`."""
-    return loads(path.read_text(encoding="utf-8"))
-
-
 def loads(text: str) -> object:
+    """The text's one document. Raises `yaml.YAMLError`."""
     return yaml.load(text, Loader=StrictLoader)  # noqa: S506 - StrictLoader is a SafeLoader

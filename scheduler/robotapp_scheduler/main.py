@@ -2,35 +2,27 @@
 
 import asyncio
 import contextlib
-import logging
 import sys
 from collections.abc import Sequence
 
 from robotapp_api.client.errors import LoginError
-from robotapp_scheduler import config as configuration
 from robotapp_scheduler import options as flags
-from robotapp_scheduler.plugins.registry import catalogue
+from robotapp_scheduler.config import ConfigError
 from robotapp_scheduler.shell import logs, process
-
-log = logging.getLogger(__name__)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """0 after a clean stop, 1 when leadership was lost, 2 when flags or configuration cannot be used."""
     options = flags.parse(argv)
     logs.set_up(options.log_format, options.log_level)
+    _fast_loop()
     try:
-        config = configuration.load(options.config, catalogue=catalogue())
-    except configuration.ConfigError as error:
-        source = options.config or "built-in configuration"
+        return asyncio.run(process.run(options))
+    except ConfigError as error:
+        source = options.config or options.config_map or "built-in configuration"
         for problem in error.problems:
             print(f"{source}: {problem}", file=sys.stderr)  # noqa: T201 - for the person who started us
         return 2
-    for warning in config.warnings:
-        log.warning("%s", warning)
-    _fast_loop()
-    try:
-        return asyncio.run(process.run(options, config))
     except LoginError as error:
         print(f"robotapp-scheduler: {error}", file=sys.stderr)  # noqa: T201 - for the person who started us
         return 2

@@ -15,6 +15,9 @@ class Options:
 
     kubeconfig: Path | None
     config: Path | None
+    config_map: str
+    """[NAMESPACE/]NAME of the ConfigMap with the configuration, instead of a file."""
+    last_good_config_map: str
     health_host: str
     health_port: int
     tls_certificate: Path | None
@@ -32,9 +35,13 @@ def parse(argv: Sequence[str] | None = None, environment: Mapping[str, str] | No
     found = parser.parse_args(argv)
     if (found.tls_cert_file is None) != (found.tls_private_key_file is None):
         parser.error("--tls-cert-file and --tls-private-key-file belong together")
+    if found.config is not None and found.config_map:
+        parser.error("--config and --config-map exclude each other")
     return Options(
         kubeconfig=found.kubeconfig,
         config=found.config,
+        config_map=found.config_map or "",
+        last_good_config_map=found.last_good_config_map or "",
         health_host=found.health_host,
         health_port=found.health_port,
         tls_certificate=found.tls_cert_file,
@@ -64,6 +71,8 @@ def _parser(environment: Mapping[str, str]) -> argparse.ArgumentParser:
 
     add("kubeconfig", "default: the service account of the pod it runs in", default="", convert=Path)
     add("config", "KubeSchedulerConfiguration file; default: built in", default="", convert=Path)
+    add("config-map", "[NAMESPACE/]NAME of a ConfigMap with that in scheduler.yaml; followed while running", default="")
+    add("last-good-config-map", "[NAMESPACE/]NAME of one to keep the last good configuration in", default="")
     add("health-host", "address of the HTTPS endpoint", default="0.0.0.0")  # noqa: S104 - probes come from the node
     add("health-port", "port of the HTTPS endpoint, 0 takes a free one", default="10259", convert=int)
     add("tls-cert-file", "certificate of the endpoint (PEM); default: made at the start", default="", convert=Path)

@@ -92,6 +92,21 @@ def test_pods_meet_the_restricted_pod_security_standard_and_have_a_read_only_roo
     assert container["livenessProbe"]["httpGet"]["port"] == container["readinessProbe"]["httpGet"]["port"] == "health"
 
 
+def test_the_scheduler_reads_its_configuration_and_writes_the_last_good_one_and_no_other_config_map(
+    rendered: list[Object],
+) -> None:
+    found = [
+        (rule["verbs"], rule.get("resourceNames"))
+        for role, rule in rules(rendered)
+        if "scheduler" in role and "configmaps" in rule["resources"]
+    ]
+    assert found == [
+        (["get", "list", "watch"], ["robotapp-scheduler"]),
+        (["get", "patch"], ["robotapp-scheduler-last-good"]),
+    ]
+    assert "data" not in named(rendered, "ConfigMap", "robotapp-scheduler-last-good"), "an upgrade must not empty it"
+
+
 def test_the_schedulers_port_is_probed_and_scraped_over_tls(rendered: list[Object]) -> None:
     (container,) = pod_spec(rendered, "scheduler")["containers"]
     for probe in ("livenessProbe", "readinessProbe"):

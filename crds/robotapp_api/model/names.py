@@ -179,6 +179,9 @@ class EventReason(StrEnum):
     CHILD_FAILED = "ChildFailed"
     SCHEDULED = "Scheduled"
     FAILED_SCHEDULING = "FailedScheduling"
+    CONFIG_RELOADED = "ConfigReloaded"
+    CONFIG_INVALID = "ConfigInvalid"
+    CONFIG_RESTART_NEEDED = "ConfigRestartNeeded"
 
 
 class PodReason(StrEnum):

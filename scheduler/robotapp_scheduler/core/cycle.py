@@ -68,6 +68,8 @@ class SchedulerCore:
         self._clock = clock
         self._seed = seed
         self._engines: dict[str, Engine] = {}
+        self._decided: dict[tuple[str, str, str], int] = {}
+        """Counted by engines of former configurations."""
         self.use(profiles)
         self.queue = SchedulingQueue(
             clock=clock,
@@ -83,8 +85,14 @@ class SchedulerCore:
         return f"SchedulerCore({self.cluster!r}, {self.queue!r})"
 
     def use(self, profiles: Mapping[str, Profile]) -> None:
-        """Swap the profiles, between two attempts. Cached results go with the old ones."""
+        """Swap the profiles, between two attempts. Cached results go with the old ones; what was counted stays."""
+        self._decided = self.decisions()
         self._engines = {name: Engine(profile, self.cluster) for name, profile in profiles.items()}
+
+    def swap(self, profiles: Mapping[str, Profile], *, initial_backoff_s: float, max_backoff_s: float) -> None:
+        """Use another configuration from the next cycle on; every waiting pod is tried again under it."""
+        self.use(profiles)
+        self.queue.rules_changed(initial_backoff_s=initial_backoff_s, max_backoff_s=max_backoff_s)
 
     @property
     def scheduler_names(self) -> frozenset[str]:
@@ -97,7 +105,7 @@ class SchedulerCore:
 
     def decisions(self) -> dict[tuple[str, str, str], int]:
         """(plugin, point, result) → pods over all profiles, for scheduler_plugin_decisions_total."""
-        total: dict[tuple[str, str, str], int] = {}
+        total = dict(self._decided)
         for engine in self._engines.values():
             for key, count in engine.decisions().items():
                 total[key] = total.get(key, 0) + count

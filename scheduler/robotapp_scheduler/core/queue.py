@@ -150,6 +150,20 @@ class SchedulingQueue:
             self._take_out(queued)
             self._to_active(queued, "ForceActivate")
 
+    def rules_changed(self, *, initial_backoff_s: float, max_backoff_s: float) -> None:
+        """Other plugins decide from now on: order, gates and refusals of all pods are those of yesterday.
+
+        Every pod is tried again once its back-off is over; one in flight that comes back is tried at once.
+        """
+        self._backoff_rule = Backoff(initial_s=initial_backoff_s, most_s=max_backoff_s, clock=self._clock)
+        for uid, queued in list(self._pods.items()):
+            flight = self._flying.get(uid)
+            if flight is not None:
+                flight.activated = True
+                continue
+            self._take_out(queued)
+            self._requeue_from_wait(queued, "ConfigReloaded", immediate=False)
+
     def tick(self) -> None:
         """Bring back what waited long enough. Call about once a second."""
         for heap in (self._backoff, self._error_backoff):

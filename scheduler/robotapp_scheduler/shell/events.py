@@ -5,7 +5,7 @@ import socket
 from collections.abc import Iterable
 
 from robotapp_api.claims.repair import ClaimConflict
-from robotapp_api.client.api import ApiClient
+from robotapp_api.client.api import ApiClient, Json
 from robotapp_api.client.events import EventRecorder, reference
 from robotapp_api.model.names import EventReason
 from robotapp_scheduler.core.objects import Pod
@@ -42,6 +42,11 @@ class PodEvents:
             resource_version=meta.resource_version,
         )
         recorder.event(regarding, reason=reason, note=note, action=action, warning=warning)
+
+    def about(self, regarding: Json, *, reason: str, note: str, warning: bool) -> None:
+        """Queue one event about our own configuration."""
+        recorder = next(iter(self._recorders.values()))
+        recorder.event(regarding, reason=reason, note=note, action="Configuring", warning=warning)
 
     def conflict(self, found: ClaimConflict) -> None:
         """Two run with one thing: told to the one that runs without holding it, in words of its own namespace."""

@@ -10,21 +10,26 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 
-from robotapp_api.client.api import ApiClient
+from robotapp_api.client.api import ApiClient, Json
+from robotapp_api.client.events import reference
 from robotapp_api.client.lease import LeaderElection, candidate_identity
 from robotapp_api.client.login import load as login
 from robotapp_api.client.sweep import Sweeper
 from robotapp_api.model.names import SCHEDULER_MANAGER, Label
-from robotapp_scheduler.config import SchedulerConfig
+from robotapp_scheduler import config as configuration
+from robotapp_scheduler.config import ConfigError, SchedulerConfig
 from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.profiles import Catalogue, Profile
 from robotapp_scheduler.core.robotics import RobotApp
 from robotapp_scheduler.options import Options
+from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.shell import health
 from robotapp_scheduler.shell.access import Gatekeeper
 from robotapp_scheduler.shell.answers import Answers, Everything
 from robotapp_scheduler.shell.binder import Binder
+from robotapp_scheduler.shell.config_source import LastGood, NoSource, Source, sources
 from robotapp_scheduler.shell.events import PodEvents
 from robotapp_scheduler.shell.explaining import Explainer
 from robotapp_scheduler.shell.feed import Feed
@@ -32,6 +37,8 @@ from robotapp_scheduler.shell.intake import Intake
 from robotapp_scheduler.shell.loop import SchedulerLoop
 from robotapp_scheduler.shell.metrics import Metrics
 from robotapp_scheduler.shell.placing import Placer
+from robotapp_scheduler.shell.published import publish
+from robotapp_scheduler.shell.reload import Reloader, Running, first
 from robotapp_scheduler.shell.report import Reporter
 from robotapp_scheduler.shell.reserve import Reserver, granted_pods
 from robotapp_scheduler.shell.tls import TlsPort, loaded
@@ -47,10 +54,20 @@ SWEEP_CHANGES = Change.POD_REMOVED | Change.POD_SEEN | Change.CLAIMS | Change.AP
 class Scheduler:
     """One process' parts. `run` ends when asked to stop, or with leadership lost."""
 
-    def __init__(self, client: ApiClient, config: SchedulerConfig, options: Options) -> None:
+    def __init__(
+        self,
+        client: ApiClient,
+        running: Running,
+        options: Options,
+        *,
+        source: Source | None = None,
+        last_good: LastGood | None = None,
+    ) -> None:
         clock = time.monotonic
+        config = running.config
         self._client = client
-        self._config = config
+        self.running = running
+        self._source = source or NoSource()
         self._options = options
         self._stop = asyncio.Event()
         self._lost = False
@@ -87,9 +104,14 @@ class Scheduler:
         self.feed = Feed(
             client, self.core.cluster, on_pod=self.intake.take, on_change=self._changed, metrics=self.metrics
         )
-        self._explainer = Explainer(self.core, waiting=self.intake.waiting.values, digest=lambda: self._config.digest)
+        self._explainer = Explainer(
+            self.core, waiting=self.intake.waiting.values, digest=lambda: self.running.config.digest
+        )
+        self._reloader = Reloader(
+            running, self._source, catalogue=catalogue(), swap=self._swap, tell=self._tell, last_good=last_good
+        )
         self._election = self._candidate()
-        self._publish()
+        publish(self.metrics, self.core, client, running)
 
     def __repr__(self) -> str:
         return f"<Scheduler {self.loop!r}, {self.feed!r}>"
@@ -114,6 +136,7 @@ class Scheduler:
                     group.create_task(self.events.run(), name="events"),
                     group.create_task(tls.run(self._client), name="tls"),
                     group.create_task(self.reporter.run(), name="conditions"),
+                    group.create_task(self._reloader.run(), name="configuration"),
                 ]
                 work = group.create_task(self._lead(), name="lead")
                 await self._first(work, self._stop)
@@ -164,12 +187,16 @@ class Scheduler:
     async def _work(self) -> None:
         """What only the leader does."""
         async with asyncio.TaskGroup() as group:
-            sweep = group.create_task(self.sweeper.run(), name="sweep")
+            background = [
+                group.create_task(self.sweeper.run(), name="sweep"),
+                group.create_task(self._reloader.leading(), name="last good configuration"),
+            ]
             await self.loop.run()
-            sweep.cancel()
+            for task in background:
+                task.cancel()
 
     def _candidate(self) -> LeaderElection | None:
-        wanted = self._config.leader_election
+        wanted = self.running.config.leader_election
         if not wanted.enabled:
             return None
         namespace = self._options.lease_namespace or wanted.namespace or self._client.endpoint.namespace
@@ -190,41 +217,31 @@ class Scheduler:
             self.sweeper.wake()
         self.loop.wake()
 
+    # --- Configuration ---------------------------------------------------------------------------------------------
+
+    def _swap(self, config: SchedulerConfig, profiles: Mapping[str, Profile]) -> None:
+        """Between two cycles: deciding never awaits, so nothing is half decided here."""
+        self.core.swap(profiles, initial_backoff_s=config.initial_backoff_s, max_backoff_s=config.max_backoff_s)
+        self.loop.wake()
+
+    def _tell(self, reason: str, note: str, warning: bool) -> None:
+        """One event about the configuration; standbys stay silent, they have read the same."""
+        regarding = self._source.regarding or self._own_pod()
+        if regarding is not None and self._leading.is_set():
+            self.events.about(regarding, reason=reason, note=note, warning=warning)
+
+    def _own_pod(self) -> Json | None:
+        name = os.environ.get("POD_NAME", "")
+        namespace = self._client.endpoint.namespace
+        return reference(api_version="v1", kind="Pod", name=name, namespace=namespace) if name else None
+
     # --- What is published -----------------------------------------------------------------------------------------
-
-    def _publish(self) -> None:
-        core = self.core
-        self.metrics.watch("pending_pods", "Pods that wait, by queue", label="queue", read=core.queue.pending)
-        self.metrics.watch("cache_size", "Objects in the cache", label="type", read=self._cache_size)
-        self.metrics.count(
-            "queue_incoming_pods",
-            "Pods that entered a queue, by event",
-            labels=("queue", "event"),
-            read=lambda: {key: float(count) for key, count in core.queue.incoming.items()},
-        )
-        self.metrics.count(
-            "plugin_decisions",
-            "Pods a plugin let pass, refused, scored or skipped",
-            labels=("plugin", "extension_point", "result"),
-            read=lambda: {key: float(count) for key, count in core.decisions().items()},
-        )
-        self.metrics.count(
-            "api_requests",
-            "Requests to the API server, by method and status; 0 is no answer",
-            labels=("method", "status"),
-            read=lambda: {(method, str(status)): n for (method, status), n in self._client.requests.items()},
-        )
-
-    def _cache_size(self) -> Mapping[str, float]:
-        cluster = self.core.cluster
-        assumed = sum(1 for pod in cluster.placed.values() if pod.assumed)
-        return {"nodes": cluster.nodes.count, "pods": len(cluster.placed), "assumed_pods": assumed}
 
     def _pages(self) -> health.Pages:
         gate = Everything() if self._options.insecure_explain else Gatekeeper(self._client)
         return health.Pages(
             registry=self.metrics.registry,
-            answers=Answers(gate=gate, explain=self._explainer, config=self._config.as_json),
+            answers=Answers(gate=gate, explain=self._explainer, config=self.running.as_json),
             ready_checks={"informer-sync": self.feed.synced.is_set, "shutdown": lambda: not self._stop.is_set()},
             live_checks={"leader-election": self._leads, "scheduling-loop": self._turns},
         )
@@ -245,13 +262,31 @@ def app_uids(seen: Event) -> tuple[str, ...]:
     return (uid,) if uid else ()
 
 
-async def run(options: Options, config: SchedulerConfig) -> int:
-    """Log in, run until a signal, and give the exit status."""
-    kubeconfig = options.kubeconfig or (Path(config.kubeconfig) if config.kubeconfig else None)
+async def run(options: Options) -> int:
+    """Log in, run until a signal, and give the exit status. Raises `ConfigError` and `LoginError`."""
+    known = catalogue()
+    kubeconfig = options.kubeconfig or _kubeconfig_of(options, known)
     endpoint = await asyncio.to_thread(login, kubeconfig)
     async with ApiClient(endpoint, user_agent=SCHEDULER_MANAGER, field_manager=SCHEDULER_MANAGER) as client:
-        scheduler = Scheduler(client, config, options)
+        source, last_good = sources(client, options)
+        running = await first(source, known, last_good)
+        for warning in running.config.warnings:
+            log.warning("%s", warning)
+        scheduler = Scheduler(client, running, options, source=source, last_good=last_good)
         loop = asyncio.get_running_loop()
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, scheduler.stop)
         return await scheduler.run()
+
+
+def _kubeconfig_of(options: Options, known: Catalogue) -> Path | None:
+    """What a configuration file says about the API server. A bad file is told before we log in, unless another may do."""
+    if options.config_map:
+        return None
+    try:
+        path = configuration.load(options.config, catalogue=known).kubeconfig
+    except ConfigError:
+        if not options.last_good_config_map:
+            raise
+        return None
+    return Path(path) if path else None

@@ -108,6 +108,10 @@ class QueueMachine(RuleBasedStateMachine):
         self.queue.tick()
 
     @rule()
+    def other_rules_decide_from_now_on(self) -> None:
+        self.queue.rules_changed(initial_backoff_s=2.0, max_backoff_s=8.0)
+
+    @rule()
     def pop(self) -> None:
         for queued in self.queue.pop():
             assert queued.info.uid in self.known

@@ -3,10 +3,12 @@ from typing import Any
 import pytest
 from tests.support.scheduling import device_claim, make_core, make_info, make_node, make_pod, telemetry
 
-from robotapp_api.model.names import Annotation, PodReason
+from robotapp_api.model.names import SCHEDULER_NAME, Annotation, PodReason
 from robotapp_scheduler.core.framework import Code
 from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.profiles import PluginRef, PluginSet, ProfileSpec
 from robotapp_scheduler.core.queued import Rejection
+from robotapp_scheduler.plugins.registry import default_profiles
 
 HERE = "is not supported by this scheduler yet; use schedulerName default-scheduler for this pod"
 
@@ -236,3 +238,23 @@ def test_a_claim_of_somebody_else_makes_another_node_win_at_once() -> None:
     assert not core.schedule_one(make_info("p", annotations=annotations), assume=False).placed
     core.cluster.remove_claim(device_claim("a", "usb-cam", uid="stranger"))
     assert core.schedule_one(make_info("p", annotations=annotations), assume=False).node == "a"
+
+
+def test_other_profiles_decide_from_the_next_cycle_on_and_what_was_counted_stays_counted() -> None:
+    core = make_core(make_node("small", cpu="2"), make_node("large", cpu="8"))
+    assert core.schedule_one(make_info("p"), assume=False).node == "large"
+    before = core.decisions()
+    packed = {"NodeResourcesFit": {"scoringStrategy": {"type": "MostAllocated", "resources": [{"name": "cpu"}]}}}
+    off = PluginSet(disabled=(PluginRef("NodeResourcesBalancedAllocation"),))
+    spec = ProfileSpec(SCHEDULER_NAME, plugins={"multiPoint": off}, plugin_config=packed)
+    core.swap(default_profiles([spec]), initial_backoff_s=1.0, max_backoff_s=10.0)
+    assert core.decisions() == before
+    assert core.schedule_one(make_info("q"), assume=False).node == "small"
+    record = core.explain.get("uid-q")
+    old = core.explain.get("uid-p")
+    assert record is not None
+    assert old is not None
+    assert record.config_hash != old.config_hash
+    assert "NodeResourcesBalancedAllocation" not in record.top.scores
+    after = core.decisions()
+    assert all(after[key] >= count for key, count in before.items())

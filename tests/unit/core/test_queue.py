@@ -224,3 +224,30 @@ def test_what_entered_which_queue_is_counted_for_the_metrics() -> None:
         ("unschedulable", "ScheduleAttemptFailure"): 1,
         ("backoff", "AssignedPodDelete"): 1,
     }
+
+
+def test_under_other_rules_every_pod_is_tried_again_in_the_new_order_and_no_sooner_than_its_back_off() -> None:
+    clock = Clock()
+    order, gates = {"by": 1}, {"gated": Gate(plugin="Gates", reason="closed", events=Change.NONE)}
+    queue = SchedulingQueue(
+        clock=clock,
+        key=lambda info, queued_s: (order["by"] * info.priority, queued_s),
+        gate=lambda info: gates.get(info.name),
+        waker=lambda _, plugin: Waker(plugin, EVENTS.get(plugin, Change.NONE)),
+    )
+    for name, priority in (("refused", 1), ("failed", 9), ("flying", 5)):
+        queue.add(make_info(name, priority=priority))
+    refused, flying, failed = (only(queue) for _ in range(3))
+    queue.requeue(refused, FIT)
+    clock.forward(30)
+    queue.requeue(failed, Rejection())
+    for name, priority in (("gated", 2), ("low", 0), ("high", 8)):
+        queue.add(make_info(name, priority=priority))
+    order["by"] = -1
+    gates.clear()
+    queue.rules_changed(initial_backoff_s=1.0, max_backoff_s=10.0)
+    queue.invariant()
+    assert queue.pending() == {"active": 4, "backoff": 1, "unschedulable": 0, "gated": 0}
+    assert [names(queue.pop()) for _ in range(4)] == [["high"], ["gated"], ["refused"], ["low"]]
+    queue.requeue(flying, FIT)
+    assert names(queue.pop()) == ["flying"], "what it was refused by may decide no more"

@@ -5,7 +5,7 @@ import msgspec
 import pytest
 
 from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME
-from robotapp_scheduler.config import ConfigError, SchedulerConfig, built_in, load, parse
+from robotapp_scheduler.config import ConfigError, SchedulerConfig, built_in, load, parse, parse_text
 from robotapp_scheduler.config_model import API_VERSION, KIND
 from robotapp_scheduler.core.profiles import Catalogue, PluginRef
 
@@ -260,3 +260,39 @@ def test_equal_files_have_equal_digests_and_a_weight_changes_it() -> None:
 def test_parallelism_is_accepted_with_a_warning() -> None:
     assert "one event loop" in config(parallelism=4).warnings[0]
     assert built_in(catalogue()).warnings == ()
+
+
+def test_unknown_fields_are_told_together_with_all_that_is_wrong_beside_them() -> None:
+    found = problems(parallelism=0, typo=1, profiles=[{"plugin": {}, "percentageOfNodesToScore": 101}])
+    assert set(found) == {
+        'strict decoding error: unknown field "typo"',
+        'strict decoding error: unknown field "profiles[0].plugin"',
+        "parallelism: Invalid value: 0: should be an integer value greater than zero",
+        "profiles[0].percentageOfNodesToScore: Invalid value: 101: not in valid range [0-100]",
+    }
+
+
+def test_names_are_those_of_the_file_format_and_no_others() -> None:
+    assert problems(pod_max_backoff_seconds=5) == ['strict decoding error: unknown field "pod_max_backoff_seconds"']
+
+
+@pytest.mark.parametrize(
+    ("change", "fields"),
+    [
+        ({"podMaxBackoffSeconds": 20}, ()),
+        ({"profiles": [{"schedulerName": "mine", "plugins": {"score": {"disabled": [{"name": "*"}]}}}]}, ()),
+        ({"profiles": [{"schedulerName": "other"}]}, ("profiles[].schedulerName",)),
+        ({"leaderElection": {"leaseDuration": "30s"}}, ("leaderElection",)),
+        ({"clientConnection": {"kubeconfig": "/k"}, "leaderElection": {"leaderElect": False}},
+         ("leaderElection", "clientConnection.kubeconfig")),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_exchanged_while_running_is_named(change: dict[str, Any], fields: tuple[str, ...]) -> None:
+    running = config(profiles=profile())
+    assert running.restart_needed(config(**({"profiles": profile()} | change))) == fields
+
+
+@pytest.mark.parametrize("text", ["a: [", "x" * ((1 << 20) + 1), "[" * 100_000, "null", "- a", "a: 1\na: 2"])
+def test_a_text_that_is_no_configuration_is_a_problem_and_never_a_crash(text: str) -> None:
+    with pytest.raises(ConfigError):
+        parse_text(text, catalogue=catalogue())

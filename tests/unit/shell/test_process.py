@@ -18,6 +18,7 @@ from robotapp_scheduler.core.robotics import RobotApp
 from robotapp_scheduler.options import Options, parse
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.shell.process import Scheduler, app_uids
+from robotapp_scheduler.shell.reload import Running
 
 
 def options(**changes: Any) -> Options:
@@ -62,7 +63,7 @@ class World:
 @asynccontextmanager
 async def world(*, leader: bool = False) -> AsyncIterator[World]:
     async with FakeApiServer() as server, client_for(server.endpoint) as client:
-        scheduler = Scheduler(client, config(leader=leader), options())
+        scheduler = Scheduler(client, Running(config(leader=leader)), options())
         task = asyncio.create_task(scheduler.run())
         try:
             yield World(server, client, scheduler, task)

@@ -1,0 +1,50 @@
+"""Metrics that are read when somebody scrapes: they cost nothing between scrapes."""
+
+from collections.abc import Mapping
+
+from robotapp_api.client.api import ApiClient
+from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.shell.metrics import Metrics
+from robotapp_scheduler.shell.reload import Running
+
+
+def publish(metrics: Metrics, core: SchedulerCore, client: ApiClient, running: Running) -> None:
+    """Register what the core, the client and the configuration count themselves."""
+    metrics.watch("pending_pods", "Pods that wait, by queue", label="queue", read=core.queue.pending)
+    metrics.watch("cache_size", "Objects in the cache", label="type", read=lambda: _cache_size(core))
+    metrics.count(
+        "queue_incoming_pods",
+        "Pods that entered a queue, by event",
+        labels=("queue", "event"),
+        read=lambda: {key: float(count) for key, count in core.queue.incoming.items()},
+    )
+    metrics.count(
+        "plugin_decisions",
+        "Pods a plugin let pass, refused, scored or skipped",
+        labels=("plugin", "extension_point", "result"),
+        read=lambda: {key: float(count) for key, count in core.decisions().items()},
+    )
+    metrics.count(
+        "api_requests",
+        "Requests to the API server, by method and status; 0 is no answer",
+        labels=("method", "status"),
+        read=lambda: {(method, str(status)): n for (method, status), n in client.requests.items()},
+    )
+    metrics.count(
+        "config_reloads",
+        "Configurations given while running, by what became of them",
+        labels=("result",),
+        read=lambda: {(outcome,): float(count) for outcome, count in running.outcomes.items()},
+    )
+    metrics.watch(
+        "config_in_use",
+        "1 for the digest of the configuration in use, 0 while a newer one that was given is refused",
+        label="digest",
+        read=lambda: {running.config.digest: 0.0 if running.refused else 1.0},
+    )
+
+
+def _cache_size(core: SchedulerCore) -> Mapping[str, float]:
+    cluster = core.cluster
+    assumed = sum(1 for pod in cluster.placed.values() if pod.assumed)
+    return {"nodes": cluster.nodes.count, "pods": len(cluster.placed), "assumed_pods": assumed}
