@@ -1,6 +1,10 @@
 """`domains` and `devices`: who holds what."""
 
+import msgspec
+
+from robotapp_api.claims.fullness import fullness
 from robotapp_api.claims.identity import device_label
+from robotapp_api.claims.objects import Claim, Pool
 from robotapp_api.client.resources import DOMAINPOOLS, NODETELEMETRIES, ROBOTCLAIMS
 from robotapp_cli.fields import Json, age, meta, status
 from robotapp_cli.output import Column, Output, blank_line, console, print_table, write_structured
@@ -33,14 +37,8 @@ def _of_namespace(claim: Json, namespace: str | None) -> bool:
 def _pool_row(pool: Json, claims: list[Json]) -> list[str]:
     name, spec = meta(pool)["name"], pool["spec"]
     own = [claim for claim in claims if claim["spec"]["domain"]["pool"] == name]
-    draining = sum(status(claim).get("phase") == "Draining" for claim in own)
-    return [name, spec["scope"], f"{len(own)}/{_capacity(spec['ids'])}", str(draining), spec["ids"]]
-
-
-def _capacity(ids: str) -> int:
-    """Number of ids in `1-101,215-232`."""
-    ends = [part.split("-") for part in ids.split(",") if part]
-    return sum(int(end[-1]) - int(end[0]) + 1 for end in ends)
+    found = fullness(msgspec.convert(pool, Pool), msgspec.convert(own, list[Claim]))
+    return [name, spec["scope"], found.used, str(found.resting), spec["ids"]]
 
 
 def _domain_row(claim: Json, *, wide: bool) -> list[str]:

@@ -16,6 +16,7 @@ from robotapp_operator.keys import Work
 from robotapp_operator.memory import Memory
 from robotapp_operator.metrics import Metrics
 from robotapp_operator.plan.app import problems_of
+from robotapp_operator.pools import Pools
 from robotapp_operator.probes import Probes
 from robotapp_operator.queue import Key, Queue
 from robotapp_operator.reporter import Reporter
@@ -26,6 +27,7 @@ WORKERS: Final = 8
 STATUS_REST_S: Final = 0.2
 """At most five statuses of one app per second, however fast its pods change."""
 FLEET_REST_S: Final = 5.0
+POOL_REST_S: Final = 5.0
 PROBES_REST_S: Final = 10.0
 RESYNC_S: Final = 600.0
 BUG_DELAY_S: Final = 300.0
@@ -48,6 +50,7 @@ class Controller:
         fleet: FleetView,
         gates: Gates,
         probes: Probes,
+        pools: Pools,
         list_apps: Callable[[], Awaitable[list[dict[str, Any]]]],
         wake_sweep: Callable[[], None],
     ) -> None:
@@ -60,6 +63,7 @@ class Controller:
         self._fleet = fleet
         self._gates = gates
         self._probes = probes
+        self._pools = pools
         self._list_apps = list_apps
         self._wake_sweep = wake_sweep
         self._work: Mapping[str, Callable[[Key], Awaitable[float | None]]] = {
@@ -68,6 +72,7 @@ class Controller:
             Work.STATUS: self._status,
             Work.GATES: self._gate,
             Work.WAITING: self._waiting,
+            Work.POOL: self._pool,
             Work.FLEET: self._fleet_view,
             Work.PROBES: self._probe,
             Work.RESYNC: self._resync,
@@ -167,6 +172,10 @@ class Controller:
         for uid, robot in self._memory.waiting():
             self._queue.hurry(Key(Work.CHILDREN, uid, robot))
         return 0.1
+
+    async def _pool(self, key: Key) -> float:
+        await self._pools.publish(key.group.removeprefix("pool/"))
+        return POOL_REST_S
 
     async def _fleet_view(self, key: Key) -> float:
         await self._fleet.publish(key.group.removeprefix("ns/"))

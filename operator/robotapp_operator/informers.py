@@ -18,6 +18,7 @@ STATUS_DELAY_S: Final = 0.05
 """Pods of one app change in bursts; one status covers them."""
 LATENCY_DELAY_S: Final = 2.0
 FLEET_DELAY_S: Final = 1.0
+POOL_DELAY_S: Final = 1.0
 OURS: Final = Label.APP_UID.value
 
 
@@ -177,7 +178,9 @@ class Informers:
             self._cache.pools.pop(pool.metadata.name, None)
         else:
             self._cache.pools[pool.metadata.name] = pool
-        self._waiting_for(pool.metadata.name)
+            self._fullness(pool.metadata.name)
+        if change.old is None or change.new is None or change.old.spec != pool.spec:
+            self._waiting_for(pool.metadata.name)
 
     def _claim(self, change: Change) -> None:
         claim: Claim = change.new or change.old
@@ -192,6 +195,7 @@ class Informers:
             return
         # An adoption only counts up `attempt`: our own write is no news, or a failing key would spin on it.
         if change.old is None or change.new is None or change.old.status.phase != claim.status.phase:
+            self._fullness(claim.spec.domain.pool)
             wake_instance(self._cache, self._queue, holder.uid, holder.instance)
             owner = holder.namespace, holder.name
             wake_joined(self._cache, self._queue, owner, uid=holder.uid, instance=holder.instance)
@@ -200,6 +204,9 @@ class Informers:
 
     def _waiting_for(self, pool: str) -> None:
         self._queue.add(Key(Work.WAITING, f"pool/{pool}"))
+
+    def _fullness(self, pool: str) -> None:
+        self._queue.add(Key(Work.POOL, f"pool/{pool}"), delay_s=POOL_DELAY_S)
 
     # Keys
 

@@ -14,6 +14,8 @@ class Work(StrEnum):
     """Group: app uid, instance. Scheduling gates of pods for other schedulers."""
     WAITING = "waiting"
     """Group: pool. Instances that wait for a domain of this pool try again."""
+    POOL = "pool"
+    """Group: pool. Its status says how full it is."""
     FLEET = "fleet"
     """Group: namespace. The fleet ConfigMap."""
     PROBES = "probes"

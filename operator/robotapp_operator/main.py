@@ -33,6 +33,7 @@ from robotapp_operator.informers import Informers
 from robotapp_operator.kopf_settings import kopf_settings
 from robotapp_operator.memory import Memory
 from robotapp_operator.metrics import Metrics
+from robotapp_operator.pools import Pools
 from robotapp_operator.probes import Probes
 from robotapp_operator.queue import Queue
 from robotapp_operator.reporter import Reporter
@@ -78,6 +79,7 @@ class Operator:
             fleet=self.fleet,
             gates=Gates(client, self.cache),
             probes=Probes(client, self.cache),
+            pools=Pools(client, self.cache),
             list_apps=self._list_apps,
             wake_sweep=self.sweeper.wake,
         )

@@ -232,6 +232,8 @@ def test_a_tenants_rights_in_his_namespace(tenant: Chart, verb: str, resource: s
         (SCHEDULER, "get", "secrets", "no"),
         (OPERATOR, "patch", "deployments.apps", "yes"),
         (OPERATOR, "patch", "robotapps.robotics.io/status", "yes"),
+        (OPERATOR, "patch", "domainpools.robotics.io/status", "yes"),
+        (OPERATOR, "patch", "domainpools.robotics.io", "no"),
         (OPERATOR, "create", "pods", "no"),
         (OPERATOR, "create", "pods/binding", "no"),
         (OPERATOR, "list", "secrets", "no"),

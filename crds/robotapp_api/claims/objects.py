@@ -123,6 +123,7 @@ class PoolSpec(Object, frozen=True, kw_only=True):
 class Pool(Object, frozen=True, kw_only=True):
     metadata: Meta
     spec: PoolSpec = PoolSpec()
+    status: dict[str, Any] = {}
 
 
 # Workloads

@@ -97,13 +97,13 @@ class PoolStatus(Observed):
     observed_generation: Generation | None = None
     """Generation of the spec this status is about."""
     capacity: Count = 0
-    """Ids that can be claimed."""
+    """Ids that can be claimed, in each zone or node where that is the scope."""
     claimed: Count = 0
-    """Ids that are claimed."""
+    """Ids that are claimed, resting ones included."""
     quarantined: Count = 0
     """Ids that rest before they are free."""
     used: Annotated[str, StringConstraints(max_length=16)] = ""
-    """Claimed and possible ids, such as 12/119."""
+    """Claimed and possible ids, such as 12/119; of the fullest zone or node where that is the scope."""
     conditions: Conditions = ()
     """What is wrong with the pool."""
 

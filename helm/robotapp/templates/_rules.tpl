@@ -49,6 +49,10 @@
 - apiGroups: [robotics.io]
   resources: [domainpools]
   verbs: [get, list, watch]
+# How full each pool is.
+- apiGroups: [robotics.io]
+  resources: [domainpools/status]
+  verbs: [patch]
 # spec.probe: which peers a node's agent should measure.
 - apiGroups: [robotics.io]
   resources: [nodetelemetries]

@@ -11,7 +11,7 @@ from robotapp_api.claims.domain import DomainOutcome
 from robotapp_api.client import TooManyRequests, Unreachable
 from robotapp_api.model.names import Label, Reason
 from robotapp_operator.cache import Cache
-from robotapp_operator.controller import BUG_DELAY_S, FLEET_REST_S, STATUS_REST_S, Controller
+from robotapp_operator.controller import BUG_DELAY_S, FLEET_REST_S, POOL_REST_S, STATUS_REST_S, Controller
 from robotapp_operator.execute import StartOver
 from robotapp_operator.keys import Work
 from robotapp_operator.memory import Memory
@@ -53,7 +53,7 @@ class World:
         self.memory = Memory()
         self.metrics = Metrics()
         self.queue = Queue(clock=self.clock, jitter=lambda: 0.5)
-        self.children, self.reporter, self.fleet, self.gates, self.probes = (Worker() for _ in range(5))
+        self.children, self.reporter, self.fleet, self.gates, self.probes, self.pools = (Worker() for _ in range(6))
         self.listed: list[dict[str, Any]] = []
         self.while_listing: Callable[[], None] = lambda: None
         self.woken = 0
@@ -67,6 +67,7 @@ class World:
             fleet=self.fleet,  # type: ignore[arg-type]
             gates=self.gates,  # type: ignore[arg-type]
             probes=self.probes,  # type: ignore[arg-type]
+            pools=self.pools,  # type: ignore[arg-type]
             list_apps=self._list,
             wake_sweep=self._wake,
         )
@@ -211,14 +212,18 @@ async def test_a_bug_is_logged_counted_shown_and_does_not_stop_the_others(
     assert world.memory.of("uid-1").bug == ""
 
 
-async def test_statuses_and_fleet_views_rest_between_two_writes(world: World) -> None:
+async def test_statuses_fleet_views_and_pools_rest_between_two_writes(world: World) -> None:
     world.cache.update_app(app_body())
-    for key, rest_s in ((Key(Work.STATUS, "uid-1"), STATUS_REST_S), (Key(Work.FLEET, "ns/default"), FLEET_REST_S)):
+    for key, rest_s in (
+        (Key(Work.STATUS, "uid-1"), STATUS_REST_S),
+        (Key(Work.FLEET, "ns/default"), FLEET_REST_S),
+        (Key(Work.POOL, "pool/default"), POOL_REST_S),
+    ):
         await world.handle(key)
         world.queue.add(key)
         assert key not in world.due()
         assert key in world.due(rest_s)
-    assert world.fleet.calls == [("default",)]
+    assert world.fleet.calls == world.pools.calls == [("default",)]
 
 
 async def test_gates_that_cannot_be_opened_yet_are_tried_again(world: World) -> None:

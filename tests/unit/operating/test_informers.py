@@ -6,7 +6,7 @@ import msgspec
 import pytest
 from tests.support.factories import app_body, domain_claim, make_node, make_pod, robots, telemetry
 
-from robotapp_api.claims.objects import Meta
+from robotapp_api.claims.objects import Meta, Pool
 from robotapp_api.client import ApiClient, Change, Endpoint
 from robotapp_api.model.names import SCHEDULING_GATE, Annotation, Label
 from robotapp_operator.cache import Cache
@@ -19,6 +19,7 @@ LABELS = {Label.APP_UID.value: "uid-1", Label.INSTANCE.value: "a"}
 CHILDREN = Key(Work.CHILDREN, "uid-1", "a")
 STATUS = Key(Work.STATUS, "uid-1")
 FLEET = Key(Work.FLEET, "ns/default")
+POOL = Key(Work.POOL, "pool/default")
 EACH = {"selector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}
 
 
@@ -66,6 +67,10 @@ def pod(node: str = "", *, phase: str = "Running", gates: tuple[str, ...] = ()) 
             {"nodeName": node, "schedulingGates": [{"name": gate} for gate in gates]}, type(found.spec)
         ),
     )
+
+
+def pool(ids: str) -> Pool:
+    return msgspec.convert({"metadata": {"name": "default"}, "spec": {"ids": ids}}, Pool)
 
 
 def test_a_new_or_deleted_deployment_plans_its_instance(world: World) -> None:
@@ -128,8 +133,8 @@ def test_a_bare_pod_is_only_in_the_fleet_view(world: World) -> None:
 
 def test_a_claim_wakes_its_holder_and_a_freed_one_whoever_waits(world: World) -> None:
     claim = domain_claim(7, instance="a")
-    assert world.see("_claim", None, claim) == {CHILDREN, STATUS}
-    assert world.see("_claim", claim, None) == {CHILDREN, STATUS, Key(Work.WAITING, "pool/default")}
+    assert world.see("_claim", None, claim) == {CHILDREN, STATUS, POOL}
+    assert world.see("_claim", claim, None) == {CHILDREN, STATUS, POOL, Key(Work.WAITING, "pool/default")}
     assert not world.cache.claims
 
 
@@ -139,7 +144,7 @@ def test_an_adoption_of_ours_is_no_news(world: World) -> None:
     adopted = msgspec.structs.replace(claim, status=msgspec.structs.replace(claim.status, attempt=1))
     assert world.see("_claim", claim, adopted) == {STATUS}
     drained = domain_claim(7, instance="a", phase="Draining")
-    assert world.see("_claim", adopted, drained) == {CHILDREN, STATUS}
+    assert world.see("_claim", adopted, drained) == {CHILDREN, STATUS, POOL}
 
 
 def test_a_claim_ends_the_back_off_of_its_holder_and_of_its_pods_gates(world: World) -> None:
@@ -148,7 +153,8 @@ def test_a_claim_ends_the_back_off_of_its_holder_and_of_its_pods_gates(world: Wo
         world.queue.add(key)
         world.queue.pop()
         world.queue.retry(key, at_least_s=300)
-    assert world.see("_claim", None, domain_claim(7, instance="a")) == {CHILDREN, STATUS, Key(Work.GATES, "uid-1", "a")}
+    gates = Key(Work.GATES, "uid-1", "a")
+    assert world.see("_claim", None, domain_claim(7, instance="a")) == {CHILDREN, STATUS, POOL, gates}
 
 
 def test_a_claim_wakes_whoever_joins_it_at_once(world: World) -> None:
@@ -162,6 +168,7 @@ def test_a_claim_wakes_whoever_joins_it_at_once(world: World) -> None:
     assert world.see("_claim", None, claims[2]) == {
         Key(Work.CHILDREN, "uid-1", "c"),
         STATUS,
+        POOL,
         Key(Work.CHILDREN, "uid-2", "c"),
     }
     assert Key(Work.APP, "uid-2") in world.see("_claim", claims[0], None)
@@ -176,10 +183,20 @@ def test_another_id_in_the_owners_templates_wakes_whoever_joins_it(world: World)
     assert Key(Work.APP, "uid-2") in world.see("_deployment", named, None)
 
 
-def test_somebody_elses_claim_only_matters_when_it_goes(world: World) -> None:
+def test_somebody_elses_claim_fills_the_pool_and_makes_room_when_it_goes(world: World) -> None:
     claim = domain_claim(7, uid="stranger")
-    assert world.see("_claim", None, claim) == set()
-    assert world.see("_claim", claim, None) == {Key(Work.WAITING, "pool/default")}
+    assert world.see("_claim", None, claim) == {POOL}
+    assert world.see("_claim", claim, None) == {POOL, Key(Work.WAITING, "pool/default")}
+
+
+def test_a_pool_wakes_whoever_waits_when_its_spec_changes_and_not_when_its_status_does(world: World) -> None:
+    waiting = Key(Work.WAITING, "pool/default")
+    old, new = pool("1-3"), pool("1-4")
+    assert world.see("_pool", None, old) == {POOL, waiting}
+    assert world.see("_pool", old, new) == {POOL, waiting}
+    assert world.see("_pool", new, msgspec.structs.replace(new, status={"used": "1/4"})) == {POOL}
+    assert world.see("_pool", new, None) == {waiting}
+    assert not world.cache.pools
 
 
 def test_a_nodes_heartbeat_is_nobodys_business(world: World) -> None:

@@ -10,8 +10,9 @@ from tests.support.apiserver import FakeApiServer
 from tests.support.clients import client_for
 from tests.support.factories import app_body, domain_claim, make_pod, robots
 
+from robotapp_api.claims.objects import Pool
 from robotapp_api.client import ApiClient
-from robotapp_api.client.resources import CONFIGMAPS, NODETELEMETRIES, PODS, ROBOTCLAIMS
+from robotapp_api.client.resources import CONFIGMAPS, DOMAINPOOLS, NODETELEMETRIES, PODS, ROBOTCLAIMS
 from robotapp_api.model.names import FLEET_CONFIG_MAP, SCHEDULING_GATE, Label
 from robotapp_operator.cache import Cache
 from robotapp_operator.fleet_view import FleetView
@@ -19,6 +20,7 @@ from robotapp_operator.gates import Gates
 from robotapp_operator.health import Health
 from robotapp_operator.metrics import Metrics
 from robotapp_operator.plan.objects import Telemetry
+from robotapp_operator.pools import Pools
 from robotapp_operator.probes import Probes
 from robotapp_operator.queue import Queue
 
@@ -46,8 +48,35 @@ class World:
 
 @pytest.fixture
 async def world() -> AsyncIterator[World]:
-    async with FakeApiServer() as api, client_for(api.endpoint) as client:
+    async with FakeApiServer() as api, client_for(api.endpoint, field_manager="robotapp-operator") as client:
         yield World(api, client)
+
+
+async def test_a_pools_status_is_written_when_it_changed_and_only_then(world: World) -> None:
+    pools = Pools(world.client, world.cache)
+    body = {"metadata": {"name": "default"}, "spec": {"scope": "Cluster", "ids": "1-3"}}
+    await world.client.create(DOMAINPOOLS, body)
+
+    async def published() -> tuple[str, int]:
+        """USED, and the writes it took."""
+        world.cache.pools["default"] = await world.client.get(DOMAINPOOLS, "default", as_type=Pool)
+        before = world.writes()
+        await pools.publish("default")
+        stored = await world.client.get(DOMAINPOOLS, "default")
+        return stored["status"]["used"], world.writes() - before
+
+    assert await published() == ("0/3", 1)
+    world.cache.claims.put("uid-1", "c", domain_claim(1))
+    assert await published() == ("1/3", 1)
+    assert await published() == ("1/3", 0)
+    await world.client.delete(DOMAINPOOLS, "default")
+    world.cache.claims.clear()
+    before = world.writes()
+    await pools.publish("default")
+    assert world.writes() == before + 1, "refused, and settled by the watch"
+    world.cache.pools.clear()
+    await pools.publish("default")
+    assert (await world.client.list(DOMAINPOOLS)).items == []
 
 
 async def test_the_fleet_view_is_written_once_and_follows(world: World) -> None:
