@@ -17,6 +17,7 @@ from robotapp_api.claims.objects import Deployment as ClaimsDeployment
 from robotapp_api.client import ApiClient, NotFound
 from robotapp_api.client.claims import ensure_domain
 from robotapp_api.client.resources import DEPLOYMENTS, ROBOTAPPS, SERVICES
+from robotapp_api.client.sweep_view import means_gone
 from robotapp_api.model.names import Label, Reason
 from robotapp_operator.cache import Cache
 from robotapp_operator.execute import StartOver, execute
@@ -150,7 +151,9 @@ class Children:
             return None
         try:
             body = await self._client.get(ROBOTAPPS, known.name, namespace=known.namespace)
-        except NotFound:
+        except NotFound as error:
+            if not means_gone(error, known.name):
+                raise
             self._gone(known)
             return None
         record = self._cache.update_app(body)

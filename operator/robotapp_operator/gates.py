@@ -6,6 +6,7 @@ from robotapp_api.claims.objects import Pod as ClaimsPod
 from robotapp_api.client import ApiClient, Conflict, NotFound
 from robotapp_api.client.claims import check_bind
 from robotapp_api.client.resources import PODS
+from robotapp_api.client.sweep_view import means_gone
 from robotapp_api.model.names import SCHEDULING_GATE, Label
 from robotapp_operator.cache import Cache
 from robotapp_operator.plan.objects import Pod
@@ -51,6 +52,7 @@ class Gates:
             await self._client.patch(
                 PODS, meta.name, {"metadata": precondition, "spec": {"schedulingGates": left}}, namespace=meta.namespace
             )
-        except NotFound:
-            return True
+        except NotFound as error:
+            if not means_gone(error, meta.name):
+                raise
         return True

@@ -71,8 +71,9 @@ async def delete_claim(client: Api, claim: Claim) -> None:
         await client.delete(ROBOTCLAIMS, claim.name, uid=condition.uid, resource_version=condition.resource_version)
     except Conflict as refusal:
         raise Refused from refusal
-    except NotFound:
-        return
+    except NotFound as error:
+        if not _is_gone(error, claim):
+            raise
 
 
 def _use(pod: str, node: str) -> dict[str, Any]:
@@ -94,5 +95,15 @@ async def _write_status(client: Api, claim: Claim, status: dict[str, Any]) -> Cl
     }
     try:
         return msgspec.convert(await client.replace(ROBOTCLAIMS, body, subresource="status"), Claim)
-    except (Conflict, NotFound) as refusal:
+    except Conflict as refusal:
         raise Refused from refusal
+    except NotFound as error:
+        if not _is_gone(error, claim):
+            raise
+        raise Refused from error
+
+
+def _is_gone(error: NotFound, claim: Claim) -> bool:
+    from robotapp_api.client.sweep_view import means_gone  # which needs our Api
+
+    return means_gone(error, claim.name)

@@ -6,14 +6,14 @@ from dataclasses import replace
 from robotapp_api.claims import domain as rules
 from robotapp_api.claims.bind import ALLOWED, BindVerdict, bind_verdict, needs_check, shared_verdict
 from robotapp_api.claims.domain import DomainOutcome, DomainPlan, DomainRequest, Step
-from robotapp_api.claims.identity import Found, claim_name, same_tuple
+from robotapp_api.claims.identity import Found, claim_name, same_holder, same_tuple
 from robotapp_api.claims.objects import App, Claim, Deployment, Holder, Pod, Pool
 from robotapp_api.claims.release import claims_domain, joined
 from robotapp_api.claims.share import AppKey, Join, claim_to_join, owner_of
 from robotapp_api.claims.usage import deployment_ids, named_ids, usage_of
 from robotapp_api.client.claim_writes import Api, Refused, create_claim, touch
-from robotapp_api.client.errors import NotFound
 from robotapp_api.client.resources import DEPLOYMENTS, DOMAINPOOLS, ROBOTAPPS, ROBOTCLAIMS
+from robotapp_api.client.sweep_view import find
 from robotapp_api.model.names import Annotation, Label, Reason
 from robotapp_api.values.ranges import parse_ids
 
@@ -50,9 +50,8 @@ async def ensure_pod_domain(client: Api, request: DomainRequest) -> DomainOutcom
     Call it between reading the pod and binding it with the resourceVersion that was read; the id is the Binding's grant.
     request.holder is the pod. Never rolled back: calling again adopts what was created. Raises ApiError or Unreachable.
     """
-    try:
-        pool = await client.get(DOMAINPOOLS, request.pool, as_type=Pool)
-    except NotFound:
+    pool = await _find_pool(client, request.pool)
+    if pool is None:
         return rules.pool_not_found(request.pool)
     refusal = rules.check_request(request, pool)
     if refusal is not None:
@@ -80,20 +79,21 @@ async def _ensure_once(
         deployments = await instance_deployments(client, holder)
     join = await resolve_owner(client, app) if request.share_with else Join((holder.namespace, holder.name))
     if join.owner is None:
-        return _without(DomainOutcome(Reason.INVALID_SPEC, join.message), deployments, held=())
+        return await _refused(client, request, DomainOutcome(Reason.INVALID_SPEC, join.message), deployments)
     if join.owner != (holder.namespace, holder.name):
         return await _join(client, request, join.owner, deployments)
-    try:
-        pool = await client.get(DOMAINPOOLS, request.pool, as_type=Pool)
-    except NotFound:
-        return _without(rules.pool_not_found(request.pool), deployments, held=())
+    pool = await _find_pool(client, request.pool)
+    if pool is None:
+        return await _refused(client, request, rules.pool_not_found(request.pool), deployments)
     if request.isolation == "Discovery":
         named = {number for deployment in deployments for number in deployment_ids(deployment)}
         outcome = rules.shared_id(pool, uses=shared_uses, named=named, uid=holder.uid, instance=holder.instance)
-        return _without(outcome, deployments, held=() if outcome.id is None else (outcome.id,))
+        if outcome.id is None:
+            return await _refused(client, request, outcome, deployments)
+        return _without(outcome, deployments, held=(outcome.id,))
     refusal = rules.check_request(request, pool)
     if refusal is not None:
-        return _without(refusal, deployments, held=())
+        return await _refused(client, request, refusal, deployments)
     return await _own(client, request, pool, deployments)
 
 
@@ -116,8 +116,9 @@ async def _own(client: Api, request: DomainRequest, pool: Pool, deployments: Seq
         if plan.step is Step.ADOPT:
             await touch(client, claim)
         outcome = _held(claim)
-    own = set(held) if outcome.id is None else {outcome.id}
-    return _without(outcome, deployments, held=own)
+    if outcome.id is None:
+        return await _refused(client, request, outcome, deployments)
+    return _without(outcome, deployments, held=(outcome.id,))
 
 
 async def _create(client: Api, request: DomainRequest, pool: Pool, plan: DomainPlan) -> DomainOutcome:
@@ -171,13 +172,22 @@ def _without(outcome: DomainOutcome, deployments: Sequence[Deployment], *, held:
     )
 
 
+async def _refused(
+    client: Api, request: DomainRequest, outcome: DomainOutcome, deployments: Sequence[Deployment]
+) -> DomainOutcome:
+    """No id to be had as the spec asks. What the instance holds all the same, of whatever pool, its pods may keep."""
+    claims = await instance_claims(client, request.holder.uid, instance=request.holder.instance)
+    held = {claim.spec.domain.id for claim in claims if claim.spec.domain and same_holder(claim.holder, request.holder)}
+    return _without(outcome, deployments, held=held)
+
+
 async def _join(client: Api, request: DomainRequest, owner: AppKey, deployments: Sequence[Deployment]) -> DomainOutcome:
     """shareWith: carry the id that the owner's instance wants and holds; wait while it has none."""
     named = "/".join(owner)
     app = await find_app(client, owner)
     if app is not None and not claims_domain(app):
         text = f"dds.shareWith names {named}, which claims no domain (ROS 1, or isolation Discovery): remove it"
-        return _without(DomainOutcome(Reason.INVALID_SPEC, text), deployments, held=())
+        return await _refused(client, request, DomainOutcome(Reason.INVALID_SPEC, text), deployments)
     claim = None
     if app is not None:
         theirs = usage_of(deployments=await app_deployments(client, app))
@@ -185,8 +195,9 @@ async def _join(client: Api, request: DomainRequest, owner: AppKey, deployments:
         claim = claim_to_join(app, request.holder.instance, claims, named=theirs.named_by_instance(app.metadata.uid))
     if claim is None or claim.draining:
         text = f"waits for the domain of {named}, which dds.shareWith names"
-        held = () if claim is None or claim.spec.domain is None else (claim.spec.domain.id,)
-        return _without(DomainOutcome(Reason.PENDING, text), deployments, held=held)
+        if claim is None or claim.spec.domain is None:
+            return await _refused(client, request, DomainOutcome(Reason.PENDING, text), deployments)
+        return _without(DomainOutcome(Reason.PENDING, text), deployments, held=(claim.spec.domain.id,))
     outcome = _held(claim)
     shared = replace(outcome, message=f"{outcome.message}, shared with {named}")
     return _without(shared, deployments, held=() if shared.id is None else (shared.id,))
@@ -196,17 +207,15 @@ async def _join(client: Api, request: DomainRequest, owner: AppKey, deployments:
 
 
 async def find_app(client: Api, key: AppKey) -> App | None:
-    try:
-        return await client.get(ROBOTAPPS, key[1], namespace=key[0], as_type=App)
-    except NotFound:
-        return None
+    return await find(client, ROBOTAPPS, key[1], key[0], App)
 
 
 async def find_claim(client: Api, name: str) -> Claim | None:
-    try:
-        return await client.get(ROBOTCLAIMS, name, as_type=Claim)
-    except NotFound:
-        return None
+    return await find(client, ROBOTCLAIMS, name, "", Claim)
+
+
+async def _find_pool(client: Api, name: str) -> Pool | None:
+    return await find(client, DOMAINPOOLS, name, "", Pool)
 
 
 async def instance_deployments(client: Api, holder: Holder) -> list[Deployment]:
@@ -295,11 +304,8 @@ async def _check_without_annotation(client: Api, pod: Pod) -> BindVerdict:
     app = await _app_of(client, pod)
     if app is None or app.spec.dds is None or app.spec.dds.isolation != "Discovery":
         return verdict
-    try:
-        pool = await client.get(DOMAINPOOLS, app.spec.dds.pool, as_type=Pool)
-    except NotFound:
-        return verdict
-    return shared_verdict(pod, parse_ids(pool.spec.shared_ids))
+    pool = await _find_pool(client, app.spec.dds.pool)
+    return verdict if pool is None else shared_verdict(pod, parse_ids(pool.spec.shared_ids))
 
 
 async def _app_of(client: Api, pod: Pod) -> App | None:

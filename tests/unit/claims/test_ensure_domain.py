@@ -1,6 +1,7 @@
 """rule 5 step by step, on a store with the API server's rules for versions and preconditions."""
 
 from collections.abc import Awaitable, Callable
+from typing import Any
 
 import pytest
 from tests.support.claims_objects import app_holder, app_json, deployment_json, pod, pod_holder, pool_json
@@ -8,8 +9,9 @@ from tests.support.claims_store import Store
 
 from robotapp_api.claims.domain import DomainOutcome, DomainRequest
 from robotapp_api.claims.identity import id_order
-from robotapp_api.client.claims import check_bind, ensure_domain, ensure_pod_domain
-from robotapp_api.client.errors import Forbidden, Unreachable
+from robotapp_api.client.claim_writes import delete_claim
+from robotapp_api.client.claims import check_bind, ensure_domain, ensure_pod_domain, find_claim
+from robotapp_api.client.errors import Forbidden, NotFound, Unreachable
 from robotapp_api.client.resources import DEPLOYMENTS, DOMAINPOOLS, ROBOTAPPS, ROBOTCLAIMS
 from robotapp_api.model.names import Reason
 
@@ -179,6 +181,68 @@ async def test_a_refused_read_is_an_error_and_never_an_empty_answer() -> None:
     with pytest.raises(Forbidden):
         await ensure_domain(store.client(before=forbid), request)
     assert store.all(ROBOTCLAIMS) == []
+
+
+@pytest.mark.parametrize("what", ["get robotapps", "get domainpools", "replace robotclaims", "get robotclaims"])
+async def test_a_404_that_does_not_name_the_object_is_an_error_and_not_a_vanished_object(what: str) -> None:
+    """A proxy, or a resource that is not served at the moment: nothing is concluded from it."""
+    store = fresh("7")
+    request = app(store)
+    if what != "get robotclaims":
+        await ensure(store, request)
+    else:
+        await ensure(store, app(store, "stranger"))
+
+    async def not_served(request: str) -> None:
+        if request.startswith(what):
+            raise NotFound("the server could not find the requested resource", status=404, reason="NotFound")
+
+    before = len(store.writes)
+    with pytest.raises(NotFound):
+        await ensure_domain(store.client(before=not_served), request)
+    assert len(store.writes) == before
+
+
+async def test_a_delete_answered_by_a_404_that_does_not_name_the_claim_is_an_error() -> None:
+    store = fresh()
+    outcome = await ensure(store, app(store))
+    claim = await find_claim(store.client(), outcome.claim)
+    assert claim is not None
+
+    async def not_served(_: str) -> None:
+        raise NotFound("404 page not found", status=404)
+
+    with pytest.raises(NotFound):
+        await delete_claim(store.client(before=not_served), claim)
+    for _ in range(2):
+        await delete_claim(store.client(), claim)
+    assert store.all(ROBOTCLAIMS) == []
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"pool": "nowhere"},
+        {"pool": "full"},
+        {"pool": "per-node"},
+        {"isolation": "Discovery"},
+        {"share_with": (("team", "nobody"),)},
+        {"share_with": (("team", "idle"),)},
+    ],
+    ids=str,
+)
+async def test_whatever_the_spec_asks_for_in_vain_the_pods_keep_the_id_they_hold(change: dict[str, Any]) -> None:
+    store = fresh()
+    store.put(DOMAINPOOLS, pool_json("", name="full"))
+    store.put(DOMAINPOOLS, pool_json("4-5", name="per-node", scope="Node"))
+    app(store, "idle")
+    request = app(store, dds={"shareWith": [{"name": name} for _, name in change.get("share_with", ())]})
+    held = await ensure(store, DomainRequest(request.holder))
+    store.put(DEPLOYMENTS, deployment_json(held.id, uid=request.holder.uid))
+    refused = await ensure(store, DomainRequest(request.holder, **change))
+    assert (refused.id, refused.unheld) == (None, ())
+    store.put(DEPLOYMENTS, deployment_json(99, uid=request.holder.uid))
+    assert (await ensure(store, DomainRequest(request.holder, **change))).unheld == ("teleop-driver",)
 
 
 def once(prefix: str, action: Callable[[], Awaitable[object]]) -> Callable[[str], Awaitable[None]]:

@@ -9,7 +9,7 @@ from tests.support.clients import client_for
 from tests.support.factories import app_body
 from tests.support.factories import robots as robot_nodes
 
-from robotapp_api.client import ApiClient
+from robotapp_api.client import ApiClient, NotFound
 from robotapp_api.client.resources import DEPLOYMENTS, DOMAINPOOLS, ROBOTAPPS, ROBOTCLAIMS, SERVICES
 from robotapp_api.model.names import API_VERSION, Annotation, Label, Reason
 from robotapp_operator.cache import Cache
@@ -103,6 +103,20 @@ async def test_an_app_that_is_gone_is_forgotten_and_nothing_is_written(world: Wo
     assert await world.children.reconcile(uid, "")
     assert world.writes() == before
     assert uid not in world.cache.apps
+
+
+async def test_a_404_that_does_not_name_the_app_is_an_error_and_the_app_is_not_forgotten(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    uid = await world.app()
+
+    async def not_served(*_: Any, **__: Any) -> Any:
+        raise NotFound("the server could not find the requested resource", status=404, reason="NotFound")
+
+    monkeypatch.setattr(world.client, "get", not_served)
+    with pytest.raises(NotFound):
+        await world.children.reconcile(uid, "")
+    assert uid in world.cache.apps
 
 
 async def test_an_app_replaced_by_another_of_its_name_is_not_written_for(world: World) -> None:

@@ -11,7 +11,7 @@ from tests.support.clients import client_for
 from tests.support.factories import app_body, domain_claim, make_pod, robots
 
 from robotapp_api.claims.objects import Pool
-from robotapp_api.client import ApiClient
+from robotapp_api.client import ApiClient, NotFound
 from robotapp_api.client.resources import CONFIGMAPS, DOMAINPOOLS, NODETELEMETRIES, PODS, ROBOTCLAIMS
 from robotapp_api.model.names import FLEET_CONFIG_MAP, SCHEDULING_GATE, Label
 from robotapp_operator.cache import Cache
@@ -186,6 +186,19 @@ async def test_our_gate_stays_without_a_standing_claim(world: World) -> None:
     assert not await gates.open("uid-1", "")
     pod = await world.client.get(PODS, "p", namespace="default")
     assert {"name": SCHEDULING_GATE} in pod["spec"]["schedulingGates"]
+
+
+async def test_a_404_that_does_not_name_the_pod_is_no_reason_to_forget_its_gate(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    await gated_pod(world)
+
+    async def not_served(*_: Any, **__: Any) -> Any:
+        raise NotFound("404 page not found", status=404)
+
+    monkeypatch.setattr(world.client, "get", not_served)
+    with pytest.raises(NotFound):
+        await Gates(world.client, world.cache).open("uid-1", "")
 
 
 async def test_a_pod_that_is_gone_or_another_needs_no_gate(world: World) -> None:
