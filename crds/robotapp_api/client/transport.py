@@ -1,4 +1,4 @@
-"""Bytes to the API server and back: the only module that knows aiohttp.
+"""Bytes to the API server and back: with `pool` the only module that knows aiohttp.
 
 Two calls, `request` and `stream`; a hand-written HTTP/1.1 protocol can take this place without anybody noticing.
 """
@@ -13,6 +13,7 @@ from yarl import URL
 
 from robotapp_api.client.errors import Unreachable
 from robotapp_api.client.login import Endpoint
+from robotapp_api.client.pool import ConnectionPool
 
 CONNECT_TIMEOUT_S: Final = 5.0
 KEEPALIVE_S: Final = 60.0
@@ -75,7 +76,7 @@ class AiohttpTransport:
 
     async def open(self) -> None:
         for limit in (self._max_connections, 0):
-            connector = aiohttp.TCPConnector(
+            connector = ConnectionPool(
                 limit=limit,
                 ssl=self._endpoint.tls or True,
                 keepalive_timeout=KEEPALIVE_S,

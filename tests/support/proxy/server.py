@@ -21,6 +21,7 @@ from tests.support.proxy.ledger import Ledger, Moment, Write
 from tests.support.proxy.streams import OpenWatch
 
 from robotapp_api.client.login import Endpoint, load
+from robotapp_api.client.pool import ConnectionPool
 
 T = TypeVar("T")
 Hook = Callable[[Write, Moment], None]
@@ -198,7 +199,7 @@ class FaultProxy:
 
     async def _listen(self, component: str, endpoint: Endpoint) -> str:
         session = aiohttp.ClientSession(
-            connector=aiohttp.TCPConnector(limit=0, ssl=endpoint.tls or True),
+            connector=ConnectionPool(limit=0, ssl=endpoint.tls or True),
             auto_decompress=False,
             cookie_jar=aiohttp.DummyCookieJar(),
             timeout=aiohttp.ClientTimeout(total=None),
