@@ -39,9 +39,10 @@ def domain_of(pod: Object) -> str:
 
 
 def holder_of(pod: Object) -> tuple[str, str]:
-    """(app uid, instance) a pod belongs to."""
-    labels = pod["metadata"].get("labels", {})
-    return labels.get(Label.APP_UID, ""), labels.get(Label.INSTANCE, "")
+    """(uid, instance) of what a pod's claims must be held by: its app, or a bare pod itself."""
+    metadata = pod["metadata"]
+    labels = metadata.get("labels", {})
+    return labels.get(Label.APP_UID) or metadata["uid"], labels.get(Label.INSTANCE, "")
 
 
 def _by_thing(found: Iterable[Object]) -> dict[str, tuple[str, str]]:
@@ -88,8 +89,16 @@ def _things_of(pod: Object) -> list[str]:
 
 
 def _domains_of(pod: Object) -> list[str]:
+    """The claim of the literal domain of an app's pod, and of what a bare pod was granted from the default pool.
+
+    A literal in a pod that has neither an app nor a claim is nobody's business: the pod is not ours.
+    """
+    labels, annotations = (pod["metadata"].get(field, {}) for field in ("labels", "annotations"))
+    granted, claim = annotations.get(Annotation.GRANTED_DOMAIN), annotations.get(Annotation.DOMAIN_CLAIM)
+    if granted:
+        return [f"dds.default.c.{granted}"]
     domain = domain_of(pod)
-    return [pod["metadata"].get("annotations", {}).get(Annotation.DOMAIN_CLAIM, domain)] if domain else []
+    return [claim or domain] if domain and (claim or labels.get(Label.APP_UID)) else []
 
 
 def _devices_of(pod: Object) -> list[str]:

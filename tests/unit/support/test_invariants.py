@@ -77,3 +77,38 @@ def test_a_pod_with_a_device_that_nobody_or_somebody_else_claims_is_seen() -> No
     for found in ([], [device_claim(app="app-2")]):
         (text,) = broken_rules(found, [pod("driver", devices="can-can0")])
         assert "driver of ('app-1', '') runs with edge-1/can-can0" in text
+
+
+def bare(name: str, *, devices: str = "", domain: str = "") -> Object:
+    """A pod without a RobotApp, with what the scheduler granted to it."""
+    found = pod(name, devices=devices)
+    del found["metadata"]["labels"]
+    if domain:
+        found["metadata"].setdefault("annotations", {})[Annotation.GRANTED_DOMAIN] = domain
+    return found
+
+
+def granted_domain(number: int, holder: str) -> Object:
+    claim = domain_claim(number, app=holder)
+    return claim | {"metadata": {"name": f"dds.default.c.{number}"}}
+
+
+def test_a_bare_pod_is_the_holder_of_what_it_was_granted() -> None:
+    one = bare("one", devices="can-can0", domain="7")
+    mine = [device_claim(app="uid-one"), granted_domain(7, "uid-one")]
+    assert broken_rules(mine, [one]) == []
+    others = [device_claim(app="uid-two"), granted_domain(7, "uid-two")]
+    assert len(broken_rules(others, [one])) == len(broken_rules([], [one])) == 2
+
+
+def test_a_bare_pod_and_an_app_on_one_domain_are_seen() -> None:
+    child = pod("child", domain="7")
+    child["metadata"]["annotations"] = {Annotation.DOMAIN_CLAIM: "dds.default.c.7"}
+    found = broken_rules([granted_domain(7, "uid-one")], [bare("one", domain="7"), child])
+    assert any(text.startswith("dds.default.c.7 is used by") for text in found)
+
+
+def test_a_pod_that_is_not_ours_may_join_any_domain() -> None:
+    foreign = pod("foreign", domain="7")
+    del foreign["metadata"]["labels"]
+    assert broken_rules([granted_domain(7, "uid-one")], [foreign]) == []
