@@ -30,14 +30,16 @@ from robotapp_operator.gates import Gates
 from robotapp_operator.handlers import register
 from robotapp_operator.health import Health
 from robotapp_operator.informers import Informers
+from robotapp_operator.keys import Work
 from robotapp_operator.kopf_settings import kopf_settings
 from robotapp_operator.memory import Memory
 from robotapp_operator.metrics import Metrics
 from robotapp_operator.pools import Pools
 from robotapp_operator.probes import Probes
-from robotapp_operator.queue import Queue
+from robotapp_operator.queue import Key, Queue
 from robotapp_operator.reporter import Reporter
 from robotapp_operator.settings import SYSTEM_NAMESPACE, Settings, parse
+from robotapp_operator.sweeping import Conflicts, granted_pods
 
 log = logging.getLogger(__name__)
 
@@ -57,11 +59,14 @@ class Operator:
         self.metrics = Metrics()
         self.queue = Queue(clock=time.monotonic, jitter=random.random)
         self.recorder = EventRecorder(client, controller=OPERATOR_MANAGER, instance=identity)
+        self.conflicts = Conflicts(lambda uid: self.queue.add(Key(Work.STATUS, uid)))
         self.sweeper = Sweeper(
             client,
             period_s=settings.sweep_seconds,
             handover_s=settings.handover_seconds,
             namespaces=settings.namespaces or None,
+            granted_pods=lambda: granted_pods(self.cache),
+            on_conflicts=self.conflicts.take,
         )
         self.informers = Informers(
             client, self.cache, self.queue, namespaces=settings.namespaces, wake_sweep=self.sweeper.wake
@@ -74,7 +79,13 @@ class Operator:
             self.metrics,
             children=Children(client, self.cache, self.memory, version=__version__),
             reporter=Reporter(
-                client, self.cache, self.memory, self.recorder, clock=time.monotonic, now=lambda: datetime.now(UTC)
+                client,
+                self.cache,
+                self.memory,
+                self.recorder,
+                conflict_of=self.conflicts.of,
+                clock=time.monotonic,
+                now=lambda: datetime.now(UTC),
             ),
             fleet=self.fleet,
             gates=Gates(client, self.cache),

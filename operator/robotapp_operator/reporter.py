@@ -1,5 +1,6 @@
 """Status and events of one app: computed from caches, written only when they differ from what is there."""
 
+import dataclasses
 import logging
 from collections.abc import Callable
 from datetime import UTC, datetime
@@ -26,7 +27,7 @@ ACTION: Final = "Reconcile"
 
 
 class Reporter:
-    """Writes statuses. `now` is the wall clock (shown only, never compared), `clock` the monotonic one."""
+    """Writes statuses. `conflict_of` says of an app, by uid, what it shares against its will, or "". `now` is the wall clock (shown only, never compared), `clock` the monotonic one."""
 
     def __init__(
         self,
@@ -35,6 +36,7 @@ class Reporter:
         memory: Memory,
         recorder: EventRecorder,
         *,
+        conflict_of: Callable[[str], str],
         clock: Callable[[], float],
         now: Callable[[], datetime],
     ) -> None:
@@ -42,6 +44,7 @@ class Reporter:
         self._cache = cache
         self._memory = memory
         self._recorder = recorder
+        self._conflict_of = conflict_of
         self._clock = clock
         self._now = now
 
@@ -69,7 +72,9 @@ class Reporter:
 
     def _render(self, record: Record, memory: AppMemory) -> dict[str, Any]:
         facts = self._facts(record, memory)
-        return unreadable_status(record, self._timestamp()) if facts is None else render_status(facts)
+        if facts is None:
+            return unreadable_status(record, self._timestamp())
+        return render_status(dataclasses.replace(facts, conflict=self._conflict_of(record.uid)))
 
     def _undecided(self, record: Record, memory: AppMemory) -> bool:
         """After a restart: an instance without a domain has not been asked about yet, and the status there is still true.

@@ -31,7 +31,7 @@ class World:
         self.app = self.new_app("teleop", **app_spec)
 
     def another(self, **options: object) -> Sweeper:
-        return Sweeper(self.store.client(), clock=lambda: self.now, on_conflict=self.conflicts.append, **options)  # type: ignore[arg-type]  # a factory
+        return Sweeper(self.store.client(), clock=lambda: self.now, on_conflicts=self.conflicts.extend, **options)  # type: ignore[arg-type]  # a factory
 
     def new_app(self, name: str, **spec: object) -> Holder:
         spec = {"components": [{"name": "driver", "devices": [{"name": "bus", "type": "can"}]}]} | spec

@@ -6,6 +6,7 @@ told (ClaimConflict) and a person decides.
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Final
 
 from robotapp_api.claims.identity import (
     Found,
@@ -18,13 +19,16 @@ from robotapp_api.claims.identity import (
     holder_of_pod,
     holder_text,
     same_tuple,
+    scope_part,
     thing_text,
 )
 from robotapp_api.claims.objects import Claim, ClaimSpec, Holder, Meta, Pod
 from robotapp_api.claims.usage import named_ids
 from robotapp_api.model.names import Annotation, Label
 
-UNKNOWN_DEVICE_TYPE = "unknown"
+CLUSTER: Final = scope_part("Cluster", "")
+SCOPES: Final = {"c": "Cluster", "z": "Zone", "n": "Node"}
+UNKNOWN_DEVICE_TYPE: Final = "unknown"
 """Type written when a claim is re-created: only its node and id name the device."""
 
 
@@ -44,6 +48,11 @@ class ClaimConflict:
     holds: Holder
     claim: str
     thing: str
+
+    @property
+    def parties(self) -> tuple[Holder, Holder]:
+        """Both are told: either may be the one whose pods should go."""
+        return self.runs, self.holds
 
     def message(self, *, for_namespace: str) -> str:
         runs = holder_text(self.runs, for_namespace=for_namespace)
@@ -66,8 +75,28 @@ def app_holder(meta: Meta, *, component: str = "") -> Holder:
     )
 
 
-def needed_by(pod: Pod) -> Iterable[Missing]:
-    """Claims a running pod stands on. Claims per zone or node are rebuilt where the pod's node says which."""
+def places_of(claims: Iterable[Claim], *, nodes: Iterable[Meta] = ()) -> dict[str, str]:
+    """Zone and node names by the part of a claim's name they stand behind, such as `z3f9a0c11d2`.
+
+    The pod's own node does not say: a component may run elsewhere than the robot whose zone or node has the claim.
+    """
+    things = (claim.spec.domain for claim in claims if claim.spec.domain)
+    found = {scope_part(thing.scope, thing.scope_value): thing.scope_value for thing in things if thing.scope_value}
+    for node in nodes:
+        found[scope_part("Node", node.name)] = node.name
+        if zone := node.labels.get(Label.ZONE):
+            found[scope_part("Zone", zone)] = zone
+    return found
+
+
+def asked_places(pods: Iterable[Pod]) -> set[str]:
+    """The places in the names of the claims that running pods of apps stand on."""
+    parts = (pod.metadata.annotations.get(Annotation.DOMAIN_CLAIM, "").split(".") for pod in pods if runs(pod))
+    return {name[2] for name in parts if len(name) == 4} - {CLUSTER}
+
+
+def needed_by(pod: Pod, places: Mapping[str, str]) -> Iterable[Missing]:
+    """Claims a running pod stands on. places: see `places_of`; a claim per place that is not there is left out."""
     if not runs(pod):
         return
     meta, node = pod.metadata, pod.spec.node_name
@@ -83,12 +112,12 @@ def needed_by(pod: Pod) -> Iterable[Missing]:
             node=node, device_type=UNKNOWN_DEVICE_TYPE, device_id=device, identity="", holder=device_holder
         )
         yield Missing(spec, pod_uid=meta.uid)
-    domain = _domain_spec(pod, device_holder)
+    domain = _domain_spec(pod, device_holder, places)
     if domain is not None:
         yield Missing(domain)
 
 
-def _domain_spec(pod: Pod, pod_holder: Holder) -> ClaimSpec | None:
+def _domain_spec(pod: Pod, pod_holder: Holder, places: Mapping[str, str]) -> ClaimSpec | None:
     meta = pod.metadata
     if meta.app_uid:
         parts = meta.annotations.get(Annotation.DOMAIN_CLAIM, "").split(".")
@@ -101,23 +130,31 @@ def _domain_spec(pod: Pod, pod_holder: Holder) -> ClaimSpec | None:
         if granted is None:
             return None
         holder, number, parts = pod_holder, granted, ["dds", "default", "c", str(granted)]
-    scope, value = ("Cluster", "") if parts[2] == "c" else ("Node", pod.spec.node_name)
+    scope = SCOPES.get(parts[2][:1])
+    value = "" if parts[2] == CLUSTER else places.get(parts[2])
+    if scope is None or value is None:
+        return None
     spec = domain_spec(pool=parts[1], scope=scope, scope_value=value, domain_id=number, holder=holder)
     return spec if claim_name(spec) == ".".join(parts) else None
 
 
-def missing_claims(pods: Iterable[Pod], claims: Mapping[str, Claim]) -> dict[str, Missing]:
+def missing_claims(
+    pods: Iterable[Pod], claims: Mapping[str, Claim], *, places: Mapping[str, str]
+) -> dict[str, Missing]:
     """By claim name, what running pods stand on and nobody holds. Decide on pods that were read before the claims."""
     return {
-        name: missing for pod in pods for missing in needed_by(pod) if (name := claim_name(missing.spec)) not in claims
+        name: missing
+        for pod in pods
+        for missing in needed_by(pod, places)
+        if (name := claim_name(missing.spec)) not in claims
     }
 
 
-def conflicts(pods: Iterable[Pod], claims: Mapping[str, Claim]) -> list[ClaimConflict]:
+def conflicts(pods: Iterable[Pod], claims: Mapping[str, Claim], *, places: Mapping[str, str]) -> list[ClaimConflict]:
     """Running pods whose thing another holder has."""
     found = {}
     for pod in pods:
-        for needed in needed_by(pod):
+        for needed in needed_by(pod, places):
             claim = claims.get(claim_name(needed.spec))
             if claim is not None and same_tuple(needed.spec, claim.spec) is Found.TAKEN:
                 key = (claim.name, needed.spec.holder.uid, needed.spec.holder.instance)

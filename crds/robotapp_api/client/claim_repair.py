@@ -1,12 +1,12 @@
 """Re-create claims that something running stands on; report those that somebody else holds."""
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from robotapp_api.claims.identity import claim_name
 from robotapp_api.claims.objects import Claim, Holder, Pod
 from robotapp_api.claims.release import is_gone, joined
-from robotapp_api.claims.repair import ClaimConflict, Missing, conflicts, missing_claims, runs
+from robotapp_api.claims.repair import ClaimConflict, conflicts, missing_claims, needed_by, runs
 from robotapp_api.client.claim_writes import Api, Refused, create_claim, touch
 from robotapp_api.client.claims import find_app, resolve_owner
 from robotapp_api.client.resources import PODS
@@ -14,13 +14,13 @@ from robotapp_api.client.sweep_view import find
 
 
 async def repair(
-    client: Api, pods: Iterable[Pod], claims: Iterable[Claim], *, counts: Counter[str]
+    client: Api, pods: Iterable[Pod], claims: Iterable[Claim], *, places: Mapping[str, str], counts: Counter[str]
 ) -> list[ClaimConflict]:
-    """Conflicts that remain. Each pod is read again before a claim is made for it: the listing is seconds old."""
+    """Conflicts that remain. places: zones and nodes, see `places_of`. Each pod is read again before a claim is made for it: the listing is seconds old."""
     by_name = {claim.name: claim for claim in claims}
     known = [pod for pod in pods if runs(pod)]
-    for name, missing in sorted(missing_claims(known, by_name).items()):
-        pod = next(pod for pod in known if any(claim_name(m.spec) == name for m in _needs(pod)))
+    for name, missing in sorted(missing_claims(known, by_name, places=places).items()):
+        pod = next(pod for pod in known if any(claim_name(m.spec) == name for m in needed_by(pod, places)))
         current = await find(client, PODS, pod.metadata.name, pod.metadata.namespace, Pod)
         if current is None or is_gone(current, pod.metadata.uid) or not runs(current):
             continue
@@ -35,13 +35,9 @@ async def repair(
                 await touch(client, claim, pod=missing.pod_uid, node=pod.spec.node_name)
             except Refused:
                 counts["refused"] += 1
-    found = conflicts(known, by_name)
+    found = conflicts(known, by_name, places=places)
     domains = {name for name, claim in by_name.items() if claim.spec.domain}
     return [conflict for conflict in found if not (conflict.claim in domains and await _joins(client, conflict.runs))]
-
-
-def _needs(pod: Pod) -> Iterable[Missing]:
-    return missing_claims((pod,), {}).values()
 
 
 async def _joins(client: Api, holder: Holder) -> bool:

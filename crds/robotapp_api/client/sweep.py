@@ -8,7 +8,7 @@ import asyncio
 import logging
 import time
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import Final
 
 import msgspec
@@ -70,7 +70,7 @@ class Sweeper:
 
     namespaces: sweep only holders there (a namespaced operator); None sweeps all. Without the right to list workloads
     everywhere such a sweep gives no domain of an app back: apps elsewhere may share it. granted_pods: bare pods with grants,
-    from a cache, to be repaired. on_conflict is told about things with two users. counts: writes and passes by kind.
+    from a cache, to be repaired. on_conflicts gets, after each pass, all things with two users. counts: writes and passes by kind.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class Sweeper:
         handover_s: float = HANDOVER_S,
         namespaces: Collection[str] | None = None,
         granted_pods: Callable[[], Iterable[Pod]] = tuple,
-        on_conflict: Callable[[ClaimConflict], None] | None = None,
+        on_conflicts: Callable[[Sequence[ClaimConflict]], None] | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.counts: Counter[str] = Counter()
@@ -90,7 +90,7 @@ class Sweeper:
         self._handover_s = handover_s
         self._namespaces = namespaces
         self._granted_pods = granted_pods
-        self._on_conflict = on_conflict or (lambda _: None)
+        self._on_conflicts = on_conflicts or (lambda _: None)
         self._clock = clock
         self._rests = Rests(clock)
         self._woken = asyncio.Event()
@@ -135,9 +135,10 @@ class Sweeper:
             except Refused:
                 self.counts["refused"] += 1  # somebody else wrote to it: the next pass sees what
         pods = [*view.pods.values(), *self._granted_pods()]
-        for conflict in await repair(self._client, pods, view.known.values(), counts=self.counts):
-            self._on_conflict(conflict)
+        places = await view.places(pods)
+        conflicts = await repair(self._client, pods, view.known.values(), places=places, counts=self.counts)
         self.counts["passes"] += 1
+        self._on_conflicts(conflicts)
 
     async def _decide(self, view: View, claim: Claim) -> Release:
         if not claim.holder.is_app:

@@ -11,6 +11,7 @@ from robotapp_api.claims.identity import same_holder
 from robotapp_api.claims.instances import instances_of, wish_of
 from robotapp_api.claims.objects import App, Claim, Deployment, Holder, Meta, Object, Pod, Pool, ReplicaSet
 from robotapp_api.claims.release import is_gone, wants_domain
+from robotapp_api.claims.repair import asked_places, places_of
 from robotapp_api.claims.usage import Usage, usage_of
 from robotapp_api.client.claim_writes import Api, T
 from robotapp_api.client.errors import ApiError, Forbidden, NotFound
@@ -113,6 +114,14 @@ class View:
             found = instances_of(wish_of(app), nodes, running=running, claimed=claimed)
             self._instances[uid] = frozenset(one.robot for one in found)
         return instance in self._instances[uid]
+
+    async def places(self, pods: Iterable[Pod]) -> dict[str, str]:
+        """Zones and nodes by the part of a claim's name that is their hash, as far as `pods` name claims per place."""
+        found = places_of(self.known.values())
+        if asked_places(pods) - found.keys():
+            listing = await self.client.list(NODES, as_type=Named)
+            found |= places_of((), nodes=(node.metadata for node in listing.items))
+        return found
 
     async def _robot_nodes(self) -> list[Meta]:
         if self._robots is None:

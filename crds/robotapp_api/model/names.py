@@ -110,6 +110,7 @@ class Reason(StrEnum):
     DOMAIN_TAKEN = "DomainTaken"
     QUOTA_EXCEEDED = "QuotaExceeded"
     POOL_NOT_FOUND = "PoolNotFound"
+    CLAIM_CONFLICT = "ClaimConflict"
     DEVICE_BUSY = "DeviceBusy"
     WAITING_FOR_DEVICES = "WaitingForDevices"
     NOT_OUR_SCHEDULER = "NotOurScheduler"

@@ -46,6 +46,8 @@ def accepted(facts: AppFacts) -> Verdict:
 
 
 def allocated(facts: AppFacts) -> Verdict:
+    if facts.conflict:
+        return Verdict("False", Reason.CLAIM_CONFLICT, facts.conflict)
     if facts.problems:
         return _not_accepted()
     for instance in facts.instances:

@@ -74,3 +74,5 @@ class AppFacts:
     rmw: str = ""
     discovery: str = ""
     bug: str = ""
+    conflict: str = ""
+    """What the app runs with or holds and another one holds or runs with."""

@@ -39,6 +39,8 @@ def news_of(before: Mapping[str, Any], after: Mapping[str, Any], *, new_domains:
     allocated = turned(Condition.ALLOCATED)
     if allocated and allocated[1] in _REFUSED:
         news.append(News(EventReason.DOMAIN_EXHAUSTED, allocated[2], warning=True))
+    if allocated and allocated[1] == Reason.CLAIM_CONFLICT:
+        news.append(News(EventReason.CLAIM_CONFLICT, allocated[2], warning=True))
     if allocated and allocated[1] == Reason.DEVICE_BUSY:
         news.append(News(EventReason.DEVICE_BUSY, allocated[2], warning=True))
     ready = turned(Condition.READY)

@@ -48,15 +48,18 @@ class PodEvents:
         recorder = next(iter(self._recorders.values()))
         recorder.event(regarding, reason=reason, note=note, action="Configuring", warning=warning)
 
-    def conflict(self, found: ClaimConflict) -> None:
-        """Two run with one thing: told to the one that runs without holding it, in words of its own namespace."""
-        runs = found.runs
-        regarding = reference(
-            api_version=runs.api_version, kind=runs.kind, name=runs.name, namespace=runs.namespace, uid=runs.uid
-        )
-        note = found.message(for_namespace=runs.namespace)
+    def conflicts(self, found: Iterable[ClaimConflict]) -> None:
+        """Two run with one thing: bare pods are told here, in words for their namespace; apps by the operator."""
         recorder = next(iter(self._recorders.values()))
-        recorder.event(regarding, reason=EventReason.CLAIM_CONFLICT, note=note, action="Sweeping", warning=True)
+        for conflict in found:
+            for pod in conflict.parties:
+                if pod.is_app:
+                    continue
+                regarding = reference(
+                    api_version=pod.api_version, kind=pod.kind, name=pod.name, namespace=pod.namespace, uid=pod.uid
+                )
+                note = conflict.message(for_namespace=pod.namespace)
+                recorder.event(regarding, reason=EventReason.CLAIM_CONFLICT, note=note, action="Sweeping", warning=True)
 
     async def run(self) -> None:
         """Write until cancelled."""

@@ -99,7 +99,7 @@ class Scheduler:
             client,
             period_s=options.sweep_seconds,
             granted_pods=lambda: granted_pods(self.core.cluster.placed.values()),
-            on_conflict=self.events.conflict,
+            on_conflicts=self.events.conflicts,
         )
         self.feed = Feed(
             client, self.core.cluster, on_pod=self.intake.take, on_change=self._changed, metrics=self.metrics

@@ -185,7 +185,7 @@ async def test_a_claim_deleted_by_hand_comes_back_while_a_pod_runs_on_it_and_a_t
     await place.bind(place.scheduler, pod)
     await place.admin.delete(ROBOTCLAIMS, outcome.claim)
     found: list[ClaimConflict] = []
-    sweeper = place.sweeper(on_conflict=found.append)
+    sweeper = place.sweeper(on_conflicts=found.extend)
     await sweeper.sweep_once()
     assert await place.phase(outcome.claim) == "Reserved"
     assert found == []

@@ -59,7 +59,7 @@ class World:
 
     async def repair(self, *pods: Pod) -> list[ClaimConflict]:
         claims = [msgspec.convert(claim, Claim) for claim in self.store.all(ROBOTCLAIMS)]
-        return await repair(self.store.client(), pods, claims, counts=Counter())
+        return await repair(self.store.client(), pods, claims, places={}, counts=Counter())
 
 
 @pytest.mark.parametrize("order", [(5, 7), (7, 5)])

@@ -1,15 +1,12 @@
 """Claims that running pods stand on are made again; what somebody else holds is told."""
 
-from tests.support.claims_objects import pod_json
+from tests.support.claims_objects import app_holder, pod_json, pool_json
 from tests.support.sweep_world import World, number
 
 from robotapp_api.claims.domain import DomainRequest
 from robotapp_api.claims.identity import claim_object, domain_spec, holder_of_app
 from robotapp_api.client.claims import ensure_domain
-from robotapp_api.client.resources import (
-    PODS,
-    ROBOTCLAIMS,
-)
+from robotapp_api.client.resources import DOMAINPOOLS, NODES, PODS, ROBOTCLAIMS
 
 
 def running(world: World, lock: str, *, uid: str = "", name: str = "runs") -> None:
@@ -78,3 +75,25 @@ async def test_a_namespaced_sweep_tells_of_a_thing_that_somebody_in_another_name
     await world.sweep()
     assert [conflict.holds.name for conflict in world.conflicts] == ["stranger"]
     assert len(world.store.writes) == writes
+
+
+async def test_a_claim_per_zone_is_made_again_although_the_pod_runs_in_another_zone() -> None:
+    world = World(robots={"selector": {"matchLabels": {"fleet": "a"}}}, dds={"pool": "halls"})
+    world.store.put(DOMAINPOOLS, pool_json("1-3", name="halls", scope="Zone"))
+    for name, zone in (("robot-1", "hall-1"), ("edge-1", "cellar")):
+        labels = {"topology.kubernetes.io/zone": zone, "fleet": "a"}
+        robot = {"robotics.io/robot": "amr-1"} if name == "robot-1" else {}
+        world.store.put(NODES, {"metadata": {"name": name, "labels": labels | robot}})
+    holder = app_holder(world.app.uid, instance="amr-1")
+    request = DomainRequest(holder, pool="halls", scope_value="hall-1")
+    lock = (await ensure_domain(world.store.client(), request)).claim
+    notes = {"robotics.io/domain-claim": lock}
+    for name in ("planner", "mapper"):
+        pod = pod_json(number(lock), name=name, uid=holder.uid, instance="amr-1", node="edge-1", annotations=notes)
+        world.store.put(PODS, pod | {"status": {"phase": "Running"}})
+    world.store.remove(ROBOTCLAIMS, lock)
+    await world.sweep()
+    claim = world.store.find(ROBOTCLAIMS, lock)
+    assert claim is not None
+    assert claim["spec"]["domain"] == {"pool": "halls", "scope": "Zone", "scopeValue": "hall-1", "id": number(lock)}
+    assert world.conflicts == []

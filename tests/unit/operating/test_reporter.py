@@ -38,11 +38,13 @@ class World:
         self.memory = Memory()
         self.recorder = Recorder()
         self.today = datetime(2026, 1, 1, tzinfo=UTC)
+        self.conflict = ""
         self.reporter = Reporter(
             client,
             self.cache,
             self.memory,
             self.recorder,  # type: ignore[arg-type] - a double
+            conflict_of=lambda _: self.conflict,
             clock=lambda: 0.0,
             now=lambda: self.today,
         )
@@ -74,6 +76,25 @@ async def test_the_first_status_is_written_and_the_same_one_never_again(world: W
     world.today = datetime(2026, 1, 2, tzinfo=UTC)
     await world.reporter.report(uid)
     assert world.patches() == 1
+
+
+async def test_a_conflict_over_a_claim_is_a_condition_and_one_event_until_it_is_over(world: World) -> None:
+    uid = await world.app()
+    world.cache.claims.put(uid, "c", domain_claim(7, uid=uid))
+    await world.reporter.report(uid)
+
+    async def allocated() -> tuple[str, str]:
+        (found,) = [item for item in (await world.status())["conditions"] if item["type"] == "Allocated"]
+        return found["reason"], found["message"]
+
+    world.conflict = "domain 7 of default is held by default/thief, but default/teleop runs with it"
+    for _ in range(2):
+        await world.reporter.report(uid)
+    assert await allocated() == ("ClaimConflict", world.conflict)
+    assert [note for note in world.recorder.notes if note[0] == "ClaimConflict"] == [("ClaimConflict", world.conflict)]
+    world.conflict = ""
+    await world.reporter.report(uid)
+    assert (await allocated())[0] == "Allocated"
 
 
 async def test_a_change_is_written_once_more(world: World) -> None:
