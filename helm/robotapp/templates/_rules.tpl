@@ -66,8 +66,12 @@
 - apiGroups: [""]
   resources: [nodes, namespaces, pods, persistentvolumeclaims, persistentvolumes]
   verbs: [get, list, watch]
+# Before a pod is bound its volumes are given to its claims, or asked for: claimRef, and the selected-node annotation.
+- apiGroups: [""]
+  resources: [persistentvolumeclaims, persistentvolumes]
+  verbs: [patch]
 - apiGroups: [storage.k8s.io]
-  resources: [storageclasses, csinodes]
+  resources: [storageclasses, csinodes, csidrivers, csistoragecapacities, volumeattachments]
   verbs: [get, list, watch]
 # The sweep asks whether a domain is still named by a workload.
 - apiGroups: [apps]

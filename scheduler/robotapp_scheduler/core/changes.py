@@ -42,6 +42,19 @@ class Change(IntFlag):
     """A placed pod with required anti-affinity came or went."""
     COLUMN = auto()
     """A plugin's own column was filled anew."""
+    PVC = auto()
+    """A PersistentVolumeClaim appeared or changed."""
+    PV = auto()
+    """A PersistentVolume appeared, changed or is free again."""
+    STORAGE_CLASS = auto()
+    CSI_NODE = auto()
+    CSI_DRIVER = auto()
+    CAPACITY = auto()
+    """A CSIStorageCapacity appeared or changed."""
+    ATTACHMENT = auto()
+    """A VolumeAttachment is gone."""
+    FEATURES = auto()
+    """What a node's kubelet says it can do."""
     SELF = auto()
     """A waiting pod itself changed (spec, labels or annotations); concerns that pod alone."""
     NOMINATED = auto()
@@ -76,9 +89,21 @@ class Event(NamedTuple):
     @property
     def label(self) -> str:
         """Upstream's name of the event where it has one, for scheduler_queue_incoming_pods_total."""
+        kind = next((kind for change, kind in _STORAGE if change & self.change), "")
+        if kind and self.action and not self.change & Change.POD_REMOVED:
+            return kind + self.action.capitalize()
         return next((name for change, name in _LABELS if change & self.change), self.change.name or "Change")
 
 
+_STORAGE: Final = (
+    (Change.PVC, "PersistentVolumeClaim"),
+    (Change.PV, "PersistentVolume"),
+    (Change.STORAGE_CLASS, "StorageClass"),
+    (Change.CSI_NODE, "CSINode"),
+    (Change.CSI_DRIVER, "CSIDriver"),
+    (Change.CAPACITY, "CSIStorageCapacity"),
+    (Change.ATTACHMENT, "VolumeAttachment"),
+)
 _LABELS: Final = (
     (Change.NODE_ADDED, "NodeAdd"),
     (Change.NODE_REMOVED, "NodeDelete"),
@@ -86,6 +111,7 @@ _LABELS: Final = (
     (Change.LABELS, "NodeLabelChange"),
     (Change.TAINTS, "NodeTaintChange"),
     (Change.ANNOTATIONS, "NodeAnnotationChange"),
+    (Change.FEATURES, "NodeDeclaredFeatureChange"),
     (Change.POD_ADDED, "AssignedPodAdd"),
     (Change.POD_REMOVED, "AssignedPodDelete"),
     (Change.POD_UPDATED, "AssignedPodUpdate"),
@@ -106,6 +132,7 @@ READS: Final[dict[str, Change]] = {
     "devices": NODE | Change.DEVICES | Change.LABELS | Change.CLAIMS | PLACED,
     "anti_affinity": NODE | Change.LABELS | Change.ANTI_AFFINITY,
     "load": NODE | Change.LOAD,
+    "features": NODE | Change.FEATURES,
 }
 """`node_reads` of a plugin → the changes after which its result for that row must be computed again."""
 

@@ -305,7 +305,7 @@ class ColumnCache:
     def filter(self, plugin: Loaded, pod: PodInfo) -> FilterColumn:
         """The column of a filter plugin for pods like this one."""
         columns = self._filters.setdefault(plugin.name, OrderedDict())
-        key = pod.ros_features(plugin.reads) if plugin.reads_ros else pod.features(plugin.reads)
+        key = pod.live_features(plugin.reads) if plugin.reads_live else pod.features(plugin.reads)
         column = columns.get(key)
         if column is None:
             column = columns[key] = FilterColumn(plugin, self._reasons)
@@ -318,7 +318,7 @@ class ColumnCache:
     def score(self, plugin: Loaded, pod: PodInfo) -> ScoreColumn:
         """The column of a score plugin for pods like this one."""
         columns = self._scores.setdefault(plugin.name, OrderedDict())
-        key = pod.ros_features(plugin.reads) if plugin.reads_ros else pod.features(plugin.reads)
+        key = pod.live_features(plugin.reads) if plugin.reads_live else pod.features(plugin.reads)
         column = columns.get(key)
         if column is None:
             column = columns[key] = ScoreColumn(plugin)

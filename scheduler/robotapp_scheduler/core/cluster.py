@@ -19,6 +19,7 @@ from robotapp_scheduler.core.pods import PlacedPod, PodInfo, controller_of
 from robotapp_scheduler.core.ports import PortUsers
 from robotapp_scheduler.core.robotics import NodeTelemetry, RobotApp
 from robotapp_scheduler.core.telemetry import RttModel
+from robotapp_scheduler.core.volumes import Volumes
 
 
 class Cluster:
@@ -34,6 +35,7 @@ class Cluster:
         self.anti_affinity = AntiAffinityIndex()
         self.apps = AppIndex()
         self.devices = DeviceIndex()
+        self.volumes = Volumes()
         self.rtt = RttModel(self.nodes, clock)
         self.log = ChangeLog()
         self.placed: dict[str, PlacedPod] = {}
@@ -129,14 +131,15 @@ class Cluster:
 
     def forget(self, uid: str) -> Change:
         """Take an assumption back; a confirmed pod stays. Idempotent."""
+        freed = self.volumes.forget(uid)
         record = self.placed.get(uid)
         if record is None or not record.assumed:
-            return Change.NONE
+            return freed
         self.devices.release(uid)
         self._take_off(uid)
         self._seen[uid] = record.pod
         self._member(record.pod, "")
-        return Change.POD_REMOVED
+        return freed | Change.POD_REMOVED
 
     def is_assumed(self, uid: str) -> bool:
         """Counted, but not yet seen on its node."""
@@ -295,6 +298,7 @@ class Cluster:
             terminating=info.deleting,
             assumed=assumed,
             member=info.member,
+            volumes=info.volumes,
             pod=pod,
         )
 
@@ -331,6 +335,8 @@ class Cluster:
         if record.ports:
             self.ports.count(row, record.ports, sign)
         self.counts.count(row, record, sign)
+        if record.volumes is not None:
+            self.volumes.count(record.node, record.uid, record.namespace, record.volumes, sign)
         if self.anti_affinity.count(record, sign):
             self.log.add(EVERY_ROW, Change.ANTI_AFFINITY)
 

@@ -152,6 +152,8 @@ class SchedulerCore:
             decision = failed(pod, str(error), nodes=self.cluster.nodes.count)
         if assume and decision.node is not None:
             self.cluster.assume(pod, decision.node, decision.grants)
+            if decision.volumes is not None:
+                self.cluster.volumes.assume(pod.uid, decision.volumes)
         self.explain.add(recorder.record(decision))
         return decision
 
@@ -187,6 +189,7 @@ class SchedulerCore:
             return failed(pod, f"skip schedule deleting pod: {pod.key}")
         engine = self._engines[pod.scheduler_name]
         pod.ros = None
+        pod.volume_key = self.cluster.volumes.key_of(pod)
         if not engine.profile.uses_ros:
             return None
         request = pod.ros_request if pod.member is None else None
@@ -248,6 +251,7 @@ class SchedulerCore:
             code=Code.SUCCESS,
             node=node,
             grants=self._grants(pod, node),
+            volumes=engine.volume_plan(pod, node) if pod.volumes is not None else None,
             nodes=self.cluster.nodes.count,
             feasible=evaluation.feasible,
             total=total,

@@ -6,6 +6,7 @@ from robotapp_api.model.names import PodReason
 from robotapp_scheduler.core.devices import DeviceGrant
 from robotapp_scheduler.core.framework import Code
 from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.volumes import VolumePlan
 
 if TYPE_CHECKING:
     from robotapp_scheduler.core.queued import QueuedPod
@@ -21,6 +22,7 @@ class Decision:
 
     __slots__ = (
         "code", "feasible", "grants", "message", "node", "nodes", "pod", "queued", "reason", "rejected_by", "total",
+        "volumes",
     )  # fmt: skip
 
     def __init__(
@@ -36,6 +38,7 @@ class Decision:
         nodes: int = 0,
         feasible: int = 0,
         total: int = 0,
+        volumes: VolumePlan | None = None,
     ) -> None:
         self.pod = pod
         self.code = code
@@ -48,6 +51,8 @@ class Decision:
         self.feasible = feasible
         self.total = total
         """Weighted total of the chosen node; 0 when only one node was feasible and nothing was scored."""
+        self.volumes = volumes
+        """What has to be written before the bind; None when every volume is bound."""
         self.queued: QueuedPod | None = None
 
     def __repr__(self) -> str:

@@ -12,9 +12,10 @@ from robotapp_scheduler.core.classes import ColumnCache, FilterColumn, Reasons, 
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.evaluation import Evaluation, Tally
 from robotapp_scheduler.core.framework import Code, Status
-from robotapp_scheduler.core.pods import ROS_FEATURES, PodInfo
+from robotapp_scheduler.core.pods import LIVE, PodInfo
 from robotapp_scheduler.core.profiles import Profile
 from robotapp_scheduler.core.view import Nodes
+from robotapp_scheduler.core.volumes import VolumePlan
 
 CLASS_BYTES: Final = 100_000_000
 MOST_CLASS_IDS: Final = 20_000
@@ -40,7 +41,7 @@ class Engine:
         self._reasons = Reasons()
         self._columns = ColumnCache(self._reasons)
         self._classes: OrderedDict[Hashable, Evaluation] = OrderedDict()
-        self._static_reads = tuple(name for name in profile.reads if not name.startswith(ROS_FEATURES))
+        self._static_reads = tuple(name for name in profile.reads if not name.startswith(LIVE))
         self._generation = 0
         self._class_ids: dict[Hashable, int] = {}
         self._counts: dict[tuple[str, str, str], int] = {}
@@ -121,6 +122,15 @@ class Engine:
         row = position if evaluation.rows is None else int(evaluation.rows[position])
         return self._cluster.nodes.names[row]
 
+    def volume_plan(self, pod: PodInfo, node: str) -> VolumePlan | None:
+        """What must be written about the pod's volumes before it may be bound to this node."""
+        view = Nodes(self._cluster, [self._cluster.nodes.row_of[node]])
+        for loaded in self.profile.filters:
+            plan = loaded.plan(pod, view) if loaded.plan is not None else None
+            if plan is not None:
+                return plan
+        return None
+
     def _class_of(self, pod: PodInfo) -> Evaluation:
         if not self._caching:
             return self._fresh()
@@ -147,7 +157,7 @@ class Engine:
                 self._generation += MOST_CLASS_IDS + 1
             number = self._class_ids.setdefault(key, self._generation + len(self._class_ids))
             pod.set_class_number(self, number)
-        return (number, pod.ros)
+        return (number, pod.ros, pod.volume_key)
 
     def _most_classes(self) -> int:
         size = max(self._cluster.nodes.size, 1)

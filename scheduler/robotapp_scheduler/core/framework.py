@@ -22,6 +22,8 @@ Hooks, in the order of a cycle:
 `reserve(pod, node, ctx) -> Status | None`, `unreserve(pod, node, ctx)`, `permit`, `pre_bind`, `post_bind`
                                              called by the shell; `unreserve` never deletes a claim
 
+`plan(pod, nodes) -> VolumePlan | None`      what must be written about volumes before the bind; `nodes` is the one chosen
+
 `filter_row(pod, row) -> bool`, `score_row(pod, row) -> int`
                                              optional fast forms for one changed node, with plain integers:
                                              True = certainly passes (False: `filter` is asked); the same score
@@ -61,8 +63,9 @@ import numpy.typing as npt
 
 from robotapp_scheduler.core.changes import OWN_COLUMN, READS, Change, Event, interest_of
 from robotapp_scheduler.core.columns import BoolArray, FloatArray, IntArray
-from robotapp_scheduler.core.pods import FEATURES, ROS_FEATURES, PodInfo
+from robotapp_scheduler.core.pods import FEATURES, LIVE, PodInfo
 from robotapp_scheduler.core.view import Nodes, Row
+from robotapp_scheduler.core.volumes import VolumePlan
 from robotapp_scheduler.core.waiting import Waker
 
 MAX_SCORE: Final = 100
@@ -167,13 +170,14 @@ class Loaded:
         self.events: Change = getattr(plugin, "events", Change.ALL)
         self.reads: tuple[str, ...] = tuple(sorted(getattr(plugin, "reads", ("uid",))))
         node_reads: tuple[str, ...] = tuple(getattr(plugin, "node_reads", READS))
-        self.reads_ros = any(name.startswith(ROS_FEATURES) for name in self.reads)
-        mixed = {name.startswith(ROS_FEATURES) for name in self.reads} == {True, False}
+        self.reads_live = any(name.startswith(LIVE) for name in self.reads)
+        """Reads parts of "ros", or "volumes": its columns are found by what these are at this attempt."""
+        mixed = len({next((live for live in LIVE if name.startswith(live)), "") for name in self.reads}) > 1
         hint_reads: tuple[str, ...] = tuple(sorted(getattr(plugin, "hint_reads", self.reads)))
         unknown = [name for name in {*self.reads, *hint_reads} if name not in FEATURES]
         unknown += [name for name in node_reads if name not in READS and not name.startswith(OWN_COLUMN)]
         if mixed:
-            raise PluginError(self.name, f"reads {list(self.reads)} mixes parts of ros with other features")
+            raise PluginError(self.name, f"reads {list(self.reads)} mixes parts of ros or volumes with other features")
         if unknown or self.normalize not in NORMALIZERS:
             raise PluginError(
                 self.name,
@@ -187,6 +191,7 @@ class Loaded:
         self.filter_row: Callable[[PodInfo, Row], bool] | None = getattr(plugin, "filter_row", None)
         self.score_row: Callable[[PodInfo, Row], int] | None = getattr(plugin, "score_row", None)
         self.pre_filter: Callable[[PodInfo, Nodes], PreFilter | None] | None = getattr(plugin, "pre_filter", None)
+        self.plan: Callable[[PodInfo, Nodes], VolumePlan | None] | None = getattr(plugin, "plan", None)
         hint: Callable[[PodInfo, Event], bool] | None = getattr(plugin, "hint", None)
         self.waker = Waker(self.name, self.events, hint, hint_reads)
         self.pre_enqueue: Callable[[PodInfo], Status | None] | None = getattr(plugin, "pre_enqueue", None)

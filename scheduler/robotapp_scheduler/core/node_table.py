@@ -40,6 +40,8 @@ class NodeTable:
         self.resources = ResourceColumns()
         self.labels = LabelColumns()
         self.taints: Interned[tuple[Taint, ...]] = Interned(())
+        self.features: Interned[frozenset[str]] = Interned(frozenset())
+        """status.declaredFeatures."""
         self.valid: BoolArray = np.zeros(START_ROWS, dtype=np.bool_)
         self.unschedulable: BoolArray = np.zeros(START_ROWS, dtype=np.bool_)
         self.draining: BoolArray = np.zeros(START_ROWS, dtype=np.bool_)
@@ -73,6 +75,7 @@ class NodeTable:
         change |= self._set_labels(row, node.metadata.labels or {})
         change |= self._set_taints(row, node)
         change |= self._set_annotations(row, node.metadata.annotations or {})
+        change |= self._set_features(row, frozenset(node.status.declared_features))
         if change & (Change.NODE_ADDED | Change.LABELS):
             self.generation += 1
         return row, change
@@ -87,6 +90,7 @@ class NodeTable:
         self.names[row] = ""
         self.annotations[row] = {}
         self.taints.set(row, ())
+        self.features.set(row, frozenset())
         self.unschedulable[row] = self.draining[row] = False
         self.resources.set_allocatable(row, ())
         self.resources.requested[:, row] = 0
@@ -131,6 +135,7 @@ class NodeTable:
         self.resources.grow(rows)
         self.labels.grow(rows)
         self.taints.grow(rows)
+        self.features.grow(rows)
 
     def _set_offered(self, row: int, offered: dict[str, int]) -> Change:
         allowed = min(offered.pop("pods", 0), LARGEST)
@@ -166,6 +171,12 @@ class NodeTable:
         self.taints.set(row, node.spec.taints)
         self.unschedulable[row] = unschedulable
         return Change.TAINTS
+
+    def _set_features(self, row: int, features: frozenset[str]) -> Change:
+        if self.features.values[self.features.column[row]] == features:
+            return Change.NONE
+        self.features.set(row, features)
+        return Change.FEATURES
 
     def _set_annotations(self, row: int, annotations: dict[str, str]) -> Change:
         if self.annotations[row] == annotations:

@@ -65,6 +65,18 @@ class ResourceRequirements(Slim):
     requests: Resources | None = None
 
 
+class RestartRule(Slim):
+    """containers[].restartPolicyRules entry."""
+
+    action: str = ""
+
+
+class VolumeMount(Slim):
+    """Only what a node's runtime may be unable to do."""
+
+    bind_mount_options: tuple[str, ...] = ()
+
+
 class Container(Slim):
     """A container or init container; `restart_policy: Always` on an init container makes it a sidecar."""
 
@@ -73,6 +85,8 @@ class Container(Slim):
     resources: ResourceRequirements = msgspec.field(default_factory=ResourceRequirements)
     ports: list[ContainerPort] | None = None
     restart_policy: str = ""
+    restart_policy_rules: tuple[RestartRule, ...] = ()
+    volume_mounts: tuple[VolumeMount, ...] = ()
 
 
 class Toleration(SlimValue, frozen=True):
@@ -152,12 +166,49 @@ class ClaimVolume(Slim):
     claim_name: str = ""
 
 
+class Present(Slim):
+    """Something of which it only matters that it is there."""
+
+
+class GceDisk(Slim):
+    """volumes[].gcePersistentDisk."""
+
+    pd_name: str = ""
+    read_only: bool = False
+
+
+class AwsDisk(Slim):
+    """volumes[].awsElasticBlockStore."""
+
+    volume_id: str = msgspec.field(name="volumeID", default="")
+
+
+class IscsiDisk(Slim):
+    """volumes[].iscsi."""
+
+    iqn: str = ""
+    read_only: bool = False
+
+
+class RbdDisk(Slim):
+    """volumes[].rbd."""
+
+    monitors: tuple[str, ...] = ()
+    pool: str = "rbd"
+    image: str = ""
+    read_only: bool = False
+
+
 class Volume(Slim):
     """Only what decides where a pod may run."""
 
     name: str = ""
     persistent_volume_claim: ClaimVolume | None = None
-    ephemeral: dict[str, Any] | None = None
+    ephemeral: Present | None = None
+    gce_persistent_disk: GceDisk | None = None
+    aws_elastic_block_store: AwsDisk | None = None
+    iscsi: IscsiDisk | None = None
+    rbd: RbdDisk | None = None
 
 
 class TopologySpreadConstraint(Slim):
@@ -189,6 +240,7 @@ class PodSpec(Slim):
     priority: int = 0
     preemption_policy: str = ""
     host_network: bool = False
+    host_users: bool = True
     volumes: list[Volume] | None = None
     scheduling_gates: tuple[Named, ...] = ()
     resource_claims: tuple[Named, ...] = ()
@@ -253,6 +305,7 @@ class NodeStatus(Slim):
     """status of a Node. Heartbeats change only fields that are not here."""
 
     allocatable: Resources | None = None
+    declared_features: tuple[str, ...] = ()
 
 
 class Node(Slim):

@@ -13,11 +13,16 @@ import msgspec
 from robotapp_api.model.names import Label
 from robotapp_api.values.requests import PodRequests, pod_requests
 from robotapp_scheduler.core.annotations import parse_annotations
+from robotapp_scheduler.core.needs import needs_of
 from robotapp_scheduler.core.objects import Affinity, Container, NodeAffinity, OwnerReference, Pod, Toleration
+from robotapp_scheduler.core.pod_volumes import PodVolumes, volumes_of
 from robotapp_scheduler.core.ros import InvalidAnnotation, RosContext, RosRequest
 
 ANY_IP: Final = "0.0.0.0"  # noqa: S104 - the wildcard a hostPort without hostIP stands for, nothing is bound here
 ROS_FEATURES: Final = "ros"
+VOLUME_FEATURE: Final = "volumes"
+LIVE: Final = (ROS_FEATURES, VOLUME_FEATURE)
+"""Features that depend on more than the pod: found anew at each attempt, never kept."""
 NO_ROS: Final[tuple[Hashable, ...]] = (None,)
 """Key of every plugin that reads parts of "ros", for a pod without ROS fields."""
 SYSTEM_CRITICAL: Final = 2_000_000_000
@@ -56,6 +61,8 @@ class PodInfo:
         self.ros: RosContext | None = None
         self.qos: tuple[str, str, str] | None = None
         """(QoS class, reliability, liveliness) for the queue; None for a pod without ROS fields."""
+        self.volume_key: Hashable = None
+        """What its volumes look like right now; None for a pod without volumes. Set like `ros`."""
         self._class: tuple[object, int] | None = None
         self._keys: dict[tuple[str, ...], tuple[Hashable, ...]] = {}
 
@@ -112,6 +119,16 @@ class PodInfo:
         """Ports the pod takes on its node, each once."""
         return host_ports(self.pod)
 
+    @cached_property
+    def volumes(self) -> PodVolumes | None:
+        """Claims and inline disks; None for a pod whose volumes decide nothing."""
+        return volumes_of(self.pod)
+
+    @cached_property
+    def needs(self) -> frozenset[str]:
+        """Features the node must declare."""
+        return needs_of(self.pod.spec)
+
     @property
     def controller(self) -> OwnerReference | None:
         """The owner that manages this pod."""
@@ -130,8 +147,10 @@ class PodInfo:
             self._keys[names] = key
         return key
 
-    def ros_features(self, names: tuple[str, ...]) -> tuple[Hashable, ...]:
-        """The same for parts of "ros": resolved anew at each attempt, so never kept."""
+    def live_features(self, names: tuple[str, ...]) -> tuple[Hashable, ...]:
+        """The same for volumes, or for parts of "ros": resolved anew at each attempt, so never kept."""
+        if names == (VOLUME_FEATURE,):
+            return (self.volume_key,)
         return NO_ROS if self.ros is None else tuple(FEATURES[name](self) for name in names)
 
     def class_number(self, owner: object) -> int | None:
@@ -166,8 +185,10 @@ FEATURES: Final[dict[str, Callable[[PodInfo], Hashable]]] = {
     "affinity": lambda pod: msgspec.json.encode(pod.affinity) if pod.affinity else b"",
     "tolerations": lambda pod: pod.tolerations,
     "host_ports": lambda pod: pod.host_ports,
+    "needs": lambda pod: pod.needs,
     "spread": lambda pod: msgspec.json.encode(pod.pod.spec.topology_spread_constraints),
-    "volumes": lambda pod: msgspec.json.encode(pod.pod.spec.volumes),
+    "mounts": lambda pod: (pod.namespace, pod.volumes),
+    VOLUME_FEATURE: lambda pod: pod.volume_key,
     "resource_claims": lambda pod: msgspec.json.encode(pod.pod.spec.resource_claims),
     "ros": lambda pod: pod.ros,
     "ros.qos": lambda pod: pod.ros and pod.ros.qos_class,
@@ -178,8 +199,8 @@ FEATURES: Final[dict[str, Callable[[PodInfo], Hashable]]] = {
     "ros.peers": lambda pod: pod.ros and (pod.ros.together, pod.ros.apart),
     "ros.devices": lambda pod: pod.ros and (pod.ros.devices, pod.ros.holder),
 }
-"""What a plugin may name in `reads`. The parts of "ros" are None for a pod without ROS fields; a plugin names either
-parts of "ros" or other features, not both."""
+"""What a plugin may name in `reads`. The parts of "ros" are None for a pod without ROS fields; a plugin names parts of
+"ros", or "volumes" (which stands for everything about them, claims and their state included), or other features."""
 
 
 class PlacedPod(msgspec.Struct, gc=False):
@@ -198,6 +219,7 @@ class PlacedPod(msgspec.Struct, gc=False):
     terminating: bool
     assumed: bool
     member: Member | None
+    volumes: PodVolumes | None
     pod: Pod
     """Kept for owner chains and for events about the pod; shared with the watch's store, so it costs a pointer."""
 

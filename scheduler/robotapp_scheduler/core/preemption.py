@@ -17,7 +17,8 @@ NO_VICTIMS: Final = "No preemption victims found for incoming pod"
 NOT_OFFERED: Final = "Preemption is not offered by this scheduler"
 NEVER: Final = " preemption: not eligible due to preemptionPolicy=Never."
 QUIRK: Final = " not found"
-"""Upstream's tail after NodeAffinity rejected the pod as a whole: another plugin ends the chain before preemption."""
+"""Upstream's tail after one of these rejected the pod as a whole: another plugin ends the chain before preemption."""
+BEFORE_DYNAMIC_RESOURCES: Final = frozenset({"NodeAffinity", "VolumeRestrictions", "VolumeBinding", "VolumeZone"})
 
 
 def tail(
@@ -28,7 +29,7 @@ def tail(
     `outside` nodes were excluded by name before the filters; they never are candidates.
     """
     if status is not None:
-        return QUIRK if status.code is Code.UNRESOLVABLE and status.plugin == "NodeAffinity" else ""
+        return QUIRK if status.code is Code.UNRESOLVABLE and status.plugin in BEFORE_DYNAMIC_RESOURCES else ""
     if evaluation is None:
         return ""
     if pod.pod.spec.preemption_policy == "Never":

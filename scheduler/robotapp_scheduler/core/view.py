@@ -154,6 +154,11 @@ class Nodes:
         )
         return table[codes]
 
+    @property
+    def feature_sets(self) -> tuple[CodeArray, Sequence[frozenset[str]]]:
+        """Code per row into the distinct sets of declared features."""
+        return self._pick(self._table.features.column), self._table.features.values
+
     def count_pods(self, selector: Mapping[str, Any], namespace: str) -> IntArray:
         """Running pods of a namespace that match a label selector (plain JSON), per node; terminating ones left out."""
         column = self.cluster.counts.column(namespace, selector, self._table.size)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Hashable, Iterator
 from typing import Final, NamedTuple
 
 from robotapp_scheduler.core.changes import Change, Event
-from robotapp_scheduler.core.pods import ROS_FEATURES, PodInfo
+from robotapp_scheduler.core.pods import LIVE, PodInfo
 from robotapp_scheduler.core.queued import QueuedPod, Rejection
 
 log = logging.getLogger(__name__)
@@ -29,8 +29,8 @@ class Waker(NamedTuple):
         """Pods with equal keys get equal answers."""
         if self.hint is None:
             return ()
-        ros = any(name.startswith(ROS_FEATURES) for name in self.reads)
-        return pod.ros_features(self.reads) if ros else pod.features(self.reads)
+        live = any(name.startswith(LIVE) for name in self.reads)
+        return pod.live_features(self.reads) if live else pod.features(self.reads)
 
     def wants(self, pod: PodInfo, event: Event) -> bool:
         """May this event help the pod? A hint that raises counts as yes: it must not hold a pod back for ever."""

@@ -6,19 +6,20 @@ from typing import Final
 from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME
 from robotapp_scheduler.core.profiles import Catalogue, PluginRef, Profile, ProfileSpec, build_profiles
 from robotapp_scheduler.plugins.kubernetes.balanced_allocation import NodeResourcesBalancedAllocation
+from robotapp_scheduler.plugins.kubernetes.declared_features import NodeDeclaredFeatures
+from robotapp_scheduler.plugins.kubernetes.dynamic_resources import DynamicResources
 from robotapp_scheduler.plugins.kubernetes.node_affinity import NodeAffinity
 from robotapp_scheduler.plugins.kubernetes.node_name import NodeName
 from robotapp_scheduler.plugins.kubernetes.node_ports import NodePorts
 from robotapp_scheduler.plugins.kubernetes.node_unschedulable import NodeUnschedulable
-from robotapp_scheduler.plugins.kubernetes.not_yet import (
-    DynamicResources,
-    InterPodAffinity,
-    PodTopologySpread,
-    VolumeBinding,
-)
+from robotapp_scheduler.plugins.kubernetes.not_yet import InterPodAffinity, PodTopologySpread
 from robotapp_scheduler.plugins.kubernetes.queue_sort import PrioritySort, SchedulingGates
 from robotapp_scheduler.plugins.kubernetes.resources_fit import NodeResourcesFit
 from robotapp_scheduler.plugins.kubernetes.taint_toleration import TaintToleration
+from robotapp_scheduler.plugins.kubernetes.volume_binding import VolumeBinding
+from robotapp_scheduler.plugins.kubernetes.volume_limits import NodeVolumeLimits
+from robotapp_scheduler.plugins.kubernetes.volume_restrictions import VolumeRestrictions
+from robotapp_scheduler.plugins.kubernetes.volume_zone import VolumeZone
 from robotapp_scheduler.plugins.ros.bind import DefaultBinder, ROSBind
 from robotapp_scheduler.plugins.ros.deadline_score import DeadlineScore
 from robotapp_scheduler.plugins.ros.hardware_affinity import HardwareAffinityFilter
@@ -32,8 +33,8 @@ from robotapp_scheduler.plugins.ros.topology_score import TopologyScore
 
 BUILT_IN: Final[tuple[type, ...]] = (
     SchedulingGates, PrioritySort, ROSQueueSort, NodeName, NodeUnschedulable, TaintToleration, NodeAffinity, NodePorts,
-    NodeResourcesFit, VolumeBinding, PodTopologySpread, InterPodAffinity, DynamicResources,
-    NodeResourcesBalancedAllocation, LatencyFilter, HardwareAffinityFilter, SharedDataFilter, TopologyScore,
+    NodeResourcesFit, VolumeRestrictions, NodeVolumeLimits, VolumeBinding, VolumeZone, PodTopologySpread,
+    InterPodAffinity, DynamicResources, NodeResourcesBalancedAllocation, NodeDeclaredFeatures, LatencyFilter, HardwareAffinityFilter, SharedDataFilter, TopologyScore,
     LatencyScore, LoadBalanceScore, DeadlineScore, ROSReserve, ROSBind,
     DefaultBinder,
 )  # fmt: skip
@@ -45,11 +46,15 @@ KUBERNETES: Final = (
     PluginRef("NodeAffinity", 2),
     PluginRef("NodePorts"),
     PluginRef("NodeResourcesFit", 1),
-    PluginRef("VolumeBinding"),
+    PluginRef("VolumeRestrictions"),
+    PluginRef("NodeVolumeLimits"),
+    PluginRef("VolumeBinding", 1),
+    PluginRef("VolumeZone"),
     PluginRef("PodTopologySpread"),
     PluginRef("InterPodAffinity"),
     PluginRef("DynamicResources"),
     PluginRef("NodeResourcesBalancedAllocation", 1),
+    PluginRef("NodeDeclaredFeatures"),
 )
 """Upstream's order, which decides the reason that is reported per node, and upstream's weights."""
 ROS: Final = (

@@ -8,8 +8,9 @@ is taken: no object can stop the feed.
 import asyncio
 import logging
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
 from typing import Any
+
+import msgspec
 
 from robotapp_api.claims.objects import Claim
 from robotapp_api.client.api import ApiClient
@@ -32,6 +33,8 @@ from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.objects import Node, Owned, Pod
 from robotapp_scheduler.core.robotics import NodeTelemetry, RobotApp
 from robotapp_scheduler.shell.metrics import Metrics
+from robotapp_scheduler.shell.route import Route
+from robotapp_scheduler.shell.storage_feed import storage_routes
 
 log = logging.getLogger(__name__)
 
@@ -40,16 +43,17 @@ LIVE_PODS = "status.phase!=Succeeded,status.phase!=Failed"
 CRD_POLL_S = 5.0
 
 
-@dataclass(frozen=True, slots=True)
-class Route:
-    """One watched resource: how its objects are decoded and where they go."""
+Handled = tuple[Route, Callable[[Seen], Change]]
 
-    resource: Resource
-    as_type: type[Any]
-    apply: Callable[[Any], Change]
-    remove: Callable[[Any], Change]
-    label_selector: str = ""
-    field_selector: str = ""
+
+class _Name(msgspec.Struct):
+    name: str = ""
+
+
+class _Served(msgspec.Struct):
+    """An APIResourceList."""
+
+    resources: list[_Name] = []
 
 
 class Feed:
@@ -81,6 +85,7 @@ class Feed:
                 Route(REPLICASETS, Owned, cluster.apply_owner, cluster.remove_owner, label_selector=Label.APP_UID),
             ),
         )
+        self._storage = self._routed(*storage_routes(cluster.volumes))
         self._robotics = self._routed(
             Route(ROBOTAPPS, RobotApp, cluster.apply_app, cluster.remove_app),
             Route(ROBOTCLAIMS, Claim, cluster.apply_claim, cluster.remove_claim),
@@ -101,6 +106,9 @@ class Feed:
         async with asyncio.TaskGroup() as group:
             for route, handle in self._core:
                 self._start(group, route, handle)
+            served = await self._served(self._storage)
+            for route, handle in served:
+                self._start(group, route, handle)
             installed = await self._installed()
             if installed:
                 self._start_robotics(group)
@@ -116,7 +124,7 @@ class Feed:
         for route, handle in self._robotics:
             self._start(group, route, handle)
 
-    def _routed(self, *routes: Route) -> tuple[tuple[Route, Callable[[Seen], Change]], ...]:
+    def _routed(self, *routes: Route) -> tuple[Handled, ...]:
         return tuple((route, self._taking(route)) for route in routes)
 
     @staticmethod
@@ -146,6 +154,25 @@ class Feed:
         except Exception:  # one object must never stop the feed; the log has the stack, the metric the count
             self._metrics.poison_objects.labels(resource.plural).inc()
             log.exception("%s %s could not be taken over", resource.kind, seen.key)
+
+    async def _served(self, routes: tuple[Handled, ...]) -> list[Handled]:
+        """The routes whose resource this API server has; one without storage must not keep us from starting."""
+        known: dict[str, frozenset[str]] = {}
+        for root in dict.fromkeys(route.resource.root for route, _ in routes):
+            try:
+                answer = await self._client.request("GET", root)
+            except NotFound:
+                known[root] = frozenset()
+            except ClientError as error:
+                log.warning("cannot tell what is served under %s: %s", root, error)
+            else:
+                listed = msgspec.json.decode(answer.body, type=_Served).resources
+                known[root] = frozenset(each.name for each in listed)
+        return [
+            (route, handle)
+            for route, handle in routes
+            if route.resource.plural in known.get(route.resource.root, {route.resource.plural})
+        ]
 
     async def _installed(self) -> bool:
         """Whether the API server serves our kinds."""

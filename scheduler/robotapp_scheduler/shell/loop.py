@@ -106,7 +106,11 @@ class SchedulerLoop:
             return
         task = asyncio.create_task(self._carry_out(placed))
         self._tasks.add(task)
-        task.add_done_callback(self._finished)
+        # Volumes may take minutes to be made; nobody else waits for that.
+        slow = any(decision.volumes is not None for decision in placed)
+        if slow:
+            self._slots.release()
+        task.add_done_callback(self._ended if slow else self._finished)
 
     async def _carry_out(self, placed: Sequence[Decision]) -> None:
         try:
@@ -137,8 +141,11 @@ class SchedulerLoop:
             log.exception("abandoning %s failed", decision.pod.key)
 
     def _finished(self, task: asyncio.Task[None]) -> None:
-        self._tasks.discard(task)
         self._slots.release()
+        self._ended(task)
+
+    def _ended(self, task: asyncio.Task[None]) -> None:
+        self._tasks.discard(task)
         self._woken.set()
 
     async def _idle(self) -> None:

@@ -19,6 +19,7 @@ from robotapp_scheduler.shell.metrics import AttemptResult, Metrics
 from robotapp_scheduler.shell.report import Reporter
 from robotapp_scheduler.shell.reserve import READY, Readiness, Reserved, Reserver
 from robotapp_scheduler.shell.texts import device_busy
+from robotapp_scheduler.shell.volume_writes import VolumeWriter
 
 log = logging.getLogger(__name__)
 
@@ -39,10 +40,12 @@ class Placer:
         reserver: Reserver,
         reporter: Reporter,
         metrics: Metrics,
+        volumes: VolumeWriter,
         waiting: Mapping[str, Pod],
         clock: Callable[[], float],
     ) -> None:
         self._core = core
+        self._volumes = volumes
         self._binder = binder
         self._reserver = reserver
         self._reporter = reporter
@@ -85,20 +88,20 @@ class Placer:
             self._unready(decision, checked)
             return
         lost: set[str] = set()
+        volumes_bound = False
         for _ in range(VERSION_TRIES):
-            reserved = await self._reserver.things(decision.pod, str(decision.node), decision.grants)
-            while reserved.readiness is Readiness.BUSY:
-                lost.add(str(decision.node))
-                self._forget(decision.pod)
-                (decision,) = self._core.schedule([_queued(decision)], exclude=frozenset(lost))
-                if not decision.placed:
-                    self.refuse(decision)
-                    self._device_event(decision.pod, reserved.message)
-                    return
-                reserved = await self._reserver.things(decision.pod, str(decision.node), decision.grants)
-            if reserved.readiness is not Readiness.READY:
-                self._unready(decision, reserved)
+            found = await self._reserve(decision, lost)
+            if found is None:
                 return
+            decision, reserved = found
+            if decision.volumes is not None and not volumes_bound:
+                trouble = await self._volumes.bind(decision.pod, decision.volumes)
+                if trouble:
+                    self._fail(decision, f'running PreBind plugin "VolumeBinding": {trouble}')
+                    return
+                volumes_bound = True
+                if reserved.annotations:
+                    continue  # that took its time: the pod is read again, so that the bind is for its newest version
             outcome = await self._binder.bind(
                 decision.pod.pod,
                 str(decision.node),
@@ -109,24 +112,46 @@ class Placer:
                 break
         self._settle(decision, outcome, started_s)
 
+    async def _reserve(self, decision: Decision, lost: set[str]) -> tuple[Decision, Reserved] | None:
+        """Claim what the pod is granted, on another node if a device was lost to somebody; None = it went back."""
+        reserved = await self._reserver.things(decision.pod, str(decision.node), decision.grants)
+        while reserved.readiness is Readiness.BUSY:
+            lost.add(str(decision.node))
+            self._forget(decision.pod)
+            (decision,) = self._core.schedule([_queued(decision)], exclude=frozenset(lost))
+            if not decision.placed:
+                self.refuse(decision)
+                self._device_event(decision.pod, reserved.message)
+                return None
+            reserved = await self._reserver.things(decision.pod, str(decision.node), decision.grants)
+        if reserved.readiness is not Readiness.READY:
+            self._unready(decision, reserved)
+            return None
+        return decision, reserved
+
     def _settle(self, decision: Decision, outcome: BindOutcome, started_s: float) -> None:
         queued, pod = _queued(decision), decision.pod
         profile = pod.scheduler_name
         if outcome.result is BindResult.BOUND:
             self._core.queue.done(pod.uid)
+            self._core.cluster.volumes.forget(pod.uid)  # the claims themselves say it now
             self._reporter.scheduled(pod.pod, outcome.node)
             self._metrics.bound(queued, profile, started_s=started_s, now_s=self._clock())
             return
-        self._forget(pod)
         if outcome.result is not BindResult.FAILED:
             self._metrics.bind_conflicts.inc()
         if outcome.result in {BindResult.GONE, BindResult.TAKEN}:
+            self._forget(pod)
             self._core.queue.done(pod.uid)
             return
-        log.warning("%s was not bound to %s: %s", pod.key, decision.node, outcome.message)
-        message = f'binding rejected: running Bind plugin "ROSBind": {outcome.message}'
-        self._metrics.attempts.labels(AttemptResult.ERROR, profile).inc()
-        self._return(queued, Rejection(), reason=PodReason.SCHEDULER_ERROR, message=message)
+        self._fail(decision, f'binding rejected: running Bind plugin "ROSBind": {outcome.message}')
+
+    def _fail(self, decision: Decision, message: str) -> None:
+        """An error on the way to the node: nothing stays counted, and the pod is tried again after back-off."""
+        log.warning("%s was not bound to %s: %s", decision.pod.key, decision.node, message)
+        self._forget(decision.pod)
+        self._metrics.attempts.labels(AttemptResult.ERROR, decision.pod.scheduler_name).inc()
+        self._return(_queued(decision), Rejection(), reason=PodReason.SCHEDULER_ERROR, message=message)
 
     def _unready(self, decision: Decision, found: Reserved) -> None:
         queued = _queued(decision)

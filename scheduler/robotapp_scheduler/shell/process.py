@@ -42,6 +42,7 @@ from robotapp_scheduler.shell.reload import Reloader, Running, first
 from robotapp_scheduler.shell.report import Reporter
 from robotapp_scheduler.shell.reserve import Reserver, granted_pods
 from robotapp_scheduler.shell.tls import TlsPort, loaded
+from robotapp_scheduler.shell.volume_writes import INTERESTING, VolumeWriter
 
 log = logging.getLogger(__name__)
 
@@ -85,12 +86,16 @@ class Scheduler:
         self.events = PodEvents(client, config.scheduler_names)
         self.reporter = Reporter(client, self.events)
         self.intake = Intake(self.core.cluster, self.core.queue, self.reporter, scheduler_names=config.scheduler_names)
+        self.volumes = VolumeWriter(
+            client, self.core.cluster, alive=lambda uid: uid in self.intake.waiting, clock=clock
+        )
         placer = Placer(
             self.core,
             binder=Binder(client),
             reserver=Reserver(client),
             reporter=self.reporter,
             metrics=self.metrics,
+            volumes=self.volumes,
             waiting=self.intake.waiting,
             clock=clock,
         )
@@ -213,6 +218,8 @@ class Scheduler:
     def _changed(self, event: Event) -> None:
         """Something is different in the cluster: wake who may profit."""
         self.core.queue.move(event, apps=app_uids(event))
+        if event.change & INTERESTING:
+            self.volumes.wake()
         if event.change & SWEEP_CHANGES and event.new is None:
             self.sweeper.wake()
         self.loop.wake()

@@ -54,11 +54,6 @@ def test_a_pod_that_is_being_deleted_is_not_tried() -> None:
     ("spec", "text"),
     [
         (
-            {"volumes": [{"name": "v", "persistentVolumeClaim": {"claimName": "map"}}]},
-            f"persistentvolumeclaim 'map' {HERE}",
-        ),
-        ({"volumes": [{"name": "v", "ephemeral": {}}]}, f"ephemeral volume 'v' {HERE}"),
-        (
             {"topologySpreadConstraints": [{"topologyKey": "zone", "whenUnsatisfiable": "DoNotSchedule"}]},
             f"topologySpreadConstraint on 'zone' with DoNotSchedule {HERE}",
         ),

@@ -89,7 +89,7 @@ OTHERS: list[tuple[str, dict[str, Any], Event, bool]] = [
     ("NodePorts", {"containers": PORT}, gone(containers=OTHER_IP), True),
     ("NodePorts", {"containers": PORT}, gone(), False),
     ("NodePorts", {"containers": PORT}, itself({}, {"labels": {"a": "b"}}), False),
-    ("VolumeBinding", {}, itself({}, {"labels": {"a": "b"}}), True),
+    ("DynamicResources", {}, itself({}, {"labels": {"a": "b"}}), True),
 ]  # fmt: skip
 
 

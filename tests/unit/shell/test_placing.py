@@ -109,6 +109,7 @@ class Rig:
             reserver=self.io,  # type: ignore[arg-type]
             reporter=self.said,  # type: ignore[arg-type]
             metrics=self.metrics,
+            volumes=self.io,  # type: ignore[arg-type]
             waiting=self.waiting,
             clock=self.clock,
         )

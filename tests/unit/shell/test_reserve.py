@@ -161,6 +161,7 @@ def test_the_sweep_is_shown_running_bare_pods_with_grants_only() -> None:
             terminating=False,
             assumed=False,
             member=member,
+            volumes=None,
             pod=pod,
         )
 

@@ -11,6 +11,7 @@ from robotapp_scheduler.core.columns import BoolArray, FloatArray, IntArray
 from robotapp_scheduler.core.framework import MAX_SCORE, ScoreResult
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.view import Nodes, Row
+from robotapp_scheduler.plugins.kubernetes.compat import NEW, is_new
 from robotapp_scheduler.plugins.kubernetes.fit_strategies import ResourceWeight
 from robotapp_scheduler.plugins.kubernetes.resources_fit import NATIVE
 
@@ -19,7 +20,7 @@ class BalancedArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rena
     """Arguments as upstream; compatVersion "1.35" scores the balance itself, "1.37" the change in balance."""
 
     resources: tuple[ResourceWeight, ...] = (ResourceWeight("cpu"), ResourceWeight("memory"))
-    compat_version: str = "1.37"
+    compat_version: str = NEW
 
 
 class NodeResourcesBalancedAllocation:
@@ -34,10 +35,8 @@ class NodeResourcesBalancedAllocation:
 
     def __init__(self, args: BalancedArgs | None = None) -> None:
         args = args or BalancedArgs()
-        if args.compat_version not in {"1.35", "1.37"}:
-            raise ValueError(f"compatVersion: {args.compat_version!r} is unknown; allowed: 1.35, 1.37")
         self._names = tuple(resource.name for resource in args.resources)
-        self._change = args.compat_version == "1.37"
+        self._change = is_new(args.compat_version)
 
     def score(self, pod: PodInfo, nodes: Nodes) -> ScoreResult:
         """50…100, 75 where the pod changes nothing (1.37); no opinion when it asks for none of the resources."""

@@ -61,8 +61,7 @@ def most_allocated(
 
 def ratio_function(shape: Sequence[ShapePoint]) -> Strategy:
     """RequestedToCapacityRatio with these points. Raises ValueError for a shape upstream refuses."""
-    _check(shape)
-    points = [_interpolated(shape, utilization) for utilization in range(101)]
+    points = interpolated(shape)
     table = np.array(points, dtype=np.int64)
 
     def columns(
@@ -125,6 +124,12 @@ def _mean(scores: Sequence[IntArray], capacities: Sequence[IntArray], weights: S
         total += weight * score
         share += weight * (capacity > 0)
     return total // np.maximum(share, 1)
+
+
+def interpolated(shape: Sequence[ShapePoint]) -> list[int]:
+    """The score, 0…100, for every used percent from 0 to 100. Raises ValueError for a shape upstream refuses."""
+    _check(shape)
+    return [_interpolated(shape, utilization) for utilization in range(101)]
 
 
 def _check(shape: Sequence[ShapePoint]) -> None:

@@ -19,22 +19,6 @@ def _refused(what: str) -> PreFilter:
     return PreFilter(status=Status(Code.UNRESOLVABLE, f"{what} {HERE}"))
 
 
-class VolumeBinding:
-    """Persistent volumes decide where a pod may run; placing it blindly would leave it in ContainerCreating."""
-
-    name = "VolumeBinding"
-    events = Change.NONE
-
-    def pre_filter(self, pod: PodInfo, nodes: Nodes) -> PreFilter | None:  # noqa: ARG002 - the contract's signature
-        """Refuses pods with persistent or ephemeral volume claims."""
-        for volume in pod.pod.spec.volumes or ():
-            if volume.persistent_volume_claim is not None:
-                return _refused(f"persistentvolumeclaim {volume.persistent_volume_claim.claim_name!r}")
-            if volume.ephemeral is not None:
-                return _refused(f"ephemeral volume {volume.name!r}")
-        return None
-
-
 class PodTopologySpread:
     """Hard spreading; ScheduleAnyway and the system default only score."""
 
@@ -46,20 +30,6 @@ class PodTopologySpread:
         for constraint in pod.pod.spec.topology_spread_constraints:
             if constraint.when_unsatisfiable == "DoNotSchedule":
                 return _refused(f"topologySpreadConstraint on {constraint.topology_key!r} with DoNotSchedule")
-        return None
-
-
-class DynamicResources:
-    """Allocation of resource claims is left to kube-scheduler."""
-
-    name = "DynamicResources"
-    events = Change.NONE
-
-    def pre_filter(self, pod: PodInfo, nodes: Nodes) -> PreFilter | None:  # noqa: ARG002 - the contract's signature
-        """Refuses pods with resourceClaims."""
-        for claim in pod.pod.spec.resource_claims:
-            reason = f"resource claim {claim.name!r} is not allocated; this scheduler does not allocate devices"
-            return PreFilter(status=Status(Code.UNRESOLVABLE, reason))
         return None
 
 

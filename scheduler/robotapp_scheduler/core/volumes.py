@@ -1,0 +1,266 @@
+"""Claims, volumes, classes and CSI objects, with what our own decisions have taken but nobody has written yet.
+
+`revision` grows with every change that a volume rule can see. It is part of the class key of pods with volumes, so
+nothing here reaches the change log, and pods without volumes never notice.
+"""
+
+from collections.abc import Hashable, Mapping
+from typing import NamedTuple
+
+from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.pod_volumes import PodVolumes
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.storage import (
+    SELECTED_NODE,
+    Claim,
+    ClaimRef,
+    CSIDriver,
+    CSINode,
+    CSIStorageCapacity,
+    PersistentVolume,
+    StorageClass,
+    VolumeAttachment,
+)
+from robotapp_scheduler.core.volume_users import ClaimKey, Identity, VolumeUsers
+
+
+class VolumePlan(NamedTuple):
+    """What has to be written before a pod may be bound to `node`: volumes to give to claims, claims to be provisioned."""
+
+    node: str
+    bindings: tuple[tuple[ClaimKey, str], ...]
+    """(claim, volume)."""
+    provisions: tuple[ClaimKey, ...]
+    timeout_s: float
+
+
+class Volumes:
+    """The storage side of the cluster. Objects are as the API server has them; assumptions lie over them."""
+
+    def __init__(self) -> None:
+        self.revision = 0
+        self.claims: dict[ClaimKey, Claim] = {}
+        self.volumes: dict[str, PersistentVolume] = {}
+        self.sizes: dict[str, int] = {}
+        """Bytes per volume name."""
+        self.by_class: dict[str, dict[str, PersistentVolume]] = {}
+        self.classes: dict[str, StorageClass] = {}
+        self.csi_nodes: dict[str, CSINode] = {}
+        self.limits: dict[str, dict[str, int]] = {}
+        """Driver to node to number of volumes it can attach."""
+        self.drivers: dict[str, CSIDriver] = {}
+        self.capacities: dict[str, dict[ClaimKey, CSIStorageCapacity]] = {}
+        """By class name."""
+        self.users = VolumeUsers(self._identity_at, self._handle)
+        self._taken: dict[str, tuple[str, ClaimRef]] = {}
+        """Volume name to (pod uid, claim): given away by an assumed pod."""
+        self._selected: dict[ClaimKey, tuple[str, str]] = {}
+        """Claim to (pod uid, node): to be provisioned for an assumed pod."""
+
+    def __repr__(self) -> str:
+        return f"Volumes({len(self.claims)} claims, {len(self.volumes)} volumes, revision {self.revision})"
+
+    # --- What the watch says ---------------------------------------------------------------------------------------
+
+    def apply_claim(self, claim: Claim) -> Change:
+        """A claim appeared or changed. Raises ValueError for an unreadable size."""
+        _ = claim.wants_bytes
+        self.claims[claim.key] = claim
+        self._claim_changed(claim)
+        return Change.PVC
+
+    def remove_claim(self, claim: Claim) -> Change:
+        """A claim is gone, which helps nobody."""
+        self.claims.pop(claim.key, None)
+        self._claim_changed(claim)
+        return Change.NONE
+
+    def apply_volume(self, volume: PersistentVolume) -> Change:
+        """A volume appeared or changed. Raises ValueError for an unreadable size."""
+        name, size = volume.metadata.name, volume.offers_bytes
+        self._drop_from_class(name)
+        self.volumes[name], self.sizes[name] = volume, size
+        self.by_class.setdefault(volume.class_name, {})[name] = volume
+        self._volume_changed(volume)
+        return Change.PV
+
+    def remove_volume(self, volume: PersistentVolume) -> Change:
+        """A volume is gone, which helps nobody."""
+        name = volume.metadata.name
+        self._drop_from_class(name)
+        self.volumes.pop(name, None)
+        self.sizes.pop(name, None)
+        self._volume_changed(volume)
+        return Change.NONE
+
+    def apply_class(self, storage_class: StorageClass) -> Change:
+        """A StorageClass appeared or changed."""
+        self.classes[storage_class.metadata.name] = storage_class
+        self._class_changed()
+        return Change.STORAGE_CLASS
+
+    def remove_class(self, storage_class: StorageClass) -> Change:
+        """A StorageClass is gone."""
+        self.classes.pop(storage_class.metadata.name, None)
+        self._class_changed()
+        return Change.NONE
+
+    def apply_csi_node(self, csi_node: CSINode) -> Change:
+        """The drivers of a node are known, or changed."""
+        self._drop_limits(csi_node.metadata.name)
+        self.csi_nodes[csi_node.metadata.name] = csi_node
+        for driver in csi_node.spec.drivers:
+            if driver.allocatable is not None and driver.allocatable.count is not None:
+                self.limits.setdefault(driver.name, {})[csi_node.metadata.name] = driver.allocatable.count
+        self.revision += 1
+        return Change.CSI_NODE
+
+    def remove_csi_node(self, csi_node: CSINode) -> Change:
+        """Nothing is known of a node's drivers any more: no limit holds."""
+        self._drop_limits(csi_node.metadata.name)
+        self.csi_nodes.pop(csi_node.metadata.name, None)
+        self.revision += 1
+        return Change.NONE
+
+    def apply_driver(self, driver: CSIDriver) -> Change:
+        """A CSIDriver appeared or changed."""
+        self.drivers[driver.metadata.name] = driver
+        self.revision += 1
+        return Change.CSI_DRIVER
+
+    def remove_driver(self, driver: CSIDriver) -> Change:
+        """A CSIDriver is gone: its capacities are not looked at any more."""
+        self.drivers.pop(driver.metadata.name, None)
+        self.revision += 1
+        return Change.CSI_DRIVER
+
+    def apply_capacity(self, capacity: CSIStorageCapacity) -> Change:
+        """Free room was reported. Raises ValueError for an unreadable amount."""
+        _ = capacity.limit_bytes
+        self.capacities.setdefault(capacity.storage_class_name, {})[_key(capacity)] = capacity
+        self.revision += 1
+        return Change.CAPACITY
+
+    def remove_capacity(self, capacity: CSIStorageCapacity) -> Change:
+        """A report of free room is gone."""
+        self.capacities.get(capacity.storage_class_name, {}).pop(_key(capacity), None)
+        self.revision += 1
+        return Change.NONE
+
+    def apply_attachment(self, attachment: VolumeAttachment) -> Change:
+        """A volume is attached to a node, which helps nobody."""
+        self.users.attach(attachment)
+        self.revision += 1
+        return Change.NONE
+
+    def remove_attachment(self, attachment: VolumeAttachment) -> Change:
+        """A volume is detached from a node."""
+        self.users.detach(attachment)
+        self.revision += 1
+        return Change.ATTACHMENT
+
+    # --- Pods ------------------------------------------------------------------------------------------------------
+
+    def key_of(self, pod: PodInfo) -> Hashable:
+        """The part of a class key that stands for volumes: None for a pod without any."""
+        volumes = pod.volumes
+        if volumes is None:
+            return None
+        own = pod.uid if any(use.ephemeral for use in volumes.claims) else ""
+        return (self.revision, pod.namespace, volumes, own)
+
+    def count(self, node: str, uid: str, namespace: str, volumes: PodVolumes, sign: int) -> None:
+        """Count a placed pod with volumes in (+1) or out (-1)."""
+        self.users.count(node, uid, namespace, volumes, sign)
+        self.revision += 1
+
+    def assume(self, uid: str, plan: VolumePlan) -> None:
+        """Take what a pod was given before the API server knows."""
+        for key, name in plan.bindings:
+            claim = self.claims.get(key)
+            if claim is not None:
+                self._taken.setdefault(name, (uid, ClaimRef(namespace=key[0], name=key[1], uid=claim.metadata.uid)))
+        for key in plan.provisions:
+            self._selected.setdefault(key, (uid, plan.node))
+        self.revision += 1
+
+    def forget(self, uid: str) -> Change:
+        """Take a pod's assumptions back, or leave it to the written objects to say so. Idempotent."""
+        volumes = [name for name, (owner, _) in self._taken.items() if owner == uid]
+        claims = [key for key, (owner, _) in self._selected.items() if owner == uid]
+        if not volumes and not claims:
+            return Change.NONE
+        for name in volumes:
+            del self._taken[name]
+        for key in claims:
+            del self._selected[key]
+        self.revision += 1
+        return Change.PV | Change.PVC
+
+    # --- Questions -------------------------------------------------------------------------------------------------
+
+    def claim_ref(self, volume: PersistentVolume) -> ClaimRef | None:
+        """The claim a volume belongs to, assumptions included."""
+        taken = self._taken.get(volume.metadata.name)
+        return taken[1] if taken is not None else volume.spec.claim_ref
+
+    def selected_node(self, claim: Claim) -> str | None:
+        """The node a claim's volume is made for, assumptions included; None before one was chosen."""
+        selected = self._selected.get(claim.key)
+        return selected[1] if selected is not None else (claim.metadata.annotations or {}).get(SELECTED_NODE)
+
+    def identity(self, claim: Claim) -> Identity | None:
+        """CSI driver and handle of a claim's volume; a volume still to be made counts for its class's driver."""
+        volume = self.volumes.get(claim.spec.volume_name)
+        if volume is not None:
+            csi = volume.spec.csi
+            return (csi.driver, csi.volume_handle) if csi is not None and csi.driver and csi.volume_handle else None
+        storage_class = self.classes.get(claim.class_name)
+        if storage_class is None or not storage_class.provisioner:
+            return None
+        return (storage_class.provisioner, f"to be made for {claim.metadata.namespace}/{claim.metadata.name}")
+
+    def capacities_of(self, storage_class: str) -> list[CSIStorageCapacity]:
+        """Reports of free room for a class, by name."""
+        found: Mapping[ClaimKey, CSIStorageCapacity] = self.capacities.get(storage_class, {})
+        return [found[key] for key in sorted(found)]
+
+    # --- Inside ----------------------------------------------------------------------------------------------------
+
+    def _claim_changed(self, claim: Claim) -> None:
+        self.users.claim_changed(claim.key)
+        self.revision += 1
+
+    def _volume_changed(self, volume: PersistentVolume) -> None:
+        ref = volume.spec.claim_ref
+        if ref is None:
+            self.users.all_changed()  # a claim may name it that it does not know
+        else:
+            self.users.claim_changed((ref.namespace, ref.name))
+            self.users.volume_changed(volume.metadata.name)
+        self.revision += 1
+
+    def _class_changed(self) -> None:
+        self.users.all_changed()
+        self.revision += 1
+
+    def _identity_at(self, key: ClaimKey) -> Identity | None:
+        claim = self.claims.get(key)
+        return self.identity(claim) if claim is not None else None
+
+    def _handle(self, name: str) -> str:
+        volume = self.volumes.get(name)
+        return volume.spec.csi.volume_handle if volume is not None and volume.spec.csi is not None else ""
+
+    def _drop_from_class(self, name: str) -> None:
+        old = self.volumes.get(name)
+        if old is not None:
+            self.by_class.get(old.class_name, {}).pop(name, None)
+
+    def _drop_limits(self, node: str) -> None:
+        for nodes in self.limits.values():
+            nodes.pop(node, None)
+
+
+def _key(capacity: CSIStorageCapacity) -> ClaimKey:
+    return capacity.metadata.namespace, capacity.metadata.name

@@ -1,0 +1,112 @@
+"""VolumeBinding: nodes that reach the pod's volumes, or on which its unbound claims can be satisfied."""
+
+import msgspec
+import numpy as np
+
+from robotapp_scheduler.core.changes import Change, Event
+from robotapp_scheduler.core.framework import FilterResult, PreFilter, ScoreResult, Verdict
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.view import Nodes
+from robotapp_scheduler.core.volumes import VolumePlan
+from robotapp_scheduler.plugins.kubernetes.compat import NEW, is_new
+from robotapp_scheduler.plugins.kubernetes.fit_strategies import ShapePoint, interpolated
+from robotapp_scheduler.plugins.kubernetes.volume_claims import sorted_claims, trouble, unresolvable
+from robotapp_scheduler.plugins.kubernetes.volume_hints import names_claim, of_pod, room_grew
+from robotapp_scheduler.plugins.kubernetes.volume_matching import PLUGIN, REASONS, Match, match
+from robotapp_scheduler.plugins.kubernetes.volume_reach import Reach
+from robotapp_scheduler.plugins.kubernetes.volume_score import score
+
+UNBOUND = "pod has unbound immediate PersistentVolumeClaims"
+TEXTS = tuple(tuple(text for i, text in enumerate(REASONS) if bits >> i & 1) for bits in range(1 << len(REASONS)))
+
+
+class VolumeBindingArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
+    """Arguments as upstream: how long a claim may take to be bound, and the score per used percent (0 to 10)."""
+
+    bind_timeout_seconds: int = 600
+    shape: tuple[ShapePoint, ...] = (ShapePoint(0, 10), ShapePoint(100, 0))
+    compat_version: str = NEW
+
+
+class VolumeBinding:
+    """Bound claims bind to their volume's nodes; others get the smallest volume that fits, or one made for them."""
+
+    name = PLUGIN
+    reads = ("volumes",)
+    node_reads = ("labels", "name")
+    row_local = True
+    events = (
+        Change.STORAGE_CLASS | Change.PVC | Change.PV | Change.NODE_ADDED | Change.LABELS | Change.CSI_NODE
+        | Change.CSI_DRIVER | Change.CAPACITY
+    )  # fmt: skip
+    hint_reads = ("mounts",)
+    resolvable = False
+    Args = VolumeBindingArgs
+
+    def __init__(self, args: VolumeBindingArgs | None = None) -> None:
+        args = args or VolumeBindingArgs()
+        if args.bind_timeout_seconds < 0:
+            raise ValueError("bindTimeoutSeconds: invalid BindTimeoutSeconds, should not be a negative value")
+        self._timeout_s = float(args.bind_timeout_seconds)
+        self._points = interpolated(args.shape)
+        self._scores = is_new(args.compat_version)
+        self._reach = Reach()
+
+    def pre_filter(self, pod: PodInfo, nodes: Nodes) -> PreFilter | None:
+        """Refuses a pod with a claim that is missing, lost, on its way out, or to be bound before it is scheduled."""
+        if pod.volumes is None or not pod.volumes.claims:
+            return None
+        store = nodes.cluster.volumes
+        text = trouble(pod, store) or (UNBOUND if sorted_claims(pod, store).immediate else "")
+        return unresolvable(text) if text else None
+
+    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
+        """True where every claim has its volume in reach or could get one; no opinion without claims."""
+        if pod.volumes is None or not pod.volumes.claims:
+            return None
+        bits = self._match(pod, nodes).bits
+        return Verdict(bits == 0, codes=bits, reasons=TEXTS)
+
+    def score(self, pod: PodInfo, nodes: Nodes) -> ScoreResult:
+        """How empty the chosen volumes stay; 0 everywhere for a pod without unbound claims."""
+        if not self._scores or pod.volumes is None or not pod.volumes.claims:
+            return None
+        found = self._match(pod, nodes)
+        if not found.given and not found.made:
+            return np.zeros(nodes.n, dtype=np.int64)
+        return score(found, nodes.cluster.volumes, self._points)
+
+    def plan(self, pod: PodInfo, nodes: Nodes) -> VolumePlan | None:
+        """What placing the pod on the one node in view asks of its claims; None when all are bound."""
+        if pod.volumes is None or not sorted_claims(pod, nodes.cluster.volumes).delayed:
+            return None
+        found = self._match(pod, nodes)
+        bindings = [
+            (given.claim.key, given.volumes[int(given.chosen[0])].metadata.name)
+            for given in found.given
+            if given.chosen[0] >= 0
+        ]
+        provisions = [made.claim.key for made in found.made if made.where[0]]
+        return VolumePlan(nodes.names[0], tuple(bindings), tuple(dict.fromkeys(provisions)), self._timeout_s)
+
+    def hint(self, pod: PodInfo, event: Event) -> bool:
+        """New volumes and nodes may help everybody, a claim only those that use it, more room whoever lacks some."""
+        old, new = event.old, event.new
+        if of_pod(event):
+            return bool(event.change & Change.PV)  # a forgotten pod gave a volume back
+        match event.change:
+            case Change.PVC:
+                return names_claim(pod, event, ephemeral=True)
+            case Change.STORAGE_CLASS:
+                return old is None or old.allowed_topologies != new.allowed_topologies
+            case Change.CSI_NODE:
+                return old is None
+            case Change.CSI_DRIVER:
+                return old is not None and old.spec.storage_capacity and (new is None or not new.spec.storage_capacity)
+            case Change.CAPACITY:
+                return old is None or room_grew(old, new)
+        return True
+
+    def _match(self, pod: PodInfo, nodes: Nodes) -> Match:
+        store = nodes.cluster.volumes
+        return match(nodes, sorted_claims(pod, store), store, self._reach)

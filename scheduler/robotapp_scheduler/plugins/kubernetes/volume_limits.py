@@ -1,0 +1,116 @@
+"""NodeVolumeLimits: a node attaches only so many volumes of a CSI driver, and none of a driver it does not have."""
+
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from robotapp_scheduler.core.changes import Change, Event
+from robotapp_scheduler.core.columns import BoolArray
+from robotapp_scheduler.core.framework import FilterResult, Verdict
+from robotapp_scheduler.core.pod_volumes import volumes_of
+from robotapp_scheduler.core.pods import PlacedPod, PodInfo
+from robotapp_scheduler.core.view import Nodes
+from robotapp_scheduler.core.volumes import Volumes
+from robotapp_scheduler.plugins.kubernetes.compat import NEW, is_new
+from robotapp_scheduler.plugins.kubernetes.volume_hints import limit_grew, names_claim, of_pod
+
+FULL: Final = "node(s) exceed max volume count"
+
+
+class VolumeLimitsArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
+    """compatVersion "1.35" does not look whether a driver is installed."""
+
+    compat_version: str = NEW
+
+
+class NodeVolumeLimits:
+    """Counts distinct volumes: those of the pods on a node, those attached to it, and the new pod's."""
+
+    name = "NodeVolumeLimits"
+    reads = ("volumes",)
+    node_reads = ("name",)
+    row_local = True
+    events = Change.CSI_NODE | Change.POD_REMOVED | Change.PVC | Change.ATTACHMENT
+    hint_reads = ("mounts",)
+    resolvable = True
+    Args = VolumeLimitsArgs
+
+    def __init__(self, args: VolumeLimitsArgs | None = None) -> None:
+        self._asks_for_driver = is_new((args or VolumeLimitsArgs()).compat_version)
+
+    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
+        """True where all drivers are installed that insist on it, and no limit is passed."""
+        if pod.volumes is None or not pod.volumes.claims:
+            return None
+        store = nodes.cluster.volumes
+        wanted = _wanted(pod, store)
+        without: dict[str, BoolArray] = {}
+        for driver in wanted if self._asks_for_driver else ():
+            found = store.drivers.get(driver)
+            if found is not None and found.spec.prevent_pod_scheduling_if_missing:
+                without[driver] = _lacks(driver, nodes, store)
+        full = np.zeros(nodes.n, dtype=np.bool_)
+        for driver, handles in wanted.items():
+            full |= _passes_limit(driver, handles, nodes, store)
+        codes = np.zeros(nodes.n, dtype=np.int64)
+        reasons = [(FULL,)]
+        mask = ~full
+        for driver, lacking in reversed(without.items()):
+            codes[lacking] = len(reasons)
+            reasons.append((f"{driver} CSI driver is not installed on the node",))
+            mask &= ~lacking
+        return Verdict(mask, codes=codes, reasons=reasons)
+
+    def hint(self, pod: PodInfo, event: Event) -> bool:
+        """A pod with claims or an attachment is gone, a limit grew, or a claim the pod uses was made."""
+        if of_pod(event):
+            gone = volumes_of(event.old) if event.change & Change.POD_REMOVED else None
+            return gone is not None and bool(gone.claims)
+        match event.change:
+            case Change.CSI_NODE:
+                return event.old is None or limit_grew(event.old, event.new)
+            case Change.PVC:
+                return event.old is None and names_claim(pod, event, ephemeral=True)
+            case Change.ATTACHMENT:
+                return pod.volumes is not None and any(not use.ephemeral for use in pod.volumes.claims)
+        return True
+
+    def touched_by(self, pod: PodInfo, other: PlacedPod) -> bool:  # noqa: ARG002 - the contract's signature
+        """May taking the other pod away change the verdict?"""
+        return other.volumes is not None and bool(other.volumes.claims)
+
+
+def _wanted(pod: PodInfo, store: Volumes) -> dict[str, set[str]]:
+    """Handles of the pod's volumes by driver."""
+    found: dict[str, set[str]] = {}
+    for use in pod.volumes.claims if pod.volumes is not None else ():
+        claim = store.claims.get((pod.namespace, use.name))
+        identity = store.identity(claim) if claim is not None else None
+        if identity is not None:
+            found.setdefault(identity[0], set()).add(identity[1])
+    return found
+
+
+def _lacks(driver: str, nodes: Nodes, store: Volumes) -> BoolArray:
+    installed = {
+        name for name, node in store.csi_nodes.items() if any(other.name == driver for other in node.spec.drivers)
+    }
+    return np.array([name not in installed for name in nodes.names], dtype=np.bool_)
+
+
+def _passes_limit(driver: str, handles: set[str], nodes: Nodes, store: Volumes) -> BoolArray:
+    limits = store.limits.get(driver)
+    if not limits:
+        return np.zeros(nodes.n, dtype=np.bool_)
+    on = store.users.on
+
+    def over(name: str) -> bool:
+        limit = limits.get(name)
+        if limit is None:
+            return False
+        use = on(name)
+        new = handles - use.handles.get(driver, frozenset())
+        return bool(new) and use.attached.get(driver, 0) + len(new) > limit
+
+    return np.array([over(name) for name in nodes.names], dtype=np.bool_)

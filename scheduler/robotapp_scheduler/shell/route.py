@@ -1,0 +1,20 @@
+"""One watched resource and where its objects go."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from robotapp_api.client.resources import Resource
+from robotapp_scheduler.core.changes import Change
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """How the objects of a resource are decoded, and who takes them; the answer is what changed for pods."""
+
+    resource: Resource
+    as_type: type[Any]
+    apply: Callable[[Any], Change]
+    remove: Callable[[Any], Change]
+    label_selector: str = ""
+    field_selector: str = ""

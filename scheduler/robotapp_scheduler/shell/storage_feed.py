@@ -1,0 +1,35 @@
+"""The watched resources of storage. Without pods that use volumes they are mirrored and never looked at."""
+
+from robotapp_api.client.resources import (
+    CSIDRIVERS,
+    CSINODES,
+    CSISTORAGECAPACITIES,
+    PERSISTENTVOLUMECLAIMS,
+    PERSISTENTVOLUMES,
+    STORAGECLASSES,
+    VOLUMEATTACHMENTS,
+)
+from robotapp_scheduler.core.storage import (
+    Claim,
+    CSIDriver,
+    CSINode,
+    CSIStorageCapacity,
+    PersistentVolume,
+    StorageClass,
+    VolumeAttachment,
+)
+from robotapp_scheduler.core.volumes import Volumes
+from robotapp_scheduler.shell.route import Route
+
+
+def storage_routes(volumes: Volumes) -> tuple[Route, ...]:
+    """Claims and volumes, and everything that says where volumes can be."""
+    return (
+        Route(PERSISTENTVOLUMECLAIMS, Claim, volumes.apply_claim, volumes.remove_claim),
+        Route(PERSISTENTVOLUMES, PersistentVolume, volumes.apply_volume, volumes.remove_volume),
+        Route(STORAGECLASSES, StorageClass, volumes.apply_class, volumes.remove_class),
+        Route(CSINODES, CSINode, volumes.apply_csi_node, volumes.remove_csi_node),
+        Route(CSIDRIVERS, CSIDriver, volumes.apply_driver, volumes.remove_driver),
+        Route(CSISTORAGECAPACITIES, CSIStorageCapacity, volumes.apply_capacity, volumes.remove_capacity),
+        Route(VOLUMEATTACHMENTS, VolumeAttachment, volumes.apply_attachment, volumes.remove_attachment),
+    )
