@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from robotapp_api.client.sweep import HANDOVER_S, PERIOD_S
+
 PREFIX: Final = "ROBOTAPP_OPERATOR_"
 SYSTEM_NAMESPACE: Final = "robotapp-system"
 
@@ -16,9 +18,9 @@ class Settings:
     """Kubeconfig file; without one the pod's service account."""
     namespaces: tuple[str, ...] = ()
     """Namespaces to serve; empty means all."""
-    sweep_seconds: float = 30.0
+    sweep_seconds: float = PERIOD_S
     """Period of the claim sweep; events wake it earlier."""
-    handover_seconds: float = 15.0
+    handover_seconds: float = HANDOVER_S
     """How long a device waits for the successor of the pod that had it."""
     health_port: int = 8080
     """Port of /healthz, /readyz and /metrics; 0 for none."""

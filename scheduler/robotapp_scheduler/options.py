@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from robotapp_api.client.sweep import PERIOD_S
+
 PREFIX = "ROBOTAPP_SCHEDULER_"
 
 
@@ -77,7 +79,7 @@ def _parser(environment: Mapping[str, str]) -> argparse.ArgumentParser:
     add("health-port", "port of the HTTPS endpoint, 0 takes a free one", default="10259", convert=int)
     add("tls-cert-file", "certificate of the endpoint (PEM); default: made at the start", default="", convert=Path)
     add("tls-private-key-file", "key of that certificate (PEM)", default="", convert=Path)
-    add("sweep-seconds", "period of the claim sweep", default="30", convert=float)
+    add("sweep-seconds", "period of the claim sweep", default=str(PERIOD_S), convert=float)
     add("log-format", "json for machines, text for people", default="json", choices=("json", "text"))
     add("log-level", "debug, info, warning or error", default="info", choices=("debug", "info", "warning", "error"))
     add("lease-namespace", "overrides leaderElection.resourceNamespace", default="")
