@@ -1,7 +1,10 @@
 """Domains: the steps of an operator (rule 5) and the scheduler's bind check (rule 1), with their reads in order."""
 
+import asyncio
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import Final
+from weakref import WeakValueDictionary
 
 from robotapp_api.claims import domain as rules
 from robotapp_api.claims.bind import ALLOWED, BindVerdict, bind_verdict, needs_check, shared_verdict
@@ -21,6 +24,8 @@ RESTARTS = 5
 """Start over this often within one call when another writer was faster; then the caller's queue backs off."""
 LIST_AFTER_CONFLICTS = 3
 """In a crowded pool one LIST is cheaper than trying every id."""
+_TURNS: Final[WeakValueDictionary[tuple[str, str], asyncio.Lock]] = WeakValueDictionary()
+"""By pool and namespace with a quota; a lock lives while somebody uses it."""
 
 
 async def ensure_domain(
@@ -122,12 +127,18 @@ async def _own(client: Api, request: DomainRequest, pool: Pool, deployments: Seq
 
 
 async def _create(client: Api, request: DomainRequest, pool: Pool, plan: DomainPlan) -> DomainOutcome:
-    """Try the candidates in their order. Only a create decides; the LIST merely spares tries that would fail."""
-    if rules.quota_of(pool, request.holder.namespace):
-        mine = [c for c in await pool_claims(client, request) if c.holder.namespace == request.holder.namespace]
+    """A new claim, within the quota. Of one process only one at a time counts and creates, or all would count too few."""
+    namespace = request.holder.namespace
+    if not rules.quota_of(pool, namespace):
+        return await _try_candidates(client, request, pool, plan)
+    async with _TURNS.setdefault((request.pool, namespace), asyncio.Lock()):
+        mine = [c for c in await pool_claims(client, request) if c.holder.namespace == namespace]
         refusal = rules.over_quota(request, pool, held=len(mine))
-        if refusal is not None:
-            return refusal
+        return refusal or await _try_candidates(client, request, pool, plan)
+
+
+async def _try_candidates(client: Api, request: DomainRequest, pool: Pool, plan: DomainPlan) -> DomainOutcome:
+    """The candidates in their order. Only a create decides; the LIST merely spares tries that would fail."""
     taken: set[int] = set()
     conflicts = 0
     for number in plan.candidates:

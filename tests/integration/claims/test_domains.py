@@ -13,7 +13,7 @@ from robotapp_api.claims.objects import Pod
 from robotapp_api.client.claim_writes import Refused, create_claim, delete_claim, drain, touch
 from robotapp_api.client.claims import check_bind, ensure_domain, ensure_pod_domain, find_claim
 from robotapp_api.client.errors import Forbidden, Invalid, Unreachable
-from robotapp_api.client.resources import PODS, ROBOTCLAIMS
+from robotapp_api.client.resources import DOMAINPOOLS, PODS, ROBOTCLAIMS
 from robotapp_api.model.names import Reason
 
 pytestmark = pytest.mark.live
@@ -27,6 +27,15 @@ async def test_racing_apps_never_share_an_id_and_the_pool_ends_with_a_message(pl
     refused = [outcome for outcome in outcomes if outcome.id is None]
     assert {outcome.reason for outcome in refused} == {Reason.DOMAIN_EXHAUSTED}
     assert "5 of 5" in refused[0].message
+
+
+async def test_racing_apps_of_one_operator_stay_within_their_namespaces_quota(place: Live) -> None:
+    quota = {"spec": {"quota": {"namespaces": {place.namespace: 2}}}}
+    await place.admin.patch(DOMAINPOOLS, place.pool, quota)
+    requests = [await place.make_app(f"app-{number}") for number in range(6)]
+    outcomes = await asyncio.gather(*(ensure_domain(place.operator, request) for request in requests))
+    assert sum(outcome.held for outcome in outcomes) == len(await place.claims()) == 2
+    assert {outcome.reason for outcome in outcomes if not outcome.held} == {Reason.QUOTA_EXCEEDED}
 
 
 async def test_racing_operators_of_one_app_take_one_id(place: Live) -> None:

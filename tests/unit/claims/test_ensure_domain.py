@@ -1,5 +1,6 @@
 """rule 5 step by step, on a store with the API server's rules for versions and preconditions."""
 
+import asyncio
 from collections.abc import Awaitable, Callable
 from typing import Any
 
@@ -326,3 +327,15 @@ async def test_the_bind_check_knows_apps_that_share_and_shared_ids() -> None:
     assert not (await check_bind(store.client(), pod(number, of=child("plain", plain), annotations=lock))).allowed
     assert (await check_bind(store.client(), pod(91, of=child("loose", loose)))).allowed
     assert not (await check_bind(store.client(), pod(91, of=child("plain", plain)))).allowed
+
+
+async def test_apps_that_ask_at_the_same_moment_do_not_exceed_their_namespaces_quota() -> None:
+    store = fresh("1-9", quota={"namespaces": {"team": 2}})
+
+    async def slow(_: str) -> None:
+        await asyncio.sleep(0)
+
+    requests = [app(store, f"app-{number}") for number in range(6)]
+    outcomes = await asyncio.gather(*(ensure_domain(store.client(before=slow), one) for one in requests))
+    assert sum(outcome.held for outcome in outcomes) == 2
+    assert {outcome.reason for outcome in outcomes if not outcome.held} == {Reason.QUOTA_EXCEEDED}
