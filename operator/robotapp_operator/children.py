@@ -23,6 +23,7 @@ from robotapp_operator.cache import Cache
 from robotapp_operator.execute import StartOver, execute
 from robotapp_operator.gather import cached_domain, needs_domain, params_files, wanted_instances
 from robotapp_operator.memory import Memory
+from robotapp_operator.params_watch import ParamsWatch
 from robotapp_operator.plan.app import problems_of
 from robotapp_operator.plan.changes import Observed, Plan, deployment_domain, plan, ref_of, wanted_children
 from robotapp_operator.plan.children import Child
@@ -39,14 +40,18 @@ TURNS: Final = 4
 class Children:
     """Reconciles instances. `version` is the operator's, written on everything it renders."""
 
-    def __init__(self, client: ApiClient, cache: Cache, memory: Memory, *, version: str) -> None:
+    def __init__(self, client: ApiClient, cache: Cache, memory: Memory, params: ParamsWatch, *, version: str) -> None:
         self._client = client
         self._cache = cache
         self._memory = memory
+        self._params = params
         self._version = version
 
     async def reconcile(self, uid: str, robot: str) -> bool:
         """Bring one instance's children in place. True when all is written; raises StartOver when others keep writing."""
+        record = self._cache.apps.get(uid)
+        if record is not None and record.app is not None:
+            await self._params.read(record.app)
         if self._settled(uid, robot):
             return True
         for turn in range(TURNS):
@@ -57,6 +62,11 @@ class Children:
                 if turn == TURNS - 1:
                     raise
         raise AssertionError("the last turn returns or raises")
+
+    def forget(self, uid: str) -> None:
+        """The app is gone: whatever is kept for its next run is not needed any more."""
+        self._memory.forget(uid)
+        self._params.forget(uid)
 
     def _settled(self, uid: str, robot: str) -> bool:
         """Do the caches already show what we would write?"""
@@ -81,6 +91,7 @@ class Children:
         app = await self._fresh_app(uid)
         if app is None:
             return True
+        await self._params.read(app)
         instance = find_instance(wanted_instances(app, self._cache), robot)
         if instance is not None and problems_of(app, self._cache.nodes):
             return True
@@ -164,7 +175,7 @@ class Children:
 
     def _gone(self, record: Record) -> None:
         self._cache.forget_app(record.uid)
-        self._memory.forget(record.uid)
+        self.forget(record.uid)
 
     async def _observe(self, app: App, robot: str) -> dict[ChildRef, Observed]:
         """Deployments and Services of the instance, read with a quorum."""

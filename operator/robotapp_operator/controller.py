@@ -121,16 +121,14 @@ class Controller:
                     result("success")
                     self._queue.done(key, rest_s=rest_s)
             if key.work in OF_APPS and key.group not in self._cache.apps:  # it went while we worked
-                self._memory.forget(key.group)
-                self._queue.forget(key.group)
+                self._forget(key.group)
 
     # Work. Each returns how long the key shall rest, None to be tried again with back-off.
 
     async def _app(self, key: Key) -> float:
         record = self._cache.apps.get(key.group)
         if record is None:
-            self._memory.forget(key.group)
-            self._queue.forget(key.group)
+            self._forget(key.group)
             self._wake_sweep()
             return 0.0
         self._fleet_later(record.namespace)
@@ -200,6 +198,10 @@ class Controller:
             self._queue.add(Key(Work.APP, uid))
         self._queue.add(Key(Work.RESYNC, ""), delay_s=RESYNC_S)
         return 0.0
+
+    def _forget(self, uid: str) -> None:
+        self._children.forget(uid)
+        self._queue.forget(uid)
 
     def _fleet_later(self, namespace: str) -> None:
         self._queue.add(Key(Work.FLEET, f"ns/{namespace}"), delay_s=1.0)

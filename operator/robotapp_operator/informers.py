@@ -1,4 +1,4 @@
-"""Reflectors of everything but RobotApps: changes become cache entries and queue keys, nothing else."""
+"""Reflectors of everything but RobotApps and parameter files: changes become cache entries and queue keys, nothing else."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final
@@ -6,11 +6,11 @@ from typing import Any, Final
 from robotapp_api.claims.objects import Claim, Pool
 from robotapp_api.client import ApiClient, Change, Reflector, resources
 from robotapp_api.client.resources import Resource
-from robotapp_api.model.names import FLEET_CONFIG_MAP, SCHEDULER_NAME, SCHEDULING_GATE, THESIS_SCHEDULER_NAME, Label
+from robotapp_api.model.names import SCHEDULER_NAME, SCHEDULING_GATE, THESIS_SCHEDULER_NAME, Label
 from robotapp_operator.cache import Cache, Index
 from robotapp_operator.keys import Work
 from robotapp_operator.plan.changes import deployment_domain
-from robotapp_operator.plan.objects import ConfigMap, Deployment, Node, Pod, ReplicaSet, Service, Telemetry
+from robotapp_operator.plan.objects import Deployment, Node, Pod, ReplicaSet, Service, Telemetry
 from robotapp_operator.queue import Key, Queue
 from robotapp_operator.wake import wake_instance, wake_joined
 
@@ -63,11 +63,6 @@ class Informers:
             yield self._reflector(resources.SERVICES, Service, self._service, **labelled)
             yield self._reflector(resources.REPLICASETS, ReplicaSet, self._replica_set, **labelled)
             yield self._reflector(resources.PODS, Pod, self._pod, **labelled)
-            # Every namespace has this one, and it is never ours.
-            config_maps = f"metadata.name!=kube-root-ca.crt,metadata.name!={FLEET_CONFIG_MAP}"
-            yield self._reflector(
-                resources.CONFIGMAPS, ConfigMap, self._config_map, namespace=namespace, field_selector=config_maps
-            )
             for scheduler in (SCHEDULER_NAME, THESIS_SCHEDULER_NAME):
                 bare = {"label_selector": f"!{OURS}", "field_selector": f"spec.schedulerName={scheduler}"}
                 yield self._reflector(resources.PODS, Pod, self._bare_pod, namespace=namespace, **bare)
@@ -127,24 +122,6 @@ class Informers:
         else:
             self._cache.bare_pods.put(pod.metadata.namespace, change.key, pod)
         self._fleet(pod.metadata.namespace)
-
-    def _config_map(self, change: Change) -> None:
-        item: ConfigMap = change.new or change.old
-        meta = item.metadata
-        if change.new is None:
-            self._cache.config_maps.pop(change.key, None)
-        else:
-            self._cache.config_maps[change.key] = item
-        for record in list(self._cache.apps.values()):
-            if (
-                record.namespace == meta.namespace
-                and record.app
-                and any(
-                    component.params and component.params.config_map == meta.name
-                    for component in record.app.spec.components
-                )
-            ):
-                self._queue.add(Key(Work.APP, record.uid))
 
     # Cluster
 

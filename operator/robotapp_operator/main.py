@@ -34,6 +34,7 @@ from robotapp_operator.keys import Work
 from robotapp_operator.kopf_settings import kopf_settings
 from robotapp_operator.memory import Memory
 from robotapp_operator.metrics import Metrics
+from robotapp_operator.params_watch import ParamsWatch
 from robotapp_operator.pools import Pools
 from robotapp_operator.probes import Probes
 from robotapp_operator.queue import Key, Queue
@@ -71,13 +72,14 @@ class Operator:
         self.informers = Informers(
             client, self.cache, self.queue, namespaces=settings.namespaces, wake_sweep=self.sweeper.wake
         )
+        self.params = ParamsWatch(client, self.cache, self.queue)
         self.fleet = FleetView(client, self.cache)
         self.controller = Controller(
             self.cache,
             self.queue,
             self.memory,
             self.metrics,
-            children=Children(client, self.cache, self.memory, version=__version__),
+            children=Children(client, self.cache, self.memory, self.params, version=__version__),
             reporter=Reporter(
                 client,
                 self.cache,
@@ -121,7 +123,7 @@ class Operator:
         """Reconcile until `stop`."""
         async with contextlib.AsyncExitStack() as stack:
             stack.push_async_callback(_ended, asyncio.create_task(self._watch_apps(stop)))
-            helpers: list[Coroutine[Any, Any, None]] = [self.recorder.run(), self.sweeper.run()]
+            helpers: list[Coroutine[Any, Any, None]] = [self.recorder.run(), self.sweeper.run(), self.params.run()]
             for helper in helpers:
                 stack.push_async_callback(_ended, _supervised(helper, stop))
             worker = _supervised(self.controller.run(), stop)

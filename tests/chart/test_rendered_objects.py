@@ -7,6 +7,8 @@ from typing import Any
 import pytest
 from tests.support.chart import CHART, NAMESPACE, NO_WORKLOADS, Chart, Object, named, of_kind, rules
 
+from robotapp_api.model.names import FLEET_CONFIG_MAP
+from robotapp_operator.plan.fleet import MAX_SHARDS
 from robotapp_testbed.failures import CommandError
 
 pytestmark = pytest.mark.live
@@ -105,6 +107,16 @@ def test_the_scheduler_reads_its_configuration_and_writes_the_last_good_one_and_
         (["get", "patch"], ["robotapp-scheduler-last-good"]),
     ]
     assert "data" not in named(rendered, "ConfigMap", "robotapp-scheduler-last-good"), "an upgrade must not empty it"
+
+
+def test_the_operator_changes_no_config_maps_but_the_fleet_view(rendered: list[Object]) -> None:
+    found = [
+        (rule["verbs"], rule.get("resourceNames"))
+        for role, rule in rules(rendered)
+        if "operator" in role and "configmaps" in rule["resources"]
+    ]
+    names = [FLEET_CONFIG_MAP, *(f"{FLEET_CONFIG_MAP}-{number}" for number in range(2, MAX_SHARDS + 1))]
+    assert found == [(["get", "list", "watch"], None), (["create"], None), (["update", "delete"], names)]
 
 
 def test_the_schedulers_port_is_probed_and_scraped_over_tls(rendered: list[Object]) -> None:

@@ -27,10 +27,22 @@
 - apiGroups: [""]
   resources: [services]
   verbs: [get, list, watch, create, patch, delete]
-# update: the fleet view is replaced as a whole.
+# Parameter files, each watched by its name; who needs which is only known when an app says so.
 - apiGroups: [""]
   resources: [configmaps]
-  verbs: [get, list, watch, create, update, patch, delete]
+  verbs: [get, list, watch]
+# The fleet view, replaced as a whole. A role cannot limit what name is created; nothing else is ever changed or deleted.
+- apiGroups: [""]
+  resources: [configmaps]
+  verbs: [create]
+- apiGroups: [""]
+  resources: [configmaps]
+  resourceNames:
+  - robot-fleet-assignments
+  {{- range untilStep 2 9 1 }}
+  - robot-fleet-assignments-{{ . }}
+  {{- end }}
+  verbs: [update, delete]
 - apiGroups: [apps]
   resources: [replicasets]
   verbs: [get, list, watch]

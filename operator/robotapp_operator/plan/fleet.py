@@ -9,6 +9,8 @@ from typing import Final, NamedTuple
 SHARD_BYTES: Final = 800 * 1024
 """Below the megabyte a ConfigMap may have, with room for metadata."""
 MAX_LINE: Final = 1024
+MAX_SHARDS: Final = 8
+"""The operator may write so many fleet ConfigMaps per namespace: its role names them one by one."""
 
 
 class Assignment(NamedTuple):
@@ -34,12 +36,17 @@ def fleet_lines(assignments: Iterable[Assignment]) -> dict[str, str]:
 
 
 def shards(lines: Mapping[str, str], limit: int = SHARD_BYTES) -> Sequence[dict[str, str]]:
-    """`lines` in key order, cut into pieces of at most `limit` bytes; none when there are no lines."""
+    """`lines` in key order, cut into pieces of at most `limit` bytes; none when there are no lines.
+
+    What does not fit into the last piece is left out.
+    """
     pieces: list[dict[str, str]] = []
     size = limit
     for key in sorted(lines):
         cost = len(key.encode()) + len(lines[key].encode())
         if size + cost > limit:
+            if len(pieces) == MAX_SHARDS:
+                break
             pieces.append({})
             size = 0
         pieces[-1][key] = lines[key]

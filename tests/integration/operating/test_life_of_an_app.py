@@ -7,10 +7,12 @@ from typing import Any
 import pytest
 from tests.support.live import HandBinder, Tenant, eventually, part, pool
 
+from robotapp_api.model.names import FLEET_CONFIG_MAP
 from robotapp_testbed import ControlPlane, namespaces, product, topology
 
 pytestmark = pytest.mark.usefixtures("operator")
 
+OPERATOR = "system:serviceaccount:robotapp-system:robotapp-operator"
 ANY_ROBOT = {"selector": {"matchLabels": {"robotics.io/tier": "robot"}}, "instances": "Any"}
 EACH_ROBOT = {"selector": {"matchLabels": {"robotics.io/tier": "robot"}}}
 
@@ -170,6 +172,21 @@ def test_another_parameters_file_rolls_the_pods(tenant: Tenant, ids: str) -> Non
     write("speed: 2")
     eventually(lambda: mark() != before)
     tenant.wait_ready("tuned")
+    looks = {
+        (
+            item["verb"],
+            item["requestURI"].partition("?")[0].rpartition("/")[2],
+            "metadata.name%3D" in item["requestURI"],
+        )
+        for item in tenant.cp.audit()
+        if item["user"]["username"] == OPERATOR and item.get("objectRef", {}).get("resource") == "configmaps"
+    }
+    assert looks <= {
+        ("list", "configmaps", True),
+        ("watch", "configmaps", True),
+        ("create", "configmaps", False),
+        *((verb, FLEET_CONFIG_MAP, False) for verb in ("get", "update", "delete")),
+    }, "it looks at ConfigMaps that apps name, one by one, and writes the fleet view"
 
 
 def test_the_fleet_view_shows_where_things_run_and_vanishes_with_them(tenant: Tenant, ids: str) -> None:

@@ -1,22 +1,26 @@
 """One instance's children against an API server: the protocol's order, fences and turns."""
 
+import asyncio
+import hashlib
 from collections.abc import AsyncIterator
 from typing import Any
 
 import pytest
 from tests.support.apiserver import FakeApiServer
-from tests.support.clients import client_for
+from tests.support.clients import client_for, configmap
 from tests.support.factories import app_body
 from tests.support.factories import robots as robot_nodes
 
 from robotapp_api.client import ApiClient, NotFound
-from robotapp_api.client.resources import DEPLOYMENTS, DOMAINPOOLS, ROBOTAPPS, ROBOTCLAIMS, SERVICES
+from robotapp_api.client.resources import CONFIGMAPS, DEPLOYMENTS, DOMAINPOOLS, ROBOTAPPS, ROBOTCLAIMS, SERVICES
 from robotapp_api.model.names import API_VERSION, Annotation, Label, Reason
 from robotapp_operator.cache import Cache
 from robotapp_operator.children import Children
 from robotapp_operator.execute import StartOver
 from robotapp_operator.memory import Memory
+from robotapp_operator.params_watch import ParamsWatch
 from robotapp_operator.plan.objects import Deployment, Service
+from robotapp_operator.queue import Queue
 
 VERSION = "1.2.0"
 MULTICAST = {"dds": {"discovery": {"mode": "Multicast"}}}
@@ -30,7 +34,9 @@ class World:
         self.client = client
         self.cache = Cache()
         self.memory = Memory()
-        self.children = Children(client, self.cache, self.memory, version=VERSION)
+        queue = Queue(clock=lambda: 0.0, jitter=lambda: 0.0)
+        self.params = ParamsWatch(client, self.cache, queue)
+        self.children = Children(client, self.cache, self.memory, self.params, version=VERSION)
 
     async def pool(self, ids: str = "1-101") -> None:
         await self.client.create(
@@ -233,6 +239,25 @@ async def test_a_newer_operators_template_is_left_alone(world: World) -> None:
     before = world.writes()
     assert await world.children.reconcile(uid, "")
     assert world.writes() == before
+
+
+async def test_no_template_is_written_before_the_parameters_file_was_read(world: World) -> None:
+    """Else every start of the operator would roll the pods twice: once for a file it has not seen, and back."""
+    await world.pool()
+    await world.client.create(CONFIGMAPS, configmap("drv", **{"params.yaml": "1"}))
+    tuned = {"name": "driver", "image": "x", "args": ["run"], "params": {"configMap": "drv"}}
+    uid = await world.app(components=[tuned])
+    watching = asyncio.create_task(world.params.run())
+    try:
+        assert await world.children.reconcile(uid, "")
+        (deployment,) = await world.deployments()
+        hashed = deployment["spec"]["template"]["metadata"]["annotations"][Annotation.PARAMS_HASH]
+        assert hashed == hashlib.sha256(b"1").hexdigest()[:16]
+        await world.client.delete(ROBOTAPPS, "teleop", namespace="default")
+        await world.children.reconcile(uid, "")
+        assert repr(world.params) == "<ParamsWatch: 0 ConfigMaps of 0 apps>"
+    finally:
+        watching.cancel()
 
 
 async def test_ros_1_needs_no_pool(world: World) -> None:

@@ -34,6 +34,7 @@ class Worker:
     def __init__(self) -> None:
         self.calls: list[tuple[Any, ...]] = []
         self.answer: Any = True
+        self.forget: Callable[[str], None] = lambda _: None
         self.effect: Callable[[], None] = lambda: None
 
     async def work(self, *args: Any) -> Any:
@@ -54,6 +55,7 @@ class World:
         self.metrics = Metrics()
         self.queue = Queue(clock=self.clock, jitter=lambda: 0.5)
         self.children, self.reporter, self.fleet, self.gates, self.probes, self.pools = (Worker() for _ in range(6))
+        self.children.forget = self.memory.forget
         self.listed: list[dict[str, Any]] = []
         self.while_listing: Callable[[], None] = lambda: None
         self.woken = 0

@@ -12,7 +12,7 @@ from robotapp_api.model.names import SCHEDULING_GATE, Annotation, Label
 from robotapp_operator.cache import Cache
 from robotapp_operator.informers import Informers
 from robotapp_operator.keys import Work
-from robotapp_operator.plan.objects import ConfigMap, Deployment, Pod, ReplicaSet
+from robotapp_operator.plan.objects import Deployment, Pod, ReplicaSet
 from robotapp_operator.queue import Key, Queue
 
 LABELS = {Label.APP_UID.value: "uid-1", Label.INSTANCE.value: "a"}
@@ -226,14 +226,8 @@ def test_new_telemetry_concerns_apps_on_that_node(world: World) -> None:
     assert world.see("_telemetry", None, telemetry("edge-2")) == set()
 
 
-def test_a_parameters_file_concerns_the_apps_that_name_it(world: World) -> None:
-    part = {"name": "a", "image": "x", "args": ["x"], "params": {"configMap": "drv"}}
-    world.cache.update_app(app_body(uid="uid-2", components=[part]))
-    config_map = msgspec.convert({"metadata": {"name": "drv", "namespace": "default"}, "data": {"a": "1"}}, ConfigMap)
-    assert world.see("_config_map", None, config_map, key="default/drv") == {Key(Work.APP, "uid-2")}
-    assert world.cache.config_maps["default/drv"].data == {"a": "1"}
-    assert world.see("_config_map", config_map, None, key="default/drv") == {Key(Work.APP, "uid-2")}
-    assert world.cache.config_maps == {}
+def test_no_config_map_is_watched_from_the_start(world: World) -> None:
+    assert not [found for found in world.informers.reflectors if "configmaps" in repr(found)]
 
 
 def test_before_the_first_contact_nothing_is_synced(world: World) -> None:

@@ -5,7 +5,7 @@ import re
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_operator.plan.fleet import Assignment, fleet_lines, shards, wanted_probes
+from robotapp_operator.plan.fleet import MAX_SHARDS, Assignment, fleet_lines, shards, wanted_probes
 
 NODES = st.sampled_from([f"n{number}" for number in range(40)])
 
@@ -54,3 +54,8 @@ def test_no_agent_is_asked_for_more_than_sixteen(pairs: list[tuple[str, str]]) -
     asked = {frozenset((node, peer)) for node, peers in probes.items() for peer in peers}
     assert asked <= {frozenset(pair) for pair in pairs}
     assert wanted_probes(reversed(pairs)) == probes
+
+
+def test_there_are_never_more_shards_than_the_operators_role_names() -> None:
+    lines = {f"app.a{number:02}": "x" for number in range(20)}
+    assert [list(piece) for piece in shards(lines, limit=8)] == [[f"app.a{number:02}"] for number in range(MAX_SHARDS)]

@@ -1,0 +1,112 @@
+"""Which ConfigMaps are followed, for whom, and until when."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from typing import Any
+
+import pytest
+from tests.support.apiserver import FakeApiServer
+from tests.support.clients import client_for, configmap, until
+from tests.support.factories import make_app
+
+from robotapp_api.client import ApiClient
+from robotapp_api.client.resources import CONFIGMAPS
+from robotapp_operator.cache import Cache
+from robotapp_operator.execute import StartOver
+from robotapp_operator.keys import Work
+from robotapp_operator.params_watch import ParamsWatch
+from robotapp_operator.plan.wish import App
+from robotapp_operator.queue import Key, Queue
+
+
+class World:
+    def __init__(self, api: FakeApiServer, client: ApiClient) -> None:
+        self.api = api
+        self.client = client
+        self.cache = Cache()
+        self.queue = Queue(clock=lambda: 0.0, jitter=lambda: 0.0)
+        self.watch = ParamsWatch(client, self.cache, self.queue, read_s=5)
+
+    async def write(self, name: str, text: str) -> None:
+        await self.client.create(CONFIGMAPS, configmap(name, **{"params.yaml": text}))
+
+    def asked(self) -> set[Key]:
+        found = set()
+        while item := self.queue.pop():
+            found.add(item[0])
+            self.queue.done(item[0])
+        return found
+
+
+def app(uid: str, *config_maps: str) -> App:
+    def part(number: int, name: str) -> dict[str, Any]:
+        return {"name": f"c{number}", "image": "x", "args": ["run"], "params": {"configMap": name}}
+
+    components = [part(number, name) for number, name in enumerate(config_maps)] or [{"name": "c", "image": "x"}]
+    return make_app(*components, uid=uid)
+
+
+@pytest.fixture
+async def world() -> AsyncIterator[World]:
+    async with FakeApiServer() as api, client_for(api.endpoint) as client:
+        made = World(api, client)
+        task = asyncio.create_task(made.watch.run())
+        yield made
+        task.cancel()
+        await asyncio.wait([task])
+
+
+async def test_what_an_app_names_is_read_and_nothing_else(world: World) -> None:
+    await world.write("drv", "1")
+    await world.write("secretive", "2")
+    await world.watch.read(app("uid-1", "drv", "missing"))
+    assert set(world.cache.config_maps) == {"default/drv"}
+    asked = [path for method, path in world.api.requests if method == "GET" and "/configmaps" in path]
+    assert {path.partition("fieldSelector=")[2].partition("&")[0] for path in asked} == {
+        "metadata.name%3Ddrv",
+        "metadata.name%3Dmissing",
+    }
+    assert all("/namespaces/default/" in path for path in asked)
+
+
+async def test_an_app_without_parameters_waits_for_nothing() -> None:
+    async with FakeApiServer() as api, client_for(api.endpoint) as client:
+        await World(api, client).watch.read(app("uid-1"))
+        assert api.requests == []
+
+
+async def test_a_change_wakes_the_apps_that_name_it_and_a_deletion_too(world: World) -> None:
+    await world.watch.read(app("uid-1", "drv"))
+    await world.watch.read(app("uid-2", "drv"))
+    await world.watch.read(app("uid-3", "other"))
+    assert world.asked() == set()
+    both = {Key(Work.APP, "uid-1"), Key(Work.APP, "uid-2")}
+    await until(lambda: world.api.watching == 2)
+    await world.write("drv", "1")
+    await until(lambda: world.cache.config_maps)
+    assert world.asked() == both
+    await world.client.delete(CONFIGMAPS, "drv", namespace="default")
+    await until(lambda: not world.cache.config_maps)
+    assert world.asked() == both
+
+
+async def test_a_watch_ends_with_the_last_app_that_names_the_file(world: World) -> None:
+    await world.write("drv", "1")
+    for uid in ("uid-1", "uid-2"):
+        await world.watch.read(app(uid, "drv"))
+    await until(lambda: world.api.watching == 1)
+    world.watch.forget("uid-1")
+    await world.watch.read(app("uid-2"))
+    await until(lambda: world.api.watching == 0)
+    assert world.cache.config_maps == {}
+    assert repr(world.watch) == "<ParamsWatch: 0 ConfigMaps of 0 apps>"
+    world.watch.forget("nobody")
+    await world.watch.read(app("uid-2", "drv"))
+    assert set(world.cache.config_maps) == {"default/drv"}
+
+
+async def test_a_file_that_cannot_be_read_gives_the_turn_to_others() -> None:
+    async with FakeApiServer() as api, client_for(api.endpoint) as client:
+        watch = ParamsWatch(client, Cache(), Queue(clock=lambda: 0.0, jitter=lambda: 0.0), read_s=0.01)
+        with pytest.raises(StartOver, match="default/drv"):
+            await watch.read(app("uid-1", "drv"))
