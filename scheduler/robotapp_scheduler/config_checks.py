@@ -109,8 +109,6 @@ def _profile_names(profiles: list[ProfileModel]) -> Iterator[str]:
 
 def _profile(profile: ProfileModel, path: str) -> Iterator[str]:
     yield from _percentage(f"{path}.percentageOfNodesToScore", profile.percentage_of_nodes_to_score)
-    if profile.plugins.post_filter.enabled:
-        yield unsupported(f"{path}.plugins.postFilter.enabled", "preemption is not built into this scheduler yet")
     names: set[str] = set()
     for index, entry in enumerate(profile.plugin_config):
         if entry.name in names:

@@ -21,7 +21,6 @@ NOT_BUILT = frozenset(
         "PodTopologySpread",
         "InterPodAffinity",
         "DynamicResources",
-        "DefaultPreemption",
         "ImageLocality",
         "NodeDeclaredFeatures",
         "DeferredPodScheduling",

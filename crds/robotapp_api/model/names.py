@@ -183,6 +183,8 @@ class EventReason(StrEnum):
     CONFIG_RELOADED = "ConfigReloaded"
     CONFIG_INVALID = "ConfigInvalid"
     CONFIG_RESTART_NEEDED = "ConfigRestartNeeded"
+    PREEMPTED = "Preempted"
+    KUBELET_REJECTED = "KubeletRejected"
 
 
 class PodReason(StrEnum):

@@ -98,6 +98,13 @@
 - apiGroups: [""]
   resources: [pods/status]
   verbs: [patch]
+# Preemption: pods of lower priority make room, disruption budgets are looked at.
+- apiGroups: [""]
+  resources: [pods]
+  verbs: [delete]
+- apiGroups: [policy]
+  resources: [poddisruptionbudgets]
+  verbs: [get, list, watch]
 {{ include "robotapp.claimRules" . }}
 - apiGroups: [events.k8s.io]
   resources: [events]

@@ -119,6 +119,9 @@ _LABELS: Final = (
     (Change.NOMINATED, "UnscheduledPodDelete"),
 )
 
+OF_PODS: Final = PLACED | Change.ANTI_AFFINITY
+"""Changes that placed pods make."""
+
 READS: Final[dict[str, Change]] = {
     "name": NODE,
     "allocatable": NODE | Change.ALLOCATABLE,
@@ -139,6 +142,7 @@ READS: Final[dict[str, Change]] = {
 OWN_COLUMN: Final = "column:"
 """`node_reads` of a plugin-owned column, as in "column:noise"."""
 EVERY_ROW: Final = -1
+_APART: Final = 1 << 48
 
 
 def interest_of(node_reads: Iterable[str]) -> int:
@@ -156,6 +160,7 @@ class ChangeLog:
     """
 
     __slots__ = ("_base", "_entries", "_limit")
+    _next_base = 0
 
     def __init__(self, limit: int = 8192) -> None:
         self._limit = limit
@@ -179,16 +184,23 @@ class ChangeLog:
             del self._entries[:drop]
             self._base += drop
 
+    def apart(self) -> "ChangeLog":
+        """An empty log whose positions lie so far ahead that no reader of any other log has been there."""
+        other = ChangeLog(self._limit)
+        ChangeLog._next_base += _APART
+        other._base = ChangeLog._next_base
+        return other
+
     def since(self, position: int, interest: int, *, most: int) -> list[int] | None:
         """Rows with a change of interest after `position`, each once; None: look at all rows.
 
-        None is answered when the reader fell behind, when more than `most` log entries would have to be read,
-        or when a change touched every row.
+        None is answered when the reader fell behind or read another log, when more than `most` log entries would have
+        to be read, or when a change touched every row.
         """
         start = position - self._base
         if start == len(self._entries):
             return []
-        if start < 0 or len(self._entries) - start > most:
+        if start < 0 or start > len(self._entries) or len(self._entries) - start > most:
             return None
         rows: dict[int, None] = {}
         for row, change in self._entries[start:]:

@@ -10,13 +10,18 @@ from collections.abc import Callable, Iterable, Mapping
 from robotapp_api.claims.objects import Claim
 from robotapp_scheduler.core.affinity_index import AntiAffinityIndex
 from robotapp_scheduler.core.apps import AppIndex
+from robotapp_scheduler.core.budgets import Budgets
 from robotapp_scheduler.core.changes import EVERY_ROW, Change, ChangeLog
+from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.core.counts import PodCounts
 from robotapp_scheduler.core.devices import DeviceGrant, DeviceIndex
+from robotapp_scheduler.core.name_index import NameIndex
 from robotapp_scheduler.core.node_table import SCORED_CPU, SCORED_MEMORY, NodeTable
+from robotapp_scheduler.core.nominations import Nominations
 from robotapp_scheduler.core.objects import Node, Owned, Pod
-from robotapp_scheduler.core.pods import PlacedPod, PodInfo, controller_of
+from robotapp_scheduler.core.pods import PlacedPod, PodInfo
 from robotapp_scheduler.core.ports import PortUsers
+from robotapp_scheduler.core.priorities import PriorityColumns
 from robotapp_scheduler.core.robotics import NodeTelemetry, RobotApp
 from robotapp_scheduler.core.telemetry import RttModel
 from robotapp_scheduler.core.volumes import Volumes
@@ -41,9 +46,10 @@ class Cluster:
         self.placed: dict[str, PlacedPod] = {}
         """Pods on nodes by uid, assumed ones included."""
         self._by_node: dict[str, dict[str, PlacedPod]] = {}
-        self._by_name: dict[tuple[str, str], str] = {}
-        """Uid of the placed pod of this namespace and name: one string per pod, tens of thousands of times."""
-        self._by_deployment: dict[tuple[str, str], dict[str, None]] = {}
+        self.names = NameIndex()
+        self.nominations = Nominations(self.record)
+        self.budgets = Budgets()
+        self.by_priority = PriorityColumns()
         self._seen: dict[str, Pod] = {}
         """Live pods without a node, by uid."""
         self._touched: set[str] = set()
@@ -117,7 +123,7 @@ class Cluster:
         self.devices.release(uid)
         change = Change.POD_SEEN if self._seen.pop(uid, None) is not None else Change.NONE
         if uid in self.placed:
-            self._take_off(uid)
+            self.take_off(uid)
             change |= Change.POD_REMOVED
         return change
 
@@ -126,7 +132,8 @@ class Cluster:
         if pod.uid in self.placed:
             raise ValueError(f"{pod.key} is already counted on {self.placed[pod.uid].node}")
         self._seen.pop(pod.uid, None)
-        self._put_on(self._record(pod.pod, pod, node, assumed=True), Change.POD_ADDED)
+        self.nominations.discard(pod.uid)
+        self._arrive(self.record(pod, node), Change.POD_ADDED)
         self.devices.promise(pod.uid, grants)
 
     def forget(self, uid: str) -> Change:
@@ -136,7 +143,7 @@ class Cluster:
         if record is None or not record.assumed:
             return freed
         self.devices.release(uid)
-        self._take_off(uid)
+        self.take_off(uid)
         self._seen[uid] = record.pod
         self._member(record.pod, "")
         return freed | Change.POD_REMOVED
@@ -150,15 +157,22 @@ class Cluster:
         """Placed pods of one node."""
         return self._by_node.get(node, {}).values()
 
+    def held_below(self, priority: int) -> IntArray:
+        """What pods of a lower priority hold per row (core.priorities)."""
+        return self.by_priority.below(priority, self.nodes, self.placed.values())
+
+    def reorder(self, node: str, uids: Iterable[str]) -> None:
+        """Put the pods of a node back into this order: among equals it decides who goes first."""
+        on_node = self._by_node.get(node, {})
+        self._by_node[node] = {uid: on_node[uid] for uid in uids}
+
     def any_below(self, priority: int) -> bool:
         """Does any placed pod have a lower priority?"""
         return any(other < priority for other in self._priorities)
 
     def placed_named(self, namespace: str, name: str) -> list[PlacedPod]:
         """Placed pods with this name, or of the Deployment with this name."""
-        uids = list(self._by_deployment.get((namespace, name), ()))
-        own = self._by_name.get((namespace, name))
-        return [self.placed[uid] for uid in dict.fromkeys([own, *uids] if own is not None else uids)]
+        return [self.placed[uid] for uid in self.names.uids(namespace, name)]
 
     # --- RobotApps, owners, claims, telemetry ----------------------------------------------------------------------
 
@@ -266,21 +280,31 @@ class Cluster:
         old = self.placed.get(uid)
         record = self._record(pod, PodInfo(pod), pod.spec.node_name, assumed=False)
         if old is None:
-            self._put_on(record, Change.POD_ADDED)
+            self._arrive(record, Change.POD_ADDED)
             return Change.POD_ADDED
         if old.node != record.node or _footprint(old) != _footprint(record):
-            self._take_off(uid)
-            self._put_on(record, Change.POD_UPDATED)
+            self.take_off(uid)
+            self._arrive(record, Change.POD_UPDATED)
             if old.node != record.node:
                 return Change.POD_ADDED | Change.POD_REMOVED
             return Change.POD_ADDED if old.assumed else Change.POD_UPDATED
         # Same footprint: the record is exchanged without touching a column. A confirmed assumption ends here.
         self._by_node[record.node][uid] = self.placed[uid] = record
-        self._name(old, add=False)
-        self._name(record, add=True)
+        self.names.remove(old)
+        self.names.add(record)
+        self._touch(record.node)
         self._member(pod, record.node)
         # News for the queue: pods wait for others to be placed, and an assumption could still have failed.
         return Change.POD_ADDED if old.assumed else Change.NONE
+
+    def record(self, pod: PodInfo, node: str) -> PlacedPod:
+        """What this pod would hold on a node."""
+        return self._record(pod.pod, pod, node, assumed=True)
+
+    def _touch(self, node: str) -> None:
+        row = self.nodes.row_of.get(node)
+        if row is not None:
+            self.nodes.versions[row] += 1
 
     def _record(self, pod: Pod, info: PodInfo, node: str, *, assumed: bool) -> PlacedPod:
         requests = info.requests
@@ -302,25 +326,30 @@ class Cluster:
             pod=pod,
         )
 
-    def _put_on(self, record: PlacedPod, change: Change) -> None:
+    def _arrive(self, record: PlacedPod, change: Change) -> None:
+        self.put_on(record, change)
+        self._member(record.pod, record.node)
+
+    def put_on(self, record: PlacedPod, change: Change) -> None:
+        """Count a pod on its node in every column and index. For this class and for trials."""
         self.placed[record.uid] = record
         self._rank(record.priority, +1)
         self._by_node.setdefault(record.node, {})[record.uid] = record
-        self._name(record, add=True)
-        self._member(record.pod, record.node)
+        self.names.add(record)
         row = self.nodes.row_of.get(record.node)
         if row is not None:
             self._count(record, row, +1)
             self.log.add(row, change)
 
-    def _take_off(self, uid: str) -> None:
+    def take_off(self, uid: str) -> None:
+        """Undo `put_on`."""
         record = self.placed.pop(uid)
         self._rank(record.priority, -1)
         on_node = self._by_node[record.node]
         del on_node[uid]
         if not on_node:
             del self._by_node[record.node]
-        self._name(record, add=False)
+        self.names.remove(record)
         row = self.nodes.row_of.get(record.node)
         if row is not None:
             self._count(record, row, -1)
@@ -332,6 +361,8 @@ class Cluster:
         table.scored[SCORED_CPU, row] += sign * record.scored_cpu_milli
         table.scored[SCORED_MEMORY, row] += sign * record.scored_memory_bytes
         table.pod_count[row] += sign
+        table.versions[row] += 1
+        self.by_priority.count(row, record, sign)
         if record.ports:
             self.ports.count(row, record.ports, sign)
         self.counts.count(row, record, sign)
@@ -346,29 +377,6 @@ class Cluster:
             self._priorities[priority] = count
         else:
             del self._priorities[priority]
-
-    def _name(self, record: PlacedPod, *, add: bool) -> None:
-        key = (record.namespace, record.name)
-        if add:
-            self._by_name[key] = record.uid
-        elif self._by_name.get(key) == record.uid:
-            del self._by_name[key]
-        deployment = _deployment_of(record.pod)
-        if not deployment:
-            return
-        uids = self._by_deployment.setdefault((record.namespace, deployment), {})
-        if add:
-            uids[record.uid] = None
-            return
-        uids.pop(record.uid, None)
-        if not uids:
-            del self._by_deployment[record.namespace, deployment]
-
-
-def _deployment_of(pod: Pod) -> str:
-    """Name of the pod's Deployment (its ReplicaSet's without the hash), "" when it has none."""
-    owner = controller_of(pod.metadata.owner_references)
-    return owner.name.rpartition("-")[0] if owner is not None and owner.kind == "ReplicaSet" else ""
 
 
 def _footprint(record: PlacedPod) -> tuple[object, ...]:

@@ -11,7 +11,7 @@ from robotapp_scheduler.core.devices import DeviceGrant
 from robotapp_scheduler.core.engine import Engine
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.explain import ExplainRing, Record
-from robotapp_scheduler.core.framework import Code, PluginError, Status, histogram, pre_filter_message
+from robotapp_scheduler.core.framework import Code, PluginError, histogram
 from robotapp_scheduler.core.groups import (
     GROUP_EVENTS,
     GROUP_PLUGIN,
@@ -21,12 +21,13 @@ from robotapp_scheduler.core.groups import (
     group_key,
 )
 from robotapp_scheduler.core.joint import plan_together
+from robotapp_scheduler.core.nominated import with_nominated
 from robotapp_scheduler.core.pods import PodInfo
-from robotapp_scheduler.core.preemption import tail
 from robotapp_scheduler.core.profiles import Profile
 from robotapp_scheduler.core.queue import SchedulingQueue
 from robotapp_scheduler.core.queued import Gate, QueuedPod
 from robotapp_scheduler.core.recorder import Recorder
+from robotapp_scheduler.core.refusal import Refusals
 from robotapp_scheduler.core.resolve import qos_fields, resolve
 from robotapp_scheduler.core.ros import InvalidAnnotation
 from robotapp_scheduler.core.waiting import Waker
@@ -42,8 +43,11 @@ WAKERS: Final = {
     )
 }
 """What may help where no plugin of a profile rejected the pod."""
-LOST_DEVICE: Final = "node(s) lost a device to another pod"
-DEVICE_PLUGIN: Final = "ROSReserve"
+PREEMPTING: Final = Gate(
+    plugin="DefaultPreemption",
+    reason="waiting for the preemption for this pod to be finished",
+    events=Change.POD_REMOVED,
+)
 
 
 class SchedulerCore:
@@ -67,6 +71,9 @@ class SchedulerCore:
         self.explain = ExplainRing()
         self._clock = clock
         self._seed = seed
+        self._together: frozenset[str] = frozenset()
+        """Pods that are being placed in the same go."""
+        self._preempting: set[str] = set()
         self._engines: dict[str, Engine] = {}
         self._decided: dict[tuple[str, str, str], int] = {}
         """Counted by engines of former configurations."""
@@ -120,6 +127,20 @@ class SchedulerCore:
             if queued.gate is not None and queued.gate.code and queued.first_seen_s <= limit
         ]
 
+    # --- Preemption ------------------------------------------------------------------------------------------------
+
+    def preempts(self, uid: str) -> None:
+        """Evictions for this pod have begun: it is held until `preempted`."""
+        self._preempting.add(uid)
+
+    def preempted(self, uid: str, *, failed: bool) -> None:
+        """They have ended. After a failure no event may ever come for the pod, so it is tried again at once."""
+        self._preempting.discard(uid)
+        if failed:
+            self.queue.activate([uid])
+        else:
+            self.queue.reopen(uid)
+
     # --- Attempts ------------------------------------------------------------------------------------------------
 
     def schedule(self, batch: Iterable[QueuedPod], *, exclude: frozenset[str] = frozenset()) -> list[Decision]:
@@ -132,7 +153,9 @@ class SchedulerCore:
             decisions = [self.schedule_one(pods[0].info, exclude=exclude, attempt=pods[0].attempts)]
         else:
             attempts = {queued.info.uid: queued.attempts for queued in pods}
-            decisions = plan_together(self, [queued.info for queued in pods], attempts)
+            self._together = frozenset(attempts)
+            decisions = only_one_plan(plan_together(self, [queued.info for queued in pods], attempts))
+            self._together = frozenset()
         by_uid = {queued.info.uid: queued for queued in pods}
         for decision in decisions:
             decision.queued = by_uid[decision.pod.uid]
@@ -175,7 +198,7 @@ class SchedulerCore:
             narrowed = engine.pre_filter(pod)
             if narrowed.status is not None:
                 return -1, ()
-            evaluation = engine.evaluate(pod, narrowed.names)
+            evaluation = with_nominated(self.cluster, pod, engine.evaluate(pod, narrowed.names))
         except (PluginError, ValueError, OverflowError):
             return -1, ()
         if evaluation.feasible > name_up_to:
@@ -215,26 +238,34 @@ class SchedulerCore:
         count = self.cluster.nodes.count
         if count == 0:
             return Decision(pod=pod, code=Code.UNSCHEDULABLE, message=histogram(0, {}))
+        refusals = Refusals(self.cluster, engine, seed=self._seed, spared=self._together)
         narrowed = engine.pre_filter(pod)
         if narrowed.status is not None:
-            return self._rejected_early(pod, narrowed.status, count)
+            return refusals.early(pod, narrowed.status)
         names = narrowed.names
         if names is not None and not any(name in self.cluster.nodes.row_of for name in names):
             names = frozenset()
-        evaluation = engine.evaluate(pod, names)
+        promised = self._where_promised(pod, engine, exclude)
+        evaluation = promised or with_nominated(self.cluster, pod, engine.evaluate(pod, names))
         recorder.filtered(evaluation)
         if evaluation.feasible == 0:
-            return self._unschedulable(pod, evaluation, narrowed.plugins, names)
-        return self._choose(pod, engine, evaluation, exclude, recorder)
-
-    def _choose(
-        self, pod: PodInfo, engine: Engine, evaluation: Evaluation, exclude: frozenset[str], recorder: Recorder
-    ) -> Decision:
+            return refusals.nowhere(pod, evaluation, narrowed, names)
         blocked = {name for name in exclude if name in self.cluster.nodes.row_of}
         if blocked:
             evaluation = evaluation.without([self.cluster.nodes.row_of[name] for name in blocked])
             if evaluation.feasible == 0:
-                return self._lost_all(pod, evaluation, len(blocked))
+                return refusals.lost_all(pod, evaluation, len(blocked))
+        return self._choose(pod, engine, evaluation, recorder)
+
+    def _where_promised(self, pod: PodInfo, engine: Engine, exclude: frozenset[str]) -> Evaluation | None:
+        """The node this pod is nominated for, when it takes the pod: then no other is looked at."""
+        node = self.cluster.nominations.node_of(pod.uid)
+        if not node or node in exclude or node not in self.cluster.nodes.row_of:
+            return None
+        evaluation = with_nominated(self.cluster, pod, engine.evaluate(pod, frozenset({node})))
+        return evaluation if evaluation.feasible else None
+
+    def _choose(self, pod: PodInfo, engine: Engine, evaluation: Evaluation, recorder: Recorder) -> Decision:
         total = 0
         if evaluation.feasible > 1:
             engine.score(pod, evaluation)
@@ -263,47 +294,6 @@ class SchedulerCore:
             return ()
         return self.cluster.devices.choose(ros.devices, node, ros.holder) or ()
 
-    # --- Refusals ------------------------------------------------------------------------------------------------
-
-    def _rejected_early(self, pod: PodInfo, status: Status, count: int) -> Decision:
-        return Decision(
-            pod=pod,
-            code=status.code,
-            message=pre_filter_message(count, status.reason) + tail(self.cluster, pod, None, status=status),
-            rejected_by=frozenset({status.plugin}),
-            nodes=count,
-        )
-
-    def _unschedulable(
-        self, pod: PodInfo, evaluation: Evaluation, narrowing: tuple[str, ...], names: frozenset[str] | None
-    ) -> Decision:
-        count = self.cluster.nodes.count
-        texts = evaluation.texts()
-        plugins = {evaluation.reasons.values[code].plugin for code in evaluation.counts()}
-        outside = count - len(evaluation.reason) if names is not None else 0
-        if outside:
-            text = f"node(s) didn't satisfy plugin(s) [{' '.join(sorted(narrowing))}]"
-            texts[text] = texts.get(text, 0) + outside
-            plugins.update(narrowing)
-        return Decision(
-            pod=pod,
-            code=Code.UNSCHEDULABLE,
-            message=histogram(count, texts) + tail(self.cluster, pod, evaluation, outside=outside),
-            rejected_by=frozenset(plugins),
-            nodes=count,
-        )
-
-    def _lost_all(self, pod: PodInfo, evaluation: Evaluation, blocked: int) -> Decision:
-        texts = evaluation.texts()
-        texts[LOST_DEVICE] = blocked
-        return Decision(
-            pod=pod,
-            code=Code.UNSCHEDULABLE,
-            message=histogram(self.cluster.nodes.count, texts),
-            rejected_by=frozenset({DEVICE_PLUGIN}),
-            nodes=self.cluster.nodes.count,
-        )
-
     # --- Wiring of the queue -------------------------------------------------------------------------------------
 
     def _waker(self, pod: PodInfo, plugin: str) -> Waker:
@@ -323,11 +313,20 @@ class SchedulerCore:
         engine = self._engines.get(pod.scheduler_name)
         if engine is None:
             return None
+        if pod.uid in self._preempting:
+            return PREEMPTING
         for loaded in engine.profile.pre_enqueue:
             status = loaded.pre_enqueue(pod) if loaded.pre_enqueue is not None else None
             if status is not None and status.code is not Code.SUCCESS:
                 return Gate(plugin=loaded.name, reason=status.reason, events=loaded.events)
         return self.groups.gate(pod) if engine.profile.uses_ros else None
+
+
+def only_one_plan(decisions: list[Decision]) -> list[Decision]:
+    """Pods placed together make room step by step: the plans of later ones do not know those of earlier ones."""
+    for decision in [decision for decision in decisions if decision.plan is not None][1:]:
+        decision.plan = decision.nominate = None
+    return decisions
 
 
 def _held(pod: PodInfo, gate: Gate) -> Decision:

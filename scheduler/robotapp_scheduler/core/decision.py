@@ -9,6 +9,7 @@ from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.volumes import VolumePlan
 
 if TYPE_CHECKING:
+    from robotapp_scheduler.core.preemption import Plan
     from robotapp_scheduler.core.queued import QueuedPod
 
 
@@ -21,8 +22,8 @@ class Decision:
     """
 
     __slots__ = (
-        "code", "feasible", "grants", "message", "node", "nodes", "pod", "queued", "reason", "rejected_by", "total",
-        "volumes",
+        "code", "feasible", "grants", "message", "node", "nodes", "nominate", "plan", "pod", "post_filtered", "queued",
+        "reason", "rejected_by", "total", "volumes",
     )  # fmt: skip
 
     def __init__(
@@ -53,6 +54,12 @@ class Decision:
         """Weighted total of the chosen node; 0 when only one node was feasible and nothing was scored."""
         self.volumes = volumes
         """What has to be written before the bind; None when every volume is bound."""
+        self.nominate: str | None = None
+        """The node the refused pod is to wait for; "" = none any more, None = as before."""
+        self.plan: Plan | None = None
+        """Who has to be evicted from that node."""
+        self.post_filtered = False
+        """Was preemption tried?"""
         self.queued: QueuedPod | None = None
 
     def __repr__(self) -> str:

@@ -3,7 +3,7 @@
 from collections import OrderedDict
 from collections.abc import Hashable
 from hashlib import blake2b
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +19,7 @@ from robotapp_scheduler.core.volumes import VolumePlan
 
 CLASS_BYTES: Final = 100_000_000
 MOST_CLASS_IDS: Final = 20_000
+MOST_REMEMBERED: Final = 16
 BYTES_PER_ROW: Final = 300
 """What a class with columns of its own costs per node, at worst."""
 
@@ -42,6 +43,7 @@ class Engine:
         self._columns = ColumnCache(self._reasons)
         self._classes: OrderedDict[Hashable, Evaluation] = OrderedDict()
         self._static_reads = tuple(name for name in profile.reads if not name.startswith(LIVE))
+        self._remembered: OrderedDict[Hashable, dict[Any, Any]] = OrderedDict()
         self._generation = 0
         self._class_ids: dict[Hashable, int] = {}
         self._counts: dict[tuple[str, str, str], int] = {}
@@ -166,6 +168,15 @@ class Engine:
     def _fresh(self) -> Evaluation:
         filters = [FilterColumn(p, self._reasons) for p in self.profile.filters]
         return Evaluation(filters, [ScoreColumn(p) for p in self.profile.scores], self._reasons)
+
+    def remembered(self, pod: PodInfo, key: Hashable) -> dict[Any, Any]:
+        """A dictionary for what a post_filter found out about pods of this class; dropped when others are used more."""
+        full = (self._class_key(pod), key)
+        found = self._remembered.setdefault(full, {})
+        self._remembered.move_to_end(full)
+        if len(self._remembered) > MOST_REMEMBERED:
+            self._remembered.popitem(last=False)
+        return found if self._caching else {}
 
     # --- Choice --------------------------------------------------------------------------------------------------
 

@@ -201,6 +201,25 @@ class Evaluation:
                 copy.feasible -= 1
         return copy
 
+    def replaced(self, positions: npt.NDArray[np.intp], reasons: Codes) -> "Evaluation":
+        """A copy for one attempt with other reasons at these positions."""
+        copy = Evaluation(self.filters, self.scores, self.reasons)
+        copy.reason, copy.rows = self.reason.copy(), self.rows
+        copy.reason[positions] = reasons
+        copy.feasible = int(np.count_nonzero(copy.reason == 0))
+        return copy
+
+    def has(self, row: int) -> bool:
+        """Is this table row in view?"""
+        return self.rows is None or bool((self.rows == row).any())
+
+    def positions(self, rows: npt.NDArray[np.intp] | slice) -> npt.NDArray[np.intp]:
+        """Where table rows that are in view are found in `reason`."""
+        wanted = np.arange(rows.start, rows.stop) if isinstance(rows, slice) else rows
+        if self.rows is None:
+            return wanted
+        return np.searchsorted(self.rows, wanted)  # rows in view are sorted
+
     # --- Results -------------------------------------------------------------------------------------------------
 
     def best(self) -> npt.NDArray[np.intp]:

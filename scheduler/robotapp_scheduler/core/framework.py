@@ -18,6 +18,7 @@ Hooks, in the order of a cycle:
 `pre_filter(pod, nodes) -> PreFilter | None` narrow the nodes by name, or reject at once
 `filter(pod, nodes) -> mask | Verdict | None`  bool per row, True = may run there; None = no opinion about this
                                              pod (Skip; must follow from `reads` alone)
+`post_filter(pod, failure) -> Outcome`        no node was left: what may be done about it (core.preemption)
 `score(pod, nodes) -> array | None`          number per row, higher is better; None = Skip (adds 0)
 `reserve(pod, node, ctx) -> Status | None`, `unreserve(pod, node, ctx)`, `permit`, `pre_bind`, `post_bind`
                                              called by the shell; `unreserve` never deletes a claim
@@ -34,6 +35,12 @@ Hooks, in the order of a cycle:
                                              event.change); without a hint each of these counts. Decide from the pod and
                                              the event alone: never from the cluster, never from `pod.ros`. True when
                                              unsure; raising counts as True
+
+`touched_by(pod, other) -> bool`             optional, for filters: may the coming or going of a placed pod, on any node,
+                                             change this filter's verdict about `pod`? Default: True when `node_reads`
+                                             names facts of pods. False lets preemption decide by amounts alone
+`room(pod) -> mapping`                       for one filter of a profile: it passes exactly where one more pod and these
+                                             amounts are free
 
 Class attributes and their defaults:
 
@@ -52,7 +59,7 @@ Arrays have one element per row of `nodes` (holes included: rows without a node 
 integers or floats without NaN. Anything else is an Error: the pod is not placed and the text names the plugin.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from enum import StrEnum
 from functools import wraps
 from typing import Any, Final, NamedTuple, Protocol
@@ -63,7 +70,7 @@ import numpy.typing as npt
 
 from robotapp_scheduler.core.changes import OWN_COLUMN, READS, Change, Event, interest_of
 from robotapp_scheduler.core.columns import BoolArray, FloatArray, IntArray
-from robotapp_scheduler.core.pods import FEATURES, LIVE, PodInfo
+from robotapp_scheduler.core.pods import FEATURES, LIVE, PlacedPod, PodInfo
 from robotapp_scheduler.core.view import Nodes, Row
 from robotapp_scheduler.core.volumes import VolumePlan
 from robotapp_scheduler.core.waiting import Waker
@@ -192,6 +199,9 @@ class Loaded:
         self.score_row: Callable[[PodInfo, Row], int] | None = getattr(plugin, "score_row", None)
         self.pre_filter: Callable[[PodInfo, Nodes], PreFilter | None] | None = getattr(plugin, "pre_filter", None)
         self.plan: Callable[[PodInfo, Nodes], VolumePlan | None] | None = getattr(plugin, "plan", None)
+        self.post_filter: Callable[[PodInfo, Any], Any] | None = getattr(plugin, "post_filter", None)
+        self.touched_by: Callable[[PodInfo, PlacedPod], bool] | None = getattr(plugin, "touched_by", None)
+        self.room: Callable[[PodInfo], Mapping[str, int]] | None = getattr(plugin, "room", None)
         hint: Callable[[PodInfo, Event], bool] | None = getattr(plugin, "hint", None)
         self.waker = Waker(self.name, self.events, hint, hint_reads)
         self.pre_enqueue: Callable[[PodInfo], Status | None] | None = getattr(plugin, "pre_enqueue", None)

@@ -58,6 +58,8 @@ class NodeTable:
         """Grows when a node comes, goes or changes labels."""
         self.zone_generation = 0
         """Grows when a node comes, goes or changes its zone."""
+        self.versions: list[int] = []
+        """Per row a number that grows when its node or one of its pods changes in any way."""
         self._free: list[int] = []
 
     def __repr__(self) -> str:
@@ -76,6 +78,8 @@ class NodeTable:
         change |= self._set_taints(row, node)
         change |= self._set_annotations(row, node.metadata.annotations or {})
         change |= self._set_features(row, frozenset(node.status.declared_features))
+        if change:
+            self.versions[row] += 1
         if change & (Change.NODE_ADDED | Change.LABELS):
             self.generation += 1
         return row, change
@@ -118,6 +122,7 @@ class NodeTable:
             self.size += 1
             self.names.append("")
             self.annotations.append({})
+            self.versions.append(0)
             if self.size > len(self.valid):
                 self._grow(2 * len(self.valid))
         self.names[row] = name

@@ -260,6 +260,7 @@ class PodStatus(Slim):
 
     phase: str = ""
     reason: str = ""
+    message: str = ""
     nominated_node_name: str = ""
     start_time: str | None = None
     conditions: list[PodCondition] | None = None
@@ -281,6 +282,30 @@ class Pod(Slim):
     def terminal(self) -> bool:
         """Succeeded and Failed pods hold nothing, for ever."""
         return self.status.phase in {"Succeeded", "Failed"}
+
+
+# --- PodDisruptionBudget --------------------------------------------------------------------------------------------
+
+
+class BudgetSpec(Slim):
+    """spec of a PodDisruptionBudget."""
+
+    selector: dict[str, Any] | None = None
+
+
+class BudgetStatus(Slim):
+    """status of a PodDisruptionBudget; `disrupted_pods` are already counted by the API server."""
+
+    disruptions_allowed: int = 0
+    disrupted_pods: dict[str, Any] | None = None
+
+
+class DisruptionBudget(Slim):
+    """How many pods of a namespace may be disrupted at a time."""
+
+    metadata: Metadata = msgspec.field(default_factory=Metadata)
+    spec: BudgetSpec = msgspec.field(default_factory=BudgetSpec)
+    status: BudgetStatus = msgspec.field(default_factory=BudgetStatus)
 
 
 # --- Node --------------------------------------------------------------------------------------------------------

@@ -1,57 +1,254 @@
-"""The part of a refusal that speaks about preemption, in kube-scheduler's words.
+"""DefaultPreemption's decision: on which node which pods of lower priority should go for a pod that fits nowhere.
 
-Nothing is preempted yet: where lower-priority pods stand in the way the text says so.
+Only decided here, nothing is deleted. Nodes where amounts alone tell are compared by columns and whole numbers; where
+another rule looks at pods (affinity, ports, volumes), it is asked with the victims really taken out of the cluster.
 """
 
-from typing import Final
+from collections.abc import Callable, Hashable, Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
+from robotapp_scheduler.core.classes import Codes
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.evaluation import Evaluation
-from robotapp_scheduler.core.framework import Code, Status, histogram
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.framework import histogram
+from robotapp_scheduler.core.influence import Influence
+from robotapp_scheduler.core.pods import PlacedPod, PodInfo
+from robotapp_scheduler.core.victims import Candidate, by_amounts, by_trial, lower_pods
+from robotapp_scheduler.core.view import AdjustedNodes
 
 NOT_HELPFUL: Final = "Preemption is not helpful for scheduling"
 NO_VICTIMS: Final = "No preemption victims found for incoming pod"
-NOT_OFFERED: Final = "Preemption is not offered by this scheduler"
-NEVER: Final = " preemption: not eligible due to preemptionPolicy=Never."
-QUIRK: Final = " not found"
-"""Upstream's tail after one of these rejected the pod as a whole: another plugin ends the chain before preemption."""
-BEFORE_DYNAMIC_RESOURCES: Final = frozenset({"NodeAffinity", "VolumeRestrictions", "VolumeBinding", "VolumeZone"})
+NEVER: Final = "not eligible due to preemptionPolicy=Never."
+TERMINATING: Final = "not eligible due to a terminating pod on the nominated node."
+BY_SCHEDULER: Final = "PreemptionByScheduler"
 
 
-def tail(
-    cluster: Cluster, pod: PodInfo, evaluation: Evaluation | None, *, outside: int = 0, status: Status | None = None
-) -> str:
-    """What follows the histogram, with its leading space; empty when nothing does.
+class Plan(NamedTuple):
+    """These pods are to be evicted from this node, most important first."""
 
-    `outside` nodes were excluded by name before the filters; they never are candidates.
-    """
-    if status is not None:
-        return QUIRK if status.code is Code.UNRESOLVABLE and status.plugin in BEFORE_DYNAMIC_RESOURCES else ""
-    if evaluation is None:
-        return ""
-    if pod.pod.spec.preemption_policy == "Never":
-        return NEVER
-    helpless, resolvable = outside, 0
-    for code, count in evaluation.counts().items():
-        if evaluation.reasons.values[code].resolvable:
-            resolvable += count
-        else:
-            helpless += count
-    blocked = _with_lower_priority(cluster, pod, evaluation) if resolvable else 0
-    texts = {NOT_HELPFUL: helpless, NO_VICTIMS: resolvable - blocked, NOT_OFFERED: blocked}
-    return " preemption: " + histogram(helpless + resolvable, texts)
+    node: str
+    victims: tuple[PlacedPod, ...]
+    violations: int
 
 
-def _with_lower_priority(cluster: Cluster, pod: PodInfo, evaluation: Evaluation) -> int:
-    """Resolvable rows on which a pod of lower priority runs."""
-    if not cluster.any_below(pod.priority):
-        return 0
-    values = evaluation.reasons.values
-    resolvable = np.array([value.resolvable for value in values])
-    positions = np.flatnonzero((evaluation.reason > 0) & resolvable[np.maximum(evaluation.reason, 0)])
-    rows = positions if evaluation.rows is None else evaluation.rows[positions]
-    names = (cluster.nodes.names[int(row)] for row in rows)
-    return sum(any(other.priority < pod.priority for other in cluster.pods_on(name)) for name in names)
+class Outcome(NamedTuple):
+    """What a `post_filter` says: the rest of the message, the node to wait for ("" = none any more, None = as before)."""
+
+    text: str
+    nominate: str | None = None
+    plan: Plan | None = None
+
+
+Remembered = dict[int, tuple[int, bool, Candidate | None]]
+"""Per row: (version of the row it was made of, do other filters look at its pods, who must go)."""
+
+
+class Failure(NamedTuple):
+    """An attempt that found no node. `evaluation` is None when a pre_filter rejected the pod."""
+
+    cluster: Cluster
+    pod: PodInfo
+    evaluation: Evaluation | None
+    outside: int = 0
+    """Nodes excluded by name before the filters."""
+    offset: int = 0
+    """Where the search begins: any number, equal for equal pods."""
+    spared: frozenset[str] = frozenset()
+    """Pods that are being placed in the same go: no victims."""
+    remembered: Callable[[Hashable], Remembered] = lambda _: {}
+    """What is kept about pods of this class, by key."""
+
+
+class Preemption:
+    """One search. `limit(n)` says after how many candidates among n nodes it may stop."""
+
+    def __init__(self, failure: Failure, limit: Callable[[int], int]) -> None:
+        self._failure = failure
+        self._cluster = failure.cluster
+        self._pod = failure.pod
+        self._limit = limit
+        self._texts: dict[str, int] = {}
+
+    def __repr__(self) -> str:
+        return f"Preemption(for {self._pod.key})"
+
+    def outcome(self) -> Outcome:
+        """Who must go where, or why nobody."""
+        pod, cluster = self._pod, self._cluster
+        if pod.pod.spec.preemption_policy == "Never":
+            return Outcome(NEVER)
+        evaluation = self._failure.evaluation
+        if evaluation is None:
+            return self._none(cluster.nodes.count)
+        positions = resolvable(evaluation)
+        if self._waits_for_victims(evaluation, positions):
+            return Outcome(TERMINATING)
+        helpless = self._failure.outside + int(np.count_nonzero(evaluation.reason > 0)) - len(positions)
+        if not cluster.any_below(pod.priority):
+            self._tell(NO_VICTIMS, len(positions))
+            return self._none(helpless)
+        best = self._best(evaluation, positions)
+        if best is None:
+            return self._none(helpless)
+        node, count = cluster.nodes.names[best.row], len(best.victims)
+        text = f"found a potential placement for pod on node {node}, preempting {count} victims"
+        return Outcome(text, node, Plan(node, best.victims, best.violations))
+
+    def _none(self, helpless: int) -> Outcome:
+        self._tell(NOT_HELPFUL, helpless)
+        return Outcome(histogram(self._cluster.nodes.count, self._texts), "")
+
+    def _tell(self, text: str, count: int) -> None:
+        self._texts[text] = self._texts.get(text, 0) + count
+
+    def _waits_for_victims(self, evaluation: Evaluation, positions: npt.NDArray[np.intp]) -> bool:
+        """Are victims still on their way out of the node that was promised? Not if that node cannot help any more."""
+        node = self._cluster.nominations.node_of(self._pod.uid)
+        row = self._cluster.nodes.row_of.get(node)
+        if row is None or not evaluation.has(row):
+            return False
+        if not (positions == evaluation.positions(np.array([row]))[0]).any():
+            return False
+        return any(
+            other.priority < self._pod.priority and _being_preempted(other) for other in self._cluster.pods_on(node)
+        )
+
+    # --- Candidates ----------------------------------------------------------------------------------------------
+
+    def _best(self, evaluation: Evaluation, positions: npt.NDArray[np.intp]) -> Candidate | None:
+        search = _Search(self._failure, evaluation, positions)
+        found = search.candidates(self._limit(len(positions)))
+        if found:
+            return min(found, key=lambda candidate: candidate.rank)
+        for text, count in search.texts().items():
+            self._tell(text, count)
+        return None
+
+
+class _Search:
+    """The nodes on which taking pods away may help, in the order in which they are looked at."""
+
+    def __init__(self, failure: Failure, evaluation: Evaluation, positions: npt.NDArray[np.intp]) -> None:
+        self._cluster = cluster = failure.cluster
+        self._pod = pod = failure.pod
+        self._spared = failure.spared
+        self._evaluation = evaluation
+        self._influence = Influence(pod, evaluation)
+        self._promised = cluster.nominations.at_least(pod.priority, but=pod.uid)
+        start = failure.offset % max(len(positions), 1)
+        order = np.concatenate([positions[start:], positions[:start]])
+        self._rows: npt.NDArray[np.intp] = order if evaluation.rows is None else evaluation.rows[order]
+        held = cluster.held_below(pod.priority)[:, self._rows]
+        self._someone = held[0] > 0
+        # As if every lower pod were gone, where no other filter minds them.
+        view = AdjustedNodes(cluster, self._rows, -held[: len(cluster.nodes.resources.names) + 1])
+        self._first: Codes
+        self._room: Codes
+        self._first, self._room = self._influence.codes(view, evaluation)
+        self._reasons: dict[int, int] = {}
+        key = (pod.priority, cluster.budgets.generation)
+        self._kept: Remembered = failure.remembered(key) if not failure.spared else {}
+
+    def candidates(self, limit: int) -> list[Candidate]:
+        """Up to `limit` nodes with their victims, more while each of them would break a budget."""
+        found: list[Candidate] = []
+        clean = False
+        hopeful = self._someone & (self._room == 0)
+        if not self._influence.others:
+            hopeful &= self._first == 0
+        for i in np.flatnonzero(hopeful).tolist():
+            candidate = self._look(i)
+            if candidate is None:
+                continue
+            found.append(candidate)
+            clean = clean or not candidate.violations
+            if clean and len(found) >= limit:
+                break
+        return found
+
+    def texts(self) -> dict[str, int]:
+        """Why the nodes are no candidates, after `candidates` found none."""
+        counts: dict[int, int] = {}
+        result: dict[str, int] = {}
+        nobody = int(np.count_nonzero(~self._someone))
+        if nobody:
+            result[NO_VICTIMS] = nobody
+        for i in np.flatnonzero(self._someone).tolist():
+            code = self._reasons.get(i)
+            if code is None:
+                code = self._reason_without(i)
+            counts[code] = counts.get(code, 0) + 1
+        for code, count in counts.items():
+            for text in self._evaluation.reasons.values[code].texts:
+                result[text] = result.get(text, 0) + count
+        return result
+
+    def _look(self, i: int) -> Candidate | None:
+        row = int(self._rows[i])
+        promised = self._promised.get(self._cluster.nodes.names[row], ())
+        touched, candidate = self._by_amounts(row)
+        if touched or any(self._influence.touched(record) for record in promised):
+            return self._by_trial(i, row, promised)
+        if self._first[i] != 0:
+            self._reasons[i] = int(self._first[i])
+            return None
+        if promised:
+            lower = lower_pods(self._cluster, row, self._pod.priority, self._spared)
+            candidate = self._whole_numbers(row, lower, promised)
+        # None: the promised pods take the room. The filters know the words for it.
+        return candidate if candidate is not None else self._by_trial(i, row, promised)
+
+    def _by_amounts(self, row: int) -> tuple[bool, Candidate | None]:
+        """(do other filters mind its lower pods, victims by amounts), kept until anything about the row changes."""
+        version = self._cluster.nodes.versions[row]
+        kept = self._kept.get(row)
+        if kept is not None and kept[0] == version:
+            return kept[1], kept[2]
+        lower = lower_pods(self._cluster, row, self._pod.priority, self._spared)
+        touched = self._influence.room is None or any(self._influence.touched(pod) for pod in lower)
+        candidate = None if touched else self._whole_numbers(row, lower, ())
+        self._kept[row] = (version, touched, candidate)
+        return touched, candidate
+
+    def _whole_numbers(self, row: int, lower: Sequence[PlacedPod], promised: Sequence[PlacedPod]) -> Candidate | None:
+        room = self._influence.room
+        wishes = room.room(self._pod) if room is not None and room.room is not None else {}
+        return by_amounts(self._cluster, row, lower, wishes, promised)
+
+    def _by_trial(self, i: int, row: int, promised: Sequence[PlacedPod]) -> Candidate | None:
+        lower = lower_pods(self._cluster, row, self._pod.priority, self._spared)
+        found = by_trial(self._cluster, self._influence, row, lower, promised) if lower else 0
+        if isinstance(found, Candidate):
+            return found
+        self._reasons[i] = found
+        return None
+
+    def _reason_without(self, i: int) -> int:
+        """What stands against a node that was not looked at: amounts are short even with every lower pod gone."""
+        row = int(self._rows[i])
+        if self._by_amounts(row)[0]:
+            self._by_trial(i, row, self._promised.get(self._cluster.nodes.names[row], ()))
+            return self._reasons.get(i, 0)
+        return int(self._first[i])
+
+
+def resolvable(evaluation: Evaluation) -> npt.NDArray[np.intp]:
+    """Positions of refused nodes where taking pods away may help."""
+    helps = np.array([value.resolvable for value in evaluation.reasons.values])
+    return np.flatnonzero((evaluation.reason > 0) & helps[np.maximum(evaluation.reason, 0)])
+
+
+def preempt(failure: Failure, limit: Callable[[int], int]) -> Outcome:
+    """The `post_filter` of DefaultPreemption, with its text's prefix."""
+    found = Preemption(failure, limit).outcome()
+    return found._replace(text=f"preemption: {found.text}")
+
+
+def _being_preempted(record: PlacedPod) -> bool:
+    if not record.terminating:
+        return False
+    found = next((each for each in record.pod.status.conditions or () if each.type == "DisruptionTarget"), None)
+    return found is not None and (found.status, found.reason) == ("True", BY_SCHEDULER)

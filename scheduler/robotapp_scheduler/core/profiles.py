@@ -17,6 +17,7 @@ POINTS: Final = {
     "queueSort": "queue_key",
     "preFilter": "pre_filter",
     "filter": "filter",
+    "postFilter": "post_filter",
     "preScore": "pre_score",
     "score": "score",
     "reserve": "reserve",
@@ -26,7 +27,6 @@ POINTS: Final = {
     "postBind": "post_bind",
 }
 """Extension points of the configuration and the hook that makes a plugin take part."""
-IGNORED_POINTS: Final = ("postFilter",)
 
 
 class ConfigError(Exception):
@@ -78,6 +78,7 @@ class Profile:
         self.queue_sort = plugins["queueSort"][0]
         self.pre_filters = tuple(plugins.get("preFilter", ()))
         self.filters = tuple(plugins.get("filter", ()))
+        self.post_filters = tuple(plugins.get("postFilter", ()))
         self.scores = tuple(plugins.get("score", ()))
         self.reserves = tuple(plugins.get("reserve", ()))
         self.permits = tuple(plugins.get("permit", ()))
@@ -179,7 +180,7 @@ def expand(
     come first the plugins named in both lists (in the point's order), then the other multiPoint ones, then those
     named only at the point.
     """
-    known = {"multiPoint", *POINTS, *IGNORED_POINTS}
+    known = {"multiPoint", *POINTS}
     problems.extend(
         f"{path}.plugins.{point}: unknown extension point; known: {', '.join(POINTS)}"
         for point in plugins

@@ -164,6 +164,13 @@ class SchedulingQueue:
             self._take_out(queued)
             self._requeue_from_wait(queued, "ConfigReloaded", immediate=False)
 
+    def reopen(self, uid: str) -> None:
+        """Test the gate of a pod again."""
+        if uid in self._gated:
+            queued = self._pods[uid]
+            self._take_out(queued)
+            self._requeue_from_wait(queued, "GateReopened", immediate=False)
+
     def tick(self) -> None:
         """Bring back what waited long enough. Call about once a second."""
         for heap in (self._backoff, self._error_backoff):

@@ -43,7 +43,7 @@ class Nodes:
     Rows without a node (holes) have name "" and zeros everywhere; results for them are ignored.
     """
 
-    def __init__(self, cluster: Cluster, rows: Sequence[int] | None = None) -> None:
+    def __init__(self, cluster: Cluster, rows: Sequence[int] | npt.NDArray[np.intp] | None = None) -> None:
         self.cluster = cluster
         self._table = cluster.nodes
         self.full = rows is None
@@ -190,6 +190,29 @@ class Nodes:
         picked = column[self.rows]
         picked.flags.writeable = False
         return picked
+
+
+class AdjustedNodes(Nodes):
+    """The nodes as they would be if pods held more (or less) there: only requested amounts differ.
+
+    `amounts` has the shape of core.priorities: (1 + resources, rows in view), the number of pods first.
+    """
+
+    def __init__(self, cluster: Cluster, rows: Sequence[int] | npt.NDArray[np.intp], amounts: IntArray) -> None:
+        super().__init__(cluster, rows)
+        self._amounts = amounts
+
+    def requested(self, resource: str) -> IntArray:
+        """What the pods of each node would ask for."""
+        held = super().requested(resource)
+        index = 0 if resource == "pods" else self._table.resources.index.get(resource, -1) + 1
+        if index or resource == "pods":
+            held = held + self._amounts[index]
+        return held
+
+    def scored(self, resource: str) -> IntArray:
+        """Not known for such nodes. Raises NotImplementedError: a filter must not decide by it."""
+        raise NotImplementedError(f"scored {resource} of nodes that are not so")
 
 
 class Row:

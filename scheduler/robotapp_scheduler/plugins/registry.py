@@ -7,6 +7,7 @@ from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME
 from robotapp_scheduler.core.profiles import Catalogue, PluginRef, Profile, ProfileSpec, build_profiles
 from robotapp_scheduler.plugins.kubernetes.balanced_allocation import NodeResourcesBalancedAllocation
 from robotapp_scheduler.plugins.kubernetes.declared_features import NodeDeclaredFeatures
+from robotapp_scheduler.plugins.kubernetes.default_preemption import DefaultPreemption
 from robotapp_scheduler.plugins.kubernetes.dynamic_resources import DynamicResources
 from robotapp_scheduler.plugins.kubernetes.node_affinity import NodeAffinity
 from robotapp_scheduler.plugins.kubernetes.node_name import NodeName
@@ -34,7 +35,8 @@ from robotapp_scheduler.plugins.ros.topology_score import TopologyScore
 BUILT_IN: Final[tuple[type, ...]] = (
     SchedulingGates, PrioritySort, ROSQueueSort, NodeName, NodeUnschedulable, TaintToleration, NodeAffinity, NodePorts,
     NodeResourcesFit, VolumeRestrictions, NodeVolumeLimits, VolumeBinding, VolumeZone, PodTopologySpread,
-    InterPodAffinity, DynamicResources, NodeResourcesBalancedAllocation, NodeDeclaredFeatures, LatencyFilter, HardwareAffinityFilter, SharedDataFilter, TopologyScore,
+    InterPodAffinity, DynamicResources, DefaultPreemption, NodeResourcesBalancedAllocation, NodeDeclaredFeatures,
+    LatencyFilter, HardwareAffinityFilter, SharedDataFilter, TopologyScore,
     LatencyScore, LoadBalanceScore, DeadlineScore, ROSReserve, ROSBind,
     DefaultBinder,
 )  # fmt: skip
@@ -53,6 +55,7 @@ KUBERNETES: Final = (
     PluginRef("PodTopologySpread"),
     PluginRef("InterPodAffinity"),
     PluginRef("DynamicResources"),
+    PluginRef("DefaultPreemption"),
     PluginRef("NodeResourcesBalancedAllocation", 1),
     PluginRef("NodeDeclaredFeatures"),
 )

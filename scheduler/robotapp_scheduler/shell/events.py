@@ -27,9 +27,9 @@ class PodEvents:
     def __repr__(self) -> str:
         return f"<PodEvents {list(self._recorders.values())}>"
 
-    def pod_event(self, pod: Pod, *, warning: bool, reason: str, action: str, note: str) -> None:
-        """Queue one event about a pod of one of our profiles; never waits, never raises."""
-        recorder = self._recorders.get(pod.spec.scheduler_name)
+    def pod_event(self, pod: Pod, *, warning: bool, reason: str, action: str, note: str, by: str = "") -> None:
+        """Queue one event about a pod, said by its own profile or by that named `by`; never waits, never raises."""
+        recorder = self._recorders.get(by or pod.spec.scheduler_name)
         if recorder is None:
             return
         meta = pod.metadata

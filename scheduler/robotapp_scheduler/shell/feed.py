@@ -21,6 +21,7 @@ from robotapp_api.client.resources import (
     DEPLOYMENTS,
     NODES,
     NODETELEMETRIES,
+    PODDISRUPTIONBUDGETS,
     PODS,
     REPLICASETS,
     ROBOTAPPS,
@@ -30,7 +31,7 @@ from robotapp_api.client.resources import (
 from robotapp_api.model.names import Label
 from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.cluster import Cluster
-from robotapp_scheduler.core.objects import Node, Owned, Pod
+from robotapp_scheduler.core.objects import DisruptionBudget, Node, Owned, Pod
 from robotapp_scheduler.core.robotics import NodeTelemetry, RobotApp
 from robotapp_scheduler.shell.metrics import Metrics
 from robotapp_scheduler.shell.route import Route
@@ -81,6 +82,7 @@ class Feed:
             (pods, on_pod),
             *self._routed(
                 Route(NODES, Node, cluster.apply_node, lambda node: cluster.remove_node(node.metadata.name)),
+                Route(PODDISRUPTIONBUDGETS, DisruptionBudget, cluster.budgets.apply, cluster.budgets.remove),
                 Route(DEPLOYMENTS, Owned, cluster.apply_owner, cluster.remove_owner, label_selector=Label.APP_UID),
                 Route(REPLICASETS, Owned, cluster.apply_owner, cluster.remove_owner, label_selector=Label.APP_UID),
             ),

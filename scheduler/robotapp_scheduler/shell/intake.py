@@ -1,9 +1,9 @@
 """Where a pod goes that the watch shows: into the cluster, into the queue, or out of both."""
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 
 from robotapp_api.client.reflector import Change as Seen
-from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.pods import PodInfo
@@ -18,12 +18,19 @@ class Intake:
     """
 
     def __init__(
-        self, cluster: Cluster, queue: SchedulingQueue, reporter: Reporter, *, scheduler_names: Collection[str]
+        self,
+        cluster: Cluster,
+        queue: SchedulingQueue,
+        reporter: Reporter,
+        *,
+        scheduler_names: Collection[str],
+        on_vanished: Callable[[Pod], None] = lambda _: None,
     ) -> None:
         self._cluster = cluster
         self._queue = queue
         self._reporter = reporter
         self._names = frozenset(scheduler_names)
+        self._on_vanished = on_vanished
         self.waiting: dict[str, Pod] = {}
 
     def __repr__(self) -> str:
@@ -36,15 +43,17 @@ class Intake:
         pod: Pod = seen.new
         change = self._cluster.apply_pod(pod)
         if pod.spec.scheduler_name in self._names:
-            self._ours(pod)
+            self._ours(pod, seen.old)
         return change
 
     def _gone(self, pod: Pod) -> Change:
         uid = pod.metadata.uid
         self._leave(uid)
+        if pod.spec.scheduler_name in self._names:
+            self._on_vanished(pod)
         return self._cluster.remove_pod(pod)
 
-    def _ours(self, pod: Pod) -> None:
+    def _ours(self, pod: Pod, old: Pod | None) -> None:
         uid = pod.metadata.uid
         if pod.spec.node_name or pod.terminal:
             self._leave(uid)
@@ -56,10 +65,16 @@ class Intake:
             return
         self.waiting[uid] = pod
         # An assumed pod is on its way to a node: queued again, it would be placed twice.
-        if not self._cluster.is_assumed(uid):
-            self._queue.add(PodInfo(pod))
+        if self._cluster.is_assumed(uid):
+            return
+        info = PodInfo(pod)
+        self._queue.add(info)
+        if self._cluster.nominations.see(info):
+            self._queue.move(Event("pods", Change.NOMINATED, old, pod), but=uid)
 
     def _leave(self, uid: str) -> None:
-        self.waiting.pop(uid, None)
+        left = self.waiting.pop(uid, None)
         self._queue.delete(uid)
+        if self._cluster.nominations.discard(uid):
+            self._queue.move(Event("pods", Change.NOMINATED, old=left))
         self._reporter.forget(uid)

@@ -58,6 +58,22 @@ class Metrics:
             labels=["extension_point", "status", "profile"],
             buckets=doubling(0.0001, 2, 12),
         )
+        self.preemption_attempts = self._counter("preemption_attempts", "Searches for pods that could make room", [])
+        self.preemption_victims = self._histogram(
+            "preemption_victims", "Pods chosen to make room, per preemption", buckets=doubling(1, 2, 7)
+        )
+        self.preemption_violations = self._counter(
+            "preemption_pdb_violations", "Disruption budgets broken by chosen pods", []
+        )
+        self.preemption_s = self._histogram(
+            "preemption_execution_duration_seconds",
+            "From the decision to the last accepted deletion",
+            labels=["result"],
+            buckets=doubling(0.01, 2, 20),
+        )
+        self.node_rejections = self._counter(
+            "node_rejections", "Pods of ours that a kubelet refused after they were bound", ["reason"]
+        )
         self.poison_objects = self._counter("poison_objects", "Objects that could not be taken over", ["resource"])
         self.bind_conflicts = self._counter("bind_conflicts", "Binds refused with a conflict", [])
 
@@ -67,6 +83,11 @@ class Metrics:
         self.attempt_s.labels(AttemptResult.SCHEDULED, profile).observe(now_s - started_s)
         self.sli_s.labels(str(min(queued.attempts, MOST_ATTEMPTS))).observe(now_s - queued.first_seen_s)
         self.pod_attempts.observe(queued.attempts)
+
+    def preempted(self, victims: int, *, violations: int) -> None:
+        """A preemption was decided."""
+        self.preemption_victims.observe(victims)
+        self.preemption_violations.inc(violations)
 
     def watch(self, name: str, text: str, *, label: str, read: Callable[[], Mapping[str, float]]) -> None:
         """A gauge that is read when scraped, e.g. `pending_pods{queue}`: costs nothing between scrapes."""

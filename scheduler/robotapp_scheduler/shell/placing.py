@@ -9,11 +9,13 @@ from collections.abc import Callable, Mapping, Sequence
 
 from robotapp_api.model.names import EventReason, PodReason
 from robotapp_scheduler.core.changes import Change, Event
-from robotapp_scheduler.core.cycle import DEVICE_PLUGIN, SchedulerCore
+from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.preemption import Plan
 from robotapp_scheduler.core.queued import QueuedPod, Rejection
+from robotapp_scheduler.core.refusal import DEVICE_PLUGIN
 from robotapp_scheduler.shell.binder import Binder, BindOutcome, BindResult
 from robotapp_scheduler.shell.metrics import AttemptResult, Metrics
 from robotapp_scheduler.shell.report import Reporter
@@ -43,6 +45,7 @@ class Placer:
         volumes: VolumeWriter,
         waiting: Mapping[str, Pod],
         clock: Callable[[], float],
+        evict: Callable[[Plan, PodInfo], None],
     ) -> None:
         self._core = core
         self._volumes = volumes
@@ -52,6 +55,7 @@ class Placer:
         self._metrics = metrics
         self._waiting = waiting
         self._clock = clock
+        self._evict = evict
 
     def __repr__(self) -> str:
         return f"<Placer of {self._core!r}>"
@@ -59,11 +63,17 @@ class Placer:
     def refuse(self, decision: Decision) -> None:
         """The pod got no node: tell why, and let it wait for what may help."""
         queued = _queued(decision)
-        pod = decision.pod.pod
+        pod, known = decision.pod.pod, decision.pod.uid in self._waiting
+        if known and decision.nominate is not None:
+            self._core.cluster.nominations.nominate(decision.pod, decision.nominate)
+        if known and decision.plan is not None:
+            self._evict(decision.plan, decision.pod)
         self._core.queue.requeue(queued, Rejection(decision.rejected_by))
-        if decision.pod.uid not in self._waiting:
+        if not known:
             return
-        self._reporter.unscheduled(pod, reason=decision.reason, message=decision.message)
+        self._reporter.unscheduled(pod, reason=decision.reason, message=decision.message, nominate=decision.nominate)
+        if decision.post_filtered:
+            self._metrics.preemption_attempts.inc()
         if DEVICE_PLUGIN in decision.rejected_by:
             self._name_holders(decision.pod)
         result = AttemptResult.UNSCHEDULABLE if decision.rejected_by else AttemptResult.ERROR
@@ -174,8 +184,9 @@ class Placer:
             return
         if newest is not queued.info.pod:
             queued.info = PodInfo(newest)
+        self._core.cluster.nominations.nominate(queued.info, "")
         self._core.queue.requeue(queued, rejection)
-        self._reporter.unscheduled(newest, reason=reason, message=message)
+        self._reporter.unscheduled(newest, reason=reason, message=message, nominate="")
 
     def _forget(self, pod: PodInfo) -> None:
         change = self._core.cluster.forget(pod.uid)

@@ -31,9 +31,11 @@ from robotapp_scheduler.shell.answers import Answers, Everything
 from robotapp_scheduler.shell.binder import Binder
 from robotapp_scheduler.shell.config_source import LastGood, NoSource, Source, sources
 from robotapp_scheduler.shell.events import PodEvents
+from robotapp_scheduler.shell.evict import Evictor
 from robotapp_scheduler.shell.explaining import Explainer
 from robotapp_scheduler.shell.feed import Feed
 from robotapp_scheduler.shell.intake import Intake
+from robotapp_scheduler.shell.kubelet_refusals import KubeletRefusals
 from robotapp_scheduler.shell.loop import SchedulerLoop
 from robotapp_scheduler.shell.metrics import Metrics
 from robotapp_scheduler.shell.placing import Placer
@@ -85,10 +87,18 @@ class Scheduler:
         )
         self.events = PodEvents(client, config.scheduler_names)
         self.reporter = Reporter(client, self.events)
-        self.intake = Intake(self.core.cluster, self.core.queue, self.reporter, scheduler_names=config.scheduler_names)
+        self.refusals = KubeletRefusals(client, self.events, self.metrics)
+        self.intake = Intake(
+            self.core.cluster,
+            self.core.queue,
+            self.reporter,
+            scheduler_names=config.scheduler_names,
+            on_vanished=self.refusals.look_at,
+        )
         self.volumes = VolumeWriter(
             client, self.core.cluster, alive=lambda uid: uid in self.intake.waiting, clock=clock
         )
+        self.evictor = Evictor(self.core, client, self.events, self.metrics, clock=clock, wake=self._wake)
         placer = Placer(
             self.core,
             binder=Binder(client),
@@ -98,6 +108,7 @@ class Scheduler:
             volumes=self.volumes,
             waiting=self.intake.waiting,
             clock=clock,
+            evict=self.evictor.start,
         )
         self.loop = SchedulerLoop(self.core, placer, self.reporter, self.metrics, clock=clock)
         self.sweeper = Sweeper(
@@ -160,6 +171,7 @@ class Scheduler:
     async def _wind_down(self, work: asyncio.Task[None]) -> None:
         self.loop.stop()
         await self.loop.drain(STOP_TIMEOUT_S)
+        await self.evictor.drain(STOP_TIMEOUT_S)
         if not self._lost:
             await self.events.drain()
         work.cancel()  # a leader that is cancelled gives its lease back
@@ -194,6 +206,7 @@ class Scheduler:
         async with asyncio.TaskGroup() as group:
             background = [
                 group.create_task(self.sweeper.run(), name="sweep"),
+                group.create_task(self.refusals.run(), name="refused by kubelets"),
                 group.create_task(self._reloader.leading(), name="last good configuration"),
             ]
             await self.loop.run()
@@ -214,6 +227,9 @@ class Scheduler:
             renew_deadline_s=wanted.renew_s,
             retry_period_s=wanted.retry_s,
         )
+
+    def _wake(self) -> None:
+        self.loop.wake()
 
     def _changed(self, event: Event) -> None:
         """Something is different in the cluster: wake who may profit."""

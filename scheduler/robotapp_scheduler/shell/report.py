@@ -31,7 +31,8 @@ TRIES = 3
 class Events(Protocol):
     """Where Events go; must not block and must not raise."""
 
-    def pod_event(self, pod: Pod, *, warning: bool, reason: str, action: str, note: str) -> None: ...
+    def pod_event(self, pod: Pod, *, warning: bool, reason: str, action: str, note: str, by: str = "") -> None:
+        """`by` is the schedulerName that speaks; the pod's own when empty."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +40,7 @@ class _Text:
     pod: Pod
     reason: str
     message: str
+    nominate: str | None
 
 
 def utc_now() -> str:
@@ -52,7 +54,7 @@ class Reporter:
         self._client = client
         self._events = events
         self._now = now
-        self._said: OrderedDict[str, tuple[str, str]] = OrderedDict()
+        self._said: OrderedDict[str, tuple[str, str, str | None]] = OrderedDict()
         self._latest: dict[str, _Text] = {}
         self._order: asyncio.Queue[str] = asyncio.Queue()
 
@@ -66,18 +68,34 @@ class Reporter:
             pod, warning=False, reason=EventReason.SCHEDULED, action="Binding", note=texts.assigned(pod, node)
         )
 
-    def unscheduled(self, pod: Pod, *, reason: str, message: str, event: str = EventReason.FAILED_SCHEDULING) -> None:
-        """An attempt failed. Writes condition and event unless exactly this was the last thing said about the pod."""
+    def unscheduled(
+        self,
+        pod: Pod,
+        *,
+        reason: str,
+        message: str,
+        nominate: str | None = None,
+        event: str = EventReason.FAILED_SCHEDULING,
+    ) -> None:
+        """An attempt failed. Writes condition and event unless exactly this was the last thing said about the pod.
+
+        `nominate` is the node the pod waits for from now on, "" for none any more, None when that stays as it is.
+        """
         uid = pod.metadata.uid
-        if self._said.get(uid) == (reason, message):
+        said = self._said.get(uid)
+        if said == (reason, message, nominate) and texts.nominated(pod, nominate):
             return
-        self._remember(uid, (reason, message))
-        self._events.pod_event(pod, warning=True, reason=event, action="Scheduling", note=texts.note(message))
-        if texts.says_already(pod, reason=reason, message=message):
+        self._remember(uid, (reason, message, nominate))
+        if said is None or said[:2] != (reason, message):
+            self._events.pod_event(pod, warning=True, reason=event, action="Scheduling", note=texts.note(message))
+        if texts.says_already(pod, reason=reason, message=message, nominate=nominate):
             return
+        waiting = self._latest.get(uid)
+        if nominate is None and waiting is not None:
+            nominate = waiting.nominate  # not written yet: it must not be lost
         if uid not in self._latest:
             self._order.put_nowait(uid)
-        self._latest[uid] = _Text(pod, reason, message)
+        self._latest[uid] = _Text(pod, reason, message, nominate)
 
     def note(self, pod: Pod, *, reason: str, text: str) -> None:
         """One more Warning beside the condition; the recorder counts repetitions instead of writing them."""
@@ -86,9 +104,9 @@ class Reporter:
     def deleting(self, pod: Pod) -> None:
         """The pod was deleted while it waited: one Warning, no condition."""
         note = texts.skipped_deleting(pod)
-        if self._said.get(pod.metadata.uid) == ("", note):
+        if self._said.get(pod.metadata.uid) == ("", note, None):
             return
-        self._remember(pod.metadata.uid, ("", note))
+        self._remember(pod.metadata.uid, ("", note, None))
         self._events.pod_event(pod, warning=True, reason=EventReason.FAILED_SCHEDULING, action="Scheduling", note=note)
 
     def forget(self, uid: str) -> None:
@@ -111,7 +129,9 @@ class Reporter:
 
     async def _write(self, text: _Text) -> None:
         meta = text.pod.metadata
-        patch = texts.unscheduled_patch(text.pod, reason=text.reason, message=text.message, now=self._now())
+        patch = texts.unscheduled_patch(
+            text.pod, reason=text.reason, message=text.message, now=self._now(), nominate=text.nominate
+        )
         for attempt in range(TRIES):
             if attempt:
                 await self._client.sleep(0.1 * attempt)
@@ -140,7 +160,7 @@ class Reporter:
         # Said in vain: the next attempt says it again.
         self._said.pop(meta.uid, None)
 
-    def _remember(self, uid: str, said: tuple[str, str]) -> None:
+    def _remember(self, uid: str, said: tuple[str, str, str | None]) -> None:
         self._said[uid] = said
         self._said.move_to_end(uid)
         if len(self._said) > REMEMBERED:

@@ -3,7 +3,9 @@
 from typing import Any
 
 from robotapp_scheduler.core.objects import Pod
+from robotapp_scheduler.core.preemption import BY_SCHEDULER
 
+DISRUPTION = "DisruptionTarget"
 NOTE_LIMIT = 1024
 NOTE_CUT = 1020
 
@@ -30,8 +32,42 @@ def note(text: str) -> str:
     return encoded[:NOTE_CUT].decode(errors="ignore") + " ..."
 
 
-def unscheduled_patch(pod: Pod, *, reason: str, message: str, now: str) -> dict[str, Any]:
-    """Strategic merge patch of `pods/status` that sets PodScheduled=False.
+def refused_by_kubelet(node: str, reason: str, message: str) -> str:
+    return f"{node} refused the pod after it was bound there: {reason}" + (f": {message}" if message else "")
+
+
+def preempted(preemptor_uid: str, node: str) -> str:
+    return f"Preempted by pod {preemptor_uid} on node {node}"
+
+
+def disruption_patch(pod: Pod, *, by: str, now: str) -> dict[str, Any]:
+    """Strategic merge patch of `pods/status`: the pod is about to be deleted for one of higher priority."""
+    condition = {
+        "type": DISRUPTION,
+        "status": "True",
+        "reason": BY_SCHEDULER,
+        "message": f"{by}: preempting to accommodate a higher priority pod",
+        "observedGeneration": pod.metadata.generation,
+        "lastTransitionTime": now,
+    }
+    return {"metadata": {"uid": pod.metadata.uid}, "status": {"conditions": [condition]}}
+
+
+def is_disrupted(pod: Pod) -> bool:
+    """Whether the pod carries that condition already."""
+    return any(
+        (found.type, found.status, found.reason) == (DISRUPTION, "True", BY_SCHEDULER)
+        for found in pod.status.conditions or ()
+    )
+
+
+def nomination_patch(pod: Pod, node: str) -> dict[str, Any]:
+    """Strategic merge patch of `pods/status` that sets or, with "", clears the nominated node."""
+    return {"metadata": {"uid": pod.metadata.uid}, "status": {"nominatedNodeName": node or None}}
+
+
+def unscheduled_patch(pod: Pod, *, reason: str, message: str, now: str, nominate: str | None = None) -> dict[str, Any]:
+    """Strategic merge patch of `pods/status` that sets PodScheduled=False, and the nominated node unless None.
 
     The uid is a precondition: a pod re-created under the same name is left alone. `lastTransitionTime` is written only
     when the status changes to False.
@@ -45,12 +81,20 @@ def unscheduled_patch(pod: Pod, *, reason: str, message: str, now: str) -> dict[
     }
     if not _is_false(pod):
         condition["lastTransitionTime"] = now
-    return {"metadata": {"uid": pod.metadata.uid}, "status": {"conditions": [condition]}}
+    status: dict[str, Any] = {"conditions": [condition]}
+    if not nominated(pod, nominate):
+        status["nominatedNodeName"] = nominate or None
+    return {"metadata": {"uid": pod.metadata.uid}, "status": status}
 
 
-def says_already(pod: Pod, *, reason: str, message: str) -> bool:
-    """Whether the stored pod carries exactly this condition."""
-    return any(
+def nominated(pod: Pod, node: str | None) -> bool:
+    """Whether the stored pod names this node ("" = none; None = whichever)."""
+    return node is None or pod.status.nominated_node_name == node
+
+
+def says_already(pod: Pod, *, reason: str, message: str, nominate: str | None = None) -> bool:
+    """Whether the stored pod carries exactly this condition and nominated node (None = whichever)."""
+    return nominated(pod, nominate) and any(
         found.type == "PodScheduled" and found.status == "False" and (found.reason, found.message) == (reason, message)
         for found in pod.status.conditions or ()
     )

@@ -176,10 +176,7 @@ profiles:
         ),
         (
             {"profiles": profile(plugins={"postFilter": {"enabled": [{"name": "TopologyScore"}]}})},
-            (
-                "profiles[0].plugins.postFilter.enabled: not supported here: "
-                "preemption is not built into this scheduler yet"
-            ),
+            "profiles[0].plugins.postFilter: plugin 'TopologyScore' does not take part at this point",
         ),
     ],
 )

@@ -13,6 +13,7 @@ from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.devices import DeviceGrant
 from robotapp_scheduler.core.objects import Metadata, Node, NodeStatus, Pod, PodSpec
 from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.preemption import Plan
 from robotapp_scheduler.core.profiles import Catalogue, PluginRef, ProfileSpec, build_profiles
 from robotapp_scheduler.shell.binder import BindOutcome, BindResult
 from robotapp_scheduler.shell.loop import SchedulerLoop
@@ -74,14 +75,16 @@ def given(answer: Reserved | Exception) -> Reserved:
 class Said:
     def __init__(self) -> None:
         self.lines: list[tuple[str, str, str]] = []
+        self.nominated: dict[str, str | None] = {}
         self.broken_for = ""
 
     def scheduled(self, pod: Pod, node: str) -> None:
         self.lines.append(("scheduled", pod.metadata.name, node))
 
-    def unscheduled(self, pod: Pod, *, reason: str, message: str) -> None:
+    def unscheduled(self, pod: Pod, *, reason: str, message: str, nominate: str | None = None) -> None:
         if pod.metadata.name == self.broken_for:
             raise RuntimeError("cannot tell")
+        self.nominated[pod.metadata.name] = nominate
         self.lines.append((str(reason), pod.metadata.name, message))
 
     def note(self, pod: Pod, *, reason: str, text: str) -> None:
@@ -103,6 +106,7 @@ class Rig:
         self.said = Said()
         self.metrics = Metrics(CollectorRegistry())
         self.waiting: dict[str, Pod] = {}
+        self.evicted: list[tuple[Plan, PodInfo]] = []
         placer = Placer(
             self.core,
             binder=self.io,  # type: ignore[arg-type]
@@ -112,6 +116,7 @@ class Rig:
             volumes=self.io,  # type: ignore[arg-type]
             waiting=self.waiting,
             clock=self.clock,
+            evict=lambda plan, pod: self.evicted.append((plan, pod)),
         )
         self.loop = SchedulerLoop(self.core, placer, self.said, self.metrics, clock=self.clock)  # type: ignore[arg-type]
 

@@ -2,7 +2,7 @@
 
 from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.framework import FilterResult
-from robotapp_scheduler.core.pods import PodInfo, host_ports
+from robotapp_scheduler.core.pods import PlacedPod, PodInfo, host_ports
 from robotapp_scheduler.core.ports import clash
 from robotapp_scheduler.core.view import Nodes
 
@@ -24,6 +24,10 @@ class NodePorts:
             return None
         free = nodes.cluster.ports.free(pod.host_ports, nodes.cluster.nodes.size)
         return free[nodes.rows]
+
+    def touched_by(self, pod: PodInfo, other: PlacedPod) -> bool:
+        """Only pods that use one of the ports."""
+        return any(clash(wanted, used) for used in other.ports for wanted in pod.host_ports)
 
     def hint(self, pod: PodInfo, event: Event) -> bool:
         """A new node, or a pod gone that used (or was to use) one of the ports."""

@@ -69,8 +69,7 @@ class NodeResourcesFit:
     def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
         """True where one more pod and all its requests fit; every lacking resource is reported."""
         full = nodes.requested("pods") + 1 > nodes.allocatable("pods")
-        wishes = [(name, amount) for name, amount in pod.requests.exact.items() if amount > 0 and self._counts(name)]
-        lacking = [(name, amount, nodes.free(name)) for name, amount in wishes]
+        lacking = [(name, amount, nodes.free(name)) for name, amount in self.room(pod).items()]
         short = [(name, amount, free, free < amount) for name, amount, free in lacking]
         mask = ~full
         for _, _, _, missing in short:
@@ -79,9 +78,13 @@ class NodeResourcesFit:
             return mask
         return _verdict(nodes, mask, full, short)
 
+    def room(self, pod: PodInfo) -> Mapping[str, int]:
+        """Amounts that must be free, beside a place for one more pod."""
+        return {name: amount for name, amount in pod.requests.exact.items() if amount > 0 and self._counts(name)}
+
     def hint(self, pod: PodInfo, event: Event) -> bool:
         """Room that could be enough: a node that grew in what is asked for, a pod gone, or one that asks for less."""
-        wishes = {name: value for name, value in pod.requests.exact.items() if value > 0 and self._counts(name)}
+        wishes = self.room(pod)
         if event.resource == "nodes":
             return event.new is not None and _roomier(event.old, event.new, wishes)
         if event.change & (Change.POD_REMOVED | Change.NOMINATED) or event.old is None:
@@ -94,11 +97,7 @@ class NodeResourcesFit:
         """Does one node surely have room?"""
         if row.requested("pods") + 1 > row.allocatable("pods"):
             return False
-        return all(
-            amount <= row.allocatable(name) - row.requested(name)
-            for name, amount in pod.requests.exact.items()
-            if amount > 0 and self._counts(name)
-        )
+        return all(amount <= row.allocatable(name) - row.requested(name) for name, amount in self.room(pod).items())
 
     def score_row(self, pod: PodInfo, row: Row) -> int:
         """The score of one node."""

@@ -1,0 +1,69 @@
+"""Which other pods matter to a pod: decides where amounts alone tell what a change of pods does, and where rules must run."""
+
+import numpy as np
+
+from robotapp_scheduler.core.changes import OF_PODS
+from robotapp_scheduler.core.classes import HOLE, Codes, FilterColumn
+from robotapp_scheduler.core.evaluation import Evaluation
+from robotapp_scheduler.core.framework import Loaded
+from robotapp_scheduler.core.pods import PlacedPod, PodInfo
+from robotapp_scheduler.core.view import Nodes
+
+_OF_PODS = int(OF_PODS)
+
+
+class Influence:
+    """The filters that have an opinion about a pod, by what their opinion depends on.
+
+    `room` is the filter that only counts amounts (it has the hook of that name), `others` are those other pods may touch.
+    """
+
+    def __init__(self, pod: PodInfo, evaluation: Evaluation) -> None:
+        self._pod = pod
+        self._columns = [column for column in evaluation.filters if not column.skipped]
+        self._reasons = evaluation.reasons
+        self.live: list[Loaded] = [column.plugin for column in self._columns]
+        self.room: Loaded | None = next((plugin for plugin in self.live if plugin.room is not None), None)
+        self.others = [p for p in self.live if p is not self.room and p.interest & _OF_PODS]
+
+    def __repr__(self) -> str:
+        return f"Influence(room={self.room}, others={self.others})"
+
+    def touched(self, other: PlacedPod) -> bool:
+        """May the coming or going of this pod change the opinion of any filter but `room`?"""
+        return any(plugin.touched_by is None or plugin.touched_by(self._pod, other) for plugin in self.others)
+
+    def together(self, others: list[PlacedPod]) -> bool:
+        """Can all these pods come at once, each to matter on its own node only?"""
+        return all(
+            plugin.row_local or not any(plugin.touched_by is None or plugin.touched_by(self._pod, o) for o in others)
+            for plugin in self.others
+        )
+
+    def codes(self, nodes: Nodes, evaluation: Evaluation) -> tuple[Codes, Codes]:
+        """(first reason, reason of `room`) per row of `nodes`, which differs from the cluster in amounts alone.
+
+        The opinion of every other filter is the one the evaluation knows.
+        """
+        first = np.zeros(nodes.n, dtype=np.int32)
+        room = np.zeros(nodes.n, dtype=np.int32)
+        positions = evaluation.positions(nodes.rows)
+        for column in self._columns:
+            if column.plugin is self.room:
+                room = self._asked(column.plugin, nodes)
+                np.copyto(first, room, where=first == 0)
+            elif not column.clean:
+                np.copyto(first, column.codes[positions], where=first == 0)
+        return first, room
+
+    def asked(self, nodes: Nodes) -> Codes:
+        """First reason per row of `nodes` as the cluster is now, every filter asked."""
+        first = np.where(nodes.valid, np.int32(0), np.int32(HOLE))
+        for plugin in self.live:
+            np.copyto(first, self._asked(plugin, nodes), where=first == 0)
+        return first
+
+    def _asked(self, plugin: Loaded, nodes: Nodes) -> Codes:
+        column = FilterColumn(plugin, self._reasons)
+        column.compute(self._pod, nodes)
+        return np.zeros(nodes.n, dtype=np.int32) if column.skipped else column.codes

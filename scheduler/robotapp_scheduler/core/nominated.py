@@ -1,0 +1,69 @@
+"""Places promised to others: a node must take a pod both with its nominated pods counted in and without them."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from robotapp_scheduler.core.classes import Codes
+from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.columns import IntArray
+from robotapp_scheduler.core.evaluation import Evaluation
+from robotapp_scheduler.core.influence import Influence
+from robotapp_scheduler.core.pods import PlacedPod, PodInfo
+from robotapp_scheduler.core.trial import Trial
+from robotapp_scheduler.core.view import AdjustedNodes, Nodes
+
+
+def with_nominated(cluster: Cluster, pod: PodInfo, evaluation: Evaluation) -> Evaluation:
+    """The evaluation with the double pass done where pods of this priority or higher are nominated; else itself."""
+    if not len(cluster.nominations):
+        return evaluation
+    promised: dict[int, list[PlacedPod]] = {}
+    for node, records in cluster.nominations.at_least(pod.priority, but=pod.uid).items():
+        row = cluster.nodes.row_of.get(node)
+        if row is not None and evaluation.has(row):
+            promised[row] = records
+    if not promised:
+        return evaluation
+    rows = sorted(promised)
+    positions = evaluation.positions(np.array(rows, dtype=np.intp))
+    # The pass with the nominated pods comes first: its reason is the one that is reported.
+    first = _reasons(cluster, Influence(pod, evaluation), evaluation, rows, promised)
+    return evaluation.replaced(positions, np.where(first != 0, first, evaluation.reason[positions]))
+
+
+def _reasons(
+    cluster: Cluster,
+    influence: Influence,
+    evaluation: Evaluation,
+    rows: Sequence[int],
+    promised: Mapping[int, Sequence[PlacedPod]],
+) -> Codes:
+    records = [record for row in rows for record in promised[row]]
+    if not any(influence.touched(record) for record in records):
+        view = AdjustedNodes(cluster, rows, amounts(cluster, [promised[row] for row in rows]))
+        return influence.codes(view, evaluation)[0]
+    if influence.together(records):
+        with Trial(cluster) as trial:
+            for record in records:
+                trial.put(record)
+            return influence.asked(Nodes(cluster, rows))
+    found = np.zeros(len(rows), dtype=np.int32)
+    with Trial(cluster) as trial:
+        for i, row in enumerate(rows):
+            for record in promised[row]:
+                trial.put(record)
+            found[i] = influence.asked(Nodes(cluster, [row]))[0]
+            trial.back(0)
+    return found
+
+
+def amounts(cluster: Cluster, per_row: Sequence[Sequence[PlacedPod]]) -> IntArray:
+    """What pods hold, one column per list of pods, in the shape of core.priorities."""
+    total = np.zeros((len(cluster.nodes.resources.names) + 1, len(per_row)), dtype=np.int64)
+    for i, records in enumerate(per_row):
+        total[0, i] = len(records)
+        for record in records:
+            for code, amount in record.requested:
+                total[code + 1, i] += amount
+    return total

@@ -1,0 +1,101 @@
+"""A pod that got no node: the decision with upstream's words, and what its profile wants to do about it."""
+
+from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.decision import Decision
+from robotapp_scheduler.core.engine import Engine, Narrowed, pod_hash
+from robotapp_scheduler.core.evaluation import Evaluation
+from robotapp_scheduler.core.framework import Code, Status, histogram, pre_filter_message
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.preemption import Failure, Outcome
+from robotapp_scheduler.core.profiles import Profile
+
+LOST_DEVICE = "node(s) lost a device to another pod"
+DEVICE_PLUGIN = "ROSReserve"
+QUIRK = " not found"
+"""Upstream's tail after a pre_filter before DynamicResources rejected the pod for good: DynamicResources' own post_filter
+misses what its pre_filter would have noted, and ends the chain before preemption."""
+
+
+class Refusals:
+    """Makes the decisions of one attempt. `spared` pods are never chosen to make room."""
+
+    def __init__(self, cluster: Cluster, engine: Engine, *, seed: int, spared: frozenset[str]) -> None:
+        self._cluster = cluster
+        self._engine = engine
+        self._seed = seed
+        self._spared = spared
+
+    def __repr__(self) -> str:
+        return f"Refusals({self._engine!r})"
+
+    def early(self, pod: PodInfo, status: Status) -> Decision:
+        """A pre_filter rejected the pod."""
+        count = self._cluster.nodes.count
+        decision = Decision(
+            pod=pod,
+            code=status.code,
+            message=pre_filter_message(count, status.reason),
+            rejected_by=frozenset({status.plugin}),
+            nodes=count,
+        )
+        if status.code is Code.UNRESOLVABLE and status.plugin in _before_dynamic_resources(self._engine.profile):
+            decision.message += QUIRK
+            return decision
+        return self._post_filtered(decision, None)
+
+    def nowhere(
+        self, pod: PodInfo, evaluation: Evaluation, narrowed: Narrowed, names: frozenset[str] | None
+    ) -> Decision:
+        """Every node was refused by some filter."""
+        count = self._cluster.nodes.count
+        texts = evaluation.texts()
+        plugins = {evaluation.reasons.values[code].plugin for code in evaluation.counts()}
+        outside = count - len(evaluation.reason) if names is not None else 0
+        if outside:
+            text = f"node(s) didn't satisfy plugin(s) [{' '.join(sorted(narrowed.plugins))}]"
+            texts[text] = texts.get(text, 0) + outside
+            plugins.update(narrowed.plugins)
+        decision = Decision(
+            pod=pod,
+            code=Code.UNSCHEDULABLE,
+            message=histogram(count, texts),
+            rejected_by=frozenset(plugins),
+            nodes=count,
+        )
+        return self._post_filtered(decision, evaluation, outside)
+
+    def lost_all(self, pod: PodInfo, evaluation: Evaluation, blocked: int) -> Decision:
+        """Every node that was left lost a device to another pod."""
+        texts = evaluation.texts()
+        texts[LOST_DEVICE] = blocked
+        return Decision(
+            pod=pod,
+            code=Code.UNSCHEDULABLE,
+            message=histogram(self._cluster.nodes.count, texts),
+            rejected_by=frozenset({DEVICE_PLUGIN}),
+            nodes=self._cluster.nodes.count,
+        )
+
+    def _post_filtered(self, decision: Decision, evaluation: Evaluation | None, outside: int = 0) -> Decision:
+        pod = decision.pod
+        failure = Failure(
+            cluster=self._cluster,
+            pod=pod,
+            evaluation=evaluation,
+            outside=outside,
+            offset=pod_hash(pod.uid, self._seed),
+            spared=self._spared,
+            remembered=lambda key: self._engine.remembered(pod, key),
+        )
+        for loaded in self._engine.profile.post_filters:
+            if loaded.post_filter is None:
+                continue
+            found: Outcome = loaded.post_filter(pod, failure)
+            decision.message += f" {found.text}"
+            decision.nominate, decision.plan, decision.post_filtered = found.nominate, found.plan, True
+        return decision
+
+
+def _before_dynamic_resources(profile: Profile) -> list[str]:
+    names = [loaded.name for loaded in profile.pre_filters]
+    return names[: names.index("DynamicResources")] if "DynamicResources" in names else []

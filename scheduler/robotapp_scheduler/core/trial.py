@@ -1,0 +1,66 @@
+"""What if: the cluster with some pods taken off or put on, looked at, and put back exactly as it was.
+
+The real rows and indexes are changed and changed back, so every rule sees the trial through the same code as always.
+Meanwhile the change log is another one, whose positions nobody has seen: what remembers a position (pod classes, counts)
+computes anew inside, and again afterwards if it was asked inside.
+"""
+
+from types import TracebackType
+from typing import Self
+
+from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.pods import PlacedPod
+
+
+class Trial:
+    """A context: `take` and `put` inside, everything is undone at its end, in reverse order."""
+
+    def __init__(self, cluster: Cluster) -> None:
+        self._cluster = cluster
+        self._log = cluster.log
+        self._done: list[tuple[PlacedPod, bool]] = []
+        self._order: dict[str, list[str]] = {}
+        """Node → its pods in their order before the first was taken."""
+
+    def __repr__(self) -> str:
+        return f"Trial({len(self._done)} moves)"
+
+    def __enter__(self) -> Self:
+        self._log = self._cluster.log
+        self._cluster.log = self._log.apart()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.back(0)
+        for node, uids in self._order.items():
+            self._cluster.reorder(node, uids)
+        self._cluster.log = self._log
+
+    @property
+    def depth(self) -> int:
+        """How many moves were made: hand it to `back` to return to this state."""
+        return len(self._done)
+
+    def take(self, record: PlacedPod) -> None:
+        """Take a placed pod off its node."""
+        if record.node not in self._order:
+            self._order[record.node] = [pod.uid for pod in self._cluster.pods_on(record.node)]
+        self._cluster.take_off(record.uid)
+        self._done.append((record, False))
+
+    def put(self, record: PlacedPod) -> None:
+        """Put a pod on a node: one that was taken, or one that may come."""
+        self._cluster.put_on(record, Change.POD_ADDED)
+        self._done.append((record, True))
+
+    def back(self, depth: int) -> None:
+        """Undo the newest moves until only `depth` are left."""
+        while len(self._done) > depth:
+            record, put = self._done.pop()
+            if put:
+                self._cluster.take_off(record.uid)
+            else:
+                self._cluster.put_on(record, Change.POD_ADDED)

@@ -1,0 +1,129 @@
+"""Who must go from one node so that a pod fits, and what that costs.
+
+All pods of lower priority are taken away; if the pod fits then, they are given back one by one, first those whose
+eviction would break a disruption budget, more important ones first, and those that no longer fit are the victims.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from datetime import datetime
+from functools import lru_cache
+from typing import Final, NamedTuple
+
+from robotapp_scheduler.core.budgets import Split
+from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.influence import Influence
+from robotapp_scheduler.core.pods import PlacedPod
+from robotapp_scheduler.core.trial import Trial
+from robotapp_scheduler.core.view import Nodes
+
+PRIORITY_OFFSET: Final = 2**31
+"""Makes every priority positive, so that more victims never cost less."""
+NOT_STARTED: Final = float("inf")
+
+
+class Candidate(NamedTuple):
+    """A node with the pods that would have to go, most important first. A smaller rank is better."""
+
+    row: int
+    victims: tuple[PlacedPod, ...]
+    violations: int
+    rank: tuple[float, ...]
+
+
+def lower_pods(cluster: Cluster, row: int, priority: int, spared: frozenset[str]) -> list[PlacedPod]:
+    """The pods of a node that may have to go, most important first."""
+    pods = cluster.pods_on(cluster.nodes.names[row])
+    return sorted((pod for pod in pods if pod.priority < priority and pod.uid not in spared), key=importance)
+
+
+def importance(pod: PlacedPod) -> tuple[int, float]:
+    """Sort key: higher priority first, then who runs longer."""
+    return -pod.priority, _seconds(pod.pod.status.start_time)
+
+
+def by_amounts(
+    cluster: Cluster,
+    row: int,
+    lower: Sequence[PlacedPod],
+    wishes: Mapping[str, int],
+    promised: Sequence[PlacedPod] = (),
+) -> Candidate | None:
+    """The victims where nothing but amounts decides; None when the pod does not fit even without all of them."""
+    table, names = cluster.nodes, cluster.nodes.resources.index
+    codes = {names[name]: amount for name, amount in wishes.items() if name in names}
+    if len(codes) < len(wishes):
+        return None  # nobody offers it
+    held = [dict(pod.requested) for pod in lower]
+    left = [
+        int(table.resources.allocatable[code, row] - table.resources.requested[code, row])
+        + sum(each.get(code, 0) for each in held)
+        - sum(dict(pod.requested).get(code, 0) for pod in promised)
+        - amount
+        for code, amount in codes.items()
+    ]
+    slots = int(table.allowed_pods[row] - table.pod_count[row]) + len(lower) - len(promised) - 1
+    if slots < 0 or any(amount < 0 for amount in left):
+        return None
+    needs = {pod.uid: [each.get(code, 0) for code in codes] for pod, each in zip(lower, held, strict=True)}
+
+    def stays(pod: PlacedPod) -> bool:
+        nonlocal slots, left
+        after = [amount - need for amount, need in zip(left, needs[pod.uid], strict=True)]
+        if slots < 1 or any(amount < 0 for amount in after):
+            return False
+        slots, left = slots - 1, after
+        return True
+
+    return _reprieved(row, cluster.budgets.split(lower), stays)
+
+
+def by_trial(
+    cluster: Cluster, influence: Influence, row: int, lower: Sequence[PlacedPod], promised: Sequence[PlacedPod]
+) -> Candidate | int:
+    """The victims with every filter asked after each step; the reason that is left when the pod does not fit at all."""
+    with Trial(cluster) as trial:
+        for pod in lower:
+            trial.take(pod)
+        reason = _reason(cluster, influence, row, promised, trial)
+        if reason:
+            return reason
+
+        def stays(pod: PlacedPod) -> bool:
+            depth = trial.depth
+            trial.put(pod)
+            if _reason(cluster, influence, row, promised, trial) == 0:
+                return True
+            trial.back(depth)
+            return False
+
+        found = _reprieved(row, cluster.budgets.split(lower), stays)
+    return found if found is not None else 0
+
+
+def _reason(cluster: Cluster, influence: Influence, row: int, promised: Sequence[PlacedPod], trial: Trial) -> int:
+    """First reason against the node as it is in the trial, with the nominated pods there and without; 0 = none."""
+    depth = trial.depth
+    for record in promised:
+        trial.put(record)
+    reason = int(influence.asked(Nodes(cluster, [row]))[0])
+    trial.back(depth)
+    if promised and reason == 0:
+        reason = int(influence.asked(Nodes(cluster, [row]))[0])
+    return reason
+
+
+def _reprieved(row: int, split: Split, stays: Callable[[PlacedPod], bool]) -> Candidate | None:
+    violating = [pod for pod in split.violating if not stays(pod)]
+    victims = sorted([*violating, *(pod for pod in split.others if not stays(pod))], key=importance)
+    if not victims:
+        return None  # nobody has to go, so the pod was not refused for want of room here
+    top = victims[0].priority
+    earliest_s = min(_seconds(pod.pod.status.start_time) for pod in victims if pod.priority == top)
+    cost = sum(pod.priority + PRIORITY_OFFSET for pod in victims)
+    return Candidate(row, tuple(victims), len(violating), (len(violating), top, cost, len(victims), -earliest_s))
+
+
+@lru_cache(maxsize=4096)
+def _seconds(start_time: str | None) -> float:
+    """Unix time; a pod that has not started counts as starting now, later than any other."""
+    return datetime.fromisoformat(start_time).timestamp() if start_time else NOT_STARTED

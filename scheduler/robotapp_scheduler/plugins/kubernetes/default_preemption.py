@@ -1,0 +1,42 @@
+"""DefaultPreemption: pods of lower priority make room for a pod that fits nowhere."""
+
+import msgspec
+
+from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.preemption import Failure, Outcome, preempt
+
+
+class DefaultPreemptionArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
+    """How many candidates are enough: the larger of a share of the nodes that may help and a number."""
+
+    min_candidate_nodes_percentage: int = 10
+    min_candidate_nodes_absolute: int = 100
+
+
+class DefaultPreemption:
+    """Plans evictions; the shell carries them out, and holds the pod back meanwhile."""
+
+    name = "DefaultPreemption"
+    events = Change.NONE
+    Args = DefaultPreemptionArgs
+
+    def __init__(self, args: DefaultPreemptionArgs | None = None) -> None:
+        args = args or DefaultPreemptionArgs()
+        percentage, absolute = args.min_candidate_nodes_percentage, args.min_candidate_nodes_absolute
+        if not 0 <= percentage <= 100:
+            raise ValueError(f"minCandidateNodesPercentage: Invalid value: {percentage}: not in valid range [0, 100]")
+        if absolute < 0:
+            raise ValueError(f"minCandidateNodesAbsolute: Invalid value: {absolute}: not in valid range [0, inf)")
+        if percentage == absolute == 0:
+            raise ValueError(
+                "minCandidateNodesPercentage: Invalid value: 0: cannot be zero at the same time as minCandidateNodesAbsolute"
+            )
+        self._percentage, self._absolute = percentage, absolute
+
+    def post_filter(self, pod: PodInfo, failure: Failure) -> Outcome:  # noqa: ARG002 - the contract's signature
+        """Which node the pod should wait for and who must go from it."""
+        return preempt(failure, self._limit)
+
+    def _limit(self, nodes: int) -> int:
+        return min(max(nodes * self._percentage // 100, self._absolute), nodes)

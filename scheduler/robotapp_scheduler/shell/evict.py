@@ -1,0 +1,157 @@
+"""Carries out what preemption decided: tells the victims why, deletes them, and takes their places from lesser waiters.
+
+Everything here may be cut off at any await: what was done is in the API server (condition, deletion, the preemptor's
+nominatedNodeName), and the next attempt of the preemptor goes on from there.
+"""
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable
+
+from robotapp_api.client.api import ApiClient, Json
+from robotapp_api.client.errors import ApiError, ClientError, Conflict, NotFound
+from robotapp_api.client.resources import PODS
+from robotapp_api.client.sweep_view import means_gone
+from robotapp_api.model.names import EventReason
+from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.objects import Pod
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.preemption import Plan
+from robotapp_scheduler.shell import texts
+from robotapp_scheduler.shell.metrics import Metrics
+from robotapp_scheduler.shell.report import STRATEGIC_MERGE, Events, utc_now
+
+log = logging.getLogger(__name__)
+
+TRIES = 4
+PARALLEL = 16
+"""Writes of one preemption at a time, as many as upstream's default parallelism."""
+
+
+class Evictor:
+    """`start` returns at once; the preemptor is held back until its victims are deleted or on their way."""
+
+    def __init__(
+        self,
+        core: SchedulerCore,
+        client: ApiClient,
+        events: Events,
+        metrics: Metrics,
+        *,
+        clock: Callable[[], float],
+        now: Callable[[], str] = utc_now,
+        wake: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._core = core
+        self._client = client
+        self._events = events
+        self._metrics = metrics
+        self._clock = clock
+        self._now = now
+        self._wake = wake
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._slots = asyncio.Semaphore(PARALLEL)
+
+    def __repr__(self) -> str:
+        return f"<Evictor {len(self._tasks)} preemptions in flight>"
+
+    def start(self, plan: Plan, preemptor: PodInfo) -> None:
+        """Begin to evict. Victims that are being deleted already need nothing more."""
+        self._metrics.preempted(len(plan.victims), violations=plan.violations)
+        victims = [victim.pod for victim in plan.victims if not victim.terminating]
+        if not victims:
+            return
+        self._core.preempts(preemptor.uid)
+        task = asyncio.create_task(self._carry_out(plan, victims, preemptor), name=f"preempt for {preemptor.key}")
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def drain(self, timeout_s: float) -> None:
+        """Wait for the evictions in flight."""
+        if self._tasks:
+            await asyncio.wait(set(self._tasks), timeout=timeout_s)
+
+    async def _carry_out(self, plan: Plan, victims: list[Pod], preemptor: PodInfo) -> None:
+        started_s, failed = self._clock(), True
+        try:
+            lesser = self._core.cluster.nominations.below(preemptor.priority, plan.node)
+            await asyncio.gather(*(self._take_promise(pod) for pod in lesser))
+            # The last one goes after the others succeeded: its deletion is the event that brings the preemptor back.
+            results = await asyncio.gather(*(self._evict(pod, plan.node, preemptor) for pod in victims[:-1]))
+            failed = not (all(results) and await self._evict(victims[-1], plan.node, preemptor))
+        except Exception:  # a bug must not hold the preemptor for ever: it is tried again below
+            log.exception("preemption on %s for %s failed", plan.node, preemptor.key)
+        finally:
+            self._metrics.preemption_s.labels("error" if failed else "success").observe(self._clock() - started_s)
+            self._core.preempted(preemptor.uid, failed=failed)
+            self._wake()
+
+    async def _evict(self, victim: Pod, node: str, preemptor: PodInfo) -> bool:
+        """False: it is still there, and nobody deletes it."""
+        meta = victim.metadata
+        condition = texts.disruption_patch(victim, by=preemptor.scheduler_name, now=self._now())
+
+        async def mark() -> None:
+            if not texts.is_disrupted(victim):
+                await self._patch(victim, condition)
+
+        async def delete() -> None:
+            await self._client.delete(PODS, meta.name, namespace=meta.namespace, uid=meta.uid)
+
+        async with self._slots:
+            for step in (mark, delete):
+                gone = await self._tried(step, victim)
+                if gone is None:
+                    return False
+                if gone:
+                    return True
+        log.info("%s preempted %s on %s", preemptor.key, victim.key, node)
+        self._events.pod_event(
+            victim,
+            warning=False,
+            reason=EventReason.PREEMPTED,
+            action="Preempting",
+            note=texts.preempted(preemptor.uid, node),
+            by=preemptor.scheduler_name,
+        )
+        return True
+
+    async def _take_promise(self, pod: PodInfo) -> None:
+        """A waiter of lower priority no longer has its place on the node; a failure here is not critical."""
+        self._core.cluster.nominations.nominate(pod, "")
+        patch = texts.nomination_patch(pod.pod, "")
+        async with self._slots:
+            await self._tried(lambda: self._patch(pod.pod, patch), pod.pod)
+
+    async def _patch(self, pod: Pod, patch: Json) -> None:
+        meta = pod.metadata
+        await self._client.patch(
+            PODS, meta.name, patch, namespace=meta.namespace, subresource="status", content_type=STRATEGIC_MERGE
+        )
+
+    async def _tried(self, step: Callable[[], Awaitable[None]], pod: Pod) -> bool | None:
+        """One write, repeated while that can help. True: the pod is gone. False: written. None: given up."""
+        problem: ClientError | None = None
+        for attempt in range(TRIES):
+            if attempt:
+                await self._client.sleep(0.05 * 5.0 ** (attempt - 1))
+            try:
+                await step()
+            except NotFound as error:
+                if means_gone(error, pod.metadata.name):
+                    return True
+                problem = error
+            except Conflict as error:
+                if "uid" in error.message.lower():
+                    return True  # another pod of the same name
+                problem = error
+            except ApiError as error:
+                problem = error
+                if error.status < 500 and error.status != 429:
+                    break
+            except ClientError as error:
+                problem = error
+            else:
+                return False
+        log.warning("%s cannot be evicted: %s", pod.key, problem)
+        return None
