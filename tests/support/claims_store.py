@@ -12,6 +12,7 @@ from typing import Any
 import msgspec
 
 from robotapp_api.client.api import Json, Listing
+from robotapp_api.client.apply import STRATEGIC
 from robotapp_api.client.errors import AlreadyExists, ApiError, Conflict, Forbidden, NotFound
 from robotapp_api.client.resources import ROBOTCLAIMS, Resource
 
@@ -127,6 +128,20 @@ class Client:
             stored = copy.deepcopy(obj) | {"status": stored.get("status", {})}
         stored = self.store.put(resource, stored)
         await self._after(f"replace {resource.plural} {meta['name']}")
+        return stored
+
+    async def patch(
+        self, resource: Resource, name: str, patch: Json, *, namespace: str, subresource: str, content_type: str
+    ) -> Json:
+        """Of conditions only, which replace all there were; the answer of a patch that changes nothing is the object."""
+        assert (subresource, content_type) == ("status", STRATEGIC)
+        await self._before(f"patch {resource.plural} {name}")
+        stored = copy.deepcopy(self._existing(resource, name, namespace))
+        _precondition(stored, patch["metadata"].get("uid"), patch["metadata"].get("resourceVersion"))
+        if (stored.get("status") or {}).get("conditions") != patch["status"]["conditions"]:
+            stored["status"] = (stored.get("status") or {}) | copy.deepcopy(patch["status"])
+            stored = self.store.put(resource, stored)
+        await self._after(f"patch {resource.plural} {name}")
         return stored
 
     async def delete(

@@ -22,6 +22,8 @@ class Release(StrEnum):
     """Draining, and the quarantine (domains) or handover (devices) still runs."""
     DELETE = "Delete"
     """Phase 2: still unused after the rest."""
+    GIVE_BACK = "GiveBack"
+    """Held by a pod that waits and waits: fence the pod, then delete."""
 
 
 @dataclass(frozen=True, slots=True)

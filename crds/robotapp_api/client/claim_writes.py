@@ -35,6 +35,9 @@ class Api(Protocol):
     async def replace(
         self, resource: Resource, obj: Json, *, namespace: str | None = None, subresource: str = ""
     ) -> Json: ...
+    async def patch(
+        self, resource: Resource, name: str, patch: Json, *, namespace: str, subresource: str, content_type: str
+    ) -> Json: ...
     async def delete(
         self, resource: Resource, name: str, *, uid: str | None = None, resource_version: str | None = None
     ) -> None: ...

@@ -1,14 +1,14 @@
 """Devices at reserve: all or none, in the order of claim names, never rolled back.
 
 What a failed attempt has taken stays with the pod and is found again by its next attempt; the sweep frees it when the
-pod is gone or bound without it. A rollback could free a device that a binding with a lost answer has given away.
+pod is gone or bound without it. Only behind a fence it is given back earlier (`giving_back`). A plain rollback could free a device that a binding with a lost answer has given away.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from robotapp_api.claims.device import Chosen, Take, busy_text, take_device
-from robotapp_api.claims.identity import Found, device_spec, same_tuple
+from robotapp_api.claims.identity import Found, device_spec, same_holder, same_tuple
 from robotapp_api.claims.objects import Claim, Holder
 from robotapp_api.client.claim_writes import Api, Refused, create_claim, touch
 from robotapp_api.client.claims import find_claim
@@ -20,13 +20,18 @@ ROUNDS = 4
 
 @dataclass(frozen=True, slots=True)
 class Reservation:
-    """ids: the granted device ids when ok. claim: the device that stopped us otherwise."""
+    """ids: the granted device ids when ok. claim: the device that stopped us otherwise.
+
+    in_vain: what this attempt has, as last written, while another holder has the rest: to be given back.
+    """
 
     ok: bool
     ids: tuple[str, ...] = ()
     claim: str = ""
     reason: str = ""
     message: str = ""
+    taken_by_another: bool = False
+    in_vain: tuple[Claim, ...] = ()
 
 
 async def reserve_devices(
@@ -43,19 +48,21 @@ async def reserve_devices(
     holder: the RobotApp with instance and component, or the bare pod. known: claims from a cache; they only save a
     request, the compare-and-swap decides. Raises ApiError or Unreachable; calling again adopts what was created.
     """
+    taken: list[Claim] = []
     for device in sorted(devices, key=lambda one: one.claim):
-        blocker = await _reserve(
+        found = await _reserve(
             client, holder=holder, pod_uid=pod_uid, node=node, device=device, cached=(known or {}).get(device.claim)
         )
-        if blocker is not None:
-            return blocker
+        if isinstance(found, Reservation):
+            return replace(found, in_vain=tuple(taken)) if found.taken_by_another else found
+        taken.append(found)
     return Reservation(True, ids=tuple(sorted(device.id for device in devices)))
 
 
 async def _reserve(
     client: Api, *, holder: Holder, pod_uid: str, node: str, device: Chosen, cached: Claim | None
-) -> Reservation | None:
-    """None when the device is ours."""
+) -> Claim | Reservation:
+    """The claim when the device is ours, else why it is not."""
     spec = device_spec(node=node, device_type=device.type, device_id=device.id, identity=device.identity, holder=holder)
     claim = cached
     for _ in range(ROUNDS):
@@ -73,11 +80,9 @@ async def _reserve(
                 return _blocked(claim, holder)
             continue
         try:
-            await touch(client, claim, pod=pod_uid, node=node)
+            return await touch(client, claim, pod=pod_uid, node=node)
         except Refused:
             claim = await find_claim(client, device.claim)
-        else:
-            return None
     return Reservation(
         False, claim=device.claim, reason=Reason.DEVICE_BUSY, message=f"{device.claim} keeps changing; trying again"
     )
@@ -85,4 +90,6 @@ async def _reserve(
 
 def _blocked(claim: Claim, holder: Holder) -> Reservation:
     text = busy_text(claim, for_namespace=holder.namespace)
-    return Reservation(False, claim=claim.name, reason=Reason.DEVICE_BUSY, message=text)
+    # Its own component's device comes free together with what is taken already: the predecessor is ending.
+    another = not same_holder(claim.holder, holder)
+    return Reservation(False, claim=claim.name, reason=Reason.DEVICE_BUSY, message=text, taken_by_another=another)

@@ -20,12 +20,15 @@ from robotapp_api.claims.repair import ClaimConflict
 from robotapp_api.client.claim_repair import repair
 from robotapp_api.client.claim_writes import Api, Refused, delete_claim, drain, touch
 from robotapp_api.client.errors import ClientError, describe
+from robotapp_api.client.giving_back import give_back
 from robotapp_api.client.sweep_view import View, read_view, used_on_node
 
 log = logging.getLogger(__name__)
 
 PERIOD_S: Final = 30.0
 HANDOVER_S: Final = 15.0
+PENDING_S: Final = 60.0
+"""For the scheduler's sweep."""
 PAUSE_S: Final = 0.1
 """Least time between passes: a burst of deletions is one pass."""
 DUTY: Final = 4.0
@@ -68,6 +71,7 @@ class Rests:
 class Sweeper:
     """Gives back what nobody uses, and re-creates claims that something running stands on.
 
+    pending_s: a pod that is not bound gives a device back when its claim was not touched for so long (F4); None: never.
     namespaces: sweep only holders there (a namespaced operator); None sweeps all. Without the right to list workloads
     everywhere such a sweep gives no domain of an app back: apps elsewhere may share it. granted_pods: bare pods with grants,
     from a cache, to be repaired. on_conflicts gets, after each pass, all things with two users. counts: writes and passes by kind.
@@ -79,6 +83,7 @@ class Sweeper:
         *,
         period_s: float = PERIOD_S,
         handover_s: float = HANDOVER_S,
+        pending_s: float | None = None,
         namespaces: Collection[str] | None = None,
         granted_pods: Callable[[], Iterable[Pod]] = tuple,
         on_conflicts: Callable[[Sequence[ClaimConflict]], None] | None = None,
@@ -88,6 +93,7 @@ class Sweeper:
         self._client = client
         self._period_s = period_s
         self._handover_s = handover_s
+        self._pending_s = pending_s
         self._namespaces = namespaces
         self._granted_pods = granted_pods
         self._on_conflicts = on_conflicts or (lambda _: None)
@@ -162,7 +168,9 @@ class Sweeper:
 
     async def _decide_device(self, view: View, claim: Claim) -> Release:
         use = pod_use(claim, view.pods.get(claim.status.pod))
-        if use is PodUse.USES or (use is PodUse.GONE and await used_on_node(self._client, claim)):
+        if use is PodUse.USES:
+            return self._while_pending(claim, view.pods[claim.status.pod])
+        if use is PodUse.GONE and await used_on_node(self._client, claim):
             return Release.KEEP
         app = await view.app(claim.holder)
         wanted = wants_devices(app, claim.holder) and (
@@ -174,11 +182,18 @@ class Sweeper:
         )
 
     async def _decide_pod(self, view: View, claim: Claim) -> Release:
-        lost = pod_lost(await view.holder_pod(claim.holder), claim)
+        pod = await view.holder_pod(claim.holder)
+        lost = pod_lost(pod, claim)
         if claim.spec.device:
-            return Release.DELETE if lost else Release.KEEP
+            return Release.DELETE if lost or pod is None else self._while_pending(claim, pod)
         rested = claim.draining and self._rests.rested(claim, view.rest_s(claim))
         return release_domain(draining=claim.draining, wanted=False, used=not lost, rested=rested)
+
+    def _while_pending(self, claim: Claim, pod: Pod) -> Release:
+        """Every attempt to place the pod touches its claims, so that only what is not even tried rests here."""
+        if self._pending_s is None or pod.spec.node_name or not self._rests.rested(claim, self._pending_s):
+            return Release.KEEP
+        return Release.GIVE_BACK
 
     async def _act(self, view: View, claim: Claim, decision: Release) -> None:
         if decision in {Release.KEEP, Release.WAIT}:
@@ -188,6 +203,10 @@ class Sweeper:
         elif decision is Release.DRAIN:
             drained = await drain(self._client, claim)
             self._rests.rested(drained, self._handover_s if claim.spec.device else view.rest_s(claim))
+        elif decision is Release.GIVE_BACK:
+            pod = view.pods.get(claim.status.pod) or await view.holder_pod(claim.holder)
+            if pod is None or not await give_back(self._client, pod, (claim,)):
+                raise Refused
         else:
             await delete_claim(self._client, claim)
         self.counts[decision.value] += 1

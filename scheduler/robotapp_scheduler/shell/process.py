@@ -14,7 +14,7 @@ from robotapp_api.client.api import ApiClient, Json
 from robotapp_api.client.events import reference
 from robotapp_api.client.lease import LeaderElection, candidate_identity
 from robotapp_api.client.login import load as login
-from robotapp_api.client.sweep import Sweeper
+from robotapp_api.client.sweep import PENDING_S, Sweeper
 from robotapp_api.model.names import SCHEDULER_MANAGER, Label
 from robotapp_scheduler import config as configuration
 from robotapp_scheduler.config import ConfigError, SchedulerConfig
@@ -115,6 +115,7 @@ class Scheduler:
             client,
             period_s=options.sweep_seconds,
             granted_pods=lambda: granted_pods(self.core.cluster.placed.values()),
+            pending_s=PENDING_S,
             on_conflicts=self.events.conflicts,
         )
         self.feed = Feed(

@@ -1,7 +1,7 @@
 """What has to be ours before a pod may be bound: its domain's claim must stand, its devices must be claimed.
 
-The filter read a cache; here the API server decides. Nothing taken here is ever given back by us: what a failed attempt
-has claimed is found again by the next one, and the sweep frees it when the pod is gone (claims.md).
+The filter read a cache; here the API server decides. What a failed attempt has claimed is found again by the next one,
+and the sweep frees it when the pod is gone; only what is of no use without a device that another holder has is given back.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -18,6 +18,7 @@ from robotapp_api.client.api import ApiClient
 from robotapp_api.client.claims import check_bind_all, ensure_pod_domain
 from robotapp_api.client.device_claims import Reservation, reserve_devices
 from robotapp_api.client.errors import ClientError
+from robotapp_api.client.giving_back import give_back
 from robotapp_api.client.resources import PODS
 from robotapp_api.client.sweep_view import find
 from robotapp_api.model.names import GRANTED_PREFIX, Label, PodReason
@@ -105,6 +106,8 @@ class Reserver:
                 return Reserved(Readiness.GONE)
             found = await self._devices(pod, node, exclusive)
             if not found.ok:
+                if found.in_vain:
+                    await give_back(self._client, stored, found.in_vain)
                 return Reserved(Readiness.BUSY, reason=found.reason, message=found.message)
             number: int | None = None
             if domain:

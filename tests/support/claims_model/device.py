@@ -46,6 +46,10 @@ class DeviceModel:
     sweepers: int = 2
     unreserve: bool = False
     """Structure mutant: the scheduler deletes its claim when the binding got no answer."""
+    gives_back: bool = False
+    """A scheduler may take the device from a pod that waits for the rest of its devices (F4): fence, then delete."""
+    fences: bool = True
+    """False is a structure mutant: deleted without the fence."""
     rules: DeviceRules = field(default_factory=DeviceRules)
 
     def __post_init__(self) -> None:
@@ -79,7 +83,8 @@ class DeviceModel:
         def after(j: int, one: tuple[Any, ...]) -> tuple[Any, ...]:
             if j == k or one == IDLE:
                 return to if j == k else one
-            stale = one[1] == pod or (one[2] == claim and one[0] in {"adopt", "take"} and self.compares)
+            compared = {"adopt", "take", "fence", "give back"} if self.compares else set()
+            stale = one[1] == pod or (one[2] == claim and one[0] in compared)
             return IDLE if stale else one
 
         return tuple(sorted(after(j, one) for j, one in enumerate(s.schedulers)))
@@ -158,6 +163,7 @@ class DeviceModel:
             for pod, (phase, _) in enumerate(s.pods):
                 if phase == PENDING:
                     yield from self._choose(s, k, pod)
+                    yield from self._give_up(s, k, pod)
             return
         yield move(s, "scheduler dies or gets 5xx", False, schedulers=self._scheds(s, k))
         if step == "create":
@@ -175,8 +181,18 @@ class DeviceModel:
             if self.unreserve:
                 undone = self._scheds(s, k, ("undo", i, x), pod=i)
                 yield move(s, f"bind p{i} with d{x}, no answer", False, pods=bound, schedulers=undone)
+        elif step == "fence":
+            yield move(s, f"p{i} fenced", True, schedulers=self._scheds(s, k, ("give back", i, x), pod=i))
         else:
-            yield self._set_claim(s, f"Unreserve d{x}", True, x, None, scheduler=(k, IDLE))
+            label = "Unreserve" if step == "undo" else f"p{i} gives back"
+            yield self._set_claim(s, f"{label} d{x}", True, x, None, scheduler=(k, IDLE))
+
+    def _give_up(self, s: State, k: int, i: int) -> Iterator[Move]:
+        """Pod and claim have been read; both writes that follow carry the versions seen here."""
+        for x, claim in enumerate(s.claims):
+            if self.gives_back and claim == (self.holders[i], i):
+                to = ("fence" if self.fences else "give back", i, x)
+                yield move(s, f"p{i} cannot have the rest", False, schedulers=self._scheds(s, k, to))
 
     def _choose(self, s: State, k: int, i: int) -> Iterator[Move]:
         """A device the pod has already comes first; else any that it may take or create."""

@@ -64,6 +64,18 @@ async def test_the_second_pod_is_told_who_holds_the_device(client: ApiClient) ->
     assert "a/first" in found.message
 
 
+async def test_a_pod_that_gets_only_one_of_two_devices_gives_it_back_at_once(client: ApiClient) -> None:
+    zero = DeviceGrant("a", "edge-1", Device(id="a-first", type="can"), exclusive=True)
+    rival, pod = await stored(client, "rival"), await stored(client, "drv")
+    await Reserver(client).things(rival, "edge-1", (CAN,))
+    found = await Reserver(client).things(pod, "edge-1", (zero, CAN))
+    assert (found.readiness, found.annotations) == (Readiness.BUSY, {})
+    (claim,) = (await client.list(ROBOTCLAIMS)).items
+    assert claim["spec"]["holder"]["uid"] == rival.uid
+    current = await client.get(PODS, "drv", namespace="a")
+    assert current["metadata"]["resourceVersion"] != pod.pod.metadata.resource_version
+
+
 async def test_a_pod_that_is_gone_or_replaced_claims_nothing(client: ApiClient) -> None:
     pod = await stored(client, "drv")
     await client.delete(PODS, "drv", namespace="a")

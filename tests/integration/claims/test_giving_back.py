@@ -1,0 +1,65 @@
+"""F4 on the real API server, with the scheduler's rights: fence, then release."""
+
+import asyncio
+
+import msgspec
+import pytest
+from tests.support.claims_live import Live
+
+from robotapp_api.claims.device import chosen
+from robotapp_api.claims.objects import Pod
+from robotapp_api.client.device_claims import reserve_devices
+from robotapp_api.client.errors import Conflict
+from robotapp_api.client.giving_back import give_back
+from robotapp_api.client.resources import PODS
+
+pytestmark = pytest.mark.live
+
+
+async def test_a_waiting_pod_gives_back_what_it_has_in_vain_and_a_bind_decided_before_is_refused(place: Live) -> None:
+    mine, other = await place.make_app("mine"), await place.make_app("other")
+    devices = [
+        chosen(node=place.node, device_id=name, device_type="can", identity="") for name in ("can-a", "can-can0")
+    ]
+    rival = await place.make_pod("rival", other.holder)
+    assert (await place.reserve(rival["metadata"]["uid"], place.driver(other))).ok
+    body = await place.make_pod("waits", mine.holder)
+    found = await reserve_devices(
+        place.scheduler,
+        holder=place.driver(mine),
+        pod_uid=body["metadata"]["uid"],
+        node=place.node,
+        devices=devices,
+    )
+    assert [claim.spec.device.id for claim in found.in_vain if claim.spec.device] == ["can-a"]
+    assert await give_back(place.scheduler, msgspec.convert(body, Pod), found.in_vain) == 1
+    held = {claim.spec.device.id: claim.holder.name for claim in await place.claims() if claim.spec.device}
+    assert held == {"can-can0": "other"}
+    binding = {
+        "apiVersion": "v1",
+        "kind": "Binding",
+        "metadata": {
+            "name": "waits",
+            "uid": body["metadata"]["uid"],
+            "resourceVersion": body["metadata"]["resourceVersion"],
+        },
+        "target": {"kind": "Node", "name": place.node},
+    }
+    with pytest.raises(Conflict):
+        await place.scheduler.post_raw(PODS.path(place.namespace, "waits", "binding"), msgspec.json.encode(binding))
+    stored = await place.admin.get(PODS, "waits", namespace=place.namespace)
+    (condition,) = [item for item in stored["status"]["conditions"] if item["type"] == "PodScheduled"]
+    assert condition["status"] == "False"
+
+
+async def test_the_schedulers_sweep_takes_a_device_from_a_pod_nobody_tries_to_place(place: Live) -> None:
+    request = await place.make_app()
+    pod = await place.make_pod("waits", request.holder)
+    assert (await place.reserve(pod["metadata"]["uid"], place.driver(request))).ok
+    (claim,) = await place.claims()
+    sweeper = place.sweeper(place.scheduler, pending_s=0.3)
+    await sweeper.sweep_once()
+    assert await place.phase(claim.name) == "Reserved"
+    await asyncio.sleep(0.4)
+    await sweeper.sweep_once()
+    assert await place.phase(claim.name) == "gone"
