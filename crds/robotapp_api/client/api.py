@@ -24,7 +24,7 @@ from robotapp_api.client.backoff import Backoff
 from robotapp_api.client.errors import ApiError, Gone, ServerError, TooManyRequests, Unreachable, error_from_response
 from robotapp_api.client.login import Endpoint
 from robotapp_api.client.resources import Resource
-from robotapp_api.client.transport import AiohttpTransport, Response, Stream, Transport
+from robotapp_api.client.transport import HttpTransport, Response, Stream, Transport
 
 T = TypeVar("T")
 Json = dict[str, Any]
@@ -90,9 +90,7 @@ class ApiClient:
         self.uniform = uniform
         self._timeout_s = timeout_s
         self._query = bodies.manager_query(field_manager)
-        self._transport = transport or AiohttpTransport(
-            endpoint, user_agent=user_agent, max_connections=max_connections
-        )
+        self._transport = transport or HttpTransport(endpoint, user_agent=user_agent, max_connections=max_connections)
 
     def __repr__(self) -> str:
         return (

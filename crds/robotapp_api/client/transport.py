@@ -1,12 +1,12 @@
-"""Bytes to the API server and back: with `pool` the only module that knows aiohttp.
+"""Bytes to the API server and back. Two calls: `request`, over connections of our own, and `stream`, by aiohttp.
 
-Two calls, `request` and `stream`; a hand-written HTTP/1.1 protocol can take this place without anybody noticing.
+Only `pool` knows aiohttp too. Watches stay with it: they are few and long, and their cost is in what they carry.
 """
 
 import contextlib
 from collections.abc import AsyncIterator, Mapping
 from types import TracebackType
-from typing import Final, NamedTuple, Protocol, Self
+from typing import Final, Protocol, Self
 
 import aiohttp
 from yarl import URL
@@ -14,19 +14,10 @@ from yarl import URL
 from robotapp_api.client.errors import Unreachable
 from robotapp_api.client.login import Endpoint
 from robotapp_api.client.pool import ConnectionPool
+from robotapp_api.client.wire import CONNECT_TIMEOUT_S, KEEPALIVE_S, Answer, BrokenError, Connections, NotSentError
 
-CONNECT_TIMEOUT_S: Final = 5.0
-KEEPALIVE_S: Final = 60.0
-"""Idle connections are dropped before the server (Go: 90 s and more) closes them under a request."""
 SAFE_METHODS: Final = frozenset({"GET", "HEAD"})
-
-
-class Response(NamedTuple):
-    """A complete answer of any status; `headers` is case-insensitive."""
-
-    status: int
-    headers: Mapping[str, str]
-    body: bytes
+Response = Answer
 
 
 class Stream(Protocol):
@@ -53,8 +44,8 @@ class Transport(Protocol):
     def stream(self, path: str, *, silence_s: float) -> contextlib.AbstractAsyncContextManager[Stream]: ...
 
 
-class AiohttpTransport:
-    """Keep-alive pool of aiohttp; watches have a pool of their own so that they never starve requests."""
+class HttpTransport:
+    """Requests share a pool of connections; watches have their own, so that they never starve requests."""
 
     def __init__(
         self,
@@ -66,38 +57,36 @@ class AiohttpTransport:
         self._endpoint = endpoint
         self._user_agent = user_agent
         self._max_connections = max_connections
-        self._sessions: list[aiohttp.ClientSession] = []
-        self._headers: dict[tuple[str, str | None], dict[str, str]] = {}
-        self._timeouts: dict[float, aiohttp.ClientTimeout] = {}
+        self._connections: Connections | None = None
+        self._watches: aiohttp.ClientSession | None = None
+        self._headers: dict[tuple[str, str | None], bytes] = {}
 
     def __repr__(self) -> str:
-        state = "open" if self._sessions else "closed"
-        return f"<AiohttpTransport {self._endpoint.server}, {state}, ≤ {self._max_connections} connections>"
+        state = "open" if self._connections else "closed"
+        return f"<HttpTransport {self._endpoint.server}, {state}, ≤ {self._max_connections} connections>"
 
     async def open(self) -> None:
-        for limit in (self._max_connections, 0):
-            connector = ConnectionPool(
-                limit=limit,
-                ssl=self._endpoint.tls or True,
-                keepalive_timeout=KEEPALIVE_S,
-                ttl_dns_cache=10,
-            )
-            session = aiohttp.ClientSession(
-                connector=connector,
-                cookie_jar=aiohttp.DummyCookieJar(),
-                auto_decompress=False,
-                skip_auto_headers=("Accept-Encoding", "Accept", "User-Agent", "Content-Type"),
-                read_bufsize=2**18,
-            )
-            # aiohttp sends PUT and DELETE a second time when a kept-alive connection breaks under them. A write that
-            # may have been applied is the caller's to judge, and there is no public switch.
-            session._retry_connection = False  # noqa: SLF001
-            self._sessions.append(session)
+        self._connections = Connections(self._endpoint, limit=self._max_connections)
+        self._watches = aiohttp.ClientSession(
+            connector=ConnectionPool(
+                limit=0, ssl=self._endpoint.tls or True, keepalive_timeout=KEEPALIVE_S, ttl_dns_cache=10
+            ),
+            cookie_jar=aiohttp.DummyCookieJar(),
+            auto_decompress=False,
+            skip_auto_headers=("Accept-Encoding", "Accept", "User-Agent", "Content-Type"),
+            read_bufsize=2**18,
+        )
+        # aiohttp sends a request a second time when a kept-alive connection breaks under it. How often a watch is begun
+        # is the reflector's to judge, and there is no public switch.
+        self._watches._retry_connection = False  # noqa: SLF001
 
     async def close(self) -> None:
-        sessions, self._sessions = self._sessions, []
-        for session in sessions:
-            await session.close()
+        connections, self._connections = self._connections, None
+        watches, self._watches = self._watches, None
+        if connections is not None:
+            await connections.close()
+        if watches is not None:
+            await watches.close()
 
     async def __aenter__(self) -> Self:
         await self.open()
@@ -126,19 +115,21 @@ class AiohttpTransport:
         return response
 
     async def _once(self, method: str, path: str, body: bytes | None, content_type: str, timeout_s: float) -> Response:
+        connections = self._connections
+        if connections is None:
+            raise Unreachable(_CLOSED, maybe_applied=False)
+        if " " in path or not path.isprintable():
+            raise ValueError(f"{path!r} is not an escaped path")
+        size = "" if body is None else f"Content-Length: {len(body)}\r\n"
+        line = f"{method} {connections.prefix}{path} HTTP/1.1\r\n{size}"
+        data = line.encode() + self._request_headers(content_type, connections.host_header) + (body or b"")
         try:
-            async with self._session(0).request(
-                method,
-                URL(self._endpoint.server + path, encoded=True),
-                data=body,
-                headers=self._request_headers(content_type),
-                timeout=self._timeout(timeout_s),
-                allow_redirects=False,
-                server_hostname=self._endpoint.server_hostname,
-            ) as response:
-                return Response(response.status, response.headers, await response.read())
-        except (aiohttp.ClientError, TimeoutError, OSError) as error:
-            raise _unreachable(method, path, error) from error
+            return await connections.request(data, timeout_s=timeout_s)
+        except NotSentError as error:
+            raise Unreachable(f"{_where(method, path)}: {error}", maybe_applied=False) from error
+        except BrokenError as error:
+            maybe_applied = method not in SAFE_METHODS
+            raise Unreachable(f"{_where(method, path)}: {error}", maybe_applied=maybe_applied) from error
 
     @contextlib.asynccontextmanager
     async def stream(self, path: str, *, silence_s: float) -> AsyncIterator["_AiohttpStream"]:
@@ -148,10 +139,10 @@ class AiohttpTransport:
             await credentials.refresh()
         generation = credentials.generation
         try:
-            async with self._session(1).request(
+            async with self._session().request(
                 "GET",
                 URL(self._endpoint.server + path, encoded=True),
-                headers=self._request_headers(""),
+                headers=self._watch_headers(),
                 timeout=aiohttp.ClientTimeout(total=None, sock_connect=CONNECT_TIMEOUT_S, sock_read=silence_s),
                 allow_redirects=False,
                 server_hostname=self._endpoint.server_hostname,
@@ -160,34 +151,31 @@ class AiohttpTransport:
                     await credentials.refresh(seen_generation=generation)
                 yield _AiohttpStream(response, path)
         except (aiohttp.ClientError, TimeoutError, OSError) as error:
-            raise _unreachable("GET", path, error) from error
+            raise _unreachable(path, error) from error
 
-    def _session(self, number: int) -> aiohttp.ClientSession:
-        if not self._sessions:
-            raise Unreachable("the client is closed, or was never entered with `async with`", maybe_applied=False)
-        return self._sessions[number]
+    def _session(self) -> aiohttp.ClientSession:
+        if self._watches is None:
+            raise Unreachable(_CLOSED, maybe_applied=False)
+        return self._watches
 
-    def _request_headers(self, content_type: str) -> dict[str, str]:
-        """Built once per content type and token: the hot path only looks them up."""
+    def _watch_headers(self) -> dict[str, str]:
+        headers = {"Accept": "application/json", "User-Agent": self._user_agent}
+        authorization = self._endpoint.credentials.authorization
+        return headers if authorization is None else headers | {"Authorization": authorization}
+
+    def _request_headers(self, content_type: str, host: str) -> bytes:
+        """The constant end of a request's head, built once per content type and token."""
         key = (content_type, self._endpoint.credentials.authorization)
-        headers = self._headers.get(key)
-        if headers is None:
-            headers = {"Accept": "application/json", "User-Agent": self._user_agent}
-            if content_type:
-                headers["Content-Type"] = content_type
-            if key[1] is not None:
-                headers["Authorization"] = key[1]
+        block = self._headers.get(key)
+        if block is None:
+            headers = {"Host": host, **self._watch_headers()} | ({"Content-Type": content_type} if content_type else {})
+            lines = [f"{name}: {value}\r\n" for name, value in headers.items()]
+            if any("\r" in line[:-2] or "\n" in line[:-2] for line in lines):
+                raise ValueError("a header of the request contains a line break")
             if len(self._headers) > 16:  # tokens rotate; old ones must not pile up
                 self._headers.clear()
-            self._headers[key] = headers
-        return headers
-
-    def _timeout(self, timeout_s: float) -> aiohttp.ClientTimeout:
-        timeout = self._timeouts.get(timeout_s)
-        if timeout is None:
-            timeout = aiohttp.ClientTimeout(total=timeout_s, sock_connect=CONNECT_TIMEOUT_S)
-            self._timeouts[timeout_s] = timeout
-        return timeout
+            block = self._headers[key] = "".join([*lines, "\r\n"]).encode("latin-1")
+        return block
 
 
 class _AiohttpStream:
@@ -212,13 +200,15 @@ class _AiohttpStream:
             async for chunk in self._response.content.iter_any():
                 yield chunk
         except (aiohttp.ClientError, TimeoutError, OSError) as error:
-            raise _unreachable("GET", self._path, error) from error
+            raise _unreachable(self._path, error) from error
 
 
-_NOT_SENT = (aiohttp.ClientConnectorError, aiohttp.ConnectionTimeoutError, aiohttp.InvalidURL)
+_CLOSED = "the client is closed, or was never entered with `async with`"
 
 
-def _unreachable(method: str, path: str, error: BaseException) -> Unreachable:
-    maybe_applied = method not in SAFE_METHODS and not isinstance(error, _NOT_SENT)
-    what = str(error) or type(error).__name__
-    return Unreachable(f"{method} {path.partition('?')[0]}: {what}", maybe_applied=maybe_applied)
+def _where(method: str, path: str) -> str:
+    return f"{method} {path.partition('?')[0]}"
+
+
+def _unreachable(path: str, error: BaseException) -> Unreachable:
+    return Unreachable(f"{_where('GET', path)}: {str(error) or type(error).__name__}", maybe_applied=False)

@@ -106,11 +106,15 @@ async def test_a_paused_server_is_noticed_by_its_silence(plane: ControlPlane, cl
     hasty = client_for(load(plane.kubeconfig("admin")), timeout_s=0.5)
     async with hasty, watching(client, inactivity_s=0.4) as watcher:
         server = plane.process("kube-apiserver")
+        await hasty.create(CONFIGMAPS, marked("before"))
         server.pause()
         try:
             with pytest.raises(Unreachable) as caught:
                 await hasty.create(CONFIGMAPS, marked("paused"))
             assert caught.value.maybe_applied
+            with pytest.raises(Unreachable) as caught:  # now there is no connection left, and a new one gets no answer
+                await hasty.create(CONFIGMAPS, marked("unsent"))
+            assert not caught.value.maybe_applied
             await until(lambda: watcher.mirror.last_contact_s > 0.6, timeout_s=5)
             await until(lambda: watcher.mirror.stats.failures > 0, timeout_s=5)
         finally:

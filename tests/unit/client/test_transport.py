@@ -10,7 +10,7 @@ from tests.support.scripted import ScriptedServer, hang_up, item, refusal, reply
 from robotapp_api.client import Endpoint, Unauthorized, Unreachable
 from robotapp_api.client.credentials import Credentials, Token
 from robotapp_api.client.resources import NODES
-from robotapp_api.client.transport import AiohttpTransport
+from robotapp_api.client.transport import HttpTransport
 
 
 def numbered_tokens() -> Credentials:
@@ -83,7 +83,7 @@ async def test_old_tokens_do_not_pile_up() -> None:
     credentials = Credentials.fixed("0")
     async with (
         ScriptedServer(*[reply({})] * 40) as server,
-        AiohttpTransport(with_credentials(server.endpoint, credentials), user_agent="x") as transport,
+        HttpTransport(with_credentials(server.endpoint, credentials), user_agent="x") as transport,
     ):
         for number in range(40):
             credentials.authorization = f"Bearer {number}"

@@ -1,0 +1,291 @@
+"""HTTP/1.1 over kept-alive connections of our own: what a scheduler needs to write thousands of bindings per second.
+
+A request costs a fifth of aiohttp's CPU (reference figures in docs/performance.md). The bytes of an answer are parsed by
+httptools (llhttp); ours is only who uses which connection when. Nothing is ever sent twice.
+"""
+
+import asyncio
+import contextlib
+import socket
+from collections import deque
+from collections.abc import Iterator, Mapping
+from typing import Final, NamedTuple, cast
+from urllib.parse import urlsplit
+
+import httptools
+
+from robotapp_api.client.login import Endpoint
+
+CONNECT_TIMEOUT_S: Final = 5.0
+KEEPALIVE_S: Final = 60.0
+"""Idle connections are dropped before the server (Go: 90 s and more) closes them under a request."""
+CLOSE_S: Final = 1.0
+
+
+class Answer(NamedTuple):
+    """A complete answer of any status; `headers` is case-insensitive."""
+
+    status: int
+    headers: Mapping[str, str]
+    body: bytes
+
+
+class BrokenError(Exception):
+    """There is no complete answer; whether the request was executed is unknown."""
+
+
+class NotSentError(Exception):
+    """No byte of the request has left."""
+
+
+class Headers(Mapping[str, str]):
+    """Headers of an answer, decoded when somebody looks: nearly nobody does."""
+
+    __slots__ = ("_found", "_raw")
+
+    def __init__(self, raw: list[tuple[bytes, bytes]]) -> None:
+        self._raw = raw
+        self._found: dict[str, str] | None = None
+
+    def _all(self) -> dict[str, str]:
+        if self._found is None:
+            self._found = {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in self._raw}
+        return self._found
+
+    def __getitem__(self, name: str) -> str:
+        return self._all()[name.lower()]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._all())
+
+    def __len__(self) -> int:
+        return len(self._all())
+
+
+class Connection(asyncio.Protocol):
+    """One connection; one request at a time. Methods named on_… are called by the parser."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        self._loop = loop
+        self._transport: asyncio.Transport | None = None
+        self._parser = httptools.HttpResponseParser(self)
+        self._answer: asyncio.Future[Answer] | None = None
+        self._headers: list[tuple[bytes, bytes]] = []
+        self._body: list[bytes] = []
+        self.reusable = True
+        self.idle_since_s = 0.0
+        self.lost = loop.create_future()
+
+    def __repr__(self) -> str:
+        return f"<Connection {'reusable' if self.reusable else 'ended'}, {'busy' if self._answer else 'idle'}>"
+
+    async def exchange(self, request: bytes, timeout_s: float) -> Answer:
+        """Send and wait for the whole answer. Raises BrokenError; ends the connection when cancelled."""
+        if self._transport is None or not self.reusable:
+            raise NotSentError("the connection is closed")
+        answer: asyncio.Future[Answer] = self._loop.create_future()
+        self._answer = answer
+        timer = self._loop.call_later(timeout_s, self._fail, f"no answer within {timeout_s:g} s")
+        self._transport.write(request)
+        try:
+            return await answer
+        except asyncio.CancelledError:
+            self.end()
+            raise
+        finally:
+            timer.cancel()
+            self._answer = None
+
+    def end(self) -> None:
+        """Close at once; an answer on its way is not waited for."""
+        self.reusable = False
+        if self._transport is not None:
+            self._transport.abort()
+
+    # --- asyncio.Protocol ---------------------------------------------------------------------------------------
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport = cast("asyncio.Transport", transport)  # uvloop's is none by inheritance
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._transport = None
+        self._fail(str(exc or "the server closed the connection"))
+        if not self.lost.done():
+            self.lost.set_result(None)
+
+    def data_received(self, data: bytes) -> None:
+        if self._answer is None:  # nobody asked: whatever this is, the next answer must not be mixed up with it
+            self.end()
+            return
+        try:
+            self._parser.feed_data(data)
+        except httptools.HttpParserError as error:
+            self._fail(f"the answer is no HTTP: {error}")
+
+    # --- httptools ----------------------------------------------------------------------------------------------
+
+    def on_header(self, name: bytes, value: bytes) -> None:
+        self._headers.append((name, value))
+
+    def on_body(self, body: bytes) -> None:
+        self._body.append(body)
+
+    def on_message_complete(self) -> None:
+        status = self._parser.get_status_code()
+        headers, body = self._headers, self._body
+        self._headers, self._body = [], []
+        if status < 200:  # "100 Continue" and the like announce the answer
+            return
+        if not self._parser.should_keep_alive():
+            self.reusable = False
+        if self._answer is not None and not self._answer.done():
+            self._answer.set_result(Answer(status, Headers(headers), b"".join(body)))
+
+    def _fail(self, what: str) -> None:
+        self.end()
+        if self._answer is not None and not self._answer.done():
+            self._answer.set_exception(BrokenError(what))
+
+
+class Connections:
+    """At most `limit` connections to one server; who comes when all are busy waits in line."""
+
+    def __init__(self, endpoint: Endpoint, *, limit: int) -> None:
+        parts = urlsplit(endpoint.server)
+        self.host_header = parts.netloc.rpartition("@")[2]
+        self.prefix = parts.path.rstrip("/")
+        self._endpoint = endpoint
+        self._host = parts.hostname or ""
+        self._port = parts.port or (443 if parts.scheme == "https" else 80)
+        self._limit = limit
+        self._idle: list[Connection] = []
+        self._all: set[Connection] = set()
+        self._claimed = 0
+        self._waiting: deque[asyncio.Future[Connection | None]] = deque()
+
+    def __repr__(self) -> str:
+        return f"<Connections {self.host_header}: {self._claimed} busy, {len(self._idle)} idle, {len(self._waiting)} waiting>"
+
+    async def request(self, data: bytes, *, timeout_s: float) -> Answer:
+        """Send `data` on a free connection. Raises NotSentError or BrokenError; `timeout_s` counts from here."""
+        loop = asyncio.get_running_loop()
+        deadline_s = loop.time() + timeout_s
+        connection = await self._take(loop, timeout_s)
+        try:
+            return await connection.exchange(data, max(0.0, deadline_s - loop.time()))
+        finally:
+            self._give_back(connection, loop.time())
+
+    async def close(self) -> None:
+        """End all connections and wait until they are gone."""
+        for connection in self._all:
+            connection.end()
+        lost = [connection.lost for connection in self._all]
+        if lost:
+            await asyncio.wait(lost, timeout=CLOSE_S)
+
+    async def _take(self, loop: asyncio.AbstractEventLoop, timeout_s: float) -> Connection:
+        found = self._pop_idle(loop.time())
+        if found is None and self._claimed >= self._limit:
+            found = await self._in_line(loop, timeout_s)  # its claim is handed over to us
+        else:
+            self._claimed += 1
+        if found is not None:
+            return found
+        try:
+            return await self._connect(loop, timeout_s)
+        except BaseException:
+            self._release(None)
+            raise
+
+    def _pop_idle(self, now_s: float) -> Connection | None:
+        while self._idle:
+            connection = self._idle.pop()  # the one used last is the least likely to have been closed
+            if connection.reusable and now_s - connection.idle_since_s < KEEPALIVE_S:
+                return connection
+            connection.end()
+        return None
+
+    async def _in_line(self, loop: asyncio.AbstractEventLoop, timeout_s: float) -> Connection | None:
+        place: asyncio.Future[Connection | None] = loop.create_future()
+        self._waiting.append(place)
+        try:
+            return await asyncio.wait_for(asyncio.shield(place), timeout_s)
+        except BaseException as error:
+            if place.done() and not place.cancelled():
+                self._release(place.result())
+            place.cancel()
+            if isinstance(error, TimeoutError):
+                raise NotSentError(f"no free connection within {timeout_s:g} s") from error
+            raise
+
+    async def _connect(self, loop: asyncio.AbstractEventLoop, timeout_s: float) -> Connection:
+        try:
+            async with asyncio.timeout(min(CONNECT_TIMEOUT_S, timeout_s)):
+                connection = await self._secure(loop, await _connected_socket(loop, self._host, self._port))
+        except TimeoutError as error:
+            raise NotSentError(f"cannot connect to {self.host_header}: no answer") from error
+        except OSError as error:
+            raise NotSentError(f"cannot connect to {self.host_header}: {error}") from error
+        self._all.add(connection)
+        connection.lost.add_done_callback(lambda _: self._all.discard(connection))
+        return connection
+
+    async def _secure(self, loop: asyncio.AbstractEventLoop, sock: socket.socket) -> Connection:
+        """A connection on `sock`, TLS included.
+
+        asyncio leaks the socket of a TLS handshake that is cancelled (seen with 3.11.7). So the handshake is a task that
+        nobody cancels: its socket is shut down, which ends it.
+        """
+        tls = self._endpoint.tls
+        name = (self._endpoint.server_hostname or self._host) if tls else None
+        made = loop.create_task(
+            loop.create_connection(lambda: Connection(loop), sock=sock, ssl=tls, server_hostname=name)
+        )
+        try:
+            return (await asyncio.shield(made))[1]
+        except asyncio.CancelledError:
+            with contextlib.suppress(OSError):
+                sock.shutdown(socket.SHUT_RDWR)
+            await asyncio.wait([made], timeout=CLOSE_S)
+            if made.done() and not made.exception():
+                made.result()[1].end()
+            raise
+
+    def _give_back(self, connection: Connection, now_s: float) -> None:
+        connection.idle_since_s = now_s
+        if connection.reusable:
+            self._release(connection)
+        else:
+            connection.end()
+            self._release(None)
+
+    def _release(self, connection: Connection | None) -> None:
+        """Pass a claim on, with its connection where that is still good, or give it up."""
+        while self._waiting:
+            place = self._waiting.popleft()
+            if not place.done():
+                place.set_result(connection)
+                return
+        self._claimed -= 1
+        if connection is not None:
+            self._idle.append(connection)
+
+
+async def _connected_socket(loop: asyncio.AbstractEventLoop, host: str, port: int) -> socket.socket:
+    """A TCP connection to the first address that takes one. Raises OSError of the last."""
+    problem: OSError = OSError(f"{host} has no address")
+    for family, kind, protocol, _, address in await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM):
+        sock = socket.socket(family, kind, protocol)
+        try:
+            sock.setblocking(False)
+            await loop.sock_connect(sock, address)
+        except OSError as error:
+            sock.close()
+            problem = error
+        except BaseException:
+            sock.close()
+            raise
+        else:
+            return sock
+    raise problem
