@@ -103,7 +103,7 @@ async def test_a_mirror_and_a_client_survive_the_death_of_the_server(plane: Cont
 
 
 async def test_a_paused_server_is_noticed_by_its_silence(plane: ControlPlane, client: ApiClient) -> None:
-    hasty = client_for(load(plane.kubeconfig("admin")), timeout_s=0.5)
+    hasty = client_for(load(plane.kubeconfig("admin")), timeout_s=1.0)
     async with hasty, watching(client, inactivity_s=0.4) as watcher:
         server = plane.process("kube-apiserver")
         await hasty.create(CONFIGMAPS, marked("before"))
