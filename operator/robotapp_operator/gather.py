@@ -187,7 +187,7 @@ def _instance_facts(
     wanted = sum(device.exclusive for component in app.spec.components for device in component.devices)
     busy = ""
     if len(devices) < wanted:
-        busy = device_trouble(app, instance, claims=cache.all_claims(), telemetry=cache.telemetry)
+        busy = device_trouble(app, instance, claims=cache.all_claims(), telemetry=cache.telemetry, nodes=cache.nodes)
     domains = cache.domains_held(app.uid, instance.robot)
     return InstanceFacts(
         instance=instance,

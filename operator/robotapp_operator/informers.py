@@ -146,7 +146,10 @@ class Informers:
             self._cache.telemetry.pop(item.metadata.name, None)
         else:
             self._cache.telemetry[item.metadata.name] = item
-        for uid in self._cache.apps_on(item.metadata.name):
+        concerned = self._cache.apps_on(item.metadata.name)
+        if change.old is None or change.new is None or change.old.status.devices != item.status.devices:
+            concerned |= {record.uid for record in self._cache.apps.values() if record.app and record.app.wants_devices}
+        for uid in concerned:
             self._queue.add(Key(Work.STATUS, uid), delay_s=LATENCY_DELAY_S)
 
     def _pool(self, change: Change) -> None:

@@ -1,13 +1,39 @@
 """Who stands in the way of an instance's devices, for the condition `Allocated`. The scheduler decides; this only tells."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Final, NamedTuple
 
-from robotapp_api.claims.device import busy_text, fits
+from robotapp_api.claims.device import assign, busy_text, fits
 from robotapp_api.claims.identity import claim_name_device
 from robotapp_api.claims.instances import Instance
 from robotapp_api.claims.objects import Claim
-from robotapp_operator.plan.objects import Telemetry
-from robotapp_operator.plan.wish import App
+from robotapp_api.model.component import Component
+from robotapp_api.model.device import Device
+from robotapp_operator.plan.objects import Node, Telemetry
+from robotapp_operator.plan.where import may_run_on
+from robotapp_operator.plan.wish import App, wish_of
+from robotapp_operator.plan.wish import Wish as InstanceWish
+
+SHOWN: Final = 3
+"""So many devices are named in a message."""
+
+
+class Place(NamedTuple):
+    """A device that is there."""
+
+    node: str
+    id: str
+
+    def __str__(self) -> str:
+        return f"{self.id} on {self.node}"
+
+
+class Wish(NamedTuple):
+    """An exclusive device that a component asks for, and those that would do, held or not."""
+
+    component: str
+    device: str
+    fitting: frozenset[Place]
 
 
 def device_trouble(
@@ -16,26 +42,83 @@ def device_trouble(
     *,
     claims: Iterable[Claim],
     telemetry: Mapping[str, Telemetry],
+    nodes: Mapping[str, Node],
 ) -> str:
-    """The first device the instance asks for of which every one it could take is held by others; "" if there is none.
+    """Why the instance cannot have its devices, as far as that can be told without placing it; "" if nothing is known.
 
-    An instance with a robot can only take devices of that robot's node, others those of any node.
+    First what the app can never have, because its own components want it twice; then the first device of which every one
+    that would do is held by others.
     """
+    wishes = [
+        Wish(component.name, device.name, fitting)
+        for component in app.spec.components
+        for device in component.devices
+        if device.exclusive
+        and (fitting := _fitting(component, device, wish_of(app, instance.robot), telemetry=telemetry, nodes=nodes))
+    ]
+    if group := rivals([wish.fitting for wish in wishes]):
+        return _rivals_text([wishes[index] for index in group])
     held = {claim.name: claim for claim in claims if claim.spec.device is not None}
-    mine = {name for name, claim in held.items() if _belongs(claim, app, instance)}
-    nodes = [instance.node] if instance.node else sorted(telemetry)
-    wishes = (wish for component in app.spec.components for wish in component.devices if wish.exclusive)
     for wish in wishes:
-        fitting = [
-            claim_name_device(node, device.id)
-            for node in nodes
-            if node in telemetry
-            for device in telemetry[node].status.devices
-            if fits(wish, device)
-        ]
-        if fitting and all(name in held and name not in mine for name in fitting):
-            return busy_text(held[fitting[0]], for_namespace=app.namespace)
+        found = [held.get(claim_name_device(place.node, place.id)) for place in sorted(wish.fitting)]
+        others = [claim for claim in found if claim is not None and not _belongs(claim, app, instance)]
+        if len(others) == len(found):
+            return busy_text(others[0], for_namespace=app.namespace)
     return ""
+
+
+def rivals(fitting: Sequence[frozenset[Place]]) -> list[int]:
+    """Which wishes, by index, cannot all be had although nobody else holds anything; none of them can be left out."""
+    group = list(range(len(fitting)))
+    if _can_have(fitting, group):
+        return []
+    for index in range(len(fitting)):
+        rest = [other for other in group if other != index]
+        if not _can_have(fitting, rest):
+            group = rest
+    return group
+
+
+def _can_have(fitting: Sequence[frozenset[Place]], group: Sequence[int]) -> bool:
+    places = sorted(frozenset[Place]().union(*(fitting[index] for index in group)))
+    number = {place: index for index, place in enumerate(places)}
+    wanted = [{number[place] for place in fitting[index]} for index in group]
+    return assign(wanted, preferred=range(len(places))) is not None
+
+
+def _rivals_text(group: Sequence[Wish]) -> str:
+    components = [wish.component for wish in group]
+    names = [
+        wish.component if components.count(wish.component) == 1 else f"{wish.component} ({wish.device})"
+        for wish in group
+    ]
+    places = sorted(frozenset[Place]().union(*(wish.fitting for wish in group)))
+    shown = _and([str(place) for place in places[:SHOWN]])
+    if len(places) == 1:
+        return f"{_and(names)} both want {shown}, which only one can have: remove the device from one of them"
+    return f"{_and(names)} want {len(group)} devices, but only {shown} would do: remove a device from one of them"
+
+
+def _and(names: Sequence[str]) -> str:
+    return " and ".join(part for part in (", ".join(names[:-1]), names[-1]) if part)
+
+
+def _fitting(
+    component: Component,
+    asked: Device,
+    wish: InstanceWish,
+    *,
+    telemetry: Mapping[str, Telemetry],
+    nodes: Mapping[str, Node],
+) -> frozenset[Place]:
+    """Devices of the kind on the nodes where the component may run."""
+    return frozenset(
+        Place(name, device.id)
+        for name, report in telemetry.items()
+        if name in nodes and may_run_on(component, wish, nodes[name].metadata.labels)
+        for device in report.status.devices
+        if fits(asked, device)
+    )
 
 
 def _belongs(claim: Claim, app: App, instance: Instance) -> bool:

@@ -1,11 +1,12 @@
 """Where a component may run: node requirements, tolerations, and affinity for schedulers that cannot read a RobotApp."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 from robotapp_api.model.component import Component
 from robotapp_api.model.names import HARDWARE_PREFIX, Label
 from robotapp_api.values.duration import parse_us
+from robotapp_api.values.selector import matches_labels
 from robotapp_operator.plan.children import component_labels, selector
 from robotapp_operator.plan.wish import Wish
 
@@ -76,6 +77,13 @@ def affinity(component: Component, wish: Wish) -> dict[str, Any]:
     if apart:
         result["podAntiAffinity"] = {"requiredDuringSchedulingIgnoredDuringExecution": apart}
     return result
+
+
+def may_run_on(component: Component, wish: Wish, labels: Mapping[str, str]) -> bool:
+    """Whether the pods' own requirements admit a node with these labels."""
+    terms = _node_terms(component, wish) or [[]]
+    chosen = component.node_selector.items()
+    return chosen <= labels.items() and any(matches_labels({"matchExpressions": term}, labels) for term in terms)
 
 
 def required_nodes(terms: list[list[dict[str, Any]]]) -> dict[str, Any]:

@@ -83,6 +83,10 @@ class App:
         return tuple((other.namespace or self.namespace, other.name) for other in others)
 
     @property
+    def wants_devices(self) -> bool:
+        return any(component.devices for component in self.spec.components)
+
+    @property
     def discovery_mode(self) -> str:
         """As written, possibly `Auto`."""
         return self.spec.dds.discovery.mode if self.spec.dds else "Auto"

@@ -7,8 +7,9 @@ from typing import Any
 import pytest
 from tests.support.live import Tenant, eventually, part, pool
 
-from robotapp_testbed import ControlPlane
+from robotapp_testbed import ControlPlane, topology
 from robotapp_testbed.process import Process
+from robotapp_testbed.telemetry import PATH as TELEMETRY
 
 ROBOTS = {"selector": {"matchLabels": {"robotics.io/robot": "nobody"}}}
 REFUSED: list[tuple[str, dict[str, Any], str, str]] = [
@@ -206,3 +207,28 @@ def test_refused_apps_neither_stop_the_operator_nor_delay_healthy_ones(
     assert operator.running
     assert operator.pid == pid
     assert "a bug" not in operator.log_text()
+
+
+@pytest.mark.usefixtures("operator")
+def test_two_components_that_want_the_same_device_are_told_that_one_must_go(
+    installed_plane: ControlPlane, tenant: Tenant, ids: str
+) -> None:
+    name = f"amr-{secrets.token_hex(3)}"
+    world = topology.Topology(
+        [topology.robot(name, zone="hall-1", devices=[topology.Device("can-can0", "can", interface="can0")])]
+    )
+    bus = [{"name": "bus", "type": "can", "interface": "can0"}]
+    robots = {"selector": {"matchLabels": {"robotics.io/robot": name}}}
+    topology.apply(installed_plane, world)
+    try:
+        parts = [part(each, runsOn="Robot", devices=bus) for each in "lr"]
+        tenant.apply("twins", *parts, robots=robots, dds={"pool": ids})
+        tenant.wait("twins", "Allocated", "False", reason="WaitingForDevices")
+        with topology.SimulatedTelemetry(installed_plane, world):
+            try:
+                text = tenant.wait("twins", "Allocated", "False", reason="DeviceBusy")["message"]
+            finally:
+                installed_plane.api.delete(f"{TELEMETRY}/{name}")
+    finally:
+        topology.remove(installed_plane, world)
+    assert f"l and r both want can-can0 on {name}, which only one can have: remove the device from one of them" in text

@@ -12,7 +12,7 @@ from robotapp_api.model.names import SCHEDULING_GATE, Annotation, Label
 from robotapp_operator.cache import Cache
 from robotapp_operator.informers import Informers
 from robotapp_operator.keys import Work
-from robotapp_operator.plan.objects import Deployment, Pod, ReplicaSet
+from robotapp_operator.plan.objects import Deployment, Pod, ReplicaSet, Telemetry
 from robotapp_operator.queue import Key, Queue
 
 LABELS = {Label.APP_UID.value: "uid-1", Label.INSTANCE.value: "a"}
@@ -224,6 +224,19 @@ def test_new_telemetry_concerns_apps_on_that_node(world: World) -> None:
     world.see("_pod", None, pod("edge-1"))
     assert world.see("_telemetry", None, telemetry("edge-1")) == {STATUS}
     assert world.see("_telemetry", None, telemetry("edge-2")) == set()
+
+
+def test_a_device_that_comes_or_goes_concerns_every_app_that_wants_one(world: World) -> None:
+    wanting = {"name": "a", "image": "x", "devices": [{"name": "bus", "type": "can"}]}
+    world.cache.update_app(app_body(uid="uid-2", components=[wanting]))
+    bare = telemetry("edge-1")
+    fitted = msgspec.convert(
+        {"metadata": {"name": "edge-1"}, "status": {"devices": [{"id": "can0", "type": "can"}]}}, Telemetry
+    )
+    found = Key(Work.STATUS, "uid-2")
+    assert world.see("_telemetry", bare, fitted) == {found}
+    assert world.see("_telemetry", fitted, fitted) == set()
+    assert world.see("_telemetry", fitted, None) == {found}
 
 
 def test_no_config_map_is_watched_from_the_start(world: World) -> None:

@@ -1,20 +1,37 @@
 """Which device keeps an instance waiting, and who holds it."""
 
+import itertools
 from typing import Any
 
 import msgspec
 import pytest
-from tests.support.factories import component, make_app
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.support.factories import component, make_app, make_node
 
 from robotapp_api.claims.identity import claim_name_device
 from robotapp_api.claims.instances import Instance
 from robotapp_api.claims.objects import Claim
-from robotapp_operator.plan.devices import device_trouble
+from robotapp_operator.plan import devices
+from robotapp_operator.plan.devices import Place, rivals
 from robotapp_operator.plan.objects import Telemetry
+from robotapp_operator.plan.wish import App
 
 ON_ROBOT = Instance(robot="amr-07", node="amr-07")
 BUS: dict[str, Any] = {"name": "bus", "type": "can", "interface": "can0"}
 WANTING = make_app(component(devices=[BUS]))
+
+
+NODES = {
+    "amr-07": make_node("amr-07", robot="amr-07", tier="robot"),
+    "amr-08": make_node("amr-08", robot="amr-08", tier="robot"),
+    "edge-1": make_node("edge-1", tier="edge"),
+    "edge-2": make_node("edge-2", tier="edge"),
+}
+
+
+def device_trouble(app: App, instance: Instance, *, telemetry: dict[str, Telemetry], claims: list[Claim]) -> str:
+    return devices.device_trouble(app, instance, claims=claims, telemetry=telemetry, nodes=NODES)
 
 
 def node_with(*devices: str, node: str = "amr-07") -> dict[str, Telemetry]:
@@ -52,7 +69,7 @@ def test_holders_of_other_namespaces_are_not_named() -> None:
         pytest.param([claim_of("can-can0", uid="uid-1")], node_with("can0"), id="its own device"),
         pytest.param([claim_of("can-can1", uid="other")], node_with("can0", "can1"), id="another device"),
         pytest.param(
-            [claim_of("can-can0", uid="other", node="edge-1")], node_with("can0", node="edge-1"), id="elsewhere"
+            [claim_of("can-can0", uid="other", node="amr-08")], node_with("can0", node="amr-08"), id="another robot"
         ),
     ],
 )
@@ -65,3 +82,67 @@ def test_an_app_without_robots_waits_only_when_every_fitting_device_anywhere_is_
     held = [claim_of("can-can0", uid="other", node=node) for node in both]
     assert device_trouble(WANTING, Instance(), claims=held[:1], telemetry=both) == ""
     assert "edge-1" in device_trouble(WANTING, Instance(), claims=held, telemetry=both)
+
+
+# Components of one app that want the same
+
+
+def both(**second: Any) -> App:
+    return make_app(component("l", runsOn="Robot", devices=[BUS]), component("r", devices=[BUS], **second))
+
+
+def test_two_components_that_want_one_device_are_told_that_one_must_go() -> None:
+    text = device_trouble(both(runsOn="Robot"), ON_ROBOT, claims=[], telemetry=node_with("can0", "can1"))
+    assert text == ("l and r both want can-can0 on amr-07, which only one can have: remove the device from one of them")
+
+
+def test_that_one_of_them_holds_it_changes_nothing_and_somebody_else_is_not_the_reason() -> None:
+    for uid in ("uid-1", "other"):
+        claims = [claim_of("can-can0", uid=uid)]
+        text = device_trouble(both(runsOn="Robot"), ON_ROBOT, claims=claims, telemetry=node_with("can0"))
+        assert text.startswith("l and r both want can-can0 on amr-07")
+
+
+def test_a_component_that_may_run_elsewhere_takes_the_device_there() -> None:
+    fleet = node_with("can0") | node_with("can0", node="edge-1") | node_with("can0", node="amr-08")
+    for where in ("Edge", "Any"):
+        assert device_trouble(both(runsOn=where), ON_ROBOT, claims=[], telemetry=fleet) == ""
+    elsewhere = [claim_of("can-can0", uid="other", node="edge-1")]
+    assert "on edge-1 is held" in device_trouble(both(runsOn="Edge"), ON_ROBOT, claims=elsewhere, telemetry=fleet)
+
+
+def test_a_component_that_wants_more_than_there_is_is_named_with_its_wishes() -> None:
+    bus = {"type": "can"}
+    greedy = make_app(
+        component("l", runsOn="Robot", devices=[{**bus, "name": "front"}, {**bus, "name": "rear"}]),
+        component("r", runsOn="Robot", devices=[{**bus, "name": "arm"}]),
+    )
+    text = device_trouble(greedy, ON_ROBOT, claims=[], telemetry=node_with("can0", "can1"))
+    assert text == (
+        "l (front), l (rear) and r want 3 devices, but only can-can0 on amr-07 and can-can1 on amr-07 would do: "
+        "remove a device from one of them"
+    )
+
+
+def test_a_component_with_a_node_selector_takes_only_what_is_there() -> None:
+    fleet = node_with("can0") | node_with("can0", node="edge-1")
+    app = both(nodeSelector={"robotics.io/robot": "amr-07"})
+    assert device_trouble(app, ON_ROBOT, claims=[], telemetry=fleet).startswith("l and r both want")
+
+
+PLACES = st.frozensets(st.sampled_from([Place("n", name) for name in "abcd"]), min_size=1)
+
+
+@given(st.lists(PLACES, max_size=5))
+def test_rivals_cannot_all_be_served_but_all_without_any_one_of_them(fitting: list[frozenset[Place]]) -> None:
+    def served(group: list[int]) -> bool:
+        return any(
+            all(place in fitting[index] for index, place in zip(group, chosen, strict=True))
+            for chosen in itertools.permutations([Place("n", name) for name in "abcd"], len(group))
+        )
+
+    group = rivals(fitting)
+    assert served(group) is (not group)
+    assert served(list(range(len(fitting)))) is (not group)
+    for index in group:
+        assert served([other for other in group if other != index])
