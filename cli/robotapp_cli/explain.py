@@ -38,6 +38,8 @@ class Row:
     devices: list[str] = field(default_factory=list)
     recorded: bool = False
     """The reasons are the scheduler's record of its decision."""
+    recomputed: bool = False
+    """The record is gone, and the scheduler has decided again to answer."""
 
 
 @dataclass(slots=True)
@@ -63,7 +65,7 @@ async def show_explain(session: Session, question: Question) -> None:
     note = _note(link, views)
     if session.options.output.structured:
         instances = [asdict(view) for view in views]
-        source = "conditions" if note else "scheduler"
+        source = "conditions" if link.problem or _missing(views) else "scheduler"
         write_structured(
             {"app": question.name, "namespace": session.home, "source": source, "note": note, "instances": instances},
             session.options.output,
@@ -129,6 +131,7 @@ def _row(component: str, pod: Json, record: Json | None, reasons: list[str]) -> 
         row.runner_up = record.get("runnerUp") or ""
         row.scores = dict(zip(top.get("nodes") or [], top.get("totals") or [], strict=False))
         row.devices = list(record.get("devices") or [])
+        row.recomputed = bool(record.get("recomputed"))
     if not node and not reasons:
         waiting = condition(pod, "PodScheduled")
         row.reasons = [waiting.get("message") or "the scheduler has not looked at it yet"]
@@ -141,13 +144,21 @@ def _note(link: Link, views: list[InstanceView]) -> str:
             f"The scheduler's records could not be read: {link.problem}.\n"
             "Shown are pod conditions, without the nodes refused. --scheduler-url (or ROBOTAPP_SCHEDULER_URL) says where the scheduler listens."
         )
-    missing = [
+    again = [row.component for view in views for row in view.components if row.recomputed]
+    if again:
+        return f"The scheduler has no record any more of: {', '.join(again)}. Shown is what it would decide now."
+    missing = _missing(views)
+    return f"The scheduler has no record (any more) of: {', '.join(missing)}." if missing else ""
+
+
+def _missing(views: list[InstanceView]) -> list[str]:
+    """Components with a pod the scheduler says nothing about; infrastructure is not its business to explain."""
+    return [
         row.component
         for view in views
         for row in view.components
         if row.pod and not row.recorded and not row.component.startswith("(")
     ]
-    return f"The scheduler has no record (any more) of: {', '.join(missing)}." if missing else ""
 
 
 def _print(app: Json, view: InstanceView, *, wide: bool) -> None:

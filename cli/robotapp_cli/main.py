@@ -13,6 +13,7 @@ from robotapp_cli.failures import Exit
 from robotapp_cli.output import Output
 from robotapp_cli.rendering import show_children, show_file
 from robotapp_cli.session import Options, run
+from robotapp_cli.simulate import Wish, show_simulation
 
 _EPILOG = """\
 Exit codes: 0 done; 1 refused by the API server; 2 wrong usage or unreadable file; 3 API server not reached or not signed in; 4 not found.
@@ -66,20 +67,23 @@ def info_command(
     run(Options(namespace, False, context, kubeconfig, output), lambda session: show_info(session, name))
 
 
+SchedulerUrl = Annotated[
+    str | None,
+    typer.Option(
+        envvar="ROBOTAPP_SCHEDULER_URL", help="Where the scheduler listens (default: kubectl port-forward to its pod)."
+    ),
+]
+SchedulerNamespace = Annotated[str, typer.Option(help="Namespace of the scheduler's pod.")]
+
+
 @app.command("explain", epilog="Example: kubectl robotapp explain teleop --component operator-ui -o wide")
 def explain_command(
     name: Name,
     *,
     component: Annotated[str | None, typer.Option("--component", "-c", help="Only this component.")] = None,
     robot: Annotated[str | None, typer.Option("--robot", help="Only the instance of this robot.")] = None,
-    scheduler_url: Annotated[
-        str | None,
-        typer.Option(
-            envvar="ROBOTAPP_SCHEDULER_URL",
-            help="Where the scheduler listens (default: kubectl port-forward to its pod).",
-        ),
-    ] = None,
-    scheduler_namespace: Annotated[str, typer.Option(help="Namespace of the scheduler's pod.")] = "robotapp-system",
+    scheduler_url: SchedulerUrl = None,
+    scheduler_namespace: SchedulerNamespace = "robotapp-system",
     namespace: Namespace = None,
     context: Context = None,
     kubeconfig: Kubeconfig = None,
@@ -88,6 +92,35 @@ def explain_command(
     """Say why each component runs where it runs, and which nodes were refused."""
     question = Question(name, component, robot, scheduler_url, scheduler_namespace)
     run(Options(namespace, False, context, kubeconfig, output), lambda session: show_explain(session, question))
+
+
+@app.command(
+    "simulate",
+    epilog="Examples: kubectl robotapp simulate pods.yaml; kubectl robotapp simulate --replay 100 --config other-weights.yaml",
+)
+def simulate_command(
+    files: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="[FILE]...", help="YAML or JSON with pods to try (- for standard input)."),
+    ] = None,
+    *,
+    config: Annotated[
+        Path | None, typer.Option("--config", help="KubeSchedulerConfiguration to try (default: the running one).")
+    ] = None,
+    replay: Annotated[int, typer.Option("--replay", min=0, help="Place the latest N bound pods again, too.")] = 0,
+    offline: Annotated[
+        bool, typer.Option("--offline", help="The files are the whole cluster: read nothing else.")
+    ] = False,
+    scheduler_url: SchedulerUrl = None,
+    scheduler_namespace: SchedulerNamespace = "robotapp-system",
+    namespace: Namespace = None,
+    context: Context = None,
+    kubeconfig: Kubeconfig = None,
+    output: OutputFormat = Output.TABLE,
+) -> None:
+    """Say where waiting pods, and those of files, would go; nothing is placed."""
+    wish = Wish(tuple(files or ()), offline, config, replay, scheduler_url, scheduler_namespace)
+    run(Options(namespace, False, context, kubeconfig, output), lambda session: show_simulation(session, wish))
 
 
 @app.command("domains", epilog="Example: kubectl robotapp domains -n fleet-a")

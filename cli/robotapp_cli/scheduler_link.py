@@ -23,6 +23,8 @@ _SELECTOR: Final = "app.kubernetes.io/component=scheduler"
 _LEASE: Final = "robotapp-scheduler"
 _PORT: Final = 10259
 _PATIENCE_S: Final = 5.0
+_LONG_PATIENCE_S: Final = 70.0
+"""For /simulate, which may work for a minute."""
 _LISTENING: Final = re.compile(r"127\.0\.0\.1:(\d+)")
 
 
@@ -45,27 +47,44 @@ class Link:
         if self.problem:
             return None
         try:
-            return await self._get(f"{self.base}/explain/{namespace}/{pod}")
+            return await self._ask("GET", f"/explain/{namespace}/{pod}")
         except NoAnswerError as error:
             self.problem = str(error)
             return None
 
-    async def _get(self, url: str) -> Json | None:
+    async def get(self, path: str) -> Json:
+        """A page of the scheduler. Raises `NoAnswerError`."""
+        return self._needed(path, await self._ask("GET", path))
+
+    async def post(self, path: str, body: bytes) -> Json:
+        """The answer to a body. Raises `NoAnswerError`."""
+        return self._needed(path, await self._ask("POST", path, body, patience_s=_LONG_PATIENCE_S))
+
+    def _needed(self, path: str, found: Json | None) -> Json:
+        if found is None:
+            raise NoAnswerError(f"{self.base} knows no {path}: an older scheduler?")
+        return found
+
+    async def _ask(
+        self, method: str, path: str, body: bytes | None = None, *, patience_s: float = _PATIENCE_S
+    ) -> Json | None:
+        if self.problem:
+            raise NoAnswerError(self.problem)
         try:
-            timeout = aiohttp.ClientTimeout(total=_PATIENCE_S)
+            timeout = aiohttp.ClientTimeout(total=patience_s)
             async with (
                 aiohttp.ClientSession(timeout=timeout, headers=self.headers) as http,
-                http.get(url, ssl=self.tls or True) as answer,
+                http.request(method, f"{self.base}{path}", data=body, ssl=self.tls or True) as answer,
             ):
                 if answer.status == 404:
                     return None
-                body = await answer.json(content_type=None)
+                found = await answer.json(content_type=None)
         except (aiohttp.ClientError, TimeoutError, ValueError) as error:
             raise NoAnswerError(f"{self.base} does not answer: {error or type(error).__name__}") from error
-        if not isinstance(body, dict) or answer.status != 200:
-            text = body.get("error", "") if isinstance(body, dict) else ""
+        if not isinstance(found, dict) or answer.status != 200:
+            text = "; ".join([found.get("error", ""), *found.get("problems", ())]) if isinstance(found, dict) else ""
             raise NoAnswerError(f"{self.base} answers {answer.status} {text}".rstrip())
-        return body
+        return found
 
 
 @asynccontextmanager

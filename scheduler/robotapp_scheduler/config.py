@@ -6,7 +6,7 @@ two profiles with the same plugins: `ros-aware-scheduler` and `kubernetes-schedu
 
 import copy
 import hashlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -64,6 +64,8 @@ class SchedulerConfig:
     max_backoff_s: float = 10.0
     compat_version: str = "1.37"
     kubeconfig: str = ""
+    third_party: tuple[str, ...] = field(default=(), compare=False)
+    """Names of plugins in `catalogue` that are not built in."""
     warnings: tuple[str, ...] = field(default=(), compare=False)
 
     @property
@@ -135,12 +137,13 @@ def built_in(catalogue: Catalogue) -> SchedulerConfig:
     return parse(document, catalogue=catalogue)
 
 
-def parse(document: object, *, catalogue: Catalogue) -> SchedulerConfig:
-    """A decoded document to a configuration; see `load`."""
+def parse(document: object, *, catalogue: Catalogue, third_party: Collection[str] | None = None) -> SchedulerConfig:
+    """A decoded document to a configuration; see `load`. `third_party` limits which plugins may be imported."""
     model, unknown_fields = _model(document)
     problems = unknown_fields + config_checks.check(model)
     profiles = model.profiles or [ProfileModel()]
-    catalogue, unknown = with_third_party(catalogue, _plugin_names(profiles))
+    built_in_names = frozenset(catalogue.classes)
+    catalogue, unknown = with_third_party(catalogue, _plugin_names(profiles), allowed=third_party)
     problems += _name_problems(profiles, unknown)
     specs = tuple(_spec(profile) for profile in profiles)
     if not problems:
@@ -158,6 +161,7 @@ def parse(document: object, *, catalogue: Catalogue) -> SchedulerConfig:
         max_backoff_s=float(model.pod_max_backoff_seconds),
         compat_version=model.compat_version,
         kubeconfig=model.client_connection.kubeconfig,
+        third_party=tuple(sorted(catalogue.classes.keys() - built_in_names)),
         warnings=tuple(_warnings(model)),
     )
 

@@ -7,13 +7,21 @@ from collections.abc import Sequence
 
 from robotapp_api.client.errors import LoginError
 from robotapp_scheduler import options as flags
+from robotapp_scheduler import tools
 from robotapp_scheduler.config import ConfigError
 from robotapp_scheduler.shell import logs, process
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """0 after a clean stop, 1 when leadership was lost, 2 when flags or configuration cannot be used."""
-    options = flags.parse(argv)
+    """Run a tool (`simulate`, `export`, `bench-plugin`) or, without such a word, the scheduler.
+
+    0 after a clean stop, 1 when leadership was lost, 2 when flags or configuration cannot be used.
+    """
+    given = sys.argv[1:] if argv is None else argv
+    status = tools.run(given)
+    if status is not None:
+        return status
+    options = flags.parse(given)
     logs.set_up(options.log_format, options.log_level)
     _fast_loop()
     try:

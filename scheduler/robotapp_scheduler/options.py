@@ -60,7 +60,7 @@ def _parser(environment: Mapping[str, str]) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="robotapp-scheduler",
         description="Places the pods of robot applications by ROS rules, all others by kube-scheduler's basic ones.",
-        epilog="example: robotapp-scheduler --kubeconfig ~/.kube/config --config scheduler.yaml",
+        epilog="example: robotapp-scheduler --kubeconfig ~/.kube/config --config scheduler.yaml; tools: simulate, export, bench-plugin (each with --help)",
     )
 
     def given(flag: str, default: str) -> str:

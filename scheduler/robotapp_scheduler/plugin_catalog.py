@@ -6,7 +6,7 @@ either by the name of its entry point (group `robotapp_scheduler.plugins`) or as
 
 import importlib
 import importlib.metadata
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 from robotapp_scheduler.core.profiles import POINTS, Catalogue
 
@@ -34,12 +34,20 @@ class UnknownPluginError(LookupError):
     """The name cannot be used; the text says why."""
 
 
-def with_third_party(catalogue: Catalogue, names: Iterable[str]) -> tuple[Catalogue, dict[str, str]]:
-    """The catalogue with the classes behind these names added, and the problem of each name that has none."""
+def with_third_party(
+    catalogue: Catalogue, names: Iterable[str], *, allowed: Collection[str] | None = None
+) -> tuple[Catalogue, dict[str, str]]:
+    """The catalogue with the classes behind these names added, and the problem of each name that has none.
+
+    `allowed` limits what may be imported, for a configuration somebody sent us; None = everything.
+    """
     classes = dict(catalogue.classes)
     problems: dict[str, str] = {}
     for name in names:
         if name in classes or name in problems:
+            continue
+        if allowed is not None and name not in allowed:
+            problems[name] = f'plugin "{name}" is not loaded here: only plugins of the running configuration are'
             continue
         try:
             classes[name] = load_class(name)

@@ -25,11 +25,16 @@ UID = "11111111-2222-3333-4444-555555555555"
 
 
 class FakeScheduler:
-    """GET /explain/<namespace>/<pod> from `records`; `status` other than 200 refuses everybody."""
+    """GET /explain/<namespace>/<pod> from `records`, /simulate as told; `status` other than 200 refuses everybody."""
 
     def __init__(self) -> None:
         self.records: dict[str, Json] = {}
         self.status = 200
+        self.refusal: Json = {"error": "who are you"}
+        self.wanted: Json = {"resources": []}
+        self.outcome: Json = {}
+        self.posted: list[bytes] = []
+        self.queries: list[str] = []
         self.authorizations: list[str] = []
         self.url = ""
         self.tls_url = ""
@@ -39,6 +44,8 @@ class FakeScheduler:
     async def start(self) -> None:
         served = web.Application()
         served.router.add_get("/explain/{namespace}/{pod}", self._answer)
+        served.router.add_get("/simulate", self._tell)
+        served.router.add_post("/simulate", self._simulate)
         self._runner = web.AppRunner(served, access_log=None, shutdown_timeout=0.1)
         await self._runner.setup()
         await web.TCPSite(self._runner, "127.0.0.1", 0).start()
@@ -51,6 +58,18 @@ class FakeScheduler:
     async def stop(self) -> None:
         if self._runner:
             await self._runner.cleanup()
+
+    async def _tell(self, _: web.Request) -> web.Response:
+        if self.status != 200:
+            return web.json_response(self.refusal, status=self.status)
+        return web.json_response(self.wanted)
+
+    async def _simulate(self, request: web.Request) -> web.Response:
+        self.posted.append(await request.read())
+        self.queries.append(request.query_string)
+        if self.status != 200:
+            return web.json_response(self.refusal, status=self.status)
+        return web.json_response(self.outcome)
 
     async def _answer(self, request: web.Request) -> web.Response:
         self.authorizations.append(request.headers.get("Authorization", ""))

@@ -1,4 +1,4 @@
-"""The pages that are not for everybody: /explain, /configz and, later, whatever needs to know who asks.
+"""The pages that are not for everybody: /explain, /configz and /simulate.
 
 Who asks is settled first, then what they may see; every refusal says what would help.
 """
@@ -11,9 +11,8 @@ from aiohttp import web
 
 from robotapp_api.client.errors import ClientError
 from robotapp_scheduler.shell.access import Access, Caller, certified
+from robotapp_scheduler.shell.simulating import Simulator
 
-MOST_BODY: Final = 64 << 20
-"""Largest body of a request, in bytes."""
 WHO_ARE_YOU: Final = "send a bearer token of the cluster (Authorization: Bearer $(kubectl create token ...)) or a client certificate of it"
 
 
@@ -44,10 +43,13 @@ class Everything:
 class Answers:
     """Explanations and the configuration in use."""
 
-    def __init__(self, *, gate: Gate, explain: Explain, config: Callable[[], Mapping[str, Any]]) -> None:
+    def __init__(
+        self, *, gate: Gate, explain: Explain, config: Callable[[], Mapping[str, Any]], simulator: Simulator
+    ) -> None:
         self._gate = gate
         self._explain = explain
         self._config = config
+        self._simulator = simulator
 
     def __repr__(self) -> str:
         return f"<Answers behind {self._gate!r}>"
@@ -56,6 +58,8 @@ class Answers:
         """Register the pages."""
         router.add_get("/configz", self._configz)
         router.add_get("/explain/{namespace}/{pod}", self._explained)
+        router.add_get("/simulate", self._wanted)
+        router.add_post("/simulate", self._simulated)
 
     async def _configz(self, request: web.Request) -> web.Response:
         refused = await self._refused(self._gate.path(caller(request), "get", "/configz"), "you may not get /configz")
@@ -75,6 +79,22 @@ class Answers:
         if found is None:
             return problem(404, f"no decision is known for pod {namespace}/{pod}: it is not ours, or not seen yet")
         return as_json(found)
+
+    async def _wanted(self, request: web.Request) -> web.Response:
+        refused = await self._refused(self._gate.path(caller(request), "get", "/simulate"), "you may not get /simulate")
+        return refused or as_json({"resources": self._simulator.wanted()})
+
+    async def _simulated(self, request: web.Request) -> web.Response:
+        refused = await self._refused(
+            self._gate.path(caller(request), "post", "/simulate"), "you may not post /simulate"
+        )
+        if refused:
+            return refused
+        replay = request.query.get("replay", "0")
+        if not replay.isdecimal() or len(replay) > 6:
+            return problem(400, "replay must be a number of pods")
+        found = await self._simulator.simulate(request.content.iter_chunked(1 << 16), replay=int(replay))
+        return web.Response(status=found.status, body=found.body, content_type="application/json")
 
     async def _refused(self, asked: Awaitable[Access], text: str) -> web.Response | None:
         access = await self._ask(asked)

@@ -12,30 +12,22 @@ from typing import Any
 
 import msgspec
 
-from robotapp_api.claims.objects import Claim
 from robotapp_api.client.api import ApiClient
 from robotapp_api.client.errors import ClientError, NotFound
 from robotapp_api.client.reflector import Change as Seen
 from robotapp_api.client.reflector import Reflector
 from robotapp_api.client.resources import (
-    DEPLOYMENTS,
-    NODES,
-    NODETELEMETRIES,
-    PODDISRUPTIONBUDGETS,
     PODS,
-    REPLICASETS,
     ROBOTAPPS,
-    ROBOTCLAIMS,
     Resource,
 )
-from robotapp_api.model.names import Label
 from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.cluster import Cluster
-from robotapp_scheduler.core.objects import DisruptionBudget, Node, Owned, Pod
-from robotapp_scheduler.core.robotics import NodeTelemetry, RobotApp
+from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.shell.metrics import Metrics
 from robotapp_scheduler.shell.route import Route
 from robotapp_scheduler.shell.storage_feed import storage_routes
+from robotapp_scheduler.shell.watched import plain_routes, robotics_routes
 
 log = logging.getLogger(__name__)
 
@@ -80,19 +72,10 @@ class Feed:
         pods = Route(PODS, Pod, lambda _: Change.NONE, lambda _: Change.NONE, field_selector=LIVE_PODS)
         self._core = (
             (pods, on_pod),
-            *self._routed(
-                Route(NODES, Node, cluster.apply_node, lambda node: cluster.remove_node(node.metadata.name)),
-                Route(PODDISRUPTIONBUDGETS, DisruptionBudget, cluster.budgets.apply, cluster.budgets.remove),
-                Route(DEPLOYMENTS, Owned, cluster.apply_owner, cluster.remove_owner, label_selector=Label.APP_UID),
-                Route(REPLICASETS, Owned, cluster.apply_owner, cluster.remove_owner, label_selector=Label.APP_UID),
-            ),
+            *self._routed(*plain_routes(cluster)),
         )
         self._storage = self._routed(*storage_routes(cluster.volumes))
-        self._robotics = self._routed(
-            Route(ROBOTAPPS, RobotApp, cluster.apply_app, cluster.remove_app),
-            Route(ROBOTCLAIMS, Claim, cluster.apply_claim, cluster.remove_claim),
-            Route(NODETELEMETRIES, NodeTelemetry, cluster.apply_telemetry, cluster.remove_telemetry),
-        )
+        self._robotics = self._routed(*robotics_routes(cluster))
 
     def __repr__(self) -> str:
         state = "synced" if self.synced.is_set() else "filling"

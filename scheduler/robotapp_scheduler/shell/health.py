@@ -11,7 +11,7 @@ from aiohttp import web
 from prometheus_client import CollectorRegistry
 from prometheus_client.exposition import CONTENT_TYPE_LATEST, generate_latest
 
-from robotapp_scheduler.shell.answers import MOST_BODY, Answers
+from robotapp_scheduler.shell.answers import Answers
 
 
 @dataclass(slots=True)
@@ -36,7 +36,7 @@ def application(pages: Pages) -> web.Application:
     async def metrics(_: web.Request) -> web.Response:
         return web.Response(body=generate_latest(pages.registry), headers={"Content-Type": CONTENT_TYPE_LATEST})
 
-    app = web.Application(client_max_size=MOST_BODY)
+    app = web.Application()
     app.router.add_get("/livez", live)
     app.router.add_get("/healthz", live)
     app.router.add_get("/readyz", ready)

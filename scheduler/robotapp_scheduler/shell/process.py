@@ -43,6 +43,7 @@ from robotapp_scheduler.shell.published import publish
 from robotapp_scheduler.shell.reload import Reloader, Running, first
 from robotapp_scheduler.shell.report import Reporter
 from robotapp_scheduler.shell.reserve import Reserver, granted_pods
+from robotapp_scheduler.shell.simulating import Simulator
 from robotapp_scheduler.shell.tls import TlsPort, loaded
 from robotapp_scheduler.shell.volume_writes import INTERESTING, VolumeWriter
 
@@ -128,7 +129,8 @@ class Scheduler:
             running, self._source, catalogue=catalogue(), swap=self._swap, tell=self._tell, last_good=last_good
         )
         self._election = self._candidate()
-        publish(self.metrics, self.core, client, running)
+        self._simulator = Simulator(running)
+        publish(self.metrics, self.core, client, running, self._simulator)
 
     def __repr__(self) -> str:
         return f"<Scheduler {self.loop!r}, {self.feed!r}>"
@@ -265,7 +267,7 @@ class Scheduler:
         gate = Everything() if self._options.insecure_explain else Gatekeeper(self._client)
         return health.Pages(
             registry=self.metrics.registry,
-            answers=Answers(gate=gate, explain=self._explainer, config=self.running.as_json),
+            answers=Answers(gate=gate, explain=self._explainer, config=self.running.as_json, simulator=self._simulator),
             ready_checks={"informer-sync": self.feed.synced.is_set, "shutdown": lambda: not self._stop.is_set()},
             live_checks={"leader-election": self._leads, "scheduling-loop": self._turns},
         )

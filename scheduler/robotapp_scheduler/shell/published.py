@@ -6,9 +6,10 @@ from robotapp_api.client.api import ApiClient
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.shell.metrics import Metrics
 from robotapp_scheduler.shell.reload import Running
+from robotapp_scheduler.shell.simulating import Simulator
 
 
-def publish(metrics: Metrics, core: SchedulerCore, client: ApiClient, running: Running) -> None:
+def publish(metrics: Metrics, core: SchedulerCore, client: ApiClient, running: Running, simulator: Simulator) -> None:
     """Register what the core, the client and the configuration count themselves."""
     metrics.watch("pending_pods", "Pods that wait, by queue", label="queue", read=core.queue.pending)
     metrics.watch("cache_size", "Objects in the cache", label="type", read=lambda: _cache_size(core))
@@ -35,6 +36,12 @@ def publish(metrics: Metrics, core: SchedulerCore, client: ApiClient, running: R
         "Configurations given while running, by what became of them",
         labels=("result",),
         read=lambda: {(outcome,): float(count) for outcome, count in running.outcomes.items()},
+    )
+    metrics.count(
+        "simulations",
+        "Requests to /simulate, by HTTP status",
+        labels=("status",),
+        read=lambda: {(status,): float(count) for status, count in simulator.finished.items()},
     )
     metrics.watch(
         "config_in_use",

@@ -123,6 +123,13 @@ def test_structured_output_says_where_it_comes_from(placed: Stage) -> None:
     assert (row["node"], row["runner_up"], row["scores"]) == ("edge-1", "edge-2", {"edge-1": 1964, "edge-2": 1748})
 
 
+def test_what_the_scheduler_decided_again_to_answer_is_marked(placed: Stage) -> None:
+    placed.scheduler.records["panel-1"] = {**RECORD, "recomputed": True}
+    text = placed.text("explain", "teleop", "--scheduler-url", placed.scheduler.url)
+    assert "no record any more of: panel. Shown is what it would decide now." in text
+    assert placed.data("explain", "teleop", "--scheduler-url", placed.scheduler.url)["source"] == "scheduler"
+
+
 def test_wide_shows_the_scores(placed: Stage) -> None:
     assert "edge-1 1964, edge-2 1748" in placed.text(
         "explain", "teleop", "--scheduler-url", placed.scheduler.url, "-o", "wide"

@@ -6,10 +6,14 @@ import pytest
 from prometheus_client import CollectorRegistry
 
 from robotapp_api.client.errors import Unreachable
+from robotapp_scheduler.config import built_in
+from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.shell.access import Access, Caller
 from robotapp_scheduler.shell.answers import Answers
 from robotapp_scheduler.shell.health import Pages, serve
 from robotapp_scheduler.shell.metrics import Metrics
+from robotapp_scheduler.shell.reload import Running
+from robotapp_scheduler.shell.simulating import Simulator
 
 
 class Site:
@@ -23,7 +27,12 @@ class Site:
         self.metrics = Metrics(CollectorRegistry())
         self.pages = Pages(
             registry=self.metrics.registry,
-            answers=Answers(gate=self, explain=self.explain, config=lambda: {"profiles": ["ours"]}),
+            answers=Answers(
+                gate=self,
+                explain=self.explain,
+                config=lambda: {"profiles": ["ours"]},
+                simulator=Simulator(Running(built_in(catalogue()))),
+            ),
             ready_checks={"informers-sync": lambda: self.ready},
             live_checks={"leader-election": lambda: self.live},
         )
@@ -132,3 +141,19 @@ async def test_explain_refuses_with_a_reason(
 async def test_a_pod_nobody_decided_about_is_404(site: tuple[Site, str]) -> None:
     _, url = site
     assert (await get(f"{url}/explain/team-b/p"))[0] == 404
+
+
+async def post(url: str, body: bytes) -> tuple[int, str]:
+    async with aiohttp.ClientSession() as session, session.post(url, data=body) as response:
+        return response.status, await response.text()
+
+
+async def test_simulate_is_for_who_may_post_it_and_tells_which_kinds_it_wants(site: tuple[Site, str]) -> None:
+    found, url = site
+    assert (await post(f"{url}/simulate", b'{"kind":"List","items":[]}'))[0] == 200
+    assert '"plural":"nodes"' in (await get(f"{url}/simulate"))[1]
+    assert [question for _, question in found.asked] == ["post /simulate", "get /simulate"]
+    assert (await post(f"{url}/simulate?replay=many", b""))[0] == 400
+    found.answer = Access.FORBIDDEN
+    assert (await post(f"{url}/simulate", b"{}"))[0] == 403
+    assert (await get(f"{url}/simulate"))[0] == 403

@@ -1,0 +1,145 @@
+"""`simulate`: where pods would go, under the running configuration or another one, without placing anything.
+
+The scheduler says which resources decide; they are read with the user's own rights, thinned out, and sent to it with the
+files' objects added. It places them on paper, in a process beside the one that places pods.
+"""
+
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import yaml
+
+from robotapp_api.client.errors import NotFound
+from robotapp_api.client.resources import Resource
+from robotapp_cli.failures import CliError, Exit
+from robotapp_cli.fields import Json
+from robotapp_cli.output import Column, blank_line, console, print_table, write_structured
+from robotapp_cli.scheduler_link import Link, NoAnswerError, connect
+from robotapp_cli.session import Session
+
+_MOST_BYTES: Final = 64 << 20
+_PRIVATE: Final = ("env", "envFrom", "command", "args", "volumeMounts", "lifecycle")
+"""What no rule reads of a container, and nobody wants to send around."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """What the user wants simulated."""
+
+    files: Sequence[Path] = ()
+    offline: bool = False
+    config: Path | None = None
+    replay: int = 0
+    scheduler_url: str | None = None
+    scheduler_namespace: str = "robotapp-system"
+
+
+async def show_simulation(session: Session, wish: Wish) -> None:
+    """Print what would become of the waiting pods of the cluster and of the files."""
+    extra = [obj for path in wish.files for obj in objects_of(path, namespace=session.home)]
+    body: Json = {"apiVersion": "v1", "kind": "List"}
+    if wish.config is not None:
+        body["config"] = document(wish.config)
+    async with connect(session, url=wish.scheduler_url, namespace=wish.scheduler_namespace) as link:
+        try:
+            items = [] if wish.offline else await _cluster(session, link)
+            body["items"] = [*items, *extra]
+            content = json.dumps(body, separators=(",", ":")).encode()
+            if len(content) > _MOST_BYTES:
+                raise CliError(
+                    f"the cluster is {len(content) >> 20} MiB of JSON, the scheduler takes {_MOST_BYTES >> 20}\n"
+                    "Use: python -m robotapp_scheduler export -o cluster.json && python -m robotapp_scheduler simulate cluster.json"
+                )
+            found = await link.post(f"/simulate?replay={wish.replay}", content)
+        except NoAnswerError as error:
+            raise CliError(f"nothing was simulated: {error}") from error
+    if session.options.output.structured:
+        write_structured(found, session.options.output)
+    else:
+        _print(found)
+
+
+async def _cluster(session: Session, link: Link) -> list[Json]:
+    """Everything that decides, as the scheduler names it."""
+    wanted = await link.get("/simulate")
+    found: list[Json] = []
+    for each in wanted["resources"]:
+        resource = Resource(each["group"], each["version"], each["plural"], each["kind"], namespaced=each["namespaced"])
+        try:
+            listing = await session.client.list(resource)
+        except NotFound:
+            continue  # not installed here
+        found += [{"kind": resource.kind, **thinned(item)} for item in listing.items]
+    return found
+
+
+def thinned(obj: Json) -> Json:
+    """Without what no rule reads: a third of the size, and no secrets from environments."""
+    obj.get("metadata", {}).pop("managedFields", None)
+    spec = obj.get("spec")
+    if isinstance(spec, dict):
+        for key in ("containers", "initContainers"):
+            for container in spec.get(key) or ():
+                for name in _PRIVATE:
+                    container.pop(name, None)
+    return obj
+
+
+def objects_of(path: Path, *, namespace: str) -> Iterator[Json]:
+    """The objects of a YAML or JSON file, lists taken apart; - is standard input."""
+    for found in _documents(path):
+        for obj in found.get("items") or [found] if str(found.get("kind", "")).endswith("List") else [found]:
+            if not isinstance(obj, dict) or not isinstance(obj.get("metadata"), dict):
+                raise CliError(f"{path}: holds something that is no Kubernetes object", code=Exit.USAGE)
+            if obj.get("kind") == "Pod":
+                obj["metadata"].setdefault("namespace", namespace)
+            yield obj
+
+
+def document(path: Path) -> Any:
+    """The one document of a file."""
+    found = list(_documents(path))
+    if len(found) != 1:
+        raise CliError(f"{path}: holds {len(found)} documents, one is needed", code=Exit.USAGE)
+    return found[0]
+
+
+def _documents(path: Path) -> Iterator[Json]:
+    try:
+        text = sys.stdin.read() if str(path) == "-" else path.read_text(encoding="utf-8")
+        loaded = list(yaml.load_all(text, yaml.CSafeLoader))
+    except (OSError, UnicodeDecodeError) as error:
+        raise CliError(f"{path}: {error}", code=Exit.USAGE) from error
+    except yaml.YAMLError as error:
+        raise CliError(f"{path}: no YAML or JSON: {error}", code=Exit.USAGE) from error
+    for found in loaded:
+        if found is None:
+            continue
+        if not isinstance(found, dict):
+            raise CliError(f"{path}: holds something that is no Kubernetes object", code=Exit.USAGE)
+        yield found
+
+
+def _print(found: Json) -> None:
+    again = any(each["was"] for each in found["placements"])
+    columns = [Column("NAMESPACE"), Column("POD"), Column("NODE"), *([Column("WAS")] if again else [])]
+    rows = []
+    for each in found["placements"]:
+        could = each["feasible"]
+        why = each["message"] or (
+            f"score {each['score']}, {could} nodes could" if could > 1 else "the only node that could"
+        )
+        rows.append([each["namespace"], each["name"], each["node"] or "-", *([each["was"]] if again else []), why])
+    print_table([*columns, Column("WHY", wraps=True)], rows)
+    blank_line()
+    total = found["placed"] + found["refused"]
+    lines = [f"{found['placed']} of {total} pods placed on {found['nodes']} nodes, configuration {found['config']}"]
+    if again:
+        lines.append(f"{found['moved']} pods placed again would be elsewhere")
+    lines += [f"{count} pods wait for scheduler {name}" for name, count in found["otherSchedulers"].items()]
+    for line in [*lines, *found["problems"], found["note"]]:
+        console().print(line, soft_wrap=True)

@@ -1,0 +1,146 @@
+"""POST /simulate: the dump goes straight into a worker process, its answer comes back; one at a time.
+
+The body is never held here, and nothing of it is decoded in the process that places pods.
+"""
+
+import asyncio
+import logging
+import os
+import sys
+from collections.abc import AsyncIterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, Final
+
+import msgspec
+
+from robotapp_scheduler.shell.reload import Running
+from robotapp_scheduler.simulation.kinds import resources
+
+log = logging.getLogger(__name__)
+
+MOST_BODY: Final = 64 << 20
+MOST_ANSWER: Final = 64 << 20
+PATIENCE_S: Final = 60.0
+WORKER: Final = (sys.executable, "-m", "robotapp_scheduler.simulation.worker")
+
+
+@dataclass(frozen=True, slots=True)
+class Simulated:
+    """HTTP status and body of the answer."""
+
+    status: int
+    body: bytes
+
+
+class Simulator:
+    """`wanted` tells which kinds a dump should hold, `simulate` runs one."""
+
+    def __init__(
+        self,
+        running: Running,
+        *,
+        worker: tuple[str, ...] = WORKER,
+        patience_s: float = PATIENCE_S,
+        most: int = MOST_BODY,
+    ) -> None:
+        self._running = running
+        self._worker = worker
+        self._patience_s = patience_s
+        self._most = most
+        self._busy = asyncio.Lock()
+        self.finished: dict[str, int] = {}
+        """Simulations by HTTP status, for a metric."""
+
+    def __repr__(self) -> str:
+        return f"<Simulator {'at work' if self._busy.locked() else 'idle'}>"
+
+    @staticmethod
+    def wanted() -> list[Mapping[str, Any]]:
+        """The resources a dump is made of, for clients that collect one."""
+        return [
+            {
+                "group": each.group,
+                "version": each.version,
+                "plural": each.plural,
+                "kind": each.kind,
+                "namespaced": each.namespaced,
+            }
+            for each in resources()
+        ]
+
+    async def simulate(self, chunks: AsyncIterator[bytes], *, replay: int = 0) -> Simulated:
+        """Feed a worker with these bytes. Refuses at once while another one works."""
+        if self._busy.locked():
+            return self._counted(429, "another simulation runs; one at a time, try again in some seconds")
+        async with self._busy:
+            try:
+                async with asyncio.timeout(self._patience_s):
+                    return await self._work(chunks, replay)
+            except TimeoutError:
+                return self._counted(504, f"not finished within {self._patience_s:g} s, upload included")
+
+    async def _work(self, chunks: AsyncIterator[bytes], replay: int) -> Simulated:
+        pipe = asyncio.subprocess.PIPE
+        process = await asyncio.create_subprocess_exec(
+            *self._worker, stdin=pipe, stdout=pipe, stderr=pipe, env=os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+        )
+        try:
+            sent = await self._send(process, chunks, replay)
+            if not sent:
+                return self._counted(
+                    413, f"more than {self._most >> 20} MiB; use robotapp-scheduler simulate on a file"
+                )
+            return await self._answer(process)
+        finally:
+            if process.returncode is None:
+                with suppress(ProcessLookupError):
+                    process.kill()
+            await process.wait()
+
+    async def _send(self, process: asyncio.subprocess.Process, chunks: AsyncIterator[bytes], replay: int) -> bool:
+        """False when the body is too long."""
+        running = self._running
+        given = {"config": running.text, "third_party": running.config.third_party, "replay": replay}
+        left = self._most
+        with suppress(BrokenPipeError, ConnectionResetError):  # a worker that ended early has said why
+            _in(process).write(msgspec.json.encode(given) + b"\n")
+            async for chunk in chunks:
+                left -= len(chunk)
+                if left < 0:
+                    return False
+                _in(process).write(chunk)
+                await _in(process).drain()
+            _in(process).close()
+        return True
+
+    async def _answer(self, process: asyncio.subprocess.Process) -> Simulated:
+        out, errors = await asyncio.gather(_read(process.stdout, MOST_ANSWER), _read(process.stderr, 1 << 16))
+        await process.wait()
+        if process.returncode != 0 or not out:
+            log.error("a simulation failed (%s): %s", process.returncode, errors.decode("utf-8", "replace")[-2000:])
+            return self._counted(500, "the simulation failed; the scheduler's log says why")
+        status = 400 if out.startswith(b'{"error"') else 200
+        self.finished[str(status)] = self.finished.get(str(status), 0) + 1
+        return Simulated(status, out)
+
+    def _counted(self, status: int, text: str) -> Simulated:
+        self.finished[str(status)] = self.finished.get(str(status), 0) + 1
+        return Simulated(status, msgspec.json.encode({"error": text}))
+
+
+async def _read(stream: asyncio.StreamReader | None, most: int) -> bytes:
+    """Up to `most` bytes; what comes after is read and thrown away, so that nobody blocks."""
+    parts: list[bytes] = []
+    size = 0
+    while stream is not None and (part := await stream.read(1 << 16)):
+        size += len(part)
+        if size <= most:
+            parts.append(part)
+    return b"".join(parts) if size <= most else b""
+
+
+def _in(process: asyncio.subprocess.Process) -> asyncio.StreamWriter:
+    if process.stdin is None:  # pragma: no cover - asked for with a pipe
+        raise RuntimeError("a worker without standard input")
+    return process.stdin

@@ -1,0 +1,64 @@
+"""`python -m robotapp_scheduler export`: what the scheduler reads of a cluster, as a file for `simulate`.
+
+Only the fields the rules look at are written: no environment, no commands, no status of containers, so such a file can
+be handed on more easily than `kubectl get -o json`, and is a fraction of its size.
+"""
+
+import argparse
+import asyncio
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from robotapp_api.client.api import ApiClient
+from robotapp_api.client.errors import ClientError, NotFound
+from robotapp_api.client.login import default_kubeconfigs, load
+from robotapp_scheduler.simulation.dump import encode
+from robotapp_scheduler.simulation.kinds import resources
+
+
+def main(argv: Sequence[str]) -> int:
+    """0 when written, 2 when the cluster cannot be read."""
+    found = _parser().parse_args(argv)
+    try:
+        content = asyncio.run(_export(found.kubeconfig, found.context))
+        if found.output is None:
+            sys.stdout.buffer.write(content)
+        else:
+            found.output.write_bytes(content)
+    except (ClientError, OSError) as error:
+        sys.stderr.write(f"error: {error}\n")
+        return 2
+    return 0
+
+
+async def _export(kubeconfig: Path | None, context: str | None) -> bytes:
+    files = [kubeconfig] if kubeconfig else default_kubeconfigs()
+    endpoint = await asyncio.to_thread(load, files or None, context)
+    async with ApiClient(endpoint, user_agent="robotapp-scheduler-export") as client:
+        return await export(client)
+
+
+async def export(client: ApiClient) -> bytes:
+    """A dump of everything the scheduler watches. Raises `ClientError`; kinds that are not installed are left out."""
+    objects: list[tuple[str, str, Any]] = []
+    for resource, as_type in resources().items():
+        try:
+            listing = await client.list(resource, as_type=as_type)
+        except NotFound:
+            continue
+        objects += ((resource.api_version, resource.kind, item) for item in listing.items)
+    return encode(objects)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="robotapp-scheduler export",
+        description="Writes what the scheduler reads of a cluster, for `simulate`.",
+        epilog="example: robotapp-scheduler export -o cluster.json && robotapp-scheduler simulate cluster.json",
+    )
+    parser.add_argument("--kubeconfig", type=Path, help="default: $KUBECONFIG, ~/.kube/config, the pod's account")
+    parser.add_argument("--context", help="context of the kubeconfig")
+    parser.add_argument("-o", "--output", type=Path, help="file to write; default: standard output")
+    return parser

@@ -1,0 +1,184 @@
+"""Places the waiting pods of a dump as the scheduler would, without a cluster: the same core, nothing around it.
+
+What the process does beside deciding is left out, and said so in the report: claims of domains and devices, evictions,
+time (nothing expires, back-off is over at once). Ties fall as in the live scheduler, for the same pod uids and nodes.
+"""
+
+from collections.abc import Callable, Collection, Iterable
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import msgspec
+
+from robotapp_scheduler.config import SchedulerConfig
+from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.decision import Decision
+from robotapp_scheduler.core.objects import Pod
+from robotapp_scheduler.core.queued import Rejection
+from robotapp_scheduler.simulation.dump import MOST_PROBLEMS, Dump
+from robotapp_scheduler.simulation.kinds import routes
+
+ROUNDS: Final = 10
+"""Refused pods are tried again while others found a node: a pod may wait for one that comes later."""
+SETTLED: Final = Rejection(frozenset({"Simulation"}))
+"""Parks a refused pod: no event wakes it, the next round does."""
+_NO_TIME = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Placement:
+    """What became of one pod."""
+
+    namespace: str
+    name: str
+    profile: str
+    node: str | None
+    message: str = ""
+    """Why it has none, in the words of its condition."""
+    feasible: int = 0
+    """Nodes that would have taken it."""
+    score: int = 0
+    was: str = ""
+    """The node it runs on in the dump, for a pod that was placed again (`replay`)."""
+
+
+@dataclass(slots=True)
+class Outcome:
+    """Placements in the order they were decided, refused pods last."""
+
+    config: str
+    """Digest of the configuration."""
+    nodes: int = 0
+    placements: list[Placement] = field(default_factory=list)
+    others: dict[str, int] = field(default_factory=dict)
+    """Pods without a node that wait for another scheduler, by its name."""
+    problems: list[str] = field(default_factory=list)
+    ignored: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def placed(self) -> int:
+        """Pods with a node."""
+        return sum(1 for placement in self.placements if placement.node is not None)
+
+    @property
+    def moved(self) -> int:
+        """Pods placed again whose node is another one now."""
+        return sum(1 for placement in self.placements if placement.was and placement.was != placement.node)
+
+
+def simulate(dump: Dump, config: SchedulerConfig, *, replay: int = 0) -> Outcome:
+    """Place every waiting pod of our profiles; with `replay` the latest so many bound ones again, too."""
+    world = _World(dump, config)
+    world.fill(replay)
+    world.place()
+    return world.outcome
+
+
+class _World:
+    def __init__(self, dump: Dump, config: SchedulerConfig) -> None:
+        self._dump = dump
+        self._names = frozenset(config.scheduler_names)
+        self.cluster = Cluster(clock=lambda: _NO_TIME)
+        self.core = SchedulerCore(self.cluster, config.build(), clock=lambda: _NO_TIME)
+        self.outcome = Outcome(config=config.digest, problems=list(dump.problems), ignored=dict(dump.ignored))
+        self._was: dict[str, str] = {}
+        self._refused: dict[str, Decision] = {}
+
+    def fill(self, replay: int) -> None:
+        """Take the dump into the cluster, then queue what waits, in the order it was made."""
+        for route in routes(self.cluster):
+            for obj in self._dump.of(route.resource.kind):
+                self._guarded(route.resource.kind, obj, route.apply)
+        pods = [_identified(pod) for pod in self._dump.of("Pod")]
+        again = {pod.metadata.uid for pod in latest_bound(pods, self._names, replay)}
+        waiting = []
+        for given in pods:
+            pod = given
+            if pod.metadata.uid in again:
+                self._was[pod.metadata.uid] = pod.spec.node_name
+                pod = msgspec.structs.replace(pod, spec=msgspec.structs.replace(pod.spec, node_name=""))
+            self._guarded("Pod", pod, self.cluster.apply_pod)
+            if not pod.spec.node_name and not pod.terminal and not pod.metadata.deletion_timestamp:
+                waiting.append(pod)
+        for pod in sorted(waiting, key=made):
+            if pod.spec.scheduler_name in self._names:
+                self._guarded("Pod", pod, self.core.queue.add)
+            else:
+                name = pod.spec.scheduler_name or "default-scheduler"
+                self.outcome.others[name] = self.outcome.others.get(name, 0) + 1
+        self.outcome.nodes = self.cluster.nodes.count
+
+    def place(self) -> None:
+        """Decide until nobody finds a node any more."""
+        for _ in range(ROUNDS):
+            if not self._round() or not self._refused:
+                break
+            self.core.queue.activate(list(self._refused))
+        for uid, decision in self._refused.items():
+            self._note(decision, uid)
+        for queued in self.core.queue.gated():
+            gate = queued.gate
+            pod = queued.info
+            text = f"held: {gate.reason}" if gate is not None else "held"
+            self.outcome.placements.append(Placement(pod.namespace, pod.name, pod.scheduler_name, None, text))
+
+    def _round(self) -> bool:
+        """One pass over the queue; True when a pod found a node."""
+        found = False
+        while batch := self.core.queue.pop():
+            for decision in self.core.schedule(batch):
+                uid = decision.pod.uid
+                if decision.placed:
+                    found = True
+                    self._refused.pop(uid, None)
+                    self.core.queue.done(uid)
+                    self._note(decision, uid)
+                elif decision.queued is not None:
+                    self._refused[uid] = decision
+                    self.core.queue.requeue(decision.queued, SETTLED)
+        return found
+
+    def _note(self, decision: Decision, uid: str) -> None:
+        pod = decision.pod
+        self.outcome.placements.append(
+            Placement(
+                namespace=pod.namespace,
+                name=pod.name,
+                profile=pod.scheduler_name,
+                node=decision.node,
+                message=decision.message,
+                feasible=decision.feasible,
+                score=decision.total,
+                was=self._was.get(uid, ""),
+            )
+        )
+
+    def _guarded(self, kind: str, obj: Any, take: Callable[[Any], object]) -> None:
+        """One object the rules cannot read must not end the simulation, as it does not end the scheduler."""
+        try:
+            take(obj)
+        except (ValueError, TypeError, KeyError, OverflowError, ArithmeticError) as error:
+            if len(self.outcome.problems) < MOST_PROBLEMS:
+                meta = obj.metadata
+                self.outcome.problems.append(f"{kind} {meta.namespace}/{meta.name}: left out: {error}")
+
+
+def latest_bound(pods: Iterable[Pod], names: Collection[str], count: int) -> list[Pod]:
+    """The `count` pods of these profiles that were made last and have a node."""
+    ours = [pod for pod in pods if pod.spec.node_name and pod.spec.scheduler_name in names and not pod.terminal]
+    return sorted(ours, key=made)[-count:] if count > 0 else []
+
+
+def made(pod: Pod) -> str:
+    """When a pod was made: RFC 3339 texts of one zone sort by time. The sort is stable, so the dump's order decides ties."""
+    return pod.metadata.creation_timestamp or "9999"
+
+
+def _identified(pod: Pod) -> Pod:
+    """A manifest has no uid yet; its name serves."""
+    meta = pod.metadata
+    if meta.uid:
+        return pod
+    made_up = msgspec.structs.replace(meta, uid=f"{meta.namespace or 'default'}/{meta.name}")
+    return msgspec.structs.replace(pod, metadata=made_up)

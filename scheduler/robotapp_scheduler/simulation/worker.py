@@ -1,0 +1,83 @@
+"""The process behind POST /simulate: one dump from standard input, one JSON answer, within limits of its own.
+
+The first line is the order (which configuration, which plugins may be imported), the rest is the dump. It runs beside
+the scheduler in the same container, so it takes what is left: low priority, bounded memory and time.
+"""
+
+import json
+import os
+import resource
+import sys
+from typing import Any, BinaryIO, Final
+
+import msgspec
+
+from robotapp_scheduler import config as configuration
+from robotapp_scheduler import config_yaml
+from robotapp_scheduler.config import ConfigError, SchedulerConfig
+from robotapp_scheduler.plugins.registry import catalogue
+from robotapp_scheduler.simulation.dump import DumpError, Reader
+from robotapp_scheduler.simulation.kinds import kinds
+from robotapp_scheduler.simulation.report import as_json
+from robotapp_scheduler.simulation.run import simulate
+
+MOST_MEMORY: Final = 768 << 20
+MOST_CPU_S: Final = 60
+NICE: Final = 10
+
+
+class Order(msgspec.Struct):
+    """What to do with the dump that follows."""
+
+    config: str = ""
+    """Text of the running configuration, used unless the dump brings its own; empty = built in."""
+    third_party: list[str] = []
+    """Plugins that may be imported: those of the running configuration."""
+    replay: int = 0
+
+
+class _Brought(msgspec.Struct):
+    config: Any = None
+
+
+def limit() -> None:
+    """Take no more than what is left beside the scheduler."""
+    os.nice(NICE)
+    resource.setrlimit(resource.RLIMIT_DATA, (MOST_MEMORY, MOST_MEMORY))
+    resource.setrlimit(resource.RLIMIT_CPU, (MOST_CPU_S, MOST_CPU_S))
+
+
+def answer(source: BinaryIO) -> dict[str, Any]:
+    """The outcome, or `{"error": …}` for what the caller did wrong."""
+    order = msgspec.json.decode(source.readline(), type=Order)
+    content = source.read()
+    try:
+        config = _config(order, content)
+        reader = Reader(kinds())
+        reader.add(content, "body")
+        del content
+        return as_json(simulate(reader.dump, config, replay=order.replay))
+    except ConfigError as error:
+        return {"error": "the configuration cannot be used", "problems": list(error.problems)}
+    except DumpError as error:
+        return {"error": str(error)}
+    except MemoryError:
+        return {"error": f"this takes more than the {MOST_MEMORY >> 20} MiB a simulation may use"}
+
+
+def _config(order: Order, content: bytes) -> SchedulerConfig:
+    try:
+        brought = msgspec.json.decode(content, type=_Brought).config
+    except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
+        raise DumpError(f"body: no JSON of Kubernetes objects: {error}") from error
+    known = catalogue()
+    if brought is not None:
+        return configuration.parse(brought, catalogue=known, third_party=order.third_party)
+    if not order.config:
+        return configuration.built_in(known)
+    return configuration.parse(config_yaml.loads(order.config), catalogue=known)
+
+
+if __name__ == "__main__":
+    limit()
+    json.dump(answer(sys.stdin.buffer), sys.stdout)

@@ -1,0 +1,137 @@
+"""simulate: the cluster as the user may see it, thinned out, and the answer as a table."""
+
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+from tests.support.cli import Json, Stage
+
+WANTED = {
+    "resources": [
+        {"group": "", "version": "v1", "plural": "nodes", "kind": "Node", "namespaced": False},
+        {"group": "", "version": "v1", "plural": "pods", "kind": "Pod", "namespaced": True},
+    ]
+}
+PLACED = {
+    "namespace": "fleet",
+    "name": "p",
+    "profile": "x",
+    "node": "n1",
+    "message": "",
+    "feasible": 2,
+    "score": 454,
+    "was": "",
+}
+REFUSED = {
+    **PLACED,
+    "name": "q",
+    "node": None,
+    "message": "0/2 nodes are available: 2 Insufficient cpu.",
+    "feasible": 0,
+}
+ANSWER = {
+    "config": "abc",
+    "nodes": 2,
+    "placed": 1,
+    "refused": 1,
+    "moved": 0,
+    "placements": [PLACED, REFUSED],
+    "otherSchedulers": {"default-scheduler": 3},
+    "ignored": {},
+    "problems": [],
+    "note": "not simulated: time",
+}
+
+
+@pytest.fixture
+def cluster(stage: Stage) -> Stage:
+    stage.add("/nodes", {"metadata": {"name": "n1", "managedFields": [{"manager": "kubelet"}]}})
+    container = {"name": "c", "image": "i", "env": [{"name": "PASSWORD", "value": "secret"}]}
+    stage.add("/pods", {"metadata": {"name": "p", "namespace": "fleet"}, "spec": {"containers": [container]}})
+    stage.scheduler.wanted, stage.scheduler.outcome = WANTED, ANSWER
+    return stage
+
+
+def sent(stage: Stage) -> Json:
+    (found,) = stage.scheduler.posted
+    body: Json = json.loads(found)
+    return body
+
+
+def url(stage: Stage) -> tuple[str, str]:
+    return "--scheduler-url", stage.scheduler.tls_url
+
+
+def test_pods_are_shown_with_their_node_or_why_they_have_none(cluster: Stage) -> None:
+    lines = cluster.text("simulate", *url(cluster)).splitlines()
+    assert lines[0].split() == ["NAMESPACE", "POD", "NODE", "WHY"]
+    assert lines[1].split() == ["fleet", "p", "n1", "score", "454,", "2", "nodes", "could"]
+    assert "Insufficient cpu" in lines[2]
+    assert "1 of 2 pods placed on 2 nodes, configuration abc" in lines
+    assert "3 pods wait for scheduler default-scheduler" in lines
+
+
+def test_the_cluster_is_sent_without_what_no_rule_reads(cluster: Stage) -> None:
+    cluster.text("simulate", *url(cluster))
+    body = sent(cluster)
+    assert [(item["kind"], item["metadata"]["name"]) for item in body["items"]] == [("Node", "n1"), ("Pod", "p")]
+    assert "secret" not in json.dumps(body)
+    assert "kubelet" not in json.dumps(body)
+    assert "config" not in body
+
+
+def test_pods_of_files_are_added_in_the_users_namespace(cluster: Stage, tmp_path: Path) -> None:
+    one, two = {"kind": "Pod", "metadata": {"name": "a"}}, {"kind": "Pod", "metadata": {"name": "b", "namespace": "x"}}
+    (tmp_path / "a.yaml").write_text(yaml.safe_dump_all([one, None]))
+    (tmp_path / "b.json").write_text(json.dumps({"kind": "List", "items": [two]}))
+    cluster.text("simulate", "--offline", str(tmp_path / "a.yaml"), str(tmp_path / "b.json"), *url(cluster))
+    assert [(item["metadata"]["namespace"], item["metadata"]["name"]) for item in sent(cluster)["items"]] == [
+        ("fleet", "a"),
+        ("x", "b"),
+    ]
+
+
+def test_another_configuration_and_a_replay_are_passed_on(cluster: Stage, tmp_path: Path) -> None:
+    (tmp_path / "c.yaml").write_text("kind: KubeSchedulerConfiguration\n")
+    moved = {**PLACED, "was": "n2"}
+    cluster.scheduler.outcome = {**ANSWER, "placements": [moved], "moved": 1}
+    text = cluster.text("simulate", "--config", str(tmp_path / "c.yaml"), "--replay", "5", *url(cluster))
+    assert sent(cluster)["config"] == {"kind": "KubeSchedulerConfiguration"}
+    assert cluster.scheduler.queries == ["replay=5"]
+    assert text.splitlines()[0].split() == ["NAMESPACE", "POD", "NODE", "WAS", "WHY"]
+    assert "1 pods placed again would be elsewhere" in text
+
+
+def test_programs_get_the_schedulers_own_answer(cluster: Stage) -> None:
+    assert cluster.data("simulate", *url(cluster)) == ANSWER
+
+
+@pytest.mark.parametrize(
+    ("status", "error", "said"),
+    [
+        (403, {"error": "you may not post /simulate"}, "answers 403 you may not post /simulate"),
+        (400, {"error": "the configuration cannot be used", "problems": ["typo: x"]}, "cannot be used; typo: x"),
+        (404, {"error": "no"}, "an older scheduler?"),
+    ],
+)
+def test_a_refusal_is_quoted_and_ends_with_1(cluster: Stage, status: int, error: Json, said: str) -> None:
+    cluster.scheduler.status, cluster.scheduler.refusal = status, error
+    result = cluster.run("simulate", *url(cluster))
+    assert result.exit_code == 1
+    assert said in result.stderr
+
+
+@pytest.mark.parametrize("text", ["a: [", "- 1", "kind: Pod", "kind: List\nitems: [3]"])
+def test_a_file_that_holds_no_objects_is_wrong_usage(cluster: Stage, tmp_path: Path, text: str) -> None:
+    (tmp_path / "bad.yaml").write_text(text)
+    result = cluster.run("simulate", "--offline", str(tmp_path / "bad.yaml"), *url(cluster))
+    assert result.exit_code == 2
+    assert "bad.yaml" in result.stderr
+    assert cluster.scheduler.posted == []
+
+
+def test_a_file_that_is_not_there_and_two_configurations_are_wrong_usage(cluster: Stage, tmp_path: Path) -> None:
+    assert cluster.run("simulate", str(tmp_path / "none"), *url(cluster)).exit_code == 2
+    (tmp_path / "two.yaml").write_text("a: 1\n---\nb: 2\n")
+    assert cluster.run("simulate", "--config", str(tmp_path / "two.yaml"), *url(cluster)).exit_code == 2

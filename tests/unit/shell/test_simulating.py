@@ -1,0 +1,75 @@
+"""POST /simulate: streamed to a worker within limits, one at a time."""
+
+import asyncio
+import json
+import sys
+from collections.abc import AsyncIterator
+from typing import Any
+
+from tests.support.scheduling import node_json, pod_json
+
+from robotapp_scheduler import config as configuration
+from robotapp_scheduler.plugins.registry import catalogue
+from robotapp_scheduler.shell.reload import Running
+from robotapp_scheduler.shell.simulating import Simulated, Simulator
+
+SLEEPS = (sys.executable, "-c", "import sys, time; sys.stdin.buffer.read(); time.sleep(60)")
+BREAKS = (sys.executable, "-c", "raise SystemExit(3)")
+FLOODS = (sys.executable, "-c", "import sys; sys.stdin.buffer.read(); print('x' * (65 << 20))")
+
+
+def simulator(**settings: Any) -> Simulator:
+    return Simulator(Running(configuration.built_in(catalogue())), **settings)
+
+
+async def chunks(*parts: bytes) -> AsyncIterator[bytes]:
+    for part in parts:
+        yield part
+
+
+def error(found: Simulated) -> str:
+    return str(json.loads(found.body)["error"])
+
+
+async def test_a_dump_in_pieces_becomes_placements() -> None:
+    items = [{"kind": "Node", **node_json("n")}, {"kind": "Pod", **pod_json("p")}]
+    content = json.dumps({"kind": "List", "items": items}).encode()
+    subject = simulator()
+    found = await subject.simulate(chunks(content[:50], content[50:]))
+    assert found.status == 200
+    assert json.loads(found.body)["placements"][0]["node"] == "n"
+    found = await subject.simulate(chunks(b"kind: Pod"))
+    assert found.status == 400
+    assert "no JSON" in error(found)
+    assert subject.finished == {"200": 1, "400": 1}
+
+
+async def test_a_second_one_is_refused_while_the_first_works() -> None:
+    subject = simulator(worker=SLEEPS, patience_s=1.0)
+    first = asyncio.create_task(subject.simulate(chunks(b"{}")))
+    await asyncio.sleep(0)
+    second = await subject.simulate(chunks(b"{}"))
+    assert second.status == 429
+    assert (await first).status == 504
+    assert repr(subject) == "<Simulator idle>"
+
+
+async def test_too_much_is_refused_while_it_is_sent() -> None:
+    found = await simulator(worker=SLEEPS, most=1 << 20).simulate(chunks(*[b"x" * (1 << 19)] * 3))
+    assert found.status == 413
+    assert "more than 1 MiB" in error(found)
+
+
+async def test_a_worker_that_breaks_or_floods_is_an_error_of_ours() -> None:
+    assert (await simulator(worker=BREAKS).simulate(chunks(b"x" * (1 << 20)))).status == 500
+    assert (await simulator(worker=FLOODS).simulate(chunks(b"{}"))).status == 500
+
+
+def test_the_kinds_a_dump_is_made_of_can_be_asked_for() -> None:
+    assert {
+        "group": "",
+        "version": "v1",
+        "plural": "nodes",
+        "kind": "Node",
+        "namespaced": False,
+    } in simulator().wanted()

@@ -1,0 +1,119 @@
+"""The tools as a person starts them."""
+
+import io
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.support.scheduling import node_json, pod_json
+
+from robotapp_scheduler import tools
+from robotapp_scheduler.simulation import bench_command, command
+
+
+@pytest.fixture
+def dump(tmp_path: Path) -> Path:
+    path = tmp_path / "cluster.json"
+    items = [{"kind": "Node", **node_json("n1")}, {"kind": "Pod", **pod_json("p")}]
+    path.write_text(json.dumps({"kind": "List", "items": items}))
+    return path
+
+
+def run(*argv: Any, stdin: bytes = b"") -> tuple[int, str]:
+    out = io.StringIO()
+    status = command.main([str(part) for part in argv], stdin=io.BytesIO(stdin), out=out)
+    return status, out.getvalue()
+
+
+def test_a_table_or_json_comes_out(dump: Path) -> None:
+    status, text = run(dump)
+    assert (status, text.splitlines()[1].split()[:3]) == (0, ["default", "p", "n1"])
+    status, text = run(dump, "--json")
+    assert json.loads(text)["placements"][0]["node"] == "n1"
+
+
+def test_several_files_and_standard_input_are_one_cluster(dump: Path) -> None:
+    more = json.dumps({"kind": "Pod", **pod_json("q")}).encode()
+    _, text = run(dump, "-", "--json", stdin=more)
+    assert [each["name"] for each in json.loads(text)["placements"]] == ["p", "q"]
+
+
+def test_another_configuration_is_checked_and_used(dump: Path, tmp_path: Path) -> None:
+    config = tmp_path / "c.yaml"
+    head = "apiVersion: kubescheduler.config.k8s.io/v1\nkind: KubeSchedulerConfiguration\n"
+    config.write_text(head + "profiles: [{schedulerName: other}]\n")
+    _, text = run(dump, "--config", config)
+    assert "1 pods wait for scheduler ros-aware-scheduler" in text
+
+
+def test_mistakes_end_with_2_and_a_sentence(dump: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bad = tmp_path / "bad.yaml"
+    bad.write_text("typo: 1\n")
+    assert run(dump, "--config", bad)[0] == 2
+    assert 'unknown field "typo"' in capsys.readouterr().err
+    assert run(bad)[0] == 2
+    assert "-o json" in capsys.readouterr().err
+    assert run(tmp_path / "none")[0] == 2
+    assert "No such file" in capsys.readouterr().err
+
+
+def test_more_than_allowed_is_not_read(dump: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(dump, "-", "--max-mib", "1", stdin=b" " * (1 << 20))[0] == 2
+    assert "more than 1 MiB in all" in capsys.readouterr().err
+
+
+def test_words_that_are_no_tool_start_the_scheduler() -> None:
+    assert tools.run([]) is None
+    assert tools.run(["--config", "x"]) is None
+
+
+def test_the_program_itself_simulates(dump: Path) -> None:
+    argv = [sys.executable, "-m", "robotapp_scheduler", "simulate", str(dump)]
+    done = subprocess.run(argv, capture_output=True, text=True, check=False, timeout=60)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "1 of 1 pods placed" in done.stdout
+
+
+def bench(*argv: str) -> tuple[int, str]:
+    out = io.StringIO()
+    return bench_command.main([*argv, "--nodes", "20", "--pods", "10"], out=out), out.getvalue()
+
+
+def test_a_third_party_plugin_is_measured_with_and_without_reuse() -> None:
+    status, text = bench("tests.support.third_party_plugin:PreferQuietNodes", "--args", "{quiet: very}", "--json")
+    assert status == 0
+    reused, fresh = json.loads(text)
+    assert (reused["reuse"], fresh["reuse"]) == (True, False)
+    for cost in (reused, fresh):
+        assert 0 < cost["plugin_us"] < cost["cycle_us"]
+        assert 0 < cost["share"] < 1
+        assert cost["unplaced"] == 0
+
+
+def test_the_table_names_nodes_load_and_share() -> None:
+    status, text = bench("NodeResourcesFit")
+    assert status == 0
+    assert [line.split()[0] for line in text.splitlines()[2:4]] == ["20", "20"]
+    assert "replicas, class reused" in text
+    assert "%" in text
+
+
+@pytest.mark.parametrize(
+    ("argv", "said"),
+    [
+        (["no.such.module:Plugin"], "cannot be loaded"),
+        (["tests.support.third_party_plugin:PreferQuietNodes", "--args", "{quiet: 3}"], "args"),
+        (["tests.support.third_party_plugin:PreferQuietNodes", "--args", "[1]"], "must be a mapping"),
+    ],
+)
+def test_a_plugin_that_cannot_be_used_is_named(argv: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert bench(*argv)[0] == 2
+    assert said in capsys.readouterr().err
+
+
+def test_a_plugin_that_answers_nonsense_ends_with_1_and_says_what(capsys: pytest.CaptureFixture[str]) -> None:
+    assert bench("tests.support.broken_plugin:ScoresOfOne")[0] == 1
+    assert "score must answer a number array of shape (20,)" in capsys.readouterr().err

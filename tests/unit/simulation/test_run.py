@@ -1,0 +1,125 @@
+"""Placements without a cluster are those of the scheduler's own core."""
+
+import json
+from typing import Any
+
+from tests.support.scheduling import make_core, make_info, make_node, node_json, pod_json
+
+from robotapp_scheduler import config as configuration
+from robotapp_scheduler.config import SchedulerConfig
+from robotapp_scheduler.plugins.registry import catalogue
+from robotapp_scheduler.simulation.dump import Reader
+from robotapp_scheduler.simulation.kinds import kinds
+from robotapp_scheduler.simulation.report import as_json, as_table
+from robotapp_scheduler.simulation.run import Outcome, simulate
+
+
+def config(**fields: Any) -> SchedulerConfig:
+    head = {"apiVersion": "kubescheduler.config.k8s.io/v1", "kind": "KubeSchedulerConfiguration"}
+    return configuration.parse(head | fields, catalogue=catalogue())
+
+
+def outcome(*objects: Any, replay: int = 0, **fields: Any) -> Outcome:
+    reader = Reader(kinds())
+    reader.add(json.dumps({"kind": "List", "items": list(objects)}).encode(), "test")
+    return simulate(reader.dump, config(**fields), replay=replay)
+
+
+def node(name: str, **fields: Any) -> Any:
+    return {"kind": "Node", **node_json(name, **fields)}
+
+
+def pod(name: str, *, created: str = "", **fields: Any) -> Any:
+    found = {"kind": "Pod", **pod_json(name, **fields)}
+    if created:
+        found["metadata"]["creationTimestamp"] = created
+    return found
+
+
+def nodes_of(found: Outcome) -> dict[str, str | None]:
+    return {placement.name: placement.node for placement in found.placements}
+
+
+def test_pods_go_where_the_core_would_put_them_and_count_against_each_other() -> None:
+    pods = [f"p{number}" for number in range(12)]
+    found = outcome(node("a"), node("b", cpu="3"), node("c", cpu="8"), *(pod(name, cpu="1") for name in pods))
+    core = make_core(make_node("a"), make_node("b", cpu="3"), make_node("c", cpu="8"))
+    assert nodes_of(found) == {name: core.schedule_one(make_info(name, cpu="1")).node for name in pods}
+    assert found.placed == 12
+
+
+def test_the_order_is_priority_then_age_then_that_of_the_file() -> None:
+    found = outcome(
+        node("only", cpu="100"),
+        pod("young", created="2026-01-01T00:00:09Z"),
+        pod("twin-b", created="2026-01-01T00:00:05Z"),
+        pod("twin-a", created="2026-01-01T00:00:05Z"),
+        pod("vip", created="2026-01-01T00:00:10Z", priority=1000),
+    )
+    assert [placement.name for placement in found.placements] == ["vip", "twin-b", "twin-a", "young"]
+
+
+def test_refused_and_held_pods_say_why_and_pods_of_others_are_counted() -> None:
+    found = outcome(
+        node("a", cpu="1"),
+        pod("big", cpu="9"),
+        pod("gated", schedulingGates=[{"name": "wait"}]),
+        pod("theirs", scheduler="default-scheduler"),
+        pod("done", scheduler="default-scheduler", node="a", cpu="100m"),
+    )
+    why = {placement.name: placement.message for placement in found.placements}
+    assert why["big"].startswith("0/1 nodes are available: 1 Insufficient cpu.")
+    assert "wait" in why["gated"]
+    assert found.others == {"default-scheduler": 1}
+    assert found.placed == 0
+
+
+def test_pods_that_run_take_room_whoever_placed_them() -> None:
+    running = pod("theirs", scheduler="default-scheduler", node="a", cpu="3500m")
+    assert nodes_of(outcome(node("a"), node("b", cpu="1"), running, pod("p", cpu="1"))) == {"p": "b"}
+
+
+def test_replay_places_the_latest_pods_again_under_the_configuration_in_hand() -> None:
+    bound = [
+        pod(f"p{number}", node="spread" if number % 2 else "other", cpu="1", created=f"2026-01-01T00:00:0{number}Z")
+        for number in range(4)
+    ]
+    args = {"scoringStrategy": {"type": "MostAllocated", "resources": [{"name": "cpu", "weight": 1}]}}
+    off = {"multiPoint": {"disabled": [{"name": "NodeResourcesBalancedAllocation"}]}}
+    profile = {"plugins": off, "pluginConfig": [{"name": "NodeResourcesFit", "args": args}]}
+    found = outcome(node("spread", cpu="8"), node("other", cpu="8"), *bound, replay=2, profiles=[profile])
+    assert sorted(nodes_of(found)) == ["p2", "p3"], "the latest two"
+    assert {placement.was for placement in found.placements} == {"spread", "other"}
+    assert len(set(nodes_of(found).values())) == 1, "packed on one"
+    assert found.moved == 1
+
+
+def test_a_manifest_without_a_uid_and_an_object_the_rules_cannot_read_harm_nobody() -> None:
+    manifest = pod("new")
+    del manifest["metadata"]["uid"]
+    twin = json.loads(json.dumps(manifest))
+    twin["metadata"]["name"] = "twin"
+    found = outcome(node("good"), node("bad", cpu="a lot"), manifest, twin)
+    assert nodes_of(found) == {"new": "good", "twin": "good"}
+    assert any("Node /bad: left out" in problem for problem in found.problems)
+
+
+def test_an_empty_dump_is_an_empty_outcome() -> None:
+    found = outcome()
+    assert (found.nodes, found.placements) == (0, [])
+    assert "0 of 0 pods placed on 0 nodes" in as_table(found)
+
+
+def test_the_report_has_a_line_per_pod_and_says_what_is_not_simulated() -> None:
+    found = outcome(node("a"), node("b"), pod("p"), pod("big", cpu="9"), {"kind": "Service"})
+    lines = as_table(found).splitlines()
+    assert lines[0].split() == ["NAMESPACE", "POD", "NODE", "WHY"]
+    assert lines[1].split()[:2] == ["default", "p"]
+    assert "2 nodes could" in lines[1]
+    assert "Insufficient cpu" in lines[2]
+    assert "1 of 2 pods placed on 2 nodes" in as_table(found)
+    assert "ignored, no rule reads them: 1 Service" in as_table(found)
+    assert "not simulated" in lines[-1]
+    plain = as_json(found)
+    assert (plain["placed"], plain["refused"], plain["ignored"]) == (1, 1, {"Service": 1})
+    assert json.loads(json.dumps(plain)) == plain
