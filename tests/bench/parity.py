@@ -13,7 +13,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -23,11 +23,13 @@ import msgspec
 import yaml
 from tests.bench import load, parity_oracle, parity_shapes
 from tests.bench.parity_oracle import OracleLog, Scores
+from tests.bench.parity_topology import ARENA, ENDING
+from tests.bench.parity_topology import NAMESPACES as SPACES
 
 from robotapp_api.client.api import ApiClient
 from robotapp_api.client.errors import Invalid, NotFound
 from robotapp_api.client.login import load as login
-from robotapp_api.client.resources import NAMESPACES, NODES, PODS
+from robotapp_api.client.resources import NAMESPACES, NODES, PODS, REPLICASETS, SERVICES
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.process import Process
 from robotapp_testbed.product import install, start_scheduler
@@ -138,8 +140,8 @@ class Arena:
 
     async def run(self, cases: int, random: Random, say: Callable[[str], None]) -> Json:
         started = time.monotonic()
-        for name in ("theirs", "ours", "placed"):
-            await self._client.create(NAMESPACES, {"metadata": {"name": name}})
+        for name, labels in SPACES.items():
+            await self._client.create(NAMESPACES, {"metadata": {"name": name, "labels": dict(labels)}})
         counts: Counter[str] = Counter()
         families: Counter[str] = Counter()
         found: list[Json] = []
@@ -157,7 +159,7 @@ class Arena:
                 counts["bound" if theirs.node else "refused"] += 1
                 families.update(_families(shape))
                 if unequal := differences(theirs, ours):
-                    found.append({"differences": unequal, "pod": shape, "nodes": scene.nodes, "placed": scene.placed})
+                    found.append({"differences": unequal, "pod": shape, "scene": asdict(scene)})
             await self._clear()
             say(f"{counts['cases']}/{cases} cases, {len(found)} differences")
         seconds = time.monotonic() - started
@@ -165,11 +167,22 @@ class Arena:
 
     async def _build(self, scene: parity_shapes.Scene) -> None:
         await load.create_nodes(self._client, scene.nodes)
+        for owner in scene.owners:
+            resource = SERVICES if owner["kind"] == "Service" else REPLICASETS
+            await self._client.create(resource, owner, namespace=ARENA)
         for pod in scene.placed:
-            await self._client.create(PODS, pod, namespace="placed")
+            meta = pod["metadata"]
+            namespace = meta.get("namespace", ARENA)
+            await self._client.create(PODS, pod, namespace=namespace)
+            if ENDING in meta.get("annotations", {}):
+                await self._delete(meta["name"], namespace, grace_s=3600)
 
     async def _clear(self) -> None:
-        await load.delete_pods(self._client, "placed")
+        for namespace in SPACES:
+            await load.delete_pods(self._client, namespace)
+        for resource in (SERVICES, REPLICASETS):
+            for owner in (await self._client.list(resource, namespace=ARENA)).items:
+                await self._client.delete(resource, owner["metadata"]["name"], namespace=ARENA)
         for node in (await self._client.list(NODES)).items:
             await self._client.delete(NODES, node["metadata"]["name"])
 
@@ -187,24 +200,24 @@ class Arena:
         return theirs, ours
 
     async def _theirs(self, shape: Json) -> Verdict:
-        name, node, message = await self._decide(shape, "theirs", parity_oracle.SCHEDULER_NAME)
-        scores = self._log.read().get(f"theirs/{name}", Scores())
+        name, node, message = await self._decide(shape, parity_oracle.SCHEDULER_NAME)
+        scores = self._log.read().get(f"{ARENA}/{name}", Scores())
         return Verdict(node, message, scores.plugins, frozenset(scores.best))
 
     async def _of_ours(self, shape: Json) -> Verdict:
-        name, node, message = await self._decide(shape, "ours", OURS)
+        name, node, message = await self._decide(shape, OURS)
         return Verdict(node, message, await self._explained(name))
 
-    async def _decide(self, shape: Json, namespace: str, scheduler: str) -> tuple[str, str, str]:
+    async def _decide(self, shape: Json, scheduler: str) -> tuple[str, str, str]:
         """Create the pod, wait for the decision, delete it: its name, its node, or the text why not."""
         self._serial += 1
         name = f"probe-{self._serial}"
-        pod = {"metadata": {"name": name}, "spec": {**shape["spec"], "schedulerName": scheduler}}
-        await self._client.create(PODS, pod, namespace=namespace)
+        pod = {"metadata": {**shape["metadata"], "name": name}, "spec": {**shape["spec"], "schedulerName": scheduler}}
+        await self._client.create(PODS, pod, namespace=ARENA)
         try:
             async with asyncio.timeout(30):
                 while True:
-                    found = await self._client.get(PODS, name, namespace=namespace)
+                    found = await self._client.get(PODS, name, namespace=ARENA)
                     if node := found["spec"].get("nodeName"):
                         return name, node, ""
                     for condition in found["status"].get("conditions", ()):
@@ -214,10 +227,10 @@ class Arena:
         except TimeoutError:
             return name, "", f"no decision of {scheduler} within 30 s"
         finally:
-            await self._delete(name, namespace)
+            await self._delete(name, ARENA)
 
-    async def _delete(self, name: str, namespace: str) -> None:
-        body = msgspec.json.encode({"kind": "DeleteOptions", "apiVersion": "v1", "gracePeriodSeconds": 0})
+    async def _delete(self, name: str, namespace: str, *, grace_s: int = 0) -> None:
+        body = msgspec.json.encode({"kind": "DeleteOptions", "apiVersion": "v1", "gracePeriodSeconds": grace_s})
         try:
             await self._client.request("DELETE", PODS.path(namespace, name), body, "application/json")
         except NotFound:
@@ -225,7 +238,7 @@ class Arena:
 
     async def _explained(self, name: str) -> dict[str, dict[str, int]]:
         """Feasible node to plugin to weighted score, as our explain endpoint tells it."""
-        async with self._http.get(f"{self._ours.health_url}/explain/ours/{name}", ssl=False) as response:
+        async with self._http.get(f"{self._ours.health_url}/explain/{ARENA}/{name}", ssl=False) as response:
             if response.status != 200:
                 return {}
             record = msgspec.json.decode(await response.read())
@@ -242,7 +255,8 @@ def weighted(top: Mapping[str, Any]) -> dict[str, dict[str, int]]:
 
 def _families(shape: Json) -> list[str]:
     spec = shape["spec"]
-    return [key for key in ("nodeSelector", "affinity", "tolerations", "initContainers", "resources") if key in spec]
+    plain = ("nodeSelector", "tolerations", "initContainers", "resources", "topologySpreadConstraints")
+    return [key for key in plain if key in spec] + sorted(spec.get("affinity", {}))
 
 
 if __name__ == "__main__":

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from random import Random
 from typing import Any
 
+from tests.bench import parity_topology
+
 Json = dict[str, Any]
 IMAGE = "registry.k8s.io/pause:3.10"
 GPU = "example.com/gpu"
@@ -21,14 +23,17 @@ class Scene:
 
     nodes: tuple[Json, ...]
     placed: tuple[Json, ...]
+    owners: tuple[Json, ...] = ()
+    """Services and ReplicaSets."""
 
 
 def scene(random: Random) -> Scene:
-    """One to eight nodes n0, n1, … and up to six pods on them."""
+    """One to eight nodes n0, n1, …, up to six pods that take room and up to eight that pods look at."""
     nodes = tuple(_node(random, f"n{index}") for index in range(random.choice((1, 2, 3, 4, 5, 6, 7, 8, 8))))
     names = [node["metadata"]["name"] for node in nodes]
-    placed = tuple(_placed(random, f"p{index}", random.choice(names)) for index in range(random.randint(0, 6)))
-    return Scene(nodes, placed)
+    placed = [_placed(random, f"p{index}", random.choice(names)) for index in range(random.randint(0, 6))]
+    placed += [parity_topology.company(random, f"c{i}", random.choice(names)) for i in range(random.randint(0, 8))]
+    return Scene(nodes, tuple(placed), parity_topology.services(random))
 
 
 def pod(random: Random, name: str, scheduler: str) -> Json:
@@ -40,7 +45,10 @@ def pod(random: Random, name: str, scheduler: str) -> Json:
     }
     for family in random.sample(sorted(FAMILIES), random.randint(1, 3)):
         FAMILIES[family](random, spec)
-    return {"metadata": {"name": name}, "spec": spec}
+    meta: Json = {"name": name, "labels": parity_topology.labels(random)}
+    if random.random() < 0.2:
+        meta["ownerReferences"] = [parity_topology.owner()]
+    return {"metadata": meta, "spec": spec}
 
 
 def _node(random: Random, name: str) -> Json:
@@ -65,7 +73,9 @@ def _node(random: Random, name: str) -> Json:
     if random.random() < 0.4:
         capacity[GPU] = random.choice(("1", "2", "4"))
     status = {"capacity": capacity, "allocatable": capacity, "conditions": [{"type": "Ready", "status": "True"}]}
-    return {"metadata": {"name": name, "labels": labels}, "spec": spec, "status": status}
+    node = {"metadata": {"name": name, "labels": labels}, "spec": spec, "status": status}
+    parity_topology.place(random, node)
+    return node
 
 
 def _taint(random: Random) -> Json:
@@ -221,4 +231,5 @@ FAMILIES: Mapping[str, Callable[[Random, Json], None]] = {
     "requests": _requests,
     "required-affinity": _required_affinity,
     "tolerations": _tolerations,
+    **parity_topology.FAMILIES,
 }

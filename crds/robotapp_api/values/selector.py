@@ -4,7 +4,7 @@ Everything works on plain values: labels as a mapping, requirements as anything 
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Final, Protocol
+from typing import Any, Final, NamedTuple, Protocol
 
 NAME_FIELD: Final = "metadata.name"
 _INT64: Final = range(-(2**63), 2**63)
@@ -95,28 +95,37 @@ def matches_node_terms(terms: Iterable[TermLike], labels: Mapping[str, str], nam
     return any(matches_term(term, labels, name) for term in terms)
 
 
-class _Expression:
-    """A label selector expression given as plain JSON."""
+class Expression(NamedTuple):
+    """One expression of a label selector; hashable, so that equal selectors are equal keys."""
 
-    __slots__ = ("key", "operator", "values")
+    key: str
+    operator: str
+    values: tuple[str, ...]
 
-    def __init__(self, raw: Mapping[str, Any]) -> None:
-        self.key: str = raw.get("key", "")
-        self.operator: str = raw.get("operator", "")
-        self.values: Sequence[str] = tuple(raw.get("values") or ())
+
+def label_requirements(selector: Mapping[str, Any] | None) -> tuple[Expression, ...] | None:
+    """The expressions of a metav1.LabelSelector (plain JSON), sorted, each once; () matches everything.
+
+    None for a selector that matches nothing: an absent one, or one that cannot be evaluated.
+    """
+    if selector is None:
+        return None
+    found = {Expression(key, "In", (value,)) for key, value in (selector.get("matchLabels") or {}).items()}
+    for raw in selector.get("matchExpressions") or ():
+        values = tuple(sorted(raw.get("values") or ()))
+        expression = Expression(raw.get("key", ""), raw.get("operator", ""), values)
+        if expression.operator in {"Gt", "Lt"} or not valid_requirement(expression):
+            return None
+        found.add(expression)
+    return tuple(sorted(found))
+
+
+def matches_requirements(requirements: Iterable[RequirementLike], labels: Mapping[str, str]) -> bool:
+    """Do labels meet all of these valid expressions?"""
+    return all(matches_requirement(requirement, labels.get(requirement.key)) for requirement in requirements)
 
 
 def matches_labels(selector: Mapping[str, Any] | None, labels: Mapping[str, str]) -> bool:
     """metav1.LabelSelector as plain JSON: None matches nothing, {} everything, an invalid one nothing."""
-    if selector is None:
-        return False
-    for key, value in (selector.get("matchLabels") or {}).items():
-        if labels.get(key) != value:
-            return False
-    for raw in selector.get("matchExpressions") or ():
-        expression = _Expression(raw)
-        if expression.operator in {"Gt", "Lt"} or not valid_requirement(expression):
-            return False
-        if not matches_requirement(expression, labels.get(expression.key)):
-            return False
-    return True
+    requirements = label_requirements(selector)
+    return requirements is not None and matches_requirements(requirements, labels)

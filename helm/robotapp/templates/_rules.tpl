@@ -82,12 +82,16 @@
 - apiGroups: [""]
   resources: [persistentvolumeclaims, persistentvolumes]
   verbs: [patch]
+# Pods of one Service or workload are spread by default.
+- apiGroups: [""]
+  resources: [services, replicationcontrollers]
+  verbs: [get, list, watch]
 - apiGroups: [storage.k8s.io]
   resources: [storageclasses, csinodes, csidrivers, csistoragecapacities, volumeattachments]
   verbs: [get, list, watch]
 # The sweep asks whether a domain is still named by a workload.
 - apiGroups: [apps]
-  resources: [deployments, replicasets]
+  resources: [deployments, replicasets, statefulsets]
   verbs: [get, list, watch]
 - apiGroups: [robotics.io]
   resources: [robotapps, domainpools, nodetelemetries]

@@ -1,60 +1,200 @@
-"""Placed pods with required anti-affinity: each keeps pods it does not want out of its topology domain."""
+"""What the affinity terms of placed pods mean for a pod that is to be placed.
 
-from collections.abc import Iterator
-from typing import NamedTuple
+Pods are counted per *distinct* term. A pod to be placed meets them through the `Pull` on its labels: the terms that
+concern it, found once, and their counts per topology domain, kept true while pods come and go.
+"""
 
-from robotapp_api.values.selector import matches_labels
-from robotapp_scheduler.core.objects import PodAffinityTerm
-from robotapp_scheduler.core.pods import PlacedPod, PodInfo
+from collections import OrderedDict
+from collections.abc import Iterable, Mapping
+from typing import Final
+
+import numpy as np
+
+from robotapp_scheduler.core.affinity_terms import Kind, Term, Terms
+from robotapp_scheduler.core.columns import CodeArray, IntArray, LabelColumns
+from robotapp_scheduler.core.matchers import ByLabel
+from robotapp_scheduler.core.namespaces import Namespaces
+
+MOST_PULLS: Final = 512
 
 
-class Ward(NamedTuple):
-    """One term of one placed pod that keeps the asking pod away."""
+class PlacedTerm:
+    """One distinct term: how many pods on which rows have it."""
 
-    node: str
-    topology_key: str
+    __slots__ = ("listeners", "rows", "term", "users")
 
-
-class AntiAffinityIndex:
-    """The few placed pods that have required anti-affinity terms."""
-
-    def __init__(self) -> None:
-        self._pods: dict[str, PlacedPod] = {}
+    def __init__(self, term: Term) -> None:
+        self.term = term
+        self.users = 0
+        self.rows: dict[int, int] = {}
+        self.listeners: dict[TermTotals, None] = {}
 
     def __repr__(self) -> str:
-        return f"AntiAffinityIndex({len(self._pods)} pods)"
+        return f"PlacedTerm({self.term}, {self.users} pods)"
 
-    def count(self, record: PlacedPod, sign: int) -> bool:
-        """Take a placed pod in (+1) or out (-1); True when it has such terms."""
-        if record.pod.spec.affinity is None or not _terms(record):
-            return False
-        if sign > 0:
-            self._pods[record.uid] = record
+    def count(self, row: int, sign: int) -> None:
+        """A pod with this term came (+1) or went (-1)."""
+        count = self.rows.get(row, 0) + sign
+        if count:
+            self.rows[row] = count
         else:
-            self._pods.pop(record.uid, None)
-        return True
+            del self.rows[row]
+        for totals in self.listeners:
+            totals.add(row, sign * self.term.weight)
 
-    def wards(self, pod: PodInfo) -> Iterator[Ward]:
-        """Terms of placed pods that match this pod. A namespace selector counts as matching every namespace."""
-        for record in self._pods.values():
-            for term in _terms(record):
-                if _namespace_matches(term, record.namespace, pod.namespace) and matches_labels(
-                    term.label_selector, pod.labels
-                ):
-                    yield Ward(record.node, term.topology_key)
+
+class TermTotals:
+    """Weighted counts of some terms with one topology key, per value of that node label (code 0: label absent)."""
+
+    __slots__ = ("_codes", "_labels", "_terms", "_values", "_version", "key")
+
+    def __init__(self, labels: LabelColumns, key: str, terms: tuple[PlacedTerm, ...]) -> None:
+        self.key = key
+        self._labels = labels
+        self._terms = terms
+        self._version = -1
+        self._codes: CodeArray = np.zeros(0, dtype=np.int32)
+        self._values: IntArray = np.zeros(1, dtype=np.int64)
+        for placed in terms:
+            placed.listeners[self] = None
+
+    def __repr__(self) -> str:
+        return f"TermTotals({self.key}, {len(self._terms)} terms)"
+
+    def add(self, row: int, amount: int) -> None:
+        """Weight on one row came or went."""
+        if self._version == self._labels.version(self.key):
+            self._values[self._codes[row]] += amount
+
+    @property
+    def values(self) -> IntArray:
+        """Weighted count per code of the label; code 0 (label absent) is always 0."""
+        if self._version != self._labels.version(self.key):
+            self._renew()
+        self._values[0] = 0
+        return self._values
+
+    def close(self) -> None:
+        """Nobody asks any more."""
+        for placed in self._terms:
+            placed.listeners.pop(self, None)
+
+    def _renew(self) -> None:
+        codes, vocabulary = self._labels.column(self.key)
+        self._codes = codes
+        self._values = np.zeros(len(vocabulary.values), dtype=np.int64)
+        for placed in self._terms:
+            count = len(placed.rows)
+            rows = np.fromiter(placed.rows.keys(), dtype=np.intp, count=count)
+            pods = np.fromiter(placed.rows.values(), dtype=np.int64, count=count)
+            np.add.at(self._values, codes[rows], placed.term.weight * pods)
+        self._version = self._labels.version(self.key)
+
+
+class Pull:
+    """All terms of placed pods that concern pods of one namespace with the same labels, by kind."""
+
+    __slots__ = ("by_kind", "generation", "seen")
+
+    def __init__(self, by_kind: dict[Kind, tuple[TermTotals, ...]], seen: int, generation: int) -> None:
+        self.by_kind = by_kind
+        self.seen = seen
+        self.generation = generation
+
+    def __repr__(self) -> str:
+        return f"Pull({self.by_kind})"
+
+    def __getitem__(self, kind: Kind) -> tuple[TermTotals, ...]:
+        return self.by_kind.get(kind, ())
+
+    def close(self) -> None:
+        """Stop following the terms."""
+        for found in self.by_kind.values():
+            for totals in found:
+                totals.close()
+
+
+class AffinityIndex:
+    """Distinct terms of placed pods and the pulls that follow them."""
+
+    def __init__(self, labels: LabelColumns, namespaces: Namespaces) -> None:
+        self._labels = labels
+        self._namespaces = namespaces
+        self._terms: dict[Term, PlacedTerm] = {}
+        self._by_label: ByLabel[PlacedTerm] = ByLabel()
+        self._recent: list[Term] = []
+        """Terms in the order they were first seen since `_before`."""
+        self._before = 0
+        self._pulls: OrderedDict[tuple[str, frozenset[tuple[str, str]]], Pull] = OrderedDict()
+
+    def __repr__(self) -> str:
+        return f"AffinityIndex({len(self._terms)} terms, {len(self._pulls)} pulls)"
 
     def __len__(self) -> int:
-        return len(self._pods)
+        return len(self._terms)
 
+    def take(self, terms: Terms) -> tuple[PlacedTerm, ...]:
+        """The distinct terms of a pod that was placed; each stays until it is released as often."""
+        found = []
+        for term in (*terms.affinity, *terms.anti_affinity, *terms.preferred):
+            placed = self._terms.get(term)
+            if placed is None:
+                placed = self._terms[term] = PlacedTerm(term)
+                self._by_label.add(placed, term.requirements or ())
+                self._note(term)
+            placed.users += 1
+            found.append(placed)
+        return tuple(found)
 
-def _terms(record: PlacedPod) -> tuple[PodAffinityTerm, ...]:
-    affinity = record.pod.spec.affinity
-    anti = affinity.pod_anti_affinity if affinity else None
-    return anti.required if anti else ()
+    def release(self, terms: Iterable[PlacedTerm]) -> None:
+        """A pod with these terms is no longer placed."""
+        for placed in terms:
+            placed.users -= 1
+            if not placed.users:
+                del self._terms[placed.term]
+                self._by_label.remove(placed, placed.term.requirements or ())
 
+    def pull(self, namespace: str, labels: Mapping[str, str]) -> Pull:
+        """What the placed pods' terms mean for a pod with these labels."""
+        key = (namespace, frozenset(labels.items()))
+        pull = self._pulls.get(key)
+        if pull is not None and self._still_whole(pull, namespace, labels):
+            self._pulls.move_to_end(key)
+            return pull
+        if pull is not None:
+            pull.close()
+        pull = self._pulls[key] = self._follow(namespace, labels)
+        if len(self._pulls) > MOST_PULLS:
+            self._pulls.popitem(last=False)[1].close()
+        return pull
 
-def _namespace_matches(term: PodAffinityTerm, own: str, asking: str) -> bool:
-    if term.namespace_selector is not None:
-        # Namespace labels are not watched yet: taking the strict side never places a pod where it must not be.
+    def _still_whole(self, pull: Pull, namespace: str, labels: Mapping[str, str]) -> bool:
+        newest = self._before + len(self._recent)
+        if pull.generation != self._namespaces.generation or pull.seen < self._before:
+            return False
+        if pull.seen == newest:
+            return True
+        of_namespace = self._namespaces.labels_of(namespace)
+        if any(term.concerns(namespace, labels, of_namespace) for term in self._recent[pull.seen - self._before :]):
+            return False
+        pull.seen = newest
         return True
-    return asking in term.namespaces if term.namespaces else asking == own
+
+    def _follow(self, namespace: str, labels: Mapping[str, str]) -> Pull:
+        of_namespace = self._namespaces.labels_of(namespace)
+        found: dict[Kind, dict[str, list[PlacedTerm]]] = {}
+        for placed in self._by_label.candidates(labels):
+            term = placed.term
+            if term.concerns(namespace, labels, of_namespace):
+                found.setdefault(term.kind, {}).setdefault(term.topology_key, []).append(placed)
+        by_kind = {
+            kind: tuple(TermTotals(self._labels, key, tuple(terms)) for key, terms in by_key.items())
+            for kind, by_key in found.items()
+        }
+        return Pull(by_kind, self._before + len(self._recent), self._namespaces.generation)
+
+    def _note(self, term: Term) -> None:
+        self._recent.append(term)
+        if len(self._recent) > MOST_PULLS:
+            self._before += len(self._recent)
+            self._recent.clear()

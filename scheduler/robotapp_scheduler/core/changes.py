@@ -38,8 +38,12 @@ class Change(IntFlag):
     """A RobotApp changed."""
     OWNERS = auto()
     """A ReplicaSet or Deployment changed."""
-    ANTI_AFFINITY = auto()
-    """A placed pod with required anti-affinity came or went."""
+    NAMESPACES = auto()
+    """A namespace came, went or changed labels."""
+    SELECTORS = auto()
+    """A Service or workload came, went or changed its selector."""
+    IMAGES = auto()
+    """A node reports other container images."""
     COLUMN = auto()
     """A plugin's own column was filled anew."""
     PVC = auto()
@@ -119,7 +123,7 @@ _LABELS: Final = (
     (Change.NOMINATED, "UnscheduledPodDelete"),
 )
 
-OF_PODS: Final = PLACED | Change.ANTI_AFFINITY
+OF_PODS: Final = PLACED
 """Changes that placed pods make."""
 
 READS: Final[dict[str, Change]] = {
@@ -133,9 +137,11 @@ READS: Final[dict[str, Change]] = {
     "annotations": NODE | Change.ANNOTATIONS,
     "rtt": NODE | Change.RTT,
     "devices": NODE | Change.DEVICES | Change.LABELS | Change.CLAIMS | PLACED,
-    "anti_affinity": NODE | Change.LABELS | Change.ANTI_AFFINITY,
     "load": NODE | Change.LOAD,
     "features": NODE | Change.FEATURES,
+    "namespaces": NODE | Change.NAMESPACES,
+    "selectors": NODE | Change.SELECTORS,
+    "images": NODE | Change.IMAGES,
 }
 """`node_reads` of a plugin → the changes after which its result for that row must be computed again."""
 

@@ -8,12 +8,10 @@ results are repaired.
 from collections.abc import Callable, Iterable, Mapping
 
 from robotapp_api.claims.objects import Claim
-from robotapp_scheduler.core.affinity_index import AntiAffinityIndex
 from robotapp_scheduler.core.apps import AppIndex
 from robotapp_scheduler.core.budgets import Budgets
 from robotapp_scheduler.core.changes import EVERY_ROW, Change, ChangeLog
 from robotapp_scheduler.core.columns import IntArray
-from robotapp_scheduler.core.counts import PodCounts
 from robotapp_scheduler.core.devices import DeviceGrant, DeviceIndex
 from robotapp_scheduler.core.name_index import NameIndex
 from robotapp_scheduler.core.node_table import SCORED_CPU, SCORED_MEMORY, NodeTable
@@ -24,6 +22,7 @@ from robotapp_scheduler.core.ports import PortUsers
 from robotapp_scheduler.core.priorities import PriorityColumns
 from robotapp_scheduler.core.robotics import NodeTelemetry, RobotApp
 from robotapp_scheduler.core.telemetry import RttModel
+from robotapp_scheduler.core.topology import Topology
 from robotapp_scheduler.core.volumes import Volumes
 
 
@@ -36,13 +35,12 @@ class Cluster:
     def __init__(self, *, clock: Callable[[], float]) -> None:
         self.nodes = NodeTable()
         self.ports = PortUsers()
-        self.counts = PodCounts()
-        self.anti_affinity = AntiAffinityIndex()
         self.apps = AppIndex()
         self.devices = DeviceIndex()
         self.volumes = Volumes()
         self.rtt = RttModel(self.nodes, clock)
         self.log = ChangeLog()
+        self.topology = Topology(self.nodes, self.log)
         self.placed: dict[str, PlacedPod] = {}
         """Pods on nodes by uid, assumed ones included."""
         self._by_node: dict[str, dict[str, PlacedPod]] = {}
@@ -73,6 +71,8 @@ class Cluster:
         """Add or update a node. Pods that were seen on it before it appeared are counted in."""
         row, change = self.nodes.apply(node)
         name = node.metadata.name
+        if self.topology.images.apply(row, node.status.images):
+            change |= Change.IMAGES
         if change & Change.NODE_ADDED:
             for pod in self._by_node.get(name, {}).values():
                 self._count(pod, row, +1)
@@ -92,6 +92,7 @@ class Cluster:
         for pod in self._by_node.get(name, {}).values():
             self._count(pod, row, -1)
         self.nodes.remove(name)
+        self.topology.images.apply(row, ())
         self.devices.set_labels(name, {})
         self._note(row, Change.NODE_REMOVED)
         # What this node measured no longer stands for its zone.
@@ -289,6 +290,7 @@ class Cluster:
                 return Change.POD_ADDED | Change.POD_REMOVED
             return Change.POD_ADDED if old.assumed else Change.POD_UPDATED
         # Same footprint: the record is exchanged without touching a column. A confirmed assumption ends here.
+        record.labels, record.label_set, record.terms = old.labels, old.label_set, old.terms
         self._by_node[record.node][uid] = self.placed[uid] = record
         self.names.remove(old)
         self.names.add(record)
@@ -323,6 +325,7 @@ class Cluster:
             assumed=assumed,
             member=info.member,
             volumes=info.volumes,
+            affinity=info.affinity_key,
             pod=pod,
         )
 
@@ -333,6 +336,7 @@ class Cluster:
     def put_on(self, record: PlacedPod, change: Change) -> None:
         """Count a pod on its node in every column and index. For this class and for trials."""
         self.placed[record.uid] = record
+        self.topology.take(record)
         self._rank(record.priority, +1)
         self._by_node.setdefault(record.node, {})[record.uid] = record
         self.names.add(record)
@@ -354,6 +358,7 @@ class Cluster:
         if row is not None:
             self._count(record, row, -1)
             self.log.add(row, Change.POD_REMOVED)
+        self.topology.release(record)
 
     def _count(self, record: PlacedPod, row: int, sign: int) -> None:
         table = self.nodes
@@ -365,11 +370,9 @@ class Cluster:
         self.by_priority.count(row, record, sign)
         if record.ports:
             self.ports.count(row, record.ports, sign)
-        self.counts.count(row, record, sign)
         if record.volumes is not None:
             self.volumes.count(record.node, record.uid, record.namespace, record.volumes, sign)
-        if self.anti_affinity.count(record, sign):
-            self.log.add(EVERY_ROW, Change.ANTI_AFFINITY)
+        self.topology.count(record, row, sign)
 
     def _rank(self, priority: int, sign: int) -> None:
         count = self._priorities.get(priority, 0) + sign

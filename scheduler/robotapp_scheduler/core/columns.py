@@ -66,12 +66,13 @@ class Vocabulary:
 class LabelColumns:
     """One code column per label key, made when a rule first asks for the key and kept up to date from then on."""
 
-    __slots__ = ("_columns", "_labels", "_rows")
+    __slots__ = ("_columns", "_labels", "_rows", "_versions")
 
     def __init__(self) -> None:
         self._rows = START_ROWS
         self._labels: list[dict[str, str]] = []
         self._columns: dict[str, tuple[CodeArray, Vocabulary]] = {}
+        self._versions: dict[str, int] = {}
 
     def __repr__(self) -> str:
         return f"LabelColumns(keys={sorted(self._columns)})"
@@ -81,6 +82,11 @@ class LabelColumns:
         self._rows = rows
         for key, (codes, vocabulary) in self._columns.items():
             self._columns[key] = (grown(codes, rows).astype(np.int32, copy=False), vocabulary)
+            self._versions[key] += 1
+
+    def version(self, key: str) -> int:
+        """Grows when a row's code of this key changes or the column is replaced; 0 before anybody asked for it."""
+        return self._versions.get(key, 0)
 
     def set(self, row: int, labels: dict[str, str]) -> None:
         """Replace all labels of a row; {} for a node that is gone."""
@@ -89,7 +95,10 @@ class LabelColumns:
         self._labels[row] = labels
         for key, (codes, vocabulary) in self._columns.items():
             value = labels.get(key)
-            codes[row] = 0 if value is None else vocabulary.code(value)
+            code = 0 if value is None else vocabulary.code(value)
+            if codes[row] != code:
+                codes[row] = code
+                self._versions[key] += 1
 
     def of(self, row: int) -> dict[str, str]:
         """Labels of one row."""
@@ -110,6 +119,7 @@ class LabelColumns:
             if value is not None:
                 codes[row] = vocabulary.code(value)
         self._columns[key] = (codes, vocabulary)
+        self._versions[key] = 1
         return codes, vocabulary
 
 

@@ -1,89 +1,166 @@
-"""How many pods per node match a label selector, kept up to date pod by pod once somebody asked.
+"""How many placed pods a selector means, per row and per topology domain, kept up to date once somebody asked."""
 
-A pod's labels are matched against a selector once per distinct label set, so 10,000 replicas cost one match.
-"""
+from collections import OrderedDict
+from enum import StrEnum
+from typing import Final, NamedTuple
 
-from collections.abc import Mapping
-from typing import Any, Final
-
-import msgspec
 import numpy as np
 
-from robotapp_api.values.selector import matches_labels
-from robotapp_scheduler.core.columns import START_ROWS, IntArray, grown
-from robotapp_scheduler.core.pods import PlacedPod
+from robotapp_scheduler.core.columns import START_ROWS, IntArray, LabelColumns, grown
+from robotapp_scheduler.core.domains import Domains, Scope
+from robotapp_scheduler.core.label_sets import LabelSet, LabelSets
+from robotapp_scheduler.core.matchers import ByLabel, PodMatcher
 
-MOST_SELECTORS: Final = 256
+MOST_COUNTERS: Final = 256
+MOST_DOMAINS: Final = 16
+"""Per counter: topology keys times inclusion policies in use."""
 
 
-class _Counter:
-    """One (namespace, selector) pair: counts per row, and the verdict per label set."""
+class Census(StrEnum):
+    """Which of the matching pods count."""
 
-    __slots__ = ("column", "namespace", "selector", "verdicts")
+    ALL = "all"
+    """Terminating ones too (pod affinity)."""
+    ALIVE = "alive"
+    """Terminating ones not."""
+    SPREAD = "spread"
+    """As ALIVE, and a selector without any expression counts none; a trial ignores both, as upstream does."""
 
-    def __init__(self, namespace: str, selector: Mapping[str, Any], rows: int) -> None:
-        self.namespace = namespace
-        self.selector = selector
+
+class Wanted(NamedTuple):
+    """What a counter counts: pods that all matchers mean."""
+
+    matchers: tuple[PodMatcher, ...]
+    census: Census
+
+    def matches(self, label_set: LabelSet) -> bool:
+        """Does it count pods with these labels?"""
+        return all(matcher.matches(label_set.namespace, label_set.labels) for matcher in self.matchers)
+
+    @property
+    def blank(self) -> bool:
+        """A spread constraint with the selector {}."""
+        return self.census is Census.SPREAD and all(matcher.requirements == () for matcher in self.matchers)
+
+
+class Counter:
+    """Matching pods per row, and per domain of the topology keys somebody asked for."""
+
+    __slots__ = ("_domains", "_labels", "blank", "census", "column", "wanted")
+
+    def __init__(self, wanted: Wanted, labels: LabelColumns, rows: int) -> None:
+        self.wanted = wanted
+        self.census = wanted.census
+        self.blank = wanted.blank
         self.column: IntArray = np.zeros(rows, dtype=np.int64)
-        self.verdicts: dict[frozenset[tuple[str, str]], bool] = {}
+        self._labels = labels
+        self._domains: OrderedDict[tuple[str, Scope | None], Domains] = OrderedDict()
 
-    def counts(self, namespace: str, label_set: frozenset[tuple[str, str]]) -> bool:
-        if namespace != self.namespace:
-            return False
-        verdict = self.verdicts.get(label_set)
-        if verdict is None:
-            verdict = matches_labels(self.selector, dict(label_set))
-            self.verdicts[label_set] = verdict
-        return verdict
+    def __repr__(self) -> str:
+        return f"Counter({self.wanted}, {int(self.column.sum())} pods)"
+
+    def add(self, row: int, amount: int) -> None:
+        """Pods on a row came (positive) or went."""
+        self.column[row] += amount
+        for domains in self._domains.values():
+            domains.add(row, amount)
+
+    def domains(self, key: str, scope: Scope | None = None) -> Domains:
+        """The counts per value of a node label, of the rows in scope."""
+        found = self._domains.get((key, scope))
+        if found is None:
+            found = self._domains[key, scope] = Domains(self._labels, key, scope)
+            if len(self._domains) > MOST_DOMAINS:
+                self._domains.popitem(last=False)
+        if found.stale:
+            found.renew(self.column)
+        return found
+
+    def gather(self, label_set: LabelSet) -> None:
+        """Count the pods of a label set that are placed already."""
+        if self.blank:
+            return
+        for row, count in label_set.rows.items():
+            self.column[row] += count
+        if self.census is not Census.ALL:
+            for row, count in label_set.ending.items():
+                self.column[row] -= count
 
 
 class PodCounts:
-    """Count columns per selector; terminating pods do not count."""
+    """Counters by what they count; the least recently used ones are dropped."""
 
-    def __init__(self) -> None:
+    def __init__(self, label_sets: LabelSets, labels: LabelColumns) -> None:
         self._rows = START_ROWS
-        self._counters: dict[tuple[str, bytes], _Counter] = {}
-        self._sets: dict[tuple[str, frozenset[tuple[str, str]]], dict[int, int]] = {}
+        self._label_sets = label_sets
+        self._labels = labels
+        self._counters: OrderedDict[Wanted, Counter] = OrderedDict()
+        self._by_label: ByLabel[Counter] = ByLabel()
+        self._trial: list[Counter] | None = None
+        """Counters made during a trial; None outside."""
 
     def __repr__(self) -> str:
-        return f"PodCounts({len(self._counters)} selectors, {len(self._sets)} label sets)"
+        return f"PodCounts({len(self._counters)} counters, {len(self._label_sets)} label sets)"
 
-    def count(self, row: int, record: PlacedPod, sign: int) -> None:
+    def enrol(self, label_set: LabelSet) -> None:
+        """A label set is new: find the counters that count it."""
+        found = dict.fromkeys(self._by_label.candidates(label_set.labels))
+        label_set.counters = tuple(counter for counter in found if counter.wanted.matches(label_set))
+
+    def begin_trial(self) -> None:
+        """From now on changes are only imagined, and will be taken back."""
+        self._trial = []
+
+    def end_trial(self) -> None:
+        """Everything was taken back. What was first counted in the middle of it is counted anew when asked for."""
+        for counter in self._trial or ():
+            if self._counters.pop(counter.wanted, None) is counter:
+                self._drop(counter)
+        self._trial = None
+
+    def count(self, row: int, label_set: LabelSet, sign: int, *, ending: bool) -> None:
         """Count a pod in (+1) or out (-1)."""
-        if record.terminating:
-            return
         if row >= self._rows:
             self._grow(row + 1)
-        label_set = frozenset(record.labels.items())
-        rows = self._sets.setdefault((record.namespace, label_set), {})
-        rows[row] = rows.get(row, 0) + sign
-        if rows[row] == 0:
-            del rows[row]
-            if not rows:
-                del self._sets[record.namespace, label_set]
-        for counter in self._counters.values():
-            if counter.counts(record.namespace, label_set):
-                counter.column[row] += sign
+        label_set.count(row, sign, ending=ending)
+        for counter in label_set.counters:
+            if counter.census is not Census.ALL:
+                ignored = counter.blank or ending
+                if ignored and (self._trial is None or counter.census is not Census.SPREAD):
+                    continue
+            counter.add(row, sign)
 
-    def column(self, namespace: str, selector: Mapping[str, Any], size: int) -> IntArray:
-        """Matching pods of a namespace per row, for the first `size` rows."""
+    def counter(self, wanted: Wanted, size: int) -> Counter:
+        """The counter of these pods, with a column of at least `size` rows."""
         if size > self._rows:
             self._grow(size)
-        key = (namespace, msgspec.json.encode(selector, order="deterministic"))
-        counter = self._counters.get(key)
+        counter = self._counters.get(wanted)
         if counter is None:
-            counter = self._build(key, _Counter(namespace, selector, self._rows))
-        return counter.column[:size]
-
-    def _build(self, key: tuple[str, bytes], counter: _Counter) -> _Counter:
-        for (namespace, label_set), rows in self._sets.items():
-            if counter.counts(namespace, label_set):
-                for row, count in rows.items():
-                    counter.column[row] += count
-        if len(self._counters) >= MOST_SELECTORS:
-            del self._counters[next(iter(self._counters))]
-        self._counters[key] = counter
+            return self._build(wanted)
+        self._counters.move_to_end(wanted)
         return counter
+
+    def _build(self, wanted: Wanted) -> Counter:
+        counter = self._counters[wanted] = Counter(wanted, self._labels, self._rows)
+        first = wanted.matchers[0]
+        if first.requirements is not None:
+            self._by_label.add(counter, first.requirements)
+        for label_set in self._label_sets.matching(first):
+            if wanted.matches(label_set):
+                counter.gather(label_set)
+                label_set.counters = (*label_set.counters, counter)
+        if self._trial is not None:
+            self._trial.append(counter)
+        if len(self._counters) > MOST_COUNTERS:
+            self._drop(self._counters.popitem(last=False)[1])
+        return counter
+
+    def _drop(self, counter: Counter) -> None:
+        first = counter.wanted.matchers[0]
+        if first.requirements is not None:
+            self._by_label.remove(counter, first.requirements)
+        for label_set in self._label_sets.matching(first):
+            label_set.counters = tuple(each for each in label_set.counters if each is not counter)
 
     def _grow(self, rows: int) -> None:
         self._rows = max(rows, 2 * self._rows)

@@ -8,12 +8,14 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.classes import ColumnCache, FilterColumn, Reasons, ScoreColumn
+from robotapp_scheduler.core.classes import ColumnCache
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.evaluation import Evaluation, Tally
+from robotapp_scheduler.core.filter_column import FilterColumn, Reasons
 from robotapp_scheduler.core.framework import Code, Status
 from robotapp_scheduler.core.pods import LIVE, PodInfo
 from robotapp_scheduler.core.profiles import Profile
+from robotapp_scheduler.core.score_column import score_column
 from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.core.volumes import VolumePlan
 
@@ -167,7 +169,7 @@ class Engine:
 
     def _fresh(self) -> Evaluation:
         filters = [FilterColumn(p, self._reasons) for p in self.profile.filters]
-        return Evaluation(filters, [ScoreColumn(p) for p in self.profile.scores], self._reasons)
+        return Evaluation(filters, [score_column(p) for p in self.profile.scores], self._reasons)
 
     def remembered(self, pod: PodInfo, key: Hashable) -> dict[Any, Any]:
         """A dictionary for what a post_filter found out about pods of this class; dropped when others are used more."""

@@ -6,11 +6,13 @@ import numpy as np
 import numpy.typing as npt
 
 from robotapp_scheduler.core.changes import NODE
-from robotapp_scheduler.core.classes import HOLE, MOST_REPAIRED, Codes, FilterColumn, Reasons, ScoreColumn
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.core.explain import Refusal
+from robotapp_scheduler.core.filter_column import HOLE, Codes, FilterColumn, Reasons
 from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.repair import MOST_REPAIRED
+from robotapp_scheduler.core.score_column import ScoreColumn
 from robotapp_scheduler.core.view import Nodes
 
 INFEASIBLE: Final = -1

@@ -16,10 +16,15 @@ Hooks, in the order of a cycle:
 `pre_enqueue(pod) -> Status | None`          keep the pod out of the queue (gated)
 `queue_key(pod, queued_s) -> tuple`          order of the active queue; exactly one plugin
 `pre_filter(pod, nodes) -> PreFilter | None` narrow the nodes by name, or reject at once
-`filter(pod, nodes) -> mask | Verdict | None`  bool per row, True = may run there; None = no opinion about this
-                                             pod (Skip; must follow from `reads` alone)
+`filter(pod, nodes) -> mask | Verdict | True | None`  bool per row, True = may run there; just True = everywhere,
+                                             for now; None = no opinion about this pod (Skip; must follow from
+                                             `reads` alone)
 `post_filter(pod, failure) -> Outcome`        no node was left: what may be done about it (core.preemption)
-`score(pod, nodes) -> array | None`          number per row, higher is better; None = Skip (adds 0)
+`score(pod, nodes) -> array | int | None`    number per row, higher is better; one number = the same everywhere, for
+                                             now; None = Skip (adds 0; must follow from `reads` alone)
+`score_among(pod, nodes, feasible) -> array | int | None`
+                                             instead of `score`, when it depends on which nodes are feasible: 0…100
+                                             for each of these positions, already normalised. With `relevant`
 `reserve(pod, node, ctx) -> Status | None`, `unreserve(pod, node, ctx)`, `permit`, `pre_bind`, `post_bind`
                                              called by the shell; `unreserve` never deletes a claim
 
@@ -28,6 +33,9 @@ Hooks, in the order of a cycle:
 `filter_row(pod, row) -> bool`, `score_row(pod, row) -> int`
                                              optional fast forms for one changed node, with plain integers:
                                              True = certainly passes (False: `filter` is asked); the same score
+`relevant(pod, nodes) -> bool`               optional, beside `score_among`: False = it would answer 0 everywhere now
+`confined(pod, nodes, position) -> bool`     optional, when not `row_local`: did the pods placed and gone since this
+                                             position of the change log alter the answers for their own rows only?
 
 `hint(pod, event) -> bool`                   may this event help a pod the plugin rejected? `event` (core.changes.Event)
                                              has resource, action, change, old, new. Asked for kinds of change in
@@ -62,7 +70,7 @@ integers or floats without NaN. Anything else is an Error: the pod is not placed
 from collections.abc import Callable, Mapping, Sequence
 from enum import StrEnum
 from functools import wraps
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, Final, Literal, NamedTuple, Protocol
 
 import msgspec
 import numpy as np
@@ -111,7 +119,7 @@ class Verdict(NamedTuple):
 
     `codes` index `reasons` per row (only rows with mask False are read); one entry of `reasons` may hold several texts,
     all of which are reported. `detail` is a number per row for explain (milliseconds, free devices …), named by
-    `detail_unit`. `resolvable` is one value or one per row.
+    `detail_unit`. `resolvable` is one value, one per row, or (a tuple) one per entry of `reasons`.
     """
 
     mask: BoolArray
@@ -119,7 +127,7 @@ class Verdict(NamedTuple):
     reasons: Sequence[tuple[str, ...]] = ()
     detail: FloatArray | None = None
     detail_unit: str = ""
-    resolvable: BoolArray | bool | None = None
+    resolvable: BoolArray | bool | tuple[bool, ...] | None = None
 
 
 class Scores(NamedTuple):
@@ -129,8 +137,10 @@ class Scores(NamedTuple):
     normalize: str
 
 
-FilterResult = BoolArray | Verdict | None
-ScoreResult = npt.NDArray[Any] | Scores | None
+FilterResult = BoolArray | Verdict | Literal[True] | None
+ScoreResult = npt.NDArray[Any] | Scores | int | None
+AmongResult = npt.NDArray[Any] | int | None
+Positions = npt.NDArray[np.intp]
 
 
 class FilterPlugin(Protocol):
@@ -195,6 +205,11 @@ class Loaded:
         """Changes after which a row must be looked at again, as a plain int."""
         self.filter: Callable[[PodInfo, Nodes], FilterResult] | None = getattr(plugin, "filter", None)
         self.score: Callable[[PodInfo, Nodes], ScoreResult] | None = getattr(plugin, "score", None)
+        self.score_among: Callable[[PodInfo, Nodes, Positions], AmongResult] | None = getattr(
+            plugin, "score_among", None
+        )
+        self.relevant: Callable[[PodInfo, Nodes], bool] | None = getattr(plugin, "relevant", None)
+        self.confined: Callable[[PodInfo, Nodes, int], bool] | None = getattr(plugin, "confined", None)
         self.filter_row: Callable[[PodInfo, Row], bool] | None = getattr(plugin, "filter_row", None)
         self.score_row: Callable[[PodInfo, Row], int] | None = getattr(plugin, "score_row", None)
         self.pre_filter: Callable[[PodInfo, Nodes], PreFilter | None] | None = getattr(plugin, "pre_filter", None)

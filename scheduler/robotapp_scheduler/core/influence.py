@@ -3,8 +3,8 @@
 import numpy as np
 
 from robotapp_scheduler.core.changes import OF_PODS
-from robotapp_scheduler.core.classes import HOLE, Codes, FilterColumn
 from robotapp_scheduler.core.evaluation import Evaluation
+from robotapp_scheduler.core.filter_column import HOLE, Codes, FilterColumn
 from robotapp_scheduler.core.framework import Loaded
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo
 from robotapp_scheduler.core.view import Nodes

@@ -56,6 +56,8 @@ class NodeTable:
         """Robot name → names of its nodes."""
         self.generation = 0
         """Grows when a node comes, goes or changes labels."""
+        self.taint_generation = 0
+        """Grows when a node changes its taints."""
         self.zone_generation = 0
         """Grows when a node comes, goes or changes its zone."""
         self.versions: list[int] = []
@@ -174,6 +176,7 @@ class NodeTable:
         if self.taints.values[self.taints.column[row]] == node.spec.taints and self.unschedulable[row] == unschedulable:
             return Change.NONE
         self.taints.set(row, node.spec.taints)
+        self.taint_generation += 1
         self.unschedulable[row] = unschedulable
         return Change.TAINTS
 

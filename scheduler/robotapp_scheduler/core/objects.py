@@ -144,11 +144,21 @@ class PodAffinityTerm(Slim):
     namespace_selector: dict[str, Any] | None = None
 
 
+class WeightedPodAffinityTerm(Slim):
+    """A term that adds its weight (affinity) or takes it off (anti-affinity)."""
+
+    weight: int = 0
+    pod_affinity_term: PodAffinityTerm = msgspec.field(default_factory=PodAffinityTerm)
+
+
 class PodAffinity(Slim):
     """affinity.podAffinity or affinity.podAntiAffinity; preferred terms only score."""
 
     required: tuple[PodAffinityTerm, ...] = msgspec.field(
         name="requiredDuringSchedulingIgnoredDuringExecution", default=()
+    )
+    preferred: tuple[WeightedPodAffinityTerm, ...] = msgspec.field(
+        name="preferredDuringSchedulingIgnoredDuringExecution", default=()
     )
 
 
@@ -199,10 +209,17 @@ class RbdDisk(Slim):
     read_only: bool = False
 
 
+class ImageVolume(Slim):
+    """volumes[].image: an image mounted as a volume."""
+
+    reference: str = ""
+
+
 class Volume(Slim):
     """Only what decides where a pod may run."""
 
     name: str = ""
+    image: ImageVolume | None = None
     persistent_volume_claim: ClaimVolume | None = None
     ephemeral: Present | None = None
     gce_persistent_disk: GceDisk | None = None
@@ -216,6 +233,12 @@ class TopologySpreadConstraint(Slim):
 
     topology_key: str = ""
     when_unsatisfiable: str = "DoNotSchedule"
+    max_skew: int = 1
+    min_domains: int | None = None
+    label_selector: dict[str, Any] | None = None
+    match_label_keys: tuple[str, ...] = ()
+    node_affinity_policy: str = "Honor"
+    node_taints_policy: str = "Ignore"
 
 
 class Named(Slim):
@@ -326,11 +349,19 @@ class NodeSpec(Slim):
     taints: tuple[Taint, ...] = ()
 
 
+class NodeImage(SlimValue, frozen=True):
+    """status.images entry: one image under all its names."""
+
+    names: tuple[str, ...] = ()
+    size_bytes: int = 0
+
+
 class NodeStatus(Slim):
     """status of a Node. Heartbeats change only fields that are not here."""
 
     allocatable: Resources | None = None
     declared_features: tuple[str, ...] = ()
+    images: tuple[NodeImage, ...] = ()
 
 
 class Node(Slim):
@@ -346,5 +377,23 @@ class Node(Slim):
 
 class Owned(Slim):
     """A ReplicaSet or Deployment: only its metadata, for the ownerReference chain pod → RobotApp."""
+
+    metadata: Metadata = msgspec.field(default_factory=Metadata)
+
+
+class SelectorSpec(Slim):
+    """spec.selector: labels (Service, ReplicationController) or a label selector (ReplicaSet, StatefulSet)."""
+
+    selector: dict[str, Any] | None = None
+
+
+class Selecting(Owned):
+    """A Service or workload: whose pods are meant to be spread by default."""
+
+    spec: SelectorSpec = msgspec.field(default_factory=SelectorSpec)
+
+
+class Namespace(Slim):
+    """A Namespace: terms of pod affinity may select by its labels."""
 
     metadata: Metadata = msgspec.field(default_factory=Metadata)

@@ -12,7 +12,10 @@ import msgspec
 
 from robotapp_api.model.names import Label
 from robotapp_api.values.requests import PodRequests, pod_requests
+from robotapp_scheduler.core.affinity_index import PlacedTerm
+from robotapp_scheduler.core.affinity_terms import affinity_key
 from robotapp_scheduler.core.annotations import parse_annotations
+from robotapp_scheduler.core.label_sets import LabelSet
 from robotapp_scheduler.core.needs import needs_of
 from robotapp_scheduler.core.objects import Affinity, Container, NodeAffinity, OwnerReference, Pod, Toleration
 from robotapp_scheduler.core.pod_volumes import PodVolumes, volumes_of
@@ -115,6 +118,16 @@ class PodInfo:
         return self.pod.spec.affinity.node_affinity if self.pod.spec.affinity else None
 
     @cached_property
+    def affinity_key(self) -> bytes:
+        """Pod affinity and anti-affinity as a key, b"" without any."""
+        return affinity_key(self.pod.spec.affinity)
+
+    @cached_property
+    def images(self) -> tuple[str, ...]:
+        """Images of init containers, containers and image volumes, by the names nodes report them under."""
+        return images(self.pod)
+
+    @cached_property
     def host_ports(self) -> tuple[HostPort, ...]:
         """Ports the pod takes on its node, each once."""
         return host_ports(self.pod)
@@ -183,12 +196,15 @@ FEATURES: Final[dict[str, Callable[[PodInfo], Hashable]]] = {
     "node_selector": lambda pod: _sorted_items(pod.node_selector),
     "node_affinity": lambda pod: pod.node_affinity,
     "affinity": lambda pod: msgspec.json.encode(pod.affinity) if pod.affinity else b"",
+    "pod_affinity": lambda pod: pod.affinity_key,
+    "controller": lambda pod: (owner.api_version, owner.kind, owner.name) if (owner := pod.controller) else None,
+    "images": lambda pod: pod.images,
     "tolerations": lambda pod: pod.tolerations,
     "host_ports": lambda pod: pod.host_ports,
     "needs": lambda pod: pod.needs,
-    "spread": lambda pod: msgspec.json.encode(pod.pod.spec.topology_spread_constraints),
     "mounts": lambda pod: (pod.namespace, pod.volumes),
     VOLUME_FEATURE: lambda pod: pod.volume_key,
+    "spread": lambda pod: spread_key(pod.pod),
     "resource_claims": lambda pod: msgspec.json.encode(pod.pod.spec.resource_claims),
     "ros": lambda pod: pod.ros,
     "ros.qos": lambda pod: pod.ros and pod.ros.qos_class,
@@ -222,6 +238,12 @@ class PlacedPod(msgspec.Struct, gc=False):
     volumes: PodVolumes | None
     pod: Pod
     """Kept for owner chains and for events about the pod; shared with the watch's store, so it costs a pointer."""
+    affinity: bytes = b""
+    """`PodInfo.affinity_key`."""
+    label_set: LabelSet | None = None
+    """Where pods with these labels are; set while the pod is placed."""
+    terms: tuple[PlacedTerm, ...] = ()
+    """Its affinity terms as the cluster counts them; set while the pod is placed."""
 
 
 def member_of(labels: dict[str, str]) -> Member | None:
@@ -253,3 +275,17 @@ def host_ports(pod: Pod) -> tuple[HostPort, ...]:
 def _port_holders(pod: Pod) -> list[Container]:
     sidecars = [c for c in pod.spec.init_containers or () if c.restart_policy == "Always"]
     return [*pod.spec.containers, *sidecars]
+
+
+def spread_key(pod: Pod) -> bytes:
+    """The topology spread constraints as a key, b"" without any."""
+    constraints = pod.spec.topology_spread_constraints
+    return msgspec.json.encode(constraints) if constraints else b""
+
+
+def images(pod: Pod) -> tuple[str, ...]:
+    """Image names, ":latest" added where there is no tag (a digest counts as one), one per mention."""
+    spec = pod.spec
+    found = [container.image for container in (*(spec.init_containers or ()), *spec.containers)]
+    found += [volume.image.reference for volume in spec.volumes or () if volume.image is not None]
+    return tuple(name if name.rfind(":") > name.rfind("/") else f"{name}:latest" for name in found)

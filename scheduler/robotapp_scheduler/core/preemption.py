@@ -10,9 +10,9 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.classes import Codes
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.evaluation import Evaluation
+from robotapp_scheduler.core.filter_column import Codes
 from robotapp_scheduler.core.framework import histogram
 from robotapp_scheduler.core.influence import Influence
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo

@@ -27,6 +27,8 @@ POINTS: Final = {
     "postBind": "post_bind",
 }
 """Extension points of the configuration and the hook that makes a plugin take part."""
+OTHER_FORMS: Final = {"score": "score_among"}
+"""Points at which another hook makes a plugin take part too."""
 
 
 class ConfigError(Exception):
@@ -188,7 +190,7 @@ def expand(
     )
     multi = _merged(catalogue.defaults, plugins.get("multiPoint", PluginSet()), f"{path}.plugins.multiPoint", problems)
     result: dict[str, list[PluginRef]] = {}
-    for point, hook in POINTS.items():
+    for point in POINTS:
         own = plugins.get(point, PluginSet())
         _no_duplicates(own.enabled, f"{path}.plugins.{point}", problems)
         removed = {ref.name for ref in own.disabled}
@@ -196,7 +198,7 @@ def expand(
         spread = [
             ref
             for ref in multi
-            if hasattr(catalogue.classes.get(ref.name), hook) and (ref.name in named or not removed & {ref.name, "*"})
+            if _takes_part(catalogue, ref.name, point) and (ref.name in named or not removed & {ref.name, "*"})
         ]
         in_both = [ref for ref in own.enabled if any(other.name == ref.name for other in spread)]
         weights = {ref.name: ref.weight for ref in spread}
@@ -206,10 +208,15 @@ def expand(
         problems.extend(
             f"{path}.plugins.{point}: plugin {ref.name!r} does not take part at this point"
             for ref in only
-            if ref.name in catalogue.classes and not hasattr(catalogue.classes[ref.name], hook)
+            if ref.name in catalogue.classes and not _takes_part(catalogue, ref.name, point)
         )
         result[point] = [*both, *rest, *only]
     return result
+
+
+def _takes_part(catalogue: Catalogue, name: str, point: str) -> bool:
+    cls = catalogue.classes.get(name)
+    return hasattr(cls, POINTS[point]) or (point in OTHER_FORMS and hasattr(cls, OTHER_FORMS[point]))
 
 
 def _merged(defaults: Sequence[PluginRef], custom: PluginSet, path: str, problems: list[str]) -> list[PluginRef]:

@@ -133,12 +133,8 @@ def _scores(
                 plugin=column.plugin.name,
                 weight=column.plugin.weight,
                 shadow=column.plugin.shadow,
-                raw=[_finite(column.raw[row]) if row in normalized else None for row in rows],
+                raw=[column.raw_at(row) if row in normalized else None for row in rows],
                 normalized=[normalized.get(row) for row in rows],
             )
         )
     return found
-
-
-def _finite(value: Any) -> float | None:
-    return float(value) if np.isfinite(value) else None

@@ -29,6 +29,7 @@ class Trial:
     def __enter__(self) -> Self:
         self._log = self._cluster.log
         self._cluster.log = self._log.apart()
+        self._cluster.topology.counts.begin_trial()
         return self
 
     def __exit__(
@@ -38,6 +39,7 @@ class Trial:
         for node, uids in self._order.items():
             self._cluster.reorder(node, uids)
         self._cluster.log = self._log
+        self._cluster.topology.counts.end_trial()
 
     @property
     def depth(self) -> int:

@@ -9,6 +9,8 @@ import numpy.typing as npt
 
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.columns import BoolArray, CodeArray, FloatArray, IntArray, Vocabulary
+from robotapp_scheduler.core.counts import Census, Wanted
+from robotapp_scheduler.core.matchers import pods_of
 from robotapp_scheduler.core.node_table import SCORED_CPU, SCORED_MEMORY, NodeTable
 from robotapp_scheduler.core.objects import Taint
 from robotapp_scheduler.core.telemetry import RttRow
@@ -161,8 +163,8 @@ class Nodes:
 
     def count_pods(self, selector: Mapping[str, Any], namespace: str) -> IntArray:
         """Running pods of a namespace that match a label selector (plain JSON), per node; terminating ones left out."""
-        column = self.cluster.counts.column(namespace, selector, self._table.size)
-        return self._pick(column)
+        counter = self.cluster.topology.counter(Wanted((pods_of(namespace, selector),), Census.ALIVE))
+        return self._pick(counter.column[: self._table.size])
 
     def rtt_from(self, node: str, percentile: int = 95) -> RttRow:
         """RTT from a node to every row in microseconds (NaN unknown), and how each is known."""
@@ -185,6 +187,10 @@ class Nodes:
         if index is None:
             return np.zeros(self.n, dtype=np.int64)
         return self._pick(columns[index])
+
+    def pick(self, column: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """The rows in view of a column over all table rows."""
+        return self._pick(column[: self._table.size])
 
     def _pick(self, column: npt.NDArray[Any]) -> npt.NDArray[Any]:
         picked = column[self.rows]

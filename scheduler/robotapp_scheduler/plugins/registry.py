@@ -9,14 +9,16 @@ from robotapp_scheduler.plugins.kubernetes.balanced_allocation import NodeResour
 from robotapp_scheduler.plugins.kubernetes.declared_features import NodeDeclaredFeatures
 from robotapp_scheduler.plugins.kubernetes.default_preemption import DefaultPreemption
 from robotapp_scheduler.plugins.kubernetes.dynamic_resources import DynamicResources
+from robotapp_scheduler.plugins.kubernetes.image_locality import ImageLocality
+from robotapp_scheduler.plugins.kubernetes.inter_pod_affinity import InterPodAffinity
 from robotapp_scheduler.plugins.kubernetes.node_affinity import NodeAffinity
 from robotapp_scheduler.plugins.kubernetes.node_name import NodeName
 from robotapp_scheduler.plugins.kubernetes.node_ports import NodePorts
 from robotapp_scheduler.plugins.kubernetes.node_unschedulable import NodeUnschedulable
-from robotapp_scheduler.plugins.kubernetes.not_yet import InterPodAffinity, PodTopologySpread
 from robotapp_scheduler.plugins.kubernetes.queue_sort import PrioritySort, SchedulingGates
 from robotapp_scheduler.plugins.kubernetes.resources_fit import NodeResourcesFit
 from robotapp_scheduler.plugins.kubernetes.taint_toleration import TaintToleration
+from robotapp_scheduler.plugins.kubernetes.topology_spread import PodTopologySpread
 from robotapp_scheduler.plugins.kubernetes.volume_binding import VolumeBinding
 from robotapp_scheduler.plugins.kubernetes.volume_limits import NodeVolumeLimits
 from robotapp_scheduler.plugins.kubernetes.volume_restrictions import VolumeRestrictions
@@ -35,7 +37,8 @@ from robotapp_scheduler.plugins.ros.topology_score import TopologyScore
 BUILT_IN: Final[tuple[type, ...]] = (
     SchedulingGates, PrioritySort, ROSQueueSort, NodeName, NodeUnschedulable, TaintToleration, NodeAffinity, NodePorts,
     NodeResourcesFit, VolumeRestrictions, NodeVolumeLimits, VolumeBinding, VolumeZone, PodTopologySpread,
-    InterPodAffinity, DynamicResources, DefaultPreemption, NodeResourcesBalancedAllocation, NodeDeclaredFeatures,
+    InterPodAffinity, DynamicResources, DefaultPreemption, NodeResourcesBalancedAllocation, ImageLocality,
+    NodeDeclaredFeatures,
     LatencyFilter, HardwareAffinityFilter, SharedDataFilter, TopologyScore,
     LatencyScore, LoadBalanceScore, DeadlineScore, ROSReserve, ROSBind,
     DefaultBinder,
@@ -52,11 +55,12 @@ KUBERNETES: Final = (
     PluginRef("NodeVolumeLimits"),
     PluginRef("VolumeBinding", 1),
     PluginRef("VolumeZone"),
-    PluginRef("PodTopologySpread"),
-    PluginRef("InterPodAffinity"),
+    PluginRef("PodTopologySpread", 2),
+    PluginRef("InterPodAffinity", 2),
     PluginRef("DynamicResources"),
     PluginRef("DefaultPreemption"),
     PluginRef("NodeResourcesBalancedAllocation", 1),
+    PluginRef("ImageLocality", 1),
     PluginRef("NodeDeclaredFeatures"),
 )
 """Upstream's order, which decides the reason that is reported per node, and upstream's weights."""

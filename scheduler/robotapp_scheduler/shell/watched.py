@@ -3,16 +3,22 @@
 from robotapp_api.claims.objects import Claim
 from robotapp_api.client.resources import (
     DEPLOYMENTS,
+    NAMESPACES,
     NODES,
     NODETELEMETRIES,
     PODDISRUPTIONBUDGETS,
     REPLICASETS,
+    REPLICATIONCONTROLLERS,
     ROBOTAPPS,
     ROBOTCLAIMS,
+    SERVICES,
+    STATEFULSETS,
+    Resource,
 )
 from robotapp_api.model.names import Label
+from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.cluster import Cluster
-from robotapp_scheduler.core.objects import DisruptionBudget, Node, Owned
+from robotapp_scheduler.core.objects import DisruptionBudget, Namespace, Node, Owned, Selecting
 from robotapp_scheduler.core.robotics import NodeTelemetry, RobotApp
 from robotapp_scheduler.shell.route import Route
 from robotapp_scheduler.shell.storage_feed import storage_routes
@@ -29,7 +35,9 @@ def plain_routes(cluster: Cluster) -> tuple[Route, ...]:
         Route(NODES, Node, cluster.apply_node, lambda node: cluster.remove_node(node.metadata.name)),
         Route(PODDISRUPTIONBUDGETS, DisruptionBudget, cluster.budgets.apply, cluster.budgets.remove),
         Route(DEPLOYMENTS, Owned, cluster.apply_owner, cluster.remove_owner, label_selector=Label.APP_UID),
-        Route(REPLICASETS, Owned, cluster.apply_owner, cluster.remove_owner, label_selector=Label.APP_UID),
+        _replica_sets(cluster),
+        Route(NAMESPACES, Namespace, cluster.topology.apply_namespace, cluster.topology.remove_namespace),
+        *(_selecting(resource, cluster) for resource in (SERVICES, REPLICATIONCONTROLLERS, STATEFULSETS)),
     )
 
 
@@ -40,3 +48,33 @@ def robotics_routes(cluster: Cluster) -> tuple[Route, ...]:
         Route(ROBOTCLAIMS, Claim, cluster.apply_claim, cluster.remove_claim),
         Route(NODETELEMETRIES, NodeTelemetry, cluster.apply_telemetry, cluster.remove_telemetry),
     )
+
+
+def _selecting(resource: Resource, cluster: Cluster) -> Route:
+    """Services and workloads, whose pods are spread by default."""
+    topology = cluster.topology
+    return Route(
+        resource,
+        Selecting,
+        lambda found: topology.apply_selecting(resource.kind, found),
+        lambda found: topology.remove_selecting(resource.kind, found),
+    )
+
+
+def _replica_sets(cluster: Cluster) -> Route:
+    """ReplicaSets select pods as other workloads do; those of an app are a link of its owner chain as well."""
+    plain = _selecting(REPLICASETS, cluster)
+
+    def apply(found: Selecting) -> Change:
+        change: Change = plain.apply(found)
+        return change | cluster.apply_owner(found) if _of_app(found) else change
+
+    def remove(found: Selecting) -> Change:
+        change: Change = plain.remove(found)
+        return change | cluster.remove_owner(found) if _of_app(found) else change
+
+    return Route(REPLICASETS, Selecting, apply, remove)
+
+
+def _of_app(found: Selecting) -> bool:
+    return Label.APP_UID in (found.metadata.labels or {})

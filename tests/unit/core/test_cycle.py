@@ -50,34 +50,10 @@ def test_a_pod_that_is_being_deleted_is_not_tried() -> None:
     assert not decision.placed
 
 
-@pytest.mark.parametrize(
-    ("spec", "text"),
-    [
-        (
-            {"topologySpreadConstraints": [{"topologyKey": "zone", "whenUnsatisfiable": "DoNotSchedule"}]},
-            f"topologySpreadConstraint on 'zone' with DoNotSchedule {HERE}",
-        ),
-        (
-            {"affinity": {"podAffinity": {"requiredDuringSchedulingIgnoredDuringExecution": [{"topologyKey": "z"}]}}},
-            f"required podAffinity {HERE}",
-        ),
-        (
-            {
-                "affinity": {
-                    "podAntiAffinity": {"requiredDuringSchedulingIgnoredDuringExecution": [{"topologyKey": "z"}]}
-                }
-            },
-            f"required podAntiAffinity {HERE}",
-        ),
-        (
-            {"resourceClaims": [{"name": "camera"}]},
-            "resource claim 'camera' is not allocated; this scheduler does not allocate devices",
-        ),
-    ],
-)
-def test_what_is_not_honoured_yet_is_refused_in_plain_words(spec: dict[str, Any], text: str) -> None:
-    decision = make_core(make_node("n")).schedule_one(make_info("p", **spec))
+def test_a_claim_nobody_allocated_is_refused_in_plain_words() -> None:
+    decision = make_core(make_node("n")).schedule_one(make_info("p", resourceClaims=[{"name": "camera"}]))
     assert decision.code is Code.UNRESOLVABLE
+    text = "resource claim 'camera' is not allocated; this scheduler does not allocate devices"
     assert decision.message.startswith(f"0/1 nodes are available: {text}.")
 
 

@@ -16,6 +16,7 @@ CORDON = [{"key": "node.kubernetes.io/unschedulable", "operator": "Exists"}]
 PORT = [{"name": "c", "ports": [{"containerPort": 80, "hostPort": 80}]}]
 OTHER_IP = [{"name": "c", "ports": [{"containerPort": 80, "hostPort": 80, "hostIP": "10.0.0.1"}]}]
 ZONE = {"zone": "a"}
+WEB = {"app": "web"}
 
 
 def wants(plugin: str, pod: PodInfo, event: Event) -> bool:
@@ -41,6 +42,20 @@ def other_changed(before: dict[str, Any], after: dict[str, Any]) -> Event:
 
 def itself(before: dict[str, Any], after: dict[str, Any]) -> Event:
     return Event("pods", Change.SELF, make_pod(**before), make_pod(**after))
+
+
+def placed(**fields: Any) -> Event:
+    return Event("pods", Change.POD_ADDED, make_pod("other", **fields), make_pod("other", node="n", **fields))
+
+
+def spread(**fields: Any) -> dict[str, Any]:
+    constraint = {"topologyKey": "zone", "maxSkew": 1, "labelSelector": {"matchLabels": WEB}, **fields}
+    return {"topologySpreadConstraints": [constraint]}
+
+
+def company(side: str, **fields: Any) -> dict[str, Any]:
+    term = {"topologyKey": "zone", "labelSelector": {"matchLabels": WEB}, **fields}
+    return {"affinity": {side: {"requiredDuringSchedulingIgnoredDuringExecution": [term]}}}
 
 
 FIT: list[tuple[dict[str, Any], Event, bool]] = [
@@ -91,6 +106,56 @@ OTHERS: list[tuple[str, dict[str, Any], Event, bool]] = [
     ("NodePorts", {"containers": PORT}, itself({}, {"labels": {"a": "b"}}), False),
     ("DynamicResources", {}, itself({}, {"labels": {"a": "b"}}), True),
 ]  # fmt: skip
+SPREAD: list[tuple[dict[str, Any], Event, bool]] = [
+    (spread(), placed(labels=WEB), True),
+    (spread(), placed(), False),
+    (spread(), placed(labels=WEB, namespace="elsewhere"), False),
+    (spread(), gone(labels=WEB), True),
+    (spread(), Event("pods", Change.NOMINATED, old=make_pod("o", labels=WEB)), True),
+    (spread(), gone(labels={"app": "db"}), False),
+    (spread(), other_changed({}, {"labels": WEB}), True),
+    (spread(), other_changed({"labels": WEB}, {"labels": {**WEB, "x": "y"}}), False),
+    (spread(), added(labels=ZONE), True),
+    (spread(), added(), False),
+    (spread(), Event("nodes", Change.NODE_REMOVED, old=make_node("n", labels=ZONE)), True),
+    (spread(), changed(Change.LABELS, {"labels": ZONE}, {"labels": {"zone": "b"}}), True),
+    (spread(), changed(Change.LABELS, {"labels": ZONE}, {"labels": {**ZONE, "x": "y"}}), False),
+    (spread(), changed(Change.TAINTS, {"labels": ZONE, "taints": TAINT}, {"labels": ZONE}), True),
+    (spread(), changed(Change.TAINTS, {"taints": TAINT}, {}), False),
+    (spread(), itself({}, {"labels": WEB}), True),
+    (spread(), itself({}, {"tolerations": TOLERATION}), False),
+    (spread(nodeTaintsPolicy="Honor"), itself({}, {"tolerations": TOLERATION}), True),
+    ({}, placed(), True),
+]
+NEAR, AWAY = company("podAffinity"), company("podAntiAffinity")
+COMPANY: list[tuple[dict[str, Any], Event, bool]] = [
+    (NEAR, placed(labels=WEB), True),
+    (NEAR, placed(labels={"app": "db"}), False),
+    (NEAR, placed(labels=WEB, namespace="elsewhere"), False),
+    (
+        company("podAffinity", namespaceSelector={"matchLabels": {"a": "b"}}),
+        placed(labels=WEB, namespace="other"),
+        True,
+    ),
+    (AWAY, placed(labels=WEB), False),
+    (AWAY, gone(labels=WEB), True),
+    (AWAY, gone(), False),
+    (NEAR, gone(labels=WEB), False),
+    ({"labels": WEB}, gone(**AWAY), True),
+    ({"labels": {"app": "db"}}, gone(**AWAY), False),
+    (NEAR, other_changed({}, {"labels": WEB}), True),
+    (AWAY, other_changed({"labels": WEB}, {}), True),
+    (AWAY, other_changed({}, {"labels": WEB}), False),
+    (AWAY, other_changed({"labels": WEB, "cpu": "2"}, {"labels": WEB, "cpu": "1"}), False),
+    (NEAR, added(labels=ZONE), True),
+    (NEAR, added(), False),
+    (AWAY, added(), True),
+    (AWAY, changed(Change.LABELS, {"labels": ZONE}, {}), True),
+    (NEAR, changed(Change.LABELS, {"labels": ZONE}, {}), False),
+    (NEAR, changed(Change.LABELS, {}, {"labels": ZONE}), True),
+    ({}, itself({}, {"labels": WEB}), True),
+    ({}, itself({}, {"tolerations": TOLERATION}), False),
+]
 
 
 @pytest.mark.parametrize(("pod", "event", "expected"), FIT)
@@ -103,3 +168,15 @@ def test_a_plugin_wants_only_events_that_may_turn_its_refusal(
     plugin: str, pod: dict[str, Any], event: Event, expected: bool
 ) -> None:
     assert wants(plugin, make_info(**pod), event) is expected
+
+
+@pytest.mark.parametrize(("pod", "event", "expected"), SPREAD)
+def test_spread_wants_pods_it_counts_and_nodes_with_its_keys(pod: dict[str, Any], event: Event, expected: bool) -> None:
+    assert wants("PodTopologySpread", make_info(**pod), event) is expected
+
+
+@pytest.mark.parametrize(("pod", "event", "expected"), COMPANY)
+def test_affinity_wants_company_that_comes_and_obstacles_that_go(
+    pod: dict[str, Any], event: Event, expected: bool
+) -> None:
+    assert wants("InterPodAffinity", make_info(**pod), event) is expected

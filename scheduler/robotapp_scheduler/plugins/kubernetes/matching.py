@@ -7,7 +7,17 @@ import numpy as np
 from robotapp_api.values.selector import integer, valid_term
 from robotapp_scheduler.core.columns import BoolArray
 from robotapp_scheduler.core.objects import NodeSelectorTerm, Requirement
+from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.view import LabelColumn, Nodes
+
+
+def own_terms_mask(pod: PodInfo, nodes: Nodes) -> BoolArray:
+    """Nodes that the pod's nodeSelector and required node affinity allow."""
+    mask = labels_mask(nodes, pod.node_selector.items())
+    required = pod.node_affinity.required if pod.node_affinity is not None else None
+    if required is not None:
+        mask &= terms_mask(nodes, required.node_selector_terms)
+    return mask
 
 
 def labels_mask(nodes: Nodes, wanted: Iterable[tuple[str, str]]) -> BoolArray:

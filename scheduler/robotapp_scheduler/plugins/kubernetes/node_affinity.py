@@ -14,7 +14,7 @@ from robotapp_scheduler.core.objects import Node, NodeSelectorTerm, PreferredTer
 from robotapp_scheduler.core.objects import NodeAffinity as Affinity
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.view import Nodes
-from robotapp_scheduler.plugins.kubernetes.matching import labels_mask, term_mask, terms_mask
+from robotapp_scheduler.plugins.kubernetes.matching import own_terms_mask, term_mask, terms_mask
 
 POD_REASON: Final = "node(s) didn't match Pod's node affinity/selector"
 ENFORCED_REASON: Final = "node(s) didn't match scheduler-enforced node affinity"
@@ -66,9 +66,7 @@ class NodeAffinity:
         required = affinity.required if affinity is not None else None
         if not pod.node_selector and required is None and self._added_required is None:
             return None
-        mask = labels_mask(nodes, pod.node_selector.items())
-        if required is not None:
-            mask &= terms_mask(nodes, required.node_selector_terms)
+        mask = own_terms_mask(pod, nodes)
         if self._added_required is None:
             return Verdict(mask, reasons=((POD_REASON,),))
         enforced = terms_mask(nodes, self._added_required.node_selector_terms)

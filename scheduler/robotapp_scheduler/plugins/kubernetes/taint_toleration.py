@@ -12,7 +12,7 @@ from robotapp_scheduler.core.objects import Node, Taint, Toleration
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.view import Nodes
 
-HARD: Final = frozenset({"NoSchedule", "NoExecute"})
+HARD_EFFECTS: Final = frozenset({"NoSchedule", "NoExecute"})
 SOFT: Final = "PreferNoSchedule"
 
 
@@ -31,7 +31,7 @@ class TaintToleration:
     def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
         """True where every NoSchedule and NoExecute taint is tolerated."""
         codes, sets = nodes.taint_sets
-        passes = [untolerated(taints, pod.tolerations, HARD) == 0 for taints in sets]
+        passes = [untolerated(taints, pod.tolerations, HARD_EFFECTS) == 0 for taints in sets]
         return np.array(passes, dtype=np.bool_)[codes]
 
     def hint(self, pod: PodInfo, event: Event) -> bool:
@@ -50,7 +50,7 @@ class TaintToleration:
 
 
 def _passes(node: Node | None, pod: PodInfo) -> bool:
-    return node is not None and untolerated(node.spec.taints, pod.tolerations, HARD) == 0
+    return node is not None and untolerated(node.spec.taints, pod.tolerations, HARD_EFFECTS) == 0
 
 
 def untolerated(taints: Sequence[Taint], tolerations: Sequence[Toleration], effects: frozenset[str]) -> int:

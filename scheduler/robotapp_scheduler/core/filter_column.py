@@ -1,0 +1,150 @@
+"""A filter plugin's verdict per row, kept per value of what it reads and repaired from the change log."""
+
+from collections.abc import Sequence
+from typing import Final, Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.columns import BoolArray, FloatArray
+from robotapp_scheduler.core.framework import Loaded, Verdict, checked_mask
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.repair import FEW_ROWS, stale_rows
+from robotapp_scheduler.core.view import Nodes, Row
+
+HOLE: Final = -1
+"""Reason code of rows that are no node."""
+EVERYWHERE: Final = True
+"""Answer of a filter that rejects no node now."""
+
+Codes = npt.NDArray[np.int32]
+
+
+class Reason(NamedTuple):
+    """Why a plugin refuses a row; `resolvable` False = UnschedulableAndUnresolvable."""
+
+    plugin: str
+    texts: tuple[str, ...]
+    resolvable: bool
+
+
+class Reasons:
+    """Reasons as small codes; 0 means "passes"."""
+
+    def __init__(self) -> None:
+        self.values: list[Reason] = [Reason("", (), resolvable=True)]
+        self._codes: dict[Reason, int] = {}
+
+    def __repr__(self) -> str:
+        return f"Reasons({len(self.values) - 1})"
+
+    def code(self, reason: Reason) -> int:
+        """The code of a reason."""
+        code = self._codes.get(reason)
+        if code is None:
+            code = self._codes[reason] = len(self.values)
+            self.values.append(reason)
+        return code
+
+
+class FilterColumn:
+    """One filter plugin's verdict per row: reason code, 0 where it passes. `skipped` = the plugin has no opinion."""
+
+    def __init__(self, plugin: Loaded, reasons: Reasons) -> None:
+        self.plugin = plugin
+        self.skipped = False
+        self.codes: Codes = np.zeros(0, dtype=np.int32)
+        self.clean = False
+        """No row is rejected."""
+        self.detail: FloatArray | None = None
+        self.detail_unit = ""
+        self.position = -1
+        self.epoch = 0
+        """Grows when the column was computed anew, so that combinations of it are too."""
+        self._reasons = reasons
+
+    def refresh(self, pod: PodInfo, cluster: Cluster, full: Nodes) -> None:
+        """Bring the column up to the head of the log."""
+        if self.skipped or (self.position == cluster.log.position and self._fits(full)):
+            return  # a plugin has no opinion because of the pod alone: that never changes
+        rows = stale_rows(self.plugin, self.position, pod, full, fits=self._fits(full))
+        if rows is None:
+            before = (self.clean, self.skipped, self.codes)
+            self._store(full, pod)
+            # The same verdict for every row, before and after, changes no combination.
+            same = before[:2] == (self.clean, self.skipped) and (self.clean or np.array_equal(before[2], self.codes))
+            self.epoch += not same or self.position < 0
+        elif rows and not self.skipped:
+            self._patch(rows, pod, cluster)
+        self.position = cluster.log.position
+
+    def compute(self, pod: PodInfo, nodes: Nodes) -> None:
+        """Fill the column for exactly these rows, without regard to the log."""
+        self._store(nodes, pod)
+
+    def _fits(self, full: Nodes) -> bool:
+        return self.skipped or len(self.codes) == full.n
+
+    def _store(self, nodes: Nodes, pod: PodInfo) -> None:
+        found = self._ask(pod, nodes)
+        self.skipped = found is None
+        self.clean = found is None
+        if found is EVERYWHERE:
+            self.clean = True
+            if len(self.codes) != nodes.n or self.codes.any():
+                self.codes = np.zeros(nodes.n, dtype=np.int32)
+            self.detail = None
+        elif found is not None:
+            self.codes, self.detail = found
+            self.clean = not self.codes.any()
+
+    def _patch(self, rows: list[int], pod: PodInfo, cluster: Cluster) -> None:
+        passes = self.plugin.filter_row
+        if passes is not None and len(rows) <= FEW_ROWS and all(passes(pod, Row(cluster.nodes, row)) for row in rows):
+            if not self.clean:
+                self.codes[rows] = 0
+            return
+        found = self._ask(pod, Nodes(cluster, rows))
+        codes, detail = found if isinstance(found, tuple) else (np.zeros(len(rows), dtype=np.int32), None)
+        self.codes[rows] = codes
+        self.clean = self.clean and not codes.any()
+        if detail is not None:
+            if self.detail is None:
+                self.detail = np.full(len(self.codes), np.nan)
+            self.detail[rows] = detail
+
+    def _ask(self, pod: PodInfo, nodes: Nodes) -> tuple[Codes, FloatArray | None] | Literal[True] | None:
+        plugin = self.plugin
+        if plugin.filter is None:
+            return None
+        with np.errstate(all="ignore"):
+            answer = plugin.filter(pod, nodes)
+        if answer is None or answer is EVERYWHERE:
+            return answer
+        verdict = answer if isinstance(answer, Verdict) else Verdict(answer)
+        mask = checked_mask(plugin.name, verdict.mask, nodes.n)
+        if verdict.detail_unit:
+            self.detail_unit = verdict.detail_unit
+        if mask.all():
+            return EVERYWHERE
+        detail = None if verdict.detail is None else np.array(verdict.detail, dtype=np.float64)
+        return self._coded(verdict, mask), detail
+
+    def _coded(self, verdict: Verdict, mask: BoolArray) -> Codes:
+        plugin = self.plugin
+        texts: Sequence[tuple[str, ...]] = verdict.reasons or ((plugin.reason,),)
+        resolvable = plugin.resolvable if verdict.resolvable is None else verdict.resolvable
+        if isinstance(resolvable, tuple) and verdict.codes is not None:
+            known = (Reason(plugin.name, text, kind) for text, kind in zip(texts, resolvable, strict=True))
+            codes: Codes = np.array([self._reasons.code(reason) for reason in known], dtype=np.int32)[verdict.codes]
+            codes[mask] = 0
+            return codes
+        tables = [
+            np.array([self._reasons.code(Reason(plugin.name, text, kind)) for text in texts], dtype=np.int32)
+            for kind in (False, True)
+        ]
+        which = np.zeros(len(mask), dtype=np.intp) if verdict.codes is None else verdict.codes
+        codes = np.where(resolvable, tables[1][which], tables[0][which]).astype(np.int32)
+        codes[mask] = 0
+        return codes

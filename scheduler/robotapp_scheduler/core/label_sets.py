@@ -1,0 +1,109 @@
+"""Placed pods by namespace and labels: a selector is matched once per distinct label set, not once per pod."""
+
+from collections.abc import Iterator
+from typing import Any
+
+from robotapp_scheduler.core.matchers import PodMatcher, handle
+
+LabelSetKey = tuple[str, frozenset[tuple[str, str]]]
+
+
+class LabelSet:
+    """The placed pods of a namespace with exactly these labels, and on which rows they are."""
+
+    __slots__ = ("counters", "ending", "labels", "namespace", "pods", "rows")
+
+    def __init__(self, namespace: str, labels: dict[str, str]) -> None:
+        self.namespace = namespace
+        self.labels = labels
+        """Shared by all its pods."""
+        self.pods = 0
+        """Placed pods, those on nodes we do not know included."""
+        self.rows: dict[int, int] = {}
+        """Pods per row, terminating ones included."""
+        self.ending: dict[int, int] = {}
+        """Of these, terminating."""
+        self.counters: tuple[Any, ...] = ()
+        """Counters (core.counts) that count these pods."""
+
+    def __repr__(self) -> str:
+        return f"LabelSet({self.namespace}, {self.labels}, {self.pods} pods)"
+
+    def count(self, row: int, sign: int, *, ending: bool) -> None:
+        """Count a pod in (+1) or out (-1)."""
+        _add(self.rows, row, sign)
+        if ending:
+            _add(self.ending, row, sign)
+
+
+class LabelSets:
+    """All label sets in use."""
+
+    __slots__ = ("_by_key", "_by_label")
+
+    def __init__(self) -> None:
+        self._by_key: dict[LabelSetKey, LabelSet] = {}
+        self._by_label: dict[str, dict[str, dict[LabelSet, None]]] = {}
+        """Label key → value → label sets, for keys a selector has asked for."""
+
+    def __repr__(self) -> str:
+        return f"LabelSets({len(self._by_key)})"
+
+    def __len__(self) -> int:
+        return len(self._by_key)
+
+    def take(self, namespace: str, labels: dict[str, str]) -> tuple[LabelSet, bool]:
+        """The label set of a pod that was placed, and whether it is new."""
+        key = (namespace, frozenset(labels.items()))
+        found = self._by_key.get(key)
+        new = found is None
+        if found is None:
+            found = self._by_key[key] = LabelSet(namespace, labels)
+            for name, by_value in self._by_label.items():
+                if (value := labels.get(name)) is not None:
+                    by_value.setdefault(value, {})[found] = None
+        found.pods += 1
+        return found, new
+
+    def release(self, label_set: LabelSet) -> None:
+        """A pod of this label set is no longer placed."""
+        label_set.pods -= 1
+        if label_set.pods:
+            return
+        del self._by_key[label_set.namespace, frozenset(label_set.labels.items())]
+        for name, by_value in self._by_label.items():
+            if (value := label_set.labels.get(name)) is not None:
+                del by_value[value][label_set]
+                if not by_value[value]:
+                    del by_value[value]
+
+    def matching(self, matcher: PodMatcher) -> Iterator[LabelSet]:
+        """Label sets whose pods a matcher means."""
+        if matcher.requirements is None:
+            return
+        found = handle(matcher.requirements)
+        if found is None:
+            candidates: list[LabelSet] = list(self._by_key.values())
+        else:
+            by_value = self._values_of(found[0])
+            candidates = [each for value in found[1] for each in by_value.get(value, ())]
+        for label_set in candidates:
+            if matcher.matches(label_set.namespace, label_set.labels):
+                yield label_set
+
+    def _values_of(self, name: str) -> dict[str, dict[LabelSet, None]]:
+        by_value = self._by_label.get(name)
+        if by_value is None:
+            by_value = self._by_label[name] = {}
+            for label_set in self._by_key.values():
+                if (value := label_set.labels.get(name)) is not None:
+                    by_value.setdefault(value, {})[label_set] = None
+        return by_value
+
+
+def _add(counts: dict[int, int], row: int, sign: int) -> None:
+    count = counts.get(row, 0) + sign
+    if count:
+        counts[row] = count
+    else:
+        counts.pop(row, None)

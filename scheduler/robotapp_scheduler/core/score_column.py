@@ -1,0 +1,206 @@
+"""A score plugin's raw value per row, kept per value of what it reads and repaired from the change log."""
+
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.columns import IntArray
+from robotapp_scheduler.core.framework import MAX_SCORE, Loaded, PluginError, Scores, checked_scores, normalized
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.repair import FEW_ROWS, MOST_REPAIRED, stale_rows
+from robotapp_scheduler.core.view import Nodes, Row
+
+BAD_SCORE: Final = "score is NaN, infinite or outside 0 to 100 for a feasible node"
+_BAD: Final = np.iinfo(np.int64).min
+
+
+class ScoreColumn:
+    """One score plugin's raw value per row.
+
+    Scores that need no normalising are kept as integers; unusable ones (NaN, outside 0…100) carry a marker that only
+    matters where the row is feasible.
+    """
+
+    def __init__(self, plugin: Loaded) -> None:
+        self.plugin = plugin
+        self.skipped = False
+        self.raw: npt.NDArray[Any] = np.zeros(0, dtype=np.int64)
+        self.constant: int | None = None
+        """The normalised score, when it is the same for every row whatever the feasible set is."""
+        self.normalize = plugin.normalize
+        self._equal_raw: Any = 0
+        self.bad = False
+        self.position = -1
+        self.epoch = 0
+
+    @property
+    def local(self) -> bool:
+        """Does a row's normalised score depend on that row alone?"""
+        return self.constant is not None or self.normalize == "none"
+
+    def refresh(self, pod: PodInfo, cluster: Cluster, full: Nodes) -> None:
+        """Bring the column up to the head of the log."""
+        fits = len(self.raw) == full.n
+        if self.skipped or (self.position == cluster.log.position and fits):
+            return
+        rows = stale_rows(self.plugin, self.position, pod, full, fits=fits)
+        if rows is None:
+            before = (self.skipped, self.constant, self.position < 0, fits)
+            self.compute(pod, full)
+            # Equal for every row, before and after: nothing that was added up changes.
+            same = before == (self.skipped, self.constant, False, True) and (self.skipped or self.constant is not None)
+            self.epoch += not same
+        elif rows and not self.skipped:
+            self._patch(rows, pod, cluster)
+        self.position = cluster.log.position
+
+    def compute(self, pod: PodInfo, nodes: Nodes) -> None:
+        """Fill the column for exactly these rows."""
+        raw = self._ask(pod, nodes)
+        self.skipped = raw is None
+        if isinstance(raw, int):
+            self._store_equal(raw, nodes.n)
+        elif raw is not None:
+            self.raw = raw
+            self.constant = self._constant(raw[nodes.valid])
+
+    def _store_equal(self, score: int, rows: int) -> None:
+        if len(self.raw) != rows or self._equal_raw != score or self.constant is None:
+            self.raw = np.full(rows, score, dtype=np.int64)
+            self.constant = self._constant(self.raw)
+
+    def normalized(self, feasible: npt.NDArray[np.intp]) -> IntArray | int:
+        """0…100 for the feasible rows; one number when all are equal."""
+        if self.constant is not None:
+            return self.constant
+        raw = self.raw[feasible]
+        if self.normalize == "none":
+            if self.bad and len(raw) and raw.min() == _BAD:
+                raise PluginError(self.plugin.name, BAD_SCORE)
+            return raw
+        if raw.dtype.kind == "f" and not np.isfinite(raw).all():
+            raise PluginError(self.plugin.name, BAD_SCORE)
+        return normalized(self.plugin.name, self.normalize, raw)
+
+    def at(self, row: int) -> int:
+        """The normalised score of one feasible row of a `local` column."""
+        if self.constant is not None:
+            return self.constant
+        score = int(self.raw[row])
+        if score == _BAD:
+            raise PluginError(self.plugin.name, BAD_SCORE)
+        return score
+
+    def raw_at(self, row: int) -> float | None:
+        """What the plugin said about a row before normalising; None when that is no number."""
+        value = float(self.raw[row])
+        return value if np.isfinite(value) else None
+
+    def _patch(self, rows: list[int], pod: PodInfo, cluster: Cluster) -> None:
+        score_row = self.plugin.score_row
+        if score_row is not None and len(rows) <= FEW_ROWS:
+            self._patch_rows(rows, [score_row(pod, Row(cluster.nodes, row)) for row in rows])
+            return
+        nodes = Nodes(cluster, rows)
+        raw = self._ask(pod, nodes)
+        if raw is None or isinstance(raw, int):
+            raw = np.full(len(rows), raw or 0, dtype=np.int64)
+        if self.raw.dtype.kind in "iu" and raw.dtype.kind == "f":
+            self.raw = self.raw.astype(np.float64)
+        self.raw[rows] = raw
+        if self.constant is not None and (raw[nodes.valid] != self._equal_raw).any():
+            self.constant = None
+            self.epoch += 1
+
+    def _patch_rows(self, rows: list[int], scores: list[int]) -> None:
+        for row, score in zip(rows, scores, strict=True):
+            self.raw[row] = score
+            if self.constant is not None and score != self._equal_raw:
+                self.constant = None
+                self.epoch += 1
+
+    def _ask(self, pod: PodInfo, nodes: Nodes) -> npt.NDArray[Any] | int | None:
+        plugin = self.plugin
+        if plugin.score is None:
+            return None
+        with np.errstate(all="ignore"):
+            answer = plugin.score(pod, nodes)
+        if answer is None or isinstance(answer, int):
+            return answer
+        scores, self.normalize = answer if isinstance(answer, Scores) else (answer, plugin.normalize)
+        raw = checked_scores(plugin.name, scores, nodes.n)
+        return self._integral(raw) if self.normalize == "none" else raw
+
+    def _integral(self, raw: npt.NDArray[Any]) -> IntArray:
+        if raw.dtype.kind == "f":
+            scores = np.where(np.isfinite(raw), raw, -1.0)
+            # -0.5 must not become a valid 0.
+            scores = np.where(scores < 0.0, -1.0, scores).astype(np.int64)
+        else:
+            scores = raw.astype(np.int64)
+        if len(scores) and (scores.min() < 0 or scores.max() > MAX_SCORE):
+            self.bad = True
+            scores[(scores < 0) | (scores > MAX_SCORE)] = _BAD
+        return scores
+
+    def _constant(self, raw: npt.NDArray[Any]) -> int | None:
+        if len(raw) == 0 or raw.min() != raw.max() or (self.bad and raw.min() == _BAD):
+            return None
+        if raw.dtype.kind == "f" and not np.isfinite(raw[0]):
+            return None
+        self._equal_raw = raw[0]
+        return int(normalized(self.plugin.name, self.normalize, raw[:1])[0])
+
+
+class RelativeColumn(ScoreColumn):
+    """A score that depends on which nodes are feasible (`score_among`): worked out for each class, never kept.
+
+    While its plugin says it is not `relevant`, it is a constant 0.
+    """
+
+    def __init__(self, plugin: Loaded) -> None:
+        super().__init__(plugin)
+        self._asked: tuple[PodInfo, Nodes] | None = None
+
+    def refresh(self, pod: PodInfo, cluster: Cluster, full: Nodes) -> None:
+        """Ask whether the plugin has something to say, when something changed that it reads."""
+        if self.skipped:
+            return
+        self._asked = (pod, full)
+        if self.position < 0 or cluster.log.since(self.position, self.plugin.interest, most=MOST_REPAIRED) != []:
+            before = (self.constant, self.position < 0)
+            self.compute(pod, full)
+            self.epoch += before != (self.constant, False)
+        self.position = cluster.log.position
+
+    def compute(self, pod: PodInfo, nodes: Nodes) -> None:
+        """Ask whether the plugin has something to say about these rows."""
+        relevant = self.plugin.relevant
+        self._asked = (pod, nodes)
+        self.constant = None if relevant is None or relevant(pod, nodes) else 0
+
+    def normalized(self, feasible: npt.NDArray[np.intp]) -> IntArray | int:
+        """0…100 for the feasible rows."""
+        if self.constant is not None or self._asked is None or self.plugin.score_among is None:
+            return self.constant or 0
+        with np.errstate(all="ignore"):
+            answer = self.plugin.score_among(*self._asked, feasible)
+        if answer is None or isinstance(answer, int):
+            return answer or 0
+        return normalized(self.plugin.name, "none", checked_scores(self.plugin.name, answer, len(feasible)))
+
+    def raw_at(self, row: int) -> float | None:  # noqa: ARG002 - of a score that exists for feasible rows only
+        """Nothing is kept before normalising."""
+        return None
+
+    @property
+    def local(self) -> bool:
+        """Only while it is constant."""
+        return self.constant is not None
+
+
+def score_column(plugin: Loaded) -> ScoreColumn:
+    """An empty column for a score plugin."""
+    return ScoreColumn(plugin) if plugin.score_among is None else RelativeColumn(plugin)

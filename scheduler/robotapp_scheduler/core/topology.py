@@ -1,0 +1,109 @@
+"""Everything that rules about other pods read: who is where by labels, affinity terms, namespaces, Services, images."""
+
+import numpy as np
+
+from robotapp_scheduler.core.affinity_index import AffinityIndex
+from robotapp_scheduler.core.affinity_terms import Compiler, Terms
+from robotapp_scheduler.core.changes import EVERY_ROW, Change, ChangeLog
+from robotapp_scheduler.core.counts import Counter, PodCounts, Wanted
+from robotapp_scheduler.core.default_selectors import DefaultSelectors
+from robotapp_scheduler.core.domains import Scopes
+from robotapp_scheduler.core.images import Images
+from robotapp_scheduler.core.label_sets import LabelSets
+from robotapp_scheduler.core.namespaces import Namespaces
+from robotapp_scheduler.core.node_table import NodeTable
+from robotapp_scheduler.core.objects import Namespace, Selecting
+from robotapp_scheduler.core.pods import PlacedPod, PodInfo
+
+
+class Topology:
+    """Counts of placed pods by selector and affinity term, and what the selectors and terms refer to."""
+
+    def __init__(self, nodes: NodeTable, log: ChangeLog) -> None:
+        self._nodes = nodes
+        self._log = log
+        self._label_sets = LabelSets()
+        self._compiler = Compiler()
+        self.namespaces = Namespaces()
+        self.counts = PodCounts(self._label_sets, nodes.labels)
+        self.affinity = AffinityIndex(nodes.labels, self.namespaces)
+        self.selectors = DefaultSelectors()
+        self.images = Images()
+        self.scopes = Scopes()
+        self.wide_position = -1
+        """Where the change log stood when a term last came or went whose domain is more than its own row."""
+        self._single: dict[str, tuple[int, bool]] = {}
+
+    def __repr__(self) -> str:
+        return f"Topology({self.counts!r}, {self.affinity!r}, {self.selectors!r})"
+
+    # --- Placed pods, told by the cluster ----------------------------------------------------------------------------
+
+    def take(self, record: PlacedPod) -> None:
+        """A pod is placed, on whatever node: from now on it shares labels and terms with its like."""
+        record.label_set, new = self._label_sets.take(record.namespace, record.labels)
+        record.labels = record.label_set.labels
+        if new:
+            self.counts.enrol(record.label_set)
+        if record.affinity:
+            terms = self._compiler.terms(record.namespace, record.affinity, record.pod.spec.affinity)
+            record.terms = self.affinity.take(terms)
+
+    def release(self, record: PlacedPod) -> None:
+        """A pod is no longer placed."""
+        if record.label_set is not None:
+            self._label_sets.release(record.label_set)
+        self.affinity.release(record.terms)
+
+    def count(self, record: PlacedPod, row: int, sign: int) -> None:
+        """Count a placed pod in (+1) or out (-1) on the row of its node."""
+        if record.label_set is not None:
+            self.counts.count(row, record.label_set, sign, ending=record.terminating)
+        for placed in record.terms:
+            placed.count(row, sign)
+            if not self.single(placed.term.topology_key):
+                self.wide_position = self._log.position
+
+    # --- Questions of the rules --------------------------------------------------------------------------------------
+
+    def single(self, key: str) -> bool:
+        """Does every value of this label belong to one node only, as kubernetes.io/hostname does?"""
+        version = self._nodes.labels.version(key)
+        known = self._single.get(key)
+        if known is None or known[0] != version or not version:
+            codes, vocabulary = self._nodes.labels.column(key)
+            sizes = np.bincount(codes[codes > 0], minlength=len(vocabulary.values))
+            known = self._single[key] = (self._nodes.labels.version(key), int(sizes.max(initial=0)) <= 1)
+        return known[1]
+
+    def terms_of(self, pod: PodInfo) -> Terms:
+        """The pod's own affinity terms."""
+        return self._compiler.terms(pod.namespace, pod.affinity_key, pod.affinity)
+
+    def counter(self, wanted: Wanted) -> Counter:
+        """Placed pods that a selector means, counted from now on."""
+        return self.counts.counter(wanted, self._nodes.size)
+
+    # --- What the watches show ---------------------------------------------------------------------------------------
+
+    def apply_namespace(self, namespace: Namespace) -> Change:
+        """A namespace appeared or changed."""
+        return self._everywhere(Change.NAMESPACES, changed=self.namespaces.apply(namespace))
+
+    def remove_namespace(self, namespace: Namespace) -> Change:
+        """A namespace is gone."""
+        return self._everywhere(Change.NAMESPACES, changed=self.namespaces.remove(namespace.metadata.name))
+
+    def apply_selecting(self, kind: str, found: Selecting) -> Change:
+        """A Service, ReplicationController, ReplicaSet or StatefulSet appeared or changed."""
+        return self._everywhere(Change.SELECTORS, changed=self.selectors.apply(kind, found))
+
+    def remove_selecting(self, kind: str, found: Selecting) -> Change:
+        """A Service or workload is gone."""
+        return self._everywhere(Change.SELECTORS, changed=self.selectors.remove(kind, found))
+
+    def _everywhere(self, change: Change, *, changed: bool) -> Change:
+        if not changed:
+            return Change.NONE
+        self._log.add(EVERY_ROW, change)
+        return change

@@ -1,0 +1,193 @@
+"""InterPodAffinity: near the pods a pod wants, away from those it does not want or that do not want it."""
+
+from typing import Final
+
+import msgspec
+import numpy as np
+import numpy.typing as npt
+
+from robotapp_api.values.selector import matches_requirements
+from robotapp_scheduler.core.affinity_index import Pull
+from robotapp_scheduler.core.affinity_terms import NO_TERMS, Kind, Term, Terms, compiled
+from robotapp_scheduler.core.changes import PLACED, Change, Event
+from robotapp_scheduler.core.columns import BoolArray, IntArray
+from robotapp_scheduler.core.counts import Census, Wanted
+from robotapp_scheduler.core.framework import FilterResult, PluginError, ScoreResult, Verdict
+from robotapp_scheduler.core.objects import Node
+from robotapp_scheduler.core.pods import PlacedPod, PodInfo
+from robotapp_scheduler.core.view import Nodes
+
+AFFINITY: Final = "node(s) didn't match pod affinity rules"
+ANTI_AFFINITY: Final = "node(s) didn't match pod anti-affinity rules"
+EXISTING: Final = "node(s) didn't satisfy existing pods anti-affinity rules"
+REASONS: Final = ((EXISTING,), (AFFINITY,), (ANTI_AFFINITY,), (EXISTING,))
+RESOLVABLE: Final = (True, False, True, True)
+_AFFINITY: Final = 1
+_ANTI_AFFINITY: Final = 2
+_EXISTING: Final = 3
+
+
+class AffinityArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
+    """Arguments as upstream."""
+
+    hard_pod_affinity_weight: int = 1
+    ignore_preferred_terms_of_existing_pods: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.hard_pod_affinity_weight <= 100:
+            value = self.hard_pod_affinity_weight
+            raise ValueError(f"hardPodAffinityWeight: Invalid value: {value}: not in valid range [0-100]")
+
+
+class InterPodAffinity:
+    """Counts per term and topology domain are kept by the cluster; a pod costs one look-up per node and term."""
+
+    name = "InterPodAffinity"
+    reads = ("labels", "namespace", "pod_affinity")
+    node_reads = ("labels", "namespaces", "pods")
+    events = PLACED | Change.NODE_ADDED | Change.LABELS | Change.NOMINATED
+    normalize = "minmax"
+    Args = AffinityArgs
+
+    def __init__(self, args: AffinityArgs | None = None) -> None:
+        args = args or AffinityArgs()
+        self._hard_weight = args.hard_pod_affinity_weight
+        self._ignore = args.ignore_preferred_terms_of_existing_pods
+
+    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
+        """The pod's own affinity, its own anti-affinity, then the anti-affinity of placed pods."""
+        terms, pull = self._terms(pod, nodes)
+        away = pull[Kind.KEEPS_AWAY]
+        if not (terms.affinity or terms.anti_affinity or away):
+            return True
+        codes = np.zeros(nodes.n, dtype=np.int8)
+        for totals in away:
+            codes[(totals.values > 0)[nodes.label(totals.key).codes]] = _EXISTING
+        for term in terms.anti_affinity:
+            codes[(_values(nodes, term.topology_key, term) > 0)[nodes.label(term.topology_key).codes]] = _ANTI_AFFINITY
+        if terms.affinity:
+            codes[~_accompanied(pod, nodes, terms)] = _AFFINITY
+        return Verdict(codes == 0, codes=codes, reasons=REASONS, resolvable=RESOLVABLE)
+
+    def score(self, pod: PodInfo, nodes: Nodes) -> ScoreResult:
+        """Σ weight over the preferred terms of the pod and of the pods in a node's domains, required ones included."""
+        terms, pull = self._terms(pod, nodes)
+        if self._ignore and not terms.preferred:
+            return None
+        sums: dict[str, IntArray] = {}
+        for term in terms.preferred:
+            _add(sums, term.topology_key, term.weight * _values(nodes, term.topology_key, term))
+        for totals in pull[Kind.WEIGHS]:
+            _add(sums, totals.key, totals.values)
+        if self._hard_weight:
+            for totals in pull[Kind.ATTRACTS]:
+                _add(sums, totals.key, self._hard_weight * totals.values)
+        raw: IntArray | None = None
+        for key, values in sums.items():
+            values[0] = 0
+            if values.any():
+                found = values[nodes.label(key).codes]
+                raw = found if raw is None else raw + found
+        return 0 if raw is None else raw
+
+    def confined(self, pod: PodInfo, nodes: Nodes, position: int) -> bool:
+        """With terms on the hostname only, a pod that comes or goes changes nothing but its own node."""
+        topology = nodes.cluster.topology
+        terms = topology.terms_of(pod)
+        if terms.affinity or topology.wide_position >= position:
+            return False
+        return all(topology.single(term.topology_key) for term in (*terms.anti_affinity, *terms.preferred))
+
+    def touched_by(self, pod: PodInfo, other: PlacedPod) -> bool:
+        """Does a required term of the pod mean the other one, or a required anti-affinity term of the other this pod?"""
+        terms = _readable(pod)
+        if any(_may_mean(term, other) for term in (*terms.affinity, *terms.anti_affinity)):
+            return True
+        return any(placed.term.kind is Kind.KEEPS_AWAY and _may_mean(placed.term, pod) for placed in other.terms)
+
+    def hint(self, pod: PodInfo, event: Event) -> bool:
+        """A pod came that is wanted, one went that is in the way, or nodes changed a topology key."""
+        if event.change & Change.SELF:
+            return bool((event.old.metadata.labels or {}) != (event.new.metadata.labels or {}))
+        terms = _readable(pod)
+        if event.resource == "nodes":
+            return _node_matters(event.old, event.new, terms)
+        old = PodInfo(event.old) if event.old is not None else None
+        new = PodInfo(event.new) if event.new is not None else None
+        if event.change & (Change.POD_REMOVED | Change.NOMINATED) and old is not None and _in_the_way(pod, terms, old):
+            return True
+        if event.change & Change.POD_ADDED:
+            return new is not None and _wanted(terms, new)
+        if new is None or old is None or old.labels == new.labels:
+            return False
+        freed = any(_may_mean(term, old) and not _may_mean(term, new) for term in terms.anti_affinity)
+        return freed or (_wanted(terms, new) and not _wanted(terms, old))
+
+    def _terms(self, pod: PodInfo, nodes: Nodes) -> tuple[Terms, Pull]:
+        topology = nodes.cluster.topology
+        terms = topology.terms_of(pod)
+        if terms.broken:
+            raise PluginError(self.name, f"the selector of {terms.broken} cannot be evaluated")
+        return terms, topology.affinity.pull(pod.namespace, pod.labels)
+
+
+def _values(nodes: Nodes, key: str, *terms: Term) -> IntArray:
+    """Placed pods that all these terms mean, per value of a node label; 0 for nodes without it."""
+    topology = nodes.cluster.topology
+    matchers = tuple(term.matcher(topology.namespaces) for term in terms)
+    values = topology.counter(Wanted(matchers, Census.ALL)).domains(key).values
+    values[0] = 0
+    return values
+
+
+def _accompanied(pod: PodInfo, nodes: Nodes, terms: Terms) -> BoolArray:
+    """Nodes with a pod, in each domain, that all terms mean; or, without any such pod, where the pod would be the first."""
+    keys = tuple(dict.fromkeys(term.topology_key for term in terms.affinity))
+    there: list[npt.NDArray[np.bool_]] = [_values(nodes, key, *terms.affinity) > 0 for key in keys]
+    if not any(found.any() for found in there):
+        namespaces = nodes.cluster.topology.namespaces
+        if all(term.matcher(namespaces).matches(pod.namespace, pod.labels) for term in terms.affinity):
+            there = [np.arange(len(found)) > 0 for found in there]
+    mask = np.ones(nodes.n, dtype=np.bool_)
+    for key, found in zip(keys, there, strict=True):
+        mask &= found[nodes.label(key).codes]
+    return mask
+
+
+def _add(sums: dict[str, IntArray], key: str, values: IntArray) -> None:
+    sums[key] = values + sums[key] if key in sums else values.copy()
+
+
+def _readable(pod: PodInfo) -> Terms:
+    return compiled(pod.namespace, pod.affinity) if pod.affinity is not None else NO_TERMS
+
+
+def _may_mean(term: Term, pod: PodInfo | PlacedPod) -> bool:
+    """Does the term mean the pod, if its namespace has the labels it asks for?"""
+    return term.concerns(pod.namespace, pod.labels, {}) or (
+        term.namespace_requirements is not None
+        and term.requirements is not None
+        and matches_requirements(term.requirements, pod.labels)
+    )
+
+
+def _wanted(terms: Terms, other: PodInfo) -> bool:
+    return bool(terms.affinity) and all(_may_mean(term, other) for term in terms.affinity)
+
+
+def _in_the_way(pod: PodInfo, terms: Terms, other: PodInfo) -> bool:
+    """Did the other pod keep the pod away, or the pod's own terms it?"""
+    theirs = _readable(other).anti_affinity
+    return any(_may_mean(term, other) for term in terms.anti_affinity) or any(_may_mean(term, pod) for term in theirs)
+
+
+def _node_matters(old: Node | None, new: Node | None, terms: Terms) -> bool:
+    if new is None:
+        return False
+    if old is None and terms.anti_affinity:
+        return True
+    before = (old.metadata.labels or {}) if old is not None else {}
+    after = new.metadata.labels or {}
+    joins = any(after.get(t.topology_key) not in {None, before.get(t.topology_key)} for t in terms.affinity)
+    leaves = any(before.get(t.topology_key) not in {None, after.get(t.topology_key)} for t in terms.anti_affinity)
+    return joins or leaves
