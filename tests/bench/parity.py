@@ -21,7 +21,7 @@ from typing import Any
 import aiohttp
 import msgspec
 import yaml
-from tests.bench import load, parity_oracle, parity_shapes
+from tests.bench import load, parity_oracle, parity_shapes, parity_volumes
 from tests.bench.parity_oracle import OracleLog, Scores
 from tests.bench.parity_topology import ARENA, ENDING
 from tests.bench.parity_topology import NAMESPACES as SPACES
@@ -142,6 +142,7 @@ class Arena:
         started = time.monotonic()
         for name, labels in SPACES.items():
             await self._client.create(NAMESPACES, {"metadata": {"name": name, "labels": dict(labels)}})
+        await parity_volumes.prepare(self._client)
         counts: Counter[str] = Counter()
         families: Counter[str] = Counter()
         found: list[Json] = []
@@ -160,7 +161,7 @@ class Arena:
                 families.update(_families(shape))
                 if unequal := differences(theirs, ours):
                     found.append({"differences": unequal, "pod": shape, "scene": asdict(scene)})
-            await self._clear()
+            await self._clear(scene)
             say(f"{counts['cases']}/{cases} cases, {len(found)} differences")
         seconds = time.monotonic() - started
         return {**counts, "families": dict(families), "differences": found, "seconds": seconds}
@@ -170,6 +171,7 @@ class Arena:
         for owner in scene.owners:
             resource = SERVICES if owner["kind"] == "Service" else REPLICASETS
             await self._client.create(resource, owner, namespace=ARENA)
+        await parity_volumes.build(self._client, scene.others)
         for pod in scene.placed:
             meta = pod["metadata"]
             namespace = meta.get("namespace", ARENA)
@@ -177,7 +179,8 @@ class Arena:
             if ENDING in meta.get("annotations", {}):
                 await self._delete(meta["name"], namespace, grace_s=3600)
 
-    async def _clear(self) -> None:
+    async def _clear(self, scene: parity_shapes.Scene) -> None:
+        await parity_volumes.clear(self._client, scene.others)
         for namespace in SPACES:
             await load.delete_pods(self._client, namespace)
         for resource in (SERVICES, REPLICASETS):
@@ -212,22 +215,39 @@ class Arena:
         """Create the pod, wait for the decision, delete it: its name, its node, or the text why not."""
         self._serial += 1
         name = f"probe-{self._serial}"
-        pod = {"metadata": {**shape["metadata"], "name": name}, "spec": {**shape["spec"], "schedulerName": scheduler}}
-        await self._client.create(PODS, pod, namespace=ARENA)
+        storage = parity_volumes.Storage(self._client, shape, ARENA, f"-s{self._serial}")
+        spec = {**storage.spec(shape["spec"]), "schedulerName": scheduler}
+        pod = {"metadata": {**shape["metadata"], "name": name}, "spec": spec}
         try:
+            await storage.create()
+            await self._client.create(PODS, pod, namespace=ARENA)
             async with asyncio.timeout(30):
                 while True:
-                    found = await self._client.get(PODS, name, namespace=ARENA)
-                    if node := found["spec"].get("nodeName"):
-                        return name, node, ""
-                    for condition in found["status"].get("conditions", ()):
-                        if condition["type"] == "PodScheduled" and condition["status"] == "False":
-                            return name, "", condition["message"]
+                    decided = await self._look(name, scheduler, binds=parity_volumes.KEY in shape)
+                    if decided is not None:
+                        return name, decided[0], storage.plain(decided[1])
                     await asyncio.sleep(0.01)
         except TimeoutError:
             return name, "", f"no decision of {scheduler} within 30 s"
         finally:
             await self._delete(name, ARENA)
+            await storage.delete()
+
+    async def _look(self, name: str, scheduler: str, *, binds: bool) -> tuple[str, str] | None:
+        """(node, "") or ("", text) once it is decided. A pod whose volumes are to be `bound` first has a node in mind."""
+        found = await self._client.get(PODS, name, namespace=ARENA)
+        if node := found["spec"].get("nodeName"):
+            return node, ""
+        for condition in found["status"].get("conditions", ()):
+            if condition["type"] == "PodScheduled" and condition["status"] == "False":
+                return "", condition["message"]
+        if not binds:
+            return None
+        if node := found["status"].get("nominatedNodeName"):
+            return node, ""
+        if scheduler == OURS and (record := await self._record(name)) is not None and record.get("node"):
+            return record["node"], ""
+        return None
 
     async def _delete(self, name: str, namespace: str, *, grace_s: int = 0) -> None:
         body = msgspec.json.encode({"kind": "DeleteOptions", "apiVersion": "v1", "gracePeriodSeconds": grace_s})
@@ -238,11 +258,15 @@ class Arena:
 
     async def _explained(self, name: str) -> dict[str, dict[str, int]]:
         """Feasible node to plugin to weighted score, as our explain endpoint tells it."""
+        record = await self._record(name)
+        return weighted(record["top"]) if record is not None and record.get("top") else {}
+
+    async def _record(self, name: str) -> Json | None:
         async with self._http.get(f"{self._ours.health_url}/explain/{ARENA}/{name}", ssl=False) as response:
             if response.status != 200:
-                return {}
-            record = msgspec.json.decode(await response.read())
-        return weighted(record["top"]) if record.get("top") else {}
+                return None
+            found: Json = msgspec.json.decode(await response.read())
+            return found
 
 
 def weighted(top: Mapping[str, Any]) -> dict[str, dict[str, int]]:
@@ -254,9 +278,8 @@ def weighted(top: Mapping[str, Any]) -> dict[str, dict[str, int]]:
 
 
 def _families(shape: Json) -> list[str]:
-    spec = shape["spec"]
-    plain = ("nodeSelector", "tolerations", "initContainers", "resources", "topologySpreadConstraints")
-    return [key for key in plain if key in spec] + sorted(spec.get("affinity", {}))
+    names = ("nodeSelector", "affinity", "tolerations", "initContainers", "resources", "volumes")
+    return [key for key in names if key in shape["spec"]]
 
 
 if __name__ == "__main__":

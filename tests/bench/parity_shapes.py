@@ -5,7 +5,9 @@ from dataclasses import dataclass
 from random import Random
 from typing import Any
 
-from tests.bench import parity_topology
+from tests.bench import parity_topology, parity_volumes
+
+from robotapp_api.client.resources import Resource
 
 Json = dict[str, Any]
 IMAGE = "registry.k8s.io/pause:3.10"
@@ -25,6 +27,8 @@ class Scene:
     placed: tuple[Json, ...]
     owners: tuple[Json, ...] = ()
     """Services and ReplicaSets."""
+    others: tuple[tuple[Resource, Json, str | None], ...] = ()
+    """What else describes the nodes: (resource, object, namespace)."""
 
 
 def scene(random: Random) -> Scene:
@@ -33,7 +37,9 @@ def scene(random: Random) -> Scene:
     names = [node["metadata"]["name"] for node in nodes]
     placed = [_placed(random, f"p{index}", random.choice(names)) for index in range(random.randint(0, 6))]
     placed += [parity_topology.company(random, f"c{i}", random.choice(names)) for i in range(random.randint(0, 8))]
-    return Scene(nodes, tuple(placed), parity_topology.services(random))
+    return Scene(
+        nodes, tuple(placed), parity_topology.services(random), tuple(parity_volumes.scene_objects(random, nodes))
+    )
 
 
 def pod(random: Random, name: str, scheduler: str) -> Json:
@@ -45,10 +51,12 @@ def pod(random: Random, name: str, scheduler: str) -> Json:
     }
     for family in random.sample(sorted(FAMILIES), random.randint(1, 3)):
         FAMILIES[family](random, spec)
+    storage = spec.pop(parity_volumes.KEY, None)
     meta: Json = {"name": name, "labels": parity_topology.labels(random)}
     if random.random() < 0.2:
         meta["ownerReferences"] = [parity_topology.owner()]
-    return {"metadata": meta, "spec": spec}
+    shape: Json = {"metadata": meta, "spec": spec}
+    return shape if storage is None else {**shape, parity_volumes.KEY: storage}
 
 
 def _node(random: Random, name: str) -> Json:
@@ -232,4 +240,5 @@ FAMILIES: Mapping[str, Callable[[Random, Json], None]] = {
     "required-affinity": _required_affinity,
     "tolerations": _tolerations,
     **parity_topology.FAMILIES,
+    **parity_volumes.FAMILIES,
 }

@@ -8,12 +8,13 @@ from typing import Final, NamedTuple, Protocol
 
 from robotapp_api.values.quantity import parse_bytes, parse_milli
 
+Amounts = dict[str, int]
 DEFAULT_CPU_MILLI: Final = 100
 DEFAULT_MEMORY_BYTES: Final = 200 * 1024 * 1024
+DEFAULTS: Final = {"cpu": DEFAULT_CPU_MILLI, "memory": DEFAULT_MEMORY_BYTES}
 POD_LEVEL: Final = ("cpu", "memory")
 POD_LEVEL_PREFIX: Final = "hugepages-"
 
-Amounts = dict[str, int]
 Raw = Mapping[str, str | int | float]
 
 
@@ -27,6 +28,8 @@ class RequirementsLike(Protocol):
 class ContainerLike(Protocol):
     """What is read of a container."""
 
+    @property
+    def name(self) -> str: ...
     @property
     def resources(self) -> RequirementsLike: ...
     @property
@@ -46,13 +49,38 @@ class PodSpecLike(Protocol):
     def resources(self) -> RequirementsLike | None: ...
 
 
+class ContainerStatusLike(Protocol):
+    """What a kubelet says about a container: what it granted, and what is in force."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def allocated_resources(self) -> Raw | None: ...
+    @property
+    def resources(self) -> RequirementsLike | None: ...
+
+
+class PodStatusLike(Protocol):
+    """What is read of a running pod's status while it is resized in place."""
+
+    @property
+    def container_statuses(self) -> Sequence[ContainerStatusLike]: ...
+    @property
+    def allocated_resources(self) -> Raw | None: ...
+    @property
+    def resources(self) -> RequirementsLike | None: ...
+    @property
+    def resize_infeasible(self) -> bool: ...
+
+
 class PodRequests(NamedTuple):
     """The three sums the scheduler needs.
 
     exact: what the pod occupies (the filter and BalancedAllocation read it).
     scored: what the Fit scorer assumes of an *incoming* pod: container sums with defaults for containers that name no
         cpu or memory; it knows no pod-level resources (upstream's quirk, kept for equal decisions).
-    placed: what the Fit scorer counts once the pod is placed: as `scored`, but pod-level values win.
+    placed: what the Fit scorer counts once the pod is placed: as `scored`, but pod-level values win. (The API server
+        names every resource of a container at the pod level too, once anything is named there.)
     """
 
     exact: Amounts
@@ -71,27 +99,87 @@ def amounts(raw: Raw | None) -> Amounts:
     return {name: amount(name, value) for name, value in raw.items()} if raw else {}
 
 
-def pod_requests(spec: PodSpecLike) -> PodRequests:
-    """All three sums of a pod. Raises ValueError when a quantity cannot be read."""
+def pod_requests(spec: PodSpecLike, status: PodStatusLike | None = None) -> PodRequests:
+    """All three sums of a pod. Raises ValueError when a quantity cannot be read.
+
+    While a running pod is resized in place it holds the most of what its spec asks for, what its kubelet has granted
+    and what is in force; a resize that the kubelet calls infeasible does not count.
+    """
     overhead = amounts(spec.overhead)
-    exact = _aggregate(spec, _requested)
-    scored = _aggregate(spec, _with_defaults)
-    pod_level = {
-        name: value
-        for name, value in amounts(spec.resources.requests if spec.resources else None).items()
-        if name in POD_LEVEL or name.startswith(POD_LEVEL_PREFIX)
+    level = _pod_level(spec, status)
+    exact = _plus({**_held(spec, status, {}), **level}, overhead)
+    scored = _plus(_aggregate(spec, _with(DEFAULTS)), overhead)
+    if not level and status is None:
+        return PodRequests(exact, scored, scored)
+    placed = _plus({**_held(spec, status, DEFAULTS), **level}, overhead)
+    return PodRequests(exact, scored, placed)
+
+
+def _pod_level(spec: PodSpecLike, status: PodStatusLike | None) -> Amounts:
+    """What spec.resources says in place of the containers' sums; only cpu, memory and huge pages can be said there."""
+    wanted = _supported(spec.resources.requests if spec.resources is not None else None)
+    if not wanted or status is None or status.resources is None:
+        return wanted
+    level = {} if status.resize_infeasible else wanted
+    _raise_to(level, _supported(status.resources.requests))
+    _raise_to(level, _supported(status.allocated_resources))
+    return level
+
+
+def _supported(raw: Raw | None) -> Amounts:
+    return {
+        name: value for name, value in amounts(raw).items() if name in POD_LEVEL or name.startswith(POD_LEVEL_PREFIX)
     }
-    placed = {**scored, **pod_level}
-    return PodRequests(_plus({**exact, **pod_level}, overhead), _plus(scored, overhead), _plus(placed, overhead))
 
 
-def _requested(container: ContainerLike) -> Amounts:
-    return amounts(container.resources.requests)
+def _held(spec: PodSpecLike, status: PodStatusLike | None, defaults: Amounts) -> Amounts:
+    """Container sums of a pod, the largest of its three sides while it is resized."""
+    wanted = _aggregate(spec, _with(defaults))
+    if status is None:
+        return wanted
+    if (
+        status.allocated_resources is not None
+        and status.resources is not None
+        and status.resources.requests is not None
+    ):
+        granted, in_force = amounts(status.allocated_resources), amounts(status.resources.requests)
+    elif status.container_statuses:
+        granted, in_force = _by_containers(spec, status, defaults)
+    else:
+        return wanted
+    held = {} if status.resize_infeasible else wanted
+    _raise_to(held, granted)
+    _raise_to(held, in_force)
+    return held
 
 
-def _with_defaults(container: ContainerLike) -> Amounts:
-    # Only an absent request is replaced: an explicit zero stays zero.
-    return {"cpu": DEFAULT_CPU_MILLI, "memory": DEFAULT_MEMORY_BYTES, **amounts(container.resources.requests)}
+def _by_containers(spec: PodSpecLike, status: PodStatusLike, defaults: Amounts) -> tuple[Amounts, Amounts]:
+    """(granted, in force), from the status of each container; the spec stands in where it says nothing."""
+    told = {each.name: each for each in reversed(status.container_statuses)}
+
+    def granted(container: ContainerLike) -> Raw | None:
+        said = told.get(container.name)
+        if said is not None and said.allocated_resources is not None:
+            return said.allocated_resources
+        return None if status.resize_infeasible else container.resources.requests
+
+    def in_force(container: ContainerLike) -> Raw | None:
+        said = told.get(container.name)
+        if said is not None and said.resources is not None and said.resources.requests is not None:
+            return said.resources.requests
+        return granted(container)
+
+    return (
+        _aggregate(spec, lambda container: {**defaults, **amounts(granted(container))}),
+        _aggregate(spec, lambda container: {**defaults, **amounts(in_force(container))}),
+    )
+
+
+def _with(defaults: Amounts) -> Callable[[ContainerLike], Amounts]:
+    """A container's requests. Only an absent one is replaced: an explicit zero stays zero."""
+    if not defaults:
+        return lambda container: amounts(container.resources.requests)
+    return lambda container: {**defaults, **amounts(container.resources.requests)}
 
 
 def _aggregate(spec: PodSpecLike, of: Callable[[ContainerLike], Amounts]) -> Amounts:

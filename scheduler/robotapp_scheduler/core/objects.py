@@ -278,8 +278,16 @@ class PodCondition(Slim):
     message: str = ""
 
 
+class ContainerStatus(Slim):
+    """What the kubelet granted a container, and what is in force; both differ from the spec while it is resized."""
+
+    name: str = ""
+    allocated_resources: Resources | None = None
+    resources: ResourceRequirements | None = None
+
+
 class PodStatus(Slim):
-    """status of a Pod."""
+    """status of a Pod. Containers that have what their spec asks for are left out, so nearly always all of them."""
 
     phase: str = ""
     reason: str = ""
@@ -287,6 +295,21 @@ class PodStatus(Slim):
     nominated_node_name: str = ""
     start_time: str | None = None
     conditions: list[PodCondition] | None = None
+    container_statuses: tuple[ContainerStatus, ...] = ()
+    init_container_statuses: tuple[ContainerStatus, ...] = ()
+    allocated_resources: Resources | None = None
+    resources: ResourceRequirements | None = None
+
+    @property
+    def resizes(self) -> bool:
+        """Does the status say anything about resources that the spec does not?"""
+        return bool(self.container_statuses) or self.allocated_resources is not None or self.resources is not None
+
+    @property
+    def resize_infeasible(self) -> bool:
+        """The kubelet says that the resize cannot be done on this node."""
+        pending = next((each for each in self.conditions or () if each.type == "PodResizePending"), None)
+        return pending is not None and pending.reason == "Infeasible"
 
 
 class Pod(Slim):
@@ -295,6 +318,18 @@ class Pod(Slim):
     metadata: Metadata = msgspec.field(default_factory=Metadata)
     spec: PodSpec = msgspec.field(default_factory=PodSpec)
     status: PodStatus = msgspec.field(default_factory=PodStatus)
+
+    def __post_init__(self) -> None:
+        """Keep of the containers' statuses only what may count: tens of thousands of pods would carry them otherwise."""
+        status = self.status
+        if not status.container_statuses and not status.init_container_statuses:
+            return
+        told = (*status.container_statuses, *status.init_container_statuses)
+        wanted = {each.name: each.resources.requests or {} for each in self.spec.containers}
+        wanted |= {each.name: each.resources.requests or {} for each in self.spec.init_containers or ()}
+        differ = status.resize_infeasible or any(_differs(each, wanted.get(each.name)) for each in told)
+        status.container_statuses = told if differ else ()
+        status.init_container_statuses = ()
 
     @property
     def key(self) -> str:
@@ -305,6 +340,15 @@ class Pod(Slim):
     def terminal(self) -> bool:
         """Succeeded and Failed pods hold nothing, for ever."""
         return self.status.phase in {"Succeeded", "Failed"}
+
+
+def _differs(told: ContainerStatus, wanted: Resources | None) -> bool:
+    """Does the kubelet say something else than the spec? An amount written differently counts as different."""
+    in_force = told.resources.requests if told.resources is not None else None
+    if told.allocated_resources is None and in_force is None:
+        return False
+    granted = wanted if told.allocated_resources is None else told.allocated_resources
+    return granted != wanted or (in_force is not None and in_force != wanted)
 
 
 # --- PodDisruptionBudget --------------------------------------------------------------------------------------------

@@ -95,7 +95,7 @@ class PodInfo:
     @cached_property
     def requests(self) -> PodRequests:
         """Sums of resources; raises ValueError when a quantity cannot be read."""
-        return pod_requests(self.pod.spec)
+        return requests_of(self.pod)
 
     @property
     def tolerations(self) -> tuple[Toleration, ...]:
@@ -173,6 +173,11 @@ class PodInfo:
     def set_class_number(self, owner: object, number: int) -> None:
         """Keep the number of the pod's class."""
         self._class = (owner, number)
+
+
+def requests_of(pod: Pod) -> PodRequests:
+    """What a pod asks for, or holds while it is resized in place. Raises ValueError for what is no quantity."""
+    return pod_requests(pod.spec, pod.status if pod.status.resizes else None)
 
 
 def _sorted_items(mapping: dict[str, str]) -> Hashable:

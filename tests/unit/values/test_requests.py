@@ -4,7 +4,8 @@ import msgspec
 import pytest
 
 from robotapp_api.values.requests import DEFAULT_CPU_MILLI, DEFAULT_MEMORY_BYTES, pod_requests
-from robotapp_scheduler.core.objects import PodSpec
+from robotapp_scheduler.core.objects import Pod, PodSpec
+from robotapp_scheduler.core.pods import requests_of
 
 Json = dict[str, Any]
 MIB = 1024 * 1024
@@ -66,3 +67,97 @@ def test_amounts_are_rounded_up() -> None:
 def test_an_unreadable_amount_is_named() -> None:
     with pytest.raises(ValueError, match="lots"):
         pod_requests(spec(container(cpu="lots")))
+
+
+# --- Resize in place ---------------------------------------------------------------------------------------------------
+
+
+def running(asked: Json, *, granted: Json | None = None, in_force: Json | None = None, level: Json | None = None,
+            pending: str = "", **status: Any) -> Pod:  # fmt: skip
+    """A pod of one container; `granted` and `in_force` are what its kubelet says about it."""
+    told: Json = {"name": "c", "allocatedResources": granted}
+    if in_force is not None:
+        told["resources"] = {"requests": in_force}
+    body: Json = {"containers": [{"name": "c", "resources": {"requests": asked}}]}
+    if level is not None:
+        body["resources"] = {"requests": level}
+    conditions = [{"type": "PodResizePending", "status": "True", "reason": pending}] if pending else []
+    return msgspec.convert(
+        {"spec": body, "status": {"containerStatuses": [told], "conditions": conditions, **status}}, Pod
+    )
+
+
+def test_a_pod_that_grows_holds_what_it_asks_for_and_one_that_shrinks_what_is_still_in_force() -> None:
+    assert requests_of(running({"cpu": "2"}, granted={"cpu": "1"}, in_force={"cpu": "1"})).exact == {"cpu": 2000}
+    assert requests_of(running({"cpu": "1"}, granted={"cpu": "1"}, in_force={"cpu": "2"})).exact == {"cpu": 2000}
+    assert requests_of(running({"cpu": "1"}, granted={"cpu": "3"})).exact == {"cpu": 3000}
+
+
+def test_a_resize_that_the_kubelet_calls_infeasible_does_not_count_a_deferred_one_does() -> None:
+    held = {"granted": {"cpu": "1"}, "in_force": {"cpu": "1"}}
+    assert requests_of(running({"cpu": "64"}, pending="Infeasible", **held)).exact == {"cpu": 1000}
+    assert requests_of(running({"cpu": "64"}, pending="Deferred", **held)).exact == {"cpu": 64000}
+
+
+def test_the_three_sides_of_a_pod_are_summed_before_they_are_compared() -> None:
+    raw = {
+        "spec": {
+            "containers": [
+                {"name": "a", "resources": {"requests": {"cpu": "3"}}},
+                {"name": "b", "resources": {"requests": {"cpu": "1"}}},
+            ]
+        },
+        "status": {
+            "containerStatuses": [
+                {"name": "a", "allocatedResources": {"cpu": "1"}},
+                {"name": "b", "allocatedResources": {"cpu": "2"}},
+            ]
+        },
+    }
+    assert requests_of(msgspec.convert(raw, Pod)).exact == {"cpu": 4000}
+
+
+def test_a_resized_sidecar_counts_and_a_resized_init_step_only_where_it_needs_more() -> None:
+    raw = {
+        "spec": {
+            "containers": [{"name": "main", "resources": {"requests": {"cpu": "1"}}}],
+            "initContainers": [
+                {"name": "step", "resources": {"requests": {"cpu": "1"}}},
+                {"name": "side", "restartPolicy": "Always", "resources": {"requests": {"cpu": "1"}}},
+            ],
+        },
+        "status": {
+            "initContainerStatuses": [
+                {"name": "step", "allocatedResources": {"cpu": "9"}},
+                {"name": "side", "allocatedResources": {"cpu": "3"}},
+            ]
+        },
+    }
+    assert requests_of(msgspec.convert(raw, Pod)).exact == {"cpu": 9000}
+
+
+def test_pod_level_status_replaces_the_containers_and_counts_beside_pod_level_requests() -> None:
+    status = {"allocatedResources": {"cpu": "3", "memory": "1Mi"}, "resources": {"requests": {"cpu": "2"}}}
+    pod = running({"cpu": "100m"}, granted={"cpu": "9"}, level={"cpu": "1"}, **status)
+    assert requests_of(pod).exact == {"cpu": 3000, "memory": MIB}
+    assert requests_of(running({"cpu": "100m"}, granted={"cpu": "9"}, **status)).exact == {"cpu": 3000, "memory": MIB}
+    infeasible = running({"cpu": "100m"}, level={"cpu": "8"}, pending="Infeasible", **status)
+    assert requests_of(infeasible).exact["cpu"] == 3000
+
+
+def test_a_container_whose_status_says_what_its_spec_says_costs_no_memory() -> None:
+    same = running({"cpu": "1"}, granted={"cpu": "1"}, in_force={"cpu": "1"})
+    assert same.status.container_statuses == ()
+    assert not same.status.resizes
+    assert running({"cpu": "1"}, granted={"cpu": "2"}).status.resizes
+
+
+def test_a_placed_pod_with_pod_level_requests_has_defaults_for_what_is_not_named_there() -> None:
+    found = pod_requests(spec(container(), container(), resources={"requests": {"memory": "1Mi"}}))
+    assert found.placed == {"cpu": 2 * DEFAULT_CPU_MILLI, "memory": MIB}
+
+
+def test_a_running_pod_without_requests_counts_with_defaults_while_it_is_resized() -> None:
+    found = requests_of(running({}, granted={"cpu": "1"}))
+    assert found.exact == {"cpu": 1000}
+    assert found.placed == {"cpu": 1000, "memory": DEFAULT_MEMORY_BYTES}

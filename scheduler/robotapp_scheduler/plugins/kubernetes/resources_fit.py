@@ -6,12 +6,12 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from robotapp_api.values.requests import amounts, pod_requests
+from robotapp_api.values.requests import amounts
 from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.columns import BoolArray, IntArray
 from robotapp_scheduler.core.framework import FilterResult, ScoreResult, Verdict
 from robotapp_scheduler.core.objects import Node, Pod
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods import PodInfo, requests_of
 from robotapp_scheduler.core.view import Nodes, Row
 from robotapp_scheduler.plugins.kubernetes.fit_strategies import (
     STRATEGIES,
@@ -124,8 +124,8 @@ class NodeResourcesFit:
         return self._strategy.columns(capacities, used, weights, nodes.n)
 
     def _counts(self, name: str) -> bool:
-        if name in NATIVE or "/" not in name:
-            return True
+        if name in NATIVE or "/" not in name or "kubernetes.io/" in name:
+            return True  # not an extended resource: never ignored
         return name not in self._ignored and name.partition("/")[0] not in self._ignored_groups
 
 
@@ -140,7 +140,7 @@ def _roomier(old: Node | None, new: Node, wishes: Mapping[str, int]) -> bool:
 
 def _smaller(old: Pod, new: Pod, wishes: Mapping[str, int] | None) -> bool:
     """Does a pod ask for less than it did, of anything or of one of the wishes?"""
-    before, after = pod_requests(old.spec).exact, pod_requests(new.spec).exact
+    before, after = requests_of(old).exact, requests_of(new).exact
     return any(after.get(name, 0) < value for name, value in before.items() if wishes is None or name in wishes)
 
 
