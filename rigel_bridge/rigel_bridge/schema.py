@@ -1,7 +1,7 @@
 """Check a RobotApp against the CRD's structural schema, which the package ships as data.
 
-A structural schema is a small part of JSON Schema. CEL rules stay with the API server; everything it would refuse by
-structure is found here, without a cluster and with the Rigelfile's line.
+A structural schema is a small part of JSON Schema. CEL rules stay with the API server, but for those that are nothing but
+a pattern; everything it would refuse by structure is found here, without a cluster and with the Rigelfile's line.
 """
 
 import json
@@ -15,6 +15,7 @@ from rigel_bridge.draft import Path
 from rigel_bridge.failures import nearest
 
 Problem = tuple[Path, str]
+_MATCHES: Final = re.compile(r"self\.matches\('([^'\\]*)'\)")
 _TYPES: Final[dict[str, tuple[type, ...]]] = {
     "object": (dict,),
     "array": (list,),
@@ -77,6 +78,10 @@ def _text(value: str, schema: Mapping[str, Any], path: Path) -> Iterator[Problem
         yield path, f"must have at most {schema['maxLength']} characters, found {len(value)}"
     elif "pattern" in schema and not re.search(schema["pattern"], value):
         yield path, f"{_shown(value)} does not look like {schema['pattern']}"
+    for rule in schema.get("x-kubernetes-validations", ()):
+        pattern = _MATCHES.fullmatch(rule["rule"])
+        if pattern and not re.search(pattern[1], value):
+            yield path, f"{_shown(value)}: {rule['message']}"
 
 
 def _mapping(value: Mapping[str, Any], schema: Mapping[str, Any], path: Path) -> Iterator[Problem]:

@@ -74,7 +74,10 @@ def test_the_programs_understand_the_arguments_the_chart_gives(chart: Chart) -> 
     operator = parse_operator(arguments["operator"], {})
     assert (operator.namespaces, operator.sweep_seconds, operator.lease_namespace) == (("a", "b"), 5, "robotapp-system")
     scheduler = parse_scheduler(arguments["scheduler"], {})
-    assert str(scheduler.config) == "/etc/robotapp/scheduler.yaml"
+    assert (scheduler.config_map, scheduler.last_good_config_map) == (
+        "robotapp-scheduler",
+        "robotapp-scheduler-last-good",
+    )
 
 
 @pytest.mark.live

@@ -55,6 +55,18 @@ ROBOTAPP = [
         'edges have unknown ends (topic, from, to): [["/cmd_vel", "oprator", "driver"]]; write the name of a component or @robot',
     ),
     RuleCase(
+        "durations in words",
+        app(edges=[edge(latency={"budget": "1m30s"})]),
+        app(edges=[edge(latency={"budget": "30"})]),
+        "write a number and a unit (us, ms, s, m or h), up to three times, for example 30ms, 1.5s or 1m30s",
+    ),
+    RuleCase(
+        "durations that cannot be compared",
+        app(edges=[edge(qos={"deadline": "1s", "lease": "1s"}, requestedQos={"deadline": "2s", "lease": "2s"})]),
+        app(edges=[edge(qos={"deadline": "soon", "lease": "1s"}, requestedQos={"deadline": "2s", "lease": "long"})]),
+        "write a number and a unit (us, ms, s, m or h), up to three times, for example 30ms, 1.5s or 1m30s",
+    ),
+    RuleCase(
         "colocateWith exists",
         _mates(colocateWith=["b"]),
         _mates(colocateWith=["b", "x"]),

@@ -99,3 +99,13 @@ def claim_to_join(
     if chosen is None:
         return None
     return wanted_claim(owner, [c for c in domains if c.holder.instance == chosen], named=named.get(chosen, ()))
+
+
+def waiting_text(owner: str, instance: str, instances: Collection[str]) -> str:
+    """Why a sharer's instance has no domain yet. instances: those of the owner that have claims."""
+    if len(instances) < 2 or instance in instances:
+        return f"waits for the domain of {owner}, which dds.shareWith names"
+    mine = f"none for {instance}" if instance else "this app is for none of them"
+    return (
+        f"{owner}, which dds.shareWith names, has a domain per robot and {mine}: choose the same robots in spec.robots"
+    )

@@ -12,7 +12,7 @@ from robotapp_api.claims.domain import DomainOutcome, DomainPlan, DomainRequest,
 from robotapp_api.claims.identity import Found, claim_name, same_holder, same_tuple
 from robotapp_api.claims.objects import App, Claim, Deployment, Holder, Pod, Pool
 from robotapp_api.claims.release import claims_domain, joined
-from robotapp_api.claims.share import AppKey, Join, claim_to_join, owner_of
+from robotapp_api.claims.share import AppKey, Join, claim_to_join, owner_of, waiting_text
 from robotapp_api.claims.usage import deployment_ids, named_ids, usage_of
 from robotapp_api.client.claim_writes import Api, Refused, create_claim, touch
 from robotapp_api.client.resources import DEPLOYMENTS, DOMAINPOOLS, ROBOTAPPS, ROBOTCLAIMS
@@ -199,13 +199,13 @@ async def _join(client: Api, request: DomainRequest, owner: AppKey, deployments:
     if app is not None and not claims_domain(app):
         text = f"dds.shareWith names {named}, which claims no domain (ROS 1, or isolation Discovery): remove it"
         return await _refused(client, request, DomainOutcome(Reason.INVALID_SPEC, text), deployments)
-    claim = None
+    claim, claims = None, list[Claim]()
     if app is not None:
         theirs = usage_of(deployments=await app_deployments(client, app))
         claims = await instance_claims(client, app.metadata.uid)
         claim = claim_to_join(app, request.holder.instance, claims, named=theirs.named_by_instance(app.metadata.uid))
     if claim is None or claim.draining:
-        text = f"waits for the domain of {named}, which dds.shareWith names"
+        text = waiting_text(named, request.holder.instance, {claim.holder.instance for claim in claims})
         if claim is None or claim.spec.domain is None:
             return await _refused(client, request, DomainOutcome(Reason.PENDING, text), deployments)
         return _without(DomainOutcome(Reason.PENDING, text), deployments, held=(claim.spec.domain.id,))

@@ -6,7 +6,7 @@ from pydantic import Field, WithJsonSchema
 
 from robotapp_api.model.base import Model
 from robotapp_api.model.markers import Rule
-from robotapp_api.model.scalars import Duration, EdgeEnd, InterfaceType, Quantity, TopicName
+from robotapp_api.model.scalars import Duration, EdgeEnd, InterfaceType, Quantity, TopicName, is_duration
 
 Reliability = Literal["reliable", "best_effort"]
 Durability = Literal["volatile", "transient_local"]
@@ -39,13 +39,21 @@ class EdgeLatency(Model):
 
     budget: Annotated[
         Duration,
-        Rule(rule="duration(self) > duration('0s')", message="budget must be above zero; write for example 30ms"),
+        Rule(
+            rule=f"!{is_duration('self')} || duration(self) > duration('0s')",
+            message="budget must be above zero; write for example 30ms",
+        ),
     ]
     """Round-trip time the nodes of the two ends may have between them, such as 30ms."""
     percentile: Percentile = 95
     """Percentile of the measured round-trip time that is compared, 50 or 95."""
     enforce: Enforce = "Required"
     """Required refuses nodes outside the budget, Preferred only ranks them lower."""
+
+
+def _shorter(field: str) -> str:
+    asked, offered = f"self.requestedQos.{field}", f"self.qos.{field}"
+    return f"{is_duration(asked)} && {is_duration(offered)} && duration({asked}) < duration({offered})"
 
 
 def _qos_refusal(field: str, *, when: str, offered: str, asked: str) -> Rule:
@@ -89,13 +97,13 @@ class Edge(Model):
         ),
         _qos_refusal(
             "deadline",
-            when="duration(self.requestedQos.deadline) < duration(self.qos.deadline)",
+            when=_shorter("deadline"),
             offered="a shorter qos.deadline",
             asked="a longer requestedQos.deadline",
         ),
         _qos_refusal(
             "lease",
-            when="duration(self.requestedQos.lease) < duration(self.qos.lease)",
+            when=_shorter("lease"),
             offered="a shorter qos.lease",
             asked="a longer requestedQos.lease",
         ),

@@ -4,11 +4,19 @@ from typing import Annotated, Any
 
 from pydantic import Field, StringConstraints, WithJsonSchema
 
+from robotapp_api.model.markers import Rule
+
 LABEL_PATTERN = r"^[a-z0-9]([-a-z0-9]*[a-z0-9])?$"
 SUBDOMAIN_PATTERN = r"^[a-z0-9]([-a-z0-9]*[a-z0-9])?(\.[a-z0-9]([-a-z0-9]*[a-z0-9])?)*$"
-DURATION_PATTERN = r"^([0-9]{1,6}(\.[0-9]{1,3})?(us|ms|s|m|h)){1,3}$"
+DURATION_PATTERN = r"^([0-9]{1,6}([.][0-9]{1,3})?(us|ms|s|m|h)){1,3}$"
 QUANTITY_PATTERN = r"^(([0-9]{1,15}(\.[0-9]{0,9})?)|(\.[0-9]{1,9}))(([KMGTPE]i)|[numkMGTPE]|([eE][+-]?[0-9]{1,2}))?$"
 DEVICE_ID_PATTERN = LABEL_PATTERN
+
+
+def is_duration(expression: str) -> str:
+    """CEL: whether a string can be given to duration(), which fails on others. Rules that compare durations ask first."""
+    return f"{expression}.matches('{DURATION_PATTERN}')"
+
 
 DnsLabel = Annotated[str, StringConstraints(min_length=1, max_length=63, pattern=LABEL_PATTERN)]
 DnsName = Annotated[str, StringConstraints(min_length=1, max_length=253, pattern=SUBDOMAIN_PATTERN)]
@@ -23,7 +31,17 @@ OptionalImage = Annotated[str, StringConstraints(max_length=512)]
 Token = Annotated[str, StringConstraints(min_length=1, max_length=32, pattern=LABEL_PATTERN)]
 """Type of a device or capability, such as usb or gpu."""
 
-Duration = Annotated[str, StringConstraints(max_length=24, pattern=DURATION_PATTERN)]
+Duration = Annotated[
+    str,
+    StringConstraints(max_length=24, pattern=DURATION_PATTERN),
+    WithJsonSchema({"type": "string", "maxLength": 24}),
+    Rule(
+        rule=is_duration("self"),
+        message="write a number and a unit (us, ms, s, m or h), up to three times, for example 30ms, 1.5s or 1m30s",
+    ),
+]
+"""A rule instead of a pattern: the API server shows a pattern as it is, and a rule's message instead of the rule."""
+
 Timestamp = Annotated[
     str, StringConstraints(max_length=64), WithJsonSchema({"type": "string", "format": "date-time", "maxLength": 64})
 ]

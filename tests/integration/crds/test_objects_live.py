@@ -157,7 +157,10 @@ def test_unknown_and_withheld_fields_are_refused_or_pruned(
         ({"components": [component(runsOn="Boat")]}, 'supported values: "Robot", "Edge", "Cloud", "Any"'),
         ({"ros": {}}, "spec.ros.distro: Required value"),
         ({"dds": {"domain": 233}}, "less than or equal to 232"),
-        ({"connectivity": {"grace": "5 minutes"}}, "spec.connectivity.grace"),
+        (
+            {"connectivity": {"grace": "5 minutes"}},
+            'spec.connectivity.grace: Invalid value: "5 minutes": write a number and a unit (us, ms, s, m or h)',
+        ),
         ({"edges": [edge(), edge()]}, "Duplicate value"),
     ],
 )

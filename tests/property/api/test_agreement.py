@@ -6,16 +6,19 @@ import cel
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.support.apiobjects import pool
+from tests.support.apiobjects import app, pool
 from tests.support.cel_rules import broken_rules
 
 from robotapp_api.model.pool import DomainPool
+from robotapp_api.model.robotapp import RobotApp
 from robotapp_api.model.scalars import DURATION_PATTERN
 from robotapp_api.schema.crd import schema_of
-from robotapp_api.values.duration import parse_ns
+from robotapp_api.values.duration import MAX_LENGTH, parse_ns
 from robotapp_api.values.ranges import parse_ids
 
 POOL = schema_of(DomainPool)
+ROBOTAPP = schema_of(RobotApp)
+IN_WORDS = "write a number and a unit (us, ms, s, m or h), up to three times, for example 30ms, 1.5s or 1m30s"
 IDS = re.compile(POOL["properties"]["spec"]["properties"]["ids"]["pattern"])
 BOUNDS = st.integers(0, 240)
 RANGES = st.lists(
@@ -42,6 +45,24 @@ def test_a_pool_refuses_exactly_the_ids_that_are_both_claimed_and_shared(ids: st
     except ValueError:
         return
     assert bool(broken_rules(POOL, pool(ids=ids, sharedIds=shared))) == bool(overlap)
+
+
+@given(
+    st.one_of(
+        st.from_regex(DURATION_PATTERN, fullmatch=True),
+        st.text(alphabet="0123456789.smhu ", max_size=24),
+        st.from_regex(r"[0-9]{1,7}[.]?[0-9]{0,4} ?(us|ms|s|m|h|d|ns)?", fullmatch=True),
+    ).filter(lambda text: text.isascii() and len(text) <= MAX_LENGTH)
+)
+def test_the_api_accepts_exactly_the_durations_we_can_read(text: str) -> None:
+    broken = [each.shown for each in broken_rules(ROBOTAPP, app(connectivity={"grace": text}))]
+    try:
+        parse_ns(text)
+        problem = ""
+    except ValueError as error:
+        problem = str(error)
+    readable = not problem or "292 years" in problem
+    assert broken == ([] if readable else [IN_WORDS])
 
 
 @given(st.from_regex(DURATION_PATTERN, fullmatch=True).filter(lambda text: len(text) <= 24 and text.isascii()))

@@ -109,7 +109,7 @@ components: {base-driver: {replicas: 2, resources: {requests: {cpu: 100m}}}}"""
         ("scheduler: {policies: {latency_budget: 30}}", "expected text, found a number (30); put it in quotes"),
         (
             "scheduler: {policies: {latency_budget: 30 ms}}",
-            'spec.components[0].policies.latencyBudget "30 ms" does not look like',
+            'spec.components[0].policies.latencyBudget "30 ms": write a number and a unit (us, ms, s, m or h), up to three times',
         ),
         ("scheduler: {policies: {queue_size: true}}", "expected a whole number, found true or false (true)"),
         ("scheduler: {policies: {tcp_nodelay: 1}}", "expected true or false, found a number (1)"),

@@ -7,6 +7,7 @@ import pytest
 from rigel_bridge.schema import problems, robotapp_schema
 
 OBJECT = {"type": "object", "required": ["a"], "properties": {"a": {"type": "integer", "minimum": 1, "maximum": 3}}}
+SMALL = {"rule": "self.matches('^[a-z]$')", "message": "write a small letter"}
 
 
 def messages(value: Any, schema: dict[str, Any]) -> list[str]:
@@ -28,6 +29,7 @@ def messages(value: Any, schema: dict[str, Any]) -> list[str]:
         ("x", {"type": "string", "minLength": 2}, "must have at least 2 characters"),
         ("abc", {"type": "string", "maxLength": 2}, "must have at most 2 characters, found 3"),
         ("A", {"type": "string", "pattern": "^[a-z]$"}, '"A" does not look like ^[a-z]$'),
+        ("A", {"type": "string", "x-kubernetes-validations": [SMALL]}, '"A": write a small letter'),
         (
             "fast",
             {"type": "string", "enum": ["slow", "faster"]},
@@ -47,6 +49,12 @@ def messages(value: Any, schema: dict[str, Any]) -> list[str]:
 )
 def test_each_keyword_finds_its_problem(value: Any, schema: dict[str, Any], message: str) -> None:
     assert message in messages(value, schema)
+
+
+def test_rules_that_are_more_than_a_pattern_stay_with_the_api_server() -> None:
+    other = {"rule": "!self.matches('^x$') || size(self) > 3", "message": "never shown here"}
+    schema = {"type": "string", "x-kubernetes-validations": [SMALL, other]}
+    assert messages("x", schema) == []
 
 
 @pytest.mark.parametrize("value", ["40M", 40, {"a": 1}, {"a": 3}])

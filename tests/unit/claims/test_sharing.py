@@ -117,6 +117,18 @@ async def test_the_owners_robot_that_has_deployments_is_the_one_to_join() -> Non
     assert (await world.ensure(sharer)).id == 7
 
 
+@pytest.mark.parametrize(("instance", "text"), [("", "this app is for none of them"), ("amr-9", "none for amr-9")])
+async def test_an_owner_with_a_domain_per_robot_is_joined_robot_by_robot(instance: str, text: str) -> None:
+    world = World()
+    for number, robot in ((5, "amr-1"), (7, "amr-2")):
+        world.claim(number, world.app("mapper", instance=robot))
+    assert (await world.ensure(world.app("teleop", "mapper", instance="amr-2"))).id == 7
+    outcome = await world.ensure(world.app("teleop", "mapper", instance=instance))
+    assert (outcome.id, outcome.reason) == (None, Reason.PENDING)
+    assert text in outcome.message
+    assert "spec.robots" in outcome.message
+
+
 @pytest.mark.parametrize("spec", [{"dds": {"isolation": "Discovery"}}, {"dds": None, "ros": {"distro": "noetic"}}])
 async def test_an_owner_that_claims_no_domain_is_named_instead_of_waited_for(spec: Json) -> None:
     world = World()

@@ -35,7 +35,7 @@ def test_lists_of_all_kinds_of_one_kind_and_single_objects_are_read() -> None:
 
 
 def test_what_no_rule_reads_is_counted_by_kind() -> None:
-    assert read(a_list({"kind": "Service"}, {"kind": "Service"}, {})).ignored == {"Service": 2, "(no kind)": 1}
+    assert read(a_list({"kind": "Secret"}, {"kind": "Secret"}, {})).ignored == {"Secret": 2, "(no kind)": 1}
 
 
 @pytest.mark.parametrize(

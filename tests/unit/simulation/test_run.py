@@ -111,15 +111,15 @@ def test_an_empty_dump_is_an_empty_outcome() -> None:
 
 
 def test_the_report_has_a_line_per_pod_and_says_what_is_not_simulated() -> None:
-    found = outcome(node("a"), node("b"), pod("p"), pod("big", cpu="9"), {"kind": "Service"})
+    found = outcome(node("a"), node("b"), pod("p"), pod("big", cpu="9"), {"kind": "Secret"})
     lines = as_table(found).splitlines()
     assert lines[0].split() == ["NAMESPACE", "POD", "NODE", "WHY"]
     assert lines[1].split()[:2] == ["default", "p"]
     assert "2 nodes could" in lines[1]
     assert "Insufficient cpu" in lines[2]
     assert "1 of 2 pods placed on 2 nodes" in as_table(found)
-    assert "ignored, no rule reads them: 1 Service" in as_table(found)
+    assert "ignored, no rule reads them: 1 Secret" in as_table(found)
     assert "not simulated" in lines[-1]
     plain = as_json(found)
-    assert (plain["placed"], plain["refused"], plain["ignored"]) == (1, 1, {"Service": 1})
+    assert (plain["placed"], plain["refused"], plain["ignored"]) == (1, 1, {"Secret": 1})
     assert json.loads(json.dumps(plain)) == plain
