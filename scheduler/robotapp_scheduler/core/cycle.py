@@ -8,7 +8,7 @@ from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.decision import Decision, failed
 from robotapp_scheduler.core.devices import DeviceGrant
-from robotapp_scheduler.core.engine import Engine
+from robotapp_scheduler.core.engine import Engine, Stopwatch
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.explain import ExplainRing, Record
 from robotapp_scheduler.core.framework import Code, PluginError, histogram
@@ -63,6 +63,7 @@ class SchedulerCore:
         *,
         clock: Callable[[], float],
         seed: int = 0,
+        stopwatch: Stopwatch | None = None,
         initial_backoff_s: float = 1.0,
         max_backoff_s: float = 10.0,
     ) -> None:
@@ -71,6 +72,7 @@ class SchedulerCore:
         self.explain = ExplainRing()
         self._clock = clock
         self._seed = seed
+        self._stopwatch = stopwatch
         self._together: frozenset[str] = frozenset()
         """Pods that are being placed in the same go."""
         self._preempting: set[str] = set()
@@ -94,7 +96,9 @@ class SchedulerCore:
     def use(self, profiles: Mapping[str, Profile]) -> None:
         """Swap the profiles, between two attempts. Cached results go with the old ones; what was counted stays."""
         self._decided = self.decisions()
-        self._engines = {name: Engine(profile, self.cluster) for name, profile in profiles.items()}
+        self._engines = {
+            name: Engine(profile, self.cluster, stopwatch=self._stopwatch) for name, profile in profiles.items()
+        }
 
     def swap(self, profiles: Mapping[str, Profile], *, initial_backoff_s: float, max_backoff_s: float) -> None:
         """Use another configuration from the next cycle on; every waiting pod is tried again under it."""
@@ -272,10 +276,10 @@ class SchedulerCore:
             ties = evaluation.best()
             position = engine.choose(pod, evaluation, ties, self._seed)
             total = int(evaluation.total[position])
-            engine.watch_shadows(evaluation, position)
             recorder.scored(evaluation, position)
         else:
             position = int((evaluation.reason == 0).argmax())
+        recorder.shadowed(engine.watch_shadows(pod, evaluation, position))
         node = engine.name_of(evaluation, position)
         return Decision(
             pod=pod,

@@ -1,9 +1,10 @@
 """One profile at work on the cluster: pod classes found or made, evaluated, and the best node chosen."""
 
+import logging
 from collections import OrderedDict
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from hashlib import blake2b
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -12,12 +13,15 @@ from robotapp_scheduler.core.classes import ColumnCache
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.evaluation import Evaluation, Tally
 from robotapp_scheduler.core.filter_column import FilterColumn, Reasons
-from robotapp_scheduler.core.framework import Code, Status
+from robotapp_scheduler.core.framework import Code, Loaded, Status
 from robotapp_scheduler.core.pods import LIVE, PodInfo
 from robotapp_scheduler.core.profiles import Profile
 from robotapp_scheduler.core.score_column import score_column
 from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.core.volumes import VolumePlan
+
+log = logging.getLogger(__name__)
+_T = TypeVar("_T")
 
 CLASS_BYTES: Final = 100_000_000
 MOST_CLASS_IDS: Final = 20_000
@@ -34,13 +38,22 @@ class Narrowed(NamedTuple):
     status: Status | None
 
 
+class Stopwatch(Protocol):
+    """Runs a part of a decision and may measure how long it takes."""
+
+    def __call__(self, point: str, profile: str, work: Callable[[], _T]) -> _T: ...
+
+
 class Engine:
     """Evaluates pods for one profile. Keeps results per class; `caching=False` computes everything each time."""
 
-    def __init__(self, profile: Profile, cluster: Cluster, *, caching: bool = True) -> None:
+    def __init__(
+        self, profile: Profile, cluster: Cluster, *, caching: bool = True, stopwatch: Stopwatch | None = None
+    ) -> None:
         self.profile = profile
         self._cluster = cluster
         self._caching = caching
+        self._stopwatch = stopwatch
         self._reasons = Reasons()
         self._columns = ColumnCache(self._reasons)
         self._classes: OrderedDict[Hashable, Evaluation] = OrderedDict()
@@ -63,6 +76,11 @@ class Engine:
 
     def pre_filter(self, pod: PodInfo) -> Narrowed:
         """Run all pre_filter hooks: intersect the node names they allow; an unresolvable rejection ends it at once."""
+        if self._stopwatch is None:
+            return self._pre_filter(pod)
+        return self._stopwatch("PreFilter", self.profile.scheduler_name, lambda: self._pre_filter(pod))
+
+    def _pre_filter(self, pod: PodInfo) -> Narrowed:
         names: frozenset[str] | None = None
         plugins: list[str] = []
         rejection: Status | None = None
@@ -88,6 +106,11 @@ class Engine:
 
     def evaluate(self, pod: PodInfo, names: frozenset[str] | None) -> Evaluation:
         """First reason per row for this pod. `names` limits the rows; then nothing is cached."""
+        if self._stopwatch is None:
+            return self._evaluate(pod, names)
+        return self._stopwatch("Filter", self.profile.scheduler_name, lambda: self._evaluate(pod, names))
+
+    def _evaluate(self, pod: PodInfo, names: frozenset[str] | None) -> Evaluation:
         if names is not None:
             rows = sorted(row for name in names if (row := self._cluster.nodes.row_of.get(name)) is not None)
             nodes = Nodes(self._cluster, rows)
@@ -103,6 +126,12 @@ class Engine:
 
     def score(self, pod: PodInfo, evaluation: Evaluation) -> None:
         """Totals for the feasible rows. Raises PluginError."""
+        if self._stopwatch is None:
+            self._score(pod, evaluation)
+        else:
+            self._stopwatch("Score", self.profile.scheduler_name, lambda: self._score(pod, evaluation))
+
+    def _score(self, pod: PodInfo, evaluation: Evaluation) -> None:
         if evaluation.rows is not None:
             evaluation.compute_scores(pod, Nodes(self._cluster, [int(row) for row in evaluation.rows]))
         else:
@@ -111,15 +140,41 @@ class Engine:
             if not column.skipped:
                 self._count(column.plugin.name, "score", "score")
 
-    def watch_shadows(self, evaluation: Evaluation, chosen: int) -> None:
-        """Count how often each shadow plugin, had it counted, would have made another node win."""
-        for column in evaluation.scores:
-            if column.plugin.shadow and not column.skipped:
-                feasible = np.flatnonzero(evaluation.reason == 0)
-                share = np.array(evaluation.score_of(column, feasible), dtype=np.int64)
-                total = evaluation.total[feasible] + column.plugin.weight * share
-                stays = total[np.searchsorted(feasible, chosen)] == total.max()
-                self._count(column.plugin.name, "shadow", "same" if stays else "changed")
+    def watch_shadows(self, pod: PodInfo, evaluation: Evaluation, chosen: int) -> tuple[str, ...]:
+        """Count how often each shadow plugin, had it counted, would have changed the choice; name those that would now.
+
+        A filter would have when it refuses the chosen node, a score when another node would have won.
+        """
+        if not self.profile.has_shadows:
+            return ()
+        row = chosen if evaluation.rows is None else int(evaluation.rows[chosen])
+        verdicts: dict[str, bool] = {}
+        for loaded in self.profile.shadow_filters:
+            refuses = self._shadow_refuses(loaded, pod, row)
+            if refuses is not None:
+                verdicts[loaded.name] = refuses
+        if evaluation.feasible > 1:
+            feasible = np.flatnonzero(evaluation.reason == 0)
+            for column in evaluation.scores:
+                if column.plugin.shadow and not column.skipped:
+                    share = np.array(evaluation.score_of(column, feasible), dtype=np.int64)
+                    total = evaluation.total[feasible] + column.plugin.weight * share
+                    stays = total[np.searchsorted(feasible, chosen)] == total.max()
+                    verdicts[column.plugin.name] = verdicts.get(column.plugin.name, False) or not stays
+        for name, changed in verdicts.items():
+            self._count(name, "shadow", "changed" if changed else "same")
+        return tuple(sorted(name for name, changed in verdicts.items() if changed))
+
+    def _shadow_refuses(self, loaded: Loaded, pod: PodInfo, row: int) -> bool | None:
+        """Would this filter have refused the row? None when it has no opinion, or fails."""
+        try:
+            column = self._columns.filter(loaded, pod)
+            column.refresh(pod, self._cluster, Nodes(self._cluster))
+        except Exception:  # somebody's experiment must not hold a pod back; the log has the stack, the metric the count
+            log.exception("shadow plugin %s failed for %s", loaded.name, pod.key)
+            self._count(loaded.name, "shadow", "error")
+            return None
+        return None if column.skipped else bool(column.codes[row])
 
     def name_of(self, evaluation: Evaluation, position: int) -> str:
         """Node name at a position of an evaluation."""

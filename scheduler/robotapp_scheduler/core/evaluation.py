@@ -10,6 +10,7 @@ from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.core.explain import Refusal
 from robotapp_scheduler.core.filter_column import HOLE, Codes, FilterColumn, Reasons
+from robotapp_scheduler.core.framework import PluginError
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.repair import MOST_REPAIRED
 from robotapp_scheduler.core.score_column import ScoreColumn
@@ -172,7 +173,13 @@ class Evaluation:
         for column in self.scores:
             if column.skipped:
                 continue
-            share = column.normalized(feasible)
+            try:
+                share = column.normalized(feasible)
+            except PluginError:
+                if not column.plugin.shadow:
+                    raise
+                column.fail()
+                continue
             if not column.local:
                 spread = self.shares[column.plugin.name] = np.zeros(len(self.reason), dtype=np.int64)
                 spread[feasible] = share

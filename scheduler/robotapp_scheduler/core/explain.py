@@ -72,6 +72,8 @@ class Record(msgspec.Struct, gc=False, rename="camel"):
     runner_up: str | None = None
     edges: tuple[EdgeView, ...] = ()
     devices: tuple[str, ...] = ()
+    shadow_changes: tuple[str, ...] = ()
+    """Shadow plugins that would have changed the choice."""
     seed: int = 0
     """Tie-break seed: with pod uid and node names it reproduces the choice among equal totals."""
 

@@ -11,6 +11,7 @@ import msgspec
 
 from robotapp_scheduler.core.framework import Loaded, NoArgs
 from robotapp_scheduler.core.pods import ROS_FEATURES
+from robotapp_scheduler.core.shadow import guard
 
 POINTS: Final = {
     "preEnqueue": "pre_enqueue",
@@ -76,16 +77,20 @@ class Profile:
     def __init__(self, scheduler_name: str, plugins: Mapping[str, Sequence[Loaded]], config_hash: str) -> None:
         self.scheduler_name = scheduler_name
         self.config_hash = config_hash
-        self.pre_enqueue = tuple(plugins.get("preEnqueue", ()))
+        self.pre_enqueue = _deciding(plugins, "preEnqueue")
         self.queue_sort = plugins["queueSort"][0]
-        self.pre_filters = tuple(plugins.get("preFilter", ()))
-        self.filters = tuple(plugins.get("filter", ()))
-        self.post_filters = tuple(plugins.get("postFilter", ()))
+        self.pre_filters = _deciding(plugins, "preFilter")
+        self.filters = _deciding(plugins, "filter")
+        self.shadow_filters = tuple(loaded for loaded in plugins.get("filter", ()) if loaded.shadow)
+        """Asked about the chosen node only, after it was chosen."""
+        self.post_filters = _deciding(plugins, "postFilter")
         self.scores = tuple(plugins.get("score", ()))
-        self.reserves = tuple(plugins.get("reserve", ()))
-        self.permits = tuple(plugins.get("permit", ()))
-        self.pre_binds = tuple(plugins.get("preBind", ()))
-        self.post_binds = tuple(plugins.get("postBind", ()))
+        """Shadow plugins among them are scored and left out of the totals."""
+        self.has_shadows = any(loaded.shadow for chain in plugins.values() for loaded in chain)
+        self.reserves = _deciding(plugins, "reserve")
+        self.permits = _deciding(plugins, "permit")
+        self.pre_binds = _deciding(plugins, "preBind")
+        self.post_binds = _deciding(plugins, "postBind")
         self.all = {loaded.name: loaded for chain in plugins.values() for loaded in chain}
         self.reads = tuple(sorted({name for loaded in (*self.filters, *self.scores) for name in loaded.reads}))
         """Features of the class key."""
@@ -93,6 +98,11 @@ class Profile:
 
     def __repr__(self) -> str:
         return f"Profile({self.scheduler_name}, {len(self.filters)} filters, {len(self.scores)} scores)"
+
+
+def _deciding(plugins: Mapping[str, Sequence[Loaded]], point: str) -> tuple[Loaded, ...]:
+    """The plugins of a point that are no shadows."""
+    return tuple(loaded for loaded in plugins.get(point, ()) if not loaded.shadow)
 
 
 def build_profiles(specs: Iterable[ProfileSpec], catalogue: Catalogue) -> dict[str, Profile]:
@@ -133,6 +143,13 @@ def _build(spec: ProfileSpec, catalogue: Catalogue, path: str, problems: list[st
         for name in spec.plugin_config
         if name not in loaded and name not in catalogue.classes
     )
+    shadows = {name for name, (_, shadow) in loaded.items() if shadow}
+    problems.extend(
+        f"{path}.pluginConfig[{ref.name}].args.shadow: a plugin that orders the queue or binds cannot be a shadow"
+        for point in ("queueSort", "bind")
+        for ref in points[point]
+        if ref.name in shadows
+    )
     if len(points["queueSort"]) != 1:
         problems.append(f"{path}.plugins.queueSort: only one queue sort plugin can be enabled")
     if not points["bind"]:
@@ -142,7 +159,9 @@ def _build(spec: ProfileSpec, catalogue: Catalogue, path: str, problems: list[st
     config_hash = sha256(msgspec.json.encode([points, spec.plugin_config], order="deterministic")).hexdigest()[:12]
     chains = {
         point: [
-            Loaded(plugin, weight=ref.weight or 1, shadow=shadow)
+            guard(Loaded(plugin, weight=ref.weight or 1, shadow=True))
+            if shadow
+            else Loaded(plugin, weight=ref.weight or 1)
             for ref in refs
             for plugin, shadow in [loaded[ref.name]]
         ]

@@ -70,6 +70,16 @@ class SchedulingQueue:
             "gated": len(self._gated),
         }
 
+    def refused(self) -> dict[tuple[str, str], int]:
+        """(plugin, schedulerName) → pods it rejected that wait now, for scheduler_unschedulable_pods."""
+        found: dict[tuple[str, str], int] = {}
+        for uid, queued in self._pods.items():
+            if queued.rejection is not None and uid not in self._active and uid not in self._flying:
+                for plugin in queued.rejection.plugins:
+                    key = (plugin, queued.info.scheduler_name)
+                    found[key] = found.get(key, 0) + 1
+        return found
+
     def gated(self) -> list[QueuedPod]:
         """Pods that are held before their first attempt, oldest first."""
         return sorted((self._pods[uid] for uid in self._gated), key=lambda queued: queued.first_seen_s)

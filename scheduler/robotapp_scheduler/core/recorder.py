@@ -23,6 +23,7 @@ class Recorder:
         self._attempt = attempt
         self.evaluation: Evaluation | None = None
         self._top = Top()
+        self._shadows: tuple[str, ...] = ()
 
     def filtered(self, evaluation: Evaluation) -> None:
         """The filters have run."""
@@ -42,6 +43,10 @@ class Recorder:
             },
             shadow=tuple(c.plugin.name for c in evaluation.scores if c.plugin.shadow and not c.skipped),
         )
+
+    def shadowed(self, names: tuple[str, ...]) -> None:
+        """These shadow plugins would have changed the choice."""
+        self._shadows = names
 
     def record(self, decision: Decision) -> Record:
         """The finished record."""
@@ -67,6 +72,7 @@ class Recorder:
             edges=self._edges(pod, decision.node),
             devices=tuple(grant.device.id for grant in decision.grants),
             seed=self._seed,
+            shadow_changes=self._shadows,
         )
 
     def _refusals(self) -> tuple[Refusal, ...]:

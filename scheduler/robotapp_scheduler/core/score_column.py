@@ -1,5 +1,6 @@
 """A score plugin's raw value per row, kept per value of what it reads and repaired from the change log."""
 
+import logging
 from typing import Any, Final
 
 import numpy as np
@@ -11,6 +12,8 @@ from robotapp_scheduler.core.framework import MAX_SCORE, Loaded, PluginError, Sc
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.repair import FEW_ROWS, MOST_REPAIRED, stale_rows
 from robotapp_scheduler.core.view import Nodes, Row
+
+log = logging.getLogger(__name__)
 
 BAD_SCORE: Final = "score is NaN, infinite or outside 0 to 100 for a feasible node"
 _BAD: Final = np.iinfo(np.int64).min
@@ -34,6 +37,11 @@ class ScoreColumn:
         self.bad = False
         self.position = -1
         self.epoch = 0
+
+    def fail(self) -> None:
+        """A shadow plugin that cannot be scored says nothing: it must not hold a pod back."""
+        self.skipped = True
+        log.warning("shadow plugin %s: %s; left out for pods of this kind", self.plugin.name, BAD_SCORE)
 
     @property
     def local(self) -> bool:

@@ -58,6 +58,12 @@ class Metrics:
             labels=["extension_point", "status", "profile"],
             buckets=doubling(0.0001, 2, 12),
         )
+        self.plugin_s = self._histogram(
+            "plugin_execution_duration_seconds",
+            "One hook of one plugin over all nodes it was asked about",
+            labels=["plugin", "extension_point", "status"],
+            buckets=doubling(0.00001, 1.5, 20),
+        )
         self.preemption_attempts = self._counter("preemption_attempts", "Searches for pods that could make room", [])
         self.preemption_victims = self._histogram(
             "preemption_victims", "Pods chosen to make room, per preemption", buckets=doubling(1, 2, 7)
@@ -91,13 +97,19 @@ class Metrics:
 
     def watch(self, name: str, text: str, *, label: str, read: Callable[[], Mapping[str, float]]) -> None:
         """A gauge that is read when scraped, e.g. `pending_pods{queue}`: costs nothing between scrapes."""
-        self.registry.register(_Gauges(f"scheduler_{name}", text, label, read))
+        self.watch_several(name, text, labels=(label,), read=lambda: {(key,): value for key, value in read().items()})
+
+    def watch_several(
+        self, name: str, text: str, *, labels: Sequence[str], read: Callable[[], Mapping[tuple[str, ...], float]]
+    ) -> None:
+        """The same with several labels."""
+        self.registry.register(_Kept(GaugeMetricFamily(f"scheduler_{name}", text, labels=list(labels)), read))
 
     def count(
         self, name: str, text: str, *, labels: Sequence[str], read: Callable[[], Mapping[tuple[str, ...], float]]
     ) -> None:
         """A counter kept elsewhere (the pure core counts in dictionaries), read when scraped."""
-        self.registry.register(_Counters(f"scheduler_{name}", text, labels, read))
+        self.registry.register(_Kept(CounterMetricFamily(f"scheduler_{name}", text, labels=list(labels)), read))
 
     def _counter(self, name: str, text: str, labels: list[str]) -> Counter:
         return Counter(f"scheduler_{name}", text, labels, registry=self.registry)
@@ -106,25 +118,28 @@ class Metrics:
         return Histogram(f"scheduler_{name}", text, labels or [], buckets=buckets, registry=self.registry)
 
 
-class _Gauges(Collector):
-    def __init__(self, name: str, text: str, label: str, read: Callable[[], Mapping[str, float]]) -> None:
-        self._name, self._text, self._label, self._read = name, text, label, read
-
-    def collect(self) -> list[Metric]:
-        family = GaugeMetricFamily(self._name, self._text, labels=[self._label])
-        for value, number in self._read().items():
-            family.add_metric([value], number)
-        return [family]
+MOST_SERIES = 2000
+"""Label values come from names in the cluster: beyond this many the largest series are given, so that no scrape explodes."""
 
 
-class _Counters(Collector):
+class _Kept(Collector):
+    """A family filled when scraped."""
+
     def __init__(
-        self, name: str, text: str, labels: Sequence[str], read: Callable[[], Mapping[tuple[str, ...], float]]
+        self,
+        family: GaugeMetricFamily | CounterMetricFamily,
+        read: Callable[[], Mapping[tuple[str, ...], float]],
     ) -> None:
-        self._name, self._text, self._labels, self._read = name, text, labels, read
+        self._family, self._read = family, read
+
+    def describe(self) -> list[Metric]:
+        return [self._family]
 
     def collect(self) -> list[Metric]:
-        family = CounterMetricFamily(self._name, self._text, labels=list(self._labels))
-        for values, number in self._read().items():
-            family.add_metric(values, number)
-        return [family]
+        found = list(self._read().items())
+        if len(found) > MOST_SERIES:
+            found = sorted(found, key=lambda entry: -entry[1])[:MOST_SERIES]
+        self._family.samples = []
+        for values, number in found:
+            self._family.add_metric(values, number)
+        return [self._family]

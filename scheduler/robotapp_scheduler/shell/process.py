@@ -44,6 +44,7 @@ from robotapp_scheduler.shell.reload import Reloader, Running, first
 from robotapp_scheduler.shell.report import Reporter
 from robotapp_scheduler.shell.reserve import Reserver, granted_pods
 from robotapp_scheduler.shell.simulating import Simulator
+from robotapp_scheduler.shell.timing import Stopwatch, time_plugins
 from robotapp_scheduler.shell.tls import TlsPort, loaded
 from robotapp_scheduler.shell.volume_writes import INTERESTING, VolumeWriter
 
@@ -79,10 +80,13 @@ class Scheduler:
         self.port = 0
         """Where we serve, once `run` has opened it."""
         self.metrics = Metrics()
+        profiles = config.build()
+        time_plugins(profiles, self.metrics)
         self.core = SchedulerCore(
             Cluster(clock=clock),
-            config.build(),
+            profiles,
             clock=clock,
+            stopwatch=Stopwatch(self.metrics),
             initial_backoff_s=config.initial_backoff_s,
             max_backoff_s=config.max_backoff_s,
         )
@@ -247,6 +251,7 @@ class Scheduler:
 
     def _swap(self, config: SchedulerConfig, profiles: Mapping[str, Profile]) -> None:
         """Between two cycles: deciding never awaits, so nothing is half decided here."""
+        time_plugins(profiles, self.metrics)
         self.core.swap(profiles, initial_backoff_s=config.initial_backoff_s, max_backoff_s=config.max_backoff_s)
         self.loop.wake()
 

@@ -13,6 +13,12 @@ def publish(metrics: Metrics, core: SchedulerCore, client: ApiClient, running: R
     """Register what the core, the client and the configuration count themselves."""
     metrics.watch("pending_pods", "Pods that wait, by queue", label="queue", read=core.queue.pending)
     metrics.watch("cache_size", "Objects in the cache", label="type", read=lambda: _cache_size(core))
+    metrics.watch_several(
+        "unschedulable_pods",
+        "Waiting pods, by the plugin that refused them last",
+        labels=("plugin", "profile"),
+        read=lambda: {key: float(count) for key, count in core.queue.refused().items()},
+    )
     metrics.count(
         "queue_incoming_pods",
         "Pods that entered a queue, by event",

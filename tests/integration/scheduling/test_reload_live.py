@@ -65,9 +65,14 @@ def start(cp: ControlPlane) -> Process:
     )
 
 
+def get(process: Process, path: str) -> dict[str, Any]:
+    with urllib.request.urlopen(f"{process.health_url}{path}", context=unverified()) as answer:  # noqa: S310 - our own
+        found: dict[str, Any] = json.load(answer)
+    return found
+
+
 def configz(process: Process) -> dict[str, Any]:
-    with urllib.request.urlopen(f"{process.health_url}/configz", context=unverified()) as answer:  # noqa: S310 - our own
-        found: dict[str, Any] = json.load(answer)["kubescheduler.config.k8s.io"]
+    found: dict[str, Any] = get(process, "/configz")["kubescheduler.config.k8s.io"]
     return found
 
 
@@ -149,3 +154,21 @@ def test_a_restart_with_a_bad_configuration_goes_on_with_the_last_good_one(
     with nodes(installed_plane, edge("edge-1")):
         stage.create_pod(pod("still"))
         stage.wait_bound("still")
+
+
+def test_a_plugin_put_into_the_shadow_is_scored_recorded_and_counted_and_decides_no_more(
+    installed_plane: ControlPlane, stage: Stage, settings: Settings, following: Process
+) -> None:
+    shadow = [{"name": "NodeResourcesFit", "args": {"shadow": True}}]
+    digest = configz(following)["digest"]
+    settings.give(document(profiles=[{"schedulerName": "ros-aware-scheduler", "pluginConfig": shadow}]))
+    stage.wait(lambda: configz(following)["digest"] != digest, what=following.log_text)
+    with nodes(installed_plane, edge("shade-1", cpu="1"), edge("shade-2", cpu="64")):
+        stage.create_pod(pod("shaded", requests={"cpu": "32"}))
+        assert stage.wait_bound("shaded"), "even where it does not fit: its filter is a shadow, too"
+        record = get(following, f"/explain/{stage.namespace}/shaded")
+        assert record["top"]["shadow"] == ["NodeResourcesFit"]
+        counted = 'extension_point="shadow",plugin="NodeResourcesFit"'
+        with urllib.request.urlopen(f"{following.health_url}/metrics", context=unverified()) as answer:  # noqa: S310 - our own
+            assert f"scheduler_plugin_decisions_total{{{counted}" in answer.read().decode()
+        stage.delete_pod("shaded")

@@ -12,6 +12,8 @@ from robotapp_scheduler.core.framework import (
     Code,
     Loaded,
     PluginError,
+    PreFilter,
+    Status,
     Verdict,
     histogram,
     normalized,
@@ -19,7 +21,7 @@ from robotapp_scheduler.core.framework import (
     pre_filter_message,
 )
 from robotapp_scheduler.core.pods import PodInfo
-from robotapp_scheduler.core.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
+from robotapp_scheduler.core.profiles import ConfigError, PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.plugins.registry import catalogue
 
@@ -196,6 +198,95 @@ def test_a_shadow_plugin_is_scored_and_recorded_but_never_decides() -> None:
     record = core.explain.latest(1)[0]
     assert record.top.shadow == ("QuietNodes",)
     assert set(record.top.scores["QuietNodes"]) == {0, 100}
+
+
+def shadowed(*classes: type, cpu: tuple[str, ...] = ("4", "64")) -> SchedulerCore:
+    """Nodes n0, n1 … with these cpus; all these plugins are shadows beside the default ones."""
+    clock = Clock()
+    cluster = make_cluster(*(make_node(f"n{at}", cpu=each) for at, each in enumerate(cpu)), clock=clock)
+    names = [str(cls.name) for cls in classes]  # type: ignore[attr-defined]  # every plugin class has a name
+    enabled = PluginSet(enabled=tuple(PluginRef(name, 1000) for name in names))
+    spec = ProfileSpec(
+        SCHEDULER_NAME, plugins={"multiPoint": enabled}, plugin_config={name: {"shadow": True} for name in names}
+    )
+    known = catalogue(dict(zip(names, classes, strict=True)))
+    return SchedulerCore(cluster, build_profiles([spec], known), clock=clock)
+
+
+class RefusesAll:
+    name = "RefusesAll"
+    reads = ()
+
+    def pre_enqueue(self, _pod: Any) -> Any:
+        return Status(Code.UNSCHEDULABLE, "never")
+
+    def pre_filter(self, _pod: Any, _nodes: Any) -> Any:
+        return PreFilter(names=frozenset({"nowhere"}))
+
+    def filter(self, _pod: Any, nodes: Any) -> Any:
+        return np.zeros(nodes.n, dtype=np.bool_)
+
+
+class Breaks:
+    name = "Breaks"
+    reads = ()
+
+    def filter(self, _pod: Any, _nodes: Any) -> Any:
+        raise ZeroDivisionError
+
+    def score(self, _pod: Any, _nodes: Any) -> Any:
+        raise ZeroDivisionError
+
+
+class GivesNaN:
+    name = "GivesNaN"
+    reads = ()
+    normalize = "minmax"
+
+    def score(self, _pod: Any, nodes: Any) -> Any:
+        return np.array([np.nan, *range(nodes.n - 1)])
+
+
+def test_a_shadow_filter_refuses_nobody_and_says_how_often_it_would_have() -> None:
+    core = shadowed(RefusesAll)
+    core.queue.add(make_info("queued"))
+    assert core.queue.pending()["active"] == 1, "its gate is a shadow, too"
+    for number in range(5):
+        assert core.schedule_one(make_info(f"p{number}")).placed
+    assert core.decisions()["RefusesAll", "shadow", "changed"] == 5
+    record = core.explain.latest(1)[0]
+    assert record.shadow_changes == ("RefusesAll",)
+    assert record.refusals == ()
+
+
+def test_a_shadow_filter_counts_where_only_one_node_is_left() -> None:
+    core = shadowed(RefusesAll, cpu=("4",))
+    assert core.schedule_one(make_info("p")).placed
+    assert core.decisions()["RefusesAll", "shadow", "changed"] == 1
+
+
+@pytest.mark.parametrize("broken", [Breaks, GivesNaN])
+def test_a_shadow_that_breaks_holds_nobody_back(broken: type, caplog: pytest.LogCaptureFixture) -> None:
+    core = shadowed(broken)
+    for number in range(3):
+        assert core.schedule_one(make_info(f"p{number}")).placed
+    assert "shadow plugin" in caplog.text
+    assert core.explain.latest(1)[0].shadow_changes == ()
+
+
+def test_with_shadows_every_choice_is_the_one_without_them() -> None:
+    for number in range(20):
+        cpu = tuple(str(1 + (number * at) % 7) for at in range(1, 8))
+        plain = shadowed(cpu=cpu).schedule_one(make_info(f"p{number}"))
+        beside = shadowed(QuietNodes, RefusesAll, Breaks, cpu=cpu).schedule_one(make_info(f"p{number}"))
+        assert (plain.node, plain.total, plain.feasible) == (beside.node, beside.total, beside.feasible)
+
+
+def test_what_orders_the_queue_or_binds_cannot_be_a_shadow() -> None:
+    for name in ("ROSQueueSort", "ROSBind"):
+        spec = ProfileSpec(SCHEDULER_NAME, plugin_config={name: {"shadow": True}})
+        with pytest.raises(ConfigError, match="cannot be a shadow"):
+            build_profiles([spec], catalogue())
 
 
 def test_unknown_reads_are_refused_when_the_plugin_is_loaded() -> None:

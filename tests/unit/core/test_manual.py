@@ -1,15 +1,19 @@
 """The plugin in the documentation is run as printed."""
 
+import io
+import json
 import re
 from pathlib import Path
 from typing import Any
 
+import pytest
 from tests.support.scheduling import Clock, make_cluster, make_info, make_node
 
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.plugins.registry import catalogue
+from robotapp_scheduler.simulation import bench_command
 
 MANUAL = Path(__file__).parents[3] / "docs" / "scheduling-rules.md"
 
@@ -31,3 +35,18 @@ def test_the_plugin_of_the_manual_filters_and_decides() -> None:
     cluster.remove_node("small")
     cluster.remove_node("large")
     assert core.schedule_one(make_info("q")).message.startswith("0/1 nodes are available: 1 node(s) were too busy.")
+
+
+def test_bench_plugin_reports_what_the_plugin_of_the_manual_costs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (source,) = re.findall(r"```python\n(.*?)```", MANUAL.read_text(), flags=re.DOTALL)
+    (tmp_path / "plugin_of_the_manual.py").write_text(source)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    out = io.StringIO()
+    argv = ["plugin_of_the_manual:QuietNodes", "--nodes", "50", "--pods", "20", "--json"]
+    assert bench_command.main(argv, out=out) == 0
+    reused, fresh = json.loads(out.getvalue())
+    assert reused["plugin_us"] > 0
+    assert fresh["plugin_us"] > 0
+    assert 0 < fresh["share"] < 1
