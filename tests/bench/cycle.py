@@ -1,7 +1,8 @@
-"""What one scheduling attempt costs the core, µs of CPU per pod: scripts/bench cycle [--nodes 1000 5000] [--json FILE]
+"""What one scheduling attempt costs the core, µs of CPU per pod: scripts/bench cycle [--nodes 5000] [--placed 30000]
 
 No API server, no I/O: decode is done, the pod is in the queue; measured are pop, filters, scores, choice, assume and
 the explain record. `classes` is the number of distinct pod shapes, interleaved; "each" makes every pod its own.
+With --placed come the loads in which pods depend on each other, among that many running pods of 200 apps.
 Use ratios; absolute values belong to the machine and to what else runs on it.
 """
 
@@ -11,18 +12,23 @@ import time
 from pathlib import Path
 from typing import Any
 
+import msgspec
 from tests.support.scheduling import make_node, make_pod, telemetry
 
 from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.objects import Selecting
 from robotapp_scheduler.plugins.registry import default_profiles
 
 ZONES = 10
+APPS = 200
+COMPANY = ("anti-affinity", "zone-affinity", "zone-spread", "default-spread")
+"""Workloads in which pods depend on each other."""
 
 
-def build(nodes: int) -> SchedulerCore:
-    """Nodes of 32 CPU and 256 Gi in ten zones, agents that measure sixteen peers each."""
+def build(nodes: int, placed: int = 0, *, service: bool = False) -> SchedulerCore:
+    """Nodes of 32 CPU and 256 Gi in ten zones, agents that measure sixteen peers each; running pods, a third of them green."""
     cluster = Cluster(clock=time.monotonic)
     for i in range(nodes):
         zone = {str(Label.ZONE): f"zone-{i % ZONES}", "disk": "ssd" if i % 3 else "hdd"}
@@ -30,6 +36,12 @@ def build(nodes: int) -> SchedulerCore:
     for i in range(nodes):
         peers = {f"node-{(i * 7 + k * 131) % nodes}": 2.0 + (k * 13) % 60 for k in range(16)}
         cluster.apply_telemetry(telemetry(f"node-{i}", rtt_ms=peers))
+    for i in range(placed):
+        labels = {"app": f"app-{i % APPS}", **({"color": "green"} if i % 3 == 0 else {})}
+        cluster.apply_pod(make_pod(f"placed-{i}", node=f"node-{i * 7 % nodes}", labels=labels, cpu="100m", memory="100Mi"))
+    if service:
+        green = {"metadata": {"name": "green", "namespace": "default"}, "spec": {"selector": {"color": "green"}}}
+        cluster.topology.apply_selecting("Service", msgspec.convert(green, Selecting))
     return SchedulerCore(cluster, default_profiles(), clock=time.monotonic)
 
 
@@ -45,11 +57,32 @@ def pod(index: int, classes: int, workload: str) -> Any:
             str(Annotation.POLICIES): json.dumps(policies),
             str(Annotation.TOPOLOGY): json.dumps(master),
         }
+    if workload in COMPANY:
+        fields |= company(workload)
+        # Other labels, as the pods of a StatefulSet have them: every rule about other pods sees another pod.
+        fields["labels"] = {**fields["labels"], "ordinal": str(index % classes)}
     return make_pod(f"p{index}", **fields)
 
 
-def measure(nodes: int, classes: int, workload: str, pods: int) -> dict[str, Any]:
-    core = build(nodes)
+def company(workload: str) -> dict[str, Any]:
+    """Fields of a pod that wants to be near others, or not."""
+    color = "blue" if workload == "anti-affinity" else "green"
+    selector = {"matchLabels": {"color": color}}
+    term = {"topologyKey": str(Label.ZONE), "labelSelector": selector}
+    near = {"preferredDuringSchedulingIgnoredDuringExecution": [{"weight": 10, "podAffinityTerm": term}]}
+    away = {"requiredDuringSchedulingIgnoredDuringExecution": [term | {"topologyKey": "kubernetes.io/hostname"}]}
+    fields: dict[str, Any] = {"labels": {"color": color}}
+    if workload == "anti-affinity":
+        fields["affinity"] = {"podAntiAffinity": away}
+    if workload == "zone-affinity":
+        fields["affinity"] = {"podAffinity": near}
+    if workload == "zone-spread":
+        fields["topologySpreadConstraints"] = [{**term, "maxSkew": 5, "whenUnsatisfiable": "DoNotSchedule"}]
+    return fields
+
+
+def measure(nodes: int, classes: int, workload: str, pods: int, placed: int = 0) -> dict[str, Any]:
+    core = build(nodes, placed, service=workload == "default-spread")
     made = [pod(i, classes, workload) for i in range(pods + 100)]
     started = time.process_time()
     for one in made:
@@ -80,6 +113,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--nodes", type=int, nargs="+", default=[1000, 5000])
     parser.add_argument("--pods", type=int, default=2000)
+    parser.add_argument("--placed", type=int, default=0, help="running pods; adds the loads that look at them")
     parser.add_argument("--json", type=Path, help="write the rows to this file")
     args = parser.parse_args()
     rows = []
@@ -87,8 +121,9 @@ def main() -> None:
         for workload, classes in (
             ("basic", 1), ("basic", 20), ("basic", args.pods + 100), ("rich", 20), ("rich", args.pods + 100),
             ("ros", 20), ("ros", args.pods + 100),
+            *((workload, classes) for workload in COMPANY if args.placed for classes in (1, 20, args.pods + 100)),
         ):  # fmt: skip
-            row = measure(nodes, classes, workload, args.pods)
+            row = measure(nodes, classes, workload, args.pods, args.placed)
             rows.append(row)
             print("  ".join(f"{key} {value!s:>7}" for key, value in row.items()), flush=True)
     if args.json:

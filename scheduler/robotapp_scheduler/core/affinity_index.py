@@ -46,10 +46,12 @@ class PlacedTerm:
 class TermTotals:
     """Weighted counts of some terms with one topology key, per value of that node label (code 0: label absent)."""
 
-    __slots__ = ("_codes", "_labels", "_terms", "_values", "_version", "key")
+    __slots__ = ("_codes", "_labels", "_terms", "_values", "_version", "key", "users")
 
     def __init__(self, labels: LabelColumns, key: str, terms: tuple[PlacedTerm, ...]) -> None:
         self.key = key
+        self.users = 0
+        """Pulls that ask for it."""
         self._labels = labels
         self._terms = terms
         self._version = -1
@@ -73,6 +75,11 @@ class TermTotals:
             self._renew()
         self._values[0] = 0
         return self._values
+
+    @property
+    def terms(self) -> tuple[PlacedTerm, ...]:
+        """What it adds up."""
+        return self._terms
 
     def close(self) -> None:
         """Nobody asks any more."""
@@ -107,12 +114,6 @@ class Pull:
     def __getitem__(self, kind: Kind) -> tuple[TermTotals, ...]:
         return self.by_kind.get(kind, ())
 
-    def close(self) -> None:
-        """Stop following the terms."""
-        for found in self.by_kind.values():
-            for totals in found:
-                totals.close()
-
 
 class AffinityIndex:
     """Distinct terms of placed pods and the pulls that follow them."""
@@ -126,6 +127,8 @@ class AffinityIndex:
         """Terms in the order they were first seen since `_before`."""
         self._before = 0
         self._pulls: OrderedDict[tuple[str, frozenset[tuple[str, str]]], Pull] = OrderedDict()
+        self._totals: dict[tuple[PlacedTerm, ...], TermTotals] = {}
+        """By their terms (all of one kind and topology key): pods whose other labels differ share them."""
 
     def __repr__(self) -> str:
         return f"AffinityIndex({len(self._terms)} terms, {len(self._pulls)} pulls)"
@@ -161,11 +164,12 @@ class AffinityIndex:
         if pull is not None and self._still_whole(pull, namespace, labels):
             self._pulls.move_to_end(key)
             return pull
-        if pull is not None:
-            pull.close()
-        pull = self._pulls[key] = self._follow(namespace, labels)
+        old, pull = pull, self._follow(namespace, labels)
+        self._pulls[key] = pull
+        if old is not None:
+            self._close(old)
         if len(self._pulls) > MOST_PULLS:
-            self._pulls.popitem(last=False)[1].close()
+            self._close(self._pulls.popitem(last=False)[1])
         return pull
 
     def _still_whole(self, pull: Pull, namespace: str, labels: Mapping[str, str]) -> bool:
@@ -188,10 +192,25 @@ class AffinityIndex:
             if term.concerns(namespace, labels, of_namespace):
                 found.setdefault(term.kind, {}).setdefault(term.topology_key, []).append(placed)
         by_kind = {
-            kind: tuple(TermTotals(self._labels, key, tuple(terms)) for key, terms in by_key.items())
+            kind: tuple(self._shared(key, tuple(terms)) for key, terms in by_key.items())
             for kind, by_key in found.items()
         }
         return Pull(by_kind, self._before + len(self._recent), self._namespaces.generation)
+
+    def _shared(self, key: str, terms: tuple[PlacedTerm, ...]) -> TermTotals:
+        totals = self._totals.get(terms)
+        if totals is None:
+            totals = self._totals[terms] = TermTotals(self._labels, key, terms)
+        totals.users += 1
+        return totals
+
+    def _close(self, pull: Pull) -> None:
+        for found in pull.by_kind.values():
+            for totals in found:
+                totals.users -= 1
+                if not totals.users:
+                    totals.close()
+                    del self._totals[totals.terms]
 
     def _note(self, term: Term) -> None:
         self._recent.append(term)
