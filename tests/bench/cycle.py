@@ -38,7 +38,9 @@ def build(nodes: int, placed: int = 0, *, service: bool = False) -> SchedulerCor
         cluster.apply_telemetry(telemetry(f"node-{i}", rtt_ms=peers))
     for i in range(placed):
         labels = {"app": f"app-{i % APPS}", **({"color": "green"} if i % 3 == 0 else {})}
-        cluster.apply_pod(make_pod(f"placed-{i}", node=f"node-{i * 7 % nodes}", labels=labels, cpu="100m", memory="100Mi"))
+        cluster.apply_pod(
+            make_pod(f"placed-{i}", node=f"node-{i * 7 % nodes}", labels=labels, cpu="100m", memory="100Mi")
+        )
     if service:
         green = {"metadata": {"name": "green", "namespace": "default"}, "spec": {"selector": {"color": "green"}}}
         cluster.topology.apply_selecting("Service", msgspec.convert(green, Selecting))

@@ -8,6 +8,7 @@ results are repaired.
 from collections.abc import Callable, Iterable, Mapping
 
 from robotapp_api.claims.objects import Claim
+from robotapp_scheduler.core.alike import Alike
 from robotapp_scheduler.core.apps import AppIndex
 from robotapp_scheduler.core.budgets import Budgets
 from robotapp_scheduler.core.changes import EVERY_ROW, Change, ChangeLog
@@ -48,6 +49,7 @@ class Cluster:
         self.nominations = Nominations(self.record)
         self.budgets = Budgets()
         self.by_priority = PriorityColumns()
+        self._alike = Alike()
         self._seen: dict[str, Pod] = {}
         """Live pods without a node, by uid."""
         self._touched: set[str] = set()
@@ -73,6 +75,7 @@ class Cluster:
         name = node.metadata.name
         if self.topology.images.apply(row, node.status.images):
             change |= Change.IMAGES
+        node.status.images = self.topology.images.of(row)
         if change & Change.NODE_ADDED:
             for pod in self._by_node.get(name, {}).values():
                 self._count(pod, row, +1)
@@ -279,6 +282,7 @@ class Cluster:
         uid = pod.metadata.uid
         self._seen.pop(uid, None)
         old = self.placed.get(uid)
+        self._alike.share(pod)
         record = self._record(pod, PodInfo(pod), pod.spec.node_name, assumed=False)
         if old is None:
             self._arrive(record, Change.POD_ADDED)
@@ -317,7 +321,7 @@ class Cluster:
             node=node,
             labels=info.labels,
             priority=info.priority,
-            requested=self.nodes.resources.coded(requests.exact),
+            requested=self._alike.same(self.nodes.resources.coded(requests.exact)),
             scored_cpu_milli=requests.placed.get("cpu", 0),
             scored_memory_bytes=requests.placed.get("memory", 0),
             ports=info.host_ports,
@@ -325,7 +329,7 @@ class Cluster:
             assumed=assumed,
             member=info.member,
             volumes=info.volumes,
-            affinity=info.affinity_key,
+            affinity=self._alike.same(info.affinity_key),
             pod=pod,
         )
 

@@ -1,9 +1,13 @@
 """Which nodes hold which container images, and how large those are."""
 
+from typing import Final
+
 import numpy as np
 
 from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.core.objects import NodeImage
+
+MOST_KNOWN: Final = 65536
 
 
 class _Image:
@@ -19,10 +23,12 @@ class _Image:
 class Images:
     """Images by name. Nodes with the same list share it."""
 
-    __slots__ = ("_images", "_lists", "_of_row")
+    __slots__ = ("_images", "_known", "_lists", "_of_row")
 
     def __init__(self) -> None:
         self._images: dict[str, _Image] = {}
+        self._known: dict[NodeImage, NodeImage] = {}
+        """Entries of the lists: the same image is on many nodes."""
         self._of_row: dict[int, tuple[NodeImage, ...]] = {}
         self._lists: dict[tuple[NodeImage, ...], tuple[tuple[NodeImage, ...], int]] = {}
 
@@ -38,6 +44,10 @@ class Images:
         if images:
             self._put_on(row, self._shared(images))
         return True
+
+    def of(self, row: int) -> tuple[NodeImage, ...]:
+        """What a row reports; equal entries of different nodes are the same object."""
+        return self._of_row.get(row, ())
 
     def bytes_of(self, names: tuple[str, ...], rows: int, nodes: int) -> IntArray:
         """Σ int(size · nodes that have it / all nodes) of these images per row, each mention counted."""
@@ -80,6 +90,10 @@ class Images:
                         del self._images[name]
 
     def _shared(self, images: tuple[NodeImage, ...]) -> tuple[NodeImage, ...]:
-        shared, users = self._lists.get(images, (images, 0))
-        self._lists[images] = (shared, users + 1)
+        shared, users = self._lists.get(images, ((), 0))
+        if not users:
+            if len(self._known) >= MOST_KNOWN:
+                self._known.clear()
+            shared = tuple(self._known.setdefault(image, image) for image in images)
+        self._lists[shared] = (shared, users + 1)
         return shared
