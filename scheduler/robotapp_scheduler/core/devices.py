@@ -126,6 +126,16 @@ class DeviceIndex:
         """Devices of a node, sorted by id."""
         return self._devices.get(node, ())
 
+    def free_by_type(self) -> dict[str, int]:
+        """Devices nobody has claimed or was promised, by type; 0 for a type that is all taken."""
+        found: dict[str, int] = {}
+        for node, devices in self._devices.items():
+            for device in devices:
+                key = (node, device_label(device.id))
+                taken = key in self._claims or key in self._promised
+                found[device.type] = found.get(device.type, 0) + (not taken)
+        return found
+
     def capable(self, wish: DeviceWish) -> frozenset[str]:
         """Names of nodes that have such a device, free or not."""
         key = (wish.type, wish.model, wish.interface, wish.match)

@@ -86,6 +86,11 @@ class RttModel:
             self.version += 1
         return behind or bool(late)
 
+    def oldest_age_s(self) -> float | None:
+        """Age of the oldest reading still in use, None without any."""
+        oldest_s = min((reading.received_s for reading in self._readings.values()), default=None)
+        return None if oldest_s is None else self._clock() - oldest_s
+
     def load(self, name: str) -> Load | None:
         """Load the agent of a node reported, None when unknown."""
         reading = self._readings.get(name)

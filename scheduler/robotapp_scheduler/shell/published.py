@@ -13,6 +13,13 @@ def publish(metrics: Metrics, core: SchedulerCore, client: ApiClient, running: R
     """Register what the core, the client and the configuration count themselves."""
     metrics.watch("pending_pods", "Pods that wait, by queue", label="queue", read=core.queue.pending)
     metrics.watch("cache_size", "Objects in the cache", label="type", read=lambda: _cache_size(core))
+    metrics.watch(
+        "device_slots_free",
+        "Devices on all nodes that nobody has claimed, by type",
+        label="type",
+        read=core.cluster.devices.free_by_type,
+    )
+    metrics.watch_several("rtt_age_seconds", "Age of the oldest telemetry in use", labels=(), read=lambda: _age(core))
     metrics.watch_several(
         "unschedulable_pods",
         "Waiting pods, by the plugin that refused them last",
@@ -55,6 +62,11 @@ def publish(metrics: Metrics, core: SchedulerCore, client: ApiClient, running: R
         label="digest",
         read=lambda: {running.config.digest: 0.0 if running.refused else 1.0},
     )
+
+
+def _age(core: SchedulerCore) -> Mapping[tuple[str, ...], float]:
+    age_s = core.cluster.rtt.oldest_age_s()
+    return {} if age_s is None else {(): age_s}
 
 
 def _cache_size(core: SchedulerCore) -> Mapping[str, float]:

@@ -155,3 +155,13 @@ def test_promises_and_own_claims_of_such_a_device_are_found_again() -> None:
     devices = index(second)
     devices.promise("new", grants)
     assert devices.choose((CAN,), "n", DeviceHolder(uid="app-2", namespace="default", pod_uid="other")) is None
+
+
+def test_what_nobody_has_claimed_or_was_promised_is_counted_by_type() -> None:
+    devices = index(can(0), can(1), can(2), TelemetryDevice(id="usb-1", type="usb"))
+    assert devices.free_by_type() == {"can": 3, "usb": 1}
+    devices.apply_claim(device_claim("n", "can-can0", uid="other"))
+    devices.apply_claim(device_claim("n", "usb-1", uid="other"))
+    assert devices.free_by_type() == {"can": 2, "usb": 0}
+    devices.remove_claim("dev.n.usb-1")
+    assert devices.free_by_type() == {"can": 2, "usb": 1}

@@ -109,3 +109,15 @@ def test_an_estimate_that_is_a_second_behind_is_corrected_by_the_next_tick() -> 
     assert cluster.tick() == Change.RTT
     assert cluster.rtt.between("a2", "b1", 50) == (80_000.0, "estimated")
     assert cluster.tick() == Change.NONE
+
+
+def test_the_oldest_reading_in_use_has_an_age_and_none_has_none() -> None:
+    clock = Clock()
+    cluster = zoned(clock, a="z1", b="z2")
+    assert cluster.rtt.oldest_age_s() is None
+    cluster.apply_telemetry(telemetry("a", rtt_ms={"b": 15}))
+    clock.forward(7)
+    cluster.apply_telemetry(telemetry("b", rtt_ms={"a": 15}))
+    assert cluster.rtt.oldest_age_s() == 7
+    cluster.apply_telemetry(telemetry("a", rtt_ms={"b": 15}))
+    assert cluster.rtt.oldest_age_s() == 0

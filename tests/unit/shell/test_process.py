@@ -6,6 +6,7 @@ from contextlib import asynccontextmanager
 from dataclasses import replace
 from typing import Any
 
+from prometheus_client.exposition import generate_latest
 from tests.support.apiserver import FakeApiServer, Key
 from tests.support.clients import client_for, until
 
@@ -84,6 +85,18 @@ async def test_from_pod_to_binding_and_event() -> None:
         (event,) = found.server.store.select(events, None)
         assert event["note"] == "Successfully assigned default/p to n1"
         assert len(found.scheduler.core.queue) == 0
+
+
+async def test_everything_that_is_counted_can_be_scraped() -> None:
+    async with world() as found:
+        await found.client.create(NODES, node())
+        await found.client.create(PODS, pod())
+        await found.bound("p")
+        text = generate_latest(found.scheduler.metrics.registry).decode()
+        for name in ("pending_pods", "cache_size", "unschedulable_pods", "config_in_use", "config_reloads_total",
+                     "device_slots_free", "rtt_age_seconds", "simulations_total", "plugin_decisions_total"):  # fmt: skip
+            assert f"# TYPE scheduler_{name} " in text, name
+        assert 'scheduler_cache_size{type="nodes"} 1.0' in text
 
 
 async def test_a_refused_pod_is_told_why_and_bound_when_a_node_appears() -> None:
