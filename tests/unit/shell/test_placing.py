@@ -5,16 +5,19 @@ from typing import Any
 
 import pytest
 from prometheus_client import CollectorRegistry
+from tests.support.scripted_volumes import ScriptedVolumes
 
 from robotapp_api.model.names import Label, PodReason
 from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.devices import DeviceGrant
 from robotapp_scheduler.core.objects import Metadata, Node, NodeStatus, Pod, PodSpec
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.preemption import Plan
 from robotapp_scheduler.core.profiles import Catalogue, PluginRef, ProfileSpec, build_profiles
+from robotapp_scheduler.core.volumes import VolumePlan
 from robotapp_scheduler.shell.binder import BindOutcome, BindResult
 from robotapp_scheduler.shell.loop import SchedulerLoop
 from robotapp_scheduler.shell.metrics import Metrics
@@ -103,6 +106,7 @@ class Rig:
             status = NodeStatus(allocatable={"cpu": "4", "pods": "10"})
             self.core.cluster.apply_node(Node(metadata=Metadata(name=f"n{index}"), status=status))
         self.io = Scripted()
+        self.volumes = ScriptedVolumes()
         self.said = Said()
         self.metrics = Metrics(CollectorRegistry())
         self.waiting: dict[str, Pod] = {}
@@ -113,7 +117,7 @@ class Rig:
             reserver=self.io,  # type: ignore[arg-type]
             reporter=self.said,  # type: ignore[arg-type]
             metrics=self.metrics,
-            volumes=self.io,  # type: ignore[arg-type]
+            volumes=self.volumes,  # type: ignore[arg-type]
             waiting=self.waiting,
             clock=self.clock,
             evict=lambda plan, pod: self.evicted.append((plan, pod)),
@@ -138,6 +142,19 @@ class Rig:
         self.loop._decide(batch)
         await self.loop.drain(1.0)
         self.core.queue.invariant()
+
+    def with_volumes(self, *names: str) -> None:
+        """Decisions about these pods have volumes to be bound first."""
+        decide = self.core.schedule
+
+        def decided(batch: Any, **options: Any) -> list[Decision]:
+            decisions = decide(batch, **options)
+            for decision in decisions:
+                if decision.placed and decision.pod.name in names:
+                    decision.volumes = VolumePlan(str(decision.node), (), (("default", "map"),), 600.0)
+            return decisions
+
+        self.core.schedule = decided  # type: ignore[method-assign]  # the only way in for a decision made by a plugin
 
     async def turn(self) -> None:
         """Let the loop run until nothing moves."""
@@ -319,3 +336,59 @@ async def test_a_stopped_loop_finishes_what_is_in_flight_and_takes_nothing_new()
     await rig.loop.drain(1.0)
     assert [line[1] for line in rig.said.lines] == ["p"]
     assert len(rig.core.queue) == 1
+
+
+async def test_volumes_are_bound_before_the_pod_is() -> None:
+    rig = Rig()
+    rig.with_volumes("p")
+    rig.volumes.ready.clear()
+    rig.show()
+    await rig.turn()
+    assert rig.volumes.asked == ["p"]
+    assert rig.io.asked == []
+    rig.volumes.ready.set()
+    await rig.turn()
+    assert [name for name, *_ in rig.io.asked] == ["p"]
+    assert [what for what, *_ in rig.said.lines] == ["scheduled"]
+
+
+async def test_volumes_that_cannot_be_bound_send_the_pod_back_with_the_reason() -> None:
+    rig = Rig()
+    rig.with_volumes("p")
+    rig.volumes.trouble = "binding volumes: context deadline exceeded"
+    rig.show()
+    await rig.turn()
+    assert rig.io.asked == []
+    text = 'running PreBind plugin "VolumeBinding": binding volumes: context deadline exceeded'
+    assert rig.said.lines == [(PodReason.SCHEDULER_ERROR, "p", text)]
+    assert rig.core.cluster.placed == {}
+    assert rig.core.queue.pending()["backoff"] == 1
+    assert rig.count("error") == 1
+
+
+async def test_pods_that_wait_for_volumes_leave_the_binds_of_others_alone() -> None:
+    rig = Rig(nodes=20)
+    names = [f"slow-{i}" for i in range(100)]
+    rig.with_volumes(*names)
+    rig.volumes.ready.clear()
+    for name in (*names, "plain"):
+        rig.show(name)
+    for _ in range(4):
+        await rig.turn()
+    assert len(rig.volumes.asked) == len(names)
+    assert [name for name, *_ in rig.io.asked] == ["plain"]
+    rig.volumes.ready.set()
+    for _ in range(4):
+        await rig.turn()
+    assert len(rig.io.asked) == len(names) + 1
+
+
+async def test_a_pod_that_was_granted_something_is_read_again_after_its_volumes_took_their_time() -> None:
+    rig = Rig()
+    rig.with_volumes("p")
+    old, new = (Reserved(Readiness.READY, annotations={"granted": "x"}, resource_version=v) for v in ("7", "8"))
+    rig.io.reservations.extend((old, new))
+    rig.show()
+    await rig.turn()
+    assert rig.volumes.asked == ["p"]
+    assert [version for *_, version in rig.io.asked] == ["8"]

@@ -1,5 +1,7 @@
 """VolumeBinding: nodes that reach the pod's volumes, or on which its unbound claims can be satisfied."""
 
+from collections.abc import Hashable
+
 import msgspec
 import numpy as np
 
@@ -51,6 +53,8 @@ class VolumeBinding:
         self._points = interpolated(args.shape)
         self._scores = is_new(args.compat_version)
         self._reach = Reach()
+        self._last: tuple[Hashable, Match | None] = (None, None)
+        """The newest match over all nodes and what it was made of: filter, score and plan of a cycle share it."""
 
     def pre_filter(self, pod: PodInfo, nodes: Nodes) -> PreFilter | None:
         """Refuses a pod with a claim that is missing, lost, on its way out, or to be bound before it is scheduled."""
@@ -80,13 +84,15 @@ class VolumeBinding:
         """What placing the pod on the one node in view asks of its claims; None when all are bound."""
         if pod.volumes is None or not sorted_claims(pod, nodes.cluster.volumes).delayed:
             return None
-        found = self._match(pod, nodes)
+        known = self._last[1] if self._last[0] == _state(pod, nodes) else None
+        row = nodes.cluster.nodes.row_of[nodes.names[0]]
+        found, at = (known, row) if known is not None else (self._match(pod, nodes), 0)
         bindings = [
-            (given.claim.key, given.volumes[int(given.chosen[0])].metadata.name)
+            (given.claim.key, given.volumes[int(given.chosen[at])].metadata.name)
             for given in found.given
-            if given.chosen[0] >= 0
+            if given.chosen[at] >= 0
         ]
-        provisions = [made.claim.key for made in found.made if made.where[0]]
+        provisions = [made.claim.key for made in found.made if made.where[at]]
         return VolumePlan(nodes.names[0], tuple(bindings), tuple(dict.fromkeys(provisions)), self._timeout_s)
 
     def hint(self, pod: PodInfo, event: Event) -> bool:
@@ -108,5 +114,17 @@ class VolumeBinding:
         return True
 
     def _match(self, pod: PodInfo, nodes: Nodes) -> Match:
+        state = _state(pod, nodes) if nodes.full else None
+        if state is not None and self._last[0] == state and self._last[1] is not None:
+            return self._last[1]
         store = nodes.cluster.volumes
-        return match(nodes, sorted_claims(pod, store), store, self._reach)
+        found = match(nodes, sorted_claims(pod, store), store, self._reach)
+        if state is not None:
+            self._last = (state, found)
+        return found
+
+
+def _state(pod: PodInfo, nodes: Nodes) -> Hashable:
+    """Everything a match over all nodes depends on."""
+    cluster = nodes.cluster
+    return (id(cluster), pod.uid, cluster.volumes.key_of(pod), cluster.nodes.generation, cluster.nodes.size)

@@ -1,0 +1,21 @@
+"""A stand-in for the writer of volume decisions, for tests of what comes after it."""
+
+import asyncio
+
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.volumes import VolumePlan
+
+
+class ScriptedVolumes:
+    """Volumes that are bound at once, or not before `ready`, or never, for a reason."""
+
+    def __init__(self) -> None:
+        self.trouble = ""
+        self.ready = asyncio.Event()
+        self.ready.set()
+        self.asked: list[str] = []
+
+    async def bind(self, pod: PodInfo, _plan: VolumePlan) -> str:
+        self.asked.append(pod.name)
+        await self.ready.wait()
+        return self.trouble
