@@ -108,12 +108,12 @@ def test_a_configuration_that_cannot_be_used_names_every_mistake_and_exits_with_
         "apiVersion": "kubescheduler.config.k8s.io/v1",
         "kind": "KubeSchedulerConfiguration",
         "parallelism": 0,
-        "profiles": [{"plugins": {"score": {"enabled": [{"name": "ImageLocality"}]}}}],
+        "profiles": [{"plugins": {"score": {"enabled": [{"name": "GangScheduling"}]}}}],
     }
     path.write_text(yaml.safe_dump(document))
     command = [sys.executable, "-m", "robotapp_scheduler", "--config", str(path)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 2
     assert f"{path}: parallelism: Invalid value: 0: should be an integer value greater than zero" in done.stderr
-    assert 'plugin "ImageLocality" is not built into this scheduler yet' in done.stderr
+    assert 'plugin "GangScheduling" is not built into this scheduler yet' in done.stderr
     assert "Traceback" not in done.stderr
