@@ -137,7 +137,11 @@ class _Search:
         self._spared = failure.spared
         self._evaluation = evaluation
         self._influence = Influence(pod, evaluation)
-        self._promised = cluster.nominations.at_least(pod.priority, but=pod.uid)
+        row_of = cluster.nodes.row_of
+        promised = cluster.nominations.at_least(pod.priority, but=pod.uid)
+        self._held = {row_of[node]: records for node, records in promised.items() if node in row_of}
+        """What others were promised, per row."""
+        self._versions = cluster.nodes.versions
         start = failure.offset % max(len(positions), 1)
         order = np.concatenate([positions[start:], positions[:start]])
         self._rows: npt.NDArray[np.intp] = order if evaluation.rows is None else evaluation.rows[order]
@@ -159,8 +163,22 @@ class _Search:
         hopeful = self._someone & (self._room == 0)
         if not self._influence.others:
             hopeful &= self._first == 0
-        for i in np.flatnonzero(hopeful).tolist():
-            candidate = self._look(i)
+        plain = self._first == 0
+        indices = np.flatnonzero(hopeful)
+        for i, row, is_plain in zip(
+            *(each.tolist() for each in (indices, self._rows[indices], plain[indices])), strict=True
+        ):
+            kept = self._kept.get(row)
+            if (
+                is_plain
+                and kept is not None
+                and kept[0] == self._versions[row]
+                and not kept[1]
+                and row not in self._held
+            ):
+                candidate = kept[2]
+            else:
+                candidate = self._look(i, row)
             if candidate is None:
                 continue
             found.append(candidate)
@@ -186,24 +204,19 @@ class _Search:
                 result[text] = result.get(text, 0) + count
         return result
 
-    def _look(self, i: int) -> Candidate | None:
-        row = int(self._rows[i])
-        promised = self._promised.get(self._cluster.nodes.names[row], ())
+    def _look(self, i: int, row: int) -> Candidate | None:
+        promised = self._held.get(row, ())
         touched, candidate = self._by_amounts(row)
         if touched or any(self._influence.touched(record) for record in promised):
             return self._by_trial(i, row, promised)
-        if self._first[i] != 0:
-            self._reasons[i] = int(self._first[i])
-            return None
-        if promised:
-            lower = lower_pods(self._cluster, row, self._pod.priority, self._spared)
-            candidate = self._whole_numbers(row, lower, promised)
-        # None: the promised pods take the room. The filters know the words for it.
-        return candidate if candidate is not None else self._by_trial(i, row, promised)
+        if self._first[i] != 0 or not promised:
+            return candidate if self._first[i] == 0 else None
+        lower = lower_pods(self._cluster, row, self._pod.priority, self._spared)
+        return self._whole_numbers(row, lower, promised)
 
     def _by_amounts(self, row: int) -> tuple[bool, Candidate | None]:
         """(do other filters mind its lower pods, victims by amounts), kept until anything about the row changes."""
-        version = self._cluster.nodes.versions[row]
+        version = self._versions[row]
         kept = self._kept.get(row)
         if kept is not None and kept[0] == version:
             return kept[1], kept[2]
@@ -227,10 +240,11 @@ class _Search:
         return None
 
     def _reason_without(self, i: int) -> int:
-        """What stands against a node that was not looked at: amounts are short even with every lower pod gone."""
+        """What stands against a node with every lower pod gone: amounts, or what was promised to others there."""
         row = int(self._rows[i])
-        if self._by_amounts(row)[0]:
-            self._by_trial(i, row, self._promised.get(self._cluster.nodes.names[row], ()))
+        promised = self._held.get(row, ())
+        if promised or self._by_amounts(row)[0]:
+            self._by_trial(i, row, promised)
             return self._reasons.get(i, 0)
         return int(self._first[i])
 

@@ -53,18 +53,18 @@ def by_amounts(
     codes = {names[name]: amount for name, amount in wishes.items() if name in names}
     if len(codes) < len(wishes):
         return None  # nobody offers it
-    held = [dict(pod.requested) for pod in lower]
+    needs = {pod.uid: _of(pod, codes) for pod in lower}
     left = [
-        int(table.resources.allocatable[code, row] - table.resources.requested[code, row])
-        + sum(each.get(code, 0) for each in held)
-        - sum(dict(pod.requested).get(code, 0) for pod in promised)
-        - amount
+        int(table.resources.allocatable[code, row]) - int(table.resources.requested[code, row]) - amount
         for code, amount in codes.items()
     ]
+    for pod in lower:
+        left = [amount + need for amount, need in zip(left, needs[pod.uid], strict=True)]
+    for pod in promised:
+        left = [amount - need for amount, need in zip(left, _of(pod, codes), strict=True)]
     slots = int(table.allowed_pods[row] - table.pod_count[row]) + len(lower) - len(promised) - 1
     if slots < 0 or any(amount < 0 for amount in left):
         return None
-    needs = {pod.uid: [each.get(code, 0) for code in codes] for pod, each in zip(lower, held, strict=True)}
 
     def stays(pod: PlacedPod) -> bool:
         nonlocal slots, left
@@ -110,6 +110,11 @@ def _reason(cluster: Cluster, influence: Influence, row: int, promised: Sequence
     if promised and reason == 0:
         reason = int(influence.asked(Nodes(cluster, [row]))[0])
     return reason
+
+
+def _of(pod: PlacedPod, codes: Mapping[int, int]) -> list[int]:
+    held = dict(pod.requested)
+    return [held.get(code, 0) for code in codes]
 
 
 def _reprieved(row: int, split: Split, stays: Callable[[PlacedPod], bool]) -> Candidate | None:

@@ -9,6 +9,7 @@ from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.objects import Metadata, Node, NodeStatus, Pod, PodSpec, PodStatus
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.queue import SchedulingQueue
+from robotapp_scheduler.core.queued import Rejection
 from robotapp_scheduler.shell.intake import Intake
 
 OURS = "ours"
@@ -151,3 +152,42 @@ def _play(desk: Desk, flying: dict[str, Any], uid: str, step: str) -> None:
         desk.cluster.assume(PodInfo(desk.intake.waiting[uid]), "n1")
         desk.queue.done(uid)
         flying.pop(uid)
+
+
+def test_a_nomination_is_read_from_the_status_and_ends_with_the_pod() -> None:
+    desk = Desk()
+    waiting = pod()
+    waiting.status.nominated_node_name = "n1"
+    desk.show(waiting)
+    assert desk.cluster.nominations.node_of("u1") == "n1"
+    desk.show(pod(deleting=True))
+    assert desk.cluster.nominations.node_of("u1") == ""
+
+
+def test_giving_up_a_nominated_node_wakes_those_who_wait_for_room() -> None:
+    desk = Desk()
+    desk.show(pod("other"))
+    (queued,) = desk.queue.pop()
+    desk.queue.requeue(queued, Rejection(frozenset({"Fit"})))
+    nominated = pod()
+    nominated.status.nominated_node_name = "n1"
+    desk.show(nominated)
+    assert desk.queue.pending()["unschedulable"] == 1
+    desk.show(pod())
+    assert desk.queue.pending()["unschedulable"] == 0
+
+
+def test_a_pod_that_vanishes_is_shown_to_who_asks_why() -> None:
+    desk = Desk()
+    seen: list[str] = []
+    desk.intake = Intake(
+        desk.cluster,
+        desk.queue,
+        desk.reporter,  # type: ignore[arg-type]
+        scheduler_names=[OURS],
+        on_vanished=lambda gone: seen.append(gone.metadata.uid),
+    )
+    for each in (pod("mine", node="n1"), pod("theirs", node="n1", scheduler="default-scheduler")):
+        desk.show(each)
+        desk.drop(each.metadata.uid)
+    assert seen == ["mine"]

@@ -147,3 +147,33 @@ def test_a_note_up_to_1024_bytes_is_kept(length: int) -> None:
 def test_a_longer_note_is_cut_to_1020_bytes_and_marked() -> None:
     assert texts.note("x" * 1025) == "x" * 1020 + " ..."
     assert len(texts.note("ä" * 600).encode()) <= 1024
+
+
+async def test_a_nomination_travels_in_the_same_patch_as_the_condition_and_is_cleared_by_null() -> None:
+    desk = Desk()
+    desk.reporter.unscheduled(pod(), reason="Unschedulable", message="found", nominate="n1")
+    (patch,) = await desk.settle()
+    assert patch[1]["status"]["nominatedNodeName"] == "n1"
+    nominated = pod(refused("found"))
+    nominated.status.nominated_node_name = "n1"
+    desk.reporter.unscheduled(nominated, reason="Unschedulable", message="none left", nominate="")
+    patch = (await desk.settle())[-1]
+    assert patch[1]["status"]["nominatedNodeName"] is None
+
+
+async def test_a_nomination_that_is_not_written_yet_survives_a_later_text_without_one() -> None:
+    desk = Desk()
+    desk.reporter.unscheduled(pod(), reason="Unschedulable", message="found", nominate="n1")
+    desk.reporter.unscheduled(pod(), reason="Unschedulable", message="not eligible")
+    (patch,) = await desk.settle()
+    assert patch[1]["status"]["nominatedNodeName"] == "n1"
+    assert patch[1]["status"]["conditions"][0]["message"] == "not eligible"
+
+
+async def test_an_unchanged_text_is_written_again_for_another_node_without_a_second_event() -> None:
+    desk = Desk()
+    desk.reporter.unscheduled(pod(), reason="Unschedulable", message="found", nominate="n1")
+    desk.reporter.unscheduled(pod(), reason="Unschedulable", message="found", nominate="n2")
+    patches = await desk.settle()
+    assert patches[-1][1]["status"]["nominatedNodeName"] == "n2"
+    assert len(desk.events.notes) == 1
