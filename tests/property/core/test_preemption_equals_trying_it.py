@@ -24,6 +24,22 @@ AVOIDED = {
 }
 
 
+def near(app: str, kind: str) -> dict[str, Any]:
+    term = {"topologyKey": "zone", "labelSelector": {"matchLabels": {"app": app}}}
+    return {"affinity": {kind: {"requiredDuringSchedulingIgnoredDuringExecution": [term]}}}
+
+
+SPREAD = {"maxSkew": 1, "topologyKey": "zone", "whenUnsatisfiable": "DoNotSchedule"}
+WISHES: tuple[dict[str, Any], ...] = (
+    {},
+    {},
+    {},
+    near("a", "podAffinity"),
+    near("a", "podAntiAffinity"),
+    {"topologySpreadConstraints": [{**SPREAD, "labelSelector": {"matchLabels": {"app": "a"}}}]},
+)
+
+
 class World(NamedTuple):
     nodes: list[Node]
     placed: list[Pod]
@@ -40,7 +56,12 @@ def containers(cpu_milli: int, port: bool) -> list[dict[str, Any]]:
 def worlds(draw: st.DrawFn) -> World:
     count = draw(st.integers(1, 3))
     nodes = [
-        make_node(f"n{i}", cpu=draw(st.sampled_from(("1", "2"))), pods=str(draw(st.sampled_from((2, 3, 110)))))
+        make_node(
+            f"n{i}",
+            cpu=draw(st.sampled_from(("1", "2"))),
+            pods=str(draw(st.sampled_from((2, 3, 110)))),
+            labels={"zone": draw(st.sampled_from("xy"))},
+        )
         for i in range(count)
     ]
     placed = []
@@ -72,7 +93,8 @@ def worlds(draw: st.DrawFn) -> World:
         for app in draw(st.sets(st.sampled_from(("a", "b"))))
     ]
     wanted = containers(draw(st.sampled_from((300, 1000, 1500))), draw(st.integers(0, 3)) == 0)
-    pod = make_pod("vip", priority=draw(st.integers(0, 3)), labels={"app": "vip"}, containers=wanted)
+    wishes = draw(st.sampled_from(WISHES))
+    pod = make_pod("vip", priority=draw(st.integers(0, 3)), labels={"app": "vip"}, containers=wanted, **wishes)
     return World(nodes, placed, nominated, budgets, pod)
 
 
@@ -170,14 +192,14 @@ def test_the_plan_is_the_best_of_what_trying_each_node_finds(world: World, again
         assert refusals[str(decision.node)] == ()
         return
     assert all(refusals.values())
-    found = {name: victims_on(world, name) for name in refusals}
+    hopeless = {name for name, reasons in refusals.items() if never(world, name, reasons)}
+    found = {name: (NOT_HELPFUL,) if name in hopeless else victims_on(world, name) for name in refusals}
     candidates = {name: answer for name, answer in found.items() if isinstance(answer[0], list)}
     if not candidates:
         assert decision.plan is None
         counts: dict[str, int] = {}
-        for name, texts in found.items():
-            for text in [NOT_HELPFUL] if never(world, name, refusals[name]) else [str(t) for t in texts]:
-                counts[text] = counts.get(text, 0) + 1
+        for text in (str(text) for texts in found.values() for text in texts):
+            counts[text] = counts.get(text, 0) + 1
         entries = ", ".join(sorted(f"{count} {text}" for text, count in counts.items()))
         assert decision.message.endswith(f"preemption: 0/{len(found)} nodes are available: {entries}.")
         return
@@ -190,9 +212,9 @@ def test_the_plan_is_the_best_of_what_trying_each_node_finds(world: World, again
 
 
 def never(world: World, name: str, reasons: Sequence[str]) -> bool:
-    """Refused for more than the node offers, even empty: nobody's going helps."""
+    """Refused for friends that are not there, or for more than the empty node offers: nobody's going helps."""
     if "Insufficient cpu" not in reasons:
-        return False
+        return "node(s) didn't match pod affinity rules" in reasons
     node = next(node for node in world.nodes if node.metadata.name == name)
     asked = sum(int(c.resources.requests["cpu"][:-1]) for c in world.pod.spec.containers if c.resources.requests)  # type: ignore[index]
     return asked > int((node.status.allocatable or {})["cpu"]) * 1000
