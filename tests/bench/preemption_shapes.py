@@ -73,7 +73,8 @@ def scene(random: Random) -> Scene:
                     app=random.choice(APPS),
                     start=starts[len(placed)],
                     cpu_milli=random.choice((100, 400, 700, 900)),
-                    port=random.random() < 0.2,
+                    # Only one per node: kube-scheduler forgets that a second one uses the port too.
+                    port=random.random() < 0.3 and not any(other.port for other in placed if other.node == name),
                 )
             )
     budgets = tuple((app, random.randint(0, 2)) for app in APPS if random.random() < 0.5)

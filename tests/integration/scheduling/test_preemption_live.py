@@ -29,6 +29,11 @@ def ranked(name: str, priority: str, cpu: str, **fields: object) -> Json:
     return pod(name, requests={"cpu": cpu}, priorityClassName=f"live-{priority}", **fields)  # type: ignore[arg-type]
 
 
+def own(stage: Stage, number: int = 1) -> str:
+    """A node name no other test has used: pods of other tests may still be on theirs."""
+    return f"edge-{stage.namespace}-{number}"
+
+
 def gone(stage: Stage, name: str) -> bool:
     try:
         stage.pod(name)
@@ -45,21 +50,21 @@ def wait_running(stage: Stage, name: str) -> None:
 def test_the_pod_of_lower_priority_is_deleted_and_the_higher_one_takes_its_place(
     installed_plane: ControlPlane, stage: Stage
 ) -> None:
-    with nodes(installed_plane, edge("edge-1", cpu="2")):
+    with nodes(installed_plane, edge(own(stage, 1), cpu="2")):
         for name, priority in (("low", "low"), ("middle", "middle")):
             stage.create_pod(ranked(name, priority, "900m"))
             stage.wait_bound(name)
         vip = stage.create_pod(ranked("vip", "high", "1"))
-        assert stage.wait_bound("vip") == "edge-1"
+        assert stage.wait_bound("vip") == own(stage)
         stage.wait(lambda: gone(stage, "low"), what=lambda: "low is still there")
-        assert stage.node_of("middle") == "edge-1"
+        assert stage.node_of("middle") == own(stage)
         note = stage.wait_event("vip", reason="FailedScheduling")["note"]
         assert note == (
             "0/1 nodes are available: 1 Insufficient cpu. preemption: found a potential placement for pod "
-            "on node edge-1, preempting 1 victims"
+            f"on node {own(stage)}, preempting 1 victims"
         )
         event = stage.wait_event("low", reason="Preempted")
-        assert event["note"] == f"Preempted by pod {vip['metadata']['uid']} on node edge-1"
+        assert event["note"] == f"Preempted by pod {vip['metadata']['uid']} on node {own(stage)}"
         assert (event["type"], event["action"]) == ("Normal", "Preempting")
         assert event["reportingController"] == "ros-aware-scheduler"
 
@@ -68,7 +73,7 @@ def test_the_pod_of_lower_priority_is_deleted_and_the_higher_one_takes_its_place
 def test_a_victim_with_a_finalizer_shows_why_it_goes_and_the_preemptor_waits_for_it(
     installed_plane: ControlPlane, stage: Stage
 ) -> None:
-    with nodes(installed_plane, edge("edge-1", cpu="2")):
+    with nodes(installed_plane, edge(own(stage, 1), cpu="2")):
         low = ranked("low", "low", "1500m")
         low["metadata"]["finalizers"] = ["example.com/hold"]
         stage.create_pod(low)
@@ -82,16 +87,16 @@ def test_a_victim_with_a_finalizer_shows_why_it_goes_and_the_preemptor_waits_for
         assert (condition["status"], condition["reason"]) == ("True", "PreemptionByScheduler")
         assert condition["message"] == "ros-aware-scheduler: preempting to accommodate a higher priority pod"
         stage.wait(
-            lambda: stage.pod("vip")["status"].get("nominatedNodeName") == "edge-1",
+            lambda: stage.pod("vip")["status"].get("nominatedNodeName") == own(stage),
             what=lambda: "vip is not nominated",
         )
         installed_plane.api.patch(f"{stage.pods_path}/low", {"metadata": {"finalizers": None}})
-        assert stage.wait_bound("vip") == "edge-1"
+        assert stage.wait_bound("vip") == own(stage)
 
 
 @pytest.mark.usefixtures("scheduler")
 def test_a_disruption_budget_sends_the_preemption_elsewhere(installed_plane: ControlPlane, stage: Stage) -> None:
-    with nodes(installed_plane, edge("edge-1", cpu="2"), edge("edge-2", cpu="2")):
+    with nodes(installed_plane, edge(own(stage, 1), cpu="2"), edge(own(stage, 2), cpu="2")):
         for name in ("guarded", "free"):
             stage.create_pod(ranked(name, "low", "1500m", labels={"app": name}))
             stage.wait_bound(name)
@@ -112,7 +117,7 @@ def test_a_disruption_budget_sends_the_preemption_elsewhere(installed_plane: Con
 
 @pytest.mark.usefixtures("scheduler")
 def test_a_pod_that_never_preempts_waits_and_says_so(installed_plane: ControlPlane, stage: Stage) -> None:
-    with nodes(installed_plane, edge("edge-1", cpu="2")):
+    with nodes(installed_plane, edge(own(stage, 1), cpu="2")):
         stage.create_pod(ranked("low", "low", "1500m"))
         stage.wait_bound("low")
         stage.create_pod(ranked("polite", "polite", "1"))
@@ -123,10 +128,10 @@ def test_a_pod_that_never_preempts_waits_and_says_so(installed_plane: ControlPla
 
 
 def test_a_nomination_survives_a_restart_of_the_scheduler(installed_plane: ControlPlane, stage: Stage) -> None:
-    with nodes(installed_plane, edge("edge-1", cpu="2")):
+    with nodes(installed_plane, edge(own(stage, 1), cpu="2")):
         # Gated, so that nobody binds it: what keeps the room free for it is its status alone.
         stage.create_pod(ranked("promised", "high", "1500m", schedulingGates=[{"name": "example.com/hold"}]))
-        installed_plane.api.patch(f"{stage.pods_path}/promised/status", {"status": {"nominatedNodeName": "edge-1"}})
+        installed_plane.api.patch(f"{stage.pods_path}/promised/status", {"status": {"nominatedNodeName": own(stage)}})
         process: Process = start_scheduler(installed_plane, log_format="text")
         try:
             stage.create_pod(ranked("rival", "middle", "1"))
@@ -134,7 +139,7 @@ def test_a_nomination_survives_a_restart_of_the_scheduler(installed_plane: Contr
                 "0/1 nodes are available: 1 Insufficient cpu."
             )
             stage.delete_pod("promised")
-            assert stage.wait_bound("rival") == "edge-1"
+            assert stage.wait_bound("rival") == own(stage)
         finally:
             process.stop()
 
@@ -142,11 +147,11 @@ def test_a_nomination_survives_a_restart_of_the_scheduler(installed_plane: Contr
 @pytest.mark.usefixtures("scheduler")
 def test_many_preemptors_find_room_at_once_and_nobody_is_lost(installed_plane: ControlPlane, stage: Stage) -> None:
     count = 6
-    with nodes(installed_plane, *(edge(f"edge-{i}", cpu="2") for i in range(count))):
+    with nodes(installed_plane, *(edge(own(stage, i), cpu="2") for i in range(count))):
         for i in range(count):
             stage.create_pod(ranked(f"low-{i}", "low", "1500m"))
         for i in range(count):
             stage.wait_bound(f"low-{i}")
         for i in range(count):
             stage.create_pod(ranked(f"vip-{i}", "high", "1500m"))
-        assert {stage.wait_bound(f"vip-{i}") for i in range(count)} == {f"edge-{i}" for i in range(count)}
+        assert {stage.wait_bound(f"vip-{i}") for i in range(count)} == {own(stage, i) for i in range(count)}
