@@ -8,25 +8,11 @@ import importlib
 import importlib.metadata
 from collections.abc import Collection, Iterable
 
-from robotapp_scheduler.core.profiles import POINTS, Catalogue
+from robotapp_scheduler.core.profiles import OTHER_FORMS, POINTS, Catalogue
 
 ENTRY_POINTS = "robotapp_scheduler.plugins"
 
-NOT_BUILT = frozenset(
-    {
-        "VolumeRestrictions",
-        "NodeVolumeLimits",
-        "VolumeBinding",
-        "VolumeZone",
-        "PodTopologySpread",
-        "InterPodAffinity",
-        "DynamicResources",
-        "ImageLocality",
-        "NodeDeclaredFeatures",
-        "DeferredPodScheduling",
-        "GangScheduling",
-    }
-)
+NOT_BUILT = frozenset({"DeferredPodScheduling", "GangScheduling"})
 """kube-scheduler 1.37 plugins that exist upstream; a name that is in our catalogue wins over this list."""
 
 
@@ -67,8 +53,9 @@ def load_class(name: str) -> type:
     except Exception as error:
         # Somebody else's module may raise anything while it is imported.
         raise UnknownPluginError(f'plugin "{name}" cannot be loaded: {error}') from error
-    if not isinstance(found, type) or not any(callable(getattr(found, hook, None)) for hook in POINTS.values()):
-        hooks = ", ".join(POINTS.values())
+    known = (*POINTS.values(), *OTHER_FORMS.values())
+    if not isinstance(found, type) or not any(callable(getattr(found, hook, None)) for hook in known):
+        hooks = ", ".join(known)
         raise UnknownPluginError(
             f'plugin "{name}" cannot be loaded: {found!r} is no class with one of the hooks {hooks}'
         )

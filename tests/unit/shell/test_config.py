@@ -192,11 +192,11 @@ def test_all_mistakes_are_reported_in_one_bracketed_list() -> None:
 
 
 def test_upstream_plugins_that_are_not_built_are_named_as_such() -> None:
-    plugins = {"score": {"enabled": [{"name": "ImageLocality", "weight": 3}]}}
+    plugins = {"score": {"enabled": [{"name": "GangScheduling", "weight": 3}]}}
     assert problems(profiles=profile(plugins=plugins)) == [
         (
             "profiles[0].plugins.score.enabled[0].name: not supported here: "
-            'plugin "ImageLocality" is not built into this scheduler yet'
+            'plugin "GangScheduling" is not built into this scheduler yet'
         )
     ]
 
