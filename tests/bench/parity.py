@@ -21,7 +21,7 @@ from typing import Any
 import aiohttp
 import msgspec
 import yaml
-from tests.bench import load, parity_oracle, parity_shapes, parity_volumes
+from tests.bench import load, parity_oracle, parity_reference, parity_shapes, parity_volumes
 from tests.bench.parity_oracle import OracleLog, Scores
 from tests.bench.parity_topology import ARENA, ENDING
 from tests.bench.parity_topology import NAMESPACES as SPACES
@@ -79,13 +79,41 @@ def differences(theirs: Verdict, ours: Verdict) -> list[str]:
 
 def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="scripts/bench parity", description=__doc__.splitlines()[0])
-    parser.add_argument("--cases", type=int, default=300)
+    parser.add_argument("--cases", type=int, help="300, with --reference 20000")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", type=Path, help="write every case and difference to this file")
+    parser.add_argument(
+        "--reference", action="store_true", help="against the scalar reference instead, without a cluster"
+    )
+    parser.add_argument("--case", type=int, metavar="N", help="with --reference: show this one case of the seed")
     arguments = parser.parse_args(argv)
+    if arguments.reference:
+        return _against_reference(arguments)
+    return _against_oracle(arguments)
+
+
+def _against_reference(arguments: argparse.Namespace) -> int:
+    seed = str(arguments.seed)
+    if arguments.case is not None:
+        print(parity_reference.one(seed=seed, number=arguments.case))
+        return 0
+    report = parity_reference.campaign(cases=arguments.cases or 20_000, seed=seed, say=_say)
+    if arguments.json:
+        arguments.json.write_text(json.dumps(report.as_json(), indent=2) + "\n")
+    print(report.table())
+    for each in report.found[:20]:
+        print(json.dumps(each))
+    if report.smallest:
+        print(f"the first of them, made small:\n{report.smallest}")
+    total = report.counts.total()
+    print(f"{total} cases, seed {seed}: {len(report.found)} differences, {report.seconds:.0f} s")
+    return 1 if report.found else 0
+
+
+def _against_oracle(arguments: argparse.Namespace) -> int:
     with ControlPlane(kwok=False, controller_manager=False) as cp:
         install(cp)
-        report = asyncio.run(run(cp, cases=arguments.cases, seed=arguments.seed, say=_say))
+        report = asyncio.run(run(cp, cases=arguments.cases or 300, seed=arguments.seed, say=_say))
     if arguments.json:
         arguments.json.write_text(json.dumps(report, indent=2) + "\n")
     unexplained = report["differences"]

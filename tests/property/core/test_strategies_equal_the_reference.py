@@ -1,82 +1,83 @@
 """Scoring strategies and formula versions that the default profile does not use, against the scalar reference."""
 
+from collections.abc import Callable
 from typing import Any
 
 import msgspec
 import numpy as np
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from tests.support.reference_scheduler import scores
-from tests.support.scheduling import make_cluster, to_node, to_pod
-from tests.support.scheduling_cases import worlds
+from tests.support.cluster_cases import Case, cases
+from tests.support.reference_comparison import NOT_YET, build
+from tests.support.reference_scheduler import Config
+from tests.support.reference_scheduler.resources import balance_score, fit_score
+from tests.support.reference_scheduler.state import State
 
-from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.view import Nodes, Row
 from robotapp_scheduler.plugins.kubernetes.balanced_allocation import BalancedArgs, NodeResourcesBalancedAllocation
 from robotapp_scheduler.plugins.kubernetes.resources_fit import FitArgs, NodeResourcesFit
 
-Json = dict[str, Any]
+FAMILIES = [
+    name for name in ("amounts", "extended", "pod-level", "init-steps", "overhead", "resize") if name not in NOT_YET
+]
 RESOURCES = st.dictionaries(
-    st.sampled_from(("cpu", "memory", "nvidia.com/gpu", "ephemeral-storage")), st.integers(1, 5), min_size=1, max_size=4
+    st.sampled_from(("cpu", "memory", "example.com/gpu", "ephemeral-storage")),
+    st.integers(1, 5),
+    min_size=1,
+    max_size=4,
 )
 SHAPES = st.lists(st.tuples(st.integers(0, 100), st.integers(0, 10)), min_size=1, max_size=4, unique_by=lambda p: p[0])
 CHECKS = settings(
     max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large]
 )
+Rule = Callable[[State, list[dict[str, Any]]], dict[str, int] | None]
 
 
-def expected(world: tuple[list[Json], list[Json], Json], rule: Any) -> list[int | None]:
-    nodes, placed, pod = world
-    names = [node["metadata"]["name"] for node in nodes]
-    on = {name: [other for other in placed if other["spec"]["nodeName"] == name] for name in names}
-    return [rule(pod, node, on[node["metadata"]["name"]]) for node in nodes]
+def expected(case: Case, rule: Rule, **config: Any) -> list[int | None]:
+    cluster = case.cluster
+    scores = rule(State.of(cluster, case.pod, Config(**config)), cluster.nodes)
+    return [None if scores is None else scores[node["metadata"]["name"]] for node in cluster.nodes]
 
 
-def found(world: tuple[list[Json], list[Json], Json], plugin: Any) -> list[int | None]:
+def found(case: Case, plugin: Any) -> list[int | None]:
     """Scores by columns, which must equal those of the row form."""
-    nodes, placed, pod = world
-    cluster = make_cluster(*(to_node(node) for node in nodes))
-    for other in placed:
-        cluster.apply_pod(to_pod(other))
-    info = PodInfo(to_pod(pod))
-    columns = plugin.score(info, Nodes(cluster))
+    core, info = build(case)
+    columns = plugin.score(info, Nodes(core.cluster))
+    count = len(case.cluster.nodes)
     if columns is None:
-        return [None] * len(nodes)
+        return [None] * count
     assert isinstance(columns, np.ndarray)
-    assert columns.tolist() == [plugin.score_row(info, Row(cluster.nodes, row)) for row in range(len(nodes))]
+    assert columns.tolist() == [plugin.score_row(info, Row(core.cluster.nodes, row)) for row in range(count)]
     return list(columns.tolist())
 
 
-@CHECKS
-@given(worlds(), RESOURCES, st.sampled_from(("LeastAllocated", "MostAllocated")))
-def test_least_and_most_allocated_over_any_resources(world: Any, resources: dict[str, int], kind: str) -> None:
-    strategy = {"type": kind, "resources": [{"name": name, "weight": w} for name, w in resources.items()]}
-    plugin = NodeResourcesFit(msgspec.convert({"scoringStrategy": strategy}, FitArgs))
-    rule = scores.least_allocated if kind == "LeastAllocated" else scores.most_allocated
-    assert found(world, plugin) == expected(world, lambda *args: rule(*args, resources))
+def strategy(kind: str, resources: dict[str, int]) -> dict[str, Any]:
+    return {"type": kind, "resources": [{"name": name, "weight": weight} for name, weight in resources.items()]}
 
 
 @CHECKS
-@given(worlds(), RESOURCES, SHAPES)
+@given(cases(FAMILIES), RESOURCES, st.sampled_from(("LeastAllocated", "MostAllocated")))
+def test_least_and_most_allocated_over_any_resources(case: Case, resources: dict[str, int], kind: str) -> None:
+    fit = strategy(kind, resources)
+    plugin = NodeResourcesFit(msgspec.convert({"scoringStrategy": fit}, FitArgs))
+    assert found(case, plugin) == expected(case, fit_score, fit_strategy=fit)
+
+
+@CHECKS
+@given(cases(FAMILIES), RESOURCES, SHAPES)
 def test_requested_to_capacity_ratio_with_any_shape(
-    world: Any, resources: dict[str, int], points: list[tuple[int, int]]
+    case: Case, resources: dict[str, int], points: list[tuple[int, int]]
 ) -> None:
-    shape = sorted(points)
-    strategy = {
-        "type": "RequestedToCapacityRatio",
-        "resources": [{"name": name, "weight": weight} for name, weight in resources.items()],
-        "requestedToCapacityRatio": {"shape": [{"utilization": at, "score": score} for at, score in shape]},
-    }
-    plugin = NodeResourcesFit(msgspec.convert({"scoringStrategy": strategy}, FitArgs))
-    assert found(world, plugin) == expected(world, lambda *args: scores.capacity_ratio(*args, shape, resources))
+    shape = [{"utilization": at, "score": score} for at, score in sorted(points)]
+    fit = strategy("RequestedToCapacityRatio", resources) | {"requestedToCapacityRatio": {"shape": shape}}
+    plugin = NodeResourcesFit(msgspec.convert({"scoringStrategy": fit}, FitArgs))
+    assert found(case, plugin) == expected(case, fit_score, fit_strategy=fit)
 
 
 @CHECKS
-@given(worlds(), RESOURCES, st.sampled_from(("1.35", "1.37")))
-def test_balance_over_any_resources_in_both_versions(world: Any, resources: dict[str, int], compat: str) -> None:
+@given(cases(FAMILIES), RESOURCES, st.sampled_from(("1.35", "1.37")))
+def test_balance_over_any_resources_in_both_versions(case: Case, resources: dict[str, int], compat: str) -> None:
     args = {"resources": [{"name": name, "weight": 1} for name in resources], "compatVersion": compat}
     plugin = NodeResourcesBalancedAllocation(msgspec.convert(args, BalancedArgs))
-    change = compat == "1.37"
-    assert found(world, plugin) == expected(
-        world, lambda *args: scores.balanced(*args, tuple(resources), change=change)
-    )
+    names = tuple(resources)
+    assert found(case, plugin) == expected(case, balance_score, balanced_resources=names, compat_version=compat)

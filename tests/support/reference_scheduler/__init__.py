@@ -1,5 +1,20 @@
-"""kube-scheduler's filters and scores, one node at a time with plain integers.
+"""kube-scheduler's decisions, one pod and one node at a time: the slow, obvious reference the product must equal.
 
-Written from the contract, not from the product: it takes JSON objects as the API server stores them, imports nothing
-of the product and knows no arrays, classes or caches. Slow and obvious on purpose.
+    cluster = ClusterDump.of(items)                 # objects as `kubectl get ... -o json` prints them
+    decision = decide(cluster, pod)                 # the default profile of kube-scheduler 1.37
+    decision = decide(cluster, pod, Config(compat_version="1.35", added_affinity=...))
+    decision.feasible, .rejections, .raw, .normalized, .weighted, .totals, .best, .message, .preemption
+
+Plain dicts and Python integers; floats only where upstream computes in float64. Nothing here imports the product,
+keeps a cache between decisions or knows an array. One module per plugin family; each names the filter or score it is,
+and `cycle` holds them in upstream's order. Written from the behaviour of kube-scheduler 1.37.1, not from its code.
+
+Left out on purpose: allocation of devices (a pod with unallocated resource claims is refused), sampling of nodes,
+migration of in-tree volumes to CSI.
 """
+
+from tests.support.reference_scheduler.cycle import decide
+from tests.support.reference_scheduler.model import ClusterDump, Config, Json, Rejection
+from tests.support.reference_scheduler.outcome import Decision, Preemption
+
+__all__ = ["ClusterDump", "Config", "Decision", "Json", "Preemption", "Rejection", "decide"]
