@@ -23,6 +23,7 @@ import msgspec
 import yaml
 from tests.bench import load, parity_oracle, parity_reference, parity_shapes, parity_volumes
 from tests.bench.parity_oracle import OracleLog, Scores
+from tests.bench.parity_profiles import profiles
 from tests.bench.parity_topology import ARENA, ENDING
 from tests.bench.parity_topology import NAMESPACES as SPACES
 
@@ -136,7 +137,7 @@ def our_config(cp: ControlPlane) -> Path:
         "apiVersion": "kubescheduler.config.k8s.io/v1",
         "kind": "KubeSchedulerConfiguration",
         "leaderElection": {"leaderElect": False},
-        "profiles": [{"schedulerName": OURS}],
+        "profiles": profiles(OURS),
     }
     path.write_text(yaml.safe_dump(document))
     return path
@@ -204,6 +205,9 @@ class Arena:
             meta = pod["metadata"]
             namespace = meta.get("namespace", ARENA)
             await self._client.create(PODS, pod, namespace=namespace)
+            if status := pod.get("status"):
+                patch = {"status": status}
+                await self._client.patch(PODS, meta["name"], patch, namespace=namespace, subresource="status")
             if ENDING in meta.get("annotations", {}):
                 await self._delete(meta["name"], namespace, grace_s=3600)
 
@@ -244,7 +248,7 @@ class Arena:
         self._serial += 1
         name = f"probe-{self._serial}"
         storage = parity_volumes.Storage(self._client, shape, ARENA, f"-s{self._serial}")
-        spec = {**storage.spec(shape["spec"]), "schedulerName": scheduler}
+        spec = {**storage.spec(shape["spec"]), "schedulerName": scheduler + shape.get("profile", "")}
         pod = {"metadata": {**shape["metadata"], "name": name}, "spec": spec}
         try:
             await storage.create()
@@ -307,7 +311,7 @@ def weighted(top: Mapping[str, Any]) -> dict[str, dict[str, int]]:
 
 def _families(shape: Json) -> list[str]:
     names = ("nodeSelector", "affinity", "tolerations", "initContainers", "resources", "volumes")
-    return [key for key in names if key in shape["spec"]]
+    return [key for key in names if key in shape["spec"]] + [f"profile{end}" for end in [shape.get("profile")] if end]
 
 
 if __name__ == "__main__":

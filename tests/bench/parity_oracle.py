@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import yaml
+from tests.bench.parity_profiles import profiles
 
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.assets import Assets
@@ -21,7 +22,7 @@ _TOTAL = re.compile(r'"Calculated node\'s final score for pod" pod="([^"]+)" nod
 
 
 def start(cp: ControlPlane) -> Process:
-    """kube-scheduler's default profile: all nodes scored, one goroutine, no ranking re-used between pods."""
+    """kube-scheduler with our profiles: all nodes scored, one goroutine, no ranking re-used between pods."""
     config = cp.run_dir / "oracle.yaml"
     kubeconfig = str(cp.kubeconfig("kube-scheduler"))
     document = {
@@ -31,7 +32,7 @@ def start(cp: ControlPlane) -> Process:
         "leaderElection": {"leaderElect": False},
         "percentageOfNodesToScore": 100,
         "parallelism": 1,
-        "profiles": [{"schedulerName": SCHEDULER_NAME}],
+        "profiles": profiles(SCHEDULER_NAME),
     }
     config.write_text(yaml.safe_dump(document))
     binary = Assets().resolve(["kube-scheduler"])["kube-scheduler"]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from random import Random
 from typing import Any
 
-from tests.bench import parity_topology, parity_volumes
+from tests.bench import parity_profiles, parity_topology, parity_volumes
 
 from robotapp_api.client.resources import Resource
 
@@ -55,7 +55,7 @@ def pod(random: Random, name: str, scheduler: str) -> Json:
     meta: Json = {"name": name, "labels": parity_topology.labels(random)}
     if random.random() < 0.2:
         meta["ownerReferences"] = [parity_topology.owner()]
-    shape: Json = {"metadata": meta, "spec": spec}
+    shape: Json = {"metadata": meta, "spec": spec, "profile": parity_profiles.suffix(random)}
     return shape if storage is None else {**shape, parity_volumes.KEY: storage}
 
 
@@ -102,7 +102,22 @@ def _placed(random: Random, name: str, node: str) -> Json:
     _small_requests(random, spec)
     if random.random() < 0.5:
         _host_ports(random, spec)
-    return {"metadata": {"name": name}, "spec": spec}
+    found: Json = {"metadata": {"name": name}, "spec": spec}
+    return {**found, "status": _resizing(random)} if random.random() < 0.3 else found
+
+
+def _resizing(random: Random) -> Json:
+    """What a kubelet says of a pod that is resized in place, or that it cannot be."""
+    told: Json = {"name": "main", "image": IMAGE, "imageID": "", "ready": True, "restartCount": 0}
+    if random.random() < 0.8:
+        told["allocatedResources"] = _amounts(random, big=False)
+    if random.random() < 0.8:
+        told["resources"] = {"requests": _amounts(random, big=False)}
+    status: Json = {"containerStatuses": [told]}
+    if random.random() < 0.4:
+        reason = random.choice(("Infeasible", "Deferred"))
+        status["conditions"] = [{"type": "PodResizePending", "status": "True", "reason": reason}]
+    return status
 
 
 def _amounts(random: Random, *, big: bool) -> Json:
