@@ -9,7 +9,7 @@ from typing import Any
 
 import msgspec
 from tests.support.cluster_cases import FAMILIES, Case
-from tests.support.reference_scheduler import Decision, decide
+from tests.support.reference_scheduler import Config, Decision, decide
 from tests.support.reference_scheduler.filtering import OUTSIDE
 from tests.support.scheduling import make_core, to_node, to_pod
 
@@ -59,9 +59,9 @@ def feed(core: SchedulerCore, kind: str, item: Json, *, remove: bool = False) ->
         getattr(cluster.volumes, f"apply_{name}")(msgspec.convert(item, as_type))
 
 
-def build(case: Case) -> tuple[SchedulerCore, PodInfo]:
-    """The product with the case's cluster in its cache."""
-    core = make_core()
+def build(case: Case, args: Mapping[str, Json] | None = None) -> tuple[SchedulerCore, PodInfo]:
+    """The product with the case's cluster in its cache; `args` are plugin arguments by plugin name."""
+    core = make_core(args=args)
     objects = case.cluster.objects()
     for kind in ("Node", *(kind for kind in objects if kind != "Node")):
         for item in objects[kind]:
@@ -84,10 +84,10 @@ STORAGE: Mapping[str, tuple[type, str]] = {
 SELECTING = ("Service", "ReplicationController", "ReplicaSet", "StatefulSet")
 
 
-def differences(case: Case) -> list[str]:
-    """Empty when product and reference agree on the case."""
-    core, pod = build(case)
-    return compare(core, pod, decide(case.cluster, case.pod))
+def differences(case: Case, *, config: Config | None = None, args: Mapping[str, Json] | None = None) -> list[str]:
+    """Empty when product and reference agree on the case; `config` and `args` say the same to either."""
+    core, pod = build(case, args)
+    return compare(core, pod, decide(case.cluster, case.pod, config or Config()))
 
 
 def compare(core: SchedulerCore, pod: PodInfo, expected: Decision) -> list[str]:

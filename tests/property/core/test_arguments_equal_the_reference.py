@@ -1,0 +1,87 @@
+"""Plugin arguments other than the defaults, against the scalar reference: whole decisions, not single scores."""
+
+from typing import Any
+
+import pytest
+from tests.support.cluster_cases import seeded_case
+from tests.support.reference_comparison import differences
+from tests.support.reference_scheduler import Config
+
+Json = dict[str, Any]
+CASES = 150
+REQUIRED = "requiredDuringSchedulingIgnoredDuringExecution"
+PREFERRED = "preferredDuringSchedulingIgnoredDuringExecution"
+DISK = {"matchExpressions": [{"key": "disk", "operator": "Exists"}]}
+RACK = {"matchExpressions": [{"key": "rack", "operator": "In", "values": ["r0"]}]}
+ADDED = {
+    REQUIRED: {"nodeSelectorTerms": [DISK]},
+    PREFERRED: [{"weight": 7, "preference": RACK}],
+}
+LISTED = (
+    {"maxSkew": 1, "topologyKey": "topology.kubernetes.io/zone", "whenUnsatisfiable": "DoNotSchedule"},
+    {"maxSkew": 2, "topologyKey": "rack", "whenUnsatisfiable": "ScheduleAnyway"},
+)
+SHAPE = ((0, 2), (40, 9), (100, 1))
+RATIO = {
+    "type": "RequestedToCapacityRatio",
+    "resources": [{"name": "cpu", "weight": 3}, {"name": "example.com/gpu", "weight": 1}],
+    "requestedToCapacityRatio": {"shape": [{"utilization": at, "score": score} for at, score in SHAPE]},
+}
+NODE = ("required-affinity", "preferred-affinity", "node-selector", "named-nodes")
+AFFINITY = ("preferred-pod-affinity", "affinity-namespaces", "pod-affinity")
+SPREAD = ("default-spread", "soft-spread")
+AMOUNTS = ("extended", "amounts", "init-steps", "preemption")
+STORAGE = ("static-volumes", "storage-capacity")
+
+
+@pytest.mark.parametrize(
+    ("families", "config", "args"),
+    [
+        (NODE, Config(added_affinity=ADDED), {"NodeAffinity": {"addedAffinity": ADDED}}),
+        (AFFINITY, Config(hard_pod_affinity_weight=0), {"InterPodAffinity": {"hardPodAffinityWeight": 0}}),
+        (AFFINITY, Config(hard_pod_affinity_weight=100), {"InterPodAffinity": {"hardPodAffinityWeight": 100}}),
+        (
+            AFFINITY,
+            Config(ignore_preferred_terms_of_existing_pods=True),
+            {"InterPodAffinity": {"ignorePreferredTermsOfExistingPods": True}},
+        ),
+        (
+            SPREAD,
+            Config(spread_defaults=LISTED),
+            {"PodTopologySpread": {"defaultingType": "List", "defaultConstraints": list(LISTED)}},
+        ),
+        (SPREAD, Config(spread_defaults=()), {"PodTopologySpread": {"defaultingType": "List"}}),
+        (
+            AMOUNTS,
+            Config(ignored_resources=("example.com/gpu",)),
+            {"NodeResourcesFit": {"ignoredResources": ["example.com/gpu"]}},
+        ),
+        (
+            AMOUNTS,
+            Config(ignored_resource_groups=("example.com",)),
+            {"NodeResourcesFit": {"ignoredResourceGroups": ["example.com"]}},
+        ),
+        (AMOUNTS, Config(fit_strategy=RATIO), {"NodeResourcesFit": {"scoringStrategy": RATIO}}),
+        (
+            STORAGE,
+            Config(volume_shape=SHAPE),
+            {"VolumeBinding": {"shape": [{"utilization": at, "score": score} for at, score in SHAPE]}},
+        ),
+    ],
+    ids=[
+        "added affinity",
+        "required terms of others do not score",
+        "required terms of others score high",
+        "preferred terms of others ignored",
+        "listed defaults",
+        "no defaults",
+        "ignored resource",
+        "ignored group",
+        "ratio",
+        "shape of storage",
+    ],
+)
+def test_decisions_with_arguments(families: tuple[str, ...], config: Config, args: dict[str, Json]) -> None:
+    for number in range(CASES):
+        case = seeded_case("arguments", number=number, families=families)
+        assert differences(case, config=config, args=args) == [], f"case {number}: {case.families}"
