@@ -27,15 +27,14 @@ class Family:
 def _crowded_nominations(choices: Choices, scene: Scene) -> None:
     """Room promised to others, and a rule after NodeResourcesFit that matters in the dry runs, too."""
     eviction.nominations(choices, scene)
-    rules = (
-        storage.exclusive_claims,
-        storage.inline_disks,
-        storage.storage_capacity,
-        node.declared_features,
-        topology.hard_spread,
-        topology.required_pod_affinity,
-    )
-    choices.pick(rules)(choices, scene)
+    rules = (storage.storage_capacity, node.declared_features, topology.hard_spread, topology.required_pod_affinity)
+    choices.pick((*rules, storage.exclusive_claims))(choices, scene)
+
+
+def _crowded_volumes(choices: Choices, scene: Scene) -> None:
+    """Victims that free a volume when they go."""
+    eviction.preemption(choices, scene)
+    choices.pick((storage.exclusive_claims, storage.inline_disks, storage.volume_limits))(choices, scene)
 
 
 FAMILIES = {
@@ -79,6 +78,7 @@ FAMILIES = {
     "preemption": Family(eviction.preemption, ("DefaultPreemption",)),
     "disruption-budgets": Family(eviction.disruption_budgets, ("DefaultPreemption",)),
     "nominations": Family(eviction.nominations, ("DefaultPreemption",), alone=True),
+    "crowded-volumes": Family(_crowded_volumes, ("DefaultPreemption",), alone=True),
     "crowded-nominations": Family(_crowded_nominations, ("DefaultPreemption",), alone=True),
     "resource-claims": Family(eviction.resource_claims, ("DynamicResources",), alone=True),
 }
@@ -98,7 +98,10 @@ CLASHES = (
     {"bound-claims", "volume-zones", "volume-limits", "missing-drivers"},
     {"static-volumes", "provisioning", "storage-capacity"},
     {"storage-capacity", "missing-drivers"},
-    {"preemption", "disruption-budgets", "nominations"},
+    # The second family has a mixture of its own: crowded-volumes.
+    {"preemption", "disruption-budgets", "exclusive-claims"},
+    {"preemption", "disruption-budgets", "inline-disks"},
+    {"preemption", "disruption-budgets", "volume-limits"},
     {"pod-level", *_CONTAINERS},
     {"boxed-level", *_CONTAINERS},
     {"pod-level", "boxed-level", "overhead"},

@@ -65,7 +65,9 @@ def test_a_family_lets_pods_in_and_keeps_pods_out(family: str) -> None:
     assert found["nowhere"] + found["victims"] >= 1 or family in SCORED
 
 
-@pytest.mark.parametrize("family", ["preemption", "disruption-budgets", "nominations", "crowded-nominations"])
+@pytest.mark.parametrize(
+    "family", ["preemption", "disruption-budgets", "nominations", "crowded-nominations", "crowded-volumes"]
+)
 def test_preemption_finds_victims_and_sometimes_none(family: str) -> None:
     found = Counter(outcome(decide(case.cluster, case.pod)) for case in of(family, 200))
     assert found["victims"] >= 20
