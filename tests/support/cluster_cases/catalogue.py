@@ -105,6 +105,7 @@ CLASHES = (
     {"pod-level", *_CONTAINERS},
     {"boxed-level", *_CONTAINERS},
     {"pod-level", "boxed-level", "overhead"},
+    {"pod-level", "boxed-level", "resize"},
 )
 
 

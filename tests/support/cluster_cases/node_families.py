@@ -135,28 +135,36 @@ def affinity(pod: Json, kind: str) -> Json:
 
 
 def host_ports(choices: Choices, scene: Scene) -> None:
-    """DDS with host networking makes every port a host port; sidecars' ports count, those of init steps do not."""
+    """DDS with host networking makes every port a host port; sidecars' ports count, those of init steps do not.
+
+    No port is open twice on a node: when one of two such pods goes, upstream takes the port for free.
+    """
+    taken: set[tuple[str, ...]] = set()
     for pod in scene.pods():
         if pod is scene.pod or choices.chance(60):
-            _open(choices, container(pod))
+            _open(choices, pod, container(pod), taken)
         if choices.chance(15):
             step = {"name": "side", "image": container(pod)["image"]}
             if choices.chance(60):
                 step["restartPolicy"] = "Always"
-            _open(choices, step, among=(7402,))
+            _open(choices, pod, step, taken, among=(7402,))
             pod["spec"].setdefault("initContainers", []).append(step)
 
 
-def _open(choices: Choices, holder: Json, among: tuple[int, ...] = (7400, 7401)) -> None:
-    holder["ports"] = [
-        {
-            "containerPort": port,
-            **({} if choices.chance(15) else {"hostPort": port}),
-            "protocol": choices.pick(("TCP", "TCP", "UDP")),
-            **choices.pick(({}, {"hostIP": "10.0.0.1"}, {"hostIP": "10.0.0.2"}, {"hostIP": "0.0.0.0"})),  # noqa: S104
-        }
-        for port in choices.some(among, least=1)
-    ]
+def _open(
+    choices: Choices, pod: Json, holder: Json, taken: set[tuple[str, ...]], among: tuple[int, ...] = (7400, 7401)
+) -> None:
+    holder["ports"] = []
+    for port in choices.some(among, least=1):
+        protocol = choices.pick(("TCP", "TCP", "UDP"))
+        where: Json = choices.pick(({}, {"hostIP": "10.0.0.1"}, {"hostIP": "10.0.0.2"}, {"hostIP": "0.0.0.0"}))  # noqa: S104
+        address = where.get("hostIP", "0.0.0.0")  # noqa: S104
+        key = (pod["spec"].get("nodeName", ""), address, protocol, str(port))
+        opened: Json = {"containerPort": port, "protocol": protocol, **where}
+        if not choices.chance(15) and key not in taken:
+            taken.add(key)
+            opened["hostPort"] = port
+        holder["ports"].append(opened)
 
 
 def images(choices: Choices, scene: Scene) -> None:
