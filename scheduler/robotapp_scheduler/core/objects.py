@@ -2,24 +2,20 @@
 
 Only fields that a rule looks at are here, everything else is skipped by the decoder. The structs are `gc=False`
 (the collector would otherwise walk 50,000 pods) and are never changed after decoding.
-The RobotApp side (RobotApp, NodeTelemetry) is in `robotics.py`, claims are in `robotapp_api.claims.objects`.
+The RobotApp side (RobotApp, NodeTelemetry) is in `robotics.py`, claims are in `robotapp_api.claims.objects`,
+a pod's volumes in `pod_volume.py`.
 """
 
 from typing import Any
 
 import msgspec
 
+from robotapp_scheduler.core.pod_volume import Volume
+from robotapp_scheduler.core.slim import Slim, SlimValue
+
 Labels = dict[str, str]
 Quantity = str | int | float
 Resources = dict[str, Quantity]
-
-
-class Slim(msgspec.Struct, rename="camel", gc=False, kw_only=True, omit_defaults=True):
-    """Base of all decoded structs: camelCase on the wire, unknown fields skipped."""
-
-
-class SlimValue(msgspec.Struct, rename="camel", gc=False, kw_only=True, omit_defaults=True, frozen=True):
-    """The same for values that serve as keys: hashable."""
 
 
 class OwnerReference(Slim):
@@ -170,64 +166,6 @@ class Affinity(Slim):
     pod_anti_affinity: PodAffinity | None = None
 
 
-class ClaimVolume(Slim):
-    """volumes[].persistentVolumeClaim."""
-
-    claim_name: str = ""
-
-
-class Present(Slim):
-    """Something of which it only matters that it is there."""
-
-
-class GceDisk(Slim):
-    """volumes[].gcePersistentDisk."""
-
-    pd_name: str = ""
-    read_only: bool = False
-
-
-class AwsDisk(Slim):
-    """volumes[].awsElasticBlockStore."""
-
-    volume_id: str = msgspec.field(name="volumeID", default="")
-
-
-class IscsiDisk(Slim):
-    """volumes[].iscsi."""
-
-    iqn: str = ""
-    read_only: bool = False
-
-
-class RbdDisk(Slim):
-    """volumes[].rbd."""
-
-    monitors: tuple[str, ...] = ()
-    pool: str = "rbd"
-    image: str = ""
-    read_only: bool = False
-
-
-class ImageVolume(Slim):
-    """volumes[].image: an image mounted as a volume."""
-
-    reference: str = ""
-
-
-class Volume(Slim):
-    """Only what decides where a pod may run."""
-
-    name: str = ""
-    image: ImageVolume | None = None
-    persistent_volume_claim: ClaimVolume | None = None
-    ephemeral: Present | None = None
-    gce_persistent_disk: GceDisk | None = None
-    aws_elastic_block_store: AwsDisk | None = None
-    iscsi: IscsiDisk | None = None
-    rbd: RbdDisk | None = None
-
-
 class TopologySpreadConstraint(Slim):
     """spec.topologySpreadConstraints entry."""
 
@@ -252,7 +190,7 @@ class PodSpec(Slim):
 
     node_name: str = ""
     scheduler_name: str = ""
-    containers: list[Container] = []
+    containers: list[Container] = msgspec.field(default_factory=list)
     init_containers: list[Container] | None = None
     overhead: Resources | None = None
     resources: ResourceRequirements | None = None

@@ -3,7 +3,8 @@
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from robotapp_scheduler.core.objects import Pod, Volume
+from robotapp_scheduler.core.objects import Pod
+from robotapp_scheduler.core.pod_volume import Volume
 
 
 class ClaimUse(NamedTuple):

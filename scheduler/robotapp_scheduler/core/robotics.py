@@ -8,7 +8,8 @@ rules read it, `robotapp_api.claims.objects.Claim`.
 import msgspec
 
 from robotapp_api.claims.objects import TelemetryDevice
-from robotapp_scheduler.core.objects import Metadata, Slim, SlimValue
+from robotapp_scheduler.core.objects import Metadata
+from robotapp_scheduler.core.slim import Slim, SlimValue
 
 
 class ComponentPolicies(Slim):

@@ -8,7 +8,8 @@ from typing import Any, Final
 import msgspec
 
 from robotapp_api.values.requests import amount
-from robotapp_scheduler.core.objects import Metadata, NodeSelector, Quantity, Slim
+from robotapp_scheduler.core.objects import Metadata, NodeSelector, Quantity
+from robotapp_scheduler.core.slim import Slim
 
 BETA_CLASS: Final = "volume.beta.kubernetes.io/storage-class"
 BIND_COMPLETED: Final = "pv.kubernetes.io/bind-completed"

@@ -38,6 +38,10 @@ def publish(metrics: Metrics, core: SchedulerCore, client: ApiClient, running: R
         labels=("plugin", "extension_point", "result"),
         read=lambda: {key: float(count) for key, count in core.decisions().items()},
     )
+    _publish_outside(metrics, client, running, simulator)
+
+
+def _publish_outside(metrics: Metrics, client: ApiClient, running: Running, simulator: Simulator) -> None:
     metrics.count(
         "api_requests",
         "Requests to the API server, by method and status; 0 is no answer",

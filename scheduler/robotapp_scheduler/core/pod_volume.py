@@ -1,0 +1,63 @@
+"""What the scheduler reads of spec.volumes of a pod."""
+
+import msgspec
+
+from robotapp_scheduler.core.slim import Slim
+
+
+class ClaimVolume(Slim):
+    """volumes[].persistentVolumeClaim."""
+
+    claim_name: str = ""
+
+
+class Present(Slim):
+    """Something of which it only matters that it is there."""
+
+
+class GceDisk(Slim):
+    """volumes[].gcePersistentDisk."""
+
+    pd_name: str = ""
+    read_only: bool = False
+
+
+class AwsDisk(Slim):
+    """volumes[].awsElasticBlockStore."""
+
+    volume_id: str = msgspec.field(name="volumeID", default="")
+
+
+class IscsiDisk(Slim):
+    """volumes[].iscsi."""
+
+    iqn: str = ""
+    read_only: bool = False
+
+
+class RbdDisk(Slim):
+    """volumes[].rbd."""
+
+    monitors: tuple[str, ...] = ()
+    pool: str = "rbd"
+    image: str = ""
+    read_only: bool = False
+
+
+class ImageVolume(Slim):
+    """volumes[].image: an image mounted as a volume."""
+
+    reference: str = ""
+
+
+class Volume(Slim):
+    """Only what decides where a pod may run."""
+
+    name: str = ""
+    image: ImageVolume | None = None
+    persistent_volume_claim: ClaimVolume | None = None
+    ephemeral: Present | None = None
+    gce_persistent_disk: GceDisk | None = None
+    aws_elastic_block_store: AwsDisk | None = None
+    iscsi: IscsiDisk | None = None
+    rbd: RbdDisk | None = None
