@@ -68,6 +68,19 @@ def test_only_our_components_may_write_claims(rendered: list[Object]) -> None:
     assert writers == {"ClusterRole/robotapp-operator", "ClusterRole/robotapp-scheduler"}
 
 
+def test_only_the_scheduler_reads_pod_groups_and_nobody_writes_them(rendered: list[Object]) -> None:
+    found = {
+        (role, group): set(rule["verbs"])
+        for role, rule in rules(rendered)
+        for group in rule["apiGroups"]
+        if any(resource.startswith("podgroups") for resource in rule["resources"])
+    }
+    assert {group for _, group in found} == {"scheduling.x-k8s.io", "scheduling.k8s.io"}
+    for (role, _), verbs in found.items():
+        assert "scheduler" in role
+        assert verbs == {"get", "list", "watch"}
+
+
 def test_leases_are_limited_to_one_name_each(rendered: list[Object]) -> None:
     for component in ("operator", "scheduler"):
         lease_rules = named(rendered, "Role", f"robotapp-{component}-lease")["rules"]

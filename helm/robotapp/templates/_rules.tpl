@@ -109,6 +109,10 @@
 - apiGroups: [policy]
   resources: [poddisruptionbudgets]
   verbs: [get, list, watch]
+# Groups of pods that are placed together, where one of these APIs is served.
+- apiGroups: [scheduling.x-k8s.io, scheduling.k8s.io]
+  resources: [podgroups]
+  verbs: [get, list, watch]
 {{ include "robotapp.claimRules" . }}
 - apiGroups: [events.k8s.io]
   resources: [events]

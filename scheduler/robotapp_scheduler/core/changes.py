@@ -59,6 +59,8 @@ class Change(IntFlag):
     """A VolumeAttachment is gone."""
     FEATURES = auto()
     """What a node's kubelet says it can do."""
+    POD_GROUPS = auto()
+    """A PodGroup came, went or asks for something else."""
     SELF = auto()
     """A waiting pod itself changed (spec, labels or annotations); concerns that pod alone."""
     NOMINATED = auto()

@@ -18,6 +18,7 @@ from robotapp_scheduler.core.name_index import NameIndex
 from robotapp_scheduler.core.node_table import SCORED_CPU, SCORED_MEMORY, NodeTable
 from robotapp_scheduler.core.nominations import Nominations
 from robotapp_scheduler.core.objects import Node, Owned, Pod
+from robotapp_scheduler.core.pod_groups import PodGroups
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo
 from robotapp_scheduler.core.ports import PortUsers
 from robotapp_scheduler.core.priorities import PriorityColumns
@@ -39,6 +40,7 @@ class Cluster:
         self.apps = AppIndex()
         self.devices = DeviceIndex()
         self.volumes = Volumes()
+        self.pod_groups = PodGroups()
         self.rtt = RttModel(self.nodes, clock)
         self.log = ChangeLog()
         self.topology = Topology(self.nodes, self.log)
@@ -61,8 +63,8 @@ class Cluster:
     def __repr__(self) -> str:
         return f"Cluster({self.nodes.count} nodes, {len(self.placed)} placed, {len(self._seen)} waiting)"
 
-    def take_touched_apps(self) -> frozenset[str]:
-        """Uids of RobotApps around which something changed since the last call: only their gates need a test."""
+    def take_touched(self) -> frozenset[str]:
+        """Groups (RobotApp uids, PodGroup keys) that something happened to since the last call: their gates need a test."""
         touched = frozenset(self._touched)
         self._touched.clear()
         return touched
@@ -255,10 +257,11 @@ class Cluster:
     # --- Inside --------------------------------------------------------------------------------------------------
 
     def _member(self, pod: Pod, node: str | None) -> None:
-        """Count a pod of an app where it is; None = it is gone."""
-        uid = self.apps.place(pod, node) if node is not None else self.apps.drop(pod)
-        if uid:
-            self._touched.add(uid)
+        """Count a pod of an app or PodGroup where it is; None = it is gone."""
+        for index in (self.apps, self.pod_groups):
+            key = index.place(pod, node) if node is not None else index.drop(pod)
+            if key:
+                self._touched.add(key)
 
     def _note(self, row: int, change: Change) -> None:
         if change:

@@ -15,12 +15,12 @@ from robotapp_scheduler.core.framework import Code, PluginError, histogram
 from robotapp_scheduler.core.groups import (
     GROUP_EVENTS,
     GROUP_PLUGIN,
+    POD_GROUP_EVENTS,
+    POD_GROUP_PLUGIN,
     PREDECESSOR_PLUGIN,
-    REPORT_AFTER_S,
     Groups,
     group_key,
 )
-from robotapp_scheduler.core.joint import plan_together
 from robotapp_scheduler.core.nominated import with_nominated
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.profiles import Profile
@@ -30,6 +30,7 @@ from robotapp_scheduler.core.recorder import Recorder
 from robotapp_scheduler.core.refusal import Refusals
 from robotapp_scheduler.core.resolve import qos_fields, resolve
 from robotapp_scheduler.core.ros import InvalidAnnotation
+from robotapp_scheduler.core.together import only_one_plan, plan_together
 from robotapp_scheduler.core.waiting import Waker
 
 ANNOTATIONS: Final = "InvalidAnnotation"
@@ -40,6 +41,7 @@ WAKERS: Final = {
         (ANNOTATIONS, Change.NONE),
         (GROUP_PLUGIN, GROUP_EVENTS),
         (PREDECESSOR_PLUGIN, GROUP_EVENTS),
+        (POD_GROUP_PLUGIN, POD_GROUP_EVENTS),
     )
 }
 """What may help where no plugin of a profile rejected the pod."""
@@ -123,13 +125,18 @@ class SchedulerCore:
         return total
 
     def held(self) -> list[tuple[QueuedPod, Gate]]:
-        """Pods whose group has been incomplete for 30 s or longer, with what is missing."""
-        limit = self._clock() - REPORT_AFTER_S
-        return [
-            (queued, queued.gate)
-            for queued in self.queue.gated()
-            if queued.gate is not None and queued.gate.code and queued.first_seen_s <= limit
-        ]
+        """Pods whose group has been incomplete for so long that it is told, with what is missing."""
+        now_s = self._clock()
+        found = []
+        for queued in self.queue.gated():
+            gate = queued.gate
+            if gate is None or not gate.code or queued.first_seen_s + gate.report_after_s > now_s:
+                continue
+            # Of gates that are alike only one is tested at a time: what the others say may be old.
+            newest = self._gate(queued.info) if gate.alike else gate
+            if newest is not None:
+                found.append((queued, newest))
+        return found
 
     # --- Preemption ------------------------------------------------------------------------------------------------
 
@@ -148,18 +155,21 @@ class SchedulerCore:
     # --- Attempts ------------------------------------------------------------------------------------------------
 
     def schedule(self, batch: Iterable[QueuedPod], *, exclude: frozenset[str] = frozenset()) -> list[Decision]:
-        """Place popped pods; those of one app instance against each other. Placed pods are assumed.
+        """Place popped pods; those of one group against each other. Placed pods are assumed.
 
         `exclude` names nodes that were refused at reserve: the next best is tried in the same cycle.
         """
         pods = list(batch)
-        if len(pods) == 1:
+        if len(pods) == 1 and (exclude or pods[0].info.pod_group is None):
             decisions = [self.schedule_one(pods[0].info, exclude=exclude, attempt=pods[0].attempts)]
         else:
             attempts = {queued.info.uid: queued.attempts for queued in pods}
             self._together = frozenset(attempts)
             decisions = only_one_plan(plan_together(self, [queued.info for queued in pods], attempts))
             self._together = frozenset()
+            for decision in decisions:
+                if not decision.placed:
+                    self.explain.correct(decision.pod.uid, decision.message)
         by_uid = {queued.info.uid: queued for queued in pods}
         for decision in decisions:
             decision.queued = by_uid[decision.pod.uid]
@@ -323,14 +333,7 @@ class SchedulerCore:
             status = loaded.pre_enqueue(pod) if loaded.pre_enqueue is not None else None
             if status is not None and status.code is not Code.SUCCESS:
                 return Gate(plugin=loaded.name, reason=status.reason, events=loaded.events)
-        return self.groups.gate(pod) if engine.profile.uses_ros else None
-
-
-def only_one_plan(decisions: list[Decision]) -> list[Decision]:
-    """Pods placed together make room step by step: the plans of later ones do not know those of earlier ones."""
-    for decision in [decision for decision in decisions if decision.plan is not None][1:]:
-        decision.plan = decision.nominate = None
-    return decisions
+        return self.groups.gate(pod) if engine.profile.uses_ros else self.groups.pod_group_gate(pod)
 
 
 def _held(pod: PodInfo, gate: Gate) -> Decision:

@@ -124,6 +124,12 @@ class ExplainRing:
             if self._by_name.get((old.namespace, old.name)) == old.uid:
                 del self._by_name[old.namespace, old.name]
 
+    def correct(self, uid: str, message: str) -> None:
+        """The pod got no node after all: its group is placed whole or not at all."""
+        record = self._records.get(uid)
+        if record is not None and record.node is not None:
+            self.add(msgspec.structs.replace(record, node=None, message=message))
+
     def get(self, uid: str) -> Record | None:
         """By pod uid."""
         return self._records.get(uid)

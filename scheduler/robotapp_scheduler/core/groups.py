@@ -1,31 +1,57 @@
-"""When may the pods of a RobotApp instance be tried: all there, the app understood, the predecessor gone."""
+"""When may the pods of a group be tried: enough of them there and, for a RobotApp, the app understood, the predecessor gone."""
 
 from collections.abc import Hashable
 from typing import Final
 
-from robotapp_api.model.names import PodReason
+from robotapp_api.model.names import Label, PodReason
 from robotapp_scheduler.core.apps import App, AppIndex, Replica
-from robotapp_scheduler.core.changes import PLACED, Change
+from robotapp_scheduler.core.changes import PLACED, Change, Event
 from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.objects import Metadata
+from robotapp_scheduler.core.pod_groups import APIS, PATIENCE_S, GroupRef, group_ref_of
 from robotapp_scheduler.core.pods import Member, PodInfo
 from robotapp_scheduler.core.queued import Gate
 from robotapp_scheduler.core.robotics import Component
 
 GROUP_PLUGIN: Final = "RobotAppGroup"
+POD_GROUP_PLUGIN: Final = "PodGroup"
 PREDECESSOR_PLUGIN: Final = "RobotAppPredecessor"
-REPORT_AFTER_S: Final = 30.0
-"""A group that is incomplete for longer is named in the app's and the pods' conditions."""
 GROUP_EVENTS: Final = Change.APPS | Change.OWNERS | Change.POD_SEEN | PLACED
+POD_GROUP_EVENTS: Final = Change.POD_GROUPS | Change.POD_SEEN | PLACED
 UNREACHABLE: Final = frozenset({"node.kubernetes.io/unreachable", "node.kubernetes.io/not-ready"})
 
 
 def group_key(pod: PodInfo) -> Hashable | None:
-    """Pods with equal keys are planned together: those of one app instance."""
-    return (pod.member.app_uid, pod.member.instance) if pod.member is not None else None
+    """Pods with equal keys are planned together: those of one app instance or PodGroup."""
+    return (pod.member.app_uid, pod.member.instance) if pod.member is not None else pod.pod_group
+
+
+def groups_of(seen: Event) -> tuple[str, ...]:
+    """The groups an event is about, as gates name them: pods, owners and claims carry a RobotApp's uid as a label."""
+    found = seen.new if seen.new is not None else seen.old
+    if found is None:
+        return ()
+    meta: Metadata = found.metadata
+    if seen.resource == "robotapps":
+        return (meta.uid,)
+    if seen.resource == "podgroups":
+        return tuple(GroupRef(api, meta.namespace, meta.name).key for api in APIS)
+    uid = (meta.labels or {}).get(Label.APP_UID)
+    if uid:
+        return (uid,)
+    ref = group_ref_of(found) if seen.resource == "pods" else None
+    return (ref.key,) if ref is not None else ()
+
+
+def groups_around(pod: PodInfo) -> tuple[str, ...]:
+    """The group of one pod, as gates name it."""
+    if pod.member is not None:
+        return (pod.member.app_uid,)
+    return (pod.pod_group.key,) if pod.pod_group is not None else ()
 
 
 class Groups:
-    """PreEnqueue for pods of RobotApps. Other pods pass at once."""
+    """PreEnqueue for pods of RobotApps and PodGroups. Other pods pass at once."""
 
     def __init__(self, cluster: Cluster) -> None:
         self._cluster = cluster
@@ -37,7 +63,7 @@ class Groups:
         """Why the pod must wait before it may be tried, None when it may."""
         member = pod.member
         if member is None:
-            return None
+            return self.pod_group_gate(pod)
         app = self._cluster.apps.app(member.app_uid)
         reason = self._unknown(pod, member, app)
         if reason is not None:
@@ -48,6 +74,24 @@ class Groups:
         if missing:
             return _group_gate(member, "waiting for pods of " + ", ".join(missing))
         return self._predecessor_gate(pod, member, app.components[member.component])
+
+    def pod_group_gate(self, pod: PodInfo) -> Gate | None:
+        """Why a pod of a PodGroup must wait, None when it may be tried, or has no PodGroup."""
+        ref = pod.pod_group
+        if ref is None:
+            return None
+        known = self._cluster.pod_groups
+        group = known.find(ref)
+        if group is None:
+            return _pod_group_gate(ref, f"waiting for PodGroup {ref.name} ({ref.api}) to be seen", PATIENCE_S)
+        if group.problem:
+            reason = f"PodGroup {ref.name} cannot be planned: {group.problem}"
+            return _pod_group_gate(ref, reason, group.patience_s)
+        needed, there = known.quorum(ref), known.ready(ref)
+        if there >= needed:
+            return None
+        reason = f"waiting for pods of PodGroup {ref.name} ({there} of {needed})"
+        return _pod_group_gate(ref, reason, group.patience_s)
 
     def missing(self, app: App, instance: str) -> list[str]:
         """Components of an instance that have fewer live pods than they should, as `driver (0 of 1)`."""
@@ -94,7 +138,7 @@ class Groups:
             plugin=PREDECESSOR_PLUGIN,
             reason=f"waiting for its predecessor {before.pod.metadata.name} on {before.node} to end",
             events=GROUP_EVENTS | Change.TAINTS | Change.NODE_REMOVED,
-            app_uid="" if fails_over(component) else member.app_uid,
+            group="" if fails_over(component) else member.app_uid,
             code=str(PodReason.WAITING_FOR_PREDECESSOR),
         )
 
@@ -120,6 +164,18 @@ def _group_gate(member: Member, reason: str) -> Gate:
         plugin=GROUP_PLUGIN,
         reason=reason,
         events=GROUP_EVENTS,
-        app_uid=member.app_uid,
+        group=member.app_uid,
         code=str(PodReason.WAITING_FOR_GROUP),
+    )
+
+
+def _pod_group_gate(ref: GroupRef, reason: str, patience_s: float) -> Gate:
+    return Gate(
+        plugin=POD_GROUP_PLUGIN,
+        reason=reason,
+        events=POD_GROUP_EVENTS,
+        group=ref.key,
+        code=str(PodReason.WAITING_FOR_GROUP),
+        alike=True,
+        report_after_s=patience_s,
     )

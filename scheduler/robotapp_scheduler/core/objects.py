@@ -185,6 +185,12 @@ class Named(Slim):
     name: str = ""
 
 
+class SchedulingGroup(Slim):
+    """spec.schedulingGroup: the PodGroup (scheduling.k8s.io) the pod belongs to."""
+
+    pod_group_name: str = ""
+
+
 class PodSpec(Slim):
     """spec of a Pod."""
 
@@ -205,6 +211,7 @@ class PodSpec(Slim):
     volumes: list[Volume] | None = None
     scheduling_gates: tuple[Named, ...] = ()
     resource_claims: tuple[Named, ...] = ()
+    scheduling_group: SchedulingGroup | None = None
 
 
 class PodCondition(Slim):

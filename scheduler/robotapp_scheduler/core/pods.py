@@ -18,6 +18,7 @@ from robotapp_scheduler.core.annotations import parse_annotations
 from robotapp_scheduler.core.label_sets import LabelSet
 from robotapp_scheduler.core.needs import needs_of
 from robotapp_scheduler.core.objects import Affinity, Container, NodeAffinity, OwnerReference, Pod, Toleration
+from robotapp_scheduler.core.pod_groups import group_ref_of
 from robotapp_scheduler.core.pod_volumes import PodVolumes, volumes_of
 from robotapp_scheduler.core.ros import InvalidAnnotation, RosContext, RosRequest
 
@@ -61,6 +62,7 @@ class PodInfo:
         self.annotations: dict[str, str] = meta.annotations or {}
         self.priority = pod.spec.priority
         self.member = member_of(self.labels)
+        self.pod_group = group_ref_of(pod)
         self.ros: RosContext | None = None
         self.qos: tuple[str, str, str] | None = None
         """(QoS class, reliability, liveliness) for the queue; None for a pod without ROS fields."""

@@ -131,11 +131,11 @@ class SchedulingQueue:
         self._take_out(queued)
         self._drop(queued)
 
-    def move(self, what: Change | Event, *, apps: Iterable[str] = (), but: str = "") -> int:
+    def move(self, what: Change | Event, *, groups: Iterable[str] = (), but: str = "") -> int:
         """Something changed: waiting pods it may help go back, gates it may open are tested. Answers how many left.
 
-        `apps` are uids of RobotApps around which something changed; gates of other apps are not tested. The pod `but`
-        takes no notice: its own failure freed the room, and must not wake it again.
+        `groups` are those around which something changed (RobotApp uids, PodGroup keys); gates of other groups are not
+        tested. The pod `but` takes no notice: its own failure freed the room, and must not wake it again.
         """
         event = what if isinstance(what, Event) else Event("", what)
         if not event.change:
@@ -145,7 +145,7 @@ class SchedulingQueue:
         for queued, immediate in woken:
             self._take_out(queued)
             self._requeue_from_wait(queued, event.label, immediate=immediate)
-        return len(woken) + self._test_gates(event, frozenset(apps))
+        return len(woken) + self._test_gates(event, frozenset(groups))
 
     def activate(self, uids: Iterable[str]) -> None:
         """Try these as soon as possible, without back-off (siblings of a group)."""
@@ -297,16 +297,22 @@ class SchedulingQueue:
         self._gated[queued.info.uid] = None
         return True
 
-    def _test_gates(self, event: Event, apps: frozenset[str]) -> int:
+    def _test_gates(self, event: Event, groups: frozenset[str]) -> int:
         opened = 0
+        closed: set[str] = set()
         for uid in list(self._gated):
             queued = self._pods[uid]
             gate = queued.gate
-            if gate is None or not gate.events & event.change or (gate.app_uid and gate.app_uid not in apps):
+            if gate is None or not gate.events & event.change or (gate.group and gate.group not in groups):
+                continue
+            if gate.alike and gate.group in closed:
                 continue
             del self._gated[uid]
             self._requeue_from_wait(queued, event.label, immediate=False)
-            opened += queued.gate is None
+            if queued.gate is None:
+                opened += 1
+            elif queued.gate.alike:
+                closed.add(queued.gate.group)
         return opened
 
     def _flush_stuck(self) -> None:

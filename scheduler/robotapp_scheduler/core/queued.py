@@ -14,10 +14,14 @@ class Gate(msgspec.Struct, frozen=True):
     plugin: str
     reason: str
     events: Change = Change.ALL
-    app_uid: str = ""
-    """Only changes around this RobotApp matter, when set."""
+    group: str = ""
+    """Only changes around this group (RobotApp uid, or key of a PodGroup) matter, when set."""
     code: str = ""
     """Reason for the pod's condition; empty: no condition is written."""
+    alike: bool = False
+    """While the gate of one pod of `group` stays closed, those of the others do."""
+    report_after_s: float = 30.0
+    """A pod that is held for longer says so in its condition."""
 
 
 class Rejection(msgspec.Struct, frozen=True):

@@ -7,7 +7,7 @@ is taken: no object can stop the feed.
 
 import asyncio
 import logging
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 import msgspec
@@ -24,6 +24,7 @@ from robotapp_api.client.resources import (
 from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.objects import Pod
+from robotapp_scheduler.shell.group_feed import group_routes
 from robotapp_scheduler.shell.metrics import Metrics
 from robotapp_scheduler.shell.route import Route
 from robotapp_scheduler.shell.storage_feed import storage_routes
@@ -65,6 +66,7 @@ class Feed:
         metrics: Metrics,
     ) -> None:
         self._client = client
+        self._cluster = cluster
         self._on_change = on_change
         self._metrics = metrics
         self.synced = asyncio.Event()
@@ -75,6 +77,8 @@ class Feed:
             *self._routed(*plain_routes(cluster)),
         )
         self._storage = self._routed(*storage_routes(cluster.volumes))
+        self._groups = list(self._routed(*group_routes(cluster.pod_groups)))
+        """Those that are not watched yet."""
         self._robotics = self._routed(*robotics_routes(cluster))
 
     def __repr__(self) -> str:
@@ -87,7 +91,7 @@ class Feed:
         return max((reflector.last_contact_s for reflector in self._reflectors), default=0.0)
 
     async def run(self) -> None:
-        """Watch until cancelled. Resources whose CRD is not installed are watched as soon as it is."""
+        """Watch until cancelled. What is not served yet is watched as soon as it is, and somebody waits for it."""
         async with asyncio.TaskGroup() as group:
             for route, handle in self._core:
                 self._start(group, route, handle)
@@ -99,11 +103,21 @@ class Feed:
                 self._start_robotics(group)
             await asyncio.gather(*(reflector.synced.wait() for reflector in self._reflectors))
             self.synced.set()
-            while not installed:
+            await self._start_groups(group, self._groups)
+            while not installed or self._groups:
                 await self._client.sleep(CRD_POLL_S)
-                installed = await self._installed()
-                if installed:
-                    self._start_robotics(group)
+                missed = [each for each in self._groups if self._cluster.pod_groups.missed(each[0].resource.group)]
+                await self._start_groups(group, missed)
+                if not installed:
+                    installed = await self._installed()
+                    if installed:
+                        self._start_robotics(group)
+
+    async def _start_groups(self, group: asyncio.TaskGroup, candidates: Sequence[Handled]) -> None:
+        """Watch those the API server has, without being held up by them: their pods wait until they are seen."""
+        for each in await self._served(tuple(candidates), in_doubt=False):
+            self._groups.remove(each)
+            self._start(group, *each)
 
     def _start_robotics(self, group: asyncio.TaskGroup) -> None:
         for route, handle in self._robotics:
@@ -140,7 +154,7 @@ class Feed:
             self._metrics.poison_objects.labels(resource.plural).inc()
             log.exception("%s %s could not be taken over", resource.kind, seen.key)
 
-    async def _served(self, routes: tuple[Handled, ...]) -> list[Handled]:
+    async def _served(self, routes: tuple[Handled, ...], *, in_doubt: bool = True) -> list[Handled]:
         """The routes whose resource this API server has; one without storage must not keep us from starting."""
         known: dict[str, frozenset[str]] = {}
         for root in dict.fromkeys(route.resource.root for route, _ in routes):
@@ -156,7 +170,7 @@ class Feed:
         return [
             (route, handle)
             for route, handle in routes
-            if route.resource.plural in known.get(route.resource.root, {route.resource.plural})
+            if route.resource.plural in known.get(route.resource.root, {route.resource.plural} if in_doubt else ())
         ]
 
     async def _installed(self) -> bool:

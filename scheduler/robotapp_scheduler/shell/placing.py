@@ -11,6 +11,7 @@ from robotapp_api.model.names import EventReason, PodReason
 from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.decision import Decision
+from robotapp_scheduler.core.groups import groups_around
 from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.preemption import Plan
@@ -194,7 +195,7 @@ class Placer:
             # Freed room is news for every other waiting pod, exactly as if the pod had been deleted. Not for this one:
             # it would wake itself by its own failure, for ever.
             event = Event("pods", change | Change.DEVICES, old=pod.pod)
-            self._core.queue.move(event, apps=_app_of(pod), but=pod.uid)
+            self._core.queue.move(event, groups=groups_around(pod), but=pod.uid)
 
     def _name_holders(self, pod: PodInfo) -> None:
         """Who has the devices this pod wants, in one event."""
@@ -225,7 +226,3 @@ def _queued(decision: Decision) -> QueuedPod:
     if decision.queued is None:  # pragma: no cover - schedule() always sets it
         raise ValueError(f"{decision!r} did not come from the queue")
     return decision.queued
-
-
-def _app_of(pod: PodInfo) -> tuple[str, ...]:
-    return (pod.member.app_uid,) if pod.member is not None else ()

@@ -15,14 +15,14 @@ from robotapp_api.client.events import reference
 from robotapp_api.client.lease import LeaderElection, candidate_identity
 from robotapp_api.client.login import load as login
 from robotapp_api.client.sweep import PENDING_S, Sweeper
-from robotapp_api.model.names import SCHEDULER_MANAGER, Label
+from robotapp_api.model.names import SCHEDULER_MANAGER
 from robotapp_scheduler import config as configuration
 from robotapp_scheduler.config import ConfigError, SchedulerConfig
 from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.groups import groups_of
 from robotapp_scheduler.core.profiles import Catalogue, Profile
-from robotapp_scheduler.core.robotics import RobotApp
 from robotapp_scheduler.options import Options
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.shell import health
@@ -240,7 +240,7 @@ class Scheduler:
 
     def _changed(self, event: Event) -> None:
         """Something is different in the cluster: wake who may profit."""
-        self.core.queue.move(event, apps=app_uids(event))
+        self.core.queue.move(event, groups=groups_of(event))
         if event.change & INTERESTING:
             self.volumes.wake()
         if event.change & SWEEP_CHANGES and event.new is None:
@@ -282,15 +282,6 @@ class Scheduler:
 
     def _turns(self) -> bool:
         return not self._leading.is_set() or time.monotonic() - self.loop.turned_s < STALLED_S
-
-
-def app_uids(seen: Event) -> tuple[str, ...]:
-    """The RobotApp a change is about: pods, owners and claims carry its uid as a label."""
-    found = seen.new if seen.new is not None else seen.old
-    if isinstance(found, RobotApp):
-        return (found.metadata.uid,)
-    uid = (found.metadata.labels or {}).get(Label.APP_UID)
-    return (uid,) if uid else ()
 
 
 async def run(options: Options) -> int:

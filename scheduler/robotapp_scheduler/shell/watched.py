@@ -20,13 +20,19 @@ from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.objects import DisruptionBudget, Namespace, Node, Owned, Selecting
 from robotapp_scheduler.core.robotics import NodeTelemetry, RobotApp
+from robotapp_scheduler.shell.group_feed import group_routes
 from robotapp_scheduler.shell.route import Route
 from robotapp_scheduler.shell.storage_feed import storage_routes
 
 
 def routes(cluster: Cluster) -> tuple[Route, ...]:
     """All of it but pods, which also have a queue to go to."""
-    return (*plain_routes(cluster), *storage_routes(cluster.volumes), *robotics_routes(cluster))
+    return (
+        *plain_routes(cluster),
+        *storage_routes(cluster.volumes),
+        *group_routes(cluster.pod_groups),
+        *robotics_routes(cluster),
+    )
 
 
 def plain_routes(cluster: Cluster) -> tuple[Route, ...]:

@@ -124,6 +124,6 @@ def test_apps_are_touched_by_their_pods_owners_and_themselves() -> None:
         lambda: cluster.remove_pod(member_pod("driver")),
     ):
         change()
-        assert cluster.take_touched_apps() == {"app-1"}
+        assert cluster.take_touched() == {"app-1"}
     cluster.apply_pod(make_pod("stranger", node="a"))
-    assert cluster.take_touched_apps() == frozenset()
+    assert cluster.take_touched() == frozenset()

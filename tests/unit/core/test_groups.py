@@ -32,7 +32,7 @@ def arrive(core: SchedulerCore, pod: Pod) -> None:
     """What the shell does with a new pod of ours."""
     change = core.cluster.apply_pod(pod)
     core.queue.add(pod)
-    core.queue.move(change, apps=core.cluster.take_touched_apps())
+    core.queue.move(change, groups=core.cluster.take_touched())
 
 
 def run(core: SchedulerCore) -> dict[str, str]:
@@ -77,7 +77,7 @@ def test_pods_wait_for_their_app_for_the_operator_and_for_their_owner_chain() ->
         return gated[0].gate.reason if gated and gated[0].gate else ""
 
     def tell(change: Change) -> None:
-        core.queue.move(change, apps=core.cluster.take_touched_apps())
+        core.queue.move(change, groups=core.cluster.take_touched())
 
     assert "uid app-1 to be seen" in reason()
     tell(core.cluster.apply_app(app_object({"name": "driver"}, generation=2, observed=1)))
@@ -145,7 +145,7 @@ def test_a_single_replica_waits_until_its_predecessor_is_gone() -> None:
     assert queued.gate is not None
     assert queued.gate.code == PodReason.WAITING_FOR_PREDECESSOR
     assert "teleop-driver-abc-old on n0" in queued.gate.reason
-    core.queue.move(core.cluster.remove_pod(old), apps=core.cluster.take_touched_apps())
+    core.queue.move(core.cluster.remove_pod(old), groups=core.cluster.take_touched())
     assert set(run(core)) == {"driver"}
 
 
@@ -157,7 +157,7 @@ def test_failover_does_not_wait_for_a_pod_nobody_can_reach_but_keep_does() -> No
         arrive(core, member_pod("driver", uid="new"))
         assert run(core) == {}
         lost = make_node("n0", taints=[{"key": "node.kubernetes.io/unreachable", "effect": "NoExecute"}])
-        core.queue.move(core.cluster.apply_node(lost), apps=core.cluster.take_touched_apps())
+        core.queue.move(core.cluster.apply_node(lost), groups=core.cluster.take_touched())
         assert set(run(core)) == placed
 
 
@@ -177,7 +177,7 @@ def test_all_or_nothing_places_nobody_when_one_cannot_be_placed() -> None:
     for pod in (member_pod("driver"), member_pod("planner", cpu="64")):
         core.cluster.apply_pod(pod)
         core.queue.add(pod)
-    core.queue.move(Change.POD_SEEN, apps=["app-1"])
+    core.queue.move(Change.POD_SEEN, groups=["app-1"])
     decisions = {str(d.pod.labels[Label.COMPONENT]): d for d in core.schedule(core.queue.pop())}
     assert not any(decision.placed for decision in decisions.values())
     assert core.cluster.placed == {}

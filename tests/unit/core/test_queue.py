@@ -138,15 +138,15 @@ def test_nothing_waits_longer_than_five_minutes() -> None:
 
 
 def test_a_gate_is_tested_only_by_its_events_and_around_its_app() -> None:
-    gates = {"a": Gate(plugin="Group", reason="waits", events=Change.POD_SEEN, app_uid="app-1")}
+    gates = {"a": Gate(plugin="Group", reason="waits", events=Change.POD_SEEN, group="app-1")}
     queue = make_queue(Clock(), gates)
     queue.add(make_info("a"))
     assert queue.pending()["gated"] == 1
     assert [queued.gate and queued.gate.reason for queued in queue.gated()] == ["waits"]
     gates.clear()
-    assert queue.move(Change.LABELS, apps=["app-1"]) == 0
-    assert queue.move(Change.POD_SEEN, apps=["app-2"]) == 0
-    assert queue.move(Change.POD_SEEN, apps=["app-1"]) == 1
+    assert queue.move(Change.LABELS, groups=["app-1"]) == 0
+    assert queue.move(Change.POD_SEEN, groups=["app-2"]) == 0
+    assert queue.move(Change.POD_SEEN, groups=["app-1"]) == 1
     assert names(queue.pop()) == ["a"]
 
 

@@ -11,14 +11,11 @@ from tests.support.apiserver import FakeApiServer, Key
 from tests.support.clients import client_for, until
 
 from robotapp_api.client.api import ApiClient
-from robotapp_api.client.reflector import Change as Seen
 from robotapp_api.client.resources import LEASES, NODES, PODS
 from robotapp_scheduler import config as configuration
-from robotapp_scheduler.core.objects import Metadata, Pod
-from robotapp_scheduler.core.robotics import RobotApp
 from robotapp_scheduler.options import Options, parse
 from robotapp_scheduler.plugins.registry import catalogue
-from robotapp_scheduler.shell.process import Scheduler, app_uids
+from robotapp_scheduler.shell.process import Scheduler
 from robotapp_scheduler.shell.reload import Running
 
 
@@ -128,12 +125,3 @@ async def test_a_leader_gives_its_lease_back_when_it_is_stopped() -> None:
         assert await asyncio.wait_for(asyncio.shield(found.task), 10) == 0
         lease = await found.client.get(LEASES, "robotapp-scheduler", namespace=namespace)
         assert not lease["spec"].get("holderIdentity")
-
-
-def test_a_change_is_about_the_app_its_object_belongs_to() -> None:
-    app = RobotApp(metadata=Metadata(uid="app-1"))
-    child = Pod(metadata=Metadata(uid="p", labels={"robotics.io/app-uid": "app-1"}))
-    stranger = Pod(metadata=Metadata(uid="q"))
-    assert app_uids(Seen("ADDED", "a", None, app)) == ("app-1",)
-    assert app_uids(Seen("DELETED", "p", child, None)) == ("app-1",)
-    assert app_uids(Seen("ADDED", "q", None, stranger)) == ()

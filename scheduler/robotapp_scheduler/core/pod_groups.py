@@ -1,0 +1,241 @@
+"""PodGroups: which pods must be placed together, how many at least, and how many of them there are.
+
+Two APIs say it: `scheduling.x-k8s.io/v1alpha1` (the label `scheduling.x-k8s.io/pod-group`) and `scheduling.k8s.io/v1beta1`
+(`spec.schedulingGroup`), where the API server serves it. A pod of a RobotApp goes by its app alone.
+"""
+
+from typing import Any, Final, NamedTuple
+
+import msgspec
+
+from robotapp_api.model.names import Label
+from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.objects import Metadata, Pod, PodCondition
+from robotapp_scheduler.core.slim import Slim
+
+COSCHEDULING: Final = "scheduling.x-k8s.io"
+WORKLOADS: Final = "scheduling.k8s.io"
+APIS: Final = (COSCHEDULING, WORKLOADS)
+POD_GROUP_LABEL: Final = "scheduling.x-k8s.io/pod-group"
+PATIENCE_S: Final = 60.0
+"""An incomplete group is reported after `scheduleTimeoutSeconds`; after this long where it names none."""
+
+
+class Gang(Slim):
+    """spec.schedulingPolicy.gang of v1beta1."""
+
+    min_count: int = 0
+
+
+class SchedulingPolicy(Slim):
+    """spec.schedulingPolicy of v1beta1; without `gang` the pods are only tried together."""
+
+    gang: Gang | None = None
+
+
+class SchedulingConstraints(Slim):
+    """spec.schedulingConstraints of v1beta1."""
+
+    topology: tuple[Any, ...] = ()
+
+
+class PodGroupSpec(Slim):
+    """spec of either API: they share no field."""
+
+    min_member: int = 0
+    schedule_timeout_seconds: int | None = None
+    scheduling_policy: SchedulingPolicy | None = None
+    scheduling_constraints: SchedulingConstraints | None = None
+
+
+class PodGroupStatus(Slim):
+    """status: whether the group was placed once."""
+
+    phase: str = ""
+    conditions: list[PodCondition] | None = None
+
+
+class PodGroup(Slim):
+    """A PodGroup of either API. `api_version` is only filled where a dump says it."""
+
+    metadata: Metadata = msgspec.field(default_factory=Metadata)
+    spec: PodGroupSpec = msgspec.field(default_factory=PodGroupSpec)
+    status: PodGroupStatus = msgspec.field(default_factory=PodGroupStatus)
+    api_version: str = ""
+
+    @property
+    def needed(self) -> int:
+        """Pods that must be placed together; 0 or 1 = each for itself."""
+        policy = self.spec.scheduling_policy
+        return policy.gang.min_count if policy is not None and policy.gang is not None else self.spec.min_member
+
+    @property
+    def patience_s(self) -> float:
+        """How long its pods wait for each other before they say so."""
+        seconds = self.spec.schedule_timeout_seconds
+        return PATIENCE_S if seconds is None or seconds <= 0 else float(seconds)
+
+    @property
+    def problem(self) -> str:
+        """What it asks for that we do not do; "" when there is nothing."""
+        constraints = self.spec.scheduling_constraints
+        asks = constraints is not None and constraints.topology
+        return "it has schedulingConstraints.topology, which this scheduler does not support" if asks else ""
+
+    @property
+    def was_placed(self) -> bool:
+        """Does its status say that it was placed once?"""
+        return self.status.phase in {"Scheduled", "Running"} or any(
+            found.type == "PodGroupInitiallyScheduled" and found.status == "True"
+            for found in self.status.conditions or ()
+        )
+
+
+class GroupRef(NamedTuple):
+    """The group a pod says it belongs to."""
+
+    api: str
+    namespace: str
+    name: str
+
+    @property
+    def key(self) -> str:
+        """One text for all of it, unlike any RobotApp's uid."""
+        return f"{self.api}/{self.namespace}/{self.name}"
+
+
+def group_ref_of(pod: Pod) -> GroupRef | None:
+    """The PodGroup of a pod, None for pods without one and for those of a RobotApp."""
+    labels = pod.metadata.labels or {}
+    if labels.get(Label.APP_UID):
+        return None
+    group = pod.spec.scheduling_group
+    if group is not None and group.pod_group_name:
+        return GroupRef(WORKLOADS, pod.metadata.namespace, group.pod_group_name)
+    name = labels.get(POD_GROUP_LABEL)
+    return GroupRef(COSCHEDULING, pod.metadata.namespace, name) if name else None
+
+
+class _Place(NamedTuple):
+    """What one live pod counts as: on a node, confirmed there, placed or free to be tried."""
+
+    placed: bool
+    bound: bool
+    ready: bool
+
+
+NOWHERE: Final = _Place(placed=False, bound=False, ready=False)
+
+
+class _Standing:
+    """One group's object, if seen, and counts of its live pods (none that terminate)."""
+
+    __slots__ = ("bound", "done", "group", "placed", "pods", "ready")
+
+    def __init__(self) -> None:
+        self.group: PodGroup | None = None
+        self.pods: dict[str, _Place] = {}
+        self.placed = self.bound = self.ready = 0
+        self.done = False
+        """Enough of them were seen on nodes: whoever comes later is a late member."""
+
+    def count(self, place: _Place, sign: int) -> None:
+        self.placed += sign * place.placed
+        self.bound += sign * place.bound
+        self.ready += sign * place.ready
+
+
+class PodGroups:
+    """PodGroups by reference, and the live pods that name them, of any scheduler."""
+
+    def __init__(self) -> None:
+        self._standing: dict[GroupRef, _Standing] = {}
+
+    def __repr__(self) -> str:
+        return f"PodGroups({len(self._standing)})"
+
+    def apply(self, group: PodGroup, api: str) -> Change:
+        """A PodGroup of this API appeared or changed. One that says it is of another API is left alone."""
+        if group.api_version and not group.api_version.startswith(f"{api}/"):
+            return Change.NONE
+        standing = self._at(GroupRef(api, group.metadata.namespace, group.metadata.name))
+        old, standing.group = standing.group, group
+        self._judge(standing)
+        return Change.NONE if old is not None and old.spec == group.spec else Change.POD_GROUPS
+
+    def remove(self, group: PodGroup, api: str) -> Change:
+        """A PodGroup is gone."""
+        ref = GroupRef(api, group.metadata.namespace, group.metadata.name)
+        standing = self._standing.get(ref)
+        if standing is None or standing.group is None:
+            return Change.NONE
+        standing.group = None
+        self._tidy(ref, standing)
+        return Change.POD_GROUPS
+
+    def place(self, pod: Pod, node: str) -> str:
+        """Count a live pod where it is (node "" = still waiting); answers its group's key, "" for others."""
+        ref = group_ref_of(pod)
+        if ref is None:
+            return ""
+        stays = pod.metadata.deletion_timestamp is None
+        placed = stays and bool(node)
+        ready = placed or (stays and not pod.spec.scheduling_gates)
+        place = _Place(placed=placed, bound=placed and bool(pod.spec.node_name), ready=ready)
+        standing = self._at(ref)
+        standing.count(standing.pods.get(pod.metadata.uid, NOWHERE), -1)
+        standing.count(place, +1)
+        standing.pods[pod.metadata.uid] = place
+        self._judge(standing)
+        return ref.key
+
+    def drop(self, pod: Pod) -> str:
+        """Stop counting a pod that is gone or terminal; answers as `place`."""
+        ref = group_ref_of(pod)
+        if ref is None:
+            return ""
+        standing = self._standing.get(ref)
+        if standing is not None:
+            standing.count(standing.pods.pop(pod.metadata.uid, NOWHERE), -1)
+            if not standing.pods:
+                standing.done = False  # the next ones are a new generation
+            self._tidy(ref, standing)
+        return ref.key
+
+    def find(self, ref: GroupRef) -> PodGroup | None:
+        """The group's object, if we have seen it."""
+        standing = self._standing.get(ref)
+        return standing.group if standing is not None else None
+
+    def ready(self, ref: GroupRef) -> int:
+        """Live pods of the group that are on a node or may be tried."""
+        standing = self._standing.get(ref)
+        return standing.ready if standing is not None else 0
+
+    def placed(self, ref: GroupRef) -> int:
+        """Live pods of the group on nodes, assumed ones included."""
+        standing = self._standing.get(ref)
+        return standing.placed if standing is not None else 0
+
+    def quorum(self, ref: GroupRef) -> int:
+        """How many must be on nodes together; 0 once they were: late members are placed one by one."""
+        standing = self._standing.get(ref)
+        if standing is None or standing.group is None or standing.done:
+            return 0
+        return 0 if standing.placed and standing.group.was_placed else standing.group.needed
+
+    def missed(self, api: str) -> bool:
+        """Does a live pod name a group of this API that we have not seen?"""
+        return any(ref.api == api and found.group is None and found.pods for ref, found in self._standing.items())
+
+    def _at(self, ref: GroupRef) -> _Standing:
+        return self._standing.setdefault(ref, _Standing())
+
+    def _tidy(self, ref: GroupRef, standing: _Standing) -> None:
+        if standing.group is None and not standing.pods:
+            del self._standing[ref]
+
+    @staticmethod
+    def _judge(standing: _Standing) -> None:
+        if standing.group is not None and standing.bound >= max(standing.group.needed, 1):
+            standing.done = True

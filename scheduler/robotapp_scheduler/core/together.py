@@ -1,0 +1,91 @@
+"""The pods of one group, placed in one go against each other's assumed places.
+
+Greedy, most constrained first; a pod that finds no place is moved to the front and the plan starts over. What must be
+placed whole is placed whole or not at all (core.whole).
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Final, Protocol
+
+from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.decision import Decision
+from robotapp_scheduler.core.explain import ExplainRing
+from robotapp_scheduler.core.framework import Code
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.whole import all_or_none
+
+MOST_RESTARTS: Final = 8
+MOST_TRIES: Final = 512
+"""Attempts that may go into starting over: a large group is planned once or twice, not eight times."""
+FEW_CANDIDATES: Final = 16
+"""A peer with more places to go than this says little about where its partners should be."""
+
+
+class Placer(Protocol):
+    """The part of SchedulerCore that planning needs."""
+
+    cluster: Cluster
+    explain: ExplainRing
+
+    def schedule_one(self, pod: PodInfo, *, attempt: int = 1) -> Decision: ...
+    def room(self, pod: PodInfo, *, name_up_to: int) -> tuple[int, tuple[str, ...]]:
+        """How many nodes would take the pod now, and their names when there are not too many."""
+
+
+def plan_together(core: Placer, pods: Sequence[PodInfo], attempts: Mapping[str, int]) -> list[Decision]:
+    """Decisions for all pods, in the order in which they were tried last."""
+    room = {pod.uid: core.room(pod, name_up_to=FEW_CANDIDATES) for pod in pods}
+    order = sorted(pods, key=lambda pod: (room[pod.uid][0], pod.namespace, pod.name))
+    apps = core.cluster.apps
+    # A peer that comes later counts by the best node it may still use.
+    apps.expect({pod.member: room[pod.uid][1] for pod in pods if pod.member is not None and room[pod.uid][1]})
+    try:
+        return _plan(core, order, attempts)
+    finally:
+        apps.expect({})
+
+
+def _plan(core: Placer, order: list[PodInfo], attempts: Mapping[str, int]) -> list[Decision]:
+    decisions = _place(core, order, attempts)
+    for _ in range(min(MOST_RESTARTS, len(order), MOST_TRIES // len(order))):
+        stuck = next((d for d in decisions if _refused(d) and order[0] is not d.pod), None)
+        if stuck is None:
+            break
+        _take_back(core.cluster, decisions)
+        order.remove(stuck.pod)
+        order.insert(0, stuck.pod)
+        again = _place(core, order, attempts)
+        better = _placed(again) > _placed(decisions)
+        if not better and _placed(again) < _placed(decisions):
+            # The old order was better: go back to it and stop.
+            _take_back(core.cluster, again)
+            return all_or_none(core, _place(core, [d.pod for d in decisions], attempts))
+        decisions = again
+        if not better:
+            break
+    return all_or_none(core, decisions)
+
+
+def _place(core: Placer, order: Sequence[PodInfo], attempts: Mapping[str, int]) -> list[Decision]:
+    return [core.schedule_one(pod, attempt=attempts.get(pod.uid, 1)) for pod in order]
+
+
+def _placed(decisions: Sequence[Decision]) -> int:
+    return sum(decision.placed for decision in decisions)
+
+
+def _refused(decision: Decision) -> bool:
+    return not decision.placed and decision.code in {Code.UNSCHEDULABLE, Code.UNRESOLVABLE}
+
+
+def _take_back(cluster: Cluster, decisions: Sequence[Decision]) -> None:
+    for decision in reversed(decisions):
+        if decision.placed:
+            cluster.forget(decision.pod.uid)
+
+
+def only_one_plan(decisions: list[Decision]) -> list[Decision]:
+    """Pods placed together make room step by step: the plans of later ones do not know those of earlier ones."""
+    for decision in [decision for decision in decisions if decision.plan is not None][1:]:
+        decision.plan = decision.nominate = None
+    return decisions

@@ -1,0 +1,168 @@
+"""All or none: what must be placed whole is taken back when a part of it found no place.
+
+A RobotApp with allOrNothing, unless a part of it runs already. A PodGroup until as many of its pods as it asks for are
+on nodes: also what is left of one whose binds failed in part goes as far as the quorum together, or waits together, so
+two groups never keep each other's last places.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Final, Protocol
+
+from robotapp_api.model.names import PodReason
+from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.decision import Decision
+from robotapp_scheduler.core.explain import ExplainRing
+from robotapp_scheduler.core.framework import Code
+from robotapp_scheduler.core.groups import POD_GROUP_PLUGIN
+from robotapp_scheduler.core.pod_groups import GroupRef
+from robotapp_scheduler.core.pods import Member, PlacedPod, PodInfo
+
+MOST_RESCUED: Final = 64
+"""Room for more pods than this is not made: it would have to be thought through pod by pod first."""
+
+
+class Placer(Protocol):
+    """The part of SchedulerCore that is needed here."""
+
+    cluster: Cluster
+    explain: ExplainRing
+
+    def schedule_one(self, pod: PodInfo, *, attempt: int = 1) -> Decision:
+        """Decide and assume."""
+
+
+def all_or_none(core: Placer, decisions: list[Decision]) -> list[Decision]:
+    """The decisions about one group as they stand, or with every placement that must not stay alone taken back."""
+    pod = decisions[0].pod
+    if pod.member is None and pod.pod_group is not None:
+        return _quorum(core, decisions, pod.pod_group)
+    return _app(core, decisions)
+
+
+# --- PodGroup --------------------------------------------------------------------------------------------------------
+
+
+def _quorum(core: Placer, decisions: list[Decision], ref: GroupRef) -> list[Decision]:
+    cluster = core.cluster
+    needed, there = cluster.pod_groups.quorum(ref), cluster.pod_groups.placed(ref)
+    if there >= needed:
+        return decisions
+    failures = [decision for decision in decisions if not decision.placed]
+    _evict_in_vain_nobody(core, failures, needed - there)
+    text = f"pod group is unschedulable, minCount ({needed}) cannot be satisfied: {there} scheduled, 0 remaining"
+    if failures:
+        text += f"; {failures[0].pod.name}: {failures[0].message}"
+    return _taken_back(cluster, decisions, text, failures, lambda _: True)
+
+
+# --- RobotApp --------------------------------------------------------------------------------------------------------
+
+
+def _app(core: Placer, decisions: list[Decision]) -> list[Decision]:
+    cluster = core.cluster
+    # A pod that waits for its predecessor is late, not impossible: it does not hold the others.
+    failures = [
+        decision
+        for decision in decisions
+        if not decision.placed and decision.code is not Code.PENDING and _counts(cluster, decision.pod)
+    ]
+    if not failures or not _wants_all(cluster, decisions[0].pod, {d.pod.uid for d in decisions}):
+        return decisions
+    _evict_in_vain_nobody(core, failures, len(failures))
+    stuck = failures[0]
+    component = stuck.pod.member.component if stuck.pod.member else stuck.pod.name
+    text = f"the app is placed whole or not at all, and component {component} cannot be placed: {stuck.message}"
+    return _taken_back(cluster, decisions, text, failures, lambda pod: _counts(cluster, pod))
+
+
+def _counts(cluster: Cluster, pod: PodInfo) -> bool:
+    """Is the pod a component of its app (not something the operator adds, such as a discovery server)?"""
+    app = cluster.apps.app(pod.member.app_uid) if pod.member else None
+    return app is not None and pod.member is not None and pod.member.component in app.components
+
+
+def _wants_all(cluster: Cluster, pod: PodInfo, planned: set[str]) -> bool:
+    """allOrNothing, and no pod of the instance was placed before this plan."""
+    member = pod.member
+    app = cluster.apps.app(member.app_uid) if member else None
+    if app is None or member is None or not app.source.spec.placement.all_or_nothing:
+        return False
+    return not any(
+        replica.node and replica.pod.metadata.uid not in planned
+        for name in app.components
+        for replica in cluster.apps.replicas(Member(member.app_uid, member.instance, name), name)
+    )
+
+
+# --- Both ------------------------------------------------------------------------------------------------------------
+
+
+def _evict_in_vain_nobody(core: Placer, failures: Sequence[Decision], missing: int) -> None:
+    """Drop the plans to make room unless they would make the group whole, each thought through after the one before."""
+    if all(failure.plan is None for failure in failures) or _rescued(core, failures, missing):
+        return
+    for failure in failures:
+        failure.plan = failure.nominate = None
+
+
+def _rescued(core: Placer, failures: Sequence[Decision], missing: int) -> bool:
+    """Would `missing` of these pods find a place by evictions? Tried for real, and everything is put back."""
+    if not 0 < missing <= min(len(failures), MOST_RESCUED):
+        return False
+    cluster = core.cluster
+    records = [core.explain.get(failure.pod.uid) for failure in failures]
+    evicted: list[PlacedPod] = []
+    order: dict[str, list[str]] = {}
+    placed: list[str] = []
+    for failure in failures:
+        again = core.schedule_one(failure.pod)
+        if again.plan is not None:
+            order.setdefault(again.plan.node, [pod.uid for pod in cluster.pods_on(again.plan.node)])
+            for victim in again.plan.victims:
+                cluster.take_off(victim.uid)
+                evicted.append(victim)
+            cluster.assume(failure.pod, again.plan.node)
+        if again.placed or again.plan is not None:
+            placed.append(failure.pod.uid)
+        if len(placed) == missing:
+            break
+    for uid in reversed(placed):
+        cluster.forget(uid)
+    for victim in reversed(evicted):
+        cluster.put_on(victim, Change.POD_ADDED)
+    for node, uids in order.items():
+        cluster.reorder(node, uids)
+    for record in records:
+        if record is not None:
+            core.explain.add(record)
+    return len(placed) == missing
+
+
+def _taken_back(
+    cluster: Cluster,
+    decisions: list[Decision],
+    text: str,
+    failures: Sequence[Decision],
+    concerns: Callable[[PodInfo], bool],
+) -> list[Decision]:
+    """The placed ones that are concerned as refused with this text; what may help the failures may help them."""
+    plugins = frozenset().union(*(failure.rejected_by for failure in failures)) or frozenset({POD_GROUP_PLUGIN})
+    result = []
+    for decision in decisions:
+        if not decision.placed or not concerns(decision.pod):
+            result.append(decision)
+            continue
+        cluster.forget(decision.pod.uid)
+        result.append(
+            Decision(
+                pod=decision.pod,
+                code=Code.UNSCHEDULABLE,
+                message=text,
+                reason=PodReason.UNSCHEDULABLE,
+                rejected_by=plugins,
+                nodes=decision.nodes,
+                feasible=decision.feasible,
+            )
+        )
+    return result

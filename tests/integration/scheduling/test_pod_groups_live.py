@@ -1,0 +1,136 @@
+"""PodGroups on a real API server: none while one is missing, all when there is room, and the rest after a crash."""
+
+import secrets
+import time
+from collections.abc import Iterator
+
+import pytest
+from tests.support.proxy import FaultProxy, drop
+from tests.support.stage import Json, Stage, nodes, pod
+
+from robotapp_scheduler.core.pod_groups import POD_GROUP_LABEL
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.failures import ApiStatusError
+from robotapp_testbed.nodes import SimulatedNode, edge
+from robotapp_testbed.process import Process
+from robotapp_testbed.product import start_scheduler
+
+pytestmark = pytest.mark.live
+GROUP = "scheduling.x-k8s.io"
+CRDS = "/apis/apiextensions.k8s.io/v1/customresourcedefinitions"
+CRD: Json = {
+    "apiVersion": "apiextensions.k8s.io/v1",
+    "kind": "CustomResourceDefinition",
+    "metadata": {
+        "name": f"podgroups.{GROUP}",
+        "annotations": {"api-approved.kubernetes.io": "unapproved, a test"},
+    },
+    "spec": {
+        "group": GROUP,
+        "scope": "Namespaced",
+        "names": {"plural": "podgroups", "singular": "podgroup", "kind": "PodGroup", "listKind": "PodGroupList"},
+        "versions": [
+            {
+                "name": "v1alpha1",
+                "served": True,
+                "storage": True,
+                "schema": {"openAPIV3Schema": {"type": "object", "x-kubernetes-preserve-unknown-fields": True}},
+            }
+        ],
+    },
+}
+
+
+@pytest.fixture
+def proxied(installed_plane: ControlPlane) -> Iterator[tuple[Process, FaultProxy]]:
+    """The only scheduler, behind a proxy; it starts before the CRD is there."""
+    with FaultProxy() as proxy:
+        route = proxy.route("scheduler", installed_plane.kubeconfig("scheduler"))
+        name = f"scheduler-{secrets.token_hex(3)}"
+        process = start_scheduler(installed_plane, name=name, kubeconfig=route.kubeconfig, sweep_seconds=1)
+        yield process, proxy
+        process.stop()
+
+
+@pytest.fixture
+def served(proxied: tuple[Process, FaultProxy], installed_plane: ControlPlane) -> Iterator[tuple[Process, FaultProxy]]:
+    """The CRD comes after the scheduler has started, and goes after the test."""
+    api = installed_plane.api
+    api.create(CRDS, CRD)
+    deadline = time.monotonic() + 20
+    while not _served(installed_plane):
+        assert time.monotonic() < deadline, "the CRD is not served"
+        time.sleep(0.1)
+    yield proxied
+    api.delete(f"{CRDS}/podgroups.{GROUP}")
+    while _served(installed_plane):
+        assert time.monotonic() < deadline + 20, "the CRD is still served"
+        time.sleep(0.1)
+
+
+def _served(cp: ControlPlane) -> bool:
+    try:
+        cp.api.get(f"/apis/{GROUP}/v1alpha1/podgroups")
+    except ApiStatusError:
+        return False
+    return True
+
+
+def create_group(stage: Stage, name: str, needed: int) -> None:
+    path = f"/apis/{GROUP}/v1alpha1/namespaces/{stage.namespace}/podgroups"
+    body = {"apiVersion": f"{GROUP}/v1alpha1", "kind": "PodGroup", "metadata": {"name": name}}
+    stage.cp.api.create(path, {**body, "spec": {"minMember": needed}})
+
+
+def members(stage: Stage, group: str, count: int) -> list[str]:
+    """Pods of which each takes a node of `whole` to itself."""
+    names = [f"{group}-{i}" for i in range(count)]
+    for name in names:
+        stage.create_pod(
+            pod(
+                name,
+                requests={"cpu": "3"},
+                labels={POD_GROUP_LABEL: group},
+                nodeSelector={"test/whole": stage.namespace},
+            )
+        )
+    return names
+
+
+def whole(stage: Stage, *numbers: int) -> list[SimulatedNode]:
+    return [edge(f"{stage.namespace}-{i}", cpu="4", labels={"test/whole": stage.namespace}) for i in numbers]
+
+
+@pytest.mark.usefixtures("served")
+def test_five_where_four_fit_get_no_node_and_all_of_them_once_there_is_room(
+    installed_plane: ControlPlane, stage: Stage
+) -> None:
+    with nodes(installed_plane, *whole(stage, 0, 1, 2, 3)):
+        names = members(stage, "five", 5)
+        create_group(stage, "five", 5)
+        told = [stage.wait_refused(name, reason="Unschedulable") for name in names]
+        assert sum("minCount (5) cannot be satisfied: 4 scheduled" in text for text in told) == 4
+        assert sum("Insufficient cpu" in text for text in told) == 5
+        assert [stage.node_of(name) for name in names] == [""] * 5
+        with nodes(installed_plane, *whole(stage, 0, 1, 2, 3, 4)):
+            assert len({stage.wait_bound(name) for name in names}) == 5
+
+
+def test_after_a_kill_between_its_bindings_the_rest_of_a_group_follows(
+    installed_plane: ControlPlane, stage: Stage, served: tuple[Process, FaultProxy]
+) -> None:
+    process, proxy = served
+    with nodes(installed_plane, *whole(stage, 0, 1, 2, 3, 4)):
+        create_group(stage, "five", 5)
+        proxy.add(drop(), verbs="create", path="/binding$", skip=2, times=None)
+        names = members(stage, "five", 5)
+
+        def bound() -> int:
+            return sum(1 for name in names if stage.node_of(name))
+
+        stage.wait(lambda: bound() == 2, what=lambda: f"{bound()} are bound")
+        process.kill()
+        proxy.clear()
+        assert bound() == 2
+        process.start()
+        assert len({stage.wait_bound(name, timeout_s=40) for name in names}) == 5

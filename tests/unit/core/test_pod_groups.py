@@ -1,0 +1,241 @@
+"""PodGroups of both APIs: enough pods are there, planned together, all or none, late members one by one."""
+
+from typing import Any
+
+from tests.support.pod_groups import (
+    announce,
+    arrive,
+    confirm,
+    depart,
+    pod_group,
+    run,
+    team_pod,
+    workload_group,
+    workload_pod,
+)
+from tests.support.scheduling import Clock, app_object, make_core, make_node, make_pod, member_pod
+
+from robotapp_api.model.names import Label, PodReason
+from robotapp_scheduler.core.changes import Change, Event
+from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.groups import groups_of
+from robotapp_scheduler.core.objects import Pod
+from robotapp_scheduler.core.pod_groups import COSCHEDULING, POD_GROUP_LABEL, WORKLOADS, group_ref_of
+
+
+def team(count: int, *, first: int = 0, **fields: Any) -> list[Pod]:
+    return [team_pod(f"p{i}", **{"cpu": "1", **fields}) for i in range(first, first + count)]
+
+
+def small_nodes(count: int) -> SchedulerCore:
+    """Each takes one pod of `team`."""
+    return make_core(*(make_node(f"n{i}", cpu="1500m") for i in range(count)))
+
+
+def reasons(core: SchedulerCore) -> list[str]:
+    return [queued.gate.reason for queued in core.queue.gated() if queued.gate is not None]
+
+
+def test_pods_wait_for_their_group_and_for_enough_of_each_other() -> None:
+    core = small_nodes(5)
+    arrive(core, *team(2))
+    assert reasons(core) == ["waiting for PodGroup team (scheduling.x-k8s.io) to be seen"] * 2
+    announce(core, pod_group(min_member=3))
+    assert "waiting for pods of PodGroup team (2 of 3)" in reasons(core)
+    assert run(core) == {}
+    arrive(core, *team(1, first=2))
+    assert set(run(core)) == {"p0", "p1", "p2"}
+
+
+def test_none_is_placed_where_only_four_of_five_fit_and_all_once_there_is_room() -> None:
+    core = small_nodes(4)
+    announce(core, pod_group(min_member=5))
+    pods = team(5)
+    arrive(core, *pods)
+    decisions = {decision.pod.name: decision for decision in core.schedule(core.queue.pop())}
+    assert not any(decision.placed for decision in decisions.values())
+    assert core.cluster.placed == {}
+    texts = sorted(decision.message for decision in decisions.values())
+    assert texts[0].startswith("0/4 nodes are available: 4 Insufficient cpu.")
+    stuck = next(name for name, decision in decisions.items() if decision.message == texts[0])
+    assert set(texts[1:]) == {
+        f"pod group is unschedulable, minCount (5) cannot be satisfied: 4 scheduled, 0 remaining; {stuck}: {texts[0]}"
+    }
+    fitted = next(decision for decision in decisions.values() if decision.message != texts[0])
+    assert fitted.rejected_by == {"NodeResourcesFit"}
+    record = core.explain.get(fitted.pod.uid)
+    assert record is not None
+    assert (record.node, record.message) == (None, fitted.message)
+
+
+def test_room_brings_the_whole_group_back() -> None:
+    core = small_nodes(4)
+    announce(core, pod_group(min_member=5))
+    arrive(core, *team(5))
+    assert run(core) == {}
+    node = make_node("n4", cpu="1500m")
+    core.queue.move(Event("nodes", core.cluster.apply_node(node), None, node))
+    assert len(run(core)) == 5
+
+
+def test_members_beyond_the_minimum_do_not_hold_the_others() -> None:
+    core = small_nodes(4)
+    announce(core, pod_group(min_member=3))
+    arrive(core, *team(5))
+    assert len(run(core)) == 4
+
+
+def test_after_a_bind_failed_the_rest_goes_together_against_the_bound_ones() -> None:
+    core = small_nodes(5)
+    announce(core, pod_group(min_member=5))
+    pods = team(5)
+    arrive(core, *pods)
+    assert len(run(core, lose={"p3", "p4"})) == 3
+    confirm(core, pods)
+    full = make_pod(
+        "full", cpu="1", node=next(iter({f"n{i}" for i in range(5)} - {r.node for r in core.cluster.placed.values()}))
+    )
+    core.cluster.apply_pod(full)
+    core.queue.activate([pod.metadata.uid for pod in pods])
+    assert run(core) == {}, "one of two is not enough"
+    core.queue.move(core.cluster.remove_pod(full))
+    core.queue.activate([pod.metadata.uid for pod in pods])
+    assert set(run(core)) == {"p3", "p4"}
+
+
+def test_a_late_member_is_placed_by_itself_also_when_others_have_ended() -> None:
+    core = small_nodes(6)
+    announce(core, pod_group(min_member=3))
+    pods = team(3)
+    arrive(core, *pods)
+    assert len(run(core)) == 3
+    confirm(core, pods)
+    depart(core, *pods[:2])
+    arrive(core, *team(1, first=7))
+    assert set(run(core)) == {"p7"}
+
+
+def test_when_all_are_gone_the_next_ones_must_be_enough_again() -> None:
+    core = small_nodes(6)
+    announce(core, pod_group(min_member=2))
+    pods = team(2)
+    arrive(core, *pods)
+    run(core)
+    confirm(core, pods)
+    depart(core, *pods)
+    arrive(core, *team(1, first=7))
+    assert run(core) == {}
+
+
+def test_a_restarted_scheduler_believes_the_groups_status() -> None:
+    core = small_nodes(6)
+    group = pod_group(min_member=3)
+    group.status.phase = "Running"
+    announce(core, group)
+    arrive(core, team_pod("old", cpu="1", node="n0"), *team(1))
+    assert set(run(core)) == {"p0"}
+
+
+def test_pods_that_end_or_are_held_by_gates_of_their_own_are_not_counted() -> None:
+    core = small_nodes(5)
+    announce(core, pod_group(min_member=3))
+    gated = team_pod("held", cpu="1", schedulingGates=[{"name": "quota"}])
+    ending = team_pod("ending", cpu="1", node="n0")
+    ending.metadata.deletion_timestamp = "2026-01-01T00:00:00Z"
+    arrive(core, *team(2), gated, ending)
+    assert "waiting for pods of PodGroup team (2 of 3)" in reasons(core)
+
+
+def test_a_group_of_the_workload_api_is_planned_by_its_policy() -> None:
+    for policy, placed in (({"gang": {"minCount": 3}}, 0), ({"basic": {}}, 2)):
+        core = small_nodes(2)
+        announce(core, workload_group(policy=policy), WORKLOADS)
+        arrive(core, *(workload_pod(f"w{i}", cpu="1") for i in range(3)))
+        assert len(run(core)) == placed
+
+
+def test_what_a_group_asks_for_and_we_do_not_do_is_said() -> None:
+    core = small_nodes(5)
+    topology = {"schedulingConstraints": {"topology": [{"key": "zone"}]}}
+    announce(core, workload_group(policy={"gang": {"minCount": 1}}, spec=topology), WORKLOADS)
+    arrive(core, workload_pod("w0"))
+    assert "schedulingConstraints.topology, which this scheduler does not support" in reasons(core)[0]
+
+
+def test_an_incomplete_group_says_so_after_its_own_time_with_the_newest_count() -> None:
+    clock = Clock()
+    core = make_core(make_node("n"), clock=clock)
+    announce(core, pod_group(min_member=9, scheduleTimeoutSeconds=20))
+    arrive(core, *team(2))
+    arrive(core, *team(1, first=2))
+    clock.forward(19)
+    assert core.held() == []
+    clock.forward(1)
+    held = core.held()
+    assert len(held) == 3
+    for _, gate in held:
+        assert (gate.code, gate.reason) == (PodReason.WAITING_FOR_GROUP, "waiting for pods of PodGroup team (3 of 9)")
+
+
+def test_without_a_timeout_a_minute_passes_first() -> None:
+    assert [pod_group().patience_s, pod_group(scheduleTimeoutSeconds=0).patience_s] == [60.0, 60.0]
+
+
+def test_nobody_is_evicted_for_a_group_that_would_still_not_be_whole() -> None:
+    core = make_core(make_node("n0", cpu="1500m"))
+    core.cluster.apply_pod(make_pod("low", cpu="1", node="n0"))
+    announce(core, pod_group(min_member=2))
+    arrive(core, *team(2, priority=100))
+    assert all(decision.plan is None for decision in core.schedule(core.queue.pop()))
+
+
+def test_one_is_evicted_at_a_time_for_a_group_that_becomes_whole_by_it() -> None:
+    core = make_core(make_node("n0", cpu="1500m"), make_node("n1", cpu="1500m"))
+    for node in ("n0", "n1"):
+        core.cluster.apply_pod(make_pod(f"low-{node}", cpu="1", node=node))
+    announce(core, pod_group(min_member=2))
+    arrive(core, *team(2, priority=100))
+    assert sum(decision.plan is not None for decision in core.schedule(core.queue.pop())) == 1
+
+
+def test_a_pod_of_an_app_goes_by_its_app_and_spec_comes_before_the_label() -> None:
+    assert group_ref_of(member_pod("driver", labels={POD_GROUP_LABEL: "team"})) is None
+    both = make_pod("b", labels={POD_GROUP_LABEL: "x"}, schedulingGroup={"podGroupName": "y"})
+    assert group_ref_of(both) == (WORKLOADS, "default", "y")
+    assert group_ref_of(make_pod("c")) is None
+
+
+def test_a_change_is_about_the_groups_its_object_belongs_to() -> None:
+    app = app_object({"name": "driver"})
+    assert groups_of(Event("robotapps", Change.APPS, None, app)) == ("app-1",)
+    child = make_pod("d", labels={str(Label.APP_UID): "app-1"})
+    assert groups_of(Event("pods", Change.POD_SEEN, child, None)) == ("app-1",)
+    assert groups_of(Event("pods", Change.POD_SEEN, None, team_pod("p"))) == (f"{COSCHEDULING}/default/team",)
+    assert groups_of(Event("pods", Change.POD_SEEN, None, make_pod("q"))) == ()
+    assert f"{WORKLOADS}/default/team" in groups_of(Event("podgroups", Change.POD_GROUPS, None, pod_group()))
+    assert groups_of(Event("", Change.RTT)) == ()
+
+
+def test_the_index_forgets_groups_and_pods_that_are_gone() -> None:
+    core = small_nodes(1)
+    known = core.cluster.pod_groups
+    group, pods = pod_group(), team(2)
+    announce(core, group)
+    arrive(core, *pods)
+    assert known.missed(COSCHEDULING) is False
+    depart(core, *pods)
+    assert known.remove(group, COSCHEDULING) == Change.POD_GROUPS
+    assert known.remove(group, COSCHEDULING) == Change.NONE
+    assert repr(known) == "PodGroups(0)"
+    arrive(core, *pods)
+    assert known.missed(COSCHEDULING) is True
+    assert known.missed(WORKLOADS) is False
+
+
+def test_a_group_of_a_dump_counts_for_its_own_api_only() -> None:
+    known = small_nodes(1).cluster.pod_groups
+    group = pod_group()
+    group.api_version = f"{COSCHEDULING}/v1alpha1"
+    assert known.apply(group, WORKLOADS) == Change.NONE
+    assert known.apply(group, COSCHEDULING) == Change.POD_GROUPS
+    assert known.apply(group, COSCHEDULING) == Change.NONE
