@@ -14,6 +14,7 @@ from robotapp_cli.output import Output
 from robotapp_cli.rendering import show_children, show_file
 from robotapp_cli.session import Options, run
 from robotapp_cli.simulate import Wish, show_simulation
+from robotapp_cli.written import object_name
 
 _EPILOG = """\
 Exit codes: 0 done; 1 refused by the API server; 2 wrong usage or unreadable file; 3 API server not reached or not signed in; 4 not found.
@@ -31,14 +32,19 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-Namespace = Annotated[str | None, typer.Option("--namespace", "-n", help="Namespace (default: the context's).")]
+Namespace = Annotated[
+    str | None, typer.Option("--namespace", "-n", help="Namespace (default: the context's).", callback=object_name)
+]
 Everywhere = Annotated[bool, typer.Option("--all-namespaces", "-A", help="All namespaces.")]
 Context = Annotated[str | None, typer.Option("--context", help="Context of the kubeconfig.")]
 Kubeconfig = Annotated[
     Path | None, typer.Option("--kubeconfig", help="Kubeconfig file (default: $KUBECONFIG, ~/.kube/config).")
 ]
 OutputFormat = Annotated[Output, typer.Option("--output", "-o", help="Form of the output.")]
-Name = Annotated[str, typer.Argument(metavar="NAME", help="Name of the RobotApp.", autocompletion=complete_names)]
+Name = Annotated[
+    str,
+    typer.Argument(metavar="NAME", help="Name of the RobotApp.", autocompletion=complete_names, callback=object_name),
+]
 
 
 @app.command("list", epilog="Example: kubectl robotapp list -A -o wide")
@@ -73,7 +79,7 @@ SchedulerUrl = Annotated[
         envvar="ROBOTAPP_SCHEDULER_URL", help="Where the scheduler listens (default: kubectl port-forward to its pod)."
     ),
 ]
-SchedulerNamespace = Annotated[str, typer.Option(help="Namespace of the scheduler's pod.")]
+SchedulerNamespace = Annotated[str, typer.Option(help="Namespace of the scheduler's pod.", callback=object_name)]
 
 
 @app.command("explain", epilog="Example: kubectl robotapp explain teleop --component operator-ui -o wide")
@@ -127,7 +133,10 @@ def simulate_command(
 def domains_command(
     *,
     namespace: Annotated[
-        str | None, typer.Option("--namespace", "-n", help="Only domains held from this namespace (default: all).")
+        str | None,
+        typer.Option(
+            "--namespace", "-n", help="Only domains held from this namespace (default: all).", callback=object_name
+        ),
     ] = None,
     context: Context = None,
     kubeconfig: Kubeconfig = None,
@@ -142,7 +151,12 @@ def devices_command(
     *,
     namespace: Annotated[
         str | None,
-        typer.Option("--namespace", "-n", help="Only free devices and those held from this namespace (default: all)."),
+        typer.Option(
+            "--namespace",
+            "-n",
+            help="Only free devices and those held from this namespace (default: all).",
+            callback=object_name,
+        ),
     ] = None,
     context: Context = None,
     kubeconfig: Kubeconfig = None,
@@ -157,7 +171,10 @@ def devices_command(
 )
 def render_command(
     name: Annotated[
-        str | None, typer.Argument(metavar="[NAME]", help="A RobotApp in the cluster.", autocompletion=complete_names)
+        str | None,
+        typer.Argument(
+            metavar="[NAME]", help="A RobotApp in the cluster.", autocompletion=complete_names, callback=object_name
+        ),
     ] = None,
     *,
     file: Annotated[

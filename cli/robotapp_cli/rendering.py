@@ -7,7 +7,7 @@ dry run, which fills in the defaults and applies every rule, and nothing is stor
 
 import sys
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import yaml
 
@@ -15,8 +15,10 @@ from robotapp_api.client.resources import CONFIGMAPS, DEPLOYMENTS, ROBOTAPPS, SE
 from robotapp_api.model.names import API_VERSION, Label
 from robotapp_cli.failures import CliError, Exit
 from robotapp_cli.fields import Json, meta
+from robotapp_cli.files import documents
 from robotapp_cli.output import Output, write_structured
 from robotapp_cli.session import Session
+from robotapp_cli.written import is_name, not_a_name
 
 _CHILDREN: Final = (CONFIGMAPS, SERVICES, DEPLOYMENTS)
 _SERVER_METADATA: Final = ("managedFields", "uid", "resourceVersion", "generation", "creationTimestamp", "selfLink")
@@ -70,23 +72,18 @@ async def show_file(session: Session, path: Path) -> None:
 
 
 def _read(path: Path) -> list[Json]:
-    try:
-        text = sys.stdin.read(_MAX_BYTES + 1) if str(path) == "-" else path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise CliError(f"{path} cannot be read: {error}", code=Exit.USAGE) from error
-    if len(text) > _MAX_BYTES:
-        raise CliError(f"{path} is larger than 1 MiB", code=Exit.USAGE)
-    try:
-        documents: list[Any] = [document for document in yaml.safe_load_all(text) if document]
-    except yaml.YAMLError as error:
-        raise CliError(f"{path} is not YAML: {error}", code=Exit.USAGE) from error
     apps = [
         item
-        for item in documents
+        for item in documents(path, most_bytes=_MAX_BYTES)
         if isinstance(item, dict) and item.get("kind") == "RobotApp" and isinstance(item.get("metadata"), dict)
     ]
     if not apps or not all(meta(app).get("name") for app in apps):
         raise CliError(f"{path} holds no RobotApp with a name", code=Exit.USAGE)
+    for app in apps:
+        for field in ("name", "namespace"):
+            text = meta(app).get(field)
+            if text is not None and not is_name(str(text)):
+                raise CliError(f"{path}: metadata.{field}: {not_a_name(str(text))}", code=Exit.USAGE)
     return apps
 
 

@@ -14,6 +14,7 @@ from robotapp_api.client.errors import ClientError
 from robotapp_api.client.login import Endpoint, default_kubeconfigs, load
 from robotapp_cli.failures import CliError, explained
 from robotapp_cli.output import Output
+from robotapp_cli.written import is_name
 
 T = TypeVar("T")
 _TIMEOUT_S = 15.0
@@ -64,6 +65,10 @@ def run(options: Options, work: Callable[[Session], Awaitable[T]]) -> T:
 
 async def _connected(options: Options, work: Callable[[Session], Awaitable[T]]) -> T:
     where = endpoint(options)
+    if not is_name(where.namespace):
+        raise CliError(
+            f"the kubeconfig's context names the namespace {where.namespace!r}, which no namespace can be called"
+        )
     async with ApiClient(where, user_agent="kubectl-robotapp", timeout_s=_TIMEOUT_S) as client:
         namespace = None if options.everywhere else options.namespace or where.namespace
         return await work(Session(client, namespace, options))

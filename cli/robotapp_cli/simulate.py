@@ -5,18 +5,16 @@ files' objects added. It places them on paper, in a process beside the one that 
 """
 
 import json
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-import yaml
-
 from robotapp_api.client.errors import NotFound
 from robotapp_api.client.resources import Resource
 from robotapp_cli.failures import CliError, Exit
 from robotapp_cli.fields import Json
+from robotapp_cli.files import documents
 from robotapp_cli.output import Column, blank_line, console, print_table, write_structured
 from robotapp_cli.scheduler_link import Link, NoAnswerError, connect
 from robotapp_cli.session import Session
@@ -109,16 +107,7 @@ def document(path: Path) -> Any:
 
 
 def _documents(path: Path) -> Iterator[Json]:
-    try:
-        text = sys.stdin.read() if str(path) == "-" else path.read_text(encoding="utf-8")
-        loaded = list(yaml.load_all(text, yaml.CSafeLoader))
-    except (OSError, UnicodeDecodeError) as error:
-        raise CliError(f"{path}: {error}", code=Exit.USAGE) from error
-    except yaml.YAMLError as error:
-        raise CliError(f"{path}: no YAML or JSON: {error}", code=Exit.USAGE) from error
-    for found in loaded:
-        if found is None:
-            continue
+    for found in documents(path, most_bytes=_MOST_BYTES):
         if not isinstance(found, dict):
             raise CliError(f"{path}: holds something that is no Kubernetes object", code=Exit.USAGE)
         yield found

@@ -95,14 +95,17 @@ def _render(arguments: argparse.Namespace) -> tuple[str, tuple[str, ...]]:
 
 
 def _write(text: str, output: Path | None) -> None:
-    if output is None:
-        sys.stdout.write(text)
-        sys.stdout.flush()
-        return
     try:
-        output.write_text(text, encoding="utf-8")
+        if output is None:
+            sys.stdout.write(text)
+            sys.stdout.flush()
+        else:
+            output.write_text(text, encoding="utf-8")
+    except BrokenPipeError:
+        raise
     except OSError as error:
-        raise BridgeError(Place(str(output)), f"cannot be written: {error.strerror}", code=Exit.UNREADABLE) from error
+        place = Place(str(output or "standard output"))
+        raise BridgeError(place, f"cannot be written: {error.strerror}", code=Exit.UNREADABLE) from error
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ from typing import Final
 
 from robotapp_api.model.component import Component
 from robotapp_api.model.names import Reason
-from robotapp_operator.plan.objects import ContainerStatus, Deployment, Pod
+from robotapp_operator.plan.objects import ContainerStatus, Deployment, ObjectCondition, Pod
 
 MAX_MESSAGE: Final = 1024
 SERVER_LEAD_S: Final = 60
@@ -111,11 +111,24 @@ def _failure(deployment: Deployment, pods: Sequence[Pod], live: Sequence[Pod]) -
     for pod in live:
         for condition in pod.status.conditions:
             if condition.type == "PodScheduled" and condition.status == "False":
-                # What preemption thought of it stays in the pod's own condition.
-                return Reason.UNSCHEDULABLE, condition.message.partition(" preemption: ")[0] or condition.reason
+                return Reason.UNSCHEDULABLE, _unscheduled(pod, condition)
     if not live and any(pod.metadata.deletion_timestamp for pod in pods):
         return None, "waiting until the previous pod has ended"
     return None, ""
+
+
+def _unscheduled(pod: Pod, condition: ObjectCondition) -> str:
+    """The scheduler's words; while none has looked at the pod, whom it waits for.
+
+    The API server says SchedulingGated when the pod is made and never takes it back: that is the first scheduler's to do.
+    """
+    if condition.reason == "SchedulingGated":
+        gates = ", ".join(gate.name for gate in pod.spec.scheduling_gates)
+        if gates:
+            return f"waits for scheduling gates {gates}"
+        return f"scheduler {pod.spec.scheduler_name} has not looked at the pod yet: does one of that name run?"
+    # What preemption thought of it stays in the pod's own condition.
+    return condition.message.partition(" preemption: ")[0] or condition.reason
 
 
 def _container_failure(container: ContainerStatus) -> tuple[Reason, str] | None:

@@ -94,8 +94,9 @@ def placed(facts: AppFacts) -> Verdict:
         for component in instance.components:
             if component.reason == Reason.UNSCHEDULABLE:
                 text = _named(instance, f"{component.name}: {component.message}")
-                more = f"kubectl robotapp explain {facts.app.name} shows every node's reason"
-                return Verdict("False", Reason.UNSCHEDULABLE, f"{bound} of {len(parts)} placed; {text}; {more}")
+                if facts.app.our_scheduler:
+                    text += f"; kubectl robotapp explain {facts.app.name} shows every node's reason"
+                return Verdict("False", Reason.UNSCHEDULABLE, f"{bound} of {len(parts)} placed; {text}")
     if parts and bound == len(parts):
         nodes = sorted({node for component in parts for node in component.nodes})
         return Verdict("True", Reason.PLACED, f"{bound} of {len(parts)} components on {_shown(nodes)}")

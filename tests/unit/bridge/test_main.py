@@ -1,5 +1,6 @@
 """The command line: where things go and which exit code says what."""
 
+import errno
 import subprocess
 import sys
 from pathlib import Path
@@ -86,6 +87,17 @@ def test_an_output_that_cannot_be_written_is_one_line(
 ) -> None:
     assert main(["render", str(rigelfile), "-o", str(tmp_path / "no" / "dir.yaml")]) == 70
     assert "cannot be written: No such file or directory" in capsys.readouterr().err
+
+
+def test_a_full_disk_behind_standard_output_is_one_line(
+    rigelfile: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(_: str) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(sys.stdout, "write", full)
+    assert main(["render", str(rigelfile)]) == 70
+    assert capsys.readouterr().err == "standard output: cannot be written: No space left on device\n"
 
 
 def test_notes_go_to_standard_error_and_fail_only_when_strict(

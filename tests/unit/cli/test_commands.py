@@ -231,13 +231,20 @@ class TestRender:
         ("content", "message"),
         [
             ("kind: Pod\nmetadata: {name: x}\n", "holds no RobotApp with a name"),
-            ("a: [", "is not YAML"),
+            ("a: [", "is neither YAML nor JSON"),
             ("kind: RobotApp\nmetadata: {}\n", "holds no RobotApp"),
+            ("kind: RobotApp\nmetadata: {name: a b}\n", "metadata.name: 'a b' is not a name"),
+            ("kind: RobotApp\nmetadata: {name: a, namespace: b/c}\n", "metadata.namespace: 'b/c' is not a name"),
+            ("[" * 100_000 + "]" * 100_000, "is nested deeper than 200 levels"),
+            ("a: !!set {b}", "is neither YAML nor JSON"),
+            ("#" * 1_048_577, "is larger than 1 MiB"),
+            ("\xff", "is not UTF-8 text"),
         ],
+        ids=["pod", "yaml", "nameless", "name", "namespace", "deep", "set", "large", "latin-1"],
     )
     def test_a_file_that_holds_no_robotapp_is_refused(self, stage: Stage, content: str, message: str) -> None:
         path = stage.kubeconfig.with_name("app.yaml")
-        path.write_text(content)
+        path.write_bytes(content.encode("latin-1"))
         result = stage.run("render", "-f", str(path))
         assert result.exit_code == 2
         assert message in result.stderr
@@ -252,6 +259,25 @@ class TestErrors:
         result = stage.run("info", "telop")
         assert result.exit_code == 4
         assert result.stderr == 'error: robotapps "telop" not found\nkubectl robotapp list -A shows what there is.\n'
+
+    @pytest.mark.parametrize("name", ["a b", "teleop/status", "", "te%6ceop", "..", "A"])
+    def test_what_no_object_can_be_called_never_becomes_a_url(self, stage: Stage, name: str) -> None:
+        commands = (
+            ["info", "--", name],
+            ["explain", "--", name],
+            ["render", "--", name],
+            ["list", f"--namespace={name}"],
+        )
+        for command in commands:
+            result = stage.run(*command)
+            assert result.exit_code == 2
+            assert f"{name!r} is not a name" in " ".join(result.stderr.split())
+
+    def test_a_context_whose_namespace_cannot_exist_is_named(self, stage: Stage) -> None:
+        stage.kubeconfig.write_text(stage.kubeconfig.read_text().replace("namespace: fleet", "namespace: a b"))
+        result = stage.run("list")
+        assert result.exit_code == 1
+        assert "names the namespace 'a b'" in result.stderr
 
     def test_a_missing_kubeconfig_names_the_option(self, stage: Stage) -> None:
         result = stage.run("list", KUBECONFIG="/nowhere/config")

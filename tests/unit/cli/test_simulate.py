@@ -81,6 +81,13 @@ def test_the_cluster_is_sent_without_what_no_rule_reads(cluster: Stage) -> None:
     assert "config" not in body
 
 
+def test_a_date_in_a_file_stays_text_as_kubectl_reads_it(cluster: Stage, tmp_path: Path) -> None:
+    (tmp_path / "a.yaml").write_text("kind: Pod\nmetadata: {name: a, annotations: {since: 2026-01-01}}\n")
+    cluster.text("simulate", "--offline", str(tmp_path / "a.yaml"), *url(cluster))
+    (pod,) = json.loads(cluster.scheduler.posted[-1])["items"]
+    assert pod["metadata"]["annotations"] == {"since": "2026-01-01"}
+
+
 def test_pods_of_files_are_added_in_the_users_namespace(cluster: Stage, tmp_path: Path) -> None:
     one, two = {"kind": "Pod", "metadata": {"name": "a"}}, {"kind": "Pod", "metadata": {"name": "b", "namespace": "x"}}
     (tmp_path / "a.yaml").write_text(yaml.safe_dump_all([one, None]))

@@ -1,5 +1,7 @@
 """What a component's Deployment and pods say about it."""
 
+from typing import Any
+
 import pytest
 from tests.support.factories import component, make_app, make_deployment, make_pod
 
@@ -81,6 +83,23 @@ def test_an_unschedulable_pod_shows_the_schedulers_words() -> None:
     assert found.reason == Reason.UNSCHEDULABLE
     assert found.message == "0/5 nodes are available"
     assert not found.bound
+
+
+def gated(*gates: str) -> Pod:
+    condition = {"type": "PodScheduled", "status": "False", "reason": "SchedulingGated", "message": "is blocked"}
+    spec: dict[str, Any] = {"schedulerName": "volcano", "schedulingGates": [{"name": gate} for gate in gates]}
+    return make_pod(status={"conditions": [condition]}, **spec)
+
+
+def test_a_gated_pod_names_its_gates() -> None:
+    assert view(make_deployment(), gated("a.example/b", "c")).message == "waits for scheduling gates a.example/b, c"
+
+
+def test_a_pod_without_gates_that_no_scheduler_has_looked_at_names_the_scheduler() -> None:
+    """Seen live: the condition of a pod keeps saying "gated" until a scheduler of its name sees it."""
+    found = view(make_deployment(), gated())
+    assert found.reason == Reason.UNSCHEDULABLE
+    assert found.message.startswith("scheduler volcano has not looked at the pod yet")
 
 
 def test_starting_is_no_failure() -> None:

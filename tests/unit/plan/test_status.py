@@ -153,6 +153,8 @@ def test_the_schedulers_refusal_is_shown_with_counts() -> None:
     status = status_of(instance(UP, stuck))
     assert condition(status, Condition.PLACED) == ("False", Reason.UNSCHEDULABLE)
     assert message(status, Condition.PLACED).startswith("1 of 2 placed; gpu: 0/5 nodes are available; kubectl robotapp")
+    status = status_of(instance(UP, stuck), app={"schedulerName": "volcano"})
+    assert message(status, Condition.PLACED) == "1 of 2 placed; gpu: 0/5 nodes are available", "we have no record of it"
     assert status["phase"] == Phase.PLACING
 
 
