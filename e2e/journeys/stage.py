@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
+from rich.cells import cell_len
 from rich.console import Console
 
 T = TypeVar("T")
@@ -25,7 +26,9 @@ class Stage:
     started_s: float = field(default_factory=time.monotonic)
 
     def save_svg(self, path: Path) -> None:
-        """Everything said so far, as the picture that the README shows."""
+        """Everything said so far, as the picture that the README shows: wide enough for the longest line."""
+        said = self.console.export_text(clear=False).splitlines()
+        self.console.width = max(map(cell_len, said), default=self.console.width)
         path.write_text(self.console.export_svg(title="scripts/demo --once", unique_id="demo"))
 
     def step(self, number: str, title: str) -> None:

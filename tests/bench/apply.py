@@ -29,6 +29,8 @@ POOLS = {"bench-a": IDS, "bench-b": IDS}
 ROBOTS = 50
 TELEOP_TARGET_S = 1.5
 RSS_LIMIT_BYTES = 300_000_000
+QUIET_LIMIT = 1.0
+"""Writes per app and minute while nothing changes."""
 
 Figures = dict[str, Any]
 
@@ -97,9 +99,17 @@ def storm(world: World, options: argparse.Namespace) -> tuple[Figures, list[str]
         "writes_per_app_minute": len(records) / options.apps * 60 / options.quiet_seconds,
         "most": counts.most_common(5),
     }
-    busy = [f"{count} writes in the quiet minute: {name}" for name, count in counts.items() if count > 1]
+    busy = busy_in_quiet(counts, per_app_minute=rest["writes_per_app_minute"])
     world.clear()
     return {**asdict(found), "quiet": rest}, [*found.problems, *busy]
+
+
+def busy_in_quiet(counts: Mapping[str, int], *, per_app_minute: float) -> list[str]:
+    """What was written although nothing changed: more than a write per app and minute in all, or an object again and again."""
+    busy = [f"{count} writes in the quiet minute: {name}" for name, count in counts.items() if count > 1]
+    if per_app_minute > QUIET_LIMIT:
+        busy.append(f"{per_app_minute:.1f} writes per app in the quiet minute")
+    return busy
 
 
 def overflow(world: World, options: argparse.Namespace) -> tuple[Figures, list[str]]:
