@@ -45,6 +45,11 @@ def namespace(control_plane: "ControlPlane") -> Iterator[str]:
         yield name
 
 
+def running_plane() -> "ControlPlane | None":
+    """The session's control plane if a test has asked for it."""
+    return _RUNNING[0] if _RUNNING else None
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Whatever uses the control plane is a live test, said or not."""
     for item in items:

@@ -12,6 +12,7 @@ from typing import Any
 from robotapp_testbed.controlplane import ControlPlane
 from robotapp_testbed.failures import ApiStatusError, TestbedError
 from robotapp_testbed.nodes import Device, SimulatedNode, Tier, cloud, edge, robot
+from robotapp_testbed.telemetry import PATH as TELEMETRY
 from robotapp_testbed.telemetry import SimulatedTelemetry
 
 __all__ = [
@@ -104,7 +105,18 @@ def apply(cp: ControlPlane, nodes: Iterable[SimulatedNode]) -> None:
 
 
 def remove(cp: ControlPlane, nodes: Iterable[SimulatedNode]) -> None:
-    cp.api.each(lambda node: cp.api.delete(f"{_NODES}/{node.name}"), nodes)
+    """The nodes and their telemetry, as far as they exist."""
+    cp.api.each(
+        lambda path: _delete(cp, path), [f"{kind}/{node.name}" for node in nodes for kind in (_NODES, TELEMETRY)]
+    )
+
+
+def _delete(cp: ControlPlane, path: str) -> None:
+    try:
+        cp.api.delete(path)
+    except ApiStatusError as error:
+        if error.status != 404:
+            raise
 
 
 def _apply_one(cp: ControlPlane, node: SimulatedNode) -> None:

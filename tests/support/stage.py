@@ -7,9 +7,8 @@ from typing import Any
 
 from robotapp_api.model.names import API_VERSION, SCHEDULER_NAME, Label
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.failures import ApiStatusError
 from robotapp_testbed.nodes import SimulatedNode
-from robotapp_testbed.topology import apply
+from robotapp_testbed.topology import apply, remove
 
 Json = dict[str, Any]
 IMAGE = "registry.invalid/main:1"
@@ -162,21 +161,9 @@ class Stage:
 
 @contextmanager
 def nodes(cp: ControlPlane, *wanted: SimulatedNode) -> Iterator[None]:
-    """Nodes for one test; all others are removed first, so that texts and choices are exact."""
-    present = {item["metadata"]["name"] for item in cp.api.get("/api/v1/nodes")["items"]}
-    for name in present - {node.name for node in wanted}:
-        _delete_node(cp, name)
+    """The only nodes while one test runs, so that texts and choices are exact: every module removes its own."""
     apply(cp, wanted)
     try:
         yield
     finally:
-        for node in wanted:
-            _delete_node(cp, node.name)
-
-
-def _delete_node(cp: ControlPlane, name: str) -> None:
-    try:
-        cp.api.delete(f"/api/v1/nodes/{name}")
-    except ApiStatusError as error:
-        if error.status != 404:
-            raise
+        remove(cp, wanted)

@@ -14,7 +14,6 @@ from robotapp_testbed import ControlPlane, Process, product, topology, wait_unti
 from robotapp_testbed.failures import ApiStatusError
 from robotapp_testbed.identity import SYSTEM_NAMESPACE
 from robotapp_testbed.namespaces import created
-from robotapp_testbed.telemetry import PATH as TELEMETRY
 from robotapp_testbed.topology import SimulatedTelemetry, Topology
 
 Object = dict[str, Any]
@@ -54,7 +53,7 @@ class World:
             for name, ids in self._pools.items():
                 stack.callback(self._delete, f"{APIS}/domainpools/{name}")
                 self.cp.api.create(f"{APIS}/domainpools", _pool(name, ids))
-            stack.callback(self._remove_nodes)
+            stack.callback(topology.remove, self.cp, self.nodes)
             topology.apply(self.cp, self.nodes)
             self.telemetry = stack.enter_context(SimulatedTelemetry(self.cp, self.nodes))
             stack.enter_context(created(self.cp, self.namespace))
@@ -146,10 +145,6 @@ class World:
         """A test before us may have killed its operator: nobody shall wait until its Lease runs out."""
         for name in (OPERATOR_MANAGER, SCHEDULER_MANAGER):
             self._delete(f"/apis/coordination.k8s.io/v1/namespaces/{SYSTEM_NAMESPACE}/leases/{name}")
-
-    def _remove_nodes(self) -> None:
-        topology.remove(self.cp, self.nodes)
-        self.cp.api.each(lambda node: self._delete(f"{TELEMETRY}/{node.name}"), self.nodes)
 
     def _delete(self, path: str) -> None:
         try:

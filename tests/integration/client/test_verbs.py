@@ -196,15 +196,15 @@ async def test_a_binding_carries_grants_and_minds_uid_and_version(place: Place) 
     meta = {
         "uid": created["metadata"]["uid"],
         "resourceVersion": created["metadata"]["resourceVersion"],
-        "annotations": {"granted.robotics.io/dds-domain": "7"},
-        "labels": {"robotics.io/instance": "r1"},
+        "annotations": {"example.org/granted": "7"},
+        "labels": {"example.org/instance": "r1"},
     }
     await place.client.post_raw(path, binding(place, **meta))
     bound = await place.client.get(PODS, "p", namespace=place.namespace)
     assert bound["spec"]["nodeName"] == "n1"
-    assert bound["metadata"]["annotations"]["granted.robotics.io/dds-domain"] == "7"
+    assert bound["metadata"]["annotations"]["example.org/granted"] == "7"
     assert bound["metadata"]["annotations"]["kept"] == "yes"
-    assert bound["metadata"]["labels"]["robotics.io/instance"] == "r1"
+    assert bound["metadata"]["labels"]["example.org/instance"] == "r1"
     scheduled = [c for c in bound["status"]["conditions"] if c["type"] == "PodScheduled"]
     assert [condition["status"] for condition in scheduled] == ["True"]
     with pytest.raises(Conflict, match="already assigned"):

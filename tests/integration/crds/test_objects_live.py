@@ -1,5 +1,6 @@
 """Our kinds on the real API server: what is stored, shown, selected and refused."""
 
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -47,6 +48,15 @@ SAMPLES: list[tuple[type[Model], dict[str, Any]]] = [
 @pytest.fixture(scope="module", autouse=True)
 def _installed(control_plane: ControlPlane) -> None:
     crds.install(control_plane)
+
+
+@pytest.fixture(autouse=True)
+def _deleted(control_plane: ControlPlane) -> Iterator[None]:
+    """No operator shall meet the objects made here."""
+    yield
+    control_plane.api.delete(crds.collection("RobotApp"))
+    control_plane.api.delete(crds.collection("RobotClaim"))
+    control_plane.api.delete(crds.collection("NodeTelemetry"))
 
 
 def create(plane: ControlPlane, obj: dict[str, Any], options: str = "?fieldValidation=Strict") -> Any:
@@ -242,15 +252,11 @@ def test_claims_are_selected_by_fields_nobody_can_change(
         claim("dds.sel.c.2", domain=domain(pool="sel", id=2), holder=holder(uid="u-b", namespace="team-b")),
         claim("dev.n0123456789.sel-b", device=device(node="sel-node", id="sel-b"), holder=holder(uid="u-a")),
     ]
-    try:
-        for obj in objects:
-            create(control_plane, obj)
-        set_status(control_plane, objects[1], {"phase": "Draining"})
-        found = control_plane.api.get(f"{crds.collection('RobotClaim')}?fieldSelector={selector}")
-        assert {each["metadata"]["name"] for each in found["items"]} == names
-    finally:
-        for obj in objects:
-            control_plane.api.delete(crds.address(obj))
+    for obj in objects:
+        create(control_plane, obj)
+    set_status(control_plane, objects[1], {"phase": "Draining"})
+    found = control_plane.api.get(f"{crds.collection('RobotClaim')}?fieldSelector={selector}")
+    assert {each["metadata"]["name"] for each in found["items"]} == names
 
 
 def test_telemetry_lists_are_written_as_a_whole(control_plane: ControlPlane) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 from tests.support import crds
-from tests.support.apiobjects import app, component, edge
+from tests.support.apiobjects import Object, app, component, edge
 from tests.support.rule_cases import CASES, RuleCase
 
 from robotapp_testbed import ControlPlane
@@ -28,29 +28,38 @@ def _installed(control_plane: ControlPlane) -> None:
 def stored(control_plane: ControlPlane, case: RuleCase) -> Iterator[str]:
     """resourceVersion of the object as it was before the update."""
     assert case.before
-    created = control_plane.api.create(crds.collection(case.before["kind"]), case.before)
+    before = own(case.before)
+    created = control_plane.api.create(crds.collection(before["kind"]), before)
     yield created["metadata"]["resourceVersion"]
-    control_plane.api.delete(crds.address(case.before))
+    control_plane.api.delete(crds.address(before))
+
+
+def own(obj: Object) -> Object:
+    """`obj` under a name of this module's, where the chart's default pool has its own."""
+    if obj["metadata"]["name"] != "default":
+        return obj
+    return obj | {"metadata": obj["metadata"] | {"name": "rules"}}
 
 
 @pytest.mark.parametrize("case", ON_CREATE)
 def test_a_rule_decides_on_creation(control_plane: ControlPlane, case: RuleCase) -> None:
     path = crds.collection(case.good["kind"]) + DRY
-    control_plane.api.create(path, case.good)
+    control_plane.api.create(path, own(case.good))
     with pytest.raises(ApiStatusError) as refused:
-        control_plane.api.create(path, case.bad)
+        control_plane.api.create(path, own(case.bad))
     assert refused.value.status == 422
     assert case.says in refused.value.message
 
 
 @pytest.mark.parametrize("case", ON_UPDATE)
 def test_a_rule_decides_on_changes(control_plane: ControlPlane, case: RuleCase, stored: str) -> None:
-    path = crds.address(case.good) + DRY
-    for obj in (case.good, case.bad):
-        obj["metadata"]["resourceVersion"] = stored
-    control_plane.api.request("PUT", path, case.good)
+    good, bad = (
+        own(obj) | {"metadata": own(obj)["metadata"] | {"resourceVersion": stored}} for obj in (case.good, case.bad)
+    )
+    path = crds.address(good) + DRY
+    control_plane.api.request("PUT", path, good)
     with pytest.raises(ApiStatusError) as refused:
-        control_plane.api.request("PUT", path, case.bad)
+        control_plane.api.request("PUT", path, bad)
     assert case.says in refused.value.message
 
 

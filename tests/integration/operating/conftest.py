@@ -10,12 +10,13 @@ from robotapp_testbed import ControlPlane, product, topology
 from robotapp_testbed.process import Process
 
 
-@pytest.fixture(scope="session")
-def nodes(installed_plane: ControlPlane) -> topology.Topology:
+@pytest.fixture(scope="module")
+def nodes(installed_plane: ControlPlane) -> Iterator[topology.Topology]:
     """Two robots, two edge servers, one cloud node."""
     fleet = topology.fleet()
     topology.apply(installed_plane, fleet)
-    return fleet
+    yield fleet
+    topology.remove(installed_plane, fleet)
 
 
 @pytest.fixture(scope="module")

@@ -1,5 +1,7 @@
 """Pods of higher priority make room on a real API server: who goes, what users read, and what survives a restart."""
 
+from collections.abc import Iterator
+
 import pytest
 from tests.support.stage import Json, Stage, nodes, pod
 
@@ -14,15 +16,14 @@ CLASSES = "/apis/scheduling.k8s.io/v1/priorityclasses"
 PRIORITIES = {"live-low": 10, "live-middle": 100, "live-high": 1000, "live-polite": 1000}
 
 
-@pytest.fixture(autouse=True)
-def priorities(installed_plane: ControlPlane) -> None:
+@pytest.fixture(scope="module", autouse=True)
+def priorities(installed_plane: ControlPlane) -> Iterator[None]:
     for name, value in PRIORITIES.items():
-        try:
-            policy = {"preemptionPolicy": "Never"} if name == "live-polite" else {}
-            installed_plane.api.create(CLASSES, {"metadata": {"name": name}, "value": value, **policy})
-        except ApiStatusError as error:
-            if error.status != 409:
-                raise
+        policy = {"preemptionPolicy": "Never"} if name == "live-polite" else {}
+        installed_plane.api.create(CLASSES, {"metadata": {"name": name}, "value": value, **policy})
+    yield
+    for name in PRIORITIES:
+        installed_plane.api.delete(f"{CLASSES}/{name}")
 
 
 def ranked(name: str, priority: str, cpu: str, **fields: object) -> Json:

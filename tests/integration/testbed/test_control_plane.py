@@ -1,6 +1,7 @@
 """The control plane as everybody else's tests use it."""
 
 import time
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -26,7 +27,7 @@ def deployment(name: str, *, replicas: int) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _node(control_plane: ControlPlane) -> None:
+def _node(control_plane: ControlPlane) -> Iterator[None]:
     node = {
         "apiVersion": "v1",
         "kind": "Node",
@@ -34,6 +35,8 @@ def _node(control_plane: ControlPlane) -> None:
     }
     control_plane.kubectl("apply", "-f", "-", stdin=node)
     control_plane.kubectl("wait", "--for=condition=Ready", "node/kwok-1", "--timeout=20s")
+    yield
+    control_plane.kubectl("delete", "node/kwok-1")
 
 
 def seconds_until_ready(plane: ControlPlane, namespace: str, name: str) -> float:

@@ -1,0 +1,64 @@
+"""What a module of live tests leaves in the control plane it shares with the others: nothing that they could meet."""
+
+from collections.abc import Iterable
+from typing import Any, Final
+
+from robotapp_api.model.names import API_VERSION
+from robotapp_testbed import ControlPlane, wait_until
+from robotapp_testbed.failures import ApiStatusError
+from robotapp_testbed.identity import SYSTEM_NAMESPACE
+
+OURS: Final = f"/apis/{API_VERSION}"
+CLUSTER_WIDE: Final = (
+    "/api/v1/nodes",
+    "/api/v1/persistentvolumes",
+    "/apis/storage.k8s.io/v1/storageclasses",
+    "/apis/scheduling.k8s.io/v1/priorityclasses",
+    f"{OURS}/nodetelemetries",
+    f"{OURS}/domainpools",
+)
+PASSING: Final = ("/api/v1/pods", f"{OURS}/robotapps")
+"""They go with the namespace of their test, and a module waits for it."""
+INSTALLED: Final = {
+    "domainpools/default",
+    "priorityclasses/system-cluster-critical",
+    "priorityclasses/system-node-critical",
+}
+GONE_S: Final = 30.0
+
+
+def leftovers(plane: ControlPlane) -> set[str]:
+    """What nobody will remove, as kind/name."""
+    return {*_names(plane, (*CLUSTER_WIDE, *PASSING))} - INSTALLED
+
+
+def settled(plane: ControlPlane) -> set[str]:
+    """The leftovers, after what is on its way out has been hurried along.
+
+    Nodes of a module are gone before its pods are, so nobody would confirm that these have ended; and nobody is left to
+    sweep the claims of its apps, or to give back the Lease of an operator that was killed.
+    """
+    for namespace in _items(plane, "/api/v1/namespaces"):
+        if namespace["metadata"].get("deletionTimestamp"):
+            plane.api.delete(f"/api/v1/namespaces/{namespace['metadata']['name']}/pods?gracePeriodSeconds=0")
+    wait_until(lambda: not list(_names(plane, PASSING)), timeout_s=GONE_S, poll_s=0.1)
+    for collection in (f"{OURS}/robotclaims", f"/apis/coordination.k8s.io/v1/namespaces/{SYSTEM_NAMESPACE}/leases"):
+        if _items(plane, collection):
+            plane.api.delete(collection)
+    return leftovers(plane)
+
+
+def _names(plane: ControlPlane, collections: Iterable[str]) -> Iterable[str]:
+    for collection in collections:
+        for item in _items(plane, collection):
+            yield f"{collection.rpartition('/')[2]}/{item['metadata']['name']}"
+
+
+def _items(plane: ControlPlane, collection: str) -> list[dict[str, Any]]:
+    try:
+        items: list[dict[str, Any]] = plane.api.get(collection)["items"]
+    except ApiStatusError as error:
+        if error.status != 404:  # our kinds are not installed in every session
+            raise
+        return []
+    return items
