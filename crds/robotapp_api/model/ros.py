@@ -84,7 +84,7 @@ class Dds(Model):
     ] = "Pod"
     """Pod network; Host is reserved and refused for now."""
     share_with: Annotated[tuple[SharedApp, ...], ListMap("namespace", "name"), Field(max_length=16)] = ()
-    """RobotApps that share this app's domain on purpose."""
+    """RobotApps whose domain this app joins on purpose; its own `domain` counts only when it leads apps that name each other."""
 
 
 class Ros1(Model):

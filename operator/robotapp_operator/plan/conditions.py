@@ -80,6 +80,9 @@ def allocated(facts: AppFacts) -> Verdict:
         return Verdict("True", Reason.NOTHING_TO_ALLOCATE, "the app needs neither a domain nor devices")
     parts = [f"domain {_shown(domains)}"] if domains else []
     parts += [f"{held} of {wanted} devices"] if wanted else []
+    asked = facts.app.requested_domain
+    if asked is not None and facts.app.share_with and domains != [asked]:
+        parts.append(f"spec.dds.domain {asked} is not used, dds.shareWith decides; remove one of the two")
     return Verdict("True", Reason.ALLOCATED, "; ".join(parts))
 
 

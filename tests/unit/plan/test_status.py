@@ -143,6 +143,16 @@ def test_another_scheduler_claims_no_devices() -> None:
     assert condition(status, Condition.ALLOCATED) == ("Unknown", Reason.NOT_OUR_SCHEDULER)
 
 
+@pytest.mark.parametrize(("asked", "said"), [(9, "spec.dds.domain 9 is not used"), (7, ""), (None, "")])
+def test_a_domain_asked_for_beside_share_with_is_said_to_be_unused(asked: int | None, said: str) -> None:
+    dds = {"shareWith": [{"name": "leader"}], **({} if asked is None else {"domain": asked})}
+    status = status_of(instance(UP, domain=7), app={"dds": dds})
+    assert condition(status, Condition.ALLOCATED) == ("True", Reason.ALLOCATED)
+    assert message(status, Condition.ALLOCATED).startswith("domain 7")
+    assert message(status, Condition.ALLOCATED).partition("; ")[2].startswith(said)
+    assert bool(said) == ("shareWith" in message(status, Condition.ALLOCATED))
+
+
 def test_ros_1_without_devices_has_nothing_to_allocate() -> None:
     status = status_of(instance(domain=None, needs_domain=False), app={"ros": {"distro": "noetic"}})
     assert condition(status, Condition.ALLOCATED) == ("True", Reason.NOTHING_TO_ALLOCATE)
