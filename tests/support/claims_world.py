@@ -26,6 +26,8 @@ from robotapp_api.client.sweep import Sweeper
 from robotapp_api.values.ranges import parse_ids
 
 Json = dict[str, Any]
+TURNS = 100
+"""Of the event loop, within which an actor must come to its next gate."""
 
 
 class Killed(Exception):  # noqa: N818 - a process that is killed, not an error of ours
@@ -305,22 +307,25 @@ class Director:
 
     async def step(self, choice: int, fate: str) -> None:
         """Let one actor do its next request (or begin its next round)."""
-        await self._settle()
         actor = self.world.actors[choice % len(self.world.actors)]
         if actor.task is None:
             actor.task = asyncio.create_task(self._run(actor))
-            await self._settle()
+            await self._settle(actor.task, actor)
         if actor.gate is not None and not actor.gate.done():
             actor.gate.set_result(fate)
-        await self._settle()
+        await self._settle(actor.task, actor)
         if actor.task.done():
             actor.task.result()
         violation = self.world.broken()
         assert not violation, "\n".join([violation, *self.steps])
 
-    async def _settle(self) -> None:
-        for _ in range(4):
+    async def _settle(self, task: asyncio.Task[None], actor: Actor) -> None:
+        """Let the actor run until it stands before its next gate: nobody else can move meanwhile."""
+        for _ in range(TURNS):
+            if task.done() or (actor.gate is not None and not actor.gate.done()):
+                return
             await asyncio.sleep(0)
+        raise AssertionError(f"{actor.name} waits for something that is no gate of its own")
 
     async def round(self, index: int) -> None:
         """Let one actor come to the end of what it is at, or do one whole round of its work."""
