@@ -1,4 +1,4 @@
-"""Apply to Ready: one app, 200 at once, more apps than domains, 50 robots; memory and writes of the operator at rest.
+"""Apply to Ready: one app, between bad ones, 200 at once, more apps than domains, 50 robots; memory and writes at rest.
 
 Ready is what the watch shows: condition Ready=True with the observedGeneration of the stored object. Seconds run from
 the API create call. All phases share one control plane with simulated kubelets; sweep and quarantine are one second.
@@ -17,8 +17,13 @@ from typing import Any
 
 import yaml
 from tests.support import journeys, process_use, quiet
+from tests.support.malformed import malformed_apps
+from tests.support.malformed_annotations import malformed_annotations, pod
+from tests.support.misfits import misfits
 from tests.support.world import World
 
+from robotapp_api.model.robotapp import RobotApp
+from robotapp_api.schema.crd import schema_of
 from robotapp_testbed import ControlPlane, product
 from robotapp_testbed.topology import Topology, fleet
 
@@ -28,6 +33,8 @@ POOL_SIZE = 119
 POOLS = {"bench-a": IDS, "bench-b": IDS}
 ROBOTS = 50
 TELEOP_TARGET_S = 1.5
+BETWEEN_TARGET_S = 2.0
+MALFORMED, BATCH = 90, 15
 RSS_LIMIT_BYTES = 300_000_000
 QUIET_LIMIT = 1.0
 """Writes per app and minute while nothing changes."""
@@ -86,6 +93,20 @@ def teleop(world: World, options: argparse.Namespace) -> tuple[Figures, list[str
     return figures, slow
 
 
+def bad_input(world: World, _: argparse.Namespace) -> tuple[Figures, list[str]]:
+    """90 apps the API server refuses in lots of 15, ten that can never work, 59 pods with wrong annotations."""
+    cases = malformed_apps(schema_of(RobotApp))
+    refused = [cases[index * len(cases) // MALFORMED].obj for index in range(MALFORMED)]
+    lots = [refused[first : first + BATCH] for first in range(0, MALFORMED, BATCH)]
+    lots.append([case.app for case in misfits()])
+    lots.append([pod(f"wrong-{number:02}", wrong) for number, wrong in enumerate(malformed_annotations())])
+    found = journeys.between_bad_ones(world, "bench-a", lots)
+    world.clear()
+    figures = {"median_s": statistics.median(found.between_s), "max_s": max(found.between_s), **asdict(found)}
+    slow = [f"a healthy app took {figures['max_s']:.2f} s"] if figures["max_s"] > BETWEEN_TARGET_S else []
+    return figures, [*found.problems, *slow]
+
+
 def storm(world: World, options: argparse.Namespace) -> tuple[Figures, list[str]]:
     """Many apps over two pools, then a quiet minute with all of them running."""
     found = journeys.storm(world, list(POOLS), apps=options.apps, within_s=180)
@@ -126,6 +147,7 @@ def robots(world: World, _: argparse.Namespace) -> tuple[Figures, list[str]]:
 
 PHASES: Mapping[str, Callable[[World, argparse.Namespace], tuple[Figures, list[str]]]] = {
     "teleop": teleop,
+    "bad_input": bad_input,
     "storm": storm,
     "overflow": overflow,
     "robots": robots,

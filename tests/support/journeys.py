@@ -1,13 +1,15 @@
 """What users do with many apps at once, and what must hold then. Small in tests/integration/journeys, large in tests/bench."""
 
+import contextlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from tests.support.appwatch import App, condition, is_ready
-from tests.support.world import World, plain_app
+from tests.support.world import Object, World, plain_app
 
 from robotapp_api.model.names import Condition, Label, Reason
+from robotapp_testbed.failures import ApiStatusError
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +33,46 @@ class Overflow:
     freed_s: float
     """From the deletion of as many others as wait until all of them are Ready."""
     problems: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Disturbed:
+    """Seconds from the creation of a healthy app until it is Ready: alone, and right after each lot of bad ones."""
+
+    alone_s: tuple[float, ...]
+    between_s: tuple[float, ...]
+    bad: int
+    problems: tuple[str, ...]
+
+
+def between_bad_ones(world: World, pool: str, lots: Sequence[Sequence[Object]], *, alone: int = 5) -> Disturbed:
+    """Healthy apps one by one, then one right after each lot: apps that are refused or can never work, and bare pods."""
+    alone_s = [start_one(world, f"alone-{number}", pool) for number in range(alone)]
+    before = (world.operator.pid, world.scheduler.pid)
+    pods = f"/api/v1/namespaces/{world.namespace}/pods"
+    between_s = []
+    for number, lot in enumerate(lots):
+        world.cp.api.each(lambda obj: _give(world, pods, obj), lot)
+        between_s.append(start_one(world, f"between-{number}", pool))
+    world.cp.api.delete(f"{pods}?labelSelector=!{Label.APP}")
+    restarted = (world.operator.pid, world.scheduler.pid) != before
+    problems = ("operator or scheduler restarted",) if restarted else ()
+    return Disturbed(tuple(alone_s), tuple(between_s), sum(len(lot) for lot in lots), problems)
+
+
+def start_one(world: World, name: str, pool: str) -> float:
+    """Seconds from the creation of a healthy app until it is Ready."""
+    sent_s = world.create(plain_app(name, dds={"pool": pool}))
+    return world.watch.until_ready(name, within_s=30) - sent_s
+
+
+def _give(world: World, pods: str, obj: Object) -> None:
+    """Create an app or a bare pod; a refusal is an answer like another."""
+    with contextlib.suppress(ApiStatusError):
+        if obj.get("kind") == "RobotApp":
+            world.create(obj)
+        else:
+            world.cp.api.create(pods, obj)
 
 
 def storm(world: World, pools: Sequence[str], *, apps: int, within_s: float) -> Storm:
