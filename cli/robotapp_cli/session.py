@@ -12,9 +12,9 @@ import typer
 from robotapp_api.client.api import ApiClient
 from robotapp_api.client.errors import ClientError
 from robotapp_api.client.login import Endpoint, default_kubeconfigs, load
+from robotapp_api.values.arguments import is_name
 from robotapp_cli.failures import CliError, explained
 from robotapp_cli.output import Output
-from robotapp_cli.written import is_name
 
 T = TypeVar("T")
 _TIMEOUT_S = 15.0

@@ -2,16 +2,7 @@
 
 import typer
 
-from robotapp_api.claims.identity import DNS_LABEL
-
-
-def is_name(text: str) -> bool:
-    """Whether any object can have this name: DNS labels joined by dots."""
-    return all(DNS_LABEL.fullmatch(label) for label in text.split("."))
-
-
-def not_a_name(text: str) -> str:
-    return f"{text!r} is not a name; names consist of lower-case letters, digits, '-' and '.', for example teleop"
+from robotapp_api.values.arguments import is_name, not_a_name
 
 
 def object_name(text: str | None) -> str | None:

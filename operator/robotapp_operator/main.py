@@ -47,6 +47,16 @@ log = logging.getLogger(__name__)
 DRAIN_S: Final = 10.0
 
 
+class Stop(asyncio.Event):
+    """Set when the process is to end; `failed` when that is because a part of it died."""
+
+    failed = False
+
+    def fail(self) -> None:
+        self.failed = True
+        self.set()
+
+
 class Operator:
     """Everything one process owns, wired together."""
 
@@ -106,7 +116,7 @@ class Operator:
         return self.informers.silence_s if self.informers.synced else 0.0
 
     @contextlib.asynccontextmanager
-    async def caches(self, stop: asyncio.Event) -> AsyncIterator[None]:
+    async def caches(self, stop: Stop) -> AsyncIterator[None]:
         """Mirror the cluster, and go on when everything is read: an empty cache would look like an empty fleet.
 
         Also without the Lease, so that a replica which takes over starts at once.
@@ -119,7 +129,7 @@ class Operator:
             gc.freeze()  # caches live for ever; scanning them again and again is the largest cost of the process
             yield
 
-    async def work(self, stop: asyncio.Event) -> None:
+    async def work(self, stop: Stop) -> None:
         """Reconcile until `stop`."""
         async with contextlib.AsyncExitStack() as stack:
             stack.push_async_callback(_ended, asyncio.create_task(self._watch_apps(stop)))
@@ -130,7 +140,7 @@ class Operator:
             stack.push_async_callback(self._drain, worker)
             await stop.wait()
 
-    async def _watch_apps(self, stop: asyncio.Event) -> None:
+    async def _watch_apps(self, stop: Stop) -> None:
         """Run kopf until cancelled, which comes last: it takes every task of the process that began after it for its
         own, and when it ends by itself it waits 5 s for them and then cancels them.
         """
@@ -174,9 +184,9 @@ class Operator:
         return bodies
 
 
-async def run(settings: Settings, endpoint: Endpoint) -> None:
-    """Serve until SIGTERM, SIGINT or the loss of the Lease."""
-    stop = asyncio.Event()
+async def run(settings: Settings, endpoint: Endpoint) -> int:
+    """Serve until SIGTERM, SIGINT or the loss of the Lease. The exit status: 1 when a part of the process died."""
+    stop = Stop()
     _on_signals(stop.set)
     agent = f"{OPERATOR_MANAGER}/{__version__}"
     async with ApiClient(endpoint, user_agent=agent, field_manager=OPERATOR_MANAGER) as client:
@@ -197,9 +207,10 @@ async def run(settings: Settings, endpoint: Endpoint) -> None:
                     await operator.work(stop)
         finally:
             await health.stop()
+    return 1 if stop.failed else 0
 
 
-async def _elected(operator: Operator, client: ApiClient, namespace: str, stop: asyncio.Event) -> None:
+async def _elected(operator: Operator, client: ApiClient, namespace: str, stop: Stop) -> None:
     """Work while holding the Lease; when it is lost, stop: a fresh start reads everything anew."""
     started = asyncio.Event()
     election = LeaderElection(client, namespace, OPERATOR_MANAGER, operator.identity)
@@ -221,7 +232,7 @@ async def _first(*waits: Coroutine[Any, Any, Any]) -> None:
         await _ended(task)
 
 
-def _supervised(work: Coroutine[Any, Any, None], stop: asyncio.Event) -> asyncio.Task[None]:
+def _supervised(work: Coroutine[Any, Any, None], stop: Stop) -> asyncio.Task[None]:
     """Run `work` in the background; if it dies, stop the process rather than go on without it."""
 
     async def watched() -> None:
@@ -229,7 +240,7 @@ def _supervised(work: Coroutine[Any, Any, None], stop: asyncio.Event) -> asyncio
             await work
         except Exception:
             log.exception("a background task died, the operator stops")
-            stop.set()
+            stop.fail()
 
     return asyncio.create_task(watched())
 
@@ -254,8 +265,7 @@ def main(argv: list[str] | None = None) -> int:
     except LoginError as error:
         sys.stderr.write(f"{error}\n")
         return 2
-    asyncio.run(run(settings, endpoint))
-    return 0
+    return asyncio.run(run(settings, endpoint))
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from robotapp_api.client.sweep import HANDOVER_S, PERIOD_S
+from robotapp_api.values import arguments
 
 PREFIX: Final = "ROBOTAPP_OPERATOR_"
 SYSTEM_NAMESPACE: Final = "robotapp-system"
@@ -32,17 +33,6 @@ class Settings:
     """text or json."""
 
 
-def _names(text: str) -> tuple[str, ...]:
-    return tuple(name.strip() for name in text.split(",") if name.strip())
-
-
-def _positive(text: str) -> float:
-    seconds = float(text)
-    if seconds <= 0:
-        raise argparse.ArgumentTypeError(f"{text} is not above zero")
-    return seconds
-
-
 def _log_format(text: str) -> str:
     if text not in ("text", "json"):
         raise argparse.ArgumentTypeError(f"{text} is neither text nor json")
@@ -51,11 +41,11 @@ def _log_format(text: str) -> str:
 
 _KINDS: Final[Mapping[str, Callable[[str], Any]]] = {
     "kubeconfig": Path,
-    "namespaces": _names,
-    "sweep_seconds": _positive,
-    "handover_seconds": _positive,
-    "health_port": int,
-    "lease_namespace": str,
+    "namespaces": arguments.names,
+    "sweep_seconds": arguments.seconds,
+    "handover_seconds": arguments.seconds,
+    "health_port": arguments.port,
+    "lease_namespace": arguments.name,
     "log_format": _log_format,
 }
 _HELP: Final = {

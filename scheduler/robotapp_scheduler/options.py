@@ -2,11 +2,12 @@
 
 import argparse
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from robotapp_api.client.sweep import PERIOD_S
+from robotapp_api.values import arguments
 
 PREFIX = "ROBOTAPP_SCHEDULER_"
 
@@ -66,7 +67,14 @@ def _parser(environment: Mapping[str, str]) -> argparse.ArgumentParser:
     def given(flag: str, default: str) -> str:
         return environment.get(PREFIX + flag.upper().replace("-", "_"), default)
 
-    def add(flag: str, text: str, *, default: str, convert: type = str, choices: Sequence[str] | None = None) -> None:
+    def add(
+        flag: str,
+        text: str,
+        *,
+        default: str,
+        convert: Callable[[str], object] = str,
+        choices: Sequence[str] | None = None,
+    ) -> None:
         value = given(flag, default)
         # A string default is converted by argparse like a typed argument, so a bad variable is a usage error too.
         parser.add_argument(f"--{flag}", default=value or None, type=convert, choices=choices, help=text)
@@ -76,13 +84,13 @@ def _parser(environment: Mapping[str, str]) -> argparse.ArgumentParser:
     add("config-map", "[NAMESPACE/]NAME of a ConfigMap with that in scheduler.yaml; followed while running", default="")
     add("last-good-config-map", "[NAMESPACE/]NAME of one to keep the last good configuration in", default="")
     add("health-host", "address of the HTTPS endpoint", default="0.0.0.0")  # noqa: S104 - probes come from the node
-    add("health-port", "port of the HTTPS endpoint, 0 takes a free one", default="10259", convert=int)
+    add("health-port", "port of the HTTPS endpoint, 0 takes a free one", default="10259", convert=arguments.port)
     add("tls-cert-file", "certificate of the endpoint (PEM); default: made at the start", default="", convert=Path)
     add("tls-private-key-file", "key of that certificate (PEM)", default="", convert=Path)
-    add("sweep-seconds", "period of the claim sweep", default=str(PERIOD_S), convert=float)
+    add("sweep-seconds", "period of the claim sweep", default=str(PERIOD_S), convert=arguments.seconds)
     add("log-format", "json for machines, text for people", default="json", choices=("json", "text"))
     add("log-level", "debug, info, warning or error", default="info", choices=("debug", "info", "warning", "error"))
-    add("lease-namespace", "overrides leaderElection.resourceNamespace", default="")
+    add("lease-namespace", "overrides leaderElection.resourceNamespace", default="", convert=arguments.name)
     parser.add_argument(
         "--insecure-explain",
         action="store_true",

@@ -9,8 +9,8 @@ from typing import Any, Final, Protocol
 
 from robotapp_api.claims.objects import Claim, ClaimSpec, DeviceThing, DomainThing, Holder
 from robotapp_api.model.names import API_VERSION, Annotation, Label
+from robotapp_api.values.naming import DNS_LABEL
 
-DNS_LABEL: Final = re.compile(r"[a-z0-9]([-a-z0-9]{0,61}[a-z0-9])?")
 _DOMAIN_LITERAL: Final = re.compile(r"0|[1-9][0-9]{0,2}")
 
 

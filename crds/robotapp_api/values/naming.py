@@ -1,4 +1,4 @@
-"""Names of children, derived so that every component finds them without asking."""
+"""What a name may be, and the names of children, derived so that every component finds them without asking."""
 
 import hashlib
 import re
@@ -6,6 +6,7 @@ from typing import Final
 
 MAX_NAME: Final = 63
 HASH_LENGTH: Final = 8
+DNS_LABEL: Final = re.compile(r"[a-z0-9]([-a-z0-9]{0,61}[a-z0-9])?")
 
 
 def short_hash(text: str, length: int) -> str:

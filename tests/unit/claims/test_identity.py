@@ -6,6 +6,7 @@ from tests.support.claims_objects import app_holder, device_claim, domain_claim,
 from robotapp_api.claims import identity
 from robotapp_api.claims.identity import Found
 from robotapp_api.model.claim import RobotClaim
+from robotapp_api.values.naming import DNS_LABEL
 
 ids = st.sets(st.integers(0, 232), min_size=1, max_size=40)
 texts = st.text(min_size=1, max_size=80)
@@ -22,7 +23,7 @@ def test_the_name_says_pool_scope_and_id() -> None:
 @given(texts)
 def test_every_device_id_becomes_a_dns_label_and_dns_labels_stay_themselves(text: str) -> None:
     label = identity.device_label(text)
-    assert identity.DNS_LABEL.fullmatch(label)
+    assert DNS_LABEL.fullmatch(label)
     assert identity.device_label(label) == label
 
 

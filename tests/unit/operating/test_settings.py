@@ -48,7 +48,18 @@ def test_the_environment_sets_what_no_flag_does() -> None:
     assert not found.leader_election
 
 
-@pytest.mark.parametrize("flag", ["--sweep-seconds=0", "--sweep-seconds=x", "--log-format=xml", "--unknown"])
+@pytest.mark.parametrize(
+    "flag",
+    [
+        "--sweep-seconds=0",
+        "--handover-seconds=nan",
+        "--health-port=70000",
+        "--namespaces=a,b c",
+        "--lease-namespace=a/b",
+        "--log-format=xml",
+        "--unknown",
+    ],
+)
 def test_wrong_values_are_refused_with_a_sentence(flag: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         parse([flag], {})

@@ -29,7 +29,16 @@ def test_every_flag_is_also_a_variable_and_the_flag_wins() -> None:
     assert found.log_format == "text"
 
 
-@pytest.mark.parametrize("argv", [["--health-port", "x"], ["--log-format", "xml"], ["--what"]])
+@pytest.mark.parametrize(
+    "argv",
+    [
+        ["--health-port", "x"],
+        ["--sweep-seconds", "-1"],
+        ["--lease-namespace", "a/b"],
+        ["--log-format", "xml"],
+        ["--what"],
+    ],
+)
 def test_a_mistake_ends_with_a_usage_text(argv: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
         parse(argv, {})
