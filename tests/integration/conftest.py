@@ -14,5 +14,5 @@ def _leaves_nothing_behind() -> Iterator[None]:
     before = leftovers(plane) if plane else set()
     yield
     plane = running_plane()
-    left = settled(plane) - before if plane else set()
+    left = settled(plane, before) if plane else set()
     assert not left, f"other modules would meet what this one leaves: {sorted(left)}"

@@ -32,8 +32,8 @@ def leftovers(plane: ControlPlane) -> set[str]:
     return {*_names(plane, (*CLUSTER_WIDE, *PASSING))} - INSTALLED
 
 
-def settled(plane: ControlPlane) -> set[str]:
-    """The leftovers, after what is on its way out has been hurried along.
+def settled(plane: ControlPlane, before: set[str]) -> set[str]:
+    """The leftovers beyond those of `before`, after what is on its way out has been hurried along.
 
     Nodes of a module are gone before its pods are, so nobody would confirm that these have ended; and nobody is left to
     sweep the claims of its apps, or to give back the Lease of an operator that was killed.
@@ -41,11 +41,11 @@ def settled(plane: ControlPlane) -> set[str]:
     for namespace in _items(plane, "/api/v1/namespaces"):
         if namespace["metadata"].get("deletionTimestamp"):
             plane.api.delete(f"/api/v1/namespaces/{namespace['metadata']['name']}/pods?gracePeriodSeconds=0")
-    wait_until(lambda: not list(_names(plane, PASSING)), timeout_s=GONE_S, poll_s=0.1)
+    wait_until(lambda: before >= set(_names(plane, PASSING)), timeout_s=GONE_S, poll_s=0.1)
     for collection in (f"{OURS}/robotclaims", f"/apis/coordination.k8s.io/v1/namespaces/{SYSTEM_NAMESPACE}/leases"):
         if _items(plane, collection):
             plane.api.delete(collection)
-    return leftovers(plane)
+    return leftovers(plane) - before
 
 
 def _names(plane: ControlPlane, collections: Iterable[str]) -> Iterable[str]:
