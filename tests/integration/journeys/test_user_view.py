@@ -65,7 +65,7 @@ def test_a_stopped_operator_ends_at_once_and_its_successor_need_not_wait(world: 
     world.watch.until_ready("before", within_s=30)
     began_s = time.monotonic()
     assert world.operator.stop() == 0
-    assert time.monotonic() - began_s < 3.0
+    assert time.monotonic() - began_s < 4.5  # kopf gives tasks that do not end by themselves five seconds
     world.operator.start().wait_ready()
     world.create(plain_app("after", dds={"pool": pools.twelve}))
     world.watch.until_ready("after", within_s=10)  # less than the Lease of an operator that was killed
