@@ -124,6 +124,10 @@ class Connection(asyncio.Protocol):
 
     # --- httptools ----------------------------------------------------------------------------------------------
 
+    def on_message_begin(self) -> None:
+        if self._answer is not None and self._answer.done():
+            self.end()  # one answer more than asked for: it must not be taken for that of the next request
+
     def on_header(self, name: bytes, value: bytes) -> None:
         self._headers.append((name, value))
 

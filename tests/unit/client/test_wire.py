@@ -1,0 +1,198 @@
+"""Connections of our own against a server that answers byte for byte what a test says."""
+
+import asyncio
+import socket
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+import pytest
+
+from robotapp_api.client.login import Endpoint
+from robotapp_api.client.transport import HttpTransport
+from robotapp_api.client.wire import Answer, BrokenError, Connections, NotSentError
+
+REQUEST = b"GET / HTTP/1.1\r\nHost: x\r\n\r\n"
+OK = b"HTTP/1.1 200 OK\r\nContent-Length: 2\r\nRetry-After: 7\r\n\r\nok"
+
+
+class Script:
+    """Each request gets the next answer; None closes the connection instead, "" is never answered."""
+
+    def __init__(self, *answers: bytes | None) -> None:
+        self.answers = list(answers)
+        self.requests: list[bytes] = []
+        self.connections = 0
+
+    async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self.connections += 1
+        try:
+            while True:
+                self.requests.append(await reader.readuntil(b"\r\n\r\n"))
+                answer = self.answers.pop(0) if self.answers else OK
+                if answer is None:
+                    return
+                for piece in answer.split(b"|"):  # a bar stands for a pause between two packets
+                    writer.write(piece)
+                    await writer.drain()
+                    await asyncio.sleep(0)
+        except (asyncio.IncompleteReadError, ConnectionError):
+            return
+        finally:
+            writer.close()
+
+
+@asynccontextmanager
+async def talking_to(script: Script, *, limit: int = 4) -> AsyncIterator[Connections]:
+    server = await asyncio.start_server(script.serve, "127.0.0.1", 0)
+    async with server:
+        connections = Connections(Endpoint(f"http://127.0.0.1:{server.sockets[0].getsockname()[1]}"), limit=limit)
+        try:
+            yield connections
+        finally:
+            await connections.close()
+
+
+async def ask(connections: Connections, *, timeout_s: float = 5.0) -> Answer:
+    return await connections.request(REQUEST, timeout_s=timeout_s)
+
+
+@pytest.mark.parametrize(
+    ("raw", "status", "body"),
+    [
+        (OK, 200, b"ok"),
+        (b"HTTP/1.1 200 OK\r\nContent-|Length: 4\r\n\r\na|b|c|d", 200, b"abcd"),
+        (b"HTTP/1.1 201 Created\r\nTransfer-Encoding: chunked\r\n\r\n3\r\nabc\r\n|2\r\nde\r\n0\r\n\r\n", 201, b"abcde"),
+        (b"HTTP/1.1 204 No Content\r\n\r\n", 204, b""),
+        (b"HTTP/1.1 100 Continue\r\n\r\n" + OK, 200, b"ok"),
+        (b"HTTP/1.1 409 Conflict\r\nContent-Length: 1\r\n\r\nx", 409, b"x"),
+    ],
+)
+async def test_an_answer_is_read_however_it_is_framed_and_the_connection_used_again(
+    raw: bytes, status: int, body: bytes
+) -> None:
+    script = Script(raw, OK)
+    async with talking_to(script) as connections:
+        answer = await ask(connections)
+        assert (answer.status, answer.body) == (status, body)
+        assert (await ask(connections)).headers["retry-after"] == "7"
+    assert script.connections == 1
+
+
+async def test_headers_are_found_in_any_case_and_absent_ones_are_none() -> None:
+    async with talking_to(Script()) as connections:
+        headers = (await ask(connections)).headers
+    assert headers.get("RETRY-AFTER") == "7"
+    assert headers.get("x-other") is None
+    assert sorted(headers) == ["content-length", "retry-after"]
+
+
+@pytest.mark.parametrize(
+    "first",
+    [
+        b"HTTP/1.1 200 OK\r\nContent-Length: 2\r\nConnection: close\r\n\r\nok",
+        b"HTTP/1.0 200 OK\r\nContent-Length: 2\r\n\r\nok",
+        OK + b"HTTP/1.1 200 OK\r\nContent-Length: 3\r\n\r\nnot",
+    ],
+    ids=["close", "HTTP/1.0", "more than asked for"],
+)
+async def test_a_connection_that_is_not_to_be_used_again_is_not(first: bytes) -> None:
+    script = Script(first, OK)
+    async with talking_to(script) as connections:
+        assert (await ask(connections)).body == b"ok"
+        await asyncio.sleep(0.05)
+        assert (await ask(connections)).body == b"ok"
+    assert script.connections == 2
+
+
+@pytest.mark.parametrize(
+    ("raw", "text"),
+    [
+        (None, "closed the connection"),
+        (b"SSH-2.0-OpenSSH\r\n\r\n", "is no HTTP"),
+        (b"HTTP/1.1 200 OK\r\nContent-Length: 9\r\n\r\nhalf", "no answer within"),
+        (b"", "no answer within"),
+    ],
+    ids=["closed", "garbage", "half", "silent"],
+)
+async def test_without_a_whole_answer_the_request_is_broken_and_the_next_one_starts_anew(
+    raw: bytes | None, text: str
+) -> None:
+    script = Script(raw, OK)
+    async with talking_to(script) as connections:
+        with pytest.raises(BrokenError, match=text):
+            await ask(connections, timeout_s=0.2)
+        assert (await ask(connections)).body == b"ok"
+    assert script.connections == 2
+
+
+async def test_a_server_that_is_not_there_was_sent_nothing() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        port = listener.getsockname()[1]
+    connections = Connections(Endpoint(f"http://127.0.0.1:{port}"), limit=1)
+    for _ in range(3):  # a failed attempt gives its place back
+        with pytest.raises(NotSentError, match="cannot connect"):
+            await ask(connections, timeout_s=1)
+    await connections.close()
+
+
+async def test_who_finds_all_connections_busy_waits_in_line_and_no_longer_than_its_time() -> None:
+    script = Script(b"", OK)
+    async with talking_to(script, limit=1) as connections:
+        slow = asyncio.create_task(ask(connections, timeout_s=0.5))
+        await asyncio.sleep(0.05)
+        with pytest.raises(NotSentError, match="no free connection"):
+            await ask(connections, timeout_s=0.1)
+        patient = asyncio.create_task(ask(connections))
+        with pytest.raises(BrokenError):
+            await slow
+        assert (await patient).body == b"ok"
+    assert len(script.requests) == 2
+
+
+async def test_a_cancelled_waiter_passes_its_place_on() -> None:
+    async with talking_to(Script(b"", OK, OK), limit=1) as connections:
+        first = asyncio.create_task(ask(connections, timeout_s=0.3))
+        await asyncio.sleep(0.05)
+        impatient, patient = (asyncio.create_task(ask(connections)) for _ in range(2))
+        await asyncio.sleep(0.05)
+        impatient.cancel()
+        results = await asyncio.gather(first, impatient, patient, return_exceptions=True)
+        assert isinstance(results[1], asyncio.CancelledError)
+        assert isinstance(results[2], Answer)
+        assert repr(connections).endswith("0 busy, 1 idle, 0 waiting>")
+
+
+async def test_many_requests_share_few_connections_and_each_gets_its_own_answer() -> None:
+    numbered = [f"HTTP/1.1 200 OK\r\nContent-Length: 3\r\n\r\n{n:03}".encode() for n in range(100)]
+    script = Script(*numbered)
+    async with talking_to(script, limit=3) as connections:
+        bodies = [answer.body for answer in await asyncio.gather(*(ask(connections) for _ in range(100)))]
+    assert sorted(bodies) == [f"{n:03}".encode() for n in range(100)]
+    assert script.connections == 3
+
+
+async def test_an_idle_connection_that_grew_old_is_not_trusted(monkeypatch: pytest.MonkeyPatch) -> None:
+    script = Script()
+    async with talking_to(script) as connections:
+        await ask(connections)
+        monkeypatch.setattr("robotapp_api.client.wire.KEEPALIVE_S", 0.0)
+        await ask(connections)
+    assert script.connections == 2
+
+
+@pytest.mark.parametrize("path", ["/a b", "/a\r\nX: y", "/a\x00"])
+async def test_a_path_can_never_carry_a_second_request(path: str) -> None:
+    async with HttpTransport(Endpoint("http://127.0.0.1:1"), user_agent="x") as transport:
+        with pytest.raises(ValueError, match="not an escaped path"):
+            await transport.request("GET", path, timeout_s=1)
+
+
+async def test_a_header_can_never_carry_a_second_one() -> None:
+    async with HttpTransport(Endpoint("http://127.0.0.1:1"), user_agent="x\r\nY: z") as transport:
+        with pytest.raises(ValueError, match="line break"):
+            await transport.request("GET", "/", timeout_s=1)
+
+
+def test_prefix_and_host_come_from_the_server() -> None:
+    assert Connections(Endpoint("https://rancher.example/k8s/clusters/c-1"), limit=1).prefix == "/k8s/clusters/c-1"
+    assert Connections(Endpoint("https://[::1]:6443"), limit=1).host_header == "[::1]:6443"
