@@ -36,6 +36,8 @@ class Row:
     reasons: list[str] = field(default_factory=list)
     scores: dict[str, int] = field(default_factory=dict)
     devices: list[str] = field(default_factory=list)
+    planned: str = ""
+    """How the place was found together with those of the app's other pods."""
     recorded: bool = False
     """The reasons are the scheduler's record of its decision."""
     recomputed: bool = False
@@ -131,6 +133,7 @@ def _row(component: str, pod: Json, record: Json | None, reasons: list[str]) -> 
         row.runner_up = record.get("runnerUp") or ""
         row.scores = dict(zip(top.get("nodes") or [], top.get("totals") or [], strict=False))
         row.devices = list(record.get("devices") or [])
+        row.planned = str(record.get("planned") or "")
         row.recomputed = bool(record.get("recomputed"))
     if not node and not reasons:
         waiting = condition(pod, "PodScheduled")
@@ -176,4 +179,6 @@ def _print(app: Json, view: InstanceView, *, wide: bool) -> None:
             for cells, row in zip(rows, shown, strict=True)
         ]
     print_table(columns, rows, indent=2)
+    for text in dict.fromkeys(row.planned for row in shown if row.planned):
+        console().print(f"  {text}", soft_wrap=True)
     print_edges(view.edges)

@@ -1,6 +1,6 @@
 """One attempt: gates, PreFilter, filters, scores, choice, devices, assume, and the record of why."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from robotapp_api.model.names import PodReason
@@ -21,8 +21,10 @@ from robotapp_scheduler.core.groups import (
     Groups,
     group_key,
 )
+from robotapp_scheduler.core.latency_export import LatencyExport
 from robotapp_scheduler.core.nominated import with_nominated
 from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.posing import Posed, pose
 from robotapp_scheduler.core.profiles import Profile
 from robotapp_scheduler.core.queue import SchedulingQueue
 from robotapp_scheduler.core.queued import Gate, QueuedPod
@@ -30,7 +32,7 @@ from robotapp_scheduler.core.recorder import Recorder
 from robotapp_scheduler.core.refusal import Refusals
 from robotapp_scheduler.core.resolve import qos_fields, resolve
 from robotapp_scheduler.core.ros import InvalidAnnotation
-from robotapp_scheduler.core.together import only_one_plan, plan_together
+from robotapp_scheduler.core.together import NO_WISH, Advice, Wish, only_one_plan, plan_together
 from robotapp_scheduler.core.waiting import Waker
 
 ANNOTATIONS: Final = "InvalidAnnotation"
@@ -72,6 +74,9 @@ class SchedulerCore:
         self.cluster = cluster
         self.groups = Groups(cluster)
         self.explain = ExplainRing()
+        self.latencies = LatencyExport(cluster.nodes, cluster.rtt)
+        self.plans: dict[str, int] = {}
+        """Joint plans by what became of them, for scheduler_joint_plans_total."""
         self._clock = clock
         self._seed = seed
         self._stopwatch = stopwatch
@@ -154,10 +159,17 @@ class SchedulerCore:
 
     # --- Attempts ------------------------------------------------------------------------------------------------
 
-    def schedule(self, batch: Iterable[QueuedPod], *, exclude: frozenset[str] = frozenset()) -> list[Decision]:
+    def pose(self, batch: Sequence[QueuedPod]) -> Posed | None:
+        """What a planner has to solve before these are placed; None when they are placed without."""
+        return pose(self, [queued.info for queued in batch]) if len(batch) > 1 else None
+
+    def schedule(
+        self, batch: Iterable[QueuedPod], *, exclude: frozenset[str] = frozenset(), advice: Advice | None = None
+    ) -> list[Decision]:
         """Place popped pods; those of one group against each other. Placed pods are assumed.
 
-        `exclude` names nodes that were refused at reserve: the next best is tried in the same cycle.
+        `exclude` names nodes that were refused at reserve: the next best is tried in the same cycle. `advice` is what
+        became of the problem that `pose` made of this batch.
         """
         pods = list(batch)
         if len(pods) == 1 and (exclude or pods[0].info.pod_group is None):
@@ -165,7 +177,10 @@ class SchedulerCore:
         else:
             attempts = {queued.info.uid: queued.attempts for queued in pods}
             self._together = frozenset(attempts)
-            decisions = only_one_plan(plan_together(self, [queued.info for queued in pods], attempts))
+            infos = [queued.info for queued in pods]
+            decisions = only_one_plan(plan_together(self, infos, attempts, advice))
+            if advice is not None:
+                self.plans[advice.result] = self.plans.get(advice.result, 0) + 1
             self._together = frozenset()
             for decision in decisions:
                 if not decision.placed:
@@ -176,15 +191,21 @@ class SchedulerCore:
         return decisions
 
     def schedule_one(
-        self, pod: PodInfo, *, exclude: frozenset[str] = frozenset(), assume: bool = True, attempt: int = 1
+        self,
+        pod: PodInfo,
+        *,
+        exclude: frozenset[str] = frozenset(),
+        assume: bool = True,
+        attempt: int = 1,
+        wish: Wish = NO_WISH,
     ) -> Decision:
-        """One pod. Never raises for what a pod or a plugin does wrong: that becomes a decision with code Error."""
+        """One pod, on the node of `wish` if it takes the pod. Never raises for what a pod or a plugin does wrong: that becomes a decision with code Error."""
         engine = self._engines.get(pod.scheduler_name)
         if engine is None:
             return failed(pod, f"no profile named {pod.scheduler_name}")
         recorder = Recorder(self.cluster, engine, at_s=self._clock(), seed=self._seed, attempt=attempt)
         try:
-            decision = self._attempt(pod, engine, exclude, recorder)
+            decision = self._attempt(pod, engine, exclude, recorder, wish)
         except (PluginError, ValueError, OverflowError) as error:
             decision = failed(pod, str(error), nodes=self.cluster.nodes.count)
         if assume and decision.node is not None:
@@ -220,6 +241,22 @@ class SchedulerCore:
         positions = (evaluation.reason == 0).nonzero()[0]
         return evaluation.feasible, tuple(engine.name_of(evaluation, int(position)) for position in positions)
 
+    def appraise(self, pod: PodInfo) -> Evaluation | None:
+        """Filters and scores of a pod that can be tried now; None when it cannot, or fits nowhere."""
+        try:
+            if pod.scheduler_name not in self._engines or self.prepare(pod) is not None:
+                return None
+            engine = self._engines[pod.scheduler_name]
+            narrowed = engine.pre_filter(pod)
+            if narrowed.status is not None:
+                return None
+            evaluation = with_nominated(self.cluster, pod, engine.evaluate(pod, narrowed.names))
+            if evaluation.feasible > 1:
+                engine.score(pod, evaluation)
+        except (PluginError, ValueError, OverflowError):
+            return None
+        return evaluation if evaluation.feasible else None
+
     def prepare(self, pod: PodInfo) -> Decision | None:
         """Resolve the pod's ROS wishes; a decision when it cannot be tried at all."""
         if pod.deleting:
@@ -245,7 +282,9 @@ class SchedulerCore:
         pod.ros = resolve(pod, self.cluster)
         return None
 
-    def _attempt(self, pod: PodInfo, engine: Engine, exclude: frozenset[str], recorder: Recorder) -> Decision:
+    def _attempt(
+        self, pod: PodInfo, engine: Engine, exclude: frozenset[str], recorder: Recorder, wish: Wish = NO_WISH
+    ) -> Decision:
         early = self.prepare(pod)
         if early is not None:
             return early
@@ -269,7 +308,8 @@ class SchedulerCore:
             evaluation = evaluation.without([self.cluster.nodes.row_of[name] for name in blocked])
             if evaluation.feasible == 0:
                 return refusals.lost_all(pod, evaluation, len(blocked))
-        return self._choose(pod, engine, evaluation, recorder)
+        recorder.planned(wish.why)
+        return self._choose(pod, engine, evaluation, recorder, wish.node)
 
     def _where_promised(self, pod: PodInfo, engine: Engine, exclude: frozenset[str]) -> Evaluation | None:
         """The node this pod is nominated for, when it takes the pod: then no other is looked at."""
@@ -279,12 +319,15 @@ class SchedulerCore:
         evaluation = with_nominated(self.cluster, pod, engine.evaluate(pod, frozenset({node})))
         return evaluation if evaluation.feasible else None
 
-    def _choose(self, pod: PodInfo, engine: Engine, evaluation: Evaluation, recorder: Recorder) -> Decision:
+    def _choose(
+        self, pod: PodInfo, engine: Engine, evaluation: Evaluation, recorder: Recorder, wished: str
+    ) -> Decision:
         total = 0
         if evaluation.feasible > 1:
             engine.score(pod, evaluation)
-            ties = evaluation.best()
-            position = engine.choose(pod, evaluation, ties, self._seed)
+            position = engine.position_of(evaluation, wished)
+            if position is None:
+                position = engine.choose(pod, evaluation, evaluation.best(), self._seed)
             total = int(evaluation.total[position])
             recorder.scored(evaluation, position)
         else:

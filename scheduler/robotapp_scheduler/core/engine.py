@@ -181,6 +181,19 @@ class Engine:
         row = position if evaluation.rows is None else int(evaluation.rows[position])
         return self._cluster.nodes.names[row]
 
+    def position_of(self, evaluation: Evaluation, name: str) -> int | None:
+        """Position of a node by name, if it takes the pod."""
+        row = self._cluster.nodes.row_of.get(name)
+        if row is None:
+            return None
+        position = row
+        if evaluation.rows is not None:
+            found = np.flatnonzero(evaluation.rows == row)
+            if not len(found):
+                return None
+            position = int(found[0])
+        return position if evaluation.reason[position] == 0 else None
+
     def volume_plan(self, pod: PodInfo, node: str) -> VolumePlan | None:
         """What must be written about the pod's volumes before it may be bound to this node."""
         view = Nodes(self._cluster, [self._cluster.nodes.row_of[node]])

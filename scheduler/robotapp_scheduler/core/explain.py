@@ -74,6 +74,8 @@ class Record(msgspec.Struct, gc=False, rename="camel"):
     devices: tuple[str, ...] = ()
     shadow_changes: tuple[str, ...] = ()
     """Shadow plugins that would have changed the choice."""
+    planned: str = ""
+    """How its place was found together with those of its group; empty for a pod that was placed alone."""
     seed: int = 0
     """Tie-break seed: with pod uid and node names it reproduces the choice among equal totals."""
 

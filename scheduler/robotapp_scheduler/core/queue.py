@@ -219,6 +219,14 @@ class SchedulingQueue:
             self._flying.start(queued.info.uid, queued)
         return batch
 
+    def wanted(self, queued: QueuedPod) -> bool:
+        """Is a pod in flight still to be placed? One that was deleted meanwhile is dropped, or came back by the watch."""
+        flight = self._flying.get(queued.info.uid)
+        if flight is not None and flight.deleted:
+            self.done(queued.info.uid)
+            return False
+        return flight is not None
+
     def done(self, uid: str) -> None:
         """The pod got a node: it leaves the queue. Call before the bind; a failed bind comes back through `requeue`."""
         flight = self._flying.end(uid)

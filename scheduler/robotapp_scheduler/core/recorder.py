@@ -24,6 +24,7 @@ class Recorder:
         self.evaluation: Evaluation | None = None
         self._top = Top()
         self._shadows: tuple[str, ...] = ()
+        self._planned = ""
 
     def filtered(self, evaluation: Evaluation) -> None:
         """The filters have run."""
@@ -47,6 +48,10 @@ class Recorder:
     def shadowed(self, names: tuple[str, ...]) -> None:
         """These shadow plugins would have changed the choice."""
         self._shadows = names
+
+    def planned(self, why: str) -> None:
+        """How the pod's place was found together with those of its group."""
+        self._planned = why
 
     def record(self, decision: Decision) -> Record:
         """The finished record."""
@@ -73,6 +78,7 @@ class Recorder:
             devices=tuple(grant.device.id for grant in decision.grants),
             seed=self._seed,
             shadow_changes=self._shadows,
+            planned=self._planned,
         )
 
     def _refusals(self) -> tuple[Refusal, ...]:

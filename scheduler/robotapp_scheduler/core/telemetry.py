@@ -4,7 +4,7 @@ Readings age by the time we received them, never by a clock in the object. A rea
 intervals is unknown.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -116,6 +116,15 @@ class RttModel:
         rtt = self.from_node(left, percentile)
         value = float(rtt.rtt_us[row])
         return (None if np.isnan(value) else value), SOURCE_NAMES[int(rtt.source[row])]
+
+    def readings(self) -> Iterator[tuple[str, float, Mapping[str, tuple[float, float]]]]:
+        """Node, when its agent's reading was received (seconds), and p50 and p95 per peer, microseconds."""
+        return ((name, reading.received_s, reading.pairs) for name, reading in self._readings.items())
+
+    def between_zones(self, left: str, right: str) -> tuple[float, float] | None:
+        """p50 and p95 usual between two zones, microseconds; None when nothing is measured between them."""
+        self._follow_nodes()
+        return self._zones.estimate(left, right)
 
     def _reindex(self, name: str, old: dict[str, tuple[float, float]], new: dict[str, tuple[float, float]]) -> None:
         self._zones.report(name, new)

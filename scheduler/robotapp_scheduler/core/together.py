@@ -5,14 +5,16 @@ placed whole is placed whole or not at all (core.whole).
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Final, Protocol
+from typing import Final, NamedTuple, Protocol
 
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.explain import ExplainRing
 from robotapp_scheduler.core.framework import Code
 from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.posing import Posed
 from robotapp_scheduler.core.whole import all_or_none
+from robotapp_scheduler.joint.solve import GAP, Solution
 
 MOST_RESTARTS: Final = 8
 MOST_TRIES: Final = 512
@@ -21,32 +23,100 @@ FEW_CANDIDATES: Final = 16
 """A peer with more places to go than this says little about where its partners should be."""
 
 
+class Wish(NamedTuple):
+    """Where a pod should go, if it still may, and why; no node = wherever it is best."""
+
+    node: str = ""
+    why: str = ""
+
+
+NO_WISH: Final = Wish()
+
+
+class Advice:
+    """What a planner answered: `nodes` by pod uid, empty when it found nothing; `result` and `why` say what it is worth.
+
+    `result` is for a metric; it becomes "stale" when the plan could not be followed.
+    """
+
+    __slots__ = ("nodes", "result", "why")
+
+    def __init__(self, nodes: Mapping[str, str], *, result: str, why: str) -> None:
+        self.nodes = nodes
+        self.result = result
+        self.why = why
+
+    def __repr__(self) -> str:
+        return f"Advice({self.result}: {self.why})"
+
+
+def advice_of(posed: Posed, solution: Solution) -> Advice:
+    """A solution in words and names."""
+    rows = solution.rows
+    if rows is None:
+        if solution.impossible:
+            return Advice({}, result="impossible", why="no plan keeps every rule of the group: placed one by one")
+        return Advice({}, result="none", why="no plan was found in time: placed one by one")
+    nodes = {uid: posed.names[row] for uid, row in zip(posed.uids, rows, strict=True)}
+    gap = 100 * solution.gap
+    proved = gap <= 100 * GAP
+    worth = "no plan is better" if proved else f"no plan is more than {gap:.0f} % better"
+    why = f"planned as one of {len(rows)} pods of its group; {worth}"
+    return Advice(nodes, result="optimal" if proved else "bounded", why=why)
+
+
 class Placer(Protocol):
     """The part of SchedulerCore that planning needs."""
 
     cluster: Cluster
     explain: ExplainRing
 
-    def schedule_one(self, pod: PodInfo, *, attempt: int = 1) -> Decision: ...
+    def schedule_one(self, pod: PodInfo, *, attempt: int = 1, wish: Wish = ...) -> Decision: ...
     def room(self, pod: PodInfo, *, name_up_to: int) -> tuple[int, tuple[str, ...]]:
         """How many nodes would take the pod now, and their names when there are not too many."""
 
 
-def plan_together(core: Placer, pods: Sequence[PodInfo], attempts: Mapping[str, int]) -> list[Decision]:
-    """Decisions for all pods, in the order in which they were tried last."""
+def plan_together(
+    core: Placer, pods: Sequence[PodInfo], attempts: Mapping[str, int], advice: Advice | None = None
+) -> list[Decision]:
+    """Decisions for all pods, in the order in which they were tried last. A plan is followed as a whole, or not."""
+    if advice is not None and advice.nodes:
+        followed = _follow(core, pods, attempts, advice)
+        if followed is not None:
+            return all_or_none(core, followed)
+        advice.result, advice.why = (
+            "stale",
+            "the plan could not be followed, the cluster had changed: placed one by one",
+        )
     room = {pod.uid: core.room(pod, name_up_to=FEW_CANDIDATES) for pod in pods}
     order = sorted(pods, key=lambda pod: (room[pod.uid][0], pod.namespace, pod.name))
     apps = core.cluster.apps
     # A peer that comes later counts by the best node it may still use.
     apps.expect({pod.member: room[pod.uid][1] for pod in pods if pod.member is not None and room[pod.uid][1]})
     try:
-        return _plan(core, order, attempts)
+        return _plan(core, order, attempts, Wish(why=advice.why if advice is not None else ""))
     finally:
         apps.expect({})
 
 
-def _plan(core: Placer, order: list[PodInfo], attempts: Mapping[str, int]) -> list[Decision]:
-    decisions = _place(core, order, attempts)
+def _follow(
+    core: Placer, pods: Sequence[PodInfo], attempts: Mapping[str, int], advice: Advice
+) -> list[Decision] | None:
+    """Put every planned pod on its node, each checked by all filters; None, and nobody placed, when one is refused."""
+    decisions: list[Decision] = []
+    for pod in sorted(pods, key=lambda pod: pod.uid not in advice.nodes):
+        node = advice.nodes.get(pod.uid, "")
+        wish = Wish(node, advice.why)
+        decision = core.schedule_one(pod, attempt=attempts.get(pod.uid, 1), wish=wish)
+        decisions.append(decision)
+        if node and decision.node != node:
+            _take_back(core.cluster, decisions)
+            return None
+    return decisions
+
+
+def _plan(core: Placer, order: list[PodInfo], attempts: Mapping[str, int], wish: Wish) -> list[Decision]:
+    decisions = _place(core, order, attempts, wish)
     for _ in range(min(MOST_RESTARTS, len(order), MOST_TRIES // len(order))):
         stuck = next((d for d in decisions if _refused(d) and order[0] is not d.pod), None)
         if stuck is None:
@@ -54,20 +124,20 @@ def _plan(core: Placer, order: list[PodInfo], attempts: Mapping[str, int]) -> li
         _take_back(core.cluster, decisions)
         order.remove(stuck.pod)
         order.insert(0, stuck.pod)
-        again = _place(core, order, attempts)
+        again = _place(core, order, attempts, wish)
         better = _placed(again) > _placed(decisions)
         if not better and _placed(again) < _placed(decisions):
             # The old order was better: go back to it and stop.
             _take_back(core.cluster, again)
-            return all_or_none(core, _place(core, [d.pod for d in decisions], attempts))
+            return all_or_none(core, _place(core, [d.pod for d in decisions], attempts, wish))
         decisions = again
         if not better:
             break
     return all_or_none(core, decisions)
 
 
-def _place(core: Placer, order: Sequence[PodInfo], attempts: Mapping[str, int]) -> list[Decision]:
-    return [core.schedule_one(pod, attempt=attempts.get(pod.uid, 1)) for pod in order]
+def _place(core: Placer, order: Sequence[PodInfo], attempts: Mapping[str, int], wish: Wish) -> list[Decision]:
+    return [core.schedule_one(pod, attempt=attempts.get(pod.uid, 1), wish=wish) for pod in order]
 
 
 def _placed(decisions: Sequence[Decision]) -> int:

@@ -6,13 +6,17 @@ yields, so that watch events and answers are taken in between.
 
 import asyncio
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Coroutine, Mapping, Sequence
+from contextlib import suppress
 
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.decision import Decision
+from robotapp_scheduler.core.posing import Posed
 from robotapp_scheduler.core.queued import QueuedPod, Rejection
+from robotapp_scheduler.core.together import Advice
 from robotapp_scheduler.shell.metrics import Metrics
 from robotapp_scheduler.shell.placing import Placer
+from robotapp_scheduler.shell.planner import Planner
 from robotapp_scheduler.shell.report import Reporter
 from robotapp_scheduler.shell.reserve import READY, Reserved
 
@@ -34,6 +38,7 @@ class SchedulerLoop:
         reporter: Reporter,
         metrics: Metrics,
         *,
+        planner: Planner,
         clock: Callable[[], float],
         in_flight: int = IN_FLIGHT,
     ) -> None:
@@ -41,6 +46,7 @@ class SchedulerLoop:
         self._placer = placer
         self._reporter = reporter
         self._metrics = metrics
+        self._planner = planner
         self._clock = clock
         self._woken = asyncio.Event()
         self._slots = asyncio.Semaphore(in_flight)
@@ -72,7 +78,11 @@ class SchedulerLoop:
                     self._slots.release()
                     await self._idle()
                     continue
-                self._decide(batch)
+                posed = self._posed(batch)
+                if posed is None:
+                    self._decide(batch)
+                else:
+                    self._follow(self._plan(batch, posed))
                 decided += len(batch)
                 if decided >= SLICE:
                     decided = 0
@@ -82,15 +92,44 @@ class SchedulerLoop:
 
     async def drain(self, timeout_s: float) -> None:
         """Wait for the binds in flight."""
-        if self._tasks:
-            await asyncio.wait(set(self._tasks), timeout=timeout_s)
+        with suppress(TimeoutError):
+            async with asyncio.timeout(timeout_s):
+                # A plan that comes in while we wait is carried out by a task of its own.
+                while self._tasks:
+                    await asyncio.wait(set(self._tasks))
 
-    def _decide(self, batch: Sequence[QueuedPod]) -> None:
+    def _posed(self, batch: Sequence[QueuedPod]) -> Posed | None:
+        """The problem a planner has to solve for these pods first, if any."""
+        try:
+            return self._core.pose(batch)
+        except Exception:  # a bug here must not hold the pods: they are placed one by one
+            log.exception("posing the problem of %s failed", _names(batch))
+            return None
+
+    async def _plan(self, batch: Sequence[QueuedPod], posed: Posed) -> None:
+        """Meanwhile others are placed: what the plan says is checked when it is followed. Some pods may be gone by then."""
+        try:
+            advice = await self._planner.advise(posed)
+        except Exception:  # a bug in the planner must not keep the pods in flight for ever
+            log.exception("planning %s failed", _names(batch))
+            advice = None
+        left = [queued for queued in batch if self._core.queue.wanted(queued)]
+        if left:
+            self._decide(left, advice)
+        else:
+            self._slots.release()
+
+    def _follow(self, work: Coroutine[None, None, None]) -> None:
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._ended)
+
+    def _decide(self, batch: Sequence[QueuedPod], advice: Advice | None = None) -> None:
         started_s = self._clock()
         try:
-            decisions = self._core.schedule(batch)
+            decisions = self._core.schedule(batch, advice=advice)
         except Exception:  # a bug met with this batch must not stop the others; it is retried after back-off
-            log.exception("deciding about %s failed", ", ".join(queued.info.key for queued in batch))
+            log.exception("deciding about %s failed", _names(batch))
             for queued in batch:
                 self._core.cluster.forget(queued.info.uid)
                 self._core.queue.requeue(queued, Rejection())
@@ -168,3 +207,7 @@ class SchedulerLoop:
         for queued, gate in core.held():
             self._reporter.unscheduled(queued.info.pod, reason=gate.code, message=gate.reason)
         self._woken.set()
+
+
+def _names(batch: Sequence[QueuedPod]) -> str:
+    return ", ".join(queued.info.key for queued in batch)

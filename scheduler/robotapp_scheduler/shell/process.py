@@ -39,6 +39,7 @@ from robotapp_scheduler.shell.kubelet_refusals import KubeletRefusals
 from robotapp_scheduler.shell.loop import SchedulerLoop
 from robotapp_scheduler.shell.metrics import Metrics
 from robotapp_scheduler.shell.placing import Placer
+from robotapp_scheduler.shell.planner import Planner
 from robotapp_scheduler.shell.published import publish
 from robotapp_scheduler.shell.reload import Reloader, Running, first
 from robotapp_scheduler.shell.report import Reporter
@@ -115,7 +116,8 @@ class Scheduler:
             clock=clock,
             evict=self.evictor.start,
         )
-        self.loop = SchedulerLoop(self.core, placer, self.reporter, self.metrics, clock=clock)
+        self.planner = Planner()
+        self.loop = SchedulerLoop(self.core, placer, self.reporter, self.metrics, planner=self.planner, clock=clock)
         self.sweeper = Sweeper(
             client,
             period_s=options.sweep_seconds,
@@ -167,6 +169,7 @@ class Scheduler:
                 for task in background:
                     task.cancel()
         finally:
+            await self.planner.close()
             await runner.cleanup()
         return 1 if self._lost else 0
 

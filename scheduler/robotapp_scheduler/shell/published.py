@@ -38,6 +38,12 @@ def publish(metrics: Metrics, core: SchedulerCore, client: ApiClient, running: R
         labels=("plugin", "extension_point", "result"),
         read=lambda: {key: float(count) for key, count in core.decisions().items()},
     )
+    metrics.count(
+        "joint_plans",
+        "Groups a plan was made for, by what became of it; every result but optimal and bounded is placed one by one",
+        labels=("result",),
+        read=lambda: {(result,): float(count) for result, count in core.plans.items()},
+    )
     _publish_outside(metrics, client, running, simulator)
 
 

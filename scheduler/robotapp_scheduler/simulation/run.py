@@ -16,6 +16,8 @@ from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.queued import Rejection
+from robotapp_scheduler.core.together import advice_of
+from robotapp_scheduler.joint.solve import Limits, solve
 from robotapp_scheduler.simulation.dump import MOST_PROBLEMS, Dump
 from robotapp_scheduler.simulation.kinds import routes
 
@@ -24,6 +26,8 @@ ROUNDS: Final = 10
 SETTLED: Final = Rejection(frozenset({"Simulation"}))
 """Parks a refused pod: no event wakes it, the next round does."""
 _NO_TIME = 0.0
+PLANNING: Final = Limits(steps=20)
+"""A group is planned for so many steps, not for some time: the same dump has the same outcome on any machine."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +131,9 @@ class _World:
         """One pass over the queue; True when a pod found a node."""
         found = False
         while batch := self.core.queue.pop():
-            for decision in self.core.schedule(batch):
+            posed = self.core.pose(batch)
+            advice = advice_of(posed, solve(posed.problem, PLANNING, lambda: _NO_TIME)) if posed is not None else None
+            for decision in self.core.schedule(batch, advice=advice):
                 uid = decision.pod.uid
                 if decision.placed:
                     found = True

@@ -95,6 +95,13 @@ def test_each_component_has_its_node_and_the_refused_ones_with_reasons(placed: S
     assert "!" in text, "an edge beyond its budget is marked"
 
 
+def test_how_the_pods_were_planned_together_is_said_once(placed: Stage) -> None:
+    why = "planned as one of 2 pods of its group; no plan is better"
+    for name, record in placed.scheduler.records.items():
+        placed.scheduler.records[name] = {**record, "planned": why}
+    assert placed.text("explain", "teleop", "--scheduler-url", placed.scheduler.url).count(why) == 1
+
+
 def test_the_users_token_goes_to_the_scheduler(placed: Stage) -> None:
     placed.text("explain", "teleop", ROBOTAPP_SCHEDULER_URL=placed.scheduler.url)
     assert set(placed.scheduler.authorizations) == {"Bearer t0ken"}

@@ -22,6 +22,7 @@ from robotapp_scheduler.shell.binder import BindOutcome, BindResult
 from robotapp_scheduler.shell.loop import SchedulerLoop
 from robotapp_scheduler.shell.metrics import Metrics
 from robotapp_scheduler.shell.placing import Placer
+from robotapp_scheduler.shell.planner import Planner
 from robotapp_scheduler.shell.reserve import READY, Readiness, Reserved
 
 OURS = "ours"
@@ -122,7 +123,7 @@ class Rig:
             clock=self.clock,
             evict=lambda plan, pod: self.evicted.append((plan, pod)),
         )
-        self.loop = SchedulerLoop(self.core, placer, self.said, self.metrics, clock=self.clock)  # type: ignore[arg-type]
+        self.loop = SchedulerLoop(self.core, placer, self.said, self.metrics, planner=Planner(), clock=self.clock)  # type: ignore[arg-type]
 
     def clock(self) -> float:
         return self.now_s

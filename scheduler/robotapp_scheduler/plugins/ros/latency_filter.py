@@ -50,8 +50,8 @@ class LatencyFilter:
         if not 0.0 <= args.outlier_factor <= 1000.0:
             raise ValueError("outlierFactor: not in valid range [0-1000]")
         parse_us(args.cache_ttl)
-        self._most_us = parse_us(args.max_latency)
-        self._deny_unknown = args.unknown == "Deny"
+        self.most_us = parse_us(args.max_latency)
+        self.deny_unknown = args.unknown == "Deny"
         self._outlier_factor = args.outlier_factor
         # The median of all nodes is part of an outlier's verdict: then no row stands alone.
         self.row_local = args.outlier_factor == 0.0
@@ -71,11 +71,11 @@ class LatencyFilter:
 
     def _judge(self, nodes: Nodes, endpoint: Endpoint, codes: IntArray, detail: FloatArray) -> None:
         rtt_us = nearest_us(nodes, endpoint)
-        budget_us = self._most_us if endpoint.budget_us is None else endpoint.budget_us
+        budget_us = self.most_us if endpoint.budget_us is None else endpoint.budget_us
         far = rtt_us > budget_us  # NaN is never greater: unknown is judged below
         np.fmax(detail, rtt_us / 1000.0, out=detail, where=far)
         self._mark(codes, far, _TOO_FAR)
-        if self._deny_unknown:
+        if self.deny_unknown:
             self._mark(codes, np.isnan(rtt_us), _UNKNOWN)
         if self._outlier_factor > 0.0:
             known = rtt_us[~np.isnan(rtt_us) & nodes.valid]

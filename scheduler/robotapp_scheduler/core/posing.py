@@ -1,0 +1,175 @@
+"""Turns the pods of one app instance into a problem for the joint planner: what each costs where, and what binds them.
+
+Node scores are taken as the profile gives them while the others are not placed; connections among the pods are added as
+the LatencyScore and LatencyFilter of the profile see them. What the problem does not know (spread, affinity among the
+pods, devices) is checked when the plan is followed.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Final, NamedTuple, Protocol
+
+import numpy as np
+
+from robotapp_api.values.duration import parse_us
+from robotapp_scheduler.core.apps import App
+from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.columns import FloatArray, IntArray
+from robotapp_scheduler.core.engine import Engine
+from robotapp_scheduler.core.evaluation import Evaluation
+from robotapp_scheduler.core.latency_export import LatencyExport
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.robotics import Component
+from robotapp_scheduler.core.robotics import Edge as Connection
+from robotapp_scheduler.joint.problem import INF, Edge, Problem, Relation
+
+MOST_PODS: Final = 48
+MOST_EDGES: Final = 160
+"""Larger groups are placed one after the other, as before."""
+USUAL_CEILING_US: Final = 100_000.0
+BOTH_ENDS: Final = 2 * 100.0
+"""Each end of a connection scores it from 0 to 100."""
+
+
+class Posed(NamedTuple):
+    """A problem and whose it is: `uids[i]` is pod i, `names[row]` a node."""
+
+    problem: Problem
+    uids: tuple[str, ...]
+    names: tuple[str, ...]
+
+
+class Scores(Protocol):
+    """The part of SchedulerCore that posing needs."""
+
+    cluster: Cluster
+    latencies: LatencyExport
+
+    def engine(self, scheduler_name: str) -> Engine: ...
+    def appraise(self, pod: PodInfo) -> Evaluation | None:
+        """Filters and scores of a pod that can be tried now; None when it cannot, or fits nowhere."""
+
+
+def pose(core: Scores, pods: Sequence[PodInfo]) -> Posed | None:
+    """The problem of these pods; None when there is nothing to plan together, or one of them fits nowhere."""
+    member = pods[0].member
+    app = core.cluster.apps.app(member.app_uid) if member is not None else None
+    if app is None or not 2 <= len(pods) <= MOST_PODS:
+        return None
+    edges = _edges(core, app, pods)
+    if not any(edge.relation is Relation.RTT for edge in edges) or len(edges) > MOST_EDGES:
+        return None
+    costs = []
+    for pod in pods:
+        evaluation = core.appraise(pod)
+        if evaluation is None:
+            return None
+        costs.append(_cost(evaluation, core.cluster.nodes.size))
+    table = core.cluster.nodes
+    demand, free = _capacity(core.cluster, pods)
+    problem = Problem(np.stack(costs), demand, free, tuple(edges), core.latencies.latencies())
+    return Posed(problem, tuple(pod.uid for pod in pods), tuple(table.names))
+
+
+def _cost(evaluation: Evaluation, size: int) -> FloatArray:
+    """How far each row is behind the best one, INF where the pod cannot be."""
+    feasible = np.flatnonzero(evaluation.reason == 0)
+    rows = feasible if evaluation.rows is None else evaluation.rows[feasible]
+    cost = np.full(size, INF)
+    total = evaluation.total[feasible].astype(np.float64) if evaluation.feasible > 1 else np.zeros(len(feasible))
+    cost[rows] = total.max(initial=0.0) - total
+    return cost
+
+
+def _capacity(cluster: Cluster, pods: Sequence[PodInfo]) -> tuple[IntArray, IntArray]:
+    """Demand per pod and what is left per row, of the resources somebody asks for; pods are the last."""
+    table = cluster.nodes
+    asked = [dict(table.resources.coded(pod.requests.exact)) for pod in pods]
+    codes = sorted(set().union(*asked))
+    demand = np.array([[*(amounts.get(code, 0) for code in codes), 1] for amounts in asked], dtype=np.int64)
+    left = table.resources.allocatable[codes, : table.size] - table.resources.requested[codes, : table.size]
+    pods_left = table.allowed_pods[: table.size] - table.pod_count[: table.size]
+    return demand, np.concatenate((left, pods_left[None, :]))
+
+
+# --- What binds them -------------------------------------------------------------------------------------------------
+
+
+def _edges(core: Scores, app: App, pods: Sequence[PodInfo]) -> list[Edge]:
+    of: dict[str, list[int]] = {}
+    for i, pod in enumerate(pods):
+        if pod.member is not None and pod.member.component in app.components:
+            of.setdefault(pod.member.component, []).append(i)
+    rules = _Rules(core.engine(pods[0].scheduler_name))
+    found = [
+        rules.edge(connection, app, left, right)
+        for connection in app.source.spec.edges
+        for left in of.get(connection.from_, ())
+        for right in of.get(connection.to, ())
+        if left != right
+    ]
+    for name, component in app.components.items():
+        for i in of.get(name, ()):
+            found += _bound(i, component, of)
+    return [*found, *_ports(pods)]
+
+
+class _Rules:
+    """What a connection costs, by the plugins of a profile."""
+
+    def __init__(self, engine: Engine) -> None:
+        loaded = engine.profile.all
+        score, limit = loaded.get("LatencyScore"), loaded.get("LatencyFilter")
+        scores = score is not None and not score.shadow
+        self._weight = BOTH_ENDS * (score.weight if score is not None and scores else 1)
+        self._limits = limit is not None and not limit.shadow
+        self._ceiling_us = float(getattr(limit.plugin, "most_us", USUAL_CEILING_US)) if limit else USUAL_CEILING_US
+        self._deny_unknown = self._limits and bool(getattr(limit and limit.plugin, "deny_unknown", False))
+
+    def edge(self, connection: Connection, app: App, left: int, right: int) -> Edge:
+        """One connection between two pods."""
+        latency = connection.latency
+        ends = (app.components[connection.from_], app.components[connection.to])
+        own = [_us(latency.budget)] if latency is not None and latency.budget else [_own(end) for end in ends]
+        budget_us = min(us if us is not None else self._ceiling_us for us in own)
+        required = latency is None or latency.enforce == "Required"
+        return Edge(
+            left,
+            right,
+            per_us=self._weight / max(budget_us, 1.0),
+            budget_us=budget_us,
+            hard=required and self._limits,
+            penalty=self._weight,
+            unknown=INF if required and self._deny_unknown else self._weight / 2,
+            which=1 if latency is None or latency.percentile >= 95 else 0,
+        )
+
+
+def _own(component: Component) -> float | None:
+    text = component.policies.latency_budget
+    return _us(text) if text else None
+
+
+def _us(text: str) -> float:
+    return float(parse_us(text))
+
+
+def _bound(pod: int, component: Component, of: Mapping[str, Sequence[int]]) -> list[Edge]:
+    """Components that share a node with it, or must not. Of a replicated one any pod will do: left to the check."""
+    found = []
+    for name in dict.fromkeys((*component.colocate_with, *component.shared_data.with_)):
+        peers = of.get(name, ())
+        if len(peers) == 1 and peers[0] != pod:
+            found.append(Edge(pod, peers[0], Relation.TOGETHER))
+    for name in dict.fromkeys(component.separate_from):
+        found += [Edge(pod, peer, Relation.APART) for peer in of.get(name, ()) if peer != pod]
+    return found
+
+
+def _ports(pods: Sequence[PodInfo]) -> list[Edge]:
+    """Pods that take one host port each keep apart."""
+    users: dict[tuple[str, int], list[int]] = {}
+    for i, pod in enumerate(pods):
+        for port in pod.host_ports:
+            users.setdefault((port.protocol, port.port), []).append(i)
+    pairs = {(a, b) for who in users.values() for n, a in enumerate(who) for b in who[n + 1 :]}
+    return [Edge(a, b, Relation.APART) for a, b in sorted(pairs)]

@@ -1,0 +1,55 @@
+"""Problems and solutions as bytes, between the scheduler and its planning worker. Both ends are of one version."""
+
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from robotapp_scheduler.joint.latencies import Latencies, Measured
+from robotapp_scheduler.joint.problem import Edge, Problem, Relation
+from robotapp_scheduler.joint.solve import Limits, Solution
+
+
+class _Array(msgspec.Struct, array_like=True):
+    kind: str
+    shape: tuple[int, ...]
+    content: bytes
+
+
+class _Order(msgspec.Struct, array_like=True):
+    arrays: list[_Array]
+    edges: list[tuple[Any, ...]]
+    limits: tuple[float, int, float, int]
+
+
+def encode_problem(problem: Problem, limits: Limits) -> bytes:
+    """An order for the worker."""
+    rtt = problem.rtt
+    arrays = (problem.cost, problem.demand, problem.free, rtt.zone, rtt.estimate, *rtt.measured)
+    order = _Order(
+        arrays=[_Array(array.dtype.str, array.shape, np.ascontiguousarray(array).tobytes()) for array in arrays],
+        edges=[tuple(edge) for edge in problem.edges],
+        limits=(limits.seconds, limits.steps, limits.gap, limits.cells),
+    )
+    return msgspec.msgpack.encode(order)
+
+
+def decode_problem(content: bytes) -> tuple[Problem, Limits]:
+    """What `encode_problem` made."""
+    order = msgspec.msgpack.decode(content, type=_Order)
+    cost, demand, free, zone, estimate, left, right, us = (
+        np.frombuffer(array.content, dtype=array.kind).reshape(array.shape) for array in order.arrays
+    )
+    edges = tuple(Edge(edge[0], edge[1], Relation(edge[2]), *edge[3:]) for edge in order.edges)
+    rtt = Latencies(zone, estimate, Measured(left, right, us))
+    return Problem(cost, demand, free, edges, rtt), Limits(*order.limits)
+
+
+def encode_solution(solution: Solution) -> bytes:
+    """The worker's answer."""
+    return msgspec.msgpack.encode(solution)
+
+
+def decode_solution(content: bytes) -> Solution:
+    """What `encode_solution` made."""
+    return msgspec.msgpack.decode(content, type=Solution)

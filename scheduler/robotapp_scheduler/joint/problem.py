@@ -1,0 +1,114 @@
+"""A group to be placed: what each pod costs where, what it needs, and what its connections cost."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from robotapp_scheduler.joint.latencies import FloatArray, Latencies
+
+INF: Final = float("inf")
+UNPLACED: Final = -1
+
+
+class Relation(IntEnum):
+    """What binds two pods to each other."""
+
+    RTT = 0
+    TOGETHER = 1
+    APART = 2
+
+
+class Edge(NamedTuple):
+    """Two pods (positions in the problem). `per_us` is the cost of a microsecond of RTT.
+
+    A `hard` budget must hold; a soft one costs `penalty` when it is exceeded. An unknown RTT costs `unknown`, INF when it
+    is not allowed. `which` is 0 for p50 and 1 for p95.
+    """
+
+    left: int
+    right: int
+    relation: Relation = Relation.RTT
+    per_us: float = 0.0
+    budget_us: float = INF
+    hard: bool = True
+    penalty: float = 0.0
+    unknown: float = 0.0
+    which: int = 1
+
+    @property
+    def kind(self) -> tuple[float, ...]:
+        """Edges of one kind cost the same between the same nodes."""
+        return tuple(self[2:])
+
+    def price(self, rtt_us: FloatArray) -> FloatArray:
+        """Cost of these RTTs."""
+        cost = self.per_us * rtt_us
+        over = rtt_us > self.budget_us
+        cost = np.where(over, INF, cost) if self.hard else cost + self.penalty * over
+        return np.where(np.isnan(rtt_us), self.unknown, cost)
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """`cost[pod, row]` (INF = not there), `demand[pod, resource]`, `free[resource, row]`; costs are never negative."""
+
+    cost: FloatArray
+    demand: npt.NDArray[np.int64]
+    free: npt.NDArray[np.int64]
+    edges: tuple[Edge, ...]
+    rtt: Latencies
+    _prices: dict[tuple[tuple[float, ...], int], FloatArray] = field(default_factory=dict)
+    around: list[list[tuple[Edge, int]]] = field(default_factory=list)
+    """Per pod its edges and who is at the other end."""
+
+    def __post_init__(self) -> None:
+        self.around.extend([] for _ in range(len(self.cost)))
+        for edge in self.edges:
+            self.around[edge.left].append((edge, edge.right))
+            self.around[edge.right].append((edge, edge.left))
+
+    @property
+    def pods(self) -> int:
+        return len(self.cost)
+
+    @property
+    def rows(self) -> int:
+        return int(self.cost.shape[1])
+
+    def prices(self, edge: Edge, row: int) -> FloatArray:
+        """What the edge costs with one end on `row`, for every row of the other end."""
+        found = self._prices.get((edge.kind, row))
+        if found is None:
+            if edge.relation is Relation.RTT:
+                found = edge.price(self.rtt.row(row, edge.which))
+            else:
+                together = edge.relation is Relation.TOGETHER
+                found = np.full(self.rows, INF if together else 0.0)
+                found[row] = 0.0 if together else INF
+            self._prices[edge.kind, row] = found
+        return found
+
+    def holds(self, *pods: int) -> npt.NDArray[np.bool_]:
+        """Rows that have room for all of these together."""
+        needed = self.demand[list(pods)].sum(axis=0)[:, None]
+        room: npt.NDArray[np.bool_] = ((needed <= self.free) | (needed == 0)).all(axis=0)
+        return room
+
+    def total(self, plan: Sequence[int]) -> float:
+        """Cost of a whole plan (a row per pod), INF when a rule or a node's capacity is broken."""
+        if self.overloaded(plan):
+            return INF
+        total = sum(float(self.cost[pod, row]) for pod, row in enumerate(plan))
+        return total + sum(float(self.prices(edge, plan[edge.left])[plan[edge.right]]) for edge in self.edges)
+
+    def overloaded(self, plan: Sequence[int]) -> list[int]:
+        """Rows that would hold more than they have."""
+        rows: dict[int, npt.NDArray[np.int64]] = {}
+        for pod, row in enumerate(plan):
+            if row != UNPLACED:
+                rows[row] = rows[row] + self.demand[pod] if row in rows else self.demand[pod]
+        return [row for row, needed in rows.items() if bool(((needed > self.free[:, row]) & (needed > 0)).any())]

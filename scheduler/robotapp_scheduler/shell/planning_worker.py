@@ -1,0 +1,44 @@
+"""The process that solves joint placements: orders from standard input, answers to standard output, until either ends.
+
+Frames are a length (4 bytes, big endian) and so many bytes; an empty one says that it is ready. It runs beside the
+scheduler in the same container, within limits of its own.
+"""
+
+import os
+import resource
+import signal
+import sys
+import time
+from typing import BinaryIO, Final
+
+from robotapp_scheduler.joint.message import decode_problem, encode_solution
+from robotapp_scheduler.joint.solve import solve
+
+MOST_MEMORY: Final = 768 << 20
+NICE: Final = 5
+LENGTH: Final = 4
+
+
+def limit() -> None:
+    """Take no more than what is left beside the scheduler, whose interrupts are not meant for us."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.nice(NICE)
+    resource.setrlimit(resource.RLIMIT_DATA, (MOST_MEMORY, MOST_MEMORY))
+
+
+def serve(source: BinaryIO, sink: BinaryIO) -> None:
+    """Answer orders until the scheduler closes its end."""
+    _write(sink, b"")
+    while (head := source.read(LENGTH)) and len(head) == LENGTH:
+        problem, limits = decode_problem(source.read(int.from_bytes(head, "big")))
+        _write(sink, encode_solution(solve(problem, limits, time.monotonic)))
+
+
+def _write(sink: BinaryIO, content: bytes) -> None:
+    sink.write(len(content).to_bytes(LENGTH, "big") + content)
+    sink.flush()
+
+
+if __name__ == "__main__":
+    limit()
+    serve(sys.stdin.buffer, sys.stdout.buffer)

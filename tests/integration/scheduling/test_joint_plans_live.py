@@ -1,0 +1,103 @@
+"""An app planned whole by the worker on a real API server, and placed all the same when the worker is killed."""
+
+import os
+import signal
+from itertools import product
+from pathlib import Path
+
+import pytest
+from tests.support.apiobjects import component
+from tests.support.stage import Json, Stage, deployment, nodes
+
+from robotapp_api.model.names import API_VERSION, Label
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.nodes import SimulatedNode, edge
+from robotapp_testbed.process import Process
+
+pytestmark = pytest.mark.live
+TELEMETRY = f"/apis/{API_VERSION}/nodetelemetries"
+EDGES = (("camera", "vision"), ("vision", "planner"), ("planner", "driver"), ("operator", "driver"), ("map", "planner"))
+PINNED = {"camera": "robot", "driver": "robot", "operator": "desk"}
+NEAR = ("robot", "desk", "e1", "e2", "e3")
+RTT_MS = {
+    ("robot", "e1"): 12, ("robot", "e2"): 14, ("robot", "e3"): 55, ("robot", "desk"): 30, ("e1", "e2"): 25,
+    ("e1", "e3"): 9, ("e1", "desk"): 22, ("e2", "e3"): 28, ("e2", "desk"): 6, ("e3", "desk"): 40,
+}  # fmt: skip
+FAR = 40
+"""So many nodes that cannot be reached in time make the problem one for the worker."""
+
+
+def rtt_ms(a: str, b: str) -> int:
+    return 0 if a == b else RTT_MS.get((a, b), RTT_MS.get((b, a), 1000))
+
+
+def wire_ms(where: dict[str, str]) -> int:
+    return sum(rtt_ms(where[start], where[end]) for start, end in EDGES)
+
+
+def least_wire_ms() -> int:
+    """Every node holds two pods."""
+    every = ({**PINNED, "vision": a, "planner": b, "map": c} for a, b, c in product(NEAR, repeat=3))
+    return min(wire_ms(where) for where in every if all(list(where.values()).count(node) <= 2 for node in NEAR))
+
+
+def measure(cp: ControlPlane) -> None:
+    """What the agents of the near nodes report, good for five minutes; it goes with the nodes."""
+    for name in NEAR:
+        rtt = [{"peer": peer, "p50Us": 1000 * rtt_ms(name, peer), "p95Us": 1000 * rtt_ms(name, peer)}
+               for peer in NEAR if peer != name]  # fmt: skip
+        rtt += [{"peer": f"far-{i}", "p50Us": 500_000, "p95Us": 500_000} for i in range(FAR)]
+        cp.api.create(TELEMETRY, {"apiVersion": API_VERSION, "kind": "NodeTelemetry", "metadata": {"name": name}})
+        cp.api.patch(f"{TELEMETRY}/{name}/status", {"status": {"intervalSeconds": 100, "seq": 1, "rtt": rtt}})
+
+
+def create(stage: Stage, name: str, *, pinned: dict[str, str]) -> None:
+    names = dict.fromkeys(end for ends in EDGES for end in ends)
+    edges: list[Json] = [
+        {"topic": f"/{start}", "from": start, "to": end, "latency": {"budget": "60ms"}} for start, end in EDGES
+    ]
+    app = stage.create_app(name, [component(each) for each in names], edges=edges)
+    for each in names:
+        where = {"nodeSelector": {"kubernetes.io/hostname": pinned[each]}} if each in pinned else {}
+        box = {"name": "main", "image": "registry.invalid/main:1", "resources": {"requests": {"cpu": "1"}}}
+        stage.create_deployment(deployment(app, each, containers=[box], **where))
+
+
+def placed(stage: Stage, app: str) -> dict[str, str]:
+    pods = stage.pods(**{str(Label.APP): app})
+    return {p["metadata"]["labels"][str(Label.COMPONENT)]: p["spec"].get("nodeName", "") for p in pods}
+
+
+def wait_placed(stage: Stage, app: str) -> dict[str, str]:
+    def whole() -> bool:
+        where = placed(stage, app)
+        return len(where) == 6 and all(where.values())
+
+    stage.wait(whole, what=lambda: f"{app}: {placed(stage, app)}", timeout_s=40)
+    return placed(stage, app)
+
+
+def workers(process: Process) -> list[int]:
+    """The scheduler's child processes."""
+    return [int(pid) for pid in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()]
+
+
+def world(*, cpu: str) -> list[SimulatedNode]:
+    far = [edge(f"far-{i}", cpu=cpu, zone="far") for i in range(FAR)]
+    return [*(edge(name, cpu=cpu, zone=f"zone-{name}") for name in NEAR), *far]
+
+
+def test_six_components_get_the_least_rtt_and_a_killed_worker_holds_nobody(
+    installed_plane: ControlPlane, stage: Stage, scheduler: Process
+) -> None:
+    with nodes(installed_plane, *world(cpu="2")):
+        measure(installed_plane)
+        create(stage, "teleop", pinned=PINNED)
+        where = wait_placed(stage, "teleop")
+        assert wire_ms(where) == least_wire_ms(), where
+        (worker,) = workers(scheduler)
+    with nodes(installed_plane, *world(cpu="16")):
+        measure(installed_plane)
+        os.kill(worker, signal.SIGKILL)
+        create(stage, "again", pinned=PINNED)
+        assert wire_ms(wait_placed(stage, "again")) <= 2 * least_wire_ms()

@@ -1,0 +1,224 @@
+"""Apps planned whole: the problem posed, the plan followed with every filter asked, or left for placing one by one."""
+
+from itertools import product
+from typing import Any
+
+import numpy as np
+from tests.support.pod_groups import arrive
+from tests.support.scheduling import Clock, app_object, chain, make_core, make_node, make_pod, member_pod, telemetry
+
+from robotapp_api.model.names import Label
+from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.latency_export import LatencyExport
+from robotapp_scheduler.core.posing import Posed
+from robotapp_scheduler.core.queued import QueuedPod
+from robotapp_scheduler.core.together import Advice, advice_of
+from robotapp_scheduler.joint.problem import Relation
+from robotapp_scheduler.joint.solve import Limits, Solution, solve
+
+EDGES = (
+    ("camera", "vision"), ("vision", "planner"), ("planner", "driver"), ("operator", "driver"), ("map", "planner"),
+)  # fmt: skip
+"""from, to"""
+RTT_MS = {
+    ("robot", "e1"): 12.0, ("robot", "e2"): 14.0, ("robot", "e3"): 55.0, ("robot", "desk"): 30.0,
+    ("e1", "e2"): 25.0, ("e1", "e3"): 9.0, ("e1", "desk"): 22.0,
+    ("e2", "e3"): 28.0, ("e2", "desk"): 6.0, ("e3", "desk"): 40.0,
+}  # fmt: skip
+
+
+def edge(start: str, end: str, **latency: Any) -> dict[str, Any]:
+    return {"topic": f"/{start}", "from": start, "to": end, "latency": {"budget": "60ms", **latency}}
+
+
+def teleop(core: SchedulerCore, *components: dict[str, Any], edges: list[dict[str, Any]], **spec: Any) -> None:
+    core.cluster.apply_app(app_object(*components, edges=edges, **spec))
+    for component in components:
+        for owned in chain(str(component["name"])):
+            core.cluster.apply_owner(owned)
+
+
+def field(clock: Clock | None = None) -> SchedulerCore:
+    """A robot, a desk, and three servers of which each holds two components."""
+    core = make_core(*(make_node(name, cpu="2100m") for name in ("robot", "desk", "e1", "e2", "e3")), clock=clock)
+    for here in ("robot", "e1", "e2", "e3"):
+        core.cluster.apply_telemetry(telemetry(here, rtt_ms={b: ms for (a, b), ms in RTT_MS.items() if a == here}))
+    return core
+
+
+def six(core: SchedulerCore) -> list[QueuedPod]:
+    """The app's pods, popped: camera and driver on the robot, operator at the desk, three anywhere."""
+    names = ("camera", "vision", "planner", "driver", "operator", "map")
+    teleop(core, *({"name": name} for name in names), edges=[edge(*ends) for ends in EDGES])
+    pinned = {"camera": "robot", "driver": "robot", "operator": "desk"}
+    for name in names:
+        where = {"nodeSelector": {"kubernetes.io/hostname": pinned[name]}} if name in pinned else {}
+        arrive(core, member_pod(name, cpu="1", **where))
+    return core.queue.pop()
+
+
+def planned(core: SchedulerCore, batch: list[QueuedPod]) -> tuple[Posed, Advice]:
+    posed = core.pose(batch)
+    assert posed is not None
+    return posed, advice_of(posed, solve(posed.problem, Limits(seconds=1e9, gap=0.0), lambda: 0.0))
+
+
+def rtt_ms(a: str, b: str) -> float:
+    return 0.0 if a == b else RTT_MS.get((a, b), RTT_MS.get((b, a), 1e9))
+
+
+def wire_ms(where: dict[str, str]) -> float:
+    return sum(rtt_ms(where[start], where[end]) for start, end in EDGES)
+
+
+def least_wire_ms() -> float:
+    nodes = ("robot", "desk", "e1", "e2", "e3")
+    fixed = {"camera": "robot", "driver": "robot", "operator": "desk"}
+    every = ({**fixed, "vision": a, "planner": b, "map": c} for a, b, c in product(nodes, repeat=3))
+    return min(wire_ms(where) for where in every if all(list(where.values()).count(node) <= 2 for node in nodes))
+
+
+def placed(core: SchedulerCore, batch: list[QueuedPod], advice: Advice | None) -> dict[str, str]:
+    decisions = core.schedule(batch, advice=advice)
+    return {d.pod.labels[Label.COMPONENT]: d.node for d in decisions if d.node is not None}
+
+
+def test_a_teleoperated_robot_gets_the_plan_with_the_least_rtt_over_its_edges() -> None:
+    core = field()
+    batch = six(core)
+    _, advice = planned(core, batch)
+    where = placed(core, batch, advice)
+    assert len(where) == 6
+    assert wire_ms(where) == least_wire_ms()
+    assert core.plans == {"optimal": 1}
+    record = core.explain.get(batch[0].info.uid)
+    assert record is not None
+    assert record.planned == "planned as one of 6 pods of its group; no plan is better"
+
+
+def test_a_plan_that_a_filter_refuses_is_dropped_as_a_whole_and_the_pods_are_placed_one_by_one() -> None:
+    core = field()
+    batch = six(core)
+    _, advice = planned(core, batch)
+    taken = advice.nodes[next(q.info.uid for q in batch if q.info.labels[Label.COMPONENT] == "planner")]
+    for i in range(2):
+        core.cluster.apply_pod(make_pod(f"intruder-{i}", cpu="1", node=taken))
+    where = placed(core, batch, advice)
+    assert set(where.values()) & {taken} <= {"robot"}
+    assert core.plans == {"stale": 1}
+    for name in core.cluster.nodes.row_of:
+        assert sum(1 for _ in core.cluster.pods_on(name)) <= 2
+
+
+def test_advice_without_nodes_is_told_in_the_explanation() -> None:
+    core = field()
+    batch = six(core)
+    advice = Advice({}, result="failed", why="the planning worker failed (it died): placed one by one")
+    core.schedule(batch, advice=advice)
+    record = core.explain.get(batch[0].info.uid)
+    assert record is not None
+    assert (record.planned, core.plans) == (advice.why, {"failed": 1})
+
+
+def test_nothing_is_planned_for_one_pod_without_edges_or_where_one_fits_nowhere() -> None:
+    core = field()
+    batch = six(core)
+    assert core.pose(batch[:1]) is None
+    core.cluster.remove_node("desk")
+    assert core.pose(batch) is None, "the operator's pod fits nowhere: placing one by one says why"
+    alone = field()
+    teleop(alone, {"name": "a"}, {"name": "b"}, edges=[])
+    arrive(alone, member_pod("a"), member_pod("b"))
+    assert alone.pose(alone.queue.pop()) is None
+
+
+def test_late_members_are_planned_against_those_that_run() -> None:
+    core = field()
+    batch = six(core)
+    running = {"camera": "robot", "driver": "robot", "operator": "desk", "planner": "e2"}
+    for queued in batch:
+        node = running.get(queued.info.labels[Label.COMPONENT])
+        if node is not None:
+            core.cluster.assume(queued.info, node)
+    late = [queued for queued in batch if queued.info.uid not in core.cluster.placed]
+    assert core.pose(late) is None, "vision and map have no edge between them; each has one to a pod that runs"
+    where = placed(core, late, None)
+    assert where["map"] == "e2" or rtt_ms(where["map"], "e2") <= 14.0
+
+
+def test_the_problem_holds_what_binds_the_pods() -> None:
+    core = field()
+    components = (
+        {"name": "a", "colocateWith": ["b"], "policies": {"latencyBudget": "10ms"}}, {"name": "b"},
+        {"name": "c", "separateFrom": ["a"]}, {"name": "d"},
+    )  # fmt: skip
+    edges = [
+        edge("a", "c", percentile=50, enforce="Preferred"),
+        {"topic": "/free", "from": "a", "to": "d"},
+        {"topic": "/free", "from": "c", "to": "d"},
+    ]
+    teleop(core, *components, edges=edges)
+    port = [{"name": "main", "ports": [{"hostPort": 80, "containerPort": 80}]}]
+    for name in "abcd":
+        arrive(core, member_pod(name, **({"containers": port} if name in "bd" else {})))
+    posed = core.pose(core.queue.pop())
+    assert posed is not None
+    order = [uid[-1] for uid in posed.uids]
+    named = {("".join(sorted(order[e.left] + order[e.right])), e.relation): e for e in posed.problem.edges}
+    assert {key for key in named if key[1] is not Relation.RTT} == {
+        ("ab", Relation.TOGETHER), ("ac", Relation.APART), ("bd", Relation.APART),
+    }  # fmt: skip
+    soft = named["ac", Relation.RTT]
+    assert (soft.hard, soft.which, soft.budget_us) == (False, 0, 60_000.0)
+    own = named["ad", Relation.RTT]
+    assert (own.hard, own.which, own.budget_us) == (True, 1, 10_000.0)
+    assert named["cd", Relation.RTT].budget_us == 100_000.0
+
+
+def test_without_a_latency_filter_that_denies_unknown_rtts_cost_half() -> None:
+    for args, cost in (({}, False), ({"LatencyFilter": {"unknown": "Deny"}}, True)):
+        core = make_core(make_node("n0"), make_node("n1"), args=args)
+        teleop(core, {"name": "a"}, {"name": "b"}, edges=[edge("a", "b")])
+        arrive(core, member_pod("a"), member_pod("b"))
+        posed = core.pose(core.queue.pop())
+        assert posed is not None
+        assert np.isinf(posed.problem.edges[0].unknown) == cost
+
+
+def test_a_solution_is_put_in_words() -> None:
+    core = field()
+    posed = core.pose(six(core))
+    assert posed is not None
+    rows = [0] * 6
+    assert advice_of(posed, Solution(rows, 100.0, 100.0, 1)).result == "optimal"
+    bounded = advice_of(posed, Solution(rows, 100.0, 80.0, 1))
+    assert (bounded.result, bounded.why[-32:]) == ("bounded", "; no plan is more than 20 % better"[-32:])
+    assert advice_of(posed, Solution(None, float("inf"), 3.0, 1)).result == "none"
+    impossible = advice_of(posed, Solution(None, float("inf"), float("inf"), 1))
+    assert (impossible.result, dict(impossible.nodes)) == ("impossible", {})
+    assert repr(impossible).startswith("Advice(impossible")
+
+
+def test_exported_latencies_equal_the_model() -> None:
+    clock = Clock()
+    core = make_core(clock=clock)
+    zones = {"a": "z1", "b": "z1", "c": "z2", "d": "z2", "e": ""}
+    for name, zone in zones.items():
+        core.cluster.apply_node(make_node(name, labels={str(Label.ZONE): zone} if zone else {}))
+    export = LatencyExport(core.cluster.nodes, core.cluster.rtt)
+    said: list[tuple[str, dict[str, float]]] = [
+        ("a", {"c": 20.0, "b": 1.0, "e": 7.0}), ("c", {"a": 22.0, "d": 2.0, "gone": 1.0}), ("d", {"b": 30.0}),
+    ]  # fmt: skip
+    for name, peers in said:
+        core.cluster.apply_telemetry(telemetry(name, rtt_ms=peers, p95_ms={peer: 2 * ms for peer, ms in peers.items()}))
+        clock.forward(1)
+        found = export.latencies()
+        for node, row in core.cluster.nodes.row_of.items():
+            for which, percentile in ((0, 50), (1, 95)):
+                expected = core.cluster.rtt.from_node(node, percentile).rtt_us
+                np.testing.assert_array_equal(found.row(row, which), expected, err_msg=f"{node} p{percentile}")
+    assert export.latencies() is export.latencies()
+    core.cluster.remove_node("c")
+    np.testing.assert_array_equal(
+        export.latencies().row(core.cluster.nodes.row_of["a"], 1), core.cluster.rtt.from_node("a", 95).rtt_us
+    )
