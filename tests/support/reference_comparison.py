@@ -26,8 +26,6 @@ Json = dict[str, Any]
 
 NOT_YET: Mapping[str, str] = {
     "boxed-level": "NodeResourcesFit",
-    "crowded-volumes": "DefaultPreemption",
-    "crowded-nominations": "DefaultPreemption",
 }
 """Families the product cannot decide yet, and the plugin they wait for. Whoever adds it takes them off this list."""
 

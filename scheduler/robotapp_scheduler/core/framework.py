@@ -45,8 +45,9 @@ Hooks, in the order of a cycle:
                                              unsure; raising counts as True
 
 `touched_by(pod, other) -> bool`             optional, for filters: may the coming or going of a placed pod, on any node,
-                                             change this filter's verdict about `pod`? Default: True when `node_reads`
-                                             names facts of pods. False lets preemption decide by amounts alone
+                                             change this filter's verdict about `pod`? Asked whatever `node_reads` says;
+                                             without it: True when `node_reads` names facts of pods. False lets
+                                             preemption decide by amounts alone
 `room(pod) -> mapping`                       for one filter of a profile: it passes exactly where one more pod and these
                                              amounts are free
 

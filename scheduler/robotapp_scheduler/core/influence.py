@@ -15,7 +15,8 @@ _OF_PODS = int(OF_PODS)
 class Influence:
     """The filters that have an opinion about a pod, by what their opinion depends on.
 
-    `room` is the filter that only counts amounts (it has the hook of that name), `others` are those other pods may touch.
+    `room` is the filter that only counts amounts (it has the hook of that name), `others` are those other pods may touch:
+    they say so themselves (`touched_by`), or read facts of pods.
     """
 
     def __init__(self, pod: PodInfo, evaluation: Evaluation) -> None:
@@ -24,7 +25,7 @@ class Influence:
         self._reasons = evaluation.reasons
         self.live: list[Loaded] = [column.plugin for column in self._columns]
         self.room: Loaded | None = next((plugin for plugin in self.live if plugin.room is not None), None)
-        self.others = [p for p in self.live if p is not self.room and p.interest & _OF_PODS]
+        self.others = [p for p in self.live if p is not self.room and (p.touched_by or p.interest & _OF_PODS)]
 
     def __repr__(self) -> str:
         return f"Influence(room={self.room}, others={self.others})"

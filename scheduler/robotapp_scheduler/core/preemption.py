@@ -42,8 +42,8 @@ class Outcome(NamedTuple):
     plan: Plan | None = None
 
 
-Remembered = dict[int, tuple[int, bool, Candidate | None]]
-"""Per row: (version of the row it was made of, do other filters look at its pods, who must go)."""
+Remembered = dict[int, tuple[int, Candidate | None]]
+"""Per row where amounts alone decide: (version of the row it was made of, who must go)."""
 
 
 class Failure(NamedTuple):
@@ -169,14 +169,8 @@ class _Search:
             *(each.tolist() for each in (indices, self._rows[indices], plain[indices])), strict=True
         ):
             kept = self._kept.get(row)
-            if (
-                is_plain
-                and kept is not None
-                and kept[0] == self._versions[row]
-                and not kept[1]
-                and row not in self._held
-            ):
-                candidate = kept[2]
+            if is_plain and kept is not None and kept[0] == self._versions[row] and row not in self._held:
+                candidate = kept[1]
             else:
                 candidate = self._look(i, row)
             if candidate is None:
@@ -206,27 +200,29 @@ class _Search:
 
     def _look(self, i: int, row: int) -> Candidate | None:
         promised = self._held.get(row, ())
-        touched, candidate = self._by_amounts(row)
-        if touched or any(self._influence.touched(record) for record in promised):
+        if self._touched(row) or any(self._influence.touched(record) for record in promised):
             return self._by_trial(i, row, promised)
-        if self._first[i] != 0 or not promised:
-            return candidate if self._first[i] == 0 else None
-        lower = lower_pods(self._cluster, row, self._pod.priority, self._spared)
-        return self._whole_numbers(row, lower, promised)
+        if self._first[i] != 0:
+            return None
+        if promised:
+            return self._whole_numbers(row, promised)
+        candidate = self._whole_numbers(row, ())
+        self._kept[row] = (self._versions[row], candidate)
+        return candidate
 
-    def _by_amounts(self, row: int) -> tuple[bool, Candidate | None]:
-        """(do other filters mind its lower pods, victims by amounts), kept until anything about the row changes."""
-        version = self._versions[row]
+    def _touched(self, row: int) -> bool:
+        """Do other filters mind the lower pods of a row? Not where amounts have decided, until something changes there."""
         kept = self._kept.get(row)
-        if kept is not None and kept[0] == version:
-            return kept[1], kept[2]
-        lower = lower_pods(self._cluster, row, self._pod.priority, self._spared)
-        touched = self._influence.room is None or any(self._influence.touched(pod) for pod in lower)
-        candidate = None if touched else self._whole_numbers(row, lower, ())
-        self._kept[row] = (version, touched, candidate)
-        return touched, candidate
+        if kept is not None and kept[0] == self._versions[row]:
+            return False
+        if self._influence.room is None or not self._influence.others:
+            return self._influence.room is None
+        priority, spared = self._pod.priority, self._spared
+        pods = self._cluster.pods_on(self._cluster.nodes.names[row])
+        return any(pod.priority < priority and pod.uid not in spared and self._influence.touched(pod) for pod in pods)
 
-    def _whole_numbers(self, row: int, lower: Sequence[PlacedPod], promised: Sequence[PlacedPod]) -> Candidate | None:
+    def _whole_numbers(self, row: int, promised: Sequence[PlacedPod]) -> Candidate | None:
+        lower = lower_pods(self._cluster, row, self._pod.priority, self._spared)
         room = self._influence.room
         wishes = room.room(self._pod) if room is not None and room.room is not None else {}
         return by_amounts(self._cluster, row, lower, wishes, promised)
@@ -243,7 +239,7 @@ class _Search:
         """What stands against a node with every lower pod gone: amounts, or what was promised to others there."""
         row = int(self._rows[i])
         promised = self._held.get(row, ())
-        if promised or self._by_amounts(row)[0]:
+        if promised or self._touched(row):
             self._by_trial(i, row, promised)
             return self._reasons.get(i, 0)
         return int(self._first[i])

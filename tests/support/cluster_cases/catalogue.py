@@ -98,10 +98,6 @@ CLASHES = (
     {"bound-claims", "volume-zones", "volume-limits", "missing-drivers"},
     {"static-volumes", "provisioning", "storage-capacity"},
     {"storage-capacity", "missing-drivers"},
-    # The second family has a mixture of its own: crowded-volumes.
-    {"preemption", "disruption-budgets", "exclusive-claims"},
-    {"preemption", "disruption-budgets", "inline-disks"},
-    {"preemption", "disruption-budgets", "volume-limits"},
     {"pod-level", *_CONTAINERS},
     {"boxed-level", *_CONTAINERS},
     {"pod-level", "boxed-level", "overhead"},

@@ -24,7 +24,7 @@ class VolumeRestrictions:
     name = "VolumeRestrictions"
     reads = ("volumes",)
     node_reads = ("name",)
-    row_local = True
+    row_local = False  # a one-pod claim in use anywhere refuses every node
     events = Change.POD_REMOVED | Change.NODE_ADDED | Change.PVC
     hint_reads = ("mounts",)
     resolvable = True
