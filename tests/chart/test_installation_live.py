@@ -28,8 +28,11 @@ def settle_namespace(chart: Chart) -> None:
     plane = chart.plane
     if f"namespace/{NAMESPACE}" not in plane.kubectl("get", "namespace", "-o", "name").split():
         plane.kubectl("create", "namespace", NAMESPACE)
-    wait_for = ("serviceaccount/default", "configmap/kube-root-ca.crt")
-    plane.kubectl("wait", "--for=create", *wait_for, "-n", NAMESPACE, "--timeout=30s")
+    for name in (
+        "serviceaccount/default",
+        "configmap/kube-root-ca.crt",
+    ):  # given both, kubectl fails if neither exists yet
+        plane.kubectl("wait", "--for=create", name, "-n", NAMESPACE, "--timeout=30s")
 
 
 def pool_field(chart: Chart, field: str) -> str:
