@@ -46,6 +46,7 @@ class Cache:
 
     def __init__(self) -> None:
         self.apps: dict[str, Record] = {}
+        self._announced: dict[str, tuple[object, ...]] = {}
         self.sharing = Sharing()
         self.nodes: dict[str, Node] = {}
         self.telemetry: dict[str, Telemetry] = {}
@@ -63,6 +64,13 @@ class Cache:
 
     def __repr__(self) -> str:
         return f"<Cache: {len(self.apps)} apps, {len(self.nodes)} nodes, {sum(map(len, self.pods.values()))} pods>"
+
+    def announce(self, record: Record) -> bool:
+        """Whether this app wants something else than at its last event, which is remembered."""
+        if self._announced.get(record.uid) == record.wish_mark:
+            return False
+        self._announced[record.uid] = record.wish_mark
+        return True
 
     def update_app(self, body: Mapping[str, Any]) -> Record:
         """Keep the newer of two copies of a RobotApp: a watch event may be older than the answer to our own write."""
@@ -121,6 +129,7 @@ class Cache:
         return found
 
     def forget_app(self, uid: str) -> None:
+        self._announced.pop(uid, None)
         record = self.apps.pop(uid, None)
         if record is not None and record.app is not None:
             self.sharing.drop(record.app)

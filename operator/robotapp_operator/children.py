@@ -167,10 +167,10 @@ class Children:
                 raise
             self._gone(known)
             return None
-        record = self._cache.update_app(body)
-        if record.uid != uid:
+        if body["metadata"]["uid"] != uid:  # its successor of the same name is announced by an event of its own
             self._gone(known)
             return None
+        record = self._cache.update_app(body)
         return None if record.deleting else record.app
 
     def _gone(self, record: Record) -> None:

@@ -24,14 +24,14 @@ def observe(kind: str | None, body: Mapping[str, Any], cache: Cache, queue: Queu
     """A status write (ours, mostly) only needs the status compared; everything else plans the app anew."""
     meta = body["metadata"]
     uid, key = meta["uid"], (meta.get("namespace", ""), meta["name"])
-    before = cache.apps.get(uid)
     if kind == "DELETED":
         cache.forget_app(uid)
         queue.add(Key(Work.APP, uid))
         wake_sharers(cache, queue, key)
         return
     after = cache.update_app(body)
-    if before is not None and before.wish_mark == after.wish_mark:
+    # Answers to our own reads and writes reach the cache before their event does: what counts is what was announced.
+    if not cache.announce(after):
         queue.add(Key(Work.STATUS, uid))
         return
     queue.forgive(uid)  # what failed, failed with another spec

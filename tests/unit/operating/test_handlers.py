@@ -104,3 +104,21 @@ def test_an_edit_ends_the_back_off_of_the_app_and_of_its_followers() -> None:
         world.queue.add(key)
     found = {item[0] for item in iter(world.queue.pop, None)}
     assert found == keys - {Key(Work.CHILDREN, "uid-3", "")}
+
+
+def test_what_our_own_read_or_write_learned_first_is_still_planned_at_its_event() -> None:
+    # The answer to a status write carries the spec as it is by then; the event of that edit comes later.
+    world = World()
+    world.see("ADDED", version(app_body(), 10))
+    edited = version(app_body(generation=2), 11)
+    world.cache.update_app(edited)
+    assert world.see("MODIFIED", edited) == [Key(Work.APP, "uid-1")]
+    assert world.see("MODIFIED", version(app_body(generation=2), 12)) == [Key(Work.STATUS, "uid-1")]
+
+
+def test_a_successor_that_was_read_before_its_event_is_planned() -> None:
+    world = World()
+    world.see("ADDED", version(app_body(), 10))
+    world.cache.update_app(version(app_body(uid="uid-2"), 12))
+    world.see("DELETED", version(app_body(), 11))
+    assert world.see("ADDED", version(app_body(uid="uid-2"), 12)) == [Key(Work.APP, "uid-2")]
