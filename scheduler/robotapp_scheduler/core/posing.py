@@ -22,9 +22,9 @@ from robotapp_scheduler.core.robotics import Component
 from robotapp_scheduler.core.robotics import Edge as Connection
 from robotapp_scheduler.joint.problem import INF, Edge, Problem, Relation
 
-MOST_PODS: Final = 48
-MOST_EDGES: Final = 160
-"""Larger groups are placed one after the other, as before."""
+MOST_PODS: Final = 96
+MOST_EDGES: Final = 320
+"""A RobotApp has up to 64 components and 256 edges; groups larger by replicas are placed one after the other."""
 USUAL_CEILING_US: Final = 100_000.0
 BOTH_ENDS: Final = 2 * 100.0
 """Each end of a connection scores it from 0 to 100."""

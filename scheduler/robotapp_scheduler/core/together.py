@@ -1,7 +1,7 @@
 """The pods of one group, placed in one go against each other's assumed places.
 
-Greedy, most constrained first; a pod that finds no place is moved to the front and the plan starts over. What must be
-placed whole is placed whole or not at all (core.whole).
+Greedy, along the edges of the app; a pod that finds no place is moved to the front and the plan starts over. What must
+be placed whole is placed whole or not at all (core.whole).
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,6 +11,7 @@ from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.explain import ExplainRing
 from robotapp_scheduler.core.framework import Code
+from robotapp_scheduler.core.group_order import group_order
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.posing import Posed
 from robotapp_scheduler.core.whole import all_or_none
@@ -89,8 +90,8 @@ def plan_together(
             "the plan could not be followed, the cluster had changed: placed one by one",
         )
     room = {pod.uid: core.room(pod, name_up_to=FEW_CANDIDATES) for pod in pods}
-    order = sorted(pods, key=lambda pod: (room[pod.uid][0], pod.namespace, pod.name))
     apps = core.cluster.apps
+    order = group_order(pods, {uid: count for uid, (count, _) in room.items()}, apps)
     # A peer that comes later counts by the best node it may still use.
     apps.expect({pod.member: room[pod.uid][1] for pod in pods if pod.member is not None and room[pod.uid][1]})
     try:

@@ -101,3 +101,45 @@ def test_six_components_get_the_least_rtt_and_a_killed_worker_holds_nobody(
         os.kill(worker, signal.SIGKILL)
         create(stage, "again", pinned=PINNED)
         assert wire_ms(wait_placed(stage, "again")) <= 2 * least_wire_ms()
+
+
+# --- As large as an app may be ---------------------------------------------------------------------------------------
+
+HALL = ("h1", "h2", "h3", "h4")
+CLOUD_MS, HALL_MS = 60, 15
+RING = 64
+
+
+def measure_hall(cp: ControlPlane) -> None:
+    """Every machine of the hall has measured all others and the cloud."""
+    for name in HALL:
+        peers = {peer: HALL_MS for peer in HALL if peer != name} | {"far-cloud": CLOUD_MS}
+        rtt = [{"peer": peer, "p50Us": 1000 * ms, "p95Us": 1000 * ms} for peer, ms in peers.items()]
+        cp.api.create(TELEMETRY, {"apiVersion": API_VERSION, "kind": "NodeTelemetry", "metadata": {"name": name}})
+        cp.api.patch(f"{TELEMETRY}/{name}/status", {"status": {"intervalSeconds": 100, "seq": 1, "rtt": rtt}})
+
+
+@pytest.mark.usefixtures("scheduler")
+def test_a_ring_of_sixty_four_components_runs_on_nodes_of_which_one_is_too_far(
+    installed_plane: ControlPlane, stage: Stage
+) -> None:
+    """A ring is the hardest order to walk: whoever comes last has two neighbours that stand already."""
+    hall = [edge(name, cpu="4", zone="hall") for name in HALL]
+    with nodes(installed_plane, *hall, edge("far-cloud", cpu="64", zone="far")):
+        measure_hall(installed_plane)
+        names = [f"c{i}" for i in range(RING)]
+        edges: list[Json] = [
+            {"topic": f"/t{i}", "from": name, "to": names[(i + 1) % RING], "latency": {"budget": "30ms"}}
+            for i, name in enumerate(names)
+        ]
+        app = stage.create_app("ring", [component(name) for name in names], edges=edges)
+        box = {"name": "main", "image": "registry.invalid/main:1", "resources": {"requests": {"cpu": "1m"}}}
+        installed_plane.api.each(lambda name: stage.create_deployment(deployment(app, name, containers=[box])), names)
+
+        def whole() -> bool:
+            where = placed(stage, "ring")
+            return len(where) == RING and all(where.values())
+
+        stage.wait(whole, what=lambda: f"{placed(stage, 'ring')}", timeout_s=60)
+        where = placed(stage, "ring")
+        assert len({node == "far-cloud" for node in where.values()}) == 1, where
