@@ -95,6 +95,6 @@ def _parser(environment: Mapping[str, str]) -> argparse.ArgumentParser:
         "--insecure-explain",
         action="store_true",
         default=given("insecure-explain", "").lower() in {"1", "true", "yes"},
-        help="development only: /explain answers without asking who you are",
+        help="development only: the port answers without asking who you are",
     )
     return parser

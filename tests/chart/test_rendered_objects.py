@@ -143,6 +143,29 @@ def test_the_schedulers_port_is_probed_and_scraped_over_tls(rendered: list[Objec
         assert "scheme" not in named(rendered, kind, "robotapp-operator")["spec"][field][0]
 
 
+def test_the_scheduler_is_scraped_with_a_token_that_may_get_metrics_and_nothing_else(rendered: list[Object]) -> None:
+    for kind, field in (("PodMonitor", "podMetricsEndpoints"), ("ServiceMonitor", "endpoints")):
+        shown = named(rendered, kind, "robotapp-scheduler")["spec"][field][0]["authorization"]["credentials"]
+        assert shown == {"name": "robotapp-metrics-token", "key": "token"}
+        assert "authorization" not in named(rendered, kind, "robotapp-operator")["spec"][field][0]
+    secret = named(rendered, "Secret", "robotapp-metrics-token")
+    assert secret["metadata"]["annotations"] == {"kubernetes.io/service-account.name": "robotapp-metrics"}
+    bound = [
+        item["roleRef"]["name"]
+        for item in of_kind(rendered, "RoleBinding", "ClusterRoleBinding")
+        if any(subject["name"] == "robotapp-metrics" for subject in item["subjects"])
+    ]
+    assert bound == ["robotapp-metrics-reader"]
+    role = named(rendered, "ClusterRole", "robotapp-metrics-reader")
+    assert role["rules"] == [{"nonResourceURLs": ["/metrics"], "verbs": ["get"]}]
+
+
+def test_without_monitors_there_is_no_token(chart: Chart) -> None:
+    objects = chart.render()
+    assert of_kind(objects, "Secret") == []
+    assert "robotapp-metrics" not in {item["metadata"]["name"] for item in of_kind(objects, "ServiceAccount")}
+
+
 def test_a_given_certificate_is_mounted_and_served(chart: Chart) -> None:
     spec = pod_spec(chart.render({"scheduler.tls.secretName": "cert"}), "scheduler")
     assert "--tls-cert-file=/etc/robotapp-tls/tls.crt" in spec["containers"][0]["args"]

@@ -1,4 +1,4 @@
-"""The pages that are not for everybody: /explain, /configz and /simulate.
+"""The pages that are not for everybody: /metrics, /explain, /configz and /simulate.
 
 Who asks is settled first, then what they may see; every refusal says what would help.
 """
@@ -8,6 +8,8 @@ from typing import Any, Final, Protocol
 
 import msgspec
 from aiohttp import web
+from prometheus_client import CollectorRegistry
+from prometheus_client.exposition import CONTENT_TYPE_LATEST, generate_latest
 
 from robotapp_api.client.errors import ClientError
 from robotapp_scheduler.shell.access import Access, Caller, certified
@@ -41,12 +43,19 @@ class Everything:
 
 
 class Answers:
-    """Explanations and the configuration in use."""
+    """Metrics, explanations and the configuration in use."""
 
     def __init__(
-        self, *, gate: Gate, explain: Explain, config: Callable[[], Mapping[str, Any]], simulator: Simulator
+        self,
+        *,
+        gate: Gate,
+        registry: CollectorRegistry,
+        explain: Explain,
+        config: Callable[[], Mapping[str, Any]],
+        simulator: Simulator,
     ) -> None:
         self._gate = gate
+        self._registry = registry
         self._explain = explain
         self._config = config
         self._simulator = simulator
@@ -56,13 +65,20 @@ class Answers:
 
     def add_to(self, router: web.UrlDispatcher) -> None:
         """Register the pages."""
+        router.add_get("/metrics", self._metrics)
         router.add_get("/configz", self._configz)
         router.add_get("/explain/{namespace}/{pod}", self._explained)
         router.add_get("/simulate", self._wanted)
         router.add_post("/simulate", self._simulated)
 
+    async def _metrics(self, request: web.Request) -> web.Response:
+        refused = await self._refused(request, "get", "/metrics")
+        if refused:
+            return refused
+        return web.Response(body=generate_latest(self._registry), headers={"Content-Type": CONTENT_TYPE_LATEST})
+
     async def _configz(self, request: web.Request) -> web.Response:
-        refused = await self._refused(self._gate.path(caller(request), "get", "/configz"), "you may not get /configz")
+        refused = await self._refused(request, "get", "/configz")
         return refused or as_json({"kubescheduler.config.k8s.io": self._config()})
 
     async def _explained(self, request: web.Request) -> web.Response:
@@ -81,13 +97,11 @@ class Answers:
         return as_json(found)
 
     async def _wanted(self, request: web.Request) -> web.Response:
-        refused = await self._refused(self._gate.path(caller(request), "get", "/simulate"), "you may not get /simulate")
+        refused = await self._refused(request, "get", "/simulate")
         return refused or as_json({"resources": self._simulator.wanted()})
 
     async def _simulated(self, request: web.Request) -> web.Response:
-        refused = await self._refused(
-            self._gate.path(caller(request), "post", "/simulate"), "you may not post /simulate"
-        )
+        refused = await self._refused(request, "post", "/simulate")
         if refused:
             return refused
         replay = request.query.get("replay", "0")
@@ -96,13 +110,14 @@ class Answers:
         found = await self._simulator.simulate(request.content.iter_chunked(1 << 16), replay=int(replay))
         return web.Response(status=found.status, body=found.body, content_type="application/json")
 
-    async def _refused(self, asked: Awaitable[Access], text: str) -> web.Response | None:
-        access = await self._ask(asked)
+    async def _refused(self, request: web.Request, verb: str, path: str) -> web.Response | None:
+        """Why the caller may not use this path of ours; None when it may."""
+        access = await self._ask(self._gate.path(caller(request), verb, path))
         if not isinstance(access, Access):
             return access
         if access is Access.UNKNOWN_CALLER:
             return problem(401, WHO_ARE_YOU)
-        return None if access is Access.ALL else problem(403, text)
+        return None if access is Access.ALL else problem(403, f"you may not {verb} {path}")
 
     @staticmethod
     async def _ask(asked: Awaitable[Access]) -> Access | web.Response:

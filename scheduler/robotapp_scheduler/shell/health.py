@@ -1,4 +1,4 @@
-"""The HTTPS side of the process: liveness, readiness and metrics for everybody, answers for who may have them.
+"""The HTTPS side of the process: liveness and readiness for everybody, the answers for who may have them.
 
 `/livez` says the event loop turns and leadership is renewed; `/readyz` names what is still missing.
 """
@@ -8,8 +8,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from aiohttp import web
-from prometheus_client import CollectorRegistry
-from prometheus_client.exposition import CONTENT_TYPE_LATEST, generate_latest
 
 from robotapp_scheduler.shell.answers import Answers
 
@@ -18,7 +16,6 @@ from robotapp_scheduler.shell.answers import Answers
 class Pages:
     """What the endpoint serves; every field is asked at request time."""
 
-    registry: CollectorRegistry
     answers: Answers
     ready_checks: dict[str, Callable[[], bool]] = field(default_factory=dict)
     live_checks: dict[str, Callable[[], bool]] = field(default_factory=dict)
@@ -33,14 +30,10 @@ def application(pages: Pages) -> web.Application:
     async def ready(_: web.Request) -> web.Response:
         return _checked(pages.ready_checks | pages.live_checks)
 
-    async def metrics(_: web.Request) -> web.Response:
-        return web.Response(body=generate_latest(pages.registry), headers={"Content-Type": CONTENT_TYPE_LATEST})
-
     app = web.Application()
     app.router.add_get("/livez", live)
     app.router.add_get("/healthz", live)
     app.router.add_get("/readyz", ready)
-    app.router.add_get("/metrics", metrics)
     pages.answers.add_to(app.router)
     return app
 

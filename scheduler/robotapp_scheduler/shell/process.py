@@ -274,8 +274,13 @@ class Scheduler:
     def _pages(self) -> health.Pages:
         gate = Everything() if self._options.insecure_explain else Gatekeeper(self._client)
         return health.Pages(
-            registry=self.metrics.registry,
-            answers=Answers(gate=gate, explain=self._explainer, config=self.running.as_json, simulator=self._simulator),
+            answers=Answers(
+                gate=gate,
+                registry=self.metrics.registry,
+                explain=self._explainer,
+                config=self.running.as_json,
+                simulator=self._simulator,
+            ),
             ready_checks={"informer-sync": self.feed.synced.is_set, "shutdown": lambda: not self._stop.is_set()},
             live_checks={"leader-election": self._leads, "scheduling-loop": self._turns},
         )

@@ -129,3 +129,50 @@ def test_the_configuration_is_for_who_may_get_the_path(installed_plane: ControlP
     assert status == 200
     assert len(found["kubescheduler.config.k8s.io"]["profiles"]) == 2
     assert get(guarded, "/configz", bearer=token(installed_plane, "tenant"))[0] == 403
+
+
+# --- Metrics ---------------------------------------------------------------------------------------------------------
+
+RBAC = "/apis/rbac.authorization.k8s.io/v1"
+READER = "robotapp-metrics-reader"
+"""The chart's role for who scrapes."""
+
+
+def scrape(scheduler: Process, bearer: str = "") -> tuple[int, str]:
+    headers = {"Authorization": f"Bearer {bearer}"} if bearer else {}
+    request = urllib.request.Request(f"{scheduler.health_url}/metrics", headers=headers)  # noqa: S310 - our own
+    try:
+        with urllib.request.urlopen(request, context=unverified()) as answer:  # noqa: S310 - our own
+            return answer.status, answer.read().decode()
+    except urllib.error.HTTPError as error:
+        return error.code, error.read().decode()
+
+
+def test_metrics_are_for_who_may_get_them_and_health_is_for_everybody(
+    installed_plane: ControlPlane, stage: Stage, guarded: Process
+) -> None:
+    cp, name = installed_plane, f"scraper-{stage.namespace}"
+    assert scrape(guarded)[0] == 401
+    assert scrape(guarded, "made-up")[0] == 401
+    status, text = scrape(guarded, token(cp, "tenant"))
+    assert (status, "scheduler_" in text) == (403, False)
+    for path in ("/livez", "/healthz", "/readyz"):
+        with urllib.request.urlopen(f"{guarded.health_url}{path}", context=unverified()) as answer:  # noqa: S310 - our own
+            assert answer.status == 200
+    account = f"/api/v1/namespaces/{stage.namespace}/serviceaccounts"
+    cp.api.create(account, {"metadata": {"name": name}})
+    group = "rbac.authorization.k8s.io"
+    binding = {
+        "metadata": {"name": name},
+        "roleRef": {"apiGroup": group, "kind": "ClusterRole", "name": READER},
+        "subjects": [{"kind": "ServiceAccount", "name": name, "namespace": stage.namespace}],
+    }
+    cp.api.create(f"{RBAC}/clusterrolebindings", binding)
+    try:
+        issued = cp.api.create(f"{account}/{name}/token", {"spec": {"expirationSeconds": 600}})["status"]["token"]
+        status, text = scrape(guarded, issued)
+        assert status == 200
+        assert "# TYPE scheduler_schedule_attempts_total counter" in text
+        assert get(guarded, "/configz", bearer=issued)[0] == 403
+    finally:
+        cp.api.delete(f"{RBAC}/clusterrolebindings/{name}")

@@ -26,9 +26,9 @@ class Site:
         self.asked: list[tuple[str, str]] = []
         self.metrics = Metrics(CollectorRegistry())
         self.pages = Pages(
-            registry=self.metrics.registry,
             answers=Answers(
                 gate=self,
+                registry=self.metrics.registry,
                 explain=self.explain,
                 config=lambda: {"profiles": ["ours"]},
                 simulator=Simulator(Running(built_in(catalogue()))),
@@ -94,6 +94,20 @@ async def test_metrics_carry_upstream_names_and_buckets(site: tuple[Site, str]) 
     assert 'scheduler_schedule_attempts_total{profile="ours",result="scheduled"} 1.0' in text
     assert 'scheduler_pod_scheduling_sli_duration_seconds_bucket{attempts="1",le="0.02"} 1.0' in text
     assert 'scheduler_pending_pods{queue="active"} 3.0' in text
+
+
+async def test_metrics_are_for_who_may_get_the_path_and_health_is_for_everybody(site: tuple[Site, str]) -> None:
+    found, url = site
+    assert (await get(f"{url}/metrics", Authorization="Bearer t1"))[0] == 200
+    assert found.asked == [("t1", "get /metrics")]
+    for access, status, text in ((Access.FORBIDDEN, 403, "get /metrics"), (Access.UNKNOWN_CALLER, 401, "bearer token")):
+        found.answer = access
+        answer = await get(f"{url}/metrics")
+        assert answer[0] == status
+        assert text in answer[1]
+        assert "scheduler_" not in answer[1]
+        for path in ("livez", "healthz", "readyz"):
+            assert await get(f"{url}/{path}") == (200, "ok")
 
 
 async def test_configz_shows_what_the_process_runs_with_to_who_may_get_it(site: tuple[Site, str]) -> None:
