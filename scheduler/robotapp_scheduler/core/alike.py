@@ -9,7 +9,7 @@ from sys import intern
 from typing import Any, Final, TypeVar
 
 from robotapp_scheduler.core.objects import Pod
-from robotapp_scheduler.core.pods import controller_of
+from robotapp_scheduler.core.shapes import controller_of
 
 T = TypeVar("T", bound=Hashable)
 

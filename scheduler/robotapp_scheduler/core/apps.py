@@ -10,8 +10,9 @@ from typing import NamedTuple
 from robotapp_api.model.names import ROBOT_END
 from robotapp_api.values.duration import parse_us
 from robotapp_scheduler.core.objects import Owned, Pod
-from robotapp_scheduler.core.pods import Member, controller_of, member_of
+from robotapp_scheduler.core.pods import Member, member_of
 from robotapp_scheduler.core.robotics import Component, Edge, RobotApp
+from robotapp_scheduler.core.shapes import controller_of
 
 
 class Link(NamedTuple):

@@ -14,7 +14,7 @@ from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.evaluation import Evaluation, Tally
 from robotapp_scheduler.core.filter_column import FilterColumn, Reasons
 from robotapp_scheduler.core.framework import Code, Loaded, Status
-from robotapp_scheduler.core.pods import LIVE, PodInfo
+from robotapp_scheduler.core.pods import LIVE, OWN_FEATURES, PodInfo
 from robotapp_scheduler.core.profiles import Profile
 from robotapp_scheduler.core.score_column import score_column
 from robotapp_scheduler.core.view import Nodes
@@ -57,7 +57,9 @@ class Engine:
         self._reasons = Reasons()
         self._columns = ColumnCache(self._reasons)
         self._classes: OrderedDict[Hashable, Evaluation] = OrderedDict()
-        self._static_reads = tuple(name for name in profile.reads if not name.startswith(LIVE))
+        static = [name for name in profile.reads if not name.startswith(LIVE)]
+        self._shape_reads = tuple(name for name in static if name not in OWN_FEATURES)
+        self._own_reads = tuple(name for name in static if name in OWN_FEATURES)
         self._remembered: OrderedDict[Hashable, dict[Any, Any]] = OrderedDict()
         self._generation = 0
         self._class_ids: dict[Hashable, int] = {}
@@ -220,16 +222,16 @@ class Engine:
         return evaluation
 
     def _class_key(self, pod: PodInfo) -> Hashable:
-        """Everything the plugins read. The part that never changes for a pod is a number, found once per pod."""
-        number = pod.class_number(self)
+        """Everything the plugins read. The part that replicas have in common is a number, found once for all of them."""
+        number = pod.shape.class_number(self)
         if number is None:
-            key = pod.features(self._static_reads)
+            key = pod.features(self._shape_reads)
             if len(self._class_ids) > MOST_CLASS_IDS:
                 self._class_ids.clear()
                 self._generation += MOST_CLASS_IDS + 1
             number = self._class_ids.setdefault(key, self._generation + len(self._class_ids))
-            pod.set_class_number(self, number)
-        return (number, pod.ros, pod.volume_key)
+            pod.shape.set_class_number(self, number)
+        return (number, pod.features(self._own_reads), pod.ros, pod.volume_key)
 
     def _most_classes(self) -> int:
         size = max(self._cluster.nodes.size, 1)

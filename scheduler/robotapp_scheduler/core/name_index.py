@@ -1,7 +1,8 @@
 """Placed pods by namespace and name, and by the name of their Deployment."""
 
 from robotapp_scheduler.core.objects import Pod
-from robotapp_scheduler.core.pods import PlacedPod, controller_of
+from robotapp_scheduler.core.pods import PlacedPod
+from robotapp_scheduler.core.shapes import controller_of
 
 
 class NameIndex:

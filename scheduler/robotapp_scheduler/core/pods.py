@@ -11,34 +11,26 @@ from typing import Final, NamedTuple
 import msgspec
 
 from robotapp_api.model.names import Label
-from robotapp_api.values.requests import PodRequests, pod_requests
+from robotapp_api.values.requests import PodRequests
 from robotapp_scheduler.core.affinity_index import PlacedTerm
-from robotapp_scheduler.core.affinity_terms import affinity_key
 from robotapp_scheduler.core.annotations import parse_annotations
 from robotapp_scheduler.core.label_sets import LabelSet
-from robotapp_scheduler.core.needs import needs_of
-from robotapp_scheduler.core.objects import Affinity, Container, NodeAffinity, OwnerReference, Pod, Toleration
+from robotapp_scheduler.core.objects import Affinity, NodeAffinity, OwnerReference, Pod, Toleration
 from robotapp_scheduler.core.pod_groups import group_ref_of
 from robotapp_scheduler.core.pod_volumes import PodVolumes, volumes_of
 from robotapp_scheduler.core.ros import InvalidAnnotation, RosContext, RosRequest
+from robotapp_scheduler.core.shapes import HostPort, controller_of, shape_of
 
-ANY_IP: Final = "0.0.0.0"  # noqa: S104 - the wildcard a hostPort without hostIP stands for, nothing is bound here
 ROS_FEATURES: Final = "ros"
 VOLUME_FEATURE: Final = "volumes"
+OWN_FEATURES: Final = frozenset({"uid", "name", "annotations", "node_name"})
+"""Features in which replicas differ; the others follow from the pod's shape."""
 LIVE: Final = (ROS_FEATURES, VOLUME_FEATURE)
 """Features that depend on more than the pod: found anew at each attempt, never kept."""
 NO_ROS: Final[tuple[Hashable, ...]] = (None,)
 """Key of every plugin that reads parts of "ros", for a pod without ROS fields."""
 SYSTEM_CRITICAL: Final = 2_000_000_000
 """Priorities from here on belong to system-node-critical and system-cluster-critical."""
-
-
-class HostPort(NamedTuple):
-    """A port the pod takes on its node."""
-
-    ip: str
-    protocol: str
-    port: int
 
 
 class Member(NamedTuple):
@@ -68,8 +60,8 @@ class PodInfo:
         """(QoS class, reliability, liveliness) for the queue; None for a pod without ROS fields."""
         self.volume_key: Hashable = None
         """What its volumes look like right now; None for a pod without volumes. Set like `ros`."""
-        self._class: tuple[object, int] | None = None
-        self._keys: dict[tuple[str, ...], tuple[Hashable, ...]] = {}
+        self.shape = shape_of(pod)
+        """What it has in common with other replicas."""
 
     def __repr__(self) -> str:
         return f"PodInfo({self.key}, uid={self.uid}, priority={self.priority})"
@@ -94,10 +86,10 @@ class PodInfo:
         """Stands before every ROS tier in the queue."""
         return self.priority >= SYSTEM_CRITICAL
 
-    @cached_property
+    @property
     def requests(self) -> PodRequests:
         """Sums of resources; raises ValueError when a quantity cannot be read."""
-        return requests_of(self.pod)
+        return self.shape.requests
 
     @property
     def tolerations(self) -> tuple[Toleration, ...]:
@@ -119,30 +111,30 @@ class PodInfo:
         """spec.affinity.nodeAffinity."""
         return self.pod.spec.affinity.node_affinity if self.pod.spec.affinity else None
 
-    @cached_property
+    @property
     def affinity_key(self) -> bytes:
         """Pod affinity and anti-affinity as a key, b"" without any."""
-        return affinity_key(self.pod.spec.affinity)
+        return self.shape.affinity_key
 
-    @cached_property
+    @property
     def images(self) -> tuple[str, ...]:
         """Images of init containers, containers and image volumes, by the names nodes report them under."""
-        return images(self.pod)
+        return self.shape.images
 
-    @cached_property
+    @property
     def host_ports(self) -> tuple[HostPort, ...]:
         """Ports the pod takes on its node, each once."""
-        return host_ports(self.pod)
+        return self.shape.host_ports
 
     @cached_property
     def volumes(self) -> PodVolumes | None:
         """Claims and inline disks; None for a pod whose volumes decide nothing."""
         return volumes_of(self.pod)
 
-    @cached_property
+    @property
     def needs(self) -> frozenset[str]:
         """Features the node must declare."""
-        return needs_of(self.pod.spec)
+        return self.shape.needs
 
     @property
     def controller(self) -> OwnerReference | None:
@@ -156,10 +148,11 @@ class PodInfo:
 
     def features(self, names: tuple[str, ...]) -> tuple[Hashable, ...]:
         """The values of some features as a key: two pods with equal keys are equal to every rule that reads these."""
-        key = self._keys.get(names)
+        key = self.shape.keys.get(names)
         if key is None:
             key = tuple(FEATURES[name](self) for name in names)
-            self._keys[names] = key
+            if OWN_FEATURES.isdisjoint(names):
+                self.shape.keys[names] = key
         return key
 
     def live_features(self, names: tuple[str, ...]) -> tuple[Hashable, ...]:
@@ -167,19 +160,6 @@ class PodInfo:
         if names == (VOLUME_FEATURE,):
             return (self.volume_key,)
         return NO_ROS if self.ros is None else tuple(FEATURES[name](self) for name in names)
-
-    def class_number(self, owner: object) -> int | None:
-        """The number `owner` gave this pod's class, None before it did."""
-        return self._class[1] if self._class is not None and self._class[0] is owner else None
-
-    def set_class_number(self, owner: object, number: int) -> None:
-        """Keep the number of the pod's class."""
-        self._class = (owner, number)
-
-
-def requests_of(pod: Pod) -> PodRequests:
-    """What a pod asks for, or holds while it is resized in place. Raises ValueError for what is no quantity."""
-    return pod_requests(pod.spec, pod.status if pod.status.resizes else None)
 
 
 def _sorted_items(mapping: dict[str, str]) -> Hashable:
@@ -261,38 +241,7 @@ def member_of(labels: dict[str, str]) -> Member | None:
     return Member(uid, labels.get(Label.INSTANCE, ""), labels.get(Label.COMPONENT, ""))
 
 
-def controller_of(owners: list[OwnerReference] | None) -> OwnerReference | None:
-    """The managing owner, if any."""
-    for owner in owners or ():
-        if owner.controller:
-            return owner
-    return None
-
-
-def host_ports(pod: Pod) -> tuple[HostPort, ...]:
-    """Host ports of containers and sidecars, in order, each once. Equal ports of one pod never clash with themselves."""
-    found: dict[HostPort, None] = {}
-    for container in _port_holders(pod):
-        for port in container.ports or ():
-            if port.host_port > 0:
-                found[HostPort(port.host_ip or ANY_IP, port.protocol or "TCP", port.host_port)] = None
-    return tuple(found)
-
-
-def _port_holders(pod: Pod) -> list[Container]:
-    sidecars = [c for c in pod.spec.init_containers or () if c.restart_policy == "Always"]
-    return [*pod.spec.containers, *sidecars]
-
-
 def spread_key(pod: Pod) -> bytes:
     """The topology spread constraints as a key, b"" without any."""
     constraints = pod.spec.topology_spread_constraints
     return msgspec.json.encode(constraints) if constraints else b""
-
-
-def images(pod: Pod) -> tuple[str, ...]:
-    """Image names, ":latest" added where there is no tag (a digest counts as one), one per mention."""
-    spec = pod.spec
-    found = [container.image for container in (*(spec.init_containers or ()), *spec.containers)]
-    found += [volume.image.reference for volume in spec.volumes or () if volume.image is not None]
-    return tuple(name if name.rfind(":") > name.rfind("/") else f"{name}:latest" for name in found)

@@ -2,8 +2,9 @@
 
 from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.framework import FilterResult
-from robotapp_scheduler.core.pods import PlacedPod, PodInfo, host_ports
+from robotapp_scheduler.core.pods import PlacedPod, PodInfo
 from robotapp_scheduler.core.ports import clash
+from robotapp_scheduler.core.shapes import host_ports
 from robotapp_scheduler.core.view import Nodes
 
 

@@ -11,7 +11,8 @@ from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.columns import BoolArray, IntArray
 from robotapp_scheduler.core.framework import FilterResult, ScoreResult, Verdict
 from robotapp_scheduler.core.objects import Node, Pod
-from robotapp_scheduler.core.pods import PodInfo, requests_of
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.shapes import requests_of
 from robotapp_scheduler.core.view import Nodes, Row
 from robotapp_scheduler.plugins.kubernetes.fit_strategies import (
     STRATEGIES,

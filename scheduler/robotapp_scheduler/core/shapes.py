@@ -1,0 +1,137 @@
+"""What pods with the same spec, labels and owner have in common, worked out once: 2,000 replicas are one shape."""
+
+from collections.abc import Hashable
+from functools import cached_property
+from typing import Final, NamedTuple
+
+import msgspec
+
+from robotapp_api.values.requests import PodRequests, pod_requests
+from robotapp_scheduler.core.affinity_terms import affinity_key
+from robotapp_scheduler.core.needs import needs_of
+from robotapp_scheduler.core.objects import Container, OwnerReference, Pod
+from robotapp_scheduler.core.pod_volume import Volume
+
+ANY_IP: Final = "0.0.0.0"  # noqa: S104 - the wildcard a hostPort without hostIP stands for, nothing is bound here
+MOST_SHAPES: Final = 2048
+_encode: Final = msgspec.msgpack.Encoder().encode
+
+
+class HostPort(NamedTuple):
+    """A port the pod takes on its node."""
+
+    ip: str
+    protocol: str
+    port: int
+
+
+class Shape:
+    """Answers that follow from what `shape_of` compares. `pod` is any of the pods that have it."""
+
+    def __init__(self, pod: Pod) -> None:
+        self._pod = pod
+        self.keys: dict[tuple[str, ...], tuple[Hashable, ...]] = {}
+        """Features of such pods by their names (core.pods)."""
+        self._class: tuple[object, int] | None = None
+
+    def __repr__(self) -> str:
+        return f"Shape(of {self._pod.key})"
+
+    @cached_property
+    def requests(self) -> PodRequests:
+        """Sums of resources; raises ValueError when a quantity cannot be read."""
+        return requests_of(self._pod)
+
+    @cached_property
+    def affinity_key(self) -> bytes:
+        """Pod affinity and anti-affinity as a key, b"" without any."""
+        return affinity_key(self._pod.spec.affinity)
+
+    @cached_property
+    def images(self) -> tuple[str, ...]:
+        """Images of init containers, containers and image volumes, by the names nodes report them under."""
+        return images(self._pod)
+
+    @cached_property
+    def host_ports(self) -> tuple[HostPort, ...]:
+        """Ports such a pod takes on its node, each once."""
+        return host_ports(self._pod)
+
+    @cached_property
+    def needs(self) -> frozenset[str]:
+        """Features the node must declare."""
+        return needs_of(self._pod.spec)
+
+    def class_number(self, owner: object) -> int | None:
+        """The number `owner` gave the class of such pods, None before it did."""
+        return self._class[1] if self._class is not None and self._class[0] is owner else None
+
+    def set_class_number(self, owner: object, number: int) -> None:
+        """Keep the number of the class."""
+        self._class = (owner, number)
+
+
+_shapes: dict[bytes, Shape] = {}
+
+
+def shape_of(pod: Pod) -> Shape:
+    """The shape of a pod. What tells replicas apart (name, uid, node, annotations, status) is not part of it."""
+    if pod.status.resizes:
+        return Shape(pod)  # it holds something else than its spec says
+    meta, spec = pod.metadata, pod.spec
+    owner = controller_of(meta.owner_references) if meta.owner_references else None
+    key = _encode(
+        (
+            meta.namespace, meta.labels, owner, spec.scheduler_name, spec.priority, spec.containers,
+            spec.init_containers, spec.overhead, spec.resources, spec.node_selector, spec.affinity, spec.tolerations,
+            spec.topology_spread_constraints, spec.host_network, spec.host_users, spec.resource_claims,
+            # An ephemeral volume's claim is named after its pod; every pod has a token volume, which decides nothing.
+            (meta.name, spec.volumes) if spec.volumes and any(map(_decides, spec.volumes)) else None,
+        )
+    )  # fmt: skip
+    shape = _shapes.get(key)
+    if shape is None:
+        if len(_shapes) >= MOST_SHAPES:
+            _shapes.clear()
+        shape = _shapes[key] = Shape(pod)
+    return shape
+
+
+def controller_of(owners: list[OwnerReference] | None) -> OwnerReference | None:
+    """The managing owner, if any."""
+    for owner in owners or ():
+        if owner.controller:
+            return owner
+    return None
+
+
+def requests_of(pod: Pod) -> PodRequests:
+    """What a pod asks for, or holds while it is resized in place. Raises ValueError for what is no quantity."""
+    return pod_requests(pod.spec, pod.status if pod.status.resizes else None)
+
+
+def host_ports(pod: Pod) -> tuple[HostPort, ...]:
+    """Host ports of containers and sidecars, in order, each once. Equal ports of one pod never clash with themselves."""
+    found: dict[HostPort, None] = {}
+    for container in _port_holders(pod):
+        for port in container.ports or ():
+            if port.host_port > 0:
+                found[HostPort(port.host_ip or ANY_IP, port.protocol or "TCP", port.host_port)] = None
+    return tuple(found)
+
+
+def images(pod: Pod) -> tuple[str, ...]:
+    """Image names, ":latest" added where there is no tag (a digest counts as one), one per mention."""
+    spec = pod.spec
+    found = [container.image for container in (*(spec.init_containers or ()), *spec.containers)]
+    found += [volume.image.reference for volume in spec.volumes or () if volume.image is not None]
+    return tuple(name if name.rfind(":") > name.rfind("/") else f"{name}:latest" for name in found)
+
+
+def _port_holders(pod: Pod) -> list[Container]:
+    sidecars = [c for c in pod.spec.init_containers or () if c.restart_policy == "Always"]
+    return [*pod.spec.containers, *sidecars]
+
+
+def _decides(volume: Volume) -> bool:
+    return volume != Volume(name=volume.name)
