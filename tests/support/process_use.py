@@ -16,3 +16,8 @@ def peak_rss_bytes(pid: int) -> int:
 def usage(process: Process) -> dict[str, float]:
     """Peak memory in bytes and CPU seconds since its start."""
     return {"peak_rss_bytes": peak_rss_bytes(process.pid), "cpu_s": process.cpu_seconds()}
+
+
+def cpu_seconds(pid: int) -> float:
+    """User plus system time of the threads that live, to the nanosecond: /proc/PID/stat counts in 10 ms."""
+    return sum(int(file.read_text().split()[0]) for file in Path(f"/proc/{pid}/task").glob("*/schedstat")) / 1e9
