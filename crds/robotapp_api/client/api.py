@@ -8,7 +8,7 @@ import asyncio
 import random
 import time
 from collections import Counter
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
 from functools import lru_cache
@@ -156,23 +156,31 @@ class ApiClient:
 
     async def list_with(self, path: str, decode: Callable[[bytes], Page[T]], *, page: int) -> Listing[T]:
         """`list` with a decoder of one's own; `path` may carry selectors. Each page's bytes die with its decoding."""
-        for size in (page, page, 0):
+        items: list[T] = []
+        version = ""
+        async for part, again in self.pages(path, decode, page=page):
+            if again:
+                items = []
+            items += part.items or ()
+            version = part.metadata.resource_version
+        return Listing(items, version)
+
+    async def pages(
+        self, path: str, decode: Callable[[bytes], Page[T]], *, page: int
+    ) -> AsyncIterator[tuple[Page[T], bool]]:
+        """The pages of a list one by one; True with the first of a list that had to be begun again: forget the others."""
+        for attempt, size in enumerate((page, page, 0)):
+            token, again = "", attempt > 0
             try:
-                return await self._list_pages(path, decode, size)
+                while True:
+                    part = await self.read(with_query(path, {"limit": str(size or ""), "continue": token}), decode)
+                    yield part, again
+                    token, again = part.metadata.continue_, False
+                    if not token:
+                        return
             except Gone:
                 if size == 0:
                     raise
-        raise AssertionError("unreachable")  # the last round returns or raises
-
-    async def _list_pages(self, path: str, decode: Callable[[bytes], Page[T]], size: int) -> Listing[T]:
-        items: list[T] = []
-        token = ""
-        while True:
-            part = await self.read(with_query(path, {"limit": str(size or ""), "continue": token}), decode)
-            items += part.items or ()
-            token = part.metadata.continue_
-            if not token:
-                return Listing(items, part.metadata.resource_version)
 
     async def read(self, path: str, decode: Callable[[bytes], T]) -> T:
         """GET with retries. A 200 whose body is no JSON counts as no answer.

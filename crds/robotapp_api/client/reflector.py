@@ -1,12 +1,12 @@
 """A local copy of a collection, kept true by list and watch.
 
 The promise: once `synced`, `store` runs through states the server had, and every difference is reported exactly once
-through `on_change`, also for objects that vanished while we could not watch.
+through `on_change`, also for objects that vanished while we could not watch. The first list is reported page by page.
 """
 
 import asyncio
 import logging
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final, Generic, NamedTuple, TypeVar
@@ -174,20 +174,35 @@ class Reflector(Generic[T]):
         self.resource_version = ""
 
     async def _list(self) -> None:
+        """At the start every page is taken as it comes, and its objects die if nobody keeps them; later ones all at once."""
         self.stats.lists += 1
         path = with_query(self._resource.path(self._namespace), self._selectors)
-        listing = await self._client.list_with(path, self._decoder.page, page=self._page)
+        present: set[str] = set()
+        news: list[Read[T]] = []
+        version = ""
+        async for part, again in self._client.pages(path, self._decoder.page, page=self._page):
+            if again:
+                present, news = set(), []
+            for read in part.items or ():
+                present.add(read[1].key)
+                if not self.synced.is_set():
+                    self._put(*read)
+                elif self._is_news(read[1]):
+                    news.append(read)
+            version = part.metadata.resource_version
         self._contact = self._client.clock()
-        self._replace(listing.items)
-        self.resource_version = listing.resource_version
+        self._replace(present, news)
+        self.resource_version = version
         self.synced.set()
 
-    def _replace(self, items: Iterable[Read[T]]) -> None:
-        """Make the store equal to `items`; what is not among them vanished while we were not looking."""
-        present: set[str] = set()
-        for obj, identity, problem in items:
-            present.add(identity.key)
-            self._put(obj, identity, problem)
+    def _is_news(self, identity: Identity) -> bool:
+        known = self._identities.get(identity.key)
+        return known is None or known.version != identity.version or known.uid != identity.uid
+
+    def _replace(self, present: Collection[str], news: Iterable[Read[T]]) -> None:
+        """Take `news` in; what is not `present` vanished while we were not looking."""
+        for read in news:
+            self._put(*read)
         for key in [key for key in self._objects if key not in present]:
             self._remove(key)
 
@@ -248,7 +263,7 @@ class Reflector(Generic[T]):
             initial[event.identity.key] = (event.obj, event.identity, event.problem)
         elif event.initial_end:
             self._initial = None
-            self._replace(initial.values())
+            self._replace(initial, initial.values())
             self.resource_version = event.identity.version
             self.synced.set()
 
@@ -258,9 +273,9 @@ class Reflector(Generic[T]):
             self.stats.undecodable += 1
             log.error("%s: %s does not fit the type and keeps its last known state: %s", self, key, problem)
             return
-        before = self._identities.get(key)
-        if before is not None and before.version == identity.version and before.uid == identity.uid:
+        if not self._is_news(identity):
             return
+        before = self._identities.get(key)
         if before is not None and before.uid != identity.uid:
             self._remove(key)
             before = None

@@ -2,7 +2,6 @@
 
 import asyncio
 import contextlib
-import gc
 import logging
 import os
 import signal
@@ -25,7 +24,7 @@ from robotapp_scheduler.core.groups import groups_of
 from robotapp_scheduler.core.profiles import Catalogue, Profile
 from robotapp_scheduler.options import Options
 from robotapp_scheduler.plugins.registry import catalogue
-from robotapp_scheduler.shell import health
+from robotapp_scheduler.shell import collector, health
 from robotapp_scheduler.shell.access import Gatekeeper
 from robotapp_scheduler.shell.answers import Answers, Everything
 from robotapp_scheduler.shell.binder import Binder
@@ -190,8 +189,7 @@ class Scheduler:
 
     async def _lead(self) -> None:
         await self.feed.synced.wait()
-        gc.collect()
-        gc.freeze()  # the initial list lives as long as we do: the collector need not walk it again
+        collector.filled()
         log.info("caches are filled: %r", self.core.cluster)
         if self._election is None:
             self._leading.set()
@@ -303,6 +301,7 @@ async def run(options: Options) -> int:
         for warning in running.config.warnings:
             log.warning("%s", warning)
         scheduler = Scheduler(client, running, options, source=source, last_good=last_good)
+        collector.filling()
         loop = asyncio.get_running_loop()
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, scheduler.stop)

@@ -18,6 +18,8 @@ from tests.support.free_api import objects
 from robotapp_api.client import resources
 
 PODS_PER_TURN: Final = 50
+FULL_BYTES: Final = 1 << 20
+PAUSE_S: Final = 0.002
 RUNNING_AFTER_S: Final = 0.1
 """From the bind until the kubelet's status comes, for all pods bound meanwhile at once."""
 STATUS: Final = b'{"kind":"Status","apiVersion":"v1","metadata":{},"status":"Success","code":201}'
@@ -45,7 +47,6 @@ class Connection(asyncio.Protocol):
         self._url = b""
         self._body: list[bytes] = []
         self.transport: Any = None
-        self.full = False
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self.transport = transport
@@ -55,12 +56,10 @@ class Connection(asyncio.Protocol):
         self._api.open -= 1
         self._api.watchers.discard(self)
 
-    def pause_writing(self) -> None:
-        self.full = True
-
-    def resume_writing(self) -> None:
-        self.full = False
-        self._api.go_on()
+    @property
+    def full(self) -> bool:
+        """The client does not keep up."""
+        return bool(self.transport.get_write_buffer_size() > FULL_BYTES)
 
     def data_received(self, data: bytes) -> None:
         self._parser.feed_data(data)
@@ -195,16 +194,16 @@ class FreeApi:
                 loop.call_at(start_s + number / rate, self._show, index, shape)
         else:
             self._to_show.extend(new)
-            loop.call_soon(self.go_on)
+            loop.call_soon(self._go_on)
         client.reply(200, b"{}")
 
-    def go_on(self) -> None:
+    def _go_on(self) -> None:
         """Show more of a burst, in turns, so that binds are answered in between."""
-        if not self._to_show or any(watcher.full for watcher in self.watchers):
-            return
-        for _ in range(min(PODS_PER_TURN, len(self._to_show))):
+        full = any(watcher.full for watcher in self.watchers)
+        for _ in range(0 if full else min(PODS_PER_TURN, len(self._to_show))):
             self._show(*self._to_show.popleft())
-        asyncio.get_running_loop().call_soon(self.go_on)
+        if self._to_show:
+            asyncio.get_running_loop().call_later(PAUSE_S if full else 0.0, self._go_on)
 
     def _show(self, index: int, shape: int) -> None:
         self._tell(b"ADDED", objects.PENDING, index, shape=shape)

@@ -52,7 +52,27 @@ async def test_nothing_is_synced_before_the_list_is_complete() -> None:
     async with mirror(listing(9, item("a", 3), token="more")) as seen:
         await seen.asked(2)
         assert not seen.reflector.synced.is_set()
-        assert seen.told == []
+
+
+async def test_the_first_list_is_told_page_by_page_and_a_later_one_all_at_once() -> None:
+    first = [listing(9, item("a", 3), token="more"), listing(9, item("b", 4))]
+    later = [listing(20, item("a", 3), token="more"), listing(20, item("c", 12), token="more")]
+    async with mirror(*first, refusal(410, "Expired"), *later) as seen:
+        await seen.asked(3)
+        assert seen.told == ["ADDED default/a", "ADDED default/b"]
+        await seen.asked(6)
+        assert seen.told == ["ADDED default/a", "ADDED default/b"]
+    async with mirror(first[0]) as seen:
+        await seen.asked(2)
+        assert seen.told == ["ADDED default/a"]
+
+
+async def test_a_first_list_that_had_to_be_begun_again_keeps_only_what_the_second_one_shows() -> None:
+    script = [listing(9, item("a", 3), token="more"), refusal(410, "Expired"), listing(12, item("b", 4))]
+    async with mirror(*script, watch(then="hang")) as seen:
+        await seen.asked(4)
+        assert list(seen.reflector.store) == ["default/b"]
+        assert seen.told == ["ADDED default/a", "ADDED default/b", "DELETED default/a"]
 
 
 async def test_events_change_the_store_and_are_reported_with_old_and_new() -> None:
