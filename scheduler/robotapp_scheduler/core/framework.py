@@ -25,8 +25,13 @@ Hooks, in the order of a cycle:
 `score_among(pod, nodes, feasible) -> array | int | None`
                                              instead of `score`, when it depends on which nodes are feasible: 0…100
                                              for each of these positions, already normalised. With `relevant`
-`reserve(pod, node, ctx) -> Status | None`, `unreserve(pod, node, ctx)`, `permit`, `pre_bind`, `post_bind`
-                                             called by the shell; `unreserve` never deletes a claim
+`reserve(pod, node, ctx) -> Status | None`, `permit`, `pre_bind` (the same)
+                                             asked in this order between choice and bind, plain or `async`; `node` is
+                                             its name, `ctx` a core.bind_context.BindContext. None = Success;
+                                             Unschedulable waits for `events`, Pending without back-off, Error is
+                                             retried after back-off
+`unreserve(pod, node, ctx)`                  after `reserve`, when the pod is not bound there; may come twice
+`post_bind(pod, node, ctx)`                  it is bound
 
 `plan(pod, nodes) -> VolumePlan | None`      what must be written about volumes before the bind; `nodes` is the one chosen
 

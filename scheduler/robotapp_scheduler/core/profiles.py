@@ -91,6 +91,8 @@ class Profile:
         self.permits = _deciding(plugins, "permit")
         self.pre_binds = _deciding(plugins, "preBind")
         self.post_binds = _deciding(plugins, "postBind")
+        self.waits = bool(self.permits or self.pre_binds)
+        """May plugins make a placed pod wait before its bind?"""
         self.all = {loaded.name: loaded for chain in plugins.values() for loaded in chain}
         self.reads = tuple(sorted({name for loaded in (*self.filters, *self.scores) for name in loaded.reads}))
         """Features of the class key."""

@@ -139,19 +139,19 @@ class SchedulerLoop:
         placed = [decision for decision in decisions if decision.placed]
         for decision in decisions:
             if not decision.placed:
-                self._placer.refuse(decision)
+                self._placer.refuse(decision, started_s=started_s)
         if not placed:
             self._slots.release()
             return
-        task = asyncio.create_task(self._carry_out(placed))
+        task = asyncio.create_task(self._carry_out(placed, started_s))
         self._tasks.add(task)
-        # Volumes may take minutes to be made; nobody else waits for that.
-        slow = any(decision.volumes is not None for decision in placed)
+        # Volumes may take minutes to be made, a permission as well; nobody else waits for that.
+        slow = any(self._placer.may_take_long(decision) for decision in placed)
         if slow:
             self._slots.release()
         task.add_done_callback(self._ended if slow else self._finished)
 
-    async def _carry_out(self, placed: Sequence[Decision]) -> None:
+    async def _carry_out(self, placed: Sequence[Decision], started_s: float) -> None:
         try:
             checked = await self._placer.check(placed)
         except Exception:  # an answer nobody foresaw must not leave the batch assumed and in flight for ever
@@ -160,15 +160,15 @@ class SchedulerLoop:
                 self._abandon(decision)
             return
         if len(placed) == 1:
-            await self._place(placed[0], checked)
+            await self._place(placed[0], checked, started_s)
             return
         async with asyncio.TaskGroup() as group:
             for decision in placed:
-                group.create_task(self._place(decision, checked))
+                group.create_task(self._place(decision, checked, started_s))
 
-    async def _place(self, decision: Decision, checked: Mapping[str, Reserved]) -> None:
+    async def _place(self, decision: Decision, checked: Mapping[str, Reserved], started_s: float) -> None:
         try:
-            await self._placer.place(decision, checked.get(decision.pod.uid, READY))
+            await self._placer.place(decision, checked.get(decision.pod.uid, READY), started_s=started_s)
         except Exception:  # a pod must never stay assumed and forgotten because of a bug
             log.exception("placing %s failed", decision.pod.key)
             self._abandon(decision)

@@ -6,7 +6,7 @@ Label children are looked up once and kept: a metric on the hot path costs about
 from collections.abc import Callable, Mapping, Sequence
 from enum import StrEnum
 
-from prometheus_client import CollectorRegistry, Counter, Histogram
+from prometheus_client import CollectorRegistry, Counter, Histogram, ProcessCollector
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
@@ -33,10 +33,11 @@ class Metrics:
 
     def __init__(self, registry: CollectorRegistry | None = None) -> None:
         self.registry = registry or CollectorRegistry()
+        ProcessCollector(registry=self.registry)
         self.attempts = self._counter("schedule_attempts", "Attempts by result", ["result", "profile"])
         self.attempt_s = self._histogram(
             "scheduling_attempt_duration_seconds",
-            "Attempt from pop to the bind's answer",
+            "Attempt from the decision to the bind's answer, or to the refusal",
             labels=["result", "profile"],
             buckets=doubling(0.001, 2, 15),
         )
@@ -52,6 +53,15 @@ class Metrics:
         self.pod_attempts = self._histogram(
             "pod_scheduling_attempts", "Attempts until a pod was bound", buckets=doubling(1, 2, 5)
         )
+        self._points()
+        self._preemption()
+        self.node_rejections = self._counter(
+            "node_rejections", "Pods of ours that a kubelet refused after they were bound", ["reason"]
+        )
+        self.poison_objects = self._counter("poison_objects", "Objects that could not be taken over", ["resource"])
+        self.bind_conflicts = self._counter("bind_conflicts", "Binds refused with a conflict", [])
+
+    def _points(self) -> None:
         self.extension_point_s = self._histogram(
             "framework_extension_point_duration_seconds",
             "One extension point of one cycle",
@@ -64,6 +74,14 @@ class Metrics:
             labels=["plugin", "extension_point", "status"],
             buckets=doubling(0.00001, 1.5, 20),
         )
+        self.permit_wait_s = self._histogram(
+            "permit_wait_duration_seconds",
+            "Placed pods that waited for a permission to be bound: an app's for the claim of its domain",
+            labels=["result"],
+            buckets=doubling(0.001, 2, 15),
+        )
+
+    def _preemption(self) -> None:
         self.preemption_attempts = self._counter("preemption_attempts", "Searches for pods that could make room", [])
         self.preemption_victims = self._histogram(
             "preemption_victims", "Pods chosen to make room, per preemption", buckets=doubling(1, 2, 7)
@@ -77,16 +95,15 @@ class Metrics:
             labels=["result"],
             buckets=doubling(0.01, 2, 20),
         )
-        self.node_rejections = self._counter(
-            "node_rejections", "Pods of ours that a kubelet refused after they were bound", ["reason"]
-        )
-        self.poison_objects = self._counter("poison_objects", "Objects that could not be taken over", ["resource"])
-        self.bind_conflicts = self._counter("bind_conflicts", "Binds refused with a conflict", [])
+
+    def attempted(self, result: AttemptResult, profile: str, seconds: float) -> None:
+        """An attempt has ended."""
+        self.attempts.labels(result, profile).inc()
+        self.attempt_s.labels(result, profile).observe(seconds)
 
     def bound(self, queued: QueuedPod, profile: str, *, started_s: float, now_s: float) -> None:
         """A pod got its node."""
-        self.attempts.labels(AttemptResult.SCHEDULED, profile).inc()
-        self.attempt_s.labels(AttemptResult.SCHEDULED, profile).observe(now_s - started_s)
+        self.attempted(AttemptResult.SCHEDULED, profile, now_s - started_s)
         self.sli_s.labels(str(min(queued.attempts, MOST_ATTEMPTS))).observe(now_s - queued.first_seen_s)
         self.pod_attempts.observe(queued.attempts)
 

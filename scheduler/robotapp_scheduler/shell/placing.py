@@ -11,23 +11,33 @@ from robotapp_api.model.names import EventReason, PodReason
 from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.decision import Decision
+from robotapp_scheduler.core.framework import Code
 from robotapp_scheduler.core.groups import groups_around
 from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.preemption import Plan
 from robotapp_scheduler.core.queued import QueuedPod, Rejection
 from robotapp_scheduler.core.refusal import DEVICE_PLUGIN
+from robotapp_scheduler.shell.bind_steps import BindSteps, Refused, failed_step
 from robotapp_scheduler.shell.binder import Binder, BindOutcome, BindResult
 from robotapp_scheduler.shell.metrics import AttemptResult, Metrics
 from robotapp_scheduler.shell.report import Reporter
 from robotapp_scheduler.shell.reserve import READY, Readiness, Reserved, Reserver
 from robotapp_scheduler.shell.texts import device_busy
+from robotapp_scheduler.shell.timing import PointTimer
 from robotapp_scheduler.shell.volume_writes import VolumeWriter
 
 log = logging.getLogger(__name__)
 
 BIND_CHECK = "DomainBindCheck"
 """Stands for a plugin name in the queue: any change of a claim or app may help."""
+WAITED = {
+    Readiness.READY: Code.SUCCESS,
+    Readiness.WAIT: Code.UNSCHEDULABLE,
+    Readiness.GONE: Code.UNSCHEDULABLE,
+    Readiness.ERROR: Code.ERROR,
+}
+"""The bind check in upstream's words for a permission."""
 VERSION_TRIES = 3
 """A pod whose version moved while its devices were claimed is read and bound again at once, this often."""
 
@@ -57,12 +67,13 @@ class Placer:
         self._waiting = waiting
         self._clock = clock
         self._evict = evict
+        self._timer = PointTimer(metrics)
 
     def __repr__(self) -> str:
         return f"<Placer of {self._core!r}>"
 
-    def refuse(self, decision: Decision) -> None:
-        """The pod got no node: tell why, and let it wait for what may help."""
+    def refuse(self, decision: Decision, *, started_s: float) -> None:
+        """The pod got no node: tell why, and let it wait for what may help. The attempt began at `started_s`."""
         queued = _queued(decision)
         pod, known = decision.pod.pod, decision.pod.uid in self._waiting
         if known and decision.nominate is not None:
@@ -78,7 +89,7 @@ class Placer:
         if DEVICE_PLUGIN in decision.rejected_by:
             self._name_holders(decision.pod)
         result = AttemptResult.UNSCHEDULABLE if decision.rejected_by else AttemptResult.ERROR
-        self._metrics.attempts.labels(result, decision.pod.scheduler_name).inc()
+        self._attempted(result, decision.pod, started_s)
 
     def abandon(self, decision: Decision) -> None:
         """Something unforeseen happened on the way: back into the queue as an error, nothing stays counted."""
@@ -90,40 +101,83 @@ class Placer:
         """The bind check for all pods of one batch, by uid."""
         if all(decision.pod.member is None for decision in placed):
             return {}
-        return await self._reserver.check_domains([decision.pod for decision in placed])
-
-    async def place(self, decision: Decision, checked: Reserved = READY) -> None:
-        """Bring one assumed pod to its node, or back into the queue."""
         started_s = self._clock()
+        found = await self._reserver.check_domains([decision.pod for decision in placed])
+        for checked in found.values():
+            self._metrics.permit_wait_s.labels(WAITED[checked.readiness]).observe(self._clock() - started_s)
+        return found
+
+    def may_take_long(self, decision: Decision) -> bool:
+        """Does the way to the node wait for more than the API server's next answers?"""
+        return decision.volumes is not None or self._core.engine(decision.pod.scheduler_name).profile.waits
+
+    async def place(self, decision: Decision, checked: Reserved = READY, *, started_s: float) -> None:
+        """Bring one assumed pod to its node, or back into the queue. The attempt began at `started_s`."""
         if checked.readiness is not Readiness.READY:
-            self._unready(decision, checked)
+            self._unready(decision, checked, started_s)
             return
+        profile = self._core.engine(decision.pod.scheduler_name).profile
+        async with BindSteps(profile, decision.pod, self._timer) as steps:
+            found = await self._brought(decision, steps, started_s)
+            if found is None:
+                return
+            decision, outcome = found
+            if outcome.result is not BindResult.BOUND:
+                await steps.give_back()
+            self._settle(decision, outcome, started_s)
+            if outcome.result is BindResult.BOUND:
+                await steps.finish()
+
+    async def _brought(
+        self, decision: Decision, steps: BindSteps, started_s: float
+    ) -> tuple[Decision, BindOutcome] | None:
+        """Everything up to the bind's answer; None = the pod went back on the way."""
         lost: set[str] = set()
         volumes_bound = False
         for _ in range(VERSION_TRIES):
-            found = await self._reserve(decision, lost)
+            await steps.give_back()
+            found = await self._reserve(decision, lost, started_s)
             if found is None:
-                return
+                return None
             decision, reserved = found
+            refused = await steps.run(str(decision.node))
+            if refused is None and not volumes_bound:
+                refused = await self._bind_volumes(decision)
+            if refused is not None:
+                await steps.give_back()
+                self._reject(decision, refused, started_s)
+                return None
             if decision.volumes is not None and not volumes_bound:
-                trouble = await self._volumes.bind(decision.pod, decision.volumes)
-                if trouble:
-                    self._fail(decision, f'running PreBind plugin "VolumeBinding": {trouble}')
-                    return
                 volumes_bound = True
                 if reserved.annotations:
                     continue  # that took its time: the pod is read again, so that the bind is for its newest version
-            outcome = await self._binder.bind(
-                decision.pod.pod,
-                str(decision.node),
-                grants=reserved.annotations,
-                resource_version=reserved.resource_version,
-            )
+            outcome = await self._bind(decision, reserved, steps.context.annotations)
             if outcome.result is not BindResult.CHANGED or not reserved.annotations:
                 break
-        self._settle(decision, outcome, started_s)
+        return decision, outcome
 
-    async def _reserve(self, decision: Decision, lost: set[str]) -> tuple[Decision, Reserved] | None:
+    async def _bind_volumes(self, decision: Decision) -> Refused | None:
+        if decision.volumes is None:
+            return None
+        began_s = self._timer.begin("PreBind")
+        trouble = await self._volumes.bind(decision.pod, decision.volumes)
+        code = Code.ERROR if trouble else Code.SUCCESS
+        self._timer.end("PreBind", decision.pod.scheduler_name, began_s, code=code)
+        return failed_step("PreBind", "VolumeBinding", trouble) if trouble else None
+
+    async def _bind(self, decision: Decision, reserved: Reserved, annotations: Mapping[str, str]) -> BindOutcome:
+        began_s = self._timer.begin("Bind")
+        outcome = await self._binder.bind(
+            decision.pod.pod,
+            str(decision.node),
+            grants={**annotations, **reserved.annotations} if annotations else reserved.annotations,
+            resource_version=reserved.resource_version,
+        )
+        code = Code.SUCCESS if outcome.result is BindResult.BOUND else Code.ERROR
+        self._timer.end("Bind", decision.pod.scheduler_name, began_s, code=code)
+        return outcome
+
+    async def _reserve(self, decision: Decision, lost: set[str], started_s: float) -> tuple[Decision, Reserved] | None:
         """Claim what the pod is granted, on another node if a device was lost to somebody; None = it went back."""
         reserved = await self._reserver.things(decision.pod, str(decision.node), decision.grants)
         while reserved.readiness is Readiness.BUSY:
@@ -131,12 +185,12 @@ class Placer:
             self._forget(decision.pod)
             (decision,) = self._core.schedule([_queued(decision)], exclude=frozenset(lost))
             if not decision.placed:
-                self.refuse(decision)
+                self.refuse(decision, started_s=started_s)
                 self._device_event(decision.pod, reserved.message)
                 return None
             reserved = await self._reserver.things(decision.pod, str(decision.node), decision.grants)
         if reserved.readiness is not Readiness.READY:
-            self._unready(decision, reserved)
+            self._unready(decision, reserved, started_s)
             return None
         return decision, reserved
 
@@ -155,16 +209,22 @@ class Placer:
             self._forget(pod)
             self._core.queue.done(pod.uid)
             return
-        self._fail(decision, f'binding rejected: running Bind plugin "ROSBind": {outcome.message}')
+        message = f'binding rejected: running Bind plugin "ROSBind": {outcome.message}'
+        self._reject(decision, Refused(Rejection(), PodReason.SCHEDULER_ERROR, message), started_s)
 
-    def _fail(self, decision: Decision, message: str) -> None:
-        """An error on the way to the node: nothing stays counted, and the pod is tried again after back-off."""
-        log.warning("%s was not bound to %s: %s", decision.pod.key, decision.node, message)
+    def _reject(self, decision: Decision, refused: Refused, started_s: float) -> None:
+        """Not to this node after all: the room is free again, and the pod waits for what its refusal says."""
+        if not refused.rejection.plugins:
+            log.warning("%s was not bound to %s: %s", decision.pod.key, decision.node, refused.message)
         self._forget(decision.pod)
-        self._metrics.attempts.labels(AttemptResult.ERROR, decision.pod.scheduler_name).inc()
-        self._return(_queued(decision), Rejection(), reason=PodReason.SCHEDULER_ERROR, message=message)
+        result = AttemptResult.UNSCHEDULABLE if refused.rejection.plugins else AttemptResult.ERROR
+        self._attempted(result, decision.pod, started_s)
+        self._return(_queued(decision), refused.rejection, reason=refused.reason, message=refused.message)
 
-    def _unready(self, decision: Decision, found: Reserved) -> None:
+    def _attempted(self, result: AttemptResult, pod: PodInfo, started_s: float) -> None:
+        self._metrics.attempted(result, pod.scheduler_name, self._clock() - started_s)
+
+    def _unready(self, decision: Decision, found: Reserved, started_s: float) -> None:
         queued = _queued(decision)
         self._forget(decision.pod)
         if found.readiness is Readiness.GONE:
@@ -173,7 +233,7 @@ class Placer:
         waits = found.readiness is Readiness.WAIT
         rejection = Rejection(frozenset({BIND_CHECK})) if waits else Rejection()
         result = AttemptResult.UNSCHEDULABLE if waits else AttemptResult.ERROR
-        self._metrics.attempts.labels(result, decision.pod.scheduler_name).inc()
+        self._attempted(result, decision.pod, started_s)
         self._return(queued, rejection, reason=found.reason, message=found.message)
 
     def _return(self, queued: QueuedPod, rejection: Rejection, *, reason: str, message: str) -> None:

@@ -29,6 +29,7 @@ from robotapp_scheduler.shell.access import Gatekeeper
 from robotapp_scheduler.shell.answers import Answers, Everything
 from robotapp_scheduler.shell.binder import Binder
 from robotapp_scheduler.shell.config_source import LastGood, NoSource, Source, sources
+from robotapp_scheduler.shell.domain_claims import DomainClaims
 from robotapp_scheduler.shell.events import PodEvents
 from robotapp_scheduler.shell.evict import Evictor
 from robotapp_scheduler.shell.explaining import Explainer
@@ -50,6 +51,7 @@ from robotapp_scheduler.shell.volume_writes import INTERESTING, VolumeWriter
 
 log = logging.getLogger(__name__)
 
+CLOCK = time.monotonic
 STOP_TIMEOUT_S = 5.0
 STALLED_S = 30.0
 """A loop that has not turned for this long is not alive."""
@@ -68,8 +70,6 @@ class Scheduler:
         source: Source | None = None,
         last_good: LastGood | None = None,
     ) -> None:
-        clock = time.monotonic
-        config = running.config
         self._client = client
         self.running = running
         self._source = source or NoSource()
@@ -80,52 +80,15 @@ class Scheduler:
         self.port = 0
         """Where we serve, once `run` has opened it."""
         self.metrics = Metrics()
-        profiles = config.build()
-        time_plugins(profiles, self.metrics)
-        self.core = SchedulerCore(
-            Cluster(clock=clock),
-            profiles,
-            clock=clock,
-            stopwatch=Stopwatch(self.metrics),
-            initial_backoff_s=config.initial_backoff_s,
-            max_backoff_s=config.max_backoff_s,
-        )
-        self.events = PodEvents(client, config.scheduler_names)
-        self.reporter = Reporter(client, self.events)
-        self.refusals = KubeletRefusals(client, self.events, self.metrics)
-        self.intake = Intake(
-            self.core.cluster,
-            self.core.queue,
-            self.reporter,
-            scheduler_names=config.scheduler_names,
-            on_vanished=self.refusals.look_at,
-        )
-        self.volumes = VolumeWriter(
-            client, self.core.cluster, alive=lambda uid: uid in self.intake.waiting, clock=clock
-        )
-        self.evictor = Evictor(self.core, client, self.events, self.metrics, clock=clock, wake=self._wake)
-        placer = Placer(
-            self.core,
-            binder=Binder(client),
-            reserver=Reserver(client),
-            reporter=self.reporter,
-            metrics=self.metrics,
-            volumes=self.volumes,
-            waiting=self.intake.waiting,
-            clock=clock,
-            evict=self.evictor.start,
-        )
-        self.planner = Planner()
-        self.loop = SchedulerLoop(self.core, placer, self.reporter, self.metrics, planner=self.planner, clock=clock)
+        self.core = self._made_core()
+        self._make_intake()
+        self._make_loop()
         self.sweeper = Sweeper(
             client,
             period_s=options.sweep_seconds,
             granted_pods=lambda: granted_pods(self.core.cluster.placed.values()),
             pending_s=PENDING_S,
             on_conflicts=self.events.conflicts,
-        )
-        self.feed = Feed(
-            client, self.core.cluster, on_pod=self.intake.take, on_change=self._changed, metrics=self.metrics
         )
         self._explainer = Explainer(
             self.core, waiting=self.intake.waiting.values, digest=lambda: self.running.config.digest
@@ -135,10 +98,66 @@ class Scheduler:
         )
         self._election = self._candidate()
         self._simulator = Simulator(running)
-        publish(self.metrics, self.core, client, running, self._simulator)
+        publish(
+            self.metrics, self.core, client=client, running=running, simulator=self._simulator, domains=self.domains
+        )
 
     def __repr__(self) -> str:
         return f"<Scheduler {self.loop!r}, {self.feed!r}>"
+
+    # --- Parts ------------------------------------------------------------------------------------------------------
+
+    def _made_core(self) -> SchedulerCore:
+        config = self.running.config
+        profiles = config.build()
+        time_plugins(profiles, self.metrics)
+        return SchedulerCore(
+            Cluster(clock=CLOCK),
+            profiles,
+            clock=CLOCK,
+            stopwatch=Stopwatch(self.metrics),
+            initial_backoff_s=config.initial_backoff_s,
+            max_backoff_s=config.max_backoff_s,
+        )
+
+    def _make_intake(self) -> None:
+        """What comes in, and what is told about it."""
+        client, names = self._client, self.running.config.scheduler_names
+        self.events = PodEvents(client, names)
+        self.reporter = Reporter(client, self.events)
+        self.refusals = KubeletRefusals(client, self.events, self.metrics)
+        self.intake = Intake(
+            self.core.cluster,
+            self.core.queue,
+            self.reporter,
+            scheduler_names=names,
+            on_vanished=self.refusals.look_at,
+        )
+        self.domains = DomainClaims()
+        self.feed = Feed(
+            client, self.core.cluster, on_pod=self.intake.take, on_change=self._changed, metrics=self.metrics
+        )
+
+    def _make_loop(self) -> None:
+        """What decides, and carries it out."""
+        client = self._client
+        self.volumes = VolumeWriter(
+            client, self.core.cluster, alive=lambda uid: uid in self.intake.waiting, clock=CLOCK
+        )
+        self.evictor = Evictor(self.core, client, self.events, self.metrics, clock=CLOCK, wake=self._wake)
+        placer = Placer(
+            self.core,
+            binder=Binder(client),
+            reserver=Reserver(client),
+            reporter=self.reporter,
+            metrics=self.metrics,
+            volumes=self.volumes,
+            waiting=self.intake.waiting,
+            clock=CLOCK,
+            evict=self.evictor.start,
+        )
+        self.planner = Planner()
+        self.loop = SchedulerLoop(self.core, placer, self.reporter, self.metrics, planner=self.planner, clock=CLOCK)
 
     def stop(self) -> None:
         """Finish what is in flight, give the lease back, end."""
@@ -241,6 +260,7 @@ class Scheduler:
 
     def _changed(self, event: Event) -> None:
         """Something is different in the cluster: wake who may profit."""
+        self.domains.see(event)
         self.core.queue.move(event, groups=groups_of(event))
         if event.change & INTERESTING:
             self.volumes.wake()

@@ -4,13 +4,22 @@ from collections.abc import Mapping
 
 from robotapp_api.client.api import ApiClient
 from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.shell.domain_claims import DomainClaims
 from robotapp_scheduler.shell.metrics import Metrics
 from robotapp_scheduler.shell.reload import Running
 from robotapp_scheduler.shell.simulating import Simulator
 
 
-def publish(metrics: Metrics, core: SchedulerCore, client: ApiClient, running: Running, simulator: Simulator) -> None:
-    """Register what the core, the client and the configuration count themselves."""
+def publish(
+    metrics: Metrics,
+    core: SchedulerCore,
+    *,
+    client: ApiClient,
+    running: Running,
+    simulator: Simulator,
+    domains: DomainClaims,
+) -> None:
+    """Register what the core, the client, the claims and the configuration count themselves."""
     metrics.watch("pending_pods", "Pods that wait, by queue", label="queue", read=core.queue.pending)
     metrics.watch("cache_size", "Objects in the cache", label="type", read=lambda: _cache_size(core))
     metrics.watch(
@@ -18,6 +27,9 @@ def publish(metrics: Metrics, core: SchedulerCore, client: ApiClient, running: R
         "Devices on all nodes that nobody has claimed, by type",
         label="type",
         read=core.cluster.devices.free_by_type,
+    )
+    metrics.watch_several(
+        "domain_claims", "Domains that are claimed, by pool and phase", labels=("pool", "phase"), read=domains.counts
     )
     metrics.watch_several("rtt_age_seconds", "Age of the oldest telemetry in use", labels=(), read=lambda: _age(core))
     metrics.watch_several(

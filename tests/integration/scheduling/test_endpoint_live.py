@@ -170,6 +170,10 @@ def test_metrics_are_for_who_may_get_them_and_health_is_for_everybody(
     cp.api.create(f"{RBAC}/clusterrolebindings", binding)
     try:
         issued = cp.api.create(f"{account}/{name}/token", {"spec": {"expirationSeconds": 600}})["status"]["token"]
+        with nodes(cp, edge("edge-1")):
+            stage.create_pod(pod("counted"))
+            stage.wait_bound("counted")
+        stage.wait(lambda: 'extension_point="Bind",profile="ros-aware' in scrape(guarded, issued)[1], what=str)
         status, text = scrape(guarded, issued)
         assert status == 200
         assert "# TYPE scheduler_schedule_attempts_total counter" in text

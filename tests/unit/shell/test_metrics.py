@@ -1,33 +1,78 @@
 """Metrics read when scraped: names, labels and limits."""
 
+import msgspec
 from prometheus_client import CollectorRegistry
 from prometheus_client.exposition import generate_latest
-from tests.support.scheduling import make_core, make_info, make_node
+from tests.support import apiobjects
+from tests.support.scheduling import device_claim, make_core, make_info, make_node
 
+from robotapp_api.claims.objects import Claim
+from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.queued import Rejection
-from robotapp_scheduler.shell.metrics import MOST_SERIES, Metrics
+from robotapp_scheduler.shell.domain_claims import DomainClaims
+from robotapp_scheduler.shell.metrics import MOST_SERIES, AttemptResult, Metrics
 
-UPSTREAM = (
-    "schedule_attempts_total",
-    "scheduling_attempt_duration_seconds",
-    "scheduling_algorithm_duration_seconds",
-    "pod_scheduling_sli_duration_seconds",
-    "pod_scheduling_attempts",
-    "framework_extension_point_duration_seconds",
-    "plugin_execution_duration_seconds",
-    "preemption_victims",
-    "preemption_attempts_total",
-)
+SECONDS = [0.001 * 2**step for step in range(15)]
+UPSTREAM: dict[str, tuple[str, list[float]]] = {
+    "schedule_attempts_total": ("counter", []),
+    "scheduling_attempt_duration_seconds": ("histogram", SECONDS),
+    "scheduling_algorithm_duration_seconds": ("histogram", SECONDS),
+    "pod_scheduling_sli_duration_seconds": ("histogram", [0.01 * 2**step for step in range(20)]),
+    "pod_scheduling_attempts": ("histogram", [1, 2, 4, 8, 16]),
+    "framework_extension_point_duration_seconds": ("histogram", [0.0001 * 2**step for step in range(12)]),
+    "plugin_execution_duration_seconds": ("histogram", [0.00001 * 1.5**step for step in range(20)]),
+    "permit_wait_duration_seconds": ("histogram", SECONDS),
+    "preemption_victims": ("histogram", [1, 2, 4, 8, 16, 32, 64]),
+    "preemption_attempts_total": ("counter", []),
+}
+"""Names, types and buckets of kube-scheduler 1.37.1; those read from the core are tested with it."""
 
 
 def exposed(metrics: Metrics) -> str:
     return generate_latest(metrics.registry).decode()
 
 
-def test_upstreams_names_are_there_before_anything_happened() -> None:
-    text = exposed(Metrics(CollectorRegistry()))
-    for name in UPSTREAM:
-        assert f"# TYPE scheduler_{name} " in text, name
+def test_upstreams_names_types_and_buckets_are_there_before_anything_happened() -> None:
+    metrics = Metrics(CollectorRegistry())
+    text = exposed(metrics)
+    families = {family.name: family for family in metrics.registry.collect()}
+    for name, (kind, buckets) in UPSTREAM.items():
+        assert f"# TYPE scheduler_{name} {kind}" in text, name
+        if buckets:
+            found = metrics.registry._names_to_collectors[f"scheduler_{name}"]
+            assert found._upper_bounds == [*buckets, float("inf")], name  # type: ignore[attr-defined]
+    assert "process_resident_memory_bytes" in families
+
+
+def test_refused_and_failed_attempts_have_a_duration_too() -> None:
+    metrics = Metrics(CollectorRegistry())
+    for result in AttemptResult:
+        metrics.attempted(result, "ours", 0.003)
+    text = exposed(metrics)
+    for result in ("scheduled", "unschedulable", "error"):
+        bucket = f'attempt_duration_seconds_bucket{{le="0.004",profile="ours",result="{result}"}} 1.0'
+        assert bucket in text, text
+        assert f'schedule_attempts_total{{profile="ours",result="{result}"}} 1.0' in text
+
+
+def test_claimed_domains_are_counted_by_pool_and_phase_as_the_watch_tells_them() -> None:
+    counted = DomainClaims()
+
+    def claim(phase: str, pool: str = "halls") -> Claim:
+        found = apiobjects.claim(
+            domain=apiobjects.domain(pool=pool),
+        )
+        return msgspec.convert({**found, "status": {"phase": phase}}, Claim)
+
+    reserved, bound = claim("Reserved"), claim("Bound")
+    counted.see(Event("robotclaims", Change.CLAIMS, None, reserved))
+    counted.see(Event("robotclaims", Change.CLAIMS, reserved, bound))
+    counted.see(Event("robotclaims", Change.CLAIMS, None, claim("Draining", "yard")))
+    counted.see(Event("robotclaims", Change.CLAIMS, None, device_claim("n1", "can-can0", uid="u")))
+    counted.see(Event("pods", Change.POD_ADDED, None, None))
+    assert counted.counts() == {("halls", "Reserved"): 0, ("halls", "Bound"): 1, ("yard", "Draining"): 1}
+    counted.see(Event("robotclaims", Change.CLAIMS, bound, None))
+    assert counted.counts()["halls", "Bound"] == 0
 
 
 def test_gauges_and_counters_kept_elsewhere_are_read_at_each_scrape() -> None:

@@ -1,0 +1,142 @@
+"""The hooks of a profile between the choice of a node and the bind: reserve, permit, pre_bind; post_bind after it.
+
+A hook may be a plain function or a coroutine. One that raises is an error of the pod, never of the process. Whatever way
+an attempt ends but with the bind, everything that was reserved is given back in reverse order.
+"""
+
+import inspect
+import logging
+from collections.abc import Mapping, Sequence
+from types import TracebackType
+from typing import Any, Final, NamedTuple, Self
+
+from robotapp_api.model.names import GRANTED_PREFIX, PodReason
+from robotapp_scheduler.core.bind_context import BindContext
+from robotapp_scheduler.core.framework import Code, Loaded, Status, histogram
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.profiles import Profile
+from robotapp_scheduler.core.queued import Rejection
+from robotapp_scheduler.shell.timing import PointTimer
+
+log = logging.getLogger(__name__)
+
+POINTS: Final = (("Reserve", "reserve"), ("Permit", "permit"), ("PreBind", "pre_bind"))
+REJECTED: Final = frozenset({Code.UNSCHEDULABLE, Code.UNRESOLVABLE, Code.PENDING})
+FINE: Final = frozenset({Code.SUCCESS, Code.SKIP})
+
+
+class Refused(NamedTuple):
+    """Why a pod is not bound after all: what the queue, the user and the metrics are told."""
+
+    rejection: Rejection
+    reason: str
+    message: str
+
+
+class BindSteps:
+    """The steps of one attempt: `async with` them, `run` on the chosen node, and `finish` once the pod is bound."""
+
+    def __init__(self, profile: Profile, pod: PodInfo, timer: PointTimer) -> None:
+        self._chains: Mapping[str, Sequence[Loaded]] = {
+            "reserve": profile.reserves,
+            "permit": profile.permits,
+            "pre_bind": profile.pre_binds,
+        }
+        self._wanted = profile.waits or bool(profile.reserves)
+        self._after = profile.post_binds
+        self._pod = pod
+        self._timer = timer
+        self._node = ""
+        self._bound = False
+        self._reserved: list[Loaded] = []
+        self.context = BindContext()
+
+    def __repr__(self) -> str:
+        return f"<BindSteps of {self._pod.key} on {self._node or 'no node yet'}>"
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if not self._bound:
+            await self.give_back()
+
+    async def run(self, node: str) -> Refused | None:
+        """Everything before the bind; None when the pod may be bound to this node. May be run again after `give_back`."""
+        self._node, self.context = node, BindContext()
+        if not self._wanted:
+            return None
+        for point, hook in POINTS:
+            refused = await self._run_point(point, hook)
+            if refused is not None:
+                return refused
+        return _forged(self.context)
+
+    async def finish(self) -> None:
+        """The pod is bound: tell the plugins. What they do wrong now is only logged."""
+        self._bound = True
+        for loaded in self._after:
+            await self._ask(loaded, "PostBind", "post_bind")
+
+    async def _run_point(self, point: str, hook: str) -> Refused | None:
+        for loaded in self._chains[hook]:
+            if hook == "reserve":
+                self._reserved.append(loaded)  # a hook that failed half-way is asked to clean up too
+            status = await self._ask(loaded, point, hook)
+            if status.code not in FINE:
+                return _refusal(point, loaded.name, status)
+        return None
+
+    async def give_back(self) -> None:
+        """Unreserve what was reserved, last first."""
+        while self._reserved:
+            loaded = self._reserved.pop()
+            if hasattr(loaded.plugin, "unreserve"):
+                await self._ask(loaded, "Unreserve", "unreserve")
+
+    async def _ask(self, loaded: Loaded, point: str, hook: str) -> Status:
+        """The plugin's answer, timed; what it raises is an Error."""
+        started_s = self._timer.clock()
+        try:
+            answer: Any = getattr(loaded.plugin, hook)(self._pod, self._node, self.context)
+            if inspect.isawaitable(answer):
+                answer = await answer
+            status = _status(answer)
+        except Exception as error:  # a plugin of somebody else's: its pod is told, the others go on
+            log.exception("%s of plugin %s failed for %s", hook, loaded.name, self._pod.key)
+            status = Status(Code.ERROR, f"{type(error).__name__}: {error}")
+        self._timer.plugin(loaded.name, point, status.code, started_s)
+        return status
+
+
+def _status(answer: object) -> Status:
+    if answer is None:
+        return Status(Code.SUCCESS)
+    if isinstance(answer, Status):
+        return answer
+    return Status(Code.ERROR, f"answered {type(answer).__name__}, expected a Status or None")
+
+
+def _refusal(point: str, plugin: str, status: Status) -> Refused:
+    """In upstream's words: a refusal is about the one node, an error names point and plugin."""
+    if status.code in REJECTED:
+        pending = frozenset({plugin}) if status.code is Code.PENDING else frozenset[str]()
+        text = histogram(1, {status.reason or f"node(s) were rejected by {plugin}": 1})
+        return Refused(Rejection(frozenset({plugin}), pending), PodReason.UNSCHEDULABLE, text)
+    return failed_step(point, plugin, status.reason or f"answered {status.code}")
+
+
+def failed_step(point: str, plugin: str, text: str) -> Refused:
+    """An error on the way to the node: retried after back-off."""
+    return Refused(Rejection(), PodReason.SCHEDULER_ERROR, f'running {point} plugin "{plugin}": {text}')
+
+
+def _forged(context: BindContext) -> Refused | None:
+    """Grants are the claims' word, not a plugin's."""
+    named = sorted(key for key in context.annotations if key.startswith(GRANTED_PREFIX))
+    if not named:
+        return None
+    text = f"annotations {', '.join(named)} are written by the scheduler alone"
+    return Refused(Rejection(), PodReason.SCHEDULER_ERROR, text)
