@@ -1,5 +1,6 @@
 """The command lines of the control plane's programs. Pure: paths and ports in, argument lists out."""
 
+import ipaddress
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -28,6 +29,8 @@ class Layout:
     api_port: int
     kwok_port: int
     foreign_url: str = ""
+    host: str = "127.0.0.1"
+    """The address the API server listens on: another one when nodes of their own have to reach it."""
 
     @classmethod
     def create(cls, run_dir: Path, *, server_url: str = "") -> "Layout":
@@ -39,7 +42,7 @@ class Layout:
 
     @property
     def server_url(self) -> str:
-        return self.foreign_url or f"https://127.0.0.1:{self.api_port}"
+        return self.foreign_url or f"https://{self.host}:{self.api_port}"
 
     @property
     def etcd_url(self) -> str:
@@ -113,9 +116,8 @@ def etcd(layout: Layout) -> list[str]:
 def kube_apiserver(layout: Layout, settings: Settings) -> list[str]:
     args = [
         f"--etcd-servers={layout.etcd_url}",
-        "--bind-address=127.0.0.1",
+        f"--bind-address={layout.host}",
         f"--secure-port={layout.api_port}",
-        "--endpoint-reconciler-type=none",  # else the server refuses a loopback address
         f"--cert-dir={layout.serving_certificate.parent}",
         f"--token-auth-file={layout.token_file}",
         "--authorization-mode=Node,RBAC",
@@ -125,6 +127,8 @@ def kube_apiserver(layout: Layout, settings: Settings) -> list[str]:
         "--service-cluster-ip-range=10.96.0.0/16",
         "--allow-privileged=true",
     ]
+    if ipaddress.ip_address(layout.host).is_loopback:  # the server refuses to make it an endpoint of its Service
+        args.append("--endpoint-reconciler-type=none")
     if not settings.controller_manager:  # nobody would create the default ServiceAccounts that pods need
         args.append("--disable-admission-plugins=ServiceAccount")
     if settings.audit:

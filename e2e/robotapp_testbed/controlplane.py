@@ -56,6 +56,7 @@ class ControlPlane:
         self._wanted += [Program.CONTROLLER_MANAGER] if controller_manager else []
         self._wanted += [Program.KWOK] if kwok else []
         self._wanted += [Program.SCHEDULER] if kube_scheduler else []
+        self._tools = ["kubectl", "helm"]
         self._kube_scheduler = kube_scheduler
         self._audit_level = "Metadata" if audit is True else audit or ""
         self._identities = {**identity.standard_identities(), **(identities or {})}
@@ -158,10 +159,10 @@ class ControlPlane:
 
     def start(self) -> Self:
         """Start everything and wait until it serves (2 to 4 s). On failure nothing is left behind."""
-        binaries = self._assets.resolve([*self._wanted, "kubectl", "helm"])
+        binaries = self._assets.resolve([*self._wanted, *self._tools])
         self._run_dir = Path(tempfile.mkdtemp(prefix="robotapp-testbed-"))
         try:
-            self._guard = start_guard(self._run_dir)
+            self._guard = self._start_guard(self._run_dir)
             self._layout = self._make_layout(self._run_dir)
             self._commands = Commands(binaries, self._run_dir)
             self._write_files(self._layout, binaries)
@@ -219,6 +220,9 @@ class ControlPlane:
             raise TestbedError("the control plane is not started")
         return self._commands.run(program, args, kubeconfig=self.kubeconfig(name), stdin=stdin, check=check)
 
+    def _start_guard(self, run_dir: Path) -> subprocess.Popen[bytes]:
+        return start_guard(run_dir)
+
     def _make_layout(self, run_dir: Path) -> components.Layout:
         return components.Layout.create(run_dir)
 
@@ -240,7 +244,7 @@ class ControlPlane:
             extra=self._extra_args,
         )
         build = servers.Builder(layout, settings, binaries, self._api)
-        self._processes = build.store_and_api()
+        self._processes |= build.store_and_api()
         self._processes[Program.API].wait_ready()
         layout.ca_file.write_text(identity.last_certificate(layout.serving_certificate.read_text()))
         for name, each in self._identities.items():
@@ -254,8 +258,14 @@ class ControlPlane:
             process.wait_ready()
 
 
-def start_guard(run_dir: Path) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-I", "-S", guard.__file__, str(os.getpid()), str(run_dir)]
+def start_guard(run_dir: Path, *, afterwards: Sequence[str] = (), keeps: Sequence[int] = ()) -> subprocess.Popen[bytes]:
+    """`afterwards` is a script with its arguments for the guard to end with; `keeps` are descriptors (locks) it keeps open."""
+    command = [sys.executable, "-I", "-S", guard.__file__, str(os.getpid()), str(run_dir), *afterwards]
     return subprocess.Popen(
-        command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+        pass_fds=keeps,
     )

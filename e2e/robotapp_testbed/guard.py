@@ -1,9 +1,10 @@
 """Run as a script: when the owner is gone, however it went, kill what it had started and remove its folder.
 
-    python -I -S guard.py OWNER_PID RUN_DIR
+    python -I -S guard.py OWNER_PID RUN_DIR [SCRIPT ARGUMENT…]
 
 RUN_DIR/processes holds one file per process, named by its pid, written by launch.py before the program starts.
-Uses nothing of the package: it must survive anything that happens to its owner.
+Becomes SCRIPT at the end, for what else has to be removed. Uses nothing of the package: it must survive anything that
+happens to its owner.
 """
 
 import os
@@ -59,6 +60,8 @@ def main() -> None:
             break
         time.sleep(PAUSE_S)
     shutil.rmtree(directory, ignore_errors=True)
+    if sys.argv[3:]:
+        os.execv(sys.executable, [sys.executable, "-I", "-S", *sys.argv[3:]])  # noqa: S606 - a script of ours
 
 
 if __name__ == "__main__":

@@ -73,6 +73,8 @@ BINARIES: Final = (
     _kubernetes("kube-controller-manager", 80),
     _kubernetes("kube-scheduler", 12),
     _kubernetes("kubectl", 20),
+    _kubernetes("kubelet", 60),
+    _kubernetes("kube-proxy", 10),
     # The kwok project publishes no checksum file beside its binaries, so there is nothing to verify a download with.
     Binary(name="kwok", package="sigs.k8s.io/kwok/cmd/kwok", compile_s=60, release=None),
     Binary(

@@ -10,7 +10,7 @@ from typing import Final
 from robotapp_testbed import cache, gobuild, pins, toolchain
 from robotapp_testbed.progress import Progress
 
-FOLDERS: Final = {"latency-switch": "latency_switch", "pause": "pause"}
+FOLDERS: Final = {"latency-switch": "latency_switch", "pause": "pause", "cluster-dns": "cluster_dns"}
 """Program name → folder under e2e."""
 
 _COMPILE_S = 15

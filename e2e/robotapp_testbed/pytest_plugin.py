@@ -11,8 +11,9 @@ import pytest
 
 if TYPE_CHECKING:
     from robotapp_testbed import ControlPlane
+    from robotapp_testbed.real import RealNodes
 
-_FIXTURES = {"control_plane", "installed_plane"}
+_FIXTURES = {"control_plane", "installed_plane", "real_nodes"}
 _RUNNING: list["ControlPlane"] = []
 
 
@@ -45,6 +46,37 @@ def namespace(control_plane: "ControlPlane") -> Iterator[str]:
         yield name
 
 
+@pytest.fixture(scope="session")
+def real_machine() -> type["RealNodes"]:
+    """What starts real nodes on this machine; a test is skipped with the sentence that says what is missing."""
+    from robotapp_testbed.real import RealNodes, prerequisites
+
+    problem = prerequisites.missing()
+    if problem:
+        pytest.skip(str(problem))
+    return RealNodes
+
+
+@pytest.fixture(scope="session")
+def real_nodes(real_machine: type["RealNodes"]) -> Iterator["RealNodes"]:
+    """Two real nodes, robot-1 and edge-1, joined by the latency switch; nothing of the product."""
+    from robotapp_testbed.nodes import edge, robot
+
+    with real_machine([robot("robot-1"), edge("edge-1")], delays={}) as plane:
+        _RUNNING.append(plane)
+        yield plane
+        _RUNNING.remove(plane)
+
+
+@pytest.fixture
+def real_namespace(real_nodes: "RealNodes") -> Iterator[str]:
+    """A fresh namespace for pods on the real nodes."""
+    from robotapp_testbed.namespaces import created
+
+    with created(real_nodes, f"test-{secrets.token_hex(3)}") as name:
+        yield name
+
+
 def running_plane() -> "ControlPlane | None":
     """The session's control plane if a test has asked for it."""
     return _RUNNING[0] if _RUNNING else None
@@ -53,7 +85,7 @@ def running_plane() -> "ControlPlane | None":
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Whatever uses the control plane is a live test, said or not."""
     for item in items:
-        if _FIXTURES & set(getattr(item, "fixturenames", ())):
+        if (_FIXTURES | {"real_machine"}) & set(getattr(item, "fixturenames", ())):
             item.add_marker(pytest.mark.live)
 
 

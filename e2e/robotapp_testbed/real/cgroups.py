@@ -1,0 +1,41 @@
+"""The cgroup folders of the nodes: one per node below one per cluster, in every hierarchy."""
+
+from contextlib import suppress
+from pathlib import Path
+
+from robotapp_testbed.real import sweep
+
+_COPIED = ("cpuset.cpus", "cpuset.mems")
+_CONTROLLERS = ("cpu", "cpuset", "io", "memory", "pids")
+
+
+def create(name: str, *, root: Path = sweep.CGROUPS) -> None:
+    """Make `name` (may be nested) in every hierarchy, usable by a kubelet as its root. May be repeated."""
+    for hierarchy in sweep.hierarchies(root):
+        folder = hierarchy
+        for part in Path(name).parts:
+            _delegate(folder)
+            folder = folder / part
+            folder.mkdir(exist_ok=True)
+            _inherit(folder)
+
+
+def _inherit(folder: Path) -> None:
+    """With v1 a new cpuset is empty, and a process could not even join it."""
+    for name in _COPIED:
+        own, above = folder / name, folder.parent / name
+        if own.exists() and above.exists() and not own.read_text().strip():
+            own.write_text(above.read_text())
+
+
+def _delegate(folder: Path) -> None:
+    """With v2 a folder's children have the controllers it hands down."""
+    control = folder / "cgroup.subtree_control"
+    if not control.exists():
+        return
+    offered = (folder / "cgroup.controllers").read_text().split()
+    handed_down = control.read_text().split()
+    for controller in _CONTROLLERS:
+        if controller in offered and controller not in handed_down:
+            with suppress(OSError):  # the kubelet names a controller it lacks better than we could
+                control.write_text(f"+{controller}")

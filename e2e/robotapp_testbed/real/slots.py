@@ -1,0 +1,86 @@
+"""Which clusters of real nodes exist on this machine: each holds a numbered lock, which ends with its last holder.
+
+The guard inherits the lock, so a number is free only after the guard has cleaned up. A number taken from somebody whose
+guard was killed as well is swept first.
+"""
+
+import fcntl
+import json
+import os
+from pathlib import Path
+from typing import TextIO
+
+from robotapp_testbed.failures import TestbedError
+from robotapp_testbed.real import sweep
+from robotapp_testbed.real.addresses import CLUSTERS, Addresses
+
+FOLDER = Path("/run/robotapp-nodes")
+
+
+class Slot:
+    """A number nobody else on this machine has, until `release`."""
+
+    def __init__(self, number: int, file: TextIO) -> None:
+        self.addresses = Addresses(number)
+        self._file = file
+
+    @property
+    def descriptor(self) -> int:
+        """Given to the guard, which then holds the number as well."""
+        return self._file.fileno()
+
+    def note(self, run_dir: Path) -> None:
+        """For whoever has to sweep after us."""
+        self._file.seek(0)
+        self._file.truncate()
+        json.dump({"pid": os.getpid(), "run_dir": str(run_dir)}, self._file)
+        self._file.flush()
+
+    def release(self) -> None:
+        self._file.seek(0)
+        self._file.truncate()
+        self._file.close()
+
+
+def take(folder: Path = FOLDER, *, cgroups: Path = sweep.CGROUPS) -> Slot:
+    """The lowest free number; what a killed holder left under it is removed first."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for number in range(CLUSTERS):
+        file = _locked(folder / f"{number}.lock")
+        if file is None:
+            continue
+        slot = Slot(number, file)
+        ours = slot.addresses
+        sweep.sweep(run_dir=_left_folder(file), cgroup=ours.cgroup, host_link=ours.host_link, root=cgroups)
+        return slot
+    raise TestbedError(
+        f"{CLUSTERS} clusters of real nodes run already: end some with `python -m robotapp_testbed down`"
+    )
+
+
+def in_use(folder: Path = FOLDER) -> list[int]:
+    """Numbers of the clusters that run now."""
+    numbers = []
+    for path in folder.glob("*.lock") if folder.is_dir() else []:
+        file = _locked(path)
+        if file is None:
+            numbers.append(int(path.stem))
+        else:
+            file.close()
+    return sorted(numbers)
+
+
+def _locked(path: Path) -> TextIO | None:
+    file = path.open("a+")
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        file.close()
+        return None
+    return file
+
+
+def _left_folder(file: TextIO) -> Path | None:
+    file.seek(0)
+    text = file.read()
+    return Path(json.loads(text)["run_dir"]) if text else None
