@@ -5,7 +5,6 @@ with one feasible node scoring is skipped, and with none the pod's condition hol
 """
 
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -41,7 +40,7 @@ def start(cp: ControlPlane) -> Process:
         f"--config={config}",
         "--secure-port=0",
         "--feature-gates=OpportunisticBatching=false",
-        "-v=10",
+        "--vmodule=schedule_one*=10",
     ]
     return Process("oracle", argv, run_dir=cp.run_dir, log_path=cp.logs_dir / "oracle.log").start()
 
@@ -68,7 +67,7 @@ class OracleLog:
         self._rest = ""
         self.pods: dict[str, Scores] = {}
 
-    def read(self) -> Mapping[str, Scores]:
+    def read(self) -> dict[str, Scores]:
         """Take in what was written since the last call."""
         with self._path.open("rb") as file:
             file.seek(self._offset)

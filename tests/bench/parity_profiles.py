@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from random import Random
 from typing import Any, Final
 
+from tests.support.cluster_cases import FAMILIES
+
 Json = dict[str, Any]
 GPU: Final = "example.com/gpu"
 DISK_OR_ZONE: Final = {
@@ -17,7 +19,7 @@ DISK_OR_ZONE: Final = {
         ]
     },
     "preferredDuringSchedulingIgnoredDuringExecution": [
-        {"weight": 7, "preference": {"matchExpressions": [{"key": "zone", "operator": "In", "values": ["a", "b"]}]}}
+        {"weight": 7, "preference": {"matchExpressions": [{"key": "rack", "operator": "In", "values": ["r0"]}]}}
     ],
 }
 
@@ -52,9 +54,12 @@ PROFILES: Final[Mapping[str, Json]] = {
 """Suffix to arguments by plugin."""
 
 
-def suffix(random: Random) -> str:
-    """The profile of one pod."""
-    return random.choice(tuple(PROFILES)) if random.random() < 0.4 else ""
+def suffix(seed: str, number: int, families: Sequence[str]) -> str:
+    """The profile of a case. Preemption stays with the default one: the reference that judges its ties has that."""
+    random = Random(f"{seed}/{number}/profile")
+    if any("DefaultPreemption" in FAMILIES[name].plugins for name in families) or random.random() > 0.4:
+        return ""
+    return random.choice(tuple(PROFILES))
 
 
 def profiles(scheduler: str) -> list[Json]:

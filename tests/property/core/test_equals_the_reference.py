@@ -5,6 +5,7 @@ import random
 import pytest
 from hypothesis import HealthCheck, given, settings
 from tests.support.cluster_cases import FAMILIES, Case, cases, seeded_case
+from tests.support.cluster_cases.regressions import regressions
 from tests.support.reference_comparison import NOT_YET, SUPPORTED, build, compare, differences, feed
 from tests.support.reference_scheduler import ClusterDump, decide
 from tests.support.reference_scheduler.model import Json
@@ -27,6 +28,12 @@ def test_a_thousand_seeded_cases_equal_the_reference() -> None:
 @given(cases(SUPPORTED))
 def test_drawn_cases_equal_the_reference(case: Case) -> None:
     assert differences(case) == []
+
+
+def test_what_once_differed_equals_the_reference() -> None:
+    """Those of the default profile: `scripts/bench parity` compares all of them with kube-scheduler."""
+    for each in regressions():
+        assert each.profile or differences(each.case) == [], f"{each.name}: {each.why}"
 
 
 @pytest.mark.parametrize("family", NOT_YET)

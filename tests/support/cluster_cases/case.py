@@ -58,11 +58,11 @@ def _objects(scene: Scene) -> tuple[Json, ...]:
     return (*scene.objects, *scene.nodes, *scene.placed, scene.pod)
 
 
-def seeded_case(seed: str, *, number: int, families: Sequence[str]) -> Case:
+def seeded_case(seed: str, *, number: int, families: Sequence[str], nodes: int = 12, placed: int = 30) -> Case:
     """Number `number` of a run: the families take turns at the centre."""
     first = families[number % len(families)]
     choices = SeededChoices(f"{seed}/{number}/{first}")
-    case = build_case(choices, families, first=first)
+    case = build_case(choices, families, first=first, nodes=nodes, placed=placed)
     return Case(case.families, case.objects, tuple(choices.taken))
 
 

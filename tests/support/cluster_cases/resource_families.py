@@ -107,12 +107,13 @@ def init_steps(choices: Choices, scene: Scene) -> None:
 
 
 def overhead(choices: Choices, scene: Scene) -> None:
-    """The API server takes an overhead only together with the RuntimeClass that has it."""
+    """The API server takes an overhead only together with the RuntimeClass that has it; equal names mean equal classes."""
     fixed = {"cpu": choices.pick(("250m", "1", "10m")), "memory": choices.pick(("120Mi", "1Gi"))}
-    scene.add("RuntimeClass", "boxed", api="node.k8s.io/v1", handler="boxed", overhead={"podFixed": fixed})
+    name = f"boxed-{fixed['cpu']}-{fixed['memory']}".lower()
+    scene.add("RuntimeClass", name, api="node.k8s.io/v1", handler="boxed", overhead={"podFixed": fixed})
     for pod in scene.pods():
         if pod is scene.pod or choices.chance(40):
-            pod["spec"] |= {"runtimeClassName": "boxed", "overhead": dict(fixed)}
+            pod["spec"] |= {"runtimeClassName": name, "overhead": dict(fixed)}
 
 
 def boxed_level(choices: Choices, scene: Scene) -> None:

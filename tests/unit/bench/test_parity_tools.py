@@ -1,13 +1,18 @@
 """The tools that judge must be right themselves."""
 
 from pathlib import Path
-from random import Random
 
 import pytest
 from tests.bench.figures import medians, percentile, ratios, table
-from tests.bench.parity import Verdict, differences, weighted
+from tests.bench.parity_live import LIVE, NOT_LIVE, campaign, numbered
 from tests.bench.parity_oracle import OracleLog
-from tests.bench.parity_shapes import FAMILIES, pod, scene
+from tests.bench.parity_probe import probe, told, weighted
+from tests.bench.parity_profiles import PROFILES
+from tests.bench.parity_report import Report
+from tests.bench.parity_verdict import FOUND, Verdict, differences, judged
+from tests.support.cluster_cases import FAMILIES, Case, seeded_case
+from tests.support.cluster_cases.eviction_families import set_priority
+from tests.support.cluster_cases.scene import Scene, make_node, make_pod
 
 LOG = """\
 I1121 00:00:00.1 7 schedule_one.go:1] "Plugin scored node for pod" pod="a/p" plugin="NodeAffinity" node="n1" score=20
@@ -46,6 +51,7 @@ SCORES = {"n1": {"Fit": 90}, "n2": {"Fit": 80}}
         (Verdict("n1", "", {"n1": {"Fit": 90}, "n2": {"Fit": 81}}), "scores of n2"),
         (Verdict("n1", "", {"n1": {"Fit": 90}}), "feasible"),
         (Verdict("", "0/2 nodes are available."), "text"),
+        (Verdict("n1", "", SCORES, victims=("p0",)), "victims"),
     ],
 )
 def test_every_kind_of_difference_is_found(ours: Verdict, found: str) -> None:
@@ -68,18 +74,87 @@ def test_weighted_scores_are_read_from_the_columns_of_an_explanation() -> None:
     assert weighted(top) == {"n1": {"Taint": 300}, "n2": {"Taint": 150}}
 
 
-def test_equal_seeds_give_equal_scenes_and_pods() -> None:
-    one, other = Random(7), Random(7)
-    assert scene(one) == scene(other)
-    assert [pod(one, "p", "s") for _ in range(50)] == [pod(other, "p", "s") for _ in range(50)]
+def full_nodes(*cpu: str) -> Case:
+    """A node per amount, full of one pod of low priority; the pod to place needs one of them to go."""
+    scene = Scene(pod=make_pod("new", cpu="3"))
+    set_priority(scene, scene.pod, 100)
+    for index, amount in enumerate(cpu):
+        scene.nodes.append(make_node(f"n{index}"))
+        scene.placed.append(make_pod(f"low{index}", node=f"n{index}", cpu=amount))
+        set_priority(scene, scene.placed[-1], 0)
+    return Case(("preemption",), (*scene.objects, *scene.nodes, *scene.placed, scene.pod))
 
 
-def test_every_family_turns_up_soon() -> None:
-    random = Random(1)
-    text = str([pod(random, "p", "s") for _ in range(200)])
-    marks = ("example.com/gpu", "hostPort", "initContainers", "metadata.name", "nodeSelector", "tolerations")
-    assert len(FAMILIES) >= 10
-    assert all(mark in text for mark in marks)
+def preempting(node: str, *victims: str) -> Verdict:
+    text = f"0/2 nodes are available: 2 Insufficient cpu. {FOUND} for pod on node {node}, preempting 1 victims"
+    return Verdict(node, text, victims=victims)
+
+
+def test_another_node_of_the_same_price_is_no_difference_and_a_dearer_one_is() -> None:
+    theirs, ours = preempting("n0", "low0"), preempting("n1", "low1")
+    equal = full_nodes("2", "2")
+    assert judged(equal, theirs, ours) == []
+    dearer = full_nodes("2", "2")
+    dearer.objects[-2]["spec"]["priority"] = 10
+    assert judged(dearer, theirs, ours)
+
+
+def test_the_wrong_victim_is_a_difference_wherever_it_was() -> None:
+    case = full_nodes("2", "2")
+    assert judged(case, preempting("n0", "low0"), preempting("n0", "low1"))
+    assert judged(case, preempting("n0", "low0"), preempting("n1", "low0"))
+
+
+def condition(message: str, reason: str = "Unschedulable") -> dict[str, str]:
+    return {"type": "PodScheduled", "status": "False", "reason": reason, "message": message}
+
+
+@pytest.mark.parametrize(
+    ("spec", "status", "promised", "expected"),
+    [
+        ({}, {}, "", None),
+        ({"nodeName": "n1"}, {}, "", ("n1", "")),
+        ({}, {"conditions": [condition("0/1 nodes")], "nominatedNodeName": "n1"}, "", ("", "0/1 nodes")),
+        ({}, {"conditions": [condition(FOUND)], "nominatedNodeName": "n1"}, "", ("n1", FOUND)),
+        ({}, {"conditions": [condition("gated", "SchedulingGated")]}, "", None),
+        ({}, {"nominatedNodeName": "n1"}, "", ("n1", "")),
+        ({}, {"nominatedNodeName": "n1"}, "n1", None),
+    ],
+)
+def test_a_pod_tells_its_decision(
+    spec: dict[str, str], status: dict[str, object], promised: str, expected: tuple[str, str] | None
+) -> None:
+    assert told({"spec": spec, "status": status}, promised=promised) == expected
+
+
+def test_a_promised_pod_starts_behind_a_gate_so_that_the_promise_is_there_first() -> None:
+    case = full_nodes("1")
+    assert "schedulingGates" not in probe(case, "new-1", "ours")["spec"]
+    case.objects[-1]["status"]["nominatedNodeName"] = "n0"
+    assert probe(case, "new-1", "ours")["spec"]["schedulingGates"]
+
+
+def test_equal_seeds_give_equal_campaigns_and_every_family_and_profile_takes_its_turn() -> None:
+    cases = [each for each in campaign("7", 400) if each.number is not None]
+    assert cases == [each for each in campaign("7", 400) if each.number is not None]
+    assert cases[17] == numbered("7", 17)
+    assert {each.case.families[0] for each in cases} == set(LIVE)
+    assert {each.profile for each in cases} == set(PROFILES)
+    assert len(LIVE) >= 20
+    assert set(LIVE) | set(NOT_LIVE) == set(FAMILIES)
+
+
+def test_a_report_counts_what_was_compared() -> None:
+    report = Report("1")
+    case = seeded_case("1", number=0, families=["cordons"], nodes=1, placed=0)
+    report.take(case, Verdict("", "0/1 nodes are available"))
+    report.take(case, Verdict("n0"))
+    report.refused_by_server(case, "invalid")
+    report.differs(case, {"differences": ["text"]})
+    assert report.families["cordons"] == {"refused": 1, "bound": 1, "invalid": 1, "differences": 1}
+    assert report.compared["first reasons on one node"] == 1
+    assert "2 cases of 1 families, seed 1: 1 differences" in report.summary()
+    assert "cordons" in report.table()
 
 
 def test_percentiles_medians_and_ratios() -> None:
