@@ -22,8 +22,8 @@ def _start(pod: Json, index: int) -> None:
 def preemption(choices: Choices, scene: Scene) -> None:
     """Nodes full, or nearly, of pods of lower, equal and higher priority."""
     policy = "Never" if choices.chance(5) else "PreemptLowerPriority"
-    set_priority(scene, scene.pod, choices.pick((100, 100, 20, 10, 0)), policy=policy)
-    requests(container(scene.pod)).update(cpu=choices.pick(("2", "3", "1", "9")), memory="64Mi")
+    set_priority(scene, scene.pod, choices.pick((100, 100, 20, 100, 10, 0)), policy=policy)
+    requests(container(scene.pod)).update(cpu=choices.pick(("2", "3", "1", "2", "9")), memory="64Mi")
     for node in scene.nodes:
         room = node["status"]["allocatable"]
         room["cpu"] = node["status"]["capacity"]["cpu"] = choices.pick(("2", "3", "4"))
@@ -36,10 +36,18 @@ def preemption(choices: Choices, scene: Scene) -> None:
             if choices.chance(8):
                 terminate(low)
             scene.placed.append(low)
+    held = dict.fromkeys(scene.names(), 0)
     for index, pod in enumerate(scene.placed):
         set_priority(scene, pod, choices.pick(_PRIORITIES))
         _start(pod, index)
-        requests(container(pod))["cpu"] = choices.pick(("1", "500m", "1500m", "100m"))
+        cpu_milli = choices.pick((1000, 500, 1500, 100))
+        requests(container(pod))["cpu"] = f"{cpu_milli}m"
+        held[pod["spec"]["nodeName"]] += cpu_milli
+    for node in scene.nodes:
+        if choices.chance(60):
+            # Not a milli left, as long as the pod would fit on the empty node.
+            full = f"{max(held[node['metadata']['name']], 2000)}m"
+            node["status"]["allocatable"]["cpu"] = node["status"]["capacity"]["cpu"] = full
 
 
 def disruption_budgets(choices: Choices, scene: Scene) -> None:
