@@ -4,7 +4,7 @@ One vocabulary serves three readers: the change log (which node rows a cached re
 (which waiting pods a change may help) and the plugins (`node_reads` and `events`).
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from enum import IntFlag, auto
 from typing import Any, Final, NamedTuple
 
@@ -161,13 +161,42 @@ def interest_of(node_reads: Iterable[str]) -> int:
     return int(found)
 
 
+class News:
+    """What a log says after some position. Made once for all readers that stand there."""
+
+    __slots__ = ("_entries", "_rows", "kinds", "views")
+
+    def __init__(self, entries: Sequence[tuple[int, int]]) -> None:
+        self.kinds = 0
+        """All kinds of change that happened."""
+        for _, change in entries:
+            self.kinds |= change
+        self._entries = entries
+        self._rows: dict[int, list[int] | None] = {}
+        self.views: dict[int, Any] = {}
+        """What readers made of the rows, by the kinds of change they asked for."""
+
+    def __repr__(self) -> str:
+        return f"News({Change(self.kinds)!r})"
+
+    def rows(self, interest: int) -> list[int] | None:
+        """Rows with a change of interest, each once; None: look at all rows, because a change touched every one."""
+        wanted = self.kinds & interest
+        if not wanted:
+            return []
+        if wanted not in self._rows:
+            rows = dict.fromkeys(row for row, change in self._entries if change & wanted)
+            self._rows[wanted] = None if EVERY_ROW in rows else list(rows)
+        return self._rows[wanted]
+
+
 class ChangeLog:
     """Bounded log of (row, change). Positions only grow; a reader that fell behind starts over.
 
     A row of EVERY_ROW means that all rows changed (a new RTT model, for example).
     """
 
-    __slots__ = ("_base", "_entries", "_limit")
+    __slots__ = ("_base", "_entries", "_limit", "_news")
     _next_base = 0
 
     def __init__(self, limit: int = 8192) -> None:
@@ -175,6 +204,7 @@ class ChangeLog:
         self._base = 0
         # Plain ints: an IntFlag costs ten times as much per operation, and this is read for every pod.
         self._entries: list[tuple[int, int]] = []
+        self._news: dict[int, News] = {}
 
     def __repr__(self) -> str:
         return f"ChangeLog({self.position=}, kept={len(self._entries)})"
@@ -187,6 +217,7 @@ class ChangeLog:
     def add(self, row: int, change: Change) -> None:
         """Note that `row` changed."""
         self._entries.append((row, int(change)))
+        self._news.clear()
         if len(self._entries) > self._limit:
             drop = self._limit // 2
             del self._entries[:drop]
@@ -199,21 +230,17 @@ class ChangeLog:
         other._base = ChangeLog._next_base
         return other
 
-    def since(self, position: int, interest: int, *, most: int) -> list[int] | None:
-        """Rows with a change of interest after `position`, each once; None: look at all rows.
-
-        None is answered when the reader fell behind or read another log, when more than `most` log entries would have
-        to be read, or when a change touched every row.
-        """
+    def news(self, position: int, *, most: int) -> News | None:
+        """What happened after `position`; None when the reader fell behind by more than `most` entries or read another log."""
         start = position - self._base
-        if start == len(self._entries):
-            return []
-        if start < 0 or start > len(self._entries) or len(self._entries) - start > most:
+        if start < 0 or not 0 <= len(self._entries) - start <= most:
             return None
-        rows: dict[int, None] = {}
-        for row, change in self._entries[start:]:
-            if change & interest:
-                if row == EVERY_ROW:
-                    return None
-                rows[row] = None
-        return list(rows)
+        found = self._news.get(position)
+        if found is None:
+            found = self._news[position] = News(self._entries[start:])
+        return found
+
+    def since(self, position: int, interest: int, *, most: int) -> list[int] | None:
+        """Rows with a change of interest after `position`, each once; None: look at all rows."""
+        news = self.news(position, most=most)
+        return None if news is None else news.rows(interest)

@@ -325,11 +325,12 @@ class SchedulerCore:
         total = 0
         if evaluation.feasible > 1:
             engine.score(pod, evaluation)
-            position = engine.position_of(evaluation, wished)
+            best = evaluation.best()
+            position = engine.position_of(evaluation, wished) if wished else None
             if position is None:
-                position = engine.choose(pod, evaluation, evaluation.best(), self._seed)
+                position = engine.choose(pod, evaluation, best, self._seed)
             total = int(evaluation.total[position])
-            recorder.scored(evaluation, position)
+            recorder.scored(evaluation, position, best)
         else:
             position = int((evaluation.reason == 0).argmax())
         recorder.shadowed(engine.watch_shadows(pod, evaluation, position))

@@ -2,7 +2,7 @@
 
 import logging
 from collections import OrderedDict
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterator
 from hashlib import blake2b
 from typing import Any, Final, NamedTuple, Protocol, TypeVar
 
@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from robotapp_scheduler.core.classes import ColumnCache
 from robotapp_scheduler.core.cluster import Cluster
-from robotapp_scheduler.core.evaluation import Evaluation, Tally
+from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.filter_column import FilterColumn, Reasons
 from robotapp_scheduler.core.framework import Code, Loaded, Status
 from robotapp_scheduler.core.pods import LIVE, OWN_FEATURES, PodInfo
@@ -28,6 +28,8 @@ MOST_CLASS_IDS: Final = 20_000
 MOST_REMEMBERED: Final = 16
 BYTES_PER_ROW: Final = 300
 """What a class with columns of its own costs per node, at worst."""
+
+_ODD: Final = np.uint64(0xBF58476D1CE4E5B9)
 
 
 class Narrowed(NamedTuple):
@@ -71,7 +73,7 @@ class Engine:
     def decisions(self) -> dict[tuple[str, str, str], int]:
         """(plugin, point, result) → pods, for scheduler_plugin_decisions_total."""
         for evaluation in self._classes.values():
-            self._flush(evaluation.tally)
+            self._flush(evaluation)
         return dict(self._counts)
 
     # --- PreFilter -----------------------------------------------------------------------------------------------
@@ -123,7 +125,7 @@ class Engine:
             evaluation.refresh_filters(pod, self._cluster, Nodes(self._cluster))
         self._count_filters(evaluation)
         if evaluation.rows is not None or not self._caching:
-            self._flush(evaluation.tally)
+            self._flush(evaluation)
         return evaluation
 
     def score(self, pod: PodInfo, evaluation: Evaluation) -> None:
@@ -137,10 +139,10 @@ class Engine:
         if evaluation.rows is not None:
             evaluation.compute_scores(pod, Nodes(self._cluster, [int(row) for row in evaluation.rows]))
         else:
-            evaluation.refresh_scores(pod, self._cluster, Nodes(self._cluster))
-        for column in evaluation.scores:
-            if not column.skipped:
-                self._count(column.plugin.name, "score", "score")
+            evaluation.refresh_scores(pod, Nodes(self._cluster))
+        evaluation.tally.scored += 1
+        if evaluation.rows is not None or not self._caching:
+            self._flush(evaluation)
 
     def watch_shadows(self, pod: PodInfo, evaluation: Evaluation, chosen: int) -> tuple[str, ...]:
         """Count how often each shadow plugin, had it counted, would have changed the choice; name those that would now.
@@ -183,6 +185,11 @@ class Engine:
         row = position if evaluation.rows is None else int(evaluation.rows[position])
         return self._cluster.nodes.names[row]
 
+    def names_of(self, evaluation: Evaluation, positions: npt.NDArray[np.intp]) -> Iterator[str]:
+        """Node names at some positions."""
+        rows = positions if evaluation.rows is None else evaluation.rows[positions]
+        return map(self._cluster.nodes.names.__getitem__, rows.tolist())
+
     def position_of(self, evaluation: Evaluation, name: str) -> int | None:
         """Position of a node by name, if it takes the pod."""
         row = self._cluster.nodes.row_of.get(name)
@@ -218,7 +225,7 @@ class Engine:
         evaluation = self._classes[key] = Evaluation(filters, scores, self._reasons)
         if len(self._classes) > self._most_classes():
             _, dropped = self._classes.popitem(last=False)
-            self._flush(dropped.tally)
+            self._flush(dropped)
         return evaluation
 
     def _class_key(self, pod: PodInfo) -> Hashable:
@@ -268,18 +275,23 @@ class Engine:
 
     def _count_filters(self, evaluation: Evaluation) -> None:
         tally = evaluation.tally
-        if tally.revision != evaluation.revision:
-            self._flush(tally)
-            values = self._reasons.values
-            rejecting = {values[code].plugin for code in evaluation.counts()}
+        codes = tuple(evaluation.counts())
+        if tally.codes != codes:
+            self._flush(evaluation)
+            rejecting = {self._reasons.values[code].plugin for code in codes}
             tally.keys = tuple(_filter_key(column, rejecting) for column in evaluation.filters)
-            tally.revision = evaluation.revision
+            tally.codes = codes
         tally.count += 1
 
-    def _flush(self, tally: Tally) -> None:
-        for key in tally.keys:
-            self._counts[key] = self._counts.get(key, 0) + tally.count
-        tally.count = 0
+    def _flush(self, evaluation: Evaluation) -> None:
+        tally, counts = evaluation.tally, self._counts
+        for key in tally.keys if tally.count else ():
+            counts[key] = counts.get(key, 0) + tally.count
+        for column in evaluation.scores if tally.scored else ():
+            if not column.skipped:
+                key = (column.plugin.name, "score", "score")
+                counts[key] = counts.get(key, 0) + tally.scored
+        tally.count = tally.scored = 0
 
 
 def _filter_key(column: FilterColumn, rejecting: set[str]) -> tuple[str, str, str]:
@@ -300,9 +312,5 @@ def pod_hash(uid: str, seed: int) -> int:
 
 
 def mixed(names: npt.NDArray[np.uint64], pod: int) -> npt.NDArray[np.uint64]:
-    """Well spread 64-bit values from node name hashes and one pod hash (the finaliser of splitmix64)."""
-    value = names ^ np.uint64(pod)
-    value = (value ^ (value >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    value = (value ^ (value >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    mixed_value: npt.NDArray[np.uint64] = value ^ (value >> np.uint64(31))
-    return mixed_value
+    """64-bit values from node name hashes and one pod hash: for many pods, each name has the least one equally often."""
+    return (names ^ np.uint64(pod)) * _ODD

@@ -98,7 +98,8 @@ class ExplainRing:
         self._kept = kept
         self._kept_bytes = kept_bytes
         self._bytes = 0
-        self._records: OrderedDict[str, Record] = OrderedDict()
+        self._records: OrderedDict[str, tuple[Record, int]] = OrderedDict()
+        """By pod uid, with what each weighs."""
         self._by_name: dict[tuple[str, str], str] = {}
 
     def __len__(self) -> int:
@@ -114,36 +115,36 @@ class ExplainRing:
 
     def add(self, record: Record) -> None:
         """Keep a record in place of an older one of the same pod."""
-        older = self._records.pop(record.uid, None)
-        if older is not None:
-            self._bytes -= weight_bytes(older)
-        self._records[record.uid] = record
-        self._bytes += weight_bytes(record)
+        _, freed = self._records.pop(record.uid, (None, 0))
+        weight = weight_bytes(record)
+        self._records[record.uid] = (record, weight)
+        self._bytes += weight - freed
         self._by_name[record.namespace, record.name] = record.uid
         while len(self._records) > self._kept or (self._bytes > self._kept_bytes and len(self._records) > 1):
-            _, old = self._records.popitem(last=False)
-            self._bytes -= weight_bytes(old)
+            _, (old, freed) = self._records.popitem(last=False)
+            self._bytes -= freed
             if self._by_name.get((old.namespace, old.name)) == old.uid:
                 del self._by_name[old.namespace, old.name]
 
     def correct(self, uid: str, message: str) -> None:
         """The pod got no node after all: its group is placed whole or not at all."""
-        record = self._records.get(uid)
+        record = self.get(uid)
         if record is not None and record.node is not None:
             self.add(msgspec.structs.replace(record, node=None, message=message))
 
     def get(self, uid: str) -> Record | None:
         """By pod uid."""
-        return self._records.get(uid)
+        found = self._records.get(uid)
+        return found[0] if found is not None else None
 
     def find(self, namespace: str, name: str) -> Record | None:
         """By name: the pod of this name that was tried last."""
         uid = self._by_name.get((namespace, name))
-        return self._records.get(uid) if uid is not None else None
+        return self.get(uid) if uid is not None else None
 
     def latest(self, count: int) -> list[Record]:
         """The newest records first."""
-        return list(reversed(self._records.values()))[:count]
+        return [record for record, _ in reversed(self._records.values())][:count]
 
 
 def as_json(record: Record) -> dict[str, Any]:

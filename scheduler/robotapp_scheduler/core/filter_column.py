@@ -11,7 +11,7 @@ from robotapp_scheduler.core.columns import BoolArray, FloatArray
 from robotapp_scheduler.core.framework import Loaded, Verdict, checked_mask
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.repair import FEW_ROWS, stale_rows
-from robotapp_scheduler.core.view import Nodes, Row
+from robotapp_scheduler.core.view import Nodes
 
 HOLE: Final = -1
 """Reason code of rows that are no node."""
@@ -68,15 +68,15 @@ class FilterColumn:
         """Bring the column up to the head of the log."""
         if self.skipped or (self.position == cluster.log.position and self._fits(full)):
             return  # a plugin has no opinion because of the pod alone: that never changes
-        rows = stale_rows(self.plugin, self.position, pod, full, fits=self._fits(full))
-        if rows is None:
+        stale = stale_rows(self.plugin, self.position, pod, full, fits=self._fits(full))
+        if stale is None:
             before = (self.clean, self.skipped, self.codes)
             self._store(full, pod)
             # The same verdict for every row, before and after, changes no combination.
             same = before[:2] == (self.clean, self.skipped) and (self.clean or np.array_equal(before[2], self.codes))
             self.epoch += not same or self.position < 0
-        elif rows and not self.skipped:
-            self._patch(rows, pod, cluster)
+        elif stale.n:
+            self._patch(stale, pod)
         self.position = cluster.log.position
 
     def compute(self, pod: PodInfo, nodes: Nodes) -> None:
@@ -99,14 +99,18 @@ class FilterColumn:
             self.codes, self.detail = found
             self.clean = not self.codes.any()
 
-    def _patch(self, rows: list[int], pod: PodInfo, cluster: Cluster) -> None:
-        passes = self.plugin.filter_row
-        if passes is not None and len(rows) <= FEW_ROWS and all(passes(pod, Row(cluster.nodes, row)) for row in rows):
+    def _patch(self, stale: Nodes, pod: PodInfo) -> None:
+        passes, rows = self.plugin.filter_row, stale.rows
+        if passes is not None and stale.n <= FEW_ROWS and all(passes(pod, row) for row in stale.each):
             if not self.clean:
                 self.codes[rows] = 0
             return
-        found = self._ask(pod, Nodes(cluster, rows))
-        codes, detail = found if isinstance(found, tuple) else (np.zeros(len(rows), dtype=np.int32), None)
+        found = self._ask(pod, stale)
+        if not isinstance(found, tuple):
+            if not self.clean:
+                self.codes[rows] = 0
+            return
+        codes, detail = found
         self.codes[rows] = codes
         self.clean = self.clean and not codes.any()
         if detail is not None:

@@ -41,6 +41,7 @@ Hooks, in the order of a cycle:
 `relevant(pod, nodes) -> bool`               optional, beside `score_among`: False = it would answer 0 everywhere now
 `confined(pod, nodes, position) -> bool`     optional, when not `row_local`: did the pods placed and gone since this
                                              position of the change log alter the answers for their own rows only?
+`untouched(pod, nodes, position) -> bool`    optional, when not `row_local`: did they alter no answer at all?
 
 `hint(pod, event) -> bool`                   may this event help a pod the plugin rejected? `event` (core.changes.Event)
                                              has resource, action, change, old, new. Asked for kinds of change in
@@ -82,10 +83,11 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.changes import OWN_COLUMN, READS, Change, Event, interest_of
+from robotapp_scheduler.core.changes import NODE, OWN_COLUMN, READS, Change, Event, interest_of
 from robotapp_scheduler.core.columns import BoolArray, FloatArray, IntArray
 from robotapp_scheduler.core.pods import FEATURES, LIVE, PlacedPod, PodInfo
-from robotapp_scheduler.core.view import Nodes, Row
+from robotapp_scheduler.core.rows import Row
+from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.core.volumes import VolumePlan
 from robotapp_scheduler.core.waiting import Waker
 
@@ -209,12 +211,15 @@ class Loaded:
             )
         self.interest = interest_of(node_reads)
         """Changes after which a row must be looked at again, as a plain int."""
+        self.watches = self.interest | int(NODE)
+        """Changes after which a column of results must be looked at."""
         self.filter: Callable[[PodInfo, Nodes], FilterResult] | None = getattr(plugin, "filter", None)
         self.score: Callable[[PodInfo, Nodes], ScoreResult] | None = getattr(plugin, "score", None)
         self.score_among: Callable[[PodInfo, Nodes, Positions], AmongResult] | None = getattr(
             plugin, "score_among", None
         )
         self.relevant: Callable[[PodInfo, Nodes], bool] | None = getattr(plugin, "relevant", None)
+        self.untouched: Callable[[PodInfo, Nodes, int], bool] | None = getattr(plugin, "untouched", None)
         self.confined: Callable[[PodInfo, Nodes, int], bool] | None = getattr(plugin, "confined", None)
         self.filter_row: Callable[[PodInfo, Row], bool] | None = getattr(plugin, "filter_row", None)
         self.score_row: Callable[[PodInfo, Row], int] | None = getattr(plugin, "score_row", None)

@@ -20,9 +20,12 @@ from robotapp_scheduler.core.columns import (
     grown,
 )
 from robotapp_scheduler.core.objects import Node, Taint
+from robotapp_scheduler.core.rows import Rows
 
 SCORED_CPU: Final = 0
 SCORED_MEMORY: Final = 1
+SCORED: Final = {"cpu": SCORED_CPU, "memory": SCORED_MEMORY}
+"""Rows of `NodeTable.scored`; other resources are scored by what is requested."""
 
 
 class NodeTable:
@@ -62,6 +65,7 @@ class NodeTable:
         """Grows when a node comes, goes or changes its zone."""
         self.versions: list[int] = []
         """Per row a number that grows when its node or one of its pods changes in any way."""
+        self.rows = Rows(self)
         self._free: list[int] = []
 
     def __repr__(self) -> str:
@@ -102,11 +106,23 @@ class NodeTable:
         self.resources.requested[:, row] = 0
         self.allowed_pods[row] = self.pod_count[row] = 0
         self.scored[:, row] = 0
+        self.versions[row] += 1
         self.count -= 1
         self.generation += 1
         self.zone_generation += 1
         self._free.append(row)
         return row
+
+    def amounts(self, kind: str, resource: str) -> IntArray | None:
+        """The column of what nodes have ("allocatable") or what their pods ask for ("requested", "scored"); None = nobody has any."""
+        if resource == "pods":
+            return self.allowed_pods if kind == "allocatable" else self.pod_count
+        column: IntArray | None = None
+        if kind == "scored" and (index := SCORED.get(resource)) is not None:
+            column = self.scored[index]
+        elif (code := self.resources.index.get(resource)) is not None:
+            column = (self.resources.allocatable if kind == "allocatable" else self.resources.requested)[code]
+        return column
 
     def named(self, label: Label, value: str) -> tuple[str, ...]:
         """Names of the nodes with this label value, in row order."""

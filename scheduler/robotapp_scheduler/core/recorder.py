@@ -4,12 +4,15 @@ import numpy as np
 import numpy.typing as npt
 
 from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.engine import Engine
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.explain import EXAMPLES, MOST_REFUSALS, TOP, EdgeView, Example, Record, Refusal, Top
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.ros import Endpoint
+
+Positions = npt.NDArray[np.intp]
 
 
 class Recorder:
@@ -30,19 +33,16 @@ class Recorder:
         """The filters have run."""
         self.evaluation = evaluation
 
-    def scored(self, evaluation: Evaluation, chosen: int) -> None:
-        """The scores are in and `chosen` won."""
-        positions = _best_first(evaluation, chosen)
+    def scored(self, evaluation: Evaluation, chosen: int, best: Positions) -> None:
+        """The scores are in, and of the `best` rows `chosen` won."""
+        positions = _best_first(evaluation, chosen, best)
+        columns, weights, shadows = evaluation.scored_by()
         self._top = Top(
-            nodes=tuple(self._engine.name_of(evaluation, int(position)) for position in positions),
+            nodes=tuple(self._engine.names_of(evaluation, positions)),
             totals=tuple(evaluation.total[positions].tolist()),
-            weights={column.plugin.name: column.plugin.weight for column in evaluation.scores if not column.skipped},
-            scores={
-                column.plugin.name: tuple(evaluation.score_of(column, positions))
-                for column in evaluation.scores
-                if not column.skipped
-            },
-            shadow=tuple(c.plugin.name for c in evaluation.scores if c.plugin.shadow and not c.skipped),
+            weights=weights,
+            scores={column.plugin.name: tuple(evaluation.score_of(column, positions)) for column in columns},
+            shadow=shadows,
         )
 
     def shadowed(self, names: tuple[str, ...]) -> None:
@@ -126,17 +126,19 @@ class Recorder:
         )
 
 
-def _best_first(evaluation: Evaluation, chosen: int) -> npt.NDArray[np.intp]:
+def _best_first(evaluation: Evaluation, chosen: int, best: Positions) -> Positions:
     """Positions of the best TOP rows, the chosen one first."""
-    total = evaluation.total
     count = min(TOP, evaluation.feasible)
-    best = evaluation.best()
     if len(best) < count:
-        # Totals are small integers with many equal values, where argpartition is 30 times slower than counting.
-        tally = np.bincount(total[total >= 0])
-        floor = len(tally) - 1 - int(np.searchsorted(np.cumsum(tally[::-1]), count))
-        above = np.flatnonzero(total > floor)
-        level = np.flatnonzero(total == floor)[: count - len(above)]
-        best = np.concatenate((above[np.argsort(-total[above], kind="stable")], level))
+        best = _with_next_best(evaluation.total, best, count)
     others = [position for position in best[:count].tolist() if position != chosen]
     return np.array([chosen, *others[: count - 1]], dtype=np.intp)
+
+
+def _with_next_best(total: IntArray, best: Positions, count: int) -> Positions:
+    """The best `count` feasible rows, better ones first: looked for further and further below the highest total."""
+    top, depth = int(total[best[0]]), 1
+    while len(best) < count:
+        best = (total >= max(top - depth, 0)).nonzero()[0]
+        depth *= 2
+    return best[np.argsort(-total[best], kind="stable")[:count]]

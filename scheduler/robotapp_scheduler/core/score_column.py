@@ -1,20 +1,23 @@
 """A score plugin's raw value per row, kept per value of what it reads and repaired from the change log."""
 
 import logging
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from robotapp_scheduler.core.cluster import Cluster
-from robotapp_scheduler.core.columns import IntArray
+from robotapp_scheduler.core.columns import BoolArray, IntArray
 from robotapp_scheduler.core.framework import MAX_SCORE, Loaded, PluginError, Scores, checked_scores, normalized
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.repair import FEW_ROWS, MOST_REPAIRED, stale_rows
-from robotapp_scheduler.core.view import Nodes, Row
+from robotapp_scheduler.core.view import Nodes
 
 log = logging.getLogger(__name__)
 
+Feasible = npt.NDArray[np.intp] | slice
+"""Positions of the feasible rows; a slice when all are."""
 BAD_SCORE: Final = "score is NaN, infinite or outside 0 to 100 for a feasible node"
 _BAD: Final = np.iinfo(np.int64).min
 
@@ -37,6 +40,9 @@ class ScoreColumn:
         self.bad = False
         self.position = -1
         self.epoch = 0
+        """Grows when the column was computed anew, so that sums of it are too."""
+        self.changes = 0
+        """Grows when any raw value may be different."""
 
     def fail(self) -> None:
         """A shadow plugin that cannot be scored says nothing: it must not hold a pod back."""
@@ -53,20 +59,21 @@ class ScoreColumn:
         fits = len(self.raw) == full.n
         if self.skipped or (self.position == cluster.log.position and fits):
             return
-        rows = stale_rows(self.plugin, self.position, pod, full, fits=fits)
-        if rows is None:
+        stale = stale_rows(self.plugin, self.position, pod, full, fits=fits)
+        if stale is None:
             before = (self.skipped, self.constant, self.position < 0, fits)
             self.compute(pod, full)
             # Equal for every row, before and after: nothing that was added up changes.
             same = before == (self.skipped, self.constant, False, True) and (self.skipped or self.constant is not None)
             self.epoch += not same
-        elif rows and not self.skipped:
-            self._patch(rows, pod, cluster)
+        elif stale.n:
+            self._patch(stale, pod)
         self.position = cluster.log.position
 
     def compute(self, pod: PodInfo, nodes: Nodes) -> None:
         """Fill the column for exactly these rows."""
         raw = self._ask(pod, nodes)
+        self.changes += 1
         self.skipped = raw is None
         if isinstance(raw, int):
             self._store_equal(raw, nodes.n)
@@ -79,7 +86,7 @@ class ScoreColumn:
             self.raw = np.full(rows, score, dtype=np.int64)
             self.constant = self._constant(self.raw)
 
-    def normalized(self, feasible: npt.NDArray[np.intp]) -> IntArray | int:
+    def normalized(self, pod: PodInfo, full: Nodes, feasible: Feasible) -> IntArray | int:  # noqa: ARG002 - RelativeColumn
         """0…100 for the feasible rows; one number when all are equal."""
         if self.constant is not None:
             return self.constant
@@ -92,37 +99,34 @@ class ScoreColumn:
             raise PluginError(self.plugin.name, BAD_SCORE)
         return normalized(self.plugin.name, self.normalize, raw)
 
-    def at(self, row: int) -> int:
-        """The normalised score of one feasible row of a `local` column."""
-        if self.constant is not None:
-            return self.constant
-        score = int(self.raw[row])
-        if score == _BAD:
+    def check(self, feasible: BoolArray) -> None:
+        """Raises PluginError when a score of these rows cannot be used."""
+        if self.constant is None and (self.raw[feasible] == _BAD).any():
             raise PluginError(self.plugin.name, BAD_SCORE)
-        return score
 
     def raw_at(self, row: int) -> float | None:
         """What the plugin said about a row before normalising; None when that is no number."""
         value = float(self.raw[row])
         return value if np.isfinite(value) else None
 
-    def _patch(self, rows: list[int], pod: PodInfo, cluster: Cluster) -> None:
-        score_row = self.plugin.score_row
-        if score_row is not None and len(rows) <= FEW_ROWS:
-            self._patch_rows(rows, [score_row(pod, Row(cluster.nodes, row)) for row in rows])
+    def _patch(self, stale: Nodes, pod: PodInfo) -> None:
+        score_row, rows = self.plugin.score_row, stale.rows
+        if score_row is not None and stale.n <= FEW_ROWS:
+            self._store_rows(stale.row_list, [score_row(pod, row) for row in stale.each])
             return
-        nodes = Nodes(cluster, rows)
-        raw = self._ask(pod, nodes)
+        raw = self._ask(pod, stale)
         if raw is None or isinstance(raw, int):
-            raw = np.full(len(rows), raw or 0, dtype=np.int64)
+            raw = np.full(stale.n, raw or 0, dtype=np.int64)
         if self.raw.dtype.kind in "iu" and raw.dtype.kind == "f":
             self.raw = self.raw.astype(np.float64)
         self.raw[rows] = raw
-        if self.constant is not None and (raw[nodes.valid] != self._equal_raw).any():
+        self.changes += 1
+        if self.constant is not None and (raw[stale.valid] != self._equal_raw).any():
             self.constant = None
             self.epoch += 1
 
-    def _patch_rows(self, rows: list[int], scores: list[int]) -> None:
+    def _store_rows(self, rows: Sequence[int], scores: Sequence[int]) -> None:
+        self.changes += 1
         for row, score in zip(rows, scores, strict=True):
             self.raw[row] = score
             if self.constant is not None and score != self._equal_raw:
@@ -147,8 +151,10 @@ class ScoreColumn:
             # -0.5 must not become a valid 0.
             scores = np.where(scores < 0.0, -1.0, scores).astype(np.int64)
         else:
-            scores = raw.astype(np.int64)
-        if len(scores) and (scores.min() < 0 or scores.max() > MAX_SCORE):
+            scores = raw.astype(np.int64, copy=False)
+        # As unsigned numbers, negative ones are the largest of all.
+        if len(scores) and scores.view(np.uint64).max() > MAX_SCORE:
+            scores = scores.copy()
             self.bad = True
             scores[(scores < 0) | (scores > MAX_SCORE)] = _BAD
         return scores
@@ -168,15 +174,10 @@ class RelativeColumn(ScoreColumn):
     While its plugin says it is not `relevant`, it is a constant 0.
     """
 
-    def __init__(self, plugin: Loaded) -> None:
-        super().__init__(plugin)
-        self._asked: tuple[PodInfo, Nodes] | None = None
-
     def refresh(self, pod: PodInfo, cluster: Cluster, full: Nodes) -> None:
         """Ask whether the plugin has something to say, when something changed that it reads."""
         if self.skipped:
             return
-        self._asked = (pod, full)
         if self.position < 0 or cluster.log.since(self.position, self.plugin.interest, most=MOST_REPAIRED) != []:
             before = (self.constant, self.position < 0)
             self.compute(pod, full)
@@ -186,18 +187,19 @@ class RelativeColumn(ScoreColumn):
     def compute(self, pod: PodInfo, nodes: Nodes) -> None:
         """Ask whether the plugin has something to say about these rows."""
         relevant = self.plugin.relevant
-        self._asked = (pod, nodes)
+        self.changes += 1
         self.constant = None if relevant is None or relevant(pod, nodes) else 0
 
-    def normalized(self, feasible: npt.NDArray[np.intp]) -> IntArray | int:
+    def normalized(self, pod: PodInfo, full: Nodes, feasible: Feasible) -> IntArray | int:
         """0…100 for the feasible rows."""
-        if self.constant is not None or self._asked is None or self.plugin.score_among is None:
+        if self.constant is not None or self.plugin.score_among is None:
             return self.constant or 0
+        positions = np.arange(full.n) if isinstance(feasible, slice) else feasible
         with np.errstate(all="ignore"):
-            answer = self.plugin.score_among(*self._asked, feasible)
+            answer = self.plugin.score_among(pod, full, positions)
         if answer is None or isinstance(answer, int):
             return answer or 0
-        return normalized(self.plugin.name, "none", checked_scores(self.plugin.name, answer, len(feasible)))
+        return normalized(self.plugin.name, "none", checked_scores(self.plugin.name, answer, len(positions)))
 
     def raw_at(self, row: int) -> float | None:  # noqa: ARG002 - of a score that exists for feasible rows only
         """Nothing is kept before normalising."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Hashable
 from functools import cached_property
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import msgspec
 
@@ -32,6 +32,8 @@ class Shape:
         self._pod = pod
         self.keys: dict[tuple[str, ...], tuple[Hashable, ...]] = {}
         """Features of such pods by their names (core.pods)."""
+        self.notes: dict[object, Any] = {}
+        """What plugins worked out about such pods, by plugin."""
         self._class: tuple[object, int] | None = None
 
     def __repr__(self) -> str:

@@ -1,8 +1,8 @@
 """`Nodes`: what a plugin sees. Read-only columns over all rows, or over the few rows that changed."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Hashable, Mapping, Sequence
 from functools import cached_property
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -11,11 +11,9 @@ from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.columns import BoolArray, CodeArray, FloatArray, IntArray, Vocabulary
 from robotapp_scheduler.core.counts import Census, Wanted
 from robotapp_scheduler.core.matchers import pods_of
-from robotapp_scheduler.core.node_table import SCORED_CPU, SCORED_MEMORY, NodeTable
 from robotapp_scheduler.core.objects import Taint
+from robotapp_scheduler.core.rows import Row
 from robotapp_scheduler.core.telemetry import RttRow
-
-_SCORED: Final = {"cpu": SCORED_CPU, "memory": SCORED_MEMORY}
 
 
 class LabelColumn(NamedTuple):
@@ -50,12 +48,18 @@ class Nodes:
         self._table = cluster.nodes
         self.full = rows is None
         """All rows are in view."""
+        self._kept: dict[tuple[str, Hashable], IntArray] = {}
+        """Amounts that were asked for: several plugins read the same few columns."""
+        self._each: list[Row] | None = None
+        self.row_list: Sequence[int] = ()
+        """The rows in view as plain integers, when they are not all."""
         self.rows: npt.NDArray[np.intp] | slice
         if rows is None:
             self.rows = slice(0, self._table.size)
             self.n = self._table.size
         else:
             self.rows = np.array(rows, dtype=np.intp)
+            self.row_list = rows if isinstance(rows, list) else self.rows.tolist()
             self.n = len(rows)
 
     def __repr__(self) -> str:
@@ -107,15 +111,11 @@ class Nodes:
 
     def allocatable(self, resource: str) -> IntArray:
         """What nodes offer: cpu in milli, everything else in whole units; zeros for a resource nobody has."""
-        if resource == "pods":
-            return self._pick(self._table.allowed_pods)
-        return self._resource(self._table.resources.allocatable, resource)
+        return self._amounts_of("allocatable", resource)
 
     def requested(self, resource: str) -> IntArray:
         """What the pods on each node ask for."""
-        if resource == "pods":
-            return self._pick(self._table.pod_count)
-        return self._resource(self._table.resources.requested, resource)
+        return self._amounts_of("requested", resource)
 
     def free(self, resource: str) -> IntArray:
         """Allocatable - requested; may be negative."""
@@ -123,8 +123,7 @@ class Nodes:
 
     def scored(self, resource: str) -> IntArray:
         """As `requested`, but containers that name no cpu or memory count with a default (the Fit scorer's view)."""
-        index = _SCORED.get(resource)
-        return self.requested(resource) if index is None else self._pick(self._table.scored[index])
+        return self._amounts_of("scored", resource)
 
     @property
     def unschedulable(self) -> BoolArray:
@@ -182,11 +181,35 @@ class Nodes:
         values = [getattr(load, field) if load is not None else None for load in found]
         return np.array([np.nan if value is None else value for value in values])
 
-    def _resource(self, columns: IntArray, resource: str) -> IntArray:
-        index = self._table.resources.index.get(resource)
-        if index is None:
-            return np.zeros(self.n, dtype=np.int64)
-        return self._pick(columns[index])
+    def block(self, kind: str, resources: tuple[str, ...]) -> IntArray:
+        """Shape (resources, n) of "allocatable", "requested", "free" or "scored" amounts: to reckon with all at once."""
+        found = self._kept.get((kind, resources))
+        if found is None and kind == "free":
+            found = self._kept[kind, resources] = self.block("allocatable", resources) - self.block(
+                "requested", resources
+            )
+        elif found is None:
+            found = np.empty((len(resources), self.n), dtype=np.int64)
+            for i, resource in enumerate(resources):
+                found[i] = getattr(self, kind)(resource)
+            found.flags.writeable = False
+            self._kept[kind, resources] = found
+        return found
+
+    @property
+    def each(self) -> list[Row]:
+        """The rows in view, when they are not all, one by one."""
+        if self._each is None:
+            self._each = [*map(self._table.rows.get, self.row_list)]
+        return self._each
+
+    def _amounts_of(self, kind: str, resource: str) -> IntArray:
+        found = self._kept.get((kind, resource))
+        if found is None:
+            column = self._table.amounts(kind, resource)
+            found = np.zeros(self.n, dtype=np.int64) if column is None else self._pick(column)
+            self._kept[kind, resource] = found
+        return found
 
     def pick(self, column: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """The rows in view of a column over all table rows."""
@@ -219,42 +242,6 @@ class AdjustedNodes(Nodes):
     def scored(self, resource: str) -> IntArray:
         """Not known for such nodes. Raises NotImplementedError: a filter must not decide by it."""
         raise NotImplementedError(f"scored {resource} of nodes that are not so")
-
-
-class Row:
-    """Amounts of one node as plain integers: for the row form of a rule."""
-
-    __slots__ = ("_row", "_table")
-
-    def __init__(self, table: NodeTable, row: int) -> None:
-        self._table = table
-        self._row = row
-
-    @property
-    def resources(self) -> list[str]:
-        """Names of all resources any node or pod has named."""
-        return self._table.resources.names
-
-    def allocatable(self, resource: str) -> int:
-        """What the node offers."""
-        table = self._table
-        if resource == "pods":
-            return int(table.allowed_pods[self._row])
-        index = table.resources.index.get(resource)
-        return 0 if index is None else int(table.resources.allocatable[index, self._row])
-
-    def requested(self, resource: str) -> int:
-        """What its pods ask for."""
-        table = self._table
-        if resource == "pods":
-            return int(table.pod_count[self._row])
-        index = table.resources.index.get(resource)
-        return 0 if index is None else int(table.resources.requested[index, self._row])
-
-    def scored(self, resource: str) -> int:
-        """As `Nodes.scored`."""
-        index = _SCORED.get(resource)
-        return self.requested(resource) if index is None else int(self._table.scored[index, self._row])
 
 
 def _number(text: str) -> float:

@@ -13,7 +13,8 @@ from tests.support.reference_scheduler import Config
 from tests.support.reference_scheduler.resources import balance_score, fit_score
 from tests.support.reference_scheduler.state import State
 
-from robotapp_scheduler.core.view import Nodes, Row
+from robotapp_scheduler.core.rows import Row
+from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.plugins.kubernetes.balanced_allocation import BalancedArgs, NodeResourcesBalancedAllocation
 from robotapp_scheduler.plugins.kubernetes.resources_fit import FitArgs, NodeResourcesFit
 

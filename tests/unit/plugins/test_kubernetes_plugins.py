@@ -8,7 +8,8 @@ import pytest
 from tests.support.scheduling import make_cluster, make_info, make_node, make_pod
 
 from robotapp_scheduler.core.framework import Code, PluginError, Verdict
-from robotapp_scheduler.core.view import Nodes, Row
+from robotapp_scheduler.core.rows import Row
+from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.plugins.kubernetes.balanced_allocation import BalancedArgs, NodeResourcesBalancedAllocation
 from robotapp_scheduler.plugins.kubernetes.fit_strategies import ResourceWeight
 from robotapp_scheduler.plugins.kubernetes.node_affinity import NodeAffinity, NodeAffinityArgs

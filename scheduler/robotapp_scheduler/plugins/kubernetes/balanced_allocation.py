@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -10,7 +11,8 @@ from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.columns import BoolArray, FloatArray, IntArray
 from robotapp_scheduler.core.framework import MAX_SCORE, ScoreResult
 from robotapp_scheduler.core.pods import PodInfo
-from robotapp_scheduler.core.view import Nodes, Row
+from robotapp_scheduler.core.rows import Row
+from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.plugins.kubernetes.compat import NEW, is_new
 from robotapp_scheduler.plugins.kubernetes.fit_strategies import ResourceWeight
 from robotapp_scheduler.plugins.kubernetes.resources_fit import NATIVE
@@ -40,46 +42,65 @@ class NodeResourcesBalancedAllocation:
 
     def score(self, pod: PodInfo, nodes: Nodes) -> ScoreResult:
         """50…100, 75 where the pod changes nothing (1.37); no opinion when it asks for none of the resources."""
-        wanted = pod.requests.exact
-        if not any(wanted.get(name, 0) for name in self._names):
+        wish = self._wish(pod)
+        if wish is None:
             return None
-        names = [name for name in self._names if name in NATIVE or wanted.get(name, 0)]
-        capacities = [nodes.allocatable(name) for name in names]
-        before = [nodes.requested(name) for name in names]
-        after = [use + wanted.get(name, 0) for name, use in zip(names, before, strict=True)]
-        offered = [capacity > 0 for capacity in capacities]
-        safe = [np.maximum(capacity, 1) for capacity in capacities]
-        plain = len(names) == 2 and all(bool(there.all()) for there in offered)
-        balance = _plain_pair(after, safe) if plain else _balance(after, safe, offered, nodes.n)
-        if not self._change:
-            return balance
-        old = _plain_pair(before, safe) if plain else _balance(before, safe, offered, nodes.n)
-        return 50 + (50 + balance - old) // 2
+        capacity, requested = nodes.block("allocatable", wish.names), nodes.block("requested", wish.names)
+        used = requested + (wish.steps if self._change else wish.steps[1:])
+        plain = len(wish.names) == 2 and nodes.n > 0 and capacity.min() > 0
+        balance: IntArray = _plain_pair(used, capacity) if plain else np.array([_balance(e, capacity) for e in used])
+        after: IntArray = balance[-1]
+        if self._change:
+            after += 50 - balance[0]
+            after //= 2
+            after += 50
+        return after
 
     def score_row(self, pod: PodInfo, row: Row) -> int:
         """The score of one node."""
-        wanted = pod.requests.exact
+        wish = self._wish(pod)
         before: list[float] = []
         after: list[float] = []
-        for name in self._names:
-            more = wanted.get(name, 0)
-            capacity = row.allocatable(name) if more or name in NATIVE else 0
+        for there, more in zip(row.of(wish.names), wish.amounts, strict=True) if wish is not None else ():
+            capacity, use = there.allocatable, there.requested
             if capacity:
-                use = row.requested(name)
                 before.append(min(use / capacity, 1.0))
                 after.append(min((use + more) / capacity, 1.0))
         balance = _balance_row(after)
         return 50 + (50 + balance - _balance_row(before)) // 2 if self._change else balance
 
+    def _wish(self, pod: PodInfo) -> "_Wish | None":
+        """None when the pod asks for none of the resources."""
+        notes = pod.shape.notes
+        if self not in notes:
+            wanted = pod.requests.exact
+            names = tuple(name for name in self._names if name in NATIVE or wanted.get(name, 0))
+            amounts = tuple(wanted.get(name, 0) for name in names)
+            steps = np.array([[0] * len(names), amounts], dtype=np.int64)[:, :, None]
+            notes[self] = _Wish(names, amounts, steps) if any(amounts) else None
+        found: _Wish | None = notes[self]
+        return found
 
-def _plain_pair(used: Sequence[IntArray], safe: Sequence[IntArray]) -> IntArray:
-    """As `_balance` for the usual case: two resources that every node offers."""
-    return _score(np.abs((np.minimum(used[0] / safe[0], 1.0) - np.minimum(used[1] / safe[1], 1.0)) / 2.0))
+
+class _Wish(NamedTuple):
+    """Amounts by resource; `steps` has the shape (2, resources, 1): nothing, and what the pod adds."""
+
+    names: tuple[str, ...]
+    amounts: tuple[int, ...]
+    steps: IntArray
 
 
-def _balance(used: Sequence[IntArray], safe: Sequence[IntArray], offered: Sequence[BoolArray], rows: int) -> IntArray:
-    """int((1 - std of the used fractions)·100); resources a node does not offer are left out."""
-    fractions = [np.minimum(use / capacity, 1.0) for use, capacity in zip(used, safe, strict=True)]
+def _plain_pair(used: IntArray, capacity: IntArray) -> IntArray:
+    """As `_balance` for the usual case: two resources that every node offers. Shape (steps, resources, rows)."""
+    fractions = np.minimum(used / capacity, 1.0)
+    return _score(np.abs((fractions[:, 0] - fractions[:, 1]) / 2.0))
+
+
+def _balance(used: IntArray, capacity: IntArray) -> IntArray:
+    """int((1 - std of the used fractions)·100); resources a node does not offer are left out. Shapes (resources, rows)."""
+    rows = used.shape[1]
+    offered = capacity > 0
+    fractions = np.minimum(used / np.maximum(capacity, 1), 1.0)
     count = np.zeros(rows, dtype=np.int64)
     total = np.zeros(rows)
     for fraction, there in zip(fractions, offered, strict=True):
@@ -90,7 +111,7 @@ def _balance(used: Sequence[IntArray], safe: Sequence[IntArray], offered: Sequen
     for fraction, there in zip(fractions, offered, strict=True):
         squares += np.where(there, (fraction - mean) * (fraction - mean), 0.0)
     spread = np.sqrt(squares / np.maximum(count, 1))
-    return _score(np.where(count > 2, spread, np.where(count == 2, _pair(fractions, offered, rows), 0.0)))
+    return _score(np.where(count > 2, spread, np.where(count == 2, _pair(fractions, offered), 0.0)))
 
 
 def _balance_row(fractions: Sequence[float]) -> int:
@@ -112,10 +133,10 @@ def _added(values: Sequence[float]) -> float:
     return total
 
 
-def _pair(fractions: Sequence[FloatArray], offered: Sequence[BoolArray], rows: int) -> FloatArray:
+def _pair(fractions: FloatArray, offered: BoolArray) -> FloatArray:
     """abs((f0 - f1)/2) of the two resources a row offers; upstream has this shortcut, which rounds differently."""
-    first = np.full(rows, np.nan)
-    second = np.full(rows, np.nan)
+    first = np.full(fractions.shape[1], np.nan)
+    second = first.copy()
     for fraction, there in zip(fractions, offered, strict=True):
         empty = np.isnan(first)
         np.copyto(second, fraction, where=there & ~empty & np.isnan(second))

@@ -1,10 +1,11 @@
 """The three scoring strategies of NodeResourcesFit, with Go's integer arithmetic."""
 
-from collections.abc import Callable, Sequence
-from typing import Final, NamedTuple
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, Final, NamedTuple
 
 import msgspec
 import numpy as np
+import numpy.typing as npt
 
 from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.plugins.kubernetes.resource_math import half_away, percent
@@ -16,11 +17,12 @@ Amount = tuple[int, int, int]
 class Strategy(NamedTuple):
     """The same function twice: over columns, and for one node with plain integers.
 
-    `columns(allocatable per resource, requested with the pod per resource, weights, rows)` answers 0…100 per row.
+    `columns(allocatable, requested with the pod, weights)` answers 0…100 per row; the amounts have the shape
+    (resources, rows).
     """
 
-    columns: Callable[[Sequence[IntArray], Sequence[IntArray], Sequence[int], int], IntArray]
-    row: Callable[[Sequence[Amount]], int]
+    columns: Callable[[IntArray, IntArray, Sequence[int]], IntArray]
+    row: Callable[[Iterable[Amount]], int]
 
 
 _SCALE: Final = 10
@@ -41,22 +43,14 @@ class ShapePoint(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     score: int
 
 
-def least_allocated(
-    capacities: Sequence[IntArray], used: Sequence[IntArray], weights: Sequence[int], rows: int
-) -> IntArray:
+def least_allocated(capacity: IntArray, used: IntArray, weights: Sequence[int]) -> IntArray:
     """Weighted mean of the free share; 0 for a resource that would be overdrawn."""
-    return _mean(
-        [percent(np.maximum(c - u, 0), c) for c, u in zip(capacities, used, strict=True)], capacities, weights, rows
-    )
+    return _mean(percent(np.maximum(capacity - used, 0), capacity), capacity, weights)
 
 
-def most_allocated(
-    capacities: Sequence[IntArray], used: Sequence[IntArray], weights: Sequence[int], rows: int
-) -> IntArray:
+def most_allocated(capacity: IntArray, used: IntArray, weights: Sequence[int]) -> IntArray:
     """Weighted mean of the used share, at most all of it."""
-    return _mean(
-        [percent(np.minimum(c, u), c) for c, u in zip(capacities, used, strict=True)], capacities, weights, rows
-    )
+    return _mean(percent(np.minimum(capacity, used), capacity), capacity, weights)
 
 
 def ratio_function(shape: Sequence[ShapePoint]) -> Strategy:
@@ -64,20 +58,14 @@ def ratio_function(shape: Sequence[ShapePoint]) -> Strategy:
     points = interpolated(shape)
     table = np.array(points, dtype=np.int64)
 
-    def columns(
-        capacities: Sequence[IntArray], used: Sequence[IntArray], weights: Sequence[int], rows: int
-    ) -> IntArray:
-        total: IntArray = np.zeros(rows, dtype=np.int64)
-        share: IntArray = np.zeros(rows, dtype=np.int64)
-        for capacity, use, weight in zip(capacities, used, weights, strict=True):
-            utilization = np.where(use > capacity, 100, percent(np.minimum(use, capacity), capacity))
-            # A resource that scores 0 leaves the mean, so does one the node does not offer.
-            score = np.where(capacity > 0, table[utilization], 0)
-            total += weight * score
-            share += weight * (score > 0)
-        return half_away(total / np.maximum(share, 1))
+    def columns(capacity: IntArray, used: IntArray, weights: Sequence[int]) -> IntArray:
+        utilization = np.where(used > capacity, 100, percent(np.minimum(used, capacity), capacity))
+        # A resource that scores 0 leaves the mean, so does one the node does not offer.
+        scores = np.where(capacity > 0, table[utilization], 0)
+        share = _weighted(scores > 0, weights)
+        return half_away(_weighted(scores, weights) / np.maximum(share, 1))
 
-    def row(amounts: Sequence[Amount]) -> int:
+    def row(amounts: Iterable[Amount]) -> int:
         total = share = 0
         for capacity, use, weight in amounts:
             score = points[100 if use > capacity else use * 100 // capacity] if capacity else 0
@@ -88,7 +76,7 @@ def ratio_function(shape: Sequence[ShapePoint]) -> Strategy:
     return Strategy(columns, row)
 
 
-def _least_row(amounts: Sequence[Amount]) -> int:
+def _least_row(amounts: Iterable[Amount]) -> int:
     total = share = 0
     for capacity, use, weight in amounts:
         if capacity:
@@ -97,7 +85,7 @@ def _least_row(amounts: Sequence[Amount]) -> int:
     return total // max(share, 1)
 
 
-def _most_row(amounts: Sequence[Amount]) -> int:
+def _most_row(amounts: Iterable[Amount]) -> int:
     total = share = 0
     for capacity, use, weight in amounts:
         if capacity:
@@ -112,18 +100,19 @@ STRATEGIES: Final[dict[str, Strategy]] = {
 }
 
 
-def _mean(scores: Sequence[IntArray], capacities: Sequence[IntArray], weights: Sequence[int], rows: int) -> IntArray:
+def _mean(scores: IntArray, capacity: IntArray, weights: Sequence[int]) -> IntArray:
     """sum(weight·score) // sum(weight) over the resources a node offers."""
-    total: IntArray = np.zeros(rows, dtype=np.int64)
-    if all(bool((capacity > 0).all()) for capacity in capacities):
-        for score, weight in zip(scores, weights, strict=True):
-            total += weight * score
-        return total // max(sum(weights), 1)
-    share: IntArray = np.zeros(rows, dtype=np.int64)
-    for score, capacity, weight in zip(scores, capacities, weights, strict=True):
-        total += weight * score
-        share += weight * (capacity > 0)
-    return total // np.maximum(share, 1)
+    total = _weighted(scores, weights)
+    if capacity.size and capacity.min() > 0:
+        return total // sum(weights)
+    return total // np.maximum(_weighted(capacity > 0, weights), 1)
+
+
+def _weighted(values: npt.NDArray[Any], weights: Sequence[int]) -> IntArray:
+    total: IntArray = np.zeros(values.shape[1], dtype=np.int64)
+    for value, weight in zip(values, weights, strict=True):
+        total += weight * value
+    return total
 
 
 def interpolated(shape: Sequence[ShapePoint]) -> list[int]:

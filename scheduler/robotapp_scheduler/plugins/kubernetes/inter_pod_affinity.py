@@ -90,11 +90,15 @@ class InterPodAffinity:
                 raw = found if raw is None else raw + found
         return 0 if raw is None else raw
 
+    def untouched(self, pod: PodInfo, nodes: Nodes, position: int) -> bool:
+        """A pod without terms only minds the terms of others."""
+        return not pod.affinity_key and nodes.cluster.topology.no_terms_since(position)
+
     def confined(self, pod: PodInfo, nodes: Nodes, position: int) -> bool:
         """With terms on the hostname only, a pod that comes or goes changes nothing but its own node."""
         topology = nodes.cluster.topology
         terms = topology.terms_of(pod)
-        if terms.affinity or topology.wide_position >= position:
+        if terms.affinity or not topology.no_wide_terms_since(position):
             return False
         return all(topology.single(term.topology_key) for term in (*terms.anti_affinity, *terms.preferred))
 

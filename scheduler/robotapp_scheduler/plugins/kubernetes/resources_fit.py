@@ -1,7 +1,7 @@
 """NodeResourcesFit: room for the pod's requests, and how full the node would be."""
 
-from collections.abc import Mapping, Sequence
-from typing import Final
+from collections.abc import Mapping
+from typing import Final, NamedTuple
 
 import msgspec
 import numpy as np
@@ -12,8 +12,9 @@ from robotapp_scheduler.core.columns import BoolArray, IntArray
 from robotapp_scheduler.core.framework import FilterResult, ScoreResult, Verdict
 from robotapp_scheduler.core.objects import Node, Pod
 from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.rows import Row
 from robotapp_scheduler.core.shapes import requests_of
-from robotapp_scheduler.core.view import Nodes, Row
+from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.plugins.kubernetes.fit_strategies import (
     STRATEGIES,
     ResourceWeight,
@@ -69,15 +70,11 @@ class NodeResourcesFit:
 
     def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
         """True where one more pod and all its requests fit; every lacking resource is reported."""
-        full = nodes.requested("pods") + 1 > nodes.allocatable("pods")
-        lacking = [(name, amount, nodes.free(name)) for name, amount in self.room(pod).items()]
-        short = [(name, amount, free, free < amount) for name, amount, free in lacking]
-        mask = ~full
-        for _, _, _, missing in short:
-            mask &= ~missing
-        if mask.all():
-            return mask
-        return _verdict(nodes, mask, full, short)
+        wish = self._wish(pod)
+        full = nodes.requested("pods") >= nodes.allocatable("pods")
+        missing = nodes.block("free", wish.names) < wish.column
+        mask = ~(full | np.logical_or.reduce(missing, axis=0))
+        return mask if mask.all() else _verdict(nodes, mask, full, _Missing(wish.names, wish.column, missing))
 
     def room(self, pod: PodInfo) -> Mapping[str, int]:
         """Amounts that must be free, beside a place for one more pod."""
@@ -96,33 +93,36 @@ class NodeResourcesFit:
 
     def filter_row(self, pod: PodInfo, row: Row) -> bool:
         """Does one node surely have room?"""
-        if row.requested("pods") + 1 > row.allocatable("pods"):
+        if row.pod_count >= row.allowed_pods:
             return False
-        return all(amount <= row.allocatable(name) - row.requested(name) for name, amount in self.room(pod).items())
+        wish = self._wish(pod)
+        for there, amount in zip(row.of(wish.names), wish.amounts, strict=True):
+            if there.allocatable - there.requested < amount:
+                return False
+        return True
 
     def score_row(self, pod: PodInfo, row: Row) -> int:
         """The score of one node."""
-        wanted = pod.requests.scored
-        amounts = [
-            (row.allocatable(r.name), row.scored(r.name) + wanted.get(r.name, 0), r.weight or 1)
-            for r in self._resources
-            if r.name in NATIVE or wanted.get(r.name, 0)
-        ]
-        return self._strategy.row(amounts)
+        wish = self._wish(pod).scored
+        found = zip(row.of(wish.names), wish.amounts, wish.weights, strict=True)
+        return self._strategy.row([(each.allocatable, each.scored + more, weight) for each, more, weight in found])
 
     def score(self, pod: PodInfo, nodes: Nodes) -> ScoreResult:
         """0…100 by the configured strategy, over the resources of the configuration."""
-        capacities: list[IntArray] = []
-        used: list[IntArray] = []
-        weights: list[int] = []
-        for resource in self._resources:
-            wanted = pod.requests.scored.get(resource.name, 0)
-            if resource.name not in NATIVE and wanted == 0:
-                continue
-            capacities.append(nodes.allocatable(resource.name))
-            used.append(nodes.scored(resource.name) + wanted)
-            weights.append(resource.weight or 1)
-        return self._strategy.columns(capacities, used, weights, nodes.n)
+        wish = self._wish(pod).scored
+        used = nodes.block("scored", wish.names) + wish.column
+        return self._strategy.columns(nodes.block("allocatable", wish.names), used, wish.weights)
+
+    def _wish(self, pod: PodInfo) -> "_Wish":
+        found: _Wish | None = pod.shape.notes.get(self)
+        if found is None:
+            wanted = pod.requests.scored
+            scored = [each for each in self._resources if each.name in NATIVE or wanted.get(each.name, 0)]
+            amounts = {each.name: wanted.get(each.name, 0) for each in scored}
+            weights = tuple(each.weight or 1 for each in scored)
+            room = self.room(pod)
+            found = pod.shape.notes[self] = _Wish(*_in_order(room), _Scored(*_in_order(amounts), weights))
+        return found
 
     def _counts(self, name: str) -> bool:
         if name in NATIVE or "/" not in name or "kubernetes.io/" in name:
@@ -156,17 +156,47 @@ def _strategy(args: ScoringStrategy) -> Strategy:
     return strategy
 
 
-def _verdict(
-    nodes: Nodes, mask: BoolArray, full: BoolArray, short: Sequence[tuple[str, int, IntArray, BoolArray]]
-) -> Verdict:
+class _Scored(NamedTuple):
+    """What the score reckons with: amounts of the pod by resource (as a column, too), and how much each counts."""
+
+    names: tuple[str, ...]
+    amounts: tuple[int, ...]
+    column: IntArray
+    weights: tuple[int, ...]
+
+
+class _Wish(NamedTuple):
+    """What must be free, and what is scored."""
+
+    names: tuple[str, ...]
+    amounts: tuple[int, ...]
+    column: IntArray
+    scored: _Scored
+
+
+def _in_order(amounts: Mapping[str, int]) -> tuple[tuple[str, ...], tuple[int, ...], IntArray]:
+    return tuple(amounts), tuple(amounts.values()), np.array([*amounts.values()], dtype=np.int64).reshape(-1, 1)
+
+
+class _Missing(NamedTuple):
+    """Which resources are short, shape (resources, rows), with what is asked for."""
+
+    names: tuple[str, ...]
+    amounts: IntArray
+    short: BoolArray
+
+
+def _verdict(nodes: Nodes, mask: BoolArray, full: BoolArray, missing: _Missing) -> Verdict:
     bits = full.astype(np.int64)
-    never = np.zeros(nodes.n, dtype=np.bool_)
+    for i, short in enumerate(missing.short[:MOST_WISHES]):
+        bits |= short.astype(np.int64) << (i + 1)
+    beyond = missing.amounts > nodes.block("allocatable", missing.names)
+    never: BoolArray = np.logical_or.reduce(missing.short & beyond, axis=0)
+    free = nodes.block("free", missing.names)
     detail = np.full(nodes.n, np.nan)
-    for i, (name, amount, free, missing) in enumerate(short[:MOST_WISHES]):
-        bits |= missing.astype(np.int64) << (i + 1)
-        never |= missing & (amount > nodes.allocatable(name))
-        np.copyto(detail, free, where=missing & np.isnan(detail))
+    for i in range(len(missing.names)):
+        np.copyto(detail, free[i], where=missing.short[i] & np.isnan(detail))
     found, codes = np.unique(bits, return_inverse=True)
-    texts = (TOO_MANY, *(f"Insufficient {name}" for name, *_ in short))
+    texts = (TOO_MANY, *(f"Insufficient {name}" for name in missing.names))
     reasons = tuple(tuple(text for i, text in enumerate(texts) if value >> i & 1) for value in found.tolist())
     return Verdict(mask, codes, reasons, detail=detail, detail_unit="free", resolvable=~never)

@@ -9,7 +9,8 @@ from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.columns import FloatArray
 from robotapp_scheduler.core.framework import ScoreResult
 from robotapp_scheduler.core.pods import PodInfo
-from robotapp_scheduler.core.view import Nodes, Row
+from robotapp_scheduler.core.rows import Row
+from robotapp_scheduler.core.view import Nodes
 
 WEIGHTS: Final = {"realtime": (0.65, 0.25, 0.10), "best_effort": (0.35, 0.35, 0.30)}
 """cpu, memory, gpu per QoS class; all others use DEFAULT."""
@@ -65,9 +66,10 @@ class LoadBalanceScore:
         gpus = tuple(name for name in row.resources if name.endswith("/gpu"))
         taken = weight_sum = 0.0
         for weight, names in zip(WEIGHTS.get(ros.qos_class, DEFAULT), (("cpu",), ("memory",), gpus), strict=True):
-            offered = sum(row.allocatable(name) for name in names)
+            there = row.of(names)
+            offered = sum(each.allocatable for each in there)
             if offered > 0:
-                taken += weight * (sum(row.requested(name) for name in names) / offered)
+                taken += weight * (sum(each.requested for each in there) / offered)
                 weight_sum += weight
         used = taken / weight_sum if weight_sum > 0.0 else 0.0
         return int(min(max(float(np.round(100.0 * (1.0 - used), 6)), 0.0), 100.0))
