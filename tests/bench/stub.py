@@ -172,7 +172,7 @@ async def _latency(options: argparse.Namespace) -> dict[str, float]:
             await rig.order(f"pace?pods={options.paced}&rate={options.rate}&classes=20")
             within_s = BURST_S + options.paced / options.rate
             ended = await rig.until(lambda report: _over(report, options.paced, events=True), within_s=within_s)
-            waited = ended["waited_ms"]
+            waited = sorted(ended["waited_ms"])
             shares = {f"p{share:g} ms": percentile(waited, share) for share in (50, 99, 99.9)}
             return {**shares, "most ms": waited[-1], "CPU µs/pod": 1e6 * (rig.cpu_s() - before_s) / options.paced}
 

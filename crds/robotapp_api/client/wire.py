@@ -213,15 +213,15 @@ class Connections:
     async def _in_line(self, loop: asyncio.AbstractEventLoop, timeout_s: float) -> Connection | None:
         place: asyncio.Future[Connection | None] = loop.create_future()
         self._waiting.append(place)
+        timer = loop.call_later(timeout_s, _waited_in_vain, place, timeout_s)
         try:
-            return await asyncio.wait_for(asyncio.shield(place), timeout_s)
-        except BaseException as error:
-            if place.done() and not place.cancelled():
+            return await place
+        except asyncio.CancelledError:
+            if not place.cancelled() and place.exception() is None:  # it was our turn in the moment we gave up
                 self._release(place.result())
-            place.cancel()
-            if isinstance(error, TimeoutError):
-                raise NotSentError(f"no free connection within {timeout_s:g} s") from error
             raise
+        finally:
+            timer.cancel()
 
     async def _connect(self, loop: asyncio.AbstractEventLoop, timeout_s: float) -> Connection:
         try:
@@ -274,6 +274,11 @@ class Connections:
         self._claimed -= 1
         if connection is not None:
             self._idle.append(connection)
+
+
+def _waited_in_vain(place: "asyncio.Future[Connection | None]", timeout_s: float) -> None:
+    if not place.done():
+        place.set_exception(NotSentError(f"no free connection within {timeout_s:g} s"))
 
 
 async def _connected_socket(loop: asyncio.AbstractEventLoop, host: str, port: int) -> socket.socket:

@@ -95,16 +95,26 @@ class Metrics:
             labels=["result"],
             buckets=doubling(0.01, 2, 20),
         )
+        self._ended: dict[tuple[AttemptResult, str], tuple[Counter, Histogram]] = {}
+        self._bound: dict[int, Histogram] = {}
 
     def attempted(self, result: AttemptResult, profile: str, seconds: float) -> None:
         """An attempt has ended."""
-        self.attempts.labels(result, profile).inc()
-        self.attempt_s.labels(result, profile).observe(seconds)
+        children = self._ended.get((result, profile))
+        if children is None:
+            children = (self.attempts.labels(result, profile), self.attempt_s.labels(result, profile))
+            self._ended[result, profile] = children
+        children[0].inc()
+        children[1].observe(seconds)
 
     def bound(self, queued: QueuedPod, profile: str, *, started_s: float, now_s: float) -> None:
         """A pod got its node."""
         self.attempted(AttemptResult.SCHEDULED, profile, now_s - started_s)
-        self.sli_s.labels(str(min(queued.attempts, MOST_ATTEMPTS))).observe(now_s - queued.first_seen_s)
+        attempts = min(queued.attempts, MOST_ATTEMPTS)
+        sli_s = self._bound.get(attempts)
+        if sli_s is None:
+            sli_s = self._bound[attempts] = self.sli_s.labels(str(attempts))
+        sli_s.observe(now_s - queued.first_seen_s)
         self.pod_attempts.observe(queued.attempts)
 
     def preempted(self, victims: int, *, violations: int) -> None:
