@@ -139,13 +139,13 @@ def built_in(catalogue: Catalogue) -> SchedulerConfig:
 
 def parse(document: object, *, catalogue: Catalogue, third_party: Collection[str] | None = None) -> SchedulerConfig:
     """A decoded document to a configuration; see `load`. `third_party` limits which plugins may be imported."""
-    model, unknown_fields = _model(document)
+    model, unknown_fields = _model(_without_nulls(document))
     problems = unknown_fields + config_checks.check(model)
     profiles = model.profiles or [ProfileModel()]
     built_in_names = frozenset(catalogue.classes)
     catalogue, unknown = with_third_party(catalogue, _plugin_names(profiles), allowed=third_party)
     problems += _name_problems(profiles, unknown)
-    specs = tuple(_spec(profile) for profile in profiles)
+    specs = tuple(_spec(profile, catalogue, model.compat_version) for profile in profiles)
     if not problems:
         try:
             build_profiles(specs, catalogue)
@@ -187,7 +187,14 @@ def _remove(document: Any, location: Sequence[int | str]) -> None:
     del document[location[-1]]
 
 
-def _spec(profile: ProfileModel) -> ProfileSpec:
+def _without_nulls(document: object) -> object:
+    """A field that is null is one that is left out, as upstream decodes it; templates write such fields."""
+    if isinstance(document, dict):
+        return {key: _without_nulls(value) for key, value in document.items() if value is not None}
+    return [_without_nulls(value) for value in document] if isinstance(document, list) else document
+
+
+def _spec(profile: ProfileModel, catalogue: Catalogue, compat_version: str) -> ProfileSpec:
     points = {
         str(info.alias): _plugin_set(getattr(profile.plugins, name))
         for name, info in type(profile.plugins).model_fields.items()
@@ -196,8 +203,19 @@ def _spec(profile: ProfileModel) -> ProfileSpec:
     return ProfileSpec(
         scheduler_name=profile.scheduler_name or SCHEDULER_NAME,
         plugins=points,
-        plugin_config={entry.name: entry.args for entry in profile.plugin_config},
+        plugin_config=_plugin_config(profile, catalogue, compat_version),
     )
+
+
+def _plugin_config(profile: ProfileModel, catalogue: Catalogue, compat_version: str) -> dict[str, dict[str, Any]]:
+    """Arguments by plugin. Another release than the usual one is an argument of each plugin that knows releases."""
+    args: dict[str, dict[str, Any]] = {entry.name: entry.args for entry in profile.plugin_config}
+    if compat_version == ConfigurationModel.model_fields["compat_version"].default:
+        return args
+    for name, cls in catalogue.classes.items():
+        if "compat_version" in getattr(getattr(cls, "Args", None), "__struct_fields__", ()):
+            args[name] = {"compatVersion": compat_version, **args.get(name, {})}
+    return args
 
 
 def _plugin_set(found: PluginSetModel) -> PluginSet:
@@ -243,6 +261,18 @@ def _warnings(model: ConfigurationModel) -> list[str]:
         found.append("parallelism is accepted and ignored: one event loop evaluates all nodes at once")
     if model.client_connection.model_fields_set & {"qps", "burst"}:
         found.append("clientConnection.qps and burst are accepted and ignored: the API server's own fairness limits us")
+    sampled = {"percentageOfNodesToScore": model.percentage_of_nodes_to_score}
+    for index, profile in enumerate(model.profiles):
+        sampled[f"profiles[{index}].percentageOfNodesToScore"] = profile.percentage_of_nodes_to_score
+    found += [
+        f"{path} is accepted and ignored: all nodes are always filtered and scored"
+        for path, value in sampled.items()
+        if value not in (None, 0, 100)
+    ]
+    profiling = {"enableProfiling": "enable_profiling", "enableContentionProfiling": "enable_contention_profiling"}
+    for path, name in profiling.items():
+        if name in model.model_fields_set and getattr(model, name):
+            found.append(f"{path} is accepted and ignored: there are no profiles to be served")
     return found
 
 

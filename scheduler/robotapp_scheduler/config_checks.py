@@ -13,7 +13,7 @@ from robotapp_scheduler.config_model import (
     ProfileModel,
 )
 
-COMPAT_VERSIONS = ("1.37",)
+COMPAT_VERSIONS = ("1.35", "1.37")
 
 
 def check(config: ConfigurationModel) -> list[str]:
@@ -57,8 +57,6 @@ def _top_level(config: ConfigurationModel) -> Iterator[str]:
 def _percentage(path: str, value: int | None) -> Iterator[str]:
     if value is not None and not 0 <= value <= 100:
         yield invalid(path, value, "not in valid range [0-100]")
-    elif value not in (None, 0, 100):
-        yield unsupported(path, "all nodes are scored; leave it out or write 100")
 
 
 def _leader_election(model: LeaderElectionModel) -> Iterator[str]:
@@ -108,6 +106,11 @@ def _profile_names(profiles: list[ProfileModel]) -> Iterator[str]:
 
 
 def _profile(profile: ProfileModel, path: str) -> Iterator[str]:
+    for name, info in type(profile.plugins).model_fields.items():
+        for index, ref in enumerate(getattr(profile.plugins, name).enabled):
+            if ref.weight < 0:
+                at = f"{path}.plugins.{info.alias}.enabled[{index}].weight"
+                yield invalid(at, ref.weight, "should be an integer value greater than or equal to zero")
     yield from _percentage(f"{path}.percentageOfNodesToScore", profile.percentage_of_nodes_to_score)
     names: set[str] = set()
     for index, entry in enumerate(profile.plugin_config):

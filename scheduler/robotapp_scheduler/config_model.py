@@ -82,7 +82,7 @@ class ClientConnectionModel(Strict):
 
 
 class ConfigurationModel(Strict):
-    """The whole file. `compatVersion` is our one addition: which kube-scheduler release formulas and texts follow."""
+    """The whole file. `compatVersion` is our one addition: the kube-scheduler release whose formulas decide."""
 
     api_version: Literal["kubescheduler.config.k8s.io/v1"]
     kind: Literal["KubeSchedulerConfiguration"]

@@ -12,8 +12,16 @@ from robotapp_scheduler.core.profiles import OTHER_FORMS, POINTS, Catalogue
 
 ENTRY_POINTS = "robotapp_scheduler.plugins"
 
-NOT_BUILT = frozenset({"DeferredPodScheduling", "GangScheduling"})
-"""kube-scheduler 1.37 plugins that exist upstream; a name that is in our catalogue wins over this list."""
+NOT_BUILT = {
+    "DeferredPodScheduling": "preemption for a resize that waits is alpha upstream",
+    "GangScheduling": "the pods of a PodGroup are planned whole without it",
+    "TopologyPlacementGenerator": "placements by topology are alpha upstream; the pods of a PodGroup are planned whole",
+    "PodGroupPodsCount": "placements by topology are alpha upstream; the pods of a PodGroup are planned whole",
+    "EBSLimits": "gone upstream too: NodeVolumeLimits counts the volumes of every CSI driver",
+    "GCEPDLimits": "gone upstream too: NodeVolumeLimits counts the volumes of every CSI driver",
+    "AzureDiskLimits": "gone upstream too: NodeVolumeLimits counts the volumes of every CSI driver",
+}
+"""Plugins of kube-scheduler, now or once, that are not built in, and why; a name in our catalogue wins over this list."""
 
 
 class UnknownPluginError(LookupError):
@@ -45,7 +53,7 @@ def with_third_party(
 def load_class(name: str) -> type:
     """The class of a third-party plugin. Raises `UnknownPluginError`."""
     if name in NOT_BUILT:
-        raise UnknownPluginError(f'not supported here: plugin "{name}" is not built into this scheduler yet')
+        raise UnknownPluginError(f'not supported here: plugin "{name}": {NOT_BUILT[name]}')
     try:
         found = _import(name)
     except UnknownPluginError:

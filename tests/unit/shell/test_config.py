@@ -3,11 +3,13 @@ from typing import Any
 
 import msgspec
 import pytest
+from tests.support import configurations
 
 from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME
 from robotapp_scheduler.config import ConfigError, SchedulerConfig, built_in, load, parse, parse_text
 from robotapp_scheduler.config_model import API_VERSION, KIND
 from robotapp_scheduler.core.profiles import Catalogue, PluginRef
+from robotapp_scheduler.plugins import registry
 
 
 class Fake:
@@ -153,7 +155,7 @@ profiles:
         ),
         (
             {"compatVersion": "1.20"},
-            'compatVersion: Unsupported value: "1.20": supported values: "1.37"',
+            'compatVersion: Unsupported value: "1.20": supported values: "1.35", "1.37"',
         ),
         (
             {"profiles": profile(plugins={"multiPoint": {"enabled": [{"name": "PrioritySort"}]}})},
@@ -196,7 +198,7 @@ def test_upstream_plugins_that_are_not_built_are_named_as_such() -> None:
     assert problems(profiles=profile(plugins=plugins)) == [
         (
             "profiles[0].plugins.score.enabled[0].name: not supported here: "
-            'plugin "GangScheduling" is not built into this scheduler yet'
+            'plugin "GangScheduling": the pods of a PodGroup are planned whole without it'
         )
     ]
 
@@ -254,9 +256,69 @@ def test_equal_files_have_equal_digests_and_a_weight_changes_it() -> None:
     assert config(profiles=profile()).digest != config(profiles=heavier).digest
 
 
-def test_parallelism_is_accepted_with_a_warning() -> None:
-    assert "one event loop" in config(parallelism=4).warnings[0]
+@pytest.mark.parametrize(
+    ("fields", "path", "why"),
+    [
+        ({"parallelism": 4}, "parallelism", "one event loop"),
+        ({"clientConnection": {"qps": 5}}, "clientConnection.qps", "fairness"),
+        ({"percentageOfNodesToScore": 50}, "percentageOfNodesToScore", "all nodes are always filtered and scored"),
+        ({"profiles": profile(percentageOfNodesToScore=1)}, "profiles[0].percentageOfNodesToScore", "all nodes"),
+        ({"enableProfiling": True}, "enableProfiling", "no profiles"),
+        ({"enableContentionProfiling": True}, "enableContentionProfiling", "no profiles"),
+    ],
+)
+def test_what_has_no_effect_is_accepted_with_a_warning_that_names_it(
+    fields: dict[str, Any], path: str, why: str
+) -> None:
+    (warning,) = config(**fields).warnings
+    assert warning.startswith(path)
+    assert why in warning
+
+
+def test_values_that_change_nothing_give_no_warning() -> None:
     assert built_in(catalogue()).warnings == ()
+    assert config(percentageOfNodesToScore=100, profiles=profile(percentageOfNodesToScore=0)).warnings == ()
+    assert config(enableProfiling=False, enableContentionProfiling=False).warnings == ()
+
+
+# --- Files of kube-scheduler with our own plugins --------------------------------------------------------------------
+
+
+def real(fields: dict[str, Any]) -> SchedulerConfig:
+    return parse({"apiVersion": API_VERSION, "kind": KIND, **fields}, catalogue=registry.catalogue())
+
+
+@pytest.mark.parametrize("what", configurations.ACCEPTED)
+def test_what_kube_scheduler_accepts_is_accepted(what: str) -> None:
+    assert real(configurations.ACCEPTED[what]).build()
+
+
+@pytest.mark.parametrize(("fields", "text"), configurations.REFUSED.values(), ids=list(configurations.REFUSED))
+def test_what_kube_scheduler_refuses_is_refused_with_its_words(fields: dict[str, Any], text: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        real(fields)
+    assert text in str(caught.value)
+
+
+@pytest.mark.parametrize(("fields", "text"), configurations.OURS_ALONE.values(), ids=list(configurations.OURS_ALONE))
+def test_what_we_do_not_support_is_refused_with_the_reason(fields: dict[str, Any], text: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        real(fields)
+    assert text in str(caught.value)
+
+
+def test_the_release_to_follow_reaches_every_plugin_that_knows_releases_unless_the_plugin_says_otherwise() -> None:
+    fields = configurations.args("VolumeBinding", compatVersion="1.37") | {"compatVersion": "1.35"}
+    (spec,) = real(fields).profiles
+    told = {name: args["compatVersion"] for name, args in spec.plugin_config.items()}
+    assert told == {
+        "NodeDeclaredFeatures": "1.35",
+        "NodeResourcesBalancedAllocation": "1.35",
+        "NodeVolumeLimits": "1.35",
+        "VolumeBinding": "1.37",
+    }
+    (usual,) = real({"compatVersion": "1.37", **configurations.profile()}).profiles
+    assert usual.plugin_config == {}
 
 
 def test_unknown_fields_are_told_together_with_all_that_is_wrong_beside_them() -> None:

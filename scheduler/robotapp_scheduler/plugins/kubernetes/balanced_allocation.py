@@ -15,6 +15,7 @@ from robotapp_scheduler.core.rows import Row
 from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.plugins.kubernetes.compat import NEW, is_new
 from robotapp_scheduler.plugins.kubernetes.fit_strategies import ResourceWeight
+from robotapp_scheduler.plugins.kubernetes.resource_arguments import balance_problems, refuse
 from robotapp_scheduler.plugins.kubernetes.resources_fit import NATIVE
 
 
@@ -23,6 +24,9 @@ class BalancedArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rena
 
     resources: tuple[ResourceWeight, ...] = (ResourceWeight("cpu"), ResourceWeight("memory"))
     compat_version: str = NEW
+
+    def __post_init__(self) -> None:
+        refuse(balance_problems(self.resources))
 
 
 class NodeResourcesBalancedAllocation:

@@ -36,7 +36,7 @@ class AffinityArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rena
     def __post_init__(self) -> None:
         if not 0 <= self.hard_pod_affinity_weight <= 100:
             value = self.hard_pod_affinity_weight
-            raise ValueError(f"hardPodAffinityWeight: Invalid value: {value}: not in valid range [0-100]")
+            raise ValueError(f"hardPodAffinityWeight: Invalid value: {value}: not in valid range [0, 100]")
 
 
 class InterPodAffinity:

@@ -22,6 +22,7 @@ from robotapp_scheduler.plugins.kubernetes.fit_strategies import (
     Strategy,
     ratio_function,
 )
+from robotapp_scheduler.plugins.kubernetes.resource_arguments import fit_problems, refuse
 
 TOO_MANY: Final = "Too many pods"
 NATIVE: Final = ("cpu", "memory", "ephemeral-storage")
@@ -49,6 +50,9 @@ class FitArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="c
     ignored_resources: tuple[str, ...] = ()
     ignored_resource_groups: tuple[str, ...] = ()
     scoring_strategy: ScoringStrategy = ScoringStrategy()
+
+    def __post_init__(self) -> None:
+        refuse(fit_problems(self.scoring_strategy.resources, self.ignored_resources, self.ignored_resource_groups))
 
 
 class NodeResourcesFit:

@@ -1,7 +1,7 @@
 """Topology spread constraints of a pod, its own or the default ones, ready to be counted."""
 
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import msgspec
 import numpy as np
@@ -31,7 +31,7 @@ class DefaultConstraint(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     when_unsatisfiable: str = ""
     max_skew: int = 0
     min_domains: int | None = None
-    label_selector: dict[str, str] | None = None
+    label_selector: dict[str, Any] | None = None
     match_label_keys: tuple[str, ...] = ()
     node_affinity_policy: str = "Honor"
     node_taints_policy: str = "Ignore"

@@ -1,0 +1,128 @@
+"""KubeSchedulerConfigurations as users carry them over, and whether kube-scheduler 1.37 takes them."""
+
+from typing import Any, Final
+
+Json = dict[str, Any]
+REQUIRED: Final = "requiredDuringSchedulingIgnoredDuringExecution"
+PREFERRED: Final = "preferredDuringSchedulingIgnoredDuringExecution"
+
+
+def profile(**fields: Any) -> Json:
+    return {"profiles": [{"schedulerName": "mine", **fields}]}
+
+
+def plugins(point: str, *enabled: Json, disabled: tuple[str, ...] = ()) -> Json:
+    return profile(plugins={point: {"enabled": list(enabled), "disabled": [{"name": name} for name in disabled]}})
+
+
+def args(plugin: str, **fields: Any) -> Json:
+    return profile(pluginConfig=[{"name": plugin, "args": fields}])
+
+
+def strategy(kind: str = "LeastAllocated", **fields: Any) -> Json:
+    return args("NodeResourcesFit", scoringStrategy={"type": kind, **fields})
+
+
+def ratio(*shape: tuple[int, int]) -> Json:
+    points = [{"utilization": utilization, "score": score} for utilization, score in shape]
+    return strategy("RequestedToCapacityRatio", requestedToCapacityRatio={"shape": points})
+
+
+def term(operator: str) -> Json:
+    return {"matchExpressions": [{"key": "disk", "operator": operator, "values": ["1"]}]}
+
+
+ACCEPTED: Final[dict[str, Json]] = {
+    "nothing but defaults": {},
+    "two profiles": {"profiles": [{"schedulerName": "a"}, {"schedulerName": "b"}]},
+    "fields that are null": {"profiles": None, "leaderElection": None, "extenders": None},
+    "plugin lists that are null": profile(plugins={"score": {"enabled": None}}, pluginConfig=None),
+    "sampling": {"percentageOfNodesToScore": 50},
+    "sampling of a profile": profile(percentageOfNodesToScore=30),
+    "parallelism": {"parallelism": 32},
+    "back-off": {"podInitialBackoffSeconds": 2, "podMaxBackoffSeconds": 20},
+    "equal back-offs": {"podInitialBackoffSeconds": 5, "podMaxBackoffSeconds": 5},
+    "client limits": {"clientConnection": {"qps": 200.5, "burst": 400}},
+    "profiling": {"enableProfiling": True, "enableContentionProfiling": False},
+    "election": {"leaderElection": {"leaseDuration": "30s", "renewDeadline": "20s", "retryPeriod": "2s"}},
+    "standby caches": {"delayCacheUntilActive": False},
+    "weights": plugins("score", {"name": "ImageLocality", "weight": 7}, {"name": "NodeAffinity"}),
+    "everything disabled but one score": plugins("score", {"name": "TaintToleration"}, disabled=("*",)),
+    "a plugin taken out": plugins("multiPoint", disabled=("PodTopologySpread",)),
+    "fit, least": strategy(resources=[{"name": "cpu", "weight": 3}, {"name": "example.com/gpu", "weight": 100}]),
+    "fit, most": strategy("MostAllocated"),
+    "fit, weight left out": strategy(resources=[{"name": "cpu"}, {"name": "cpu", "weight": 0}]),
+    "fit, ratio": ratio((0, 0), (50, 10), (100, 0)),
+    "fit, ignored": args("NodeResourcesFit", ignoredResources=["example.com/a"], ignoredResourceGroups=["example.com"]),
+    "balance": args("NodeResourcesBalancedAllocation", resources=[{"name": "cpu", "weight": 1}]),
+    "added affinity": args("NodeAffinity", addedAffinity={REQUIRED: {"nodeSelectorTerms": [term("In")]}}),
+    "added affinity, preferred": args("NodeAffinity", addedAffinity={PREFERRED: [{"weight": 5, "preference": term("NotIn")}]}),
+    "affinity": args("InterPodAffinity", hardPodAffinityWeight=100, ignorePreferredTermsOfExistingPods=True),
+    "spread, list": args("PodTopologySpread", defaultingType="List", defaultConstraints=[
+        {"maxSkew": 1, "topologyKey": "rack", "whenUnsatisfiable": "ScheduleAnyway"}]),
+    "volumes": args("VolumeBinding", bindTimeoutSeconds=0, shape=[{"utilization": 0, "score": 0}, {"utilization": 100, "score": 10}]),
+    "preemption": args("DefaultPreemption", minCandidateNodesPercentage=0, minCandidateNodesAbsolute=1),
+}  # fmt: skip
+"""Taken by kube-scheduler and by us."""
+
+REFUSED: Final[dict[str, tuple[Json, str]]] = {
+    "a field nobody knows": ({"profile": []}, 'unknown field "profile"'),
+    "parallelism of none": ({"parallelism": 0}, "should be an integer value greater than zero"),
+    "sampling above all": ({"percentageOfNodesToScore": 101}, "not in valid range [0-100]"),
+    "no first back-off": ({"podInitialBackoffSeconds": 0}, "must be greater than 0"),
+    "falling back-off": ({"podInitialBackoffSeconds": 3, "podMaxBackoffSeconds": 2}, "greater than or equal to PodInitialBackoffSeconds"),
+    "another lock": ({"leaderElection": {"resourceLock": "endpoints"}}, 'resourceLock value must be "leases"'),
+    "a lease too short": ({"leaderElection": {"leaseDuration": "1s"}}, "leaderElection.leaseDuration"),
+    "negative burst": ({"clientConnection": {"burst": -1}}, "clientConnection.burst"),
+    "one name twice": ({"profiles": [{"schedulerName": "a"}, {"schedulerName": "a"}]}, "Duplicate value"),
+    "two profiles, one nameless": ({"profiles": [{"schedulerName": "a"}, {}]}, "profiles[1].schedulerName"),
+    "a plugin nobody knows": (plugins("multiPoint", {"name": "NoSuchPlugin"}), "NoSuchPlugin"),
+    "a plugin that is gone": (plugins("multiPoint", {"name": "EBSLimits"}), "EBSLimits"),
+    "enabled twice": (plugins("score", {"name": "NodeAffinity"}, {"name": "NodeAffinity"}), "NodeAffinity"),
+    "at the wrong point": (plugins("score", {"name": "NodeName"}), "NodeName"),
+    "no bind plugin": (plugins("bind", disabled=("*",)), "bind"),
+    "a weight below zero": (plugins("score", {"name": "ImageLocality", "weight": -3}), ""),
+    "fit, no such strategy": (strategy("Random"), "scoringStrategy.type"),
+    "fit, weight too large": (strategy(resources=[{"name": "cpu", "weight": 101}]), "resource weight of cpu not in valid range (0, 100]"),
+    "fit, weight below zero": (strategy(resources=[{"name": "cpu", "weight": -1}]), "resource weight of cpu not in valid range (0, 100]"),
+    "fit, no shape": (ratio(), "at least one point must be specified"),
+    "fit, shape falling": (ratio((50, 1), (40, 2)), "increasing order"),
+    "fit, shape too wide": (ratio((0, 1), (101, 2)), "utilization"),
+    "fit, shape too high": (ratio((0, 11)), "score"),
+    "fit, ignored name": (args("NodeResourcesFit", ignoredResources=["-bad-"]), 'ignoredResources[0]: Invalid value: "-bad-"'),
+    "fit, ignored group": (args("NodeResourcesFit", ignoredResourceGroups=["a/b"]), "resource group name can't contain '/'"),
+    "fit, a field nobody knows": (args("NodeResourcesFit", scoring={}), "scoring"),
+    "balance, weight": (args("NodeResourcesBalancedAllocation", resources=[{"name": "cpu", "weight": 2}]), "Invalid value: 2: must be 1"),
+    "balance, twice": (args("NodeResourcesBalancedAllocation", resources=[{"name": "cpu", "weight": 1}] * 2), 'Duplicate value: "cpu"'),
+    "added affinity, operator": (
+        args("NodeAffinity", addedAffinity={REQUIRED: {"nodeSelectorTerms": [term("Near")]}}),
+        f'addedAffinity.{REQUIRED}.nodeSelectorTerms[0].matchExpressions[0].operator: Unsupported value: "Near"'),
+    "affinity, weight": (args("InterPodAffinity", hardPodAffinityWeight=101), "not in valid range [0, 100]"),
+    "spread, list without being asked": (
+        args("PodTopologySpread", defaultConstraints=[{"maxSkew": 1, "topologyKey": "rack", "whenUnsatisfiable": "ScheduleAnyway"}]),
+        "when .defaultConstraints are not empty"),
+    "spread, selector": (
+        args("PodTopologySpread", defaultingType="List", defaultConstraints=[
+            {"maxSkew": 1, "topologyKey": "rack", "whenUnsatisfiable": "ScheduleAnyway", "labelSelector": {"matchLabels": {"a": "b"}}}]),
+        "constraint must not define a selector, as they deduced for each pod"),
+    "spread, no skew": (
+        args("PodTopologySpread", defaultingType="List", defaultConstraints=[
+            {"maxSkew": 0, "topologyKey": "rack", "whenUnsatisfiable": "ScheduleAnyway"}]),
+        "maxSkew"),
+    "volumes, time-out": (args("VolumeBinding", bindTimeoutSeconds=-1), "bindTimeoutSeconds"),
+    "preemption, no candidates": (
+        args("DefaultPreemption", minCandidateNodesPercentage=0, minCandidateNodesAbsolute=0), "cannot be zero at the same time as"),
+    "preemption, share": (args("DefaultPreemption", minCandidateNodesPercentage=101), "not in valid range [0, 100]"),
+    "preemption, number": (args("DefaultPreemption", minCandidateNodesAbsolute=-1), "not in valid range [0, inf)"),
+}  # fmt: skip
+"""Refused by kube-scheduler and by us, with the words both use (upstream's may have more around them)."""
+
+OURS_ALONE: Final[dict[str, tuple[Json, str]]] = {
+    "extenders": ({"extenders": [{"urlPrefix": "http://127.0.0.1:1"}]}, "extenders: not supported here"),
+    "cold standby": ({"delayCacheUntilActive": True}, "delayCacheUntilActive: not supported here"),
+    "protobuf": (
+        {"clientConnection": {"contentType": "application/vnd.kubernetes.protobuf"}}, "clientConnection.contentType: not supported here"),
+    "gangs": (plugins("multiPoint", {"name": "GangScheduling"}), 'not supported here: plugin "GangScheduling"'),
+    "devices": (args("DynamicResources", filterTimeout="10s"), "filterTimeout: not supported here"),
+}  # fmt: skip
+"""kube-scheduler takes them, we refuse them with the reason."""
