@@ -16,8 +16,8 @@ from robotapp_api.claims.instances import Instance
 from robotapp_api.claims.objects import Deployment as ClaimsDeployment
 from robotapp_api.client import ApiClient, NotFound
 from robotapp_api.client.claims import ensure_domain
+from robotapp_api.client.errors import means_gone
 from robotapp_api.client.resources import DEPLOYMENTS, ROBOTAPPS, SERVICES
-from robotapp_api.client.sweep_view import means_gone
 from robotapp_api.model.names import Label, Reason
 from robotapp_operator.cache import Cache
 from robotapp_operator.execute import StartOver, execute

@@ -11,7 +11,7 @@ from robotapp_api.claims.identity import claim_object
 from robotapp_api.claims.objects import Claim, ClaimSpec
 from robotapp_api.claims.release import preconditions
 from robotapp_api.client.api import Json, Listing
-from robotapp_api.client.errors import AlreadyExists, Conflict, NotFound
+from robotapp_api.client.errors import AlreadyExists, Conflict, NotFound, means_gone
 from robotapp_api.client.resources import ROBOTCLAIMS, Resource
 from robotapp_api.model.names import API_VERSION, ClaimPhase
 
@@ -75,7 +75,7 @@ async def delete_claim(client: Api, claim: Claim) -> None:
     except Conflict as refusal:
         raise Refused from refusal
     except NotFound as error:
-        if not _is_gone(error, claim):
+        if not means_gone(error, claim.name):
             raise
 
 
@@ -101,12 +101,6 @@ async def _write_status(client: Api, claim: Claim, status: dict[str, Any]) -> Cl
     except Conflict as refusal:
         raise Refused from refusal
     except NotFound as error:
-        if not _is_gone(error, claim):
+        if not means_gone(error, claim.name):
             raise
         raise Refused from error
-
-
-def _is_gone(error: NotFound, claim: Claim) -> bool:
-    from robotapp_api.client.sweep_view import means_gone  # which needs our Api
-
-    return means_gone(error, claim.name)

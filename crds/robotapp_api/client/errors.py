@@ -97,6 +97,14 @@ class ServerError(ApiError):
     maybe_applied = True
 
 
+def means_gone(error: ApiError, name: str) -> bool:
+    """Whether the API server itself says that this very object does not exist.
+
+    A 404 of a proxy, or of a resource the server does not serve at the moment, is an error like any other.
+    """
+    return error.status == 404 and error.reason == "NotFound" and f'"{name}" not found' in error.message
+
+
 _BY_STATUS: dict[int, type[ApiError]] = {
     400: BadRequest,
     401: Unauthorized,

@@ -14,7 +14,7 @@ from robotapp_api.claims.release import is_gone, wants_domain
 from robotapp_api.claims.repair import asked_places, places_of
 from robotapp_api.claims.usage import Usage, usage_of
 from robotapp_api.client.claim_writes import Api, T
-from robotapp_api.client.errors import ApiError, Forbidden, NotFound
+from robotapp_api.client.errors import Forbidden, NotFound, means_gone
 from robotapp_api.client.resources import (
     DEPLOYMENTS,
     DOMAINPOOLS,
@@ -162,14 +162,6 @@ async def _children(client: Api, resource: Resource, namespaces: Collection[str]
         listing = await client.list(resource, namespace=namespace, label_selector=Label.APP_UID, as_type=as_type)
         found += listing.items
     return found
-
-
-def means_gone(error: ApiError, name: str) -> bool:
-    """Whether the API server itself says that this very object does not exist.
-
-    A 404 of a proxy, or of a resource the server does not serve at the moment, is an error like any other.
-    """
-    return error.status == 404 and error.reason == "NotFound" and f'"{name}" not found' in error.message
 
 
 async def find(client: Api, resource: Resource, name: str, namespace: str, as_type: type[T]) -> T | None:

@@ -78,7 +78,7 @@ class HttpTransport:
         )
         # aiohttp sends a request a second time when a kept-alive connection breaks under it. How often a watch is begun
         # is the reflector's to judge, and there is no public switch.
-        self._watches._retry_connection = False  # noqa: SLF001
+        self._watches._retry_connection = False  # noqa: SLF001 - see above
 
     async def close(self) -> None:
         connections, self._connections = self._connections, None

@@ -137,6 +137,7 @@ class WatchDecoder(Generic[T]):
 
     def __init__(self, as_type: type[T], *, namespaced: bool) -> None:
         self.identify = identify_with(as_type, namespaced=namespaced)
+        # The types are made at run time, which no checker can follow.
         self._typed: msgspec.json.Decoder[Any] = msgspec.json.Decoder(_Typed[as_type])  # type: ignore[valid-type]
         self._page: msgspec.json.Decoder[Page[T]] = msgspec.json.Decoder(Page[as_type])  # type: ignore[valid-type]
         self._object: msgspec.json.Decoder[T] = msgspec.json.Decoder(as_type)

@@ -23,9 +23,9 @@ from robotapp_api.client.errors import (
     ServerError,
     TooManyRequests,
     Unreachable,
+    means_gone,
 )
 from robotapp_api.client.resources import PODS
-from robotapp_api.client.sweep_view import means_gone
 from robotapp_scheduler.core.objects import Pod
 
 TRIES = 4

@@ -9,9 +9,8 @@ import logging
 from collections.abc import Awaitable, Callable
 
 from robotapp_api.client.api import ApiClient, Json
-from robotapp_api.client.errors import ApiError, ClientError, Conflict, NotFound
+from robotapp_api.client.errors import ApiError, ClientError, Conflict, NotFound, means_gone
 from robotapp_api.client.resources import PODS
-from robotapp_api.client.sweep_view import means_gone
 from robotapp_api.model.names import EventReason
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.objects import Pod
