@@ -172,6 +172,7 @@ class Scheduler:
         )
         self.port = port
         log.info("serving health, metrics and explanations on port %d", port)
+        collector.filling()
         try:
             async with asyncio.TaskGroup() as group:
                 background = [
@@ -180,6 +181,7 @@ class Scheduler:
                     group.create_task(tls.run(self._client), name="tls"),
                     group.create_task(self.reporter.run(), name="conditions"),
                     group.create_task(self._reloader.run(), name="configuration"),
+                    group.create_task(collector.run(), name="garbage"),
                 ]
                 work = group.create_task(self._lead(), name="lead")
                 await self._first(work, self._stop)
@@ -187,6 +189,7 @@ class Scheduler:
                 for task in background:
                     task.cancel()
         finally:
+            collector.released()
             await self.planner.close()
             await runner.cleanup()
         return 1 if self._lost else 0
@@ -321,7 +324,6 @@ async def run(options: Options) -> int:
         for warning in running.config.warnings:
             log.warning("%s", warning)
         scheduler = Scheduler(client, running, options, source=source, last_good=last_good)
-        collector.filling()
         loop = asyncio.get_running_loop()
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, scheduler.stop)
