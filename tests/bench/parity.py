@@ -14,7 +14,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from tests.bench import parity_live, parity_reference
+from tests.bench import parity_live, parity_reference, parity_ros
+from tests.bench.parity_report import Report
 from tests.support.cluster_cases.regressions import keep
 
 Json = dict[str, Any]
@@ -32,8 +33,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--reference", action="store_true", help="against the scalar reference instead, without a cluster"
     )
+    parser.add_argument(
+        "--ros-plugins",
+        action="store_true",
+        help="pods without ROS fields, with against without ROS plugins, no cluster",
+    )
     arguments = parser.parse_args(argv)
+    if arguments.ros_plugins:
+        return _with_against_without(arguments)
     return _against_reference(arguments) if arguments.reference else _against_kube_scheduler(arguments)
+
+
+def _with_against_without(arguments: argparse.Namespace) -> int:
+    report = parity_ros.campaign(cases=arguments.cases or 1000, seed=arguments.seed, say=_say)
+    _write(arguments.json, report.as_json())
+    return _told(report)
 
 
 def _against_reference(arguments: argparse.Namespace) -> int:
@@ -62,13 +76,17 @@ def _against_kube_scheduler(arguments: argparse.Namespace) -> int:
     with parity_live.control_plane() as cp:
         report = asyncio.run(parity_live.run(cp, cases, seed=seed, say=_say))
     _write(arguments.json, report.as_json())
-    for each in report.found[:SHOWN]:
-        print(json.dumps(each))
-        if arguments.keep:
-            path = keep(each["objects"], why="; ".join(each["differences"]), profile=each["profile"])
-            print(f"kept as {path}")
+    for each in report.found if arguments.keep else ():
+        path = keep(each["objects"], why="; ".join(each["differences"]), profile=each["profile"])
+        print(f"kept as {path}")
     for family, why in report.invalid.items():
         print(f"refused by the API server, {family}: {why}")
+    return _told(report)
+
+
+def _told(report: Report) -> int:
+    for each in report.found[:SHOWN]:
+        print(json.dumps(each))
     print(report.table())
     print(report.summary())
     return 1 if report.found else 0

@@ -122,6 +122,11 @@ class PodInfo:
         return self.shape.images
 
     @property
+    def image_volumes(self) -> int:
+        """How many of `images`, the last ones, are volumes."""
+        return sum(1 for volume in self.pod.spec.volumes or () if volume.image is not None)
+
+    @property
     def host_ports(self) -> tuple[HostPort, ...]:
         """Ports the pod takes on its node, each once."""
         return self.shape.host_ports

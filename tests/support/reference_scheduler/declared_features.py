@@ -9,6 +9,9 @@ BIND_OPTIONS = "VolumeBindMountOptions"
 
 
 def declared_features(state: State, node: Json) -> Rejection | None:
+    """The plugin is on by default since 1.36."""
+    if state.config.compat_version == "1.35":
+        return None
     declared = (node.get("status") or {}).get("declaredFeatures") or []
     if all(need in declared for need in needs(state.pod)):
         return None

@@ -1,0 +1,29 @@
+"""Pods without ROS fields: ours with all ROS plugins against ours with kube-scheduler's plugins alone, without a cluster."""
+
+import time
+from collections.abc import Callable
+
+from tests.bench.parity_report import Report
+from tests.bench.parity_verdict import Verdict
+from tests.support.cluster_cases import seeded_case
+from tests.support.reference_comparison import SUPPORTED
+from tests.support.ros_surroundings import both, decided
+
+
+def campaign(*, cases: int, seed: str, say: Callable[[str], None]) -> Report:
+    """Each case in a cluster of robots; what differs between the two decisions, whole."""
+    report = Report(seed)
+    started = time.monotonic()
+    for number in range(cases):
+        case = seeded_case(seed, number=number, families=SUPPORTED)
+        with_ros, without = (decided(core, case) for core in both(case))
+        scored = {name: {"total": found} for name, found in without["nodes"].items() if isinstance(found, int)}
+        report.take(case, Verdict(without["node"] or "", without["message"], scored if without["total"] else {}))
+        if unequal := [f"{key}: {with_ros[key]} with, {value} without" for key, value in without.items()
+                       if with_ros[key] != value]:  # fmt: skip
+            names = {"number": number, "families": case.families}
+            report.differs(case, {**names, "differences": unequal, "objects": case.objects})
+        if number % 500 == 499:
+            say(f"{number + 1}/{cases} cases, {len(report.found)} differences")
+    report.seconds = time.monotonic() - started
+    return report
