@@ -1,20 +1,20 @@
-"""Creates and deletes objects in bulk and watches pods being bound."""
+"""Creates and deletes objects in bulk."""
 
 import asyncio
 import time
-from collections.abc import Awaitable, Callable, Iterable, Sequence
-from typing import Any, Self, TypeVar
+from collections.abc import Awaitable, Callable, Iterable
+from typing import Any, TypeVar
 
 import msgspec
-from tests.bench.contestants import Contestant
 
-from robotapp_api.client.api import ApiClient
-from robotapp_api.client.errors import NotFound
-from robotapp_api.client.reflector import Change, Reflector
-from robotapp_api.client.resources import EVENTS, LEASES, NODES, PODS
+from robotapp_api.client.api import ApiClient, with_query
+from robotapp_api.client.errors import AlreadyExists
+from robotapp_api.client.resources import EVENTS, PODS, Resource
 
 T = TypeVar("T")
+Json = dict[str, Any]
 CONNECTIONS = 32
+_DELETE = msgspec.json.encode({"kind": "DeleteOptions", "apiVersion": "v1", "gracePeriodSeconds": 0})
 
 
 class SeenMeta(msgspec.Struct, gc=False, rename="camel"):
@@ -24,13 +24,8 @@ class SeenMeta(msgspec.Struct, gc=False, rename="camel"):
     resource_version: str = ""
 
 
-class SeenSpec(msgspec.Struct, gc=False, rename="camel"):
-    node_name: str = ""
-
-
-class SeenPod(msgspec.Struct, gc=False, rename="camel"):
+class _Metadata(msgspec.Struct, gc=False, rename="camel"):
     metadata: SeenMeta
-    spec: SeenSpec
 
 
 async def each(items: Iterable[T], action: Callable[[T], Awaitable[object]], *, at_once: int = CONNECTIONS) -> None:
@@ -46,83 +41,37 @@ async def each(items: Iterable[T], action: Callable[[T], Awaitable[object]], *, 
             group.create_task(work())
 
 
-async def create_nodes(client: ApiClient, nodes: Sequence[dict[str, Any]]) -> None:
-    """Create nodes and take off the not-ready taint that admission gives every new node."""
+async def create(client: ApiClient, resource: Resource, objects: Iterable[Json], *, namespace: str = "") -> None:
+    async def one(obj: Json) -> None:
+        await client.create(resource, obj, namespace=namespace or None)
 
-    async def create(node: dict[str, Any]) -> None:
-        await client.create(NODES, node)
-        taints = node.get("spec", {}).get("taints")
-        await client.patch(NODES, node["metadata"]["name"], {"spec": {"taints": taints}})
-
-    await each(nodes, create)
+    await each(objects, one)
 
 
-async def delete_pods(client: ApiClient, namespace: str) -> None:
-    """Delete all pods of a namespace and wait until they are gone."""
-    path = PODS.path(namespace)
-    deadline = time.monotonic() + 300
-    body = msgspec.json.encode({"kind": "DeleteOptions", "apiVersion": "v1", "gracePeriodSeconds": 0})
-    while (await client.list(PODS, namespace=namespace, as_type=SeenPod)).items:
-        if time.monotonic() > deadline:
-            raise TimeoutError(f"pods of {namespace} are still there")
-        await client.request("DELETE", path, body, "application/json")
-    await asyncio.sleep(0)
-
-
-async def hold_lease(client: ApiClient, contestant: Contestant) -> None:
-    """Take a scheduler's lease, so that it warms up and waits."""
-    await drop_lease(client, contestant)
-    now = time.strftime("%Y-%m-%dT%H:%M:%S.000000Z", time.gmtime())
-    spec = {"holderIdentity": "bench", "leaseDurationSeconds": 3600, "acquireTime": now, "renewTime": now}
-    await client.create(
-        LEASES, {"metadata": {"name": contestant.lease, "namespace": contestant.lease_namespace}, "spec": spec}
-    )
-
-
-async def drop_lease(client: ApiClient, contestant: Contestant) -> None:
+async def ensure(client: ApiClient, resource: Resource, obj: Json, *, namespace: str = "") -> None:
+    """Create it unless it is there."""
     try:
-        await client.delete(LEASES, contestant.lease, namespace=contestant.lease_namespace)
-    except NotFound:
+        await client.create(resource, obj, namespace=namespace or None)
+    except AlreadyExists:
         return
 
 
-async def count_events(client: ApiClient, namespace: str) -> int:
-    """Events of a namespace, without reading them."""
-    answer = await client.request("GET", f"{EVENTS.path(namespace)}?limit=1")
-    page = msgspec.json.decode(answer.body)
-    return len(page["items"]) + int(page["metadata"].get("remainingItemCount", 0))
+async def names(client: ApiClient, namespace: str, selector: str = "") -> set[str]:
+    """Names of the pods a label selector selects."""
+    found = await client.list(PODS, namespace=namespace, label_selector=selector, as_type=_Metadata)
+    return {item.metadata.name for item in found.items}
 
 
-class BoundWatch:
-    """When each pod of a namespace was first seen bound (monotonic seconds)."""
+async def delete_pods(client: ApiClient, namespace: str, selector: str = "", *, timeout_s: float = 300.0) -> None:
+    """Delete all pods of a namespace that a label selector selects and wait until they are gone."""
+    path = with_query(PODS.path(namespace), {"labelSelector": selector})
+    deadline = time.monotonic() + timeout_s
+    while await names(client, namespace, selector):
+        if time.monotonic() > deadline:
+            raise TimeoutError(f"pods of {namespace} ({selector or 'all'}) are still there")
+        await client.request("DELETE", path, _DELETE, "application/json")
 
-    def __init__(self, client: ApiClient, namespace: str) -> None:
-        self.bound_s: dict[str, float] = {}
-        self._changed = asyncio.Event()
-        self.first = asyncio.Event()
-        self._reflector = Reflector(client, PODS, as_type=SeenPod, namespace=namespace, on_change=self._on_change)
 
-    def _on_change(self, change: Change) -> None:
-        pod = change.new
-        if pod is not None and pod.spec.node_name and pod.metadata.name not in self.bound_s:
-            self.bound_s[pod.metadata.name] = time.monotonic()
-            self.first.set()
-            self._changed.set()
-
-    async def __aenter__(self) -> Self:
-        self._task = asyncio.create_task(self._reflector.run())
-        await self._reflector.synced.wait()
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        self._task.cancel()
-        await asyncio.gather(self._task, return_exceptions=True)
-
-    async def until(self, count: int, *, timeout_s: float, progress: Callable[[int], None]) -> None:
-        """Wait until `count` pods are bound. Raises TimeoutError."""
-        async with asyncio.timeout(timeout_s):
-            while len(self.bound_s) < count:
-                self._changed.clear()
-                progress(len(self.bound_s))
-                await self._changed.wait()
-        progress(count)
+async def delete_events(client: ApiClient, namespace: str) -> None:
+    """What one run wrote must not be counted, stored or listed for the next."""
+    await client.request("DELETE", EVENTS.path(namespace), _DELETE, "application/json")

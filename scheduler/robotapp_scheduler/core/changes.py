@@ -6,6 +6,7 @@ One vocabulary serves three readers: the change log (which node rows a cached re
 
 from collections.abc import Iterable, Sequence
 from enum import IntFlag, auto
+from functools import cache
 from typing import Any, Final, NamedTuple
 
 
@@ -95,10 +96,16 @@ class Event(NamedTuple):
     @property
     def label(self) -> str:
         """Upstream's name of the event where it has one, for scheduler_queue_incoming_pods_total."""
-        kind = next((kind for change, kind in _STORAGE if change & self.change), "")
-        if kind and self.action and not self.change & Change.POD_REMOVED:
-            return kind + self.action.capitalize()
-        return next((name for change, name in _LABELS if change & self.change), self.change.name or "Change")
+        return _label(self.change, self.action)
+
+
+@cache
+def _label(found: Change, action: str) -> str:
+    """There are few combinations, and testing flags one by one costs more than a decision."""
+    kind = next((kind for change, kind in _STORAGE if change & found), "")
+    if kind and action and not found & Change.POD_REMOVED:
+        return kind + action.capitalize()
+    return next((name for change, name in _LABELS if change & found), found.name or "Change")
 
 
 _STORAGE: Final = (

@@ -50,7 +50,7 @@ WAKERS: Final = {
 PREEMPTING: Final = Gate(
     plugin="DefaultPreemption",
     reason="waiting for the preemption for this pod to be finished",
-    events=Change.POD_REMOVED,
+    events=Change.NONE,  # `preempted` opens it; testing every preemptor at every victim's end would cost their product
 )
 
 
