@@ -1,7 +1,7 @@
 """Images of the real nodes' containers, built without Docker and kept in the cache.
 
-archive("pause")  # path of an OCI archive, built when its inputs have changed
-reference("pause")  # the name a pod calls it by, once it is imported
+    archive("pause")  # path of an OCI archive, built when its inputs have changed
+    reference("pause")  # the name a pod calls it by, once it is imported
 """
 
 import hashlib
@@ -14,10 +14,18 @@ from typing import Final
 from robotapp_testbed import cache
 from robotapp_testbed.failures import TestbedError
 from robotapp_testbed.images import oci
+from robotapp_testbed.images.pythonic import Component, Ros1, Ros2
 from robotapp_testbed.images.recipes import Pause, Recipe, Tools
 from robotapp_testbed.progress import Progress
 
-RECIPES: Final[Mapping[str, Callable[[], Recipe]]] = {"pause": Pause, "tools": Tools}
+RECIPES: Final[Mapping[str, Callable[[], Recipe]]] = {
+    "pause": Pause,
+    "tools": Tools,
+    "operator": partial(Component, "operator"),
+    "scheduler": partial(Component, "scheduler"),
+    "ros2": Ros2,
+    "ros1": Ros1,
+}
 _FORMAT = 1
 """Raised when the same inputs shall give other bytes."""
 
