@@ -45,6 +45,11 @@ def install(cp: ControlPlane, *, values: Mapping[str, Any] | None = None) -> Non
         _wait_for_policies(cp)
 
 
+def apply_workloads(cp: ControlPlane, *, values: Mapping[str, Any]) -> None:
+    """The chart's Deployments and what belongs to them, which `install` leaves out; for clusters whose nodes run containers."""
+    _apply(cp, [obj for obj in _template(cp, values) if obj["kind"] in _WORKLOADS])
+
+
 def define(cp: ControlPlane, objects: Sequence[Mapping[str, Any]]) -> None:
     """Apply CRDs (and namespaces) and wait until their kinds are served and their deletions noticed."""
     names = [obj["metadata"]["name"] for obj in objects if obj["kind"] == "CustomResourceDefinition"]
@@ -148,6 +153,11 @@ def _namespace() -> dict[str, Any]:
 
 
 def _rendered(cp: ControlPlane, values: Mapping[str, Any]) -> list[dict[str, Any]]:
+    return [obj for obj in _template(cp, values) if obj["kind"] not in _WORKLOADS]
+
+
+def _template(cp: ControlPlane, values: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """All objects `helm install` creates."""
     text = cp.helm(
         "template",
         "robotapp",
@@ -159,7 +169,7 @@ def _rendered(cp: ControlPlane, values: Mapping[str, Any]) -> list[dict[str, Any
         "--values=-",
         stdin=yaml.safe_dump(dict(values)),
     )
-    return [obj for obj in yaml.safe_load_all(text) if obj and obj["kind"] not in _WORKLOADS and _is_installed(obj)]
+    return [obj for obj in yaml.safe_load_all(text) if obj and _is_installed(obj)]
 
 
 def _is_installed(obj: Mapping[str, Any]) -> bool:

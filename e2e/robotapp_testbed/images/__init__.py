@@ -1,7 +1,7 @@
 """Images of the real nodes' containers, built without Docker and kept in the cache.
 
-    archive("pause")  # path of an OCI archive, built when its inputs have changed
-    reference("pause")  # the name a pod calls it by, once it is imported
+archive("pause")  # path of an OCI archive, built when its inputs have changed
+reference("pause")  # the name a pod calls it by, once it is imported
 """
 
 import hashlib

@@ -10,7 +10,7 @@ from robotapp_testbed.failures import TestbedError
 
 
 def python_version(base: Path) -> str:
-    """"3.11" of the interpreter in the layer `base`."""
+    """ "3.11" of the interpreter in the layer `base`."""
     return (base / "usr" / "bin" / "python3").readlink().name.removeprefix("python")
 
 
@@ -19,7 +19,17 @@ def compile_all(base: Path, layer: Path, folder: str) -> None:
     (loader,) = (base / "usr").glob("lib*/ld-linux-*.so.*")
     libraries = ":".join(str(path) for path in (base / "usr" / "lib").glob("*-linux-gnu"))
     interpreter = base / "usr" / "bin" / f"python{python_version(base)}"
-    command = [loader, "--library-path", libraries, interpreter, "-S", "-m", "compileall", "-q", "-j1"]
+    command: list[str | Path] = [
+        loader,
+        "--library-path",
+        libraries,
+        interpreter,
+        "-S",
+        "-m",
+        "compileall",
+        "-q",
+        "-j1",
+    ]
     command += ["--invalidation-mode=unchecked-hash", "-s", layer, "-p", "/", layer / folder]
     # A fixed hash seed: constants that are sets are written in the order of their hashes.
     env = {"PYTHONHOME": str(base / "usr"), "PYTHONHASHSEED": "0", "PYTHONDONTWRITEBYTECODE": "1"}

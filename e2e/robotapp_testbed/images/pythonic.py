@@ -89,7 +89,7 @@ class Component(Pythonic):
         return wheels.sources()
 
     def copy_code(self, target: Path) -> None:
-        wheels.copy_packages(target)
+        wheels.install_ours(target)
 
 
 class RosNodes(Pythonic):

@@ -3,6 +3,8 @@
 import shutil
 import subprocess
 import sys
+import tomllib
+import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
@@ -10,14 +12,6 @@ from typing import Final
 from robotapp_testbed import pins
 from robotapp_testbed.failures import TestbedError
 
-PACKAGES: Final = (
-    # What the wheel of RobotApp holds, as in pyproject.toml (a test keeps the two equal).
-    "crds/robotapp_api",
-    "operator/robotapp_operator",
-    "scheduler/robotapp_scheduler",
-    "cli/robotapp_cli",
-    "rigel_bridge/rigel_bridge",
-)
 _UV: Final = Path(sys.executable).with_name("uv")
 _KEPT_METADATA: Final = ("METADATA", "WHEEL", "entry_points.txt", "top_level.txt")
 _PLATFORMS: Final = {"amd64": "x86_64-manylinux_2_28", "arm64": "aarch64-manylinux_2_28"}
@@ -40,17 +34,22 @@ def install(wanted: str, target: Path, *, python: str) -> None:
     _forget_the_machine(target)
 
 
-def copy_packages(target: Path) -> None:
-    """Our own code, as the wheel has it."""
-    for package in PACKAGES:
-        source = pins.REPOSITORY / package
-        shutil.copytree(source, target / source.name, ignore=shutil.ignore_patterns("__pycache__"))
+def install_ours(target: Path) -> None:
+    """RobotApp itself, by way of its wheel."""
+    _run([str(_UV), "build", "--quiet", "--wheel", f"--out-dir={target.with_suffix('.dist')}"], cwd=pins.REPOSITORY)
+    (wheel,) = target.with_suffix(".dist").glob("*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(target)
+    _forget_the_machine(target)
 
 
 def sources() -> list[Path]:
-    """The files `copy_packages` copies."""
-    found = (path for package in PACKAGES for path in (pins.REPOSITORY / package).rglob("*") if path.is_file())
-    return sorted(path for path in found if "__pycache__" not in path.parts)
+    """What our wheel is made from."""
+    project = pins.REPOSITORY / "pyproject.toml"
+    packages = tomllib.loads(project.read_text())["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
+    found = [path for package in packages for path in (pins.REPOSITORY / package).rglob("*") if path.is_file()]
+    code = sorted(path for path in found if "__pycache__" not in path.parts)
+    return [project, pins.REPOSITORY / "README.md", *code]
 
 
 def _forget_the_machine(target: Path) -> None:

@@ -1,0 +1,49 @@
+"""Locked wheels as image content."""
+
+from pathlib import Path
+
+import pytest
+
+from robotapp_testbed.failures import TestbedError
+from robotapp_testbed.images import wheels
+from robotapp_testbed.images.pythonic import Component, Ros2
+
+
+def test_requirements_are_those_of_the_lock_file_with_hashes() -> None:
+    text = wheels.requirements("--no-dev", "--extra", "operator")
+    assert "kopf==" in text
+    assert "numpy" not in text
+    assert text.count("--hash=sha256:") > 10
+    assert "cyclonedds==11" in wheels.requirements(*Ros2.selection)
+
+
+def test_an_unknown_extra_is_one_sentence() -> None:
+    with pytest.raises(TestbedError, match="the locked wheels cannot be had"):
+        wheels.requirements("--extra", "nonsense")
+
+
+def test_our_wheel_is_made_from_all_its_packages_and_the_project_file() -> None:
+    names = {path.name for path in wheels.sources()}
+    folders = {part for path in wheels.sources() for part in path.parts}
+    assert {"pyproject.toml", "README.md"} <= names
+    assert {"robotapp_api", "robotapp_operator", "robotapp_scheduler", "robotapp_cli", "rigel_bridge"} <= folders
+    assert "__pycache__" not in folders
+
+
+def test_what_tells_where_a_wheel_was_installed_is_removed(tmp_path: Path) -> None:
+    metadata = tmp_path / "thing-1.dist-info"
+    (metadata / "licenses").mkdir(parents=True)
+    for name in ("METADATA", "RECORD", "INSTALLER", "direct_url.json", "uv_cache.json", "entry_points.txt"):
+        (metadata / name).write_text("")
+    (tmp_path / "bin").mkdir()
+    (tmp_path / ".lock").write_text("")
+    wheels._forget_the_machine(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {"thing-1.dist-info"}
+    assert {path.name for path in metadata.iterdir()} == {"METADATA", "entry_points.txt", "licenses"}
+
+
+def test_components_start_like_their_dockerfiles_say() -> None:
+    for name in ("operator", "scheduler"):
+        config = Component(name).config()
+        assert config.entrypoint == ("/usr/bin/python3", "-m", f"robotapp_{name}")
+        assert config.user == "65532:65532"
