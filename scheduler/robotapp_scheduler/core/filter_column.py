@@ -11,7 +11,7 @@ from robotapp_scheduler.core.columns import BoolArray, FloatArray
 from robotapp_scheduler.core.framework import Loaded, Verdict, checked_mask
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.repair import FEW_ROWS, stale_rows
-from robotapp_scheduler.core.view import Nodes
+from robotapp_scheduler.core.view import LabelColumn, Nodes
 
 HOLE: Final = -1
 """Reason code of rows that are no node."""
@@ -63,6 +63,8 @@ class FilterColumn:
         self.epoch = 0
         """Grows when the column was computed anew, so that combinations of it are too."""
         self._reasons = reasons
+        self._of_domains: tuple[tuple[int, int], Codes] | None = None
+        """When `codes` follow from a label: its version and the number of rows, and the reason per code of the label."""
 
     def refresh(self, pod: PodInfo, cluster: Cluster, full: Nodes) -> None:
         """Bring the column up to the head of the log."""
@@ -70,10 +72,12 @@ class FilterColumn:
             return  # a plugin has no opinion because of the pod alone: that never changes
         stale = stale_rows(self.plugin, self.position, pod, full, fits=self._fits(full))
         if stale is None:
-            before = (self.clean, self.skipped, self.codes)
+            clean, skipped, codes = self.clean, self.skipped, self.codes
             self._store(full, pod)
             # The same verdict for every row, before and after, changes no combination.
-            same = before[:2] == (self.clean, self.skipped) and (self.clean or np.array_equal(before[2], self.codes))
+            same = (clean, skipped) == (self.clean, self.skipped) and (
+                self.clean or codes is self.codes or np.array_equal(codes, self.codes)
+            )
             self.epoch += not same or self.position < 0
         elif stale.n:
             self._patch(stale, pod)
@@ -98,9 +102,12 @@ class FilterColumn:
         elif found is not None:
             self.codes, self.detail = found
             self.clean = not self.codes.any()
+        if not isinstance(found, tuple):
+            self._of_domains = None
 
     def _patch(self, stale: Nodes, pod: PodInfo) -> None:
         passes, rows = self.plugin.filter_row, stale.rows
+        self._of_domains = None
         if passes is not None and stale.n <= FEW_ROWS and all(passes(pod, row) for row in stale.each):
             if not self.clean:
                 self.codes[rows] = 0
@@ -127,13 +134,27 @@ class FilterColumn:
         if answer is None or answer is EVERYWHERE:
             return answer
         verdict = answer if isinstance(answer, Verdict) else Verdict(answer)
-        mask = checked_mask(plugin.name, verdict.mask, nodes.n)
         if verdict.detail_unit:
             self.detail_unit = verdict.detail_unit
+        if verdict.label is not None:
+            mask = checked_mask(plugin.name, verdict.mask, len(verdict.mask))
+            return EVERYWHERE if mask.all() else (self._spread(self._coded(verdict, mask), verdict.label, nodes), None)
+        mask = checked_mask(plugin.name, verdict.mask, nodes.n)
         if mask.all():
             return EVERYWHERE
         detail = None if verdict.detail is None else np.array(verdict.detail, dtype=np.float64)
         return self._coded(verdict, mask), detail
+
+    def _spread(self, codes: Codes, label: LabelColumn, nodes: Nodes) -> Codes:
+        """Reason codes per row from those per code of a label; the array from before when it is still true."""
+        if not nodes.full:
+            return codes[label.codes]
+        known = self._of_domains
+        stamp = (label.version, nodes.n)
+        if known is None or known[0] != stamp or not np.array_equal(known[1], codes):
+            self._of_domains = (stamp, codes)
+            return codes[label.codes]
+        return self.codes
 
     def _coded(self, verdict: Verdict, mask: BoolArray) -> Codes:
         plugin = self.plugin

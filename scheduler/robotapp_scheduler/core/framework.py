@@ -20,8 +20,10 @@ Hooks, in the order of a cycle:
                                              for now; None = no opinion about this pod (Skip; must follow from
                                              `reads` alone)
 `post_filter(pod, failure) -> Outcome`        no node was left: what may be done about it (core.preemption)
-`score(pod, nodes) -> array | int | None`    number per row, higher is better; one number = the same everywhere, for
-                                             now; None = Skip (adds 0; must follow from `reads` alone)
+`score(pod, nodes) -> array | PerDomain | int | None`
+                                             number per row (or per value of a label), higher is better; one number =
+                                             the same everywhere, for now; None = Skip (adds 0; must follow from `reads`
+                                             alone)
 `score_among(pod, nodes, feasible) -> array | int | None`
                                              instead of `score`, when it depends on which nodes are feasible: 0…100
                                              for each of these positions, already normalised. With `relevant`
@@ -87,7 +89,7 @@ from robotapp_scheduler.core.changes import NODE, OWN_COLUMN, READS, Change, Eve
 from robotapp_scheduler.core.columns import BoolArray, FloatArray, IntArray
 from robotapp_scheduler.core.pods import FEATURES, LIVE, PlacedPod, PodInfo
 from robotapp_scheduler.core.rows import Row
-from robotapp_scheduler.core.view import Nodes
+from robotapp_scheduler.core.view import LabelColumn, Nodes
 from robotapp_scheduler.core.volumes import VolumePlan
 from robotapp_scheduler.core.waiting import Waker
 
@@ -128,6 +130,7 @@ class Verdict(NamedTuple):
     `codes` index `reasons` per row (only rows with mask False are read); one entry of `reasons` may hold several texts,
     all of which are reported. `detail` is a number per row for explain (milliseconds, free devices …), named by
     `detail_unit`. `resolvable` is one value, one per row, or (a tuple) one per entry of `reasons`.
+    With `label`, `mask` and `codes` have one element per code of this label instead, and there is no `detail`.
     """
 
     mask: BoolArray
@@ -136,6 +139,17 @@ class Verdict(NamedTuple):
     detail: FloatArray | None = None
     detail_unit: str = ""
     resolvable: BoolArray | bool | tuple[bool, ...] | None = None
+    label: LabelColumn | None = None
+
+
+class PerDomain(NamedTuple):
+    """Answer of `score` where all nodes with the same value of a label get the same.
+
+    `values` has one number per code of the label.
+    """
+
+    values: npt.NDArray[Any]
+    label: LabelColumn
 
 
 class Scores(NamedTuple):
@@ -146,7 +160,7 @@ class Scores(NamedTuple):
 
 
 FilterResult = BoolArray | Verdict | Literal[True] | None
-ScoreResult = npt.NDArray[Any] | Scores | int | None
+ScoreResult = npt.NDArray[Any] | PerDomain | Scores | int | None
 AmongResult = npt.NDArray[Any] | int | None
 Positions = npt.NDArray[np.intp]
 

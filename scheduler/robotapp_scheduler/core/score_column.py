@@ -9,7 +9,15 @@ import numpy.typing as npt
 
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.columns import BoolArray, IntArray
-from robotapp_scheduler.core.framework import MAX_SCORE, Loaded, PluginError, Scores, checked_scores, normalized
+from robotapp_scheduler.core.framework import (
+    MAX_SCORE,
+    Loaded,
+    PerDomain,
+    PluginError,
+    Scores,
+    checked_scores,
+    normalized,
+)
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.repair import FEW_ROWS, MOST_REPAIRED, stale_rows
 from robotapp_scheduler.core.view import Nodes
@@ -32,7 +40,11 @@ class ScoreColumn:
     def __init__(self, plugin: Loaded) -> None:
         self.plugin = plugin
         self.skipped = False
-        self.raw: npt.NDArray[Any] = np.zeros(0, dtype=np.int64)
+        self._raw: npt.NDArray[Any] = np.zeros(0, dtype=np.int64)
+        self._domains: PerDomain | None = None
+        """The values when they follow from a label; `_raw` is made of them only when somebody asks."""
+        self._present: tuple[Feasible, tuple[int, int], BoolArray] | None = None
+        """Codes of the label that occur in a feasible set, at a version of the label and with so many rows."""
         self.constant: int | None = None
         """The normalised score, when it is the same for every row whatever the feasible set is."""
         self.normalize = plugin.normalize
@@ -50,22 +62,31 @@ class ScoreColumn:
         log.warning("shadow plugin %s: %s; left out for pods of this kind", self.plugin.name, BAD_SCORE)
 
     @property
+    def raw(self) -> npt.NDArray[Any]:
+        """What the plugin said about each row."""
+        if self._domains is not None and len(self._raw) != len(self._domains.label.codes):
+            self._raw = self._domains.values[self._domains.label.codes]
+        return self._raw
+
+    @property
     def local(self) -> bool:
         """Does a row's normalised score depend on that row alone?"""
         return self.constant is not None or self.normalize == "none"
 
     def refresh(self, pod: PodInfo, cluster: Cluster, full: Nodes) -> None:
         """Bring the column up to the head of the log."""
-        fits = len(self.raw) == full.n
+        fits = full.n == (len(self._raw) if self._domains is None else len(self._domains.label.codes))
         if self.skipped or (self.position == cluster.log.position and fits):
             return
         stale = stale_rows(self.plugin, self.position, pod, full, fits=fits)
         if stale is None:
             before = (self.skipped, self.constant, self.position < 0, fits)
             self.compute(pod, full)
-            # Equal for every row, before and after: nothing that was added up changes.
-            same = before == (self.skipped, self.constant, False, True) and (self.skipped or self.constant is not None)
-            self.epoch += not same
+            # Equal for every row before and after, or worked out for each feasible set anyway: no sum of rows changes.
+            same = before == (self.skipped, self.constant, False, True) and (
+                self.constant is not None or not self.local
+            )
+            self.epoch += not (same or self.skipped)
         elif stale.n:
             self._patch(stale, pod)
         self.position = cluster.log.position
@@ -77,20 +98,25 @@ class ScoreColumn:
         self.skipped = raw is None
         if isinstance(raw, int):
             self._store_equal(raw, nodes.n)
+        elif isinstance(raw, PerDomain):
+            self._raw, self._domains = raw.values[:0], raw
+            self.constant = self._constant(raw.values)
         elif raw is not None:
-            self.raw = raw
+            self._raw, self._domains = raw, None
             self.constant = self._constant(raw[nodes.valid])
 
     def _store_equal(self, score: int, rows: int) -> None:
-        if len(self.raw) != rows or self._equal_raw != score or self.constant is None:
-            self.raw = np.full(rows, score, dtype=np.int64)
-            self.constant = self._constant(self.raw)
+        if len(self._raw) != rows or self._equal_raw != score or self.constant is None or self._domains is not None:
+            self._raw, self._domains = np.full(rows, score, dtype=np.int64), None
+            self.constant = self._constant(self._raw)
 
     def normalized(self, pod: PodInfo, full: Nodes, feasible: Feasible) -> IntArray | int:  # noqa: ARG002 - RelativeColumn
         """0…100 for the feasible rows; one number when all are equal."""
         if self.constant is not None:
             return self.constant
-        raw = self.raw[feasible]
+        if self._domains is not None:
+            return self._normalized_domains(self._domains, feasible)
+        raw = self._raw[feasible]
         if self.normalize == "none":
             if self.bad and len(raw) and raw.min() == _BAD:
                 raise PluginError(self.plugin.name, BAD_SCORE)
@@ -99,9 +125,21 @@ class ScoreColumn:
             raise PluginError(self.plugin.name, BAD_SCORE)
         return normalized(self.plugin.name, self.normalize, raw)
 
+    def _normalized_domains(self, domains: PerDomain, feasible: Feasible) -> IntArray:
+        """For all rows, though only the feasible ones have a say."""
+        values, (codes, _, version) = domains
+        known = self._present
+        stamp = (version, len(codes))
+        if known is None or known[0] is not feasible or known[1] != stamp:
+            present = np.bincount(codes[feasible], minlength=len(values)) > 0
+            known = self._present = (feasible, stamp, present)
+        scores: IntArray = np.zeros(len(values), dtype=np.int64)
+        scores[known[2]] = normalized(self.plugin.name, self.normalize, values[known[2]])
+        return scores[codes]
+
     def check(self, feasible: BoolArray) -> None:
         """Raises PluginError when a score of these rows cannot be used."""
-        if self.constant is None and (self.raw[feasible] == _BAD).any():
+        if self.constant is None and (self._raw[feasible] == _BAD).any():
             raise PluginError(self.plugin.name, BAD_SCORE)
 
     def raw_at(self, row: int) -> float | None:
@@ -111,15 +149,18 @@ class ScoreColumn:
 
     def _patch(self, stale: Nodes, pod: PodInfo) -> None:
         score_row, rows = self.plugin.score_row, stale.rows
+        self._raw, self._domains = self.raw, None
         if score_row is not None and stale.n <= FEW_ROWS:
             self._store_rows(stale.row_list, [score_row(pod, row) for row in stale.each])
             return
         raw = self._ask(pod, stale)
         if raw is None or isinstance(raw, int):
             raw = np.full(stale.n, raw or 0, dtype=np.int64)
-        if self.raw.dtype.kind in "iu" and raw.dtype.kind == "f":
-            self.raw = self.raw.astype(np.float64)
-        self.raw[rows] = raw
+        elif isinstance(raw, PerDomain):
+            raw = raw.values[raw.label.codes]
+        if self._raw.dtype.kind in "iu" and raw.dtype.kind == "f":
+            self._raw = self._raw.astype(np.float64)
+        self._raw[rows] = raw
         self.changes += 1
         if self.constant is not None and (raw[stale.valid] != self._equal_raw).any():
             self.constant = None
@@ -128,12 +169,12 @@ class ScoreColumn:
     def _store_rows(self, rows: Sequence[int], scores: Sequence[int]) -> None:
         self.changes += 1
         for row, score in zip(rows, scores, strict=True):
-            self.raw[row] = score
+            self._raw[row] = score
             if self.constant is not None and score != self._equal_raw:
                 self.constant = None
                 self.epoch += 1
 
-    def _ask(self, pod: PodInfo, nodes: Nodes) -> npt.NDArray[Any] | int | None:
+    def _ask(self, pod: PodInfo, nodes: Nodes) -> npt.NDArray[Any] | PerDomain | int | None:
         plugin = self.plugin
         if plugin.score is None:
             return None
@@ -141,6 +182,11 @@ class ScoreColumn:
             answer = plugin.score(pod, nodes)
         if answer is None or isinstance(answer, int):
             return answer
+        if isinstance(answer, PerDomain) and plugin.normalize != "none":
+            checked_scores(plugin.name, answer.values, len(answer.label.vocabulary.values))
+            return answer
+        if isinstance(answer, PerDomain):
+            answer = answer.values[answer.label.codes]
         scores, self.normalize = answer if isinstance(answer, Scores) else (answer, plugin.normalize)
         raw = checked_scores(plugin.name, scores, nodes.n)
         return self._integral(raw) if self.normalize == "none" else raw

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from robotapp_scheduler.core.framework import Loaded, Scores, checked_scores
+from robotapp_scheduler.core.framework import Loaded, PerDomain, Scores, checked_scores
 
 log = logging.getLogger(__name__)
 
@@ -31,7 +31,9 @@ def _guarded(plugin: str, name: str, hook: Callable[..., Any], otherwise: Any) -
     def asked(*args: Any) -> Any:
         try:
             answer = hook(*args)
-            if name == "score" and isinstance(answer, np.ndarray | Scores):
+            if name == "score" and isinstance(answer, PerDomain):
+                checked_scores(plugin, answer.values, len(answer.label.vocabulary.values))
+            elif name == "score" and isinstance(answer, np.ndarray | Scores):
                 checked_scores(plugin, answer.raw if isinstance(answer, Scores) else answer, args[1].n)
         except Exception:  # somebody else's code, tried out on pods that must be placed; the log has the stack
             log.exception("shadow plugin %s failed", plugin)

@@ -18,6 +18,7 @@ from robotapp_scheduler.core.repair import FEW_ROWS, MOST_REPAIRED, view_of
 from robotapp_scheduler.core.score_column import Feasible, ScoreColumn
 from robotapp_scheduler.core.view import Nodes
 
+EVERY: Final = slice(None)
 INFEASIBLE: Final = -1
 """Total of rows that cannot be chosen."""
 
@@ -51,7 +52,7 @@ class Totals:
         self._local: IntArray = np.zeros(0, dtype=np.int64)
         """Sum over the plugins whose score of a row depends on that row alone, feasible or not."""
         self._shares: dict[str, _Share] = {}
-        self._open: tuple[int, Feasible] = (-1, slice(None))
+        self._open: tuple[int, Feasible] = (-1, EVERY)
         self._position = -1
         self._epochs = -1
         self._revision = -1
@@ -184,7 +185,7 @@ class Totals:
     def _spread(self, column: ScoreColumn, pod: PodInfo, nodes: Nodes, verdicts: Verdicts) -> IntArray | int:
         feasible = self._feasible(verdicts)
         values = column.normalized(pod, nodes, feasible)
-        if isinstance(values, int) or isinstance(feasible, slice):
+        if isinstance(values, int) or len(values) == nodes.n:
             return values
         spread: IntArray = np.zeros(nodes.n, dtype=np.int64)
         spread[feasible] = values
@@ -192,7 +193,7 @@ class Totals:
 
     def _feasible(self, verdicts: Verdicts) -> Feasible:
         if verdicts.feasible == len(verdicts.reason):
-            return slice(None)
+            return EVERY
         if self._open[0] != verdicts.revision:
             self._open = (verdicts.revision, np.flatnonzero(verdicts.reason == 0))
         return self._open[1]

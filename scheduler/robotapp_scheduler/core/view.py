@@ -21,6 +21,8 @@ class LabelColumn(NamedTuple):
 
     codes: CodeArray
     vocabulary: Vocabulary
+    version: int = 0
+    """Grows when any node's code does change."""
 
     def equals(self, value: str) -> BoolArray:
         """Rows whose label has this value."""
@@ -101,7 +103,7 @@ class Nodes:
     def label(self, key: str) -> LabelColumn:
         """One label as codes."""
         codes, vocabulary = self._table.labels.column(key)
-        return LabelColumn(self._pick(codes), vocabulary)
+        return LabelColumn(self._pick(codes), vocabulary, self._table.labels.version(key))
 
     def label_float(self, key: str) -> FloatArray:
         """One label as numbers, NaN where absent or not a number."""

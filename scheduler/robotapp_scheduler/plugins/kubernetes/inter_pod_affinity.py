@@ -12,7 +12,7 @@ from robotapp_scheduler.core.affinity_terms import NO_TERMS, Kind, Term, Terms, 
 from robotapp_scheduler.core.changes import PLACED, Change, Event
 from robotapp_scheduler.core.columns import BoolArray, IntArray
 from robotapp_scheduler.core.counts import Census, Wanted
-from robotapp_scheduler.core.framework import FilterResult, PluginError, ScoreResult, Verdict
+from robotapp_scheduler.core.framework import FilterResult, PerDomain, PluginError, ScoreResult, Verdict
 from robotapp_scheduler.core.objects import Node
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo
 from robotapp_scheduler.core.view import Nodes
@@ -82,13 +82,15 @@ class InterPodAffinity:
         if self._hard_weight:
             for totals in pull[Kind.ATTRACTS]:
                 _add(sums, totals.key, self._hard_weight * totals.values)
-        raw: IntArray | None = None
-        for key, values in sums.items():
+        there = [(values, nodes.label(key)) for key, values in sums.items() if values[1:].any()]
+        for values, _ in there:
             values[0] = 0
-            if values.any():
-                found = values[nodes.label(key).codes]
-                raw = found if raw is None else raw + found
-        return 0 if raw is None else raw
+        if len(there) < 2:
+            return PerDomain(*there[0]) if there else 0
+        raw: IntArray = np.zeros(nodes.n, dtype=np.int64)
+        for values, label in there:
+            raw += values[label.codes]
+        return raw
 
     def untouched(self, pod: PodInfo, nodes: Nodes, position: int) -> bool:
         """A pod without terms only minds the terms of others."""

@@ -32,6 +32,7 @@ RESOLVABLE: Final = (True, True, False)
 _UNEVEN: Final = 1
 _MISSING: Final = 2
 MOST_KNOWN: Final = 4096
+MOST_SUMS: Final = 4096
 COME_OR_GONE: Final = Change.POD_ADDED | Change.POD_REMOVED | Change.NOMINATED
 
 
@@ -78,11 +79,13 @@ class PodTopologySpread:
         if not constraints:
             return None if pod.pod.spec.topology_spread_constraints or HARD not in self._default_whens else True
         keys = tuple(dict.fromkeys(constraint.key for constraint in constraints))
-        codes: npt.NDArray[np.int8] | None = None
-        for constraint in constraints:
-            found = _verdicts(constraint, pod, nodes, keys)[nodes.label(constraint.key).codes]
-            codes = found if codes is None else np.where(codes == 0, found, codes)
-        assert codes is not None  # noqa: S101 - there is at least one constraint
+        found = [(_verdicts(each, pod, nodes, keys), nodes.label(each.key)) for each in constraints]
+        if len(found) == 1:
+            codes, label = found[0]
+            return Verdict(codes == 0, codes=codes, reasons=REASONS, resolvable=RESOLVABLE, label=label)
+        codes = np.zeros(nodes.n, dtype=np.int8)
+        for verdicts, label in found:
+            np.copyto(codes, verdicts[label.codes], where=codes == 0)
         return Verdict(codes == 0, codes=codes, reasons=REASONS, resolvable=RESOLVABLE)
 
     def touched_by(self, pod: PodInfo, other: PlacedPod) -> bool:
@@ -106,16 +109,11 @@ class PodTopologySpread:
             return 0
         soft = _Soft(constraints, bool(pod.pod.spec.topology_spread_constraints) or not self._system)
         columns = {c.key: _taken(nodes.label(c.key).codes, feasible) for c in constraints}
-        counted = np.ones(len(feasible), dtype=np.bool_)
-        if soft.strict:
-            for codes in columns.values():
-                counted &= codes != 0
-        total: FloatArray = np.zeros(len(feasible))
-        for constraint in constraints:
-            total += _burden(constraint, pod, nodes, soft, _View(feasible, columns[constraint.key], counted))
-        raw = np.floor(total)
-        raw += total - raw >= 0.5  # halves are rounded up: nothing here is negative
-        return _normalized(raw.astype(np.int64), counted)
+        counted: BoolArray | None = None
+        if soft.strict and not all(codes.all() for codes in columns.values()):
+            counted = np.logical_and.reduce([codes != 0 for codes in columns.values()])
+        burdens = [_burden(c, pod, nodes, soft, _View(feasible, columns[c.key], counted)) for c in constraints]
+        return _normalized(_added(burdens), counted)
 
     # --- Queueing ----------------------------------------------------------------------------------------------------
 
@@ -139,11 +137,19 @@ class PodTopologySpread:
 
     def _constraints(self, pod: PodInfo, nodes: Nodes, when: str) -> tuple[Constraint, ...]:
         if not pod.pod.spec.topology_spread_constraints:
-            if when not in self._default_whens:
-                return ()
-            requirements = nodes.cluster.topology.selectors.of(pod)
-            return default_constraints(pod, when, self._defaults, requirements) if requirements else ()
+            return self._default(pod, nodes, when) if when in self._default_whens else ()
         return self._own(pod, when)
+
+    def _default(self, pod: PodInfo, nodes: Nodes, when: str) -> tuple[Constraint, ...]:
+        requirements = nodes.cluster.topology.selectors.of(pod)
+        if not requirements:
+            return ()
+        known = pod.shape.notes.get((self, when))
+        if known is None or known[0] is not requirements:
+            found = default_constraints(pod, when, self._defaults, requirements)
+            known = pod.shape.notes[self, when] = (requirements, found)
+        constraints: tuple[Constraint, ...] = known[1]
+        return constraints
 
     def _own(self, pod: PodInfo, when: str) -> tuple[Constraint, ...]:
         key = (when, pod.features(("labels", "namespace", "spread")))
@@ -156,11 +162,26 @@ class PodTopologySpread:
 
 
 class _View(NamedTuple):
-    """The feasible nodes as one constraint sees them."""
+    """The feasible nodes as one constraint sees them: codes of its label, and which nodes count (None = all)."""
 
     feasible: Positions
     codes: npt.NDArray[np.int32]
-    counted: BoolArray
+    counted: BoolArray | None
+
+
+class _Burden(NamedTuple):
+    """What one constraint has against each feasible node: an entry of a table that may be much smaller."""
+
+    table: FloatArray
+    which: npt.NDArray[np.integer[Any]]
+
+
+class _Raw(NamedTuple):
+    """The same for all constraints, rounded."""
+
+    table: IntArray
+    which: npt.NDArray[np.integer[Any]] | None
+    """None: the table has an entry per node."""
 
 
 def _verdicts(constraint: Constraint, pod: PodInfo, nodes: Nodes, keys: tuple[str, ...]) -> npt.NDArray[np.int8]:
@@ -174,17 +195,19 @@ def _verdicts(constraint: Constraint, pod: PodInfo, nodes: Nodes, keys: tuple[st
     return found
 
 
-def _burden(constraint: Constraint, pod: PodInfo, nodes: Nodes, soft: _Soft, view: _View) -> FloatArray:
+def _burden(constraint: Constraint, pod: PodInfo, nodes: Nodes, soft: _Soft, view: _View) -> _Burden:
     """Count · ln(domains + 2) + maxSkew - 1 per feasible node; 0 where the label is absent."""
     counter = constraint.counter(nodes)
     if constraint.key == HOSTNAME:
         counts = _taken(nodes.pick(counter.column), view.feasible)
-        size = int(np.count_nonzero(view.counted)) if soft.strict else len(view.feasible)
-        burden: FloatArray = counts * np.log(float(size + 2)) + float(constraint.max_skew - 1)
-        return np.where(view.codes == 0, 0.0, burden)
+        size = len(view.feasible) if view.counted is None else int(np.count_nonzero(view.counted))
+        most = int(counts.max(initial=0))
+        table = np.arange(most + 2, dtype=np.int64) * np.log(float(size + 2)) + float(constraint.max_skew - 1)
+        table[most + 1] = 0.0  # for nodes without the label
+        return _Burden(table, counts if view.codes.all() else np.where(view.codes == 0, most + 1, counts))
     keys = tuple(dict.fromkeys(each.key for each in soft.constraints)) if soft.strict else ()
     values = counter.domains(constraint.key, scope_of(pod, nodes, constraint, keys)).values
-    seen = np.bincount(view.codes if not soft.strict else view.codes[view.counted], minlength=len(values)) > 0
+    seen = np.bincount(view.codes if view.counted is None else view.codes[view.counted], minlength=len(values)) > 0
     size = int(np.count_nonzero(seen))
     empty = nodes.label(constraint.key).vocabulary.codes.get("")
     if empty is not None and not soft.strict:
@@ -194,20 +217,40 @@ def _burden(constraint: Constraint, pod: PodInfo, nodes: Nodes, soft: _Soft, vie
         values[empty] += values[0]
     per_domain: FloatArray = values * np.log(float(size + 2)) + float(constraint.max_skew - 1)
     per_domain[0] = 0.0
-    return per_domain[view.codes]
+    return _Burden(per_domain, view.codes)
 
 
-def _normalized(raw: IntArray, counted: BoolArray) -> IntArray | int:
+def _added(burdens: Sequence[_Burden]) -> _Raw:
+    """All burdens of a node added up and rounded; halves are rounded up: nothing here is negative.
+
+    Few different counts in few domains make few different sums: those are reckoned with, and looked up per node.
+    """
+    total: FloatArray = burdens[0].table
+    index: npt.NDArray[np.integer[Any]] | None = burdens[0].which
+    for table, other in burdens[1:]:
+        if index is not None and len(total) * len(table) <= MOST_SUMS:
+            total = np.add.outer(total, table).ravel()
+            index = index * np.int64(len(table)) + other
+        else:
+            total = (total if index is None else total[index]) + table[other]
+            index = None
+    raw = np.floor(total)
+    raw += total - raw >= 0.5
+    return _Raw(raw.astype(np.int64), index)
+
+
+def _normalized(raw: _Raw, counted: BoolArray | None) -> IntArray | int:
     """100·(max + min - s) // max over the nodes that count, 0 for the others."""
-    every = bool(counted.all())
-    scored = raw if every else raw[counted]
+    scores = raw.table if raw.which is None else raw.table[raw.which]
+    scored = scores if counted is None else scores[counted]
     if not len(scored):
         return 0
     low, top = int(scored.min()), int(scored.max())
     if top == 0:
-        return MAX_SCORE if every else np.where(counted, MAX_SCORE, 0)
-    found: IntArray = MAX_SCORE * (top + low - raw) // top
-    return found if every else np.where(counted, found, 0)
+        return MAX_SCORE if counted is None else np.where(counted, MAX_SCORE, 0)
+    table: IntArray = MAX_SCORE * (top + low - raw.table) // top
+    found: IntArray = table if raw.which is None else table[raw.which]
+    return found if counted is None else np.where(counted, found, 0)
 
 
 def _taken(column: npt.NDArray[Any], positions: Positions) -> npt.NDArray[Any]:
