@@ -1,12 +1,13 @@
-"""`python -m robotapp_testbed build | up | env | status | down`: a real control plane by hand."""
+"""`python -m robotapp_testbed build | up | env | status | link | down | doctor`: a cluster by hand."""
 
 import argparse
 import shlex
 import sys
+import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 
-from robotapp_testbed import pins, product
+from robotapp_testbed import cli_nodes, pins, product
 from robotapp_testbed.assets import Assets
 from robotapp_testbed.controlplane import ControlPlane
 from robotapp_testbed.detached import Cluster, State
@@ -20,6 +21,8 @@ _EXAMPLES = """examples:
   eval "$(python -m robotapp_testbed env)"               use it from this shell
   python -m robotapp_testbed status
   python -m robotapp_testbed down
+
+real nodes:
 """
 
 
@@ -39,8 +42,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m robotapp_testbed",
-        description="A real Kubernetes control plane on this machine, without containers and without root.",
-        epilog=_EXAMPLES,
+        description="A real Kubernetes control plane on this machine, without containers and without root; or, as root, with real nodes.",
+        epilog=_EXAMPLES + cli_nodes.EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
@@ -59,6 +62,7 @@ def _parser() -> argparse.ArgumentParser:
     up.add_argument(
         "--kube-scheduler", nargs="?", const=True, default=False, metavar="FILE", help="run kube-scheduler as well"
     )
+    cli_nodes.add_options(up)
     up.add_argument("--hold", action="store_true", help="stay in the foreground until interrupted")
     up.set_defaults(run=_up)
 
@@ -72,7 +76,10 @@ def _parser() -> argparse.ArgumentParser:
     status.set_defaults(run=_status)
     down = commands.add_parser("down", help="end the cluster and remove its files")
     down.set_defaults(run=_down)
-    for command in (up, env, status, down):
+    cli_nodes.add_doctor(commands)
+    link = cli_nodes.add_link(commands)
+    link.set_defaults(run=_link)
+    for command in (up, env, status, down, link):
         command.add_argument("--name", default="default", help="several clusters can run side by side")
     return parser
 
@@ -111,13 +118,23 @@ def _up(arguments: argparse.Namespace) -> int:
     assets.resolve()  # here, so that the user sees the progress
     cluster = Cluster(arguments.name)
     if arguments.hold:
-        plane = ControlPlane(assets=assets, audit=arguments.audit, kube_scheduler=arguments.kube_scheduler)
-        cluster.hold(plane, prepare=lambda cp, stack: _prepare(cp, stack, arguments))
+        cluster.hold(_plane(arguments, assets), prepare=lambda cp, stack: _prepare(cp, stack, arguments))
         return 0
+    if arguments.nodes and cluster.state() is None:
+        cli_nodes.prepare(arguments)
+    began_s = time.monotonic()
     state = cluster.up(_passed_on(arguments))
     print(f"{state.server_url} serves, logs in {state.run_dir}/logs", file=sys.stderr)
+    if arguments.nodes:
+        print(cli_nodes.advice(arguments, began_s), file=sys.stderr)
     print(f"export KUBECONFIG={shlex.quote(str(state.kubeconfig('admin')))}")
     return 0
+
+
+def _plane(arguments: argparse.Namespace, assets: Assets) -> ControlPlane:
+    if arguments.nodes:
+        return cli_nodes.plane(arguments, assets)
+    return ControlPlane(assets=assets, audit=arguments.audit, kube_scheduler=arguments.kube_scheduler)
 
 
 def _passed_on(arguments: argparse.Namespace) -> list[str]:
@@ -129,7 +146,7 @@ def _passed_on(arguments: argparse.Namespace) -> list[str]:
         options.append(
             "--kube-scheduler" if arguments.kube_scheduler is True else f"--kube-scheduler={arguments.kube_scheduler}"
         )
-    return options
+    return options + cli_nodes.passed_on(arguments)
 
 
 def _prepare(cp: ControlPlane, stack: ExitStack, arguments: argparse.Namespace) -> None:
@@ -171,6 +188,11 @@ def _down(arguments: argparse.Namespace) -> int:
     if not Cluster(arguments.name).down():
         print(f"no cluster {arguments.name!r} runs", file=sys.stderr)
     return 0
+
+
+def _link(arguments: argparse.Namespace) -> int:
+    state = _running(arguments.name)
+    return 3 if state is None else cli_nodes.link(arguments, state)
 
 
 def _running(name: str) -> State | None:

@@ -7,6 +7,7 @@ from robotapp_api.model.names import API_VERSION
 from robotapp_testbed import ControlPlane, wait_until
 from robotapp_testbed.failures import ApiStatusError
 from robotapp_testbed.identity import SYSTEM_NAMESPACE
+from robotapp_testbed.real import RealNodes
 
 OURS: Final = f"/apis/{API_VERSION}"
 CLUSTER_WIDE: Final = (
@@ -29,7 +30,8 @@ GONE_S: Final = 30.0
 
 def leftovers(plane: ControlPlane) -> set[str]:
     """What nobody will remove, as kind/name."""
-    return {*_names(plane, (*CLUSTER_WIDE, *PASSING))} - INSTALLED
+    own = {f"nodes/{name}" for name in plane.nodes} if isinstance(plane, RealNodes) else set()
+    return {*_names(plane, (*CLUSTER_WIDE, *PASSING))} - INSTALLED - own
 
 
 def settled(plane: ControlPlane, before: set[str]) -> set[str]:

@@ -1,0 +1,200 @@
+"""The part of the command line that is about real nodes: options of `up`, `doctor` and `link`."""
+
+import argparse
+import re
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TypeAlias
+
+from robotapp_testbed import images, programs
+from robotapp_testbed.assets import Assets
+from robotapp_testbed.detached import State
+from robotapp_testbed.failures import TestbedError
+from robotapp_testbed.nodes import SimulatedNode, cloud, edge, robot
+from robotapp_testbed.real import RealNodes, prerequisites
+from robotapp_testbed.switch.control import Control
+from robotapp_testbed.switch.links import LIMITS, problem_of
+
+EXAMPLES = """\
+  python -m robotapp_testbed doctor                      can this machine run real nodes, and what is missing
+  python -m robotapp_testbed up --nodes 4                four real nodes with containers (root)
+  python -m robotapp_testbed up --nodes robot-1,edge-1 --delay robot-1,edge-1=15
+  python -m robotapp_testbed link robot-1 edge-1 --delay-ms 60 --loss 0.01
+"""
+_NAME = re.compile(r"[a-z0-9]([a-z0-9-]{0,38}[a-z0-9])?")
+_TIERS: dict[str, Callable[[str], SimulatedNode]] = {"robot": robot, "edge": edge, "cloud": cloud}
+Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"  # noqa: SLF001 - it has no public name
+_EXPECTED_S = 4.0
+_PER_NODE_S = 0.6
+
+
+def add_options(up: argparse.ArgumentParser) -> None:
+    up.add_argument(
+        "--nodes",
+        metavar="NAMES|N",
+        type=_names,
+        help="real nodes: names with commas between, or how many. Names that begin with robot-, edge- or cloud- get that tier's labels",
+    )
+    up.add_argument(
+        "--delay",
+        action="append",
+        default=[],
+        type=_delay,
+        metavar="A,B=MS",
+        help="one-way milliseconds between two real nodes; repeatable",
+    )
+    up.add_argument(
+        "--image",
+        action="append",
+        default=[],
+        choices=[name for name in images.RECIPES if name != "pause"],
+        help="an image to have on every real node besides tools; repeatable",
+    )
+
+
+def add_doctor(commands: Commands) -> None:
+    doctor = commands.add_parser("doctor", help="what this machine has and lacks for real nodes")
+    doctor.set_defaults(run=_doctor)
+
+
+def add_link(commands: Commands) -> argparse.ArgumentParser:
+    link = commands.add_parser("link", help="show or set delay, jitter, loss and bandwidth between two real nodes")
+    link.add_argument("node", nargs="*", metavar="NODE", help="two nodes, or one for all its links; none shows all")
+    for name, most in LIMITS.items():
+        link.add_argument(f"--{name.replace('_', '-')}", type=float, metavar="X", help=f"0 to {most:g}")
+    link.add_argument("--down", choices=["yes", "no"], help="cut the link, or mend it")
+    link.add_argument("--one-way", action="store_true", help="only from the first to the second node")
+    return link
+
+
+def plane(arguments: argparse.Namespace, assets: Assets) -> RealNodes:
+    return RealNodes(
+        [_described(name) for name in arguments.nodes],
+        delays=dict(arguments.delay),
+        images=_images(arguments),
+        audit=arguments.audit,
+        kube_scheduler=arguments.kube_scheduler or True,
+        kwok=bool(arguments.fleet),
+        assets=assets,
+    )
+
+
+def prepare(arguments: argparse.Namespace) -> None:
+    """Before a cluster is started: refuse where it cannot run, make what it needs while the user looks on."""
+    names = set(arguments.nodes)
+    unknown = {name for pair, _ in arguments.delay for name in pair} - names
+    if unknown:
+        raise TestbedError(f"--delay names {', '.join(sorted(unknown))}, but --nodes has {', '.join(arguments.nodes)}")
+    prerequisites.require()
+    for program in programs.FOLDERS:
+        programs.build(program)
+    for image in ("pause", *_images(arguments)):
+        images.archive(image)
+    expected_s = _EXPECTED_S + _PER_NODE_S * len(names)
+    print(f"starting {len(names)} real nodes ({', '.join(arguments.nodes)}): about {expected_s:.0f} s", file=sys.stderr)
+
+
+def passed_on(arguments: argparse.Namespace) -> list[str]:
+    """The options for the holder that `up` starts."""
+    options = [f"--nodes={','.join(arguments.nodes)}"] if arguments.nodes else []
+    options += [f"--delay={one},{other}={delay_ms:g}" for (one, other), delay_ms in arguments.delay]
+    return options + [f"--image={name}" for name in arguments.image]
+
+
+def advice(arguments: argparse.Namespace, began_s: float) -> str:
+    """What a person may want to do next."""
+    command = "python -m robotapp_testbed"
+    named = "" if arguments.name == "default" else f" --name {arguments.name}"
+    ends = " ".join(arguments.nodes[:2])
+    return (
+        f"{len(arguments.nodes)} nodes Ready after {time.monotonic() - began_s:.1f} s. Next:\n"
+        f'  eval "$({command} env{named})"; kubectl get nodes -o wide\n'
+        f"  {command} link{named} {ends} --delay-ms 15\n"
+        f"  {command} down{named}"
+    )
+
+
+def _switch(state: State) -> Control:
+    socket = Path(state.run_dir, "switch.sock")
+    if not socket.exists():
+        raise TestbedError("this cluster has no latency switch: start one with `up --nodes …`")
+    return Control(socket)
+
+
+def _doctor(_: argparse.Namespace) -> int:
+    """Exit status 0 when real nodes can run, else 1."""
+    absent = prerequisites.missing_packages()
+    for package in prerequisites.PACKAGES:
+        print(f"{'missing' if package.name in absent else 'ok':8}{package.name}")
+    problem = prerequisites.missing()
+    print(problem or "real nodes can run here: python -m robotapp_testbed up --nodes 3")
+    return 1 if problem else 0
+
+
+def link(arguments: argparse.Namespace, state: State) -> int:
+    """Set what was asked for, then show the links of the named nodes."""
+    switch = _switch(state)
+    values = _values(arguments)
+    if values and arguments.node:
+        _set(switch, arguments, values)
+    elif values:
+        raise TestbedError("name the node or the two nodes whose links are to change")
+    wanted = set(arguments.node)
+    print(f"{'FROM':16}{'TO':16}{'DELAY MS':>9}{'JITTER MS':>10}{'LOSS':>7}{'MBIT/S':>8}  STATE")
+    for (origin, target), each in sorted(switch.links().items()):
+        if wanted <= {origin, target}:
+            speed = f"{each.mbit_s:g}" if each.mbit_s else "-"
+            cut = "down" if each.down else "up"
+            print(f"{origin:16}{target:16}{each.delay_ms:>9g}{each.jitter_ms:>10g}{each.loss:>7g}{speed:>8}  {cut}")
+    return 0
+
+
+def _values(arguments: argparse.Namespace) -> dict[str, float | bool]:
+    given = {name: getattr(arguments, name) for name in LIMITS}
+    values: dict[str, float | bool] = {name: value for name, value in given.items() if value is not None}
+    for name, value in values.items():
+        problem = problem_of(name, value)
+        if problem:
+            raise TestbedError(f"--{name.replace('_', '-')}: {problem}")
+    return {**values, "down": arguments.down == "yes"} if arguments.down else values
+
+
+def _set(switch: Control, arguments: argparse.Namespace, values: dict[str, float | bool]) -> None:
+    match arguments.node:
+        case [node]:
+            switch.set_node(node, **values)
+        case [origin, target]:
+            switch.set_link(origin, target, one_way=arguments.one_way, **values)
+        case _:
+            raise TestbedError(f"a link has two ends, not {len(arguments.node)}")
+
+
+def _images(arguments: argparse.Namespace) -> Sequence[str]:
+    return tuple(dict.fromkeys(["tools", *arguments.image]))
+
+
+def _described(name: str) -> str | SimulatedNode:
+    tier = _TIERS.get(name.partition("-")[0])
+    return tier(name) if tier else name
+
+
+def _names(text: str) -> list[str]:
+    names = [f"node-{number}" for number in range(1, int(text) + 1)] if text.isdecimal() else text.split(",")
+    wrong = [name for name in names if not _NAME.fullmatch(name)]
+    if wrong or not names:
+        raise argparse.ArgumentTypeError(f"{text!r} is neither a number nor node names with commas between")
+    return names
+
+
+def _delay(text: str) -> tuple[tuple[str, str], float]:
+    pair, _, value = text.partition("=")
+    one, _, other = pair.partition(",")
+    try:
+        delay_ms = float(value)
+    except ValueError:
+        delay_ms = -1.0
+    if not one or not other or problem_of("delay_ms", delay_ms):
+        raise argparse.ArgumentTypeError(f"{text!r} is not A,B=MS such as robot-1,edge-1=15")
+    return (one, other), delay_ms

@@ -1,0 +1,143 @@
+"""Options and commands about real nodes."""
+
+from pathlib import Path
+
+import pytest
+
+from robotapp_testbed import cli, cli_nodes, programs
+from robotapp_testbed.detached import State
+from robotapp_testbed.failures import TestbedError
+from robotapp_testbed.real import UnavailableError, prerequisites
+from robotapp_testbed.switch.control import Control
+from robotapp_testbed.switch.links import Link
+
+
+@pytest.fixture(autouse=True)
+def _home(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+
+
+def parsed(*argv: str) -> "cli_nodes.argparse.Namespace":
+    return cli._parser().parse_args(["up", *argv])
+
+
+@pytest.mark.parametrize(
+    ("text", "names"), [("3", ["node-1", "node-2", "node-3"]), ("robot-1,edge-1", ["robot-1", "edge-1"]), ("a", ["a"])]
+)
+def test_nodes_are_counted_or_named(text: str, names: list[str]) -> None:
+    assert parsed("--nodes", text).nodes == names
+
+
+@pytest.mark.parametrize(
+    ("option", "reason"),
+    [
+        (["--nodes", "Robot_1"], "is neither a number nor node names"),
+        (["--nodes", "a,,b"], "is neither a number nor node names"),
+        (["--nodes", "0"], "is neither a number nor node names"),
+        (["--delay", "a=5"], "is not A,B=MS"),
+        (["--delay", "a,b=soon"], "is not A,B=MS"),
+        (["--delay", "a,b=-5"], "is not A,B=MS"),
+        (["--image", "pause"], "invalid choice"),
+    ],
+)
+def test_wrong_options_are_explained(option: list[str], reason: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        parsed(*option)
+    assert ended.value.code == 2
+    assert reason in capsys.readouterr().err
+
+
+def test_the_holder_gets_the_same_options() -> None:
+    options = ["--nodes=robot-1,edge-1", "--delay=robot-1,edge-1=2.5", "--image=tools"]
+    assert cli._passed_on(parsed(*options)) == options
+    assert cli_nodes.passed_on(parsed()) == []
+
+
+def test_a_delay_of_a_node_that_will_not_be_there_is_refused() -> None:
+    with pytest.raises(TestbedError, match="--delay names cloud-1, but --nodes has robot-1, edge-1"):
+        cli_nodes.prepare(parsed("--nodes", "robot-1,edge-1", "--delay", "robot-1,cloud-1=5"))
+
+
+def test_a_machine_that_cannot_is_told_before_anything_is_made(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def refuse() -> None:
+        raise UnavailableError("real nodes need root")
+
+    monkeypatch.setattr(prerequisites, "require", refuse)
+    monkeypatch.setattr(programs, "build", lambda _: pytest.fail("nothing is to be compiled"))
+    monkeypatch.setattr("robotapp_testbed.assets.Assets.resolve", lambda _: {})
+    assert cli.main(["up", "--nodes", "2"]) == 1
+    assert capsys.readouterr().err == "real nodes need root\n"
+
+
+@pytest.mark.parametrize("problem", [None, UnavailableError("real nodes need runc: apt-get install runc")])
+def test_the_doctor_says_what_is_there_and_what_is_not(
+    problem: UnavailableError | None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(prerequisites, "missing_packages", lambda: ["runc"] if problem else [])
+    monkeypatch.setattr(prerequisites, "missing", lambda: problem)
+    assert cli.main(["doctor"]) == (1 if problem else 0)
+    said = capsys.readouterr().out
+    assert ("missing runc" in said) == bool(problem)
+    assert said.splitlines()[-1].startswith("real nodes need runc" if problem else "real nodes can run here")
+
+
+class Links:
+    """The switch's side of `link`."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
+        self.asked: list[object] = []
+        (folder / "switch.sock").touch()
+        self.state = State(1, "", "https://198.18.0.1:1", str(folder), {})
+        links = {("a", "b"): Link(delay_ms=5, loss=0.1), ("b", "a"): Link(down=True), ("a", "c"): Link(mbit_s=8)}
+        monkeypatch.setattr(Control, "links", lambda _: links)
+        monkeypatch.setattr(Control, "set_link", lambda _, *ends, **values: self.asked.append((ends, values)))
+        monkeypatch.setattr(Control, "set_node", lambda _, *ends, **values: self.asked.append((ends, values)))
+        monkeypatch.setattr(cli, "_running", lambda _: self.state)
+
+
+@pytest.fixture
+def links(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Links:
+    return Links(monkeypatch, tmp_path)
+
+
+def test_links_are_shown_for_all_or_for_the_named_nodes(links: Links, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["link"]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 4
+    assert cli.main(["link", "a", "b"]) == 0
+    _, there, back = capsys.readouterr().out.splitlines()
+    assert there.split() == ["a", "b", "5", "0", "0.1", "-", "up"]
+    assert back.split() == ["b", "a", "0", "0", "0", "-", "down"]
+    assert links.asked == []
+
+
+def test_only_what_is_given_is_set(links: Links) -> None:
+    assert cli.main(["link", "a", "b", "--delay-ms", "15", "--down", "no", "--one-way"]) == 0
+    assert cli.main(["link", "a", "--loss", "0.5"]) == 0
+    assert links.asked == [
+        (("a", "b"), {"one_way": True, "delay_ms": 15.0, "down": False}),
+        (("a",), {"loss": 0.5}),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("argv", "reason"),
+    [
+        (["--loss", "0.5"], "name the node or the two nodes"),
+        (["a", "b", "c", "--loss", "0.5"], "a link has two ends, not 3"),
+        (["a", "--loss", "7"], "--loss: 7.0 is not between 0 and 1"),
+    ],
+)
+def test_what_cannot_be_set_is_said(
+    links: Links, argv: list[str], reason: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["link", *argv]) == 1
+    assert reason in capsys.readouterr().err
+    assert links.asked == []
+
+
+def test_a_cluster_without_a_switch_says_how_to_get_one(links: Links, capsys: pytest.CaptureFixture[str]) -> None:
+    Path(links.state.run_dir, "switch.sock").unlink()
+    assert cli.main(["link"]) == 1
+    assert "up --nodes" in capsys.readouterr().err
