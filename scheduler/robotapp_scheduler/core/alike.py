@@ -14,12 +14,12 @@ from robotapp_scheduler.core.shapes import controller_of
 T = TypeVar("T", bound=Hashable)
 
 MOST_MODELS: Final = 16384
-METADATA: Final = ("namespace", "labels", "annotations", "owner_references")
+METADATA: Final = ("namespace", "labels", "annotations", "owner_references", "creation_timestamp")
 SPEC: Final = (
     "scheduler_name", "containers", "init_containers", "overhead", "resources", "node_selector", "affinity",
     "tolerations", "topology_spread_constraints", "preemption_policy",
 )  # fmt: skip
-STATUS: Final = ("phase", "conditions")
+STATUS: Final = ("phase", "conditions", "start_time")
 
 
 class Alike:

@@ -209,6 +209,7 @@ class PodSpec(Slim):
     host_network: bool = False
     host_users: bool = True
     volumes: list[Volume] | None = None
+    """Those that decide something; every pod has a token volume, which does not."""
     scheduling_gates: tuple[Named, ...] = ()
     resource_claims: tuple[Named, ...] = ()
     scheduling_group: SchedulingGroup | None = None
@@ -265,13 +266,15 @@ class Pod(Slim):
     status: PodStatus = msgspec.field(default_factory=PodStatus)
 
     def __post_init__(self) -> None:
-        """Keep of the containers' statuses only what may count: tens of thousands of pods would carry them otherwise."""
-        status = self.status
+        """Keep of volumes and containers' statuses only what may count: tens of thousands of pods would carry them else."""
+        spec, status = self.spec, self.status
+        if spec.volumes:
+            spec.volumes = [volume for volume in spec.volumes if volume.decides] or None
         if not status.container_statuses and not status.init_container_statuses:
             return
         told = (*status.container_statuses, *status.init_container_statuses)
-        wanted = {each.name: each.resources.requests or {} for each in self.spec.containers}
-        wanted |= {each.name: each.resources.requests or {} for each in self.spec.init_containers or ()}
+        wanted = {each.name: each.resources.requests or {} for each in spec.containers}
+        wanted |= {each.name: each.resources.requests or {} for each in spec.init_containers or ()}
         differ = status.resize_infeasible or any(_differs(each, wanted.get(each.name)) for each in told)
         status.container_statuses = told if differ else ()
         status.init_container_statuses = ()

@@ -61,3 +61,8 @@ class Volume(Slim):
     aws_elastic_block_store: AwsDisk | None = None
     iscsi: IscsiDisk | None = None
     rbd: RbdDisk | None = None
+
+    @property
+    def decides(self) -> bool:
+        """Does it say more than its name? A token, a ConfigMap or a host path does not."""
+        return self != Volume(name=self.name)

@@ -10,7 +10,6 @@ from robotapp_api.values.requests import PodRequests, pod_requests
 from robotapp_scheduler.core.affinity_terms import affinity_key
 from robotapp_scheduler.core.needs import needs_of
 from robotapp_scheduler.core.objects import Container, OwnerReference, Pod
-from robotapp_scheduler.core.pod_volume import Volume
 
 ANY_IP: Final = "0.0.0.0"  # noqa: S104 - the wildcard a hostPort without hostIP stands for, nothing is bound here
 MOST_SHAPES: Final = 2048
@@ -87,8 +86,7 @@ def shape_of(pod: Pod) -> Shape:
             meta.namespace, meta.labels, owner, spec.scheduler_name, spec.priority, spec.containers,
             spec.init_containers, spec.overhead, spec.resources, spec.node_selector, spec.affinity, spec.tolerations,
             spec.topology_spread_constraints, spec.host_network, spec.host_users, spec.resource_claims,
-            # An ephemeral volume's claim is named after its pod; every pod has a token volume, which decides nothing.
-            (meta.name, spec.volumes) if spec.volumes and any(map(_decides, spec.volumes)) else None,
+            (meta.name, spec.volumes) if spec.volumes else None,  # an ephemeral volume's claim is named after its pod
         )
     )  # fmt: skip
     shape = _shapes.get(key)
@@ -133,7 +131,3 @@ def images(pod: Pod) -> tuple[str, ...]:
 def _port_holders(pod: Pod) -> list[Container]:
     sidecars = [c for c in pod.spec.init_containers or () if c.restart_policy == "Always"]
     return [*pod.spec.containers, *sidecars]
-
-
-def _decides(volume: Volume) -> bool:
-    return volume != Volume(name=volume.name)

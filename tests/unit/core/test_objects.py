@@ -25,6 +25,19 @@ def test_a_pod_is_decoded_from_the_api_servers_bytes_and_unknown_fields_are_skip
     assert hash(required) == hash(required)
 
 
+def test_of_a_pods_volumes_only_those_are_kept_that_decide_something() -> None:
+    plain = [
+        {"name": "token", "projected": {"sources": []}},
+        {"name": "config", "configMap": {"name": "c"}},
+        {"name": "host", "hostPath": {"path": "/dev"}},
+    ]
+    claim = {"name": "data", "persistentVolumeClaim": {"claimName": "data"}}
+    image = {"name": "model", "image": {"reference": "models/a:1"}}
+    kept = msgspec.convert({"spec": {"volumes": [plain[0], claim, *plain[1:], image]}}, Pod).spec.volumes
+    assert [volume.name for volume in kept or ()] == ["data", "model"]
+    assert msgspec.convert({"spec": {"volumes": plain}}, Pod).spec.volumes is None
+
+
 def test_terminal_phases_are_known() -> None:
     for phase, terminal in (("Succeeded", True), ("Failed", True), ("Running", False), ("", False)):
         assert msgspec.convert({"status": {"phase": phase}}, Pod).terminal is terminal
