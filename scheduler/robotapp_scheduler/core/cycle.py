@@ -316,7 +316,7 @@ class SchedulerCore:
         node = self.cluster.nominations.node_of(pod.uid)
         if not node or node in exclude or node not in self.cluster.nodes.row_of:
             return None
-        evaluation = with_nominated(self.cluster, pod, engine.evaluate(pod, frozenset({node})))
+        evaluation = with_nominated(self.cluster, pod, engine.evaluate(pod, frozenset({node})), node=node)
         return evaluation if evaluation.feasible else None
 
     def _choose(

@@ -14,13 +14,16 @@ from robotapp_scheduler.core.trial import Trial
 from robotapp_scheduler.core.view import AdjustedNodes, Nodes
 
 
-def with_nominated(cluster: Cluster, pod: PodInfo, evaluation: Evaluation) -> Evaluation:
-    """The evaluation with the double pass done where pods of this priority or higher are nominated; else itself."""
+def with_nominated(cluster: Cluster, pod: PodInfo, evaluation: Evaluation, *, node: str = "") -> Evaluation:
+    """The evaluation with the double pass done where pods of this priority or higher are nominated; else itself.
+
+    `node`: the only one the evaluation is about, when it is about one.
+    """
     if not len(cluster.nominations):
         return evaluation
     promised: dict[int, list[PlacedPod]] = {}
-    for node, records in cluster.nominations.at_least(pod.priority, but=pod.uid).items():
-        row = cluster.nodes.row_of.get(node)
+    for name, records in cluster.nominations.at_least(pod.priority, but=pod.uid, node=node).items():
+        row = cluster.nodes.row_of.get(name)
         if row is not None and evaluation.has(row):
             promised[row] = records
     if not promised:

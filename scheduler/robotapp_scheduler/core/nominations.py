@@ -62,10 +62,10 @@ class Nominations:
             del self._by_node[old.record.node]
         return True
 
-    def at_least(self, priority: int, *, but: str) -> dict[str, list[PlacedPod]]:
-        """Node → what pods of this priority or higher will hold there, the pod `but` left out."""
+    def at_least(self, priority: int, *, but: str, node: str = "") -> dict[str, list[PlacedPod]]:
+        """Node → what pods of this priority or higher will hold there, the pod `but` left out; of one node when given."""
         found: dict[str, list[PlacedPod]] = {}
-        for uid, nomination in self._by_uid.items():
+        for uid, nomination in (self._by_node.get(node, {}) if node else self._by_uid).items():
             if nomination.record.priority >= priority and uid != but:
                 found.setdefault(nomination.record.node, []).append(nomination.record)
         return found

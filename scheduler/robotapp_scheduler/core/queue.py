@@ -10,6 +10,7 @@ from typing import Any, Final
 from robotapp_scheduler.core.backoff import Backoff, Heap
 from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.flights import Flight, Flights
+from robotapp_scheduler.core.gated import Gated
 from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.queued import Gate, QueuedPod, Rejection
@@ -44,7 +45,7 @@ class SchedulingQueue:
         self._backoff = Heap()
         self._error_backoff = Heap()
         self._waiting = WaitingRoom(waker)
-        self._gated: dict[str, None] = {}
+        self._gated = Gated()
         self._flying = Flights()
         self._groups: dict[Hashable, dict[str, None]] = {}
         self._next_flush_s = clock() + FLUSH_PERIOD_S
@@ -302,20 +303,20 @@ class SchedulingQueue:
         queued.gate = self._gate(queued.info)
         if queued.gate is None:
             return False
-        self._gated[queued.info.uid] = None
+        self._gated.add(queued.info.uid, queued.gate.events)
         return True
 
     def _test_gates(self, event: Event, groups: frozenset[str]) -> int:
         opened = 0
         closed: set[str] = set()
-        for uid in list(self._gated):
+        for uid in self._gated.concerned(event.change):
             queued = self._pods[uid]
             gate = queued.gate
-            if gate is None or not gate.events & event.change or (gate.group and gate.group not in groups):
+            if gate is None or (gate.group and gate.group not in groups):
                 continue
             if gate.alike and gate.group in closed:
                 continue
-            del self._gated[uid]
+            self._gated.discard(uid)
             self._requeue_from_wait(queued, event.label, immediate=False)
             if queued.gate is None:
                 opened += 1
@@ -339,7 +340,7 @@ class SchedulingQueue:
         uid = queued.info.uid
         for heap in (self._active, self._backoff, self._error_backoff):
             heap.discard(uid)
-        self._gated.pop(uid, None)
+        self._gated.discard(uid)
         queued.gate = None
         self._waiting.discard(uid)
 
