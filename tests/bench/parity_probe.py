@@ -29,6 +29,8 @@ NAME: Final = "new"
 """What the pod is called in texts, whatever its name was in this attempt."""
 PATIENCE_S: Final = 20.0
 EVICTIONS_S: Final = 1.0
+QUIET_S: Final = 0.2
+"""Who was to be evicted and is not yet gone was terminating from the start."""
 LOOK_S: Final = 0.02
 
 
@@ -99,7 +101,8 @@ class Prober:
                 await self._promise(namespace, name, promised)
             node, message = await self._decided(case, versions, scheduler=scheduler, promised=promised)
             victims = await self._victims(case, message)
-            scores, best = await self._scores(scheduler, f"{namespace}/{name}")
+            # A pod that was refused may have been tried again since: then the scores are of another attempt.
+            scores, best = await self._scores(scheduler, f"{namespace}/{name}") if not message else ({}, frozenset())
         finally:
             with suppress(NotFound):
                 await delete_now(self._client, PODS.path(namespace, name))
@@ -133,14 +136,17 @@ class Prober:
         return "", f"no decision of {scheduler} within {PATIENCE_S:g} s"
 
     async def _victims(self, case: Case, message: str) -> tuple[str, ...]:
-        """Who is gone, or going, that was not before: as many as the message says, terminating ones included."""
+        """Who is gone, or going, that was not before: as many as the message says, less who was going already."""
         _, found, rest = message.partition(FOUND)
         if not found:
             return ()
         count = int(rest.rpartition("preempting ")[2].split()[0])
+        going = sum(1 for each in case.objects if "deletionTimestamp" in each["metadata"])
         deadline_s = time.monotonic() + EVICTIONS_S
         while len(gone := self._gone(case)) < count and time.monotonic() < deadline_s:
-            await self._pods.change(timeout_s=0.1)
+            if len(gone) >= count - going:
+                deadline_s = min(deadline_s, time.monotonic() + QUIET_S)
+            await self._pods.change(timeout_s=LOOK_S)
         return gone
 
     def _gone(self, case: Case) -> tuple[str, ...]:

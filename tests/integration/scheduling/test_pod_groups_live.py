@@ -3,17 +3,19 @@
 import secrets
 import time
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 from tests.support.proxy import FaultProxy, drop
 from tests.support.stage import Json, Stage, nodes, pod
 
-from robotapp_scheduler.core.pod_groups import POD_GROUP_LABEL
+from robotapp_scheduler.core.pod_groups import POD_GROUP_LABEL, WORKLOADS
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.failures import ApiStatusError
+from robotapp_testbed.namespaces import created
 from robotapp_testbed.nodes import SimulatedNode, edge
 from robotapp_testbed.process import Process
-from robotapp_testbed.product import start_scheduler
+from robotapp_testbed.product import install, start_scheduler
 
 pytestmark = pytest.mark.live
 GROUP = "scheduling.x-k8s.io"
@@ -82,18 +84,13 @@ def create_group(stage: Stage, name: str, needed: int) -> None:
     stage.cp.api.create(path, {**body, "spec": {"minMember": needed}})
 
 
-def members(stage: Stage, group: str, count: int) -> list[str]:
-    """Pods of which each takes a node of `whole` to itself."""
+def members(stage: Stage, group: str, count: int, **spec: Any) -> list[str]:
+    """Pods of which each takes a node of `whole` to itself; they name the group by label, or in `spec`."""
     names = [f"{group}-{i}" for i in range(count)]
+    labels = {} if spec else {POD_GROUP_LABEL: group}
+    where = {"test/whole": stage.namespace}
     for name in names:
-        stage.create_pod(
-            pod(
-                name,
-                requests={"cpu": "3"},
-                labels={POD_GROUP_LABEL: group},
-                nodeSelector={"test/whole": stage.namespace},
-            )
-        )
+        stage.create_pod(pod(name, requests={"cpu": "3"}, labels=labels, nodeSelector=where, **spec))
     return names
 
 
@@ -134,3 +131,29 @@ def test_after_a_kill_between_its_bindings_the_rest_of_a_group_follows(
         assert bound() == 2
         process.start()
         assert len({stage.wait_bound(name, timeout_s=40) for name in names}) == 5
+
+
+@pytest.fixture(scope="module")
+def workload_plane() -> Iterator[ControlPlane]:
+    """An API server that serves PodGroups itself, which a default one does not."""
+    flags = ["--feature-gates=GenericWorkload=true", "--runtime-config=scheduling.k8s.io/v1beta1=true"]
+    with ControlPlane(extra_args={"kube-apiserver": flags}) as plane:
+        install(plane)
+        yield plane
+
+
+def test_the_api_servers_own_pod_groups_are_placed_whole_or_not_at_all(workload_plane: ControlPlane) -> None:
+    process = start_scheduler(workload_plane, sweep_seconds=1)
+    with created(workload_plane, f"test-{secrets.token_hex(3)}") as namespace:
+        stage = Stage(workload_plane, namespace)
+        with nodes(workload_plane, *whole(stage, 0, 1)):
+            names = members(stage, "three", 3, schedulingGroup={"podGroupName": "three"})
+            path = f"/apis/{WORKLOADS}/v1beta1/namespaces/{namespace}/podgroups"
+            policy = {"gang": {"minCount": 3}}
+            stage.cp.api.create(path, {"metadata": {"name": "three"}, "spec": {"schedulingPolicy": policy}})
+            told = [stage.wait_refused(name, reason="Unschedulable") for name in names]
+            assert sum("minCount (3) cannot be satisfied: 2 scheduled" in text for text in told) == 2
+            assert [stage.node_of(name) for name in names] == [""] * 3
+            with nodes(workload_plane, *whole(stage, 2)):
+                assert len({stage.wait_bound(name) for name in names}) == 3
+    process.stop()

@@ -71,17 +71,22 @@ def bound(scene: Scene, name: str, *, namespace: str, mode: str = "ReadWriteOnce
 
 
 def exclusive_claims(choices: Choices, scene: Scene) -> None:
-    """ReadWriteOncePod, in use by nobody or by one other pod."""
+    """ReadWriteOncePod: one claim or two, each in use by nobody or by one other pod.
+
+    Where there are two, no pod of another namespace has a claim of that name: in dry runs upstream counts names alone.
+    """
     namespace = scene.pod["metadata"]["namespace"]
-    bound(
-        scene, "once", namespace=namespace, mode=choices.pick(("ReadWriteOncePod", "ReadWriteOncePod", "ReadWriteMany"))
-    )
-    mount(scene.pod, "once")
-    if scene.placed and choices.chance(70):
-        user = choices.pick(scene.placed)
-        if user["metadata"]["namespace"] != namespace:
-            bound(scene, "once", namespace=user["metadata"]["namespace"], mode="ReadWriteOncePod")
-        mount(user, "once")
+    modes = ("ReadWriteOncePod", "ReadWriteOncePod", "ReadWriteMany")
+    names = ("once", "again")[: choices.pick((1, 1, 2))]
+    for name in names:
+        bound(scene, name, namespace=namespace, mode=choices.pick(modes))
+        mount(scene.pod, name)
+        users = [pod for pod in scene.placed if len(names) == 1 or pod["metadata"]["namespace"] == namespace]
+        if users and choices.chance(70):
+            user = choices.pick(users)
+            if user["metadata"]["namespace"] != namespace:
+                bound(scene, name, namespace=user["metadata"]["namespace"], mode="ReadWriteOncePod")
+            mount(user, name)
 
 
 def inline_disks(choices: Choices, scene: Scene) -> None:
