@@ -21,6 +21,7 @@ from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.framework import Code
 from robotapp_scheduler.core.objects import DisruptionBudget, Namespace, Selecting
 from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.resource_claims import ResourceClaim
 
 Json = dict[str, Any]
 
@@ -53,6 +54,8 @@ def feed(core: SchedulerCore, kind: str, item: Json, *, remove: bool = False) ->
         cluster.topology.apply_namespace(msgspec.convert(item, Namespace))
     elif kind in SELECTING:
         cluster.topology.apply_selecting(kind, msgspec.convert(item, Selecting))
+    elif kind == "ResourceClaim":
+        cluster.resource_claims.apply(msgspec.convert(item, ResourceClaim))
     elif kind in STORAGE:
         as_type, name = STORAGE[kind]
         getattr(cluster.volumes, f"apply_{name}")(msgspec.convert(item, as_type))

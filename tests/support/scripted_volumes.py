@@ -14,6 +14,12 @@ class ScriptedVolumes:
         self.ready = asyncio.Event()
         self.ready.set()
         self.asked: list[str] = []
+        self.entered: list[str] = []
+        """Pods that were to become users of their resource claims."""
+
+    async def enter(self, pod: PodInfo) -> str:
+        self.entered.append(pod.name)
+        return self.trouble
 
     async def bind(self, pod: PodInfo, _plan: VolumePlan) -> str:
         self.asked.append(pod.name)

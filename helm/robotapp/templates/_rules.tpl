@@ -82,6 +82,14 @@
 - apiGroups: [""]
   resources: [persistentvolumeclaims, persistentvolumes]
   verbs: [patch]
+# A pod with claims of devices goes where these are; before it is bound it is entered as one of their users.
+- apiGroups: [resource.k8s.io]
+  resources: [resourceclaims]
+  verbs: [get, list, watch]
+- apiGroups: [resource.k8s.io]
+  # binding is no path: newer API servers ask for it before they let somebody change users of a claim.
+  resources: [resourceclaims/status, resourceclaims/binding]
+  verbs: [patch]
 # Pods of one Service or workload are spread by default.
 - apiGroups: [""]
   resources: [services, replicationcontrollers]

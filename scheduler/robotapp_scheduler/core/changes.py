@@ -60,6 +60,8 @@ class Change(IntFlag):
     """A VolumeAttachment is gone."""
     FEATURES = auto()
     """What a node's kubelet says it can do."""
+    RESOURCE_CLAIMS = auto()
+    """A ResourceClaim came, went, was allocated or shared with another pod."""
     POD_GROUPS = auto()
     """A PodGroup came, went or asks for something else."""
     SELF = auto()
@@ -116,6 +118,7 @@ _STORAGE: Final = (
     (Change.CSI_DRIVER, "CSIDriver"),
     (Change.CAPACITY, "CSIStorageCapacity"),
     (Change.ATTACHMENT, "VolumeAttachment"),
+    (Change.RESOURCE_CLAIMS, "ResourceClaim"),
 )
 _LABELS: Final = (
     (Change.NODE_ADDED, "NodeAdd"),
@@ -151,6 +154,7 @@ READS: Final[dict[str, Change]] = {
     "namespaces": NODE | Change.NAMESPACES,
     "selectors": NODE | Change.SELECTORS,
     "images": NODE | Change.IMAGES,
+    "resource_claims": NODE | Change.RESOURCE_CLAIMS,
 }
 """`node_reads` of a plugin → the changes after which its result for that row must be computed again."""
 

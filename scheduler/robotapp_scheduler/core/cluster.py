@@ -22,6 +22,7 @@ from robotapp_scheduler.core.pod_groups import PodGroups
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo
 from robotapp_scheduler.core.ports import PortUsers
 from robotapp_scheduler.core.priorities import PriorityColumns
+from robotapp_scheduler.core.resource_claims import ResourceClaims
 from robotapp_scheduler.core.robotics import NodeTelemetry, RobotApp
 from robotapp_scheduler.core.telemetry import RttModel
 from robotapp_scheduler.core.topology import Topology
@@ -44,6 +45,7 @@ class Cluster:
         self.rtt = RttModel(self.nodes, clock)
         self.log = ChangeLog()
         self.topology = Topology(self.nodes, self.log)
+        self.resource_claims = ResourceClaims(self.log)
         self.placed: dict[str, PlacedPod] = {}
         """Pods on nodes by uid, assumed ones included."""
         self._by_node: dict[str, dict[str, PlacedPod]] = {}
@@ -65,8 +67,7 @@ class Cluster:
 
     def take_touched(self) -> frozenset[str]:
         """Groups (RobotApp uids, PodGroup keys) that something happened to since the last call: their gates need a test."""
-        touched = frozenset(self._touched)
-        self._touched.clear()
+        touched, self._touched = frozenset(self._touched), set()
         return touched
 
     # --- Nodes ---------------------------------------------------------------------------------------------------
@@ -156,8 +157,7 @@ class Cluster:
 
     def is_assumed(self, uid: str) -> bool:
         """Counted, but not yet seen on its node."""
-        record = self.placed.get(uid)
-        return record is not None and record.assumed
+        return uid in self.placed and self.placed[uid].assumed
 
     def pods_on(self, node: str) -> Iterable[PlacedPod]:
         """Placed pods of one node."""

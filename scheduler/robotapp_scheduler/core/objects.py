@@ -180,9 +180,16 @@ class TopologySpreadConstraint(Slim):
 
 
 class Named(Slim):
-    """Anything of which only the name matters: scheduling gates, resource claims."""
+    """Anything of which only the name matters: scheduling gates."""
 
     name: str = ""
+
+
+class ClaimReference(Slim):
+    """spec.resourceClaims entry (a claim, or a template to make one from), and status.resourceClaimStatuses entry."""
+
+    name: str = ""
+    resource_claim_name: str | None = None
 
 
 class SchedulingGroup(Slim):
@@ -211,7 +218,7 @@ class PodSpec(Slim):
     volumes: list[Volume] | None = None
     """Those that decide something; every pod has a token volume, which does not."""
     scheduling_gates: tuple[Named, ...] = ()
-    resource_claims: tuple[Named, ...] = ()
+    resource_claims: tuple[ClaimReference, ...] = ()
     scheduling_group: SchedulingGroup | None = None
 
 
@@ -241,6 +248,7 @@ class PodStatus(Slim):
     nominated_node_name: str = ""
     start_time: str | None = None
     conditions: list[PodCondition] | None = None
+    resource_claim_statuses: tuple[ClaimReference, ...] = ()
     container_statuses: tuple[ContainerStatus, ...] = ()
     init_container_statuses: tuple[ContainerStatus, ...] = ()
     allocated_resources: Resources | None = None

@@ -18,6 +18,7 @@ from robotapp_scheduler.core.label_sets import LabelSet
 from robotapp_scheduler.core.objects import Affinity, NodeAffinity, OwnerReference, Pod, Toleration
 from robotapp_scheduler.core.pod_groups import group_ref_of
 from robotapp_scheduler.core.pod_volumes import PodVolumes, volumes_of
+from robotapp_scheduler.core.resource_claims import wanted
 from robotapp_scheduler.core.ros import InvalidAnnotation, RosContext, RosRequest
 from robotapp_scheduler.core.shapes import HostPort, controller_of, shape_of
 
@@ -197,7 +198,7 @@ FEATURES: Final[dict[str, Callable[[PodInfo], Hashable]]] = {
     "mounts": lambda pod: (pod.namespace, pod.volumes),
     VOLUME_FEATURE: lambda pod: pod.volume_key,
     "spread": lambda pod: spread_key(pod.pod),
-    "resource_claims": lambda pod: msgspec.json.encode(pod.pod.spec.resource_claims),
+    "resource_claims": lambda pod: (pod.namespace, *wanted(pod.pod)) if pod.pod.spec.resource_claims else None,
     "ros": lambda pod: pod.ros,
     "ros.qos": lambda pod: pod.ros and pod.ros.qos_class,
     "ros.topology": lambda pod: pod.ros and (pod.ros.zones, pod.ros.master_node),

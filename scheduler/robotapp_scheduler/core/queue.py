@@ -100,7 +100,7 @@ class SchedulingQueue:
         self._to_active(queued, "UnscheduledPodAdd")
 
     def update(self, pod: Pod | PodInfo) -> None:
-        """The pod changed. Only what a rule can see (spec, labels, annotations) counts, and of that what may help it."""
+        """The pod changed. Only what a rule can see (spec, labels, annotations, claims) counts, and of that what may help it."""
         info = pod if isinstance(pod, PodInfo) else PodInfo(pod)
         queued = self._pods.get(info.uid)
         if queued is None:
@@ -378,4 +378,5 @@ def _relevant(old: Pod, new: Pod) -> bool:
         old.spec != new.spec
         or old.metadata.labels != new.metadata.labels
         or old.metadata.annotations != new.metadata.annotations
+        or old.status.resource_claim_statuses != new.status.resource_claim_statuses
     )

@@ -85,7 +85,8 @@ def shape_of(pod: Pod) -> Shape:
         (
             meta.namespace, meta.labels, owner, spec.scheduler_name, spec.priority, spec.containers,
             spec.init_containers, spec.overhead, spec.resources, spec.node_selector, spec.affinity, spec.tolerations,
-            spec.topology_spread_constraints, spec.host_network, spec.host_users, spec.resource_claims,
+            spec.topology_spread_constraints, spec.host_network, spec.host_users,
+            (spec.resource_claims, pod.status.resource_claim_statuses) if spec.resource_claims else None,
             (meta.name, spec.volumes) if spec.volumes else None,  # an ephemeral volume's claim is named after its pod
         )
     )  # fmt: skip

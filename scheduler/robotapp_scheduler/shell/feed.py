@@ -76,7 +76,7 @@ class Feed:
             (pods, on_pod),
             *self._routed(*plain_routes(cluster)),
         )
-        self._storage = self._routed(*storage_routes(cluster.volumes))
+        self._storage = self._routed(*storage_routes(cluster.volumes, cluster.resource_claims))
         self._groups = list(self._routed(*group_routes(cluster.pod_groups)))
         """Those that are not watched yet."""
         self._robotics = self._routed(*robotics_routes(cluster))

@@ -20,6 +20,7 @@ from robotapp_scheduler.core.queued import QueuedPod, Rejection
 from robotapp_scheduler.core.refusal import DEVICE_PLUGIN
 from robotapp_scheduler.shell.bind_steps import BindSteps, Refused, failed_step
 from robotapp_scheduler.shell.binder import Binder, BindOutcome, BindResult
+from robotapp_scheduler.shell.claim_users import ClaimUsers
 from robotapp_scheduler.shell.metrics import AttemptResult, Metrics
 from robotapp_scheduler.shell.report import Reporter
 from robotapp_scheduler.shell.reserve import READY, Readiness, Reserved, Reserver
@@ -54,12 +55,14 @@ class Placer:
         reporter: Reporter,
         metrics: Metrics,
         volumes: VolumeWriter,
+        claims: ClaimUsers,
         waiting: Mapping[str, Pod],
         clock: Callable[[], float],
         evict: Callable[[Plan, PodInfo], None],
     ) -> None:
         self._core = core
         self._volumes = volumes
+        self._claims = claims
         self._binder = binder
         self._reserver = reserver
         self._reporter = reporter
@@ -140,7 +143,7 @@ class Placer:
             if found is None:
                 return None
             decision, reserved = found
-            refused = await steps.run(str(decision.node))
+            refused = await steps.run(str(decision.node)) or await self._enter_claims(decision)
             if refused is None and not volumes_bound:
                 refused = await self._bind_volumes(decision)
             if refused is not None:
@@ -155,6 +158,12 @@ class Placer:
             if outcome.result is not BindResult.CHANGED or not reserved.annotations:
                 break
         return decision, outcome
+
+    async def _enter_claims(self, decision: Decision) -> Refused | None:
+        if not decision.pod.pod.spec.resource_claims:
+            return None
+        trouble = await self._claims.enter(decision.pod)
+        return failed_step("PreBind", "DynamicResources", trouble) if trouble else None
 
     async def _bind_volumes(self, decision: Decision) -> Refused | None:
         if decision.volumes is None:

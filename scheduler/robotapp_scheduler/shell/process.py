@@ -28,6 +28,7 @@ from robotapp_scheduler.shell import collector, health
 from robotapp_scheduler.shell.access import Gatekeeper
 from robotapp_scheduler.shell.answers import Answers, Everything
 from robotapp_scheduler.shell.binder import Binder
+from robotapp_scheduler.shell.claim_users import ClaimUsers
 from robotapp_scheduler.shell.config_source import LastGood, NoSource, Source, sources
 from robotapp_scheduler.shell.domain_claims import DomainClaims
 from robotapp_scheduler.shell.events import PodEvents
@@ -152,6 +153,7 @@ class Scheduler:
             reporter=self.reporter,
             metrics=self.metrics,
             volumes=self.volumes,
+            claims=ClaimUsers(client),
             waiting=self.intake.waiting,
             clock=CLOCK,
             evict=self.evictor.start,

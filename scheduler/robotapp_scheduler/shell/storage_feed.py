@@ -1,4 +1,4 @@
-"""The watched resources of storage. Without pods that use volumes they are mirrored and never looked at."""
+"""The watched resources of storage and devices. Without pods that claim any they are mirrored and never looked at."""
 
 from robotapp_api.client.resources import (
     CSIDRIVERS,
@@ -6,9 +6,11 @@ from robotapp_api.client.resources import (
     CSISTORAGECAPACITIES,
     PERSISTENTVOLUMECLAIMS,
     PERSISTENTVOLUMES,
+    RESOURCECLAIMS,
     STORAGECLASSES,
     VOLUMEATTACHMENTS,
 )
+from robotapp_scheduler.core.resource_claims import ResourceClaim, ResourceClaims
 from robotapp_scheduler.core.storage import (
     Claim,
     CSIDriver,
@@ -22,9 +24,10 @@ from robotapp_scheduler.core.volumes import Volumes
 from robotapp_scheduler.shell.route import Route
 
 
-def storage_routes(volumes: Volumes) -> tuple[Route, ...]:
-    """Claims and volumes, and everything that says where volumes can be."""
+def storage_routes(volumes: Volumes, claims: ResourceClaims) -> tuple[Route, ...]:
+    """Claims of devices and of volumes, volumes, and everything that says where those can be."""
     return (
+        Route(RESOURCECLAIMS, ResourceClaim, claims.apply, claims.remove),
         Route(PERSISTENTVOLUMECLAIMS, Claim, volumes.apply_claim, volumes.remove_claim),
         Route(PERSISTENTVOLUMES, PersistentVolume, volumes.apply_volume, volumes.remove_volume),
         Route(STORAGECLASSES, StorageClass, volumes.apply_class, volumes.remove_class),

@@ -29,7 +29,7 @@ def routes(cluster: Cluster) -> tuple[Route, ...]:
     """All of it but pods, which also have a queue to go to."""
     return (
         *plain_routes(cluster),
-        *storage_routes(cluster.volumes),
+        *storage_routes(cluster.volumes, cluster.resource_claims),
         *group_routes(cluster.pod_groups),
         *robotics_routes(cluster),
     )

@@ -92,9 +92,23 @@ def resource_claims(choices: Choices, scene: Scene) -> None:
     """Claims for devices: missing, not allocated, allocated on some nodes."""
     scene.pod["spec"]["resourceClaims"] = [{"name": "camera", "resourceClaimName": "camera"}]
     namespace = scene.pod["metadata"]["namespace"]
-    trouble = choices.pick(("missing", "unallocated", "unallocated"))
+    trouble = choices.pick(("missing", "unallocated", "everywhere", "somewhere", "somewhere", "nowhere"))
     if trouble == "missing":
         return
+    names = {"everywhere": None, "somewhere": [choices.pick(scene.names())], "nowhere": ["gone"]}
+    status: Json = {}
+    if trouble in names:
+        status["allocation"] = _allocated(names[trouble])
+    if choices.chance(30):
+        status["reservedFor"] = [{"resource": "pods", "name": "other", "uid": "uid-other"}]
     request = {"name": "camera", "exactly": {"deviceClassName": "camera.example.com"}}
     spec = {"devices": {"requests": [request]}}
-    scene.add("ResourceClaim", "camera", namespace=namespace, api="resource.k8s.io/v1", spec=spec, status={})
+    scene.add("ResourceClaim", "camera", namespace=namespace, api="resource.k8s.io/v1", spec=spec, status=status)
+
+
+def _allocated(names: list[str] | None) -> Json:
+    """Devices that these nodes reach, or all."""
+    if names is None:
+        return {}
+    field = {"key": "metadata.name", "operator": "In", "values": names}
+    return {"nodeSelector": {"nodeSelectorTerms": [{"matchFields": [field]}]}}

@@ -11,7 +11,7 @@ def pre_filter(state: State) -> Rejection | None:
     for reference in state.pod["spec"].get("resourceClaims") or []:
         name = _claim_name(state.pod, reference)
         claim = _claim(state, name)
-        if claim is None or not _allocated(claim) or not _reservable(state, claim):
+        if claim is None or _allocated(claim) is None or not _reservable(state, claim):
             text = f"resource claim {(name or reference['name'])!r} is not allocated; this scheduler does not allocate devices"
             return Rejection((text,), final=True)
     return None

@@ -104,7 +104,8 @@ OTHERS: list[tuple[str, dict[str, Any], Event, bool]] = [
     ("NodePorts", {"containers": PORT}, gone(containers=OTHER_IP), True),
     ("NodePorts", {"containers": PORT}, gone(), False),
     ("NodePorts", {"containers": PORT}, itself({}, {"labels": {"a": "b"}}), False),
-    ("DynamicResources", {}, itself({}, {"labels": {"a": "b"}}), True),
+    ("DynamicResources", {}, itself({}, {"labels": {"a": "b"}}), False),
+    ("DynamicResources", {}, itself({}, {"resourceClaims": [{"name": "a", "resourceClaimName": "b"}]}), True),
 ]  # fmt: skip
 SPREAD: list[tuple[dict[str, Any], Event, bool]] = [
     (spread(), placed(labels=WEB), True),

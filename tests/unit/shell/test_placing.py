@@ -119,6 +119,7 @@ class Rig:
             reporter=self.said,  # type: ignore[arg-type]
             metrics=self.metrics,
             volumes=self.volumes,  # type: ignore[arg-type]
+            claims=self.volumes,  # type: ignore[arg-type]
             waiting=self.waiting,
             clock=self.clock,
             evict=lambda plan, pod: self.evicted.append((plan, pod)),
@@ -128,9 +129,9 @@ class Rig:
     def clock(self) -> float:
         return self.now_s
 
-    def show(self, name: str = "p", *, labels: dict[str, str] | None = None) -> None:
+    def show(self, name: str = "p", *, labels: dict[str, str] | None = None, **spec: Any) -> None:
         meta = Metadata(name=name, namespace="a", uid=f"uid-{name}", labels=labels)
-        pod = Pod(metadata=meta, spec=PodSpec(scheduler_name=OURS))
+        pod = Pod(metadata=meta, spec=PodSpec(scheduler_name=OURS, **spec))
         self.waiting[meta.uid] = pod
         self.core.cluster.apply_pod(pod)
         self.core.queue.add(pod)

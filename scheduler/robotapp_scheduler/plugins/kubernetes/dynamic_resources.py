@@ -1,11 +1,19 @@
-"""DynamicResources: devices behind resource claims are not allocated here, so pods with such claims are refused."""
+"""DynamicResources: a pod goes where the devices of its claims are. Allocating them is left to kube-scheduler."""
+
+from collections.abc import Iterator
+from typing import Final
 
 import msgspec
+import numpy as np
 
-from robotapp_scheduler.core.changes import Change
-from robotapp_scheduler.core.framework import Code, PreFilter, Status
+from robotapp_scheduler.core.changes import Change, Event
+from robotapp_scheduler.core.framework import Code, FilterResult, PreFilter, Status
 from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.resource_claims import ResourceClaim, not_allocated, trouble, wanted
 from robotapp_scheduler.core.view import Nodes
+from robotapp_scheduler.plugins.kubernetes.matching import terms_mask
+
+ELSEWHERE: Final = "resourceclaim not available on the node"
 
 
 class DynamicResourcesArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
@@ -21,18 +29,65 @@ class DynamicResourcesArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=Tr
 
 
 class DynamicResources:
-    """Allocation of resource claims is left to kube-scheduler."""
+    """Claims that are allocated are honoured, a pod with one that is not is refused."""
 
     name = "DynamicResources"
-    events = Change.NONE
+    reads = ("resource_claims",)
+    node_reads = ("labels", "name", "resource_claims")
+    events = Change.RESOURCE_CLAIMS | Change.NODE_ADDED | Change.LABELS
+    reason = ELSEWHERE
+    row_local = True  # news of claims reach every row
+    resolvable = False
     Args = DynamicResourcesArgs
 
     def __init__(self, args: DynamicResourcesArgs | None = None) -> None:
         pass
 
-    def pre_filter(self, pod: PodInfo, nodes: Nodes) -> PreFilter | None:  # noqa: ARG002 - the contract's signature
-        """Refuses pods with resourceClaims."""
-        for claim in pod.pod.spec.resource_claims:
-            reason = f"resource claim {claim.name!r} is not allocated; this scheduler does not allocate devices"
-            return PreFilter(status=Status(Code.UNRESOLVABLE, reason))
+    def pre_filter(self, pod: PodInfo, nodes: Nodes) -> PreFilter | None:
+        """Refuses a pod with a claim that is missing, not allocated or not for it."""
+        if not pod.pod.spec.resource_claims:
+            return None
+        for each in wanted(pod.pod):
+            if each.claim is None:
+                continue
+            claim = nodes.cluster.resource_claims.get(pod.namespace, each.claim)
+            if claim is None:
+                text = not_allocated(each.claim or each.name)
+            else:
+                text = trouble(claim, pod.pod, made_for_pod=each.made_for_pod)
+            if text:
+                return PreFilter(status=Status(Code.UNRESOLVABLE, text))
         return None
+
+    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
+        """True on nodes from which the devices of every claim can be reached."""
+        if not pod.pod.spec.resource_claims:
+            return None
+        mask = np.ones(nodes.n, dtype=np.bool_)
+        for claim in _claims(pod, nodes):
+            selector = claim.status.allocation.node_selector if claim.status.allocation is not None else None
+            if selector is not None:
+                mask &= terms_mask(nodes, selector.node_selector_terms)
+        return mask
+
+    def touched_by(self, pod: PodInfo, other: object) -> bool:  # noqa: ARG002 - the contract's signature
+        """Pods do not move claims."""
+        return False
+
+    def hint(self, pod: PodInfo, event: Event) -> bool:
+        """News of its own claims, a claim made for it, or a node that may have the devices."""
+        if event.change & Change.SELF:
+            return list(wanted(event.old)) != list(wanted(event.new))
+        if event.resource == "resourceclaims":
+            claim: ResourceClaim | None = event.new or event.old
+            return claim is not None and (claim.metadata.namespace, claim.metadata.name) in {
+                (pod.namespace, each.claim) for each in wanted(pod.pod)
+            }
+        return True
+
+
+def _claims(pod: PodInfo, nodes: Nodes) -> Iterator[ResourceClaim]:
+    for each in wanted(pod.pod):
+        found = nodes.cluster.resource_claims.get(pod.namespace, each.claim) if each.claim else None
+        if found is not None:
+            yield found

@@ -1,0 +1,60 @@
+"""Enters a pod as a user of its ResourceClaims before it is bound: its kubelet prepares devices for their users only.
+
+An entry is never taken back here: the claim controller removes those of pods that ended, and the next attempt of a pod
+finds its own.
+"""
+
+import msgspec
+
+from robotapp_api.client.api import ApiClient
+from robotapp_api.client.errors import ClientError, Conflict
+from robotapp_api.client.resources import RESOURCECLAIMS
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.resource_claims import ResourceClaim, trouble, wanted
+
+TRIES = 5
+"""Pods that share a claim enter at the same moment: each write is for the version that was read."""
+
+
+class ClaimUsers:
+    """One per process."""
+
+    def __init__(self, client: ApiClient) -> None:
+        self._client = client
+
+    def __repr__(self) -> str:
+        return "<ClaimUsers>"
+
+    async def enter(self, pod: PodInfo) -> str:
+        """Make the pod a user of all its claims. The reason why it cannot be, "" when it is. Never raises for what the
+        API server may do.
+        """
+        for each in wanted(pod.pod):
+            if each.claim is None:
+                continue
+            try:
+                problem = await self._enter(pod, each.claim, made_for_pod=each.made_for_pod)
+            except ClientError as error:
+                problem = f"resource claim {each.claim!r}: {error}"
+            if problem:
+                return problem
+        return ""
+
+    async def _enter(self, pod: PodInfo, name: str, *, made_for_pod: bool) -> str:
+        user = {"resource": "pods", "name": pod.name, "uid": pod.uid}
+        for _ in range(TRIES):
+            claim = await self._client.get(RESOURCECLAIMS, name, namespace=pod.namespace, as_type=ResourceClaim)
+            problem = trouble(claim, pod.pod, made_for_pod=made_for_pod)
+            users = claim.status.reserved_for
+            if problem or any(each.uid == pod.uid for each in users):
+                return problem
+            patch = {
+                "metadata": {"uid": claim.metadata.uid, "resourceVersion": claim.metadata.resource_version},
+                "status": {"reservedFor": [*msgspec.to_builtins(users), user]},
+            }
+            try:
+                await self._client.patch(RESOURCECLAIMS, name, patch, namespace=pod.namespace, subresource="status")
+            except Conflict:
+                continue
+            return ""
+        return f"resource claim {name!r} changes faster than it can be read"
