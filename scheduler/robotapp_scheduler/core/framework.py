@@ -56,6 +56,10 @@ Hooks, in the order of a cycle:
                                              change this filter's verdict about `pod`? Asked whatever `node_reads` says;
                                              without it: True when `node_reads` names facts of pods. False lets
                                              preemption decide by amounts alone
+`beside(pod, nodes) -> (row, pods) -> bool | None`
+                                             optional, beside `touched_by`: a test whether a node's row takes the pod
+                                             when just these placed pods stay there; None = other nodes matter, too.
+                                             Lets preemption decide such rules without trying them out
 `room(pod) -> mapping`                       for one filter of a profile: it passes exactly where one more pod and these
                                              amounts are free
 
@@ -163,6 +167,8 @@ FilterResult = BoolArray | Verdict | Literal[True] | None
 ScoreResult = npt.NDArray[Any] | PerDomain | Scores | int | None
 AmongResult = npt.NDArray[Any] | int | None
 Positions = npt.NDArray[np.intp]
+Beside = Callable[[int, Sequence[PlacedPod]], bool]
+"""Does the node of a row take the pod when just these pods stay there?"""
 
 
 class FilterPlugin(Protocol):
@@ -241,6 +247,7 @@ class Loaded:
         self.plan: Callable[[PodInfo, Nodes], VolumePlan | None] | None = getattr(plugin, "plan", None)
         self.post_filter: Callable[[PodInfo, Any], Any] | None = getattr(plugin, "post_filter", None)
         self.touched_by: Callable[[PodInfo, PlacedPod], bool] | None = getattr(plugin, "touched_by", None)
+        self.beside: Callable[[PodInfo, Nodes], Beside | None] | None = getattr(plugin, "beside", None)
         self.room: Callable[[PodInfo], Mapping[str, int]] | None = getattr(plugin, "room", None)
         hint: Callable[[PodInfo, Event], bool] | None = getattr(plugin, "hint", None)
         self.waker = Waker(self.name, self.events, hint, hint_reads)

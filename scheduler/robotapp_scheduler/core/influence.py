@@ -1,11 +1,13 @@
 """Which other pods matter to a pod: decides where amounts alone tell what a change of pods does, and where rules must run."""
 
+from collections.abc import Collection
+
 import numpy as np
 
 from robotapp_scheduler.core.changes import OF_PODS
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.filter_column import HOLE, Codes, FilterColumn
-from robotapp_scheduler.core.framework import Loaded
+from robotapp_scheduler.core.framework import Beside, Loaded
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo
 from robotapp_scheduler.core.view import Nodes
 
@@ -30,9 +32,13 @@ class Influence:
     def __repr__(self) -> str:
         return f"Influence(room={self.room}, others={self.others})"
 
-    def touched(self, other: PlacedPod) -> bool:
-        """May the coming or going of this pod change the opinion of any filter but `room`?"""
-        return any(plugin.touched_by is None or plugin.touched_by(self._pod, other) for plugin in self.others)
+    def touched(self, other: PlacedPod, *, without: Collection[str] = ()) -> bool:
+        """May the coming or going of this pod change the opinion of any filter but `room` and those named?"""
+        return any(
+            plugin.touched_by is None or plugin.touched_by(self._pod, other)
+            for plugin in self.others
+            if plugin.name not in without
+        )
 
     def together(self, others: list[PlacedPod]) -> bool:
         """Can all these pods come at once, each to matter on its own node only?"""
@@ -41,10 +47,15 @@ class Influence:
             for plugin in self.others
         )
 
-    def codes(self, nodes: Nodes, evaluation: Evaluation) -> tuple[Codes, Codes]:
+    def beside(self, nodes: Nodes) -> dict[str, Beside]:
+        """By the names of their plugins: tests that need to know only who stays on a node."""
+        found = {p.name: p.beside(self._pod, nodes) for p in self.others if p.beside is not None}
+        return {name: test for name, test in found.items() if test is not None}
+
+    def codes(self, nodes: Nodes, evaluation: Evaluation, *, without: Collection[str] = ()) -> tuple[Codes, Codes]:
         """(first reason, reason of `room`) per row of `nodes`, which differs from the cluster in amounts alone.
 
-        The opinion of every other filter is the one the evaluation knows.
+        The opinion of every other filter is the one the evaluation knows; those named in `without` are left out.
         """
         first = np.zeros(nodes.n, dtype=np.int32)
         room = np.zeros(nodes.n, dtype=np.int32)
@@ -53,7 +64,7 @@ class Influence:
             if column.plugin is self.room:
                 room = self._asked(column.plugin, nodes)
                 np.copyto(first, room, where=first == 0)
-            elif not column.clean:
+            elif not column.clean and column.plugin.name not in without:
                 np.copyto(first, column.codes[positions], where=first == 0)
         return first, room
 

@@ -4,7 +4,8 @@ Only decided here, nothing is deleted. Nodes where amounts alone tell are compar
 another rule looks at pods (affinity, ports, volumes), it is asked with the victims really taken out of the cluster.
 """
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Collection, Hashable, Sequence
+from functools import partial
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ from robotapp_scheduler.core.framework import histogram
 from robotapp_scheduler.core.influence import Influence
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo
 from robotapp_scheduler.core.victims import Candidate, by_amounts, by_trial, lower_pods
-from robotapp_scheduler.core.view import AdjustedNodes
+from robotapp_scheduler.core.view import AdjustedNodes, Nodes
 
 NOT_HELPFUL: Final = "Preemption is not helpful for scheduling"
 NO_VICTIMS: Final = "No preemption victims found for incoming pod"
@@ -42,8 +43,8 @@ class Outcome(NamedTuple):
     plan: Plan | None = None
 
 
-Remembered = dict[int, tuple[int, Candidate | None]]
-"""Per row where amounts alone decide: (version of the row it was made of, who must go)."""
+Remembered = dict[int, tuple[int, Candidate | None, bool]]
+"""Per row where no other node matters: (version of the row it was made of, who must go, do filters mind its lower pods)."""
 
 
 class Failure(NamedTuple):
@@ -152,8 +153,12 @@ class _Search:
         self._first: Codes
         self._room: Codes
         self._first, self._room = self._influence.codes(view, evaluation)
+        self._beside = self._influence.beside(Nodes(cluster))
+        """Filters that mind only who stays on the node."""
+        self._rest = self._influence.codes(view, evaluation, without=self._beside)[0] if self._beside else self._first
+        """As `_first`, those left out."""
         self._reasons: dict[int, int] = {}
-        key = (pod.priority, cluster.budgets.generation)
+        key = (pod.priority, cluster.budgets.generation, cluster.topology.namespaces.generation, *self._beside)
         self._kept: Remembered = failure.remembered(key) if not failure.spared else {}
 
     def candidates(self, limit: int) -> list[Candidate]:
@@ -161,15 +166,15 @@ class _Search:
         found: list[Candidate] = []
         clean = False
         hopeful = self._someone & (self._room == 0)
-        if not self._influence.others:
-            hopeful &= self._first == 0
-        plain = self._first == 0
+        if len(self._influence.others) == len(self._beside):
+            hopeful &= self._rest == 0
+        open_ = self._rest == 0
         indices = np.flatnonzero(hopeful)
-        for i, row, is_plain in zip(
-            *(each.tolist() for each in (indices, self._rows[indices], plain[indices])), strict=True
+        for i, row, is_open in zip(
+            *(each.tolist() for each in (indices, self._rows[indices], open_[indices])), strict=True
         ):
             kept = self._kept.get(row)
-            if is_plain and kept is not None and kept[0] == self._versions[row] and row not in self._held:
+            if is_open and kept is not None and kept[0] == self._versions[row] and row not in self._held:
                 candidate = kept[1]
             else:
                 candidate = self._look(i, row)
@@ -200,32 +205,47 @@ class _Search:
 
     def _look(self, i: int, row: int) -> Candidate | None:
         promised = self._held.get(row, ())
-        if self._touched(row) or any(self._influence.touched(record) for record in promised):
-            return self._by_trial(i, row, promised)
-        if self._first[i] != 0:
-            return None
         if promised:
-            return self._whole_numbers(row, promised)
-        candidate = self._whole_numbers(row, ())
-        self._kept[row] = (self._versions[row], candidate)
+            if self._touched(row) or any(self._influence.touched(record) for record in promised):
+                return self._by_trial(i, row, promised)
+            return self._whole_numbers(row, promised=promised) if self._first[i] == 0 else None
+        if self._touched(row, without=self._beside):
+            return self._by_trial(i, row, ())
+        touched = bool(self._beside) and self._touched(row)
+        if (self._rest if touched else self._first)[i] != 0:
+            return None
+        candidate = self._whole_numbers(row, fits=partial(self._fits, row) if touched else None)
+        self._kept[row] = (self._versions[row], candidate, touched)
         return candidate
 
-    def _touched(self, row: int) -> bool:
-        """Do other filters mind the lower pods of a row? Not where amounts have decided, until something changes there."""
+    def _fits(self, row: int, staying: Sequence[PlacedPod]) -> bool:
+        return all(test(row, staying) for test in self._beside.values())
+
+    def _touched(self, row: int, *, without: Collection[str] = ()) -> bool:
+        """Do other filters mind the lower pods of a row?"""
         kept = self._kept.get(row)
         if kept is not None and kept[0] == self._versions[row]:
-            return False
+            return kept[2] and not without
         if self._influence.room is None or not self._influence.others:
             return self._influence.room is None
         priority, spared = self._pod.priority, self._spared
-        pods = self._cluster.pods_on(self._cluster.nodes.names[row])
-        return any(pod.priority < priority and pod.uid not in spared and self._influence.touched(pod) for pod in pods)
+        return any(
+            self._influence.touched(pod, without=without)
+            for pod in self._cluster.pods_on(self._cluster.nodes.names[row])
+            if pod.priority < priority and pod.uid not in spared
+        )
 
-    def _whole_numbers(self, row: int, promised: Sequence[PlacedPod]) -> Candidate | None:
+    def _whole_numbers(
+        self,
+        row: int,
+        *,
+        promised: Sequence[PlacedPod] = (),
+        fits: Callable[[Sequence[PlacedPod]], bool] | None = None,
+    ) -> Candidate | None:
         lower = lower_pods(self._cluster, row, self._pod.priority, self._spared)
         room = self._influence.room
         wishes = room.room(self._pod) if room is not None and room.room is not None else {}
-        return by_amounts(self._cluster, row, lower, wishes, promised)
+        return by_amounts(self._cluster, row, lower, wishes, promised=promised, fits=fits)
 
     def _by_trial(self, i: int, row: int, promised: Sequence[PlacedPod]) -> Candidate | None:
         lower = lower_pods(self._cluster, row, self._pod.priority, self._spared)
@@ -239,10 +259,16 @@ class _Search:
         """What stands against a node with every lower pod gone: amounts, or what was promised to others there."""
         row = int(self._rows[i])
         promised = self._held.get(row, ())
-        if promised or self._touched(row):
-            self._by_trial(i, row, promised)
-            return self._reasons.get(i, 0)
-        return int(self._first[i])
+        if not promised and not self._touched(row):
+            return int(self._first[i])
+        if not promised and not self._touched(row, without=self._beside) and self._fits(row, self._staying(row)):
+            return int(self._rest[i])
+        self._by_trial(i, row, promised)
+        return self._reasons.get(i, 0)
+
+    def _staying(self, row: int) -> list[PlacedPod]:
+        going = {pod.uid for pod in lower_pods(self._cluster, row, self._pod.priority, self._spared)}
+        return [pod for pod in self._cluster.pods_on(self._cluster.nodes.names[row]) if pod.uid not in going]
 
 
 def resolvable(evaluation: Evaluation) -> npt.NDArray[np.intp]:

@@ -46,9 +46,14 @@ def by_amounts(
     row: int,
     lower: Sequence[PlacedPod],
     wishes: Mapping[str, int],
+    *,
     promised: Sequence[PlacedPod] = (),
+    fits: Callable[[Sequence[PlacedPod]], bool] | None = None,
 ) -> Candidate | None:
-    """The victims where nothing but amounts decides; None when the pod does not fit even without all of them."""
+    """The victims where nothing but amounts decides; None when the pod does not fit even without all of them.
+
+    `fits` decides as well, by the pods that stay.
+    """
     table, names = cluster.nodes, cluster.nodes.resources.index
     codes = {names[name]: amount for name, amount in wishes.items() if name in names}
     if len(codes) < len(wishes):
@@ -65,12 +70,19 @@ def by_amounts(
     slots = int(table.allowed_pods[row] - table.pod_count[row]) + len(lower) - len(promised) - 1
     if slots < 0 or any(amount < 0 for amount in left):
         return None
+    going = {pod.uid for pod in lower}
+    staying = [pod for pod in cluster.pods_on(table.names[row]) if pod.uid not in going]
+    if fits is not None and not fits(staying):
+        return None
 
     def stays(pod: PlacedPod) -> bool:
         nonlocal slots, left
         after = [amount - need for amount, need in zip(left, needs[pod.uid], strict=True)]
         if slots < 1 or any(amount < 0 for amount in after):
             return False
+        if fits is not None and not fits([*staying, pod]):
+            return False
+        staying.append(pod)
         slots, left = slots - 1, after
         return True
 

@@ -24,8 +24,8 @@ AVOIDED = {
 }
 
 
-def near(app: str, kind: str) -> dict[str, Any]:
-    term = {"topologyKey": "zone", "labelSelector": {"matchLabels": {"app": app}}}
+def near(app: str, kind: str, key: str = "zone") -> dict[str, Any]:
+    term = {"topologyKey": key, "labelSelector": {"matchLabels": {"app": app}}}
     return {"affinity": {kind: {"requiredDuringSchedulingIgnoredDuringExecution": [term]}}}
 
 
@@ -36,6 +36,7 @@ WISHES: tuple[dict[str, Any], ...] = (
     {},
     near("a", "podAffinity"),
     near("a", "podAntiAffinity"),
+    near("a", "podAntiAffinity", "kubernetes.io/hostname"),
     {"topologySpreadConstraints": [{**SPREAD, "labelSelector": {"matchLabels": {"app": "a"}}}]},
 )
 

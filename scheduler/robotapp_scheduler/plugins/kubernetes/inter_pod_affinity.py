@@ -1,5 +1,6 @@
 """InterPodAffinity: near the pods a pod wants, away from those it does not want or that do not want it."""
 
+from collections.abc import Sequence
 from typing import Final
 
 import msgspec
@@ -12,7 +13,7 @@ from robotapp_scheduler.core.affinity_terms import NO_TERMS, Kind, Term, Terms, 
 from robotapp_scheduler.core.changes import PLACED, Change, Event
 from robotapp_scheduler.core.columns import BoolArray, IntArray
 from robotapp_scheduler.core.counts import Census, Wanted
-from robotapp_scheduler.core.framework import FilterResult, PerDomain, PluginError, ScoreResult, Verdict
+from robotapp_scheduler.core.framework import Beside, FilterResult, PerDomain, PluginError, ScoreResult, Verdict
 from robotapp_scheduler.core.objects import Node
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo
 from robotapp_scheduler.core.view import Nodes
@@ -110,6 +111,29 @@ class InterPodAffinity:
         if any(_may_mean(term, other) for term in (*terms.affinity, *terms.anti_affinity)):
             return True
         return any(placed.term.kind is Kind.KEEPS_AWAY and _may_mean(placed.term, pod) for placed in other.terms)
+
+    def beside(self, pod: PodInfo, nodes: Nodes) -> Beside | None:
+        """With anti-affinity on the hostname only, of both sides, no other node matters."""
+        terms, pull = self._terms(pod, nodes)
+        topology = nodes.cluster.topology
+        keys = {*(term.topology_key for term in terms.anti_affinity), *(each.key for each in pull[Kind.KEEPS_AWAY])}
+        if terms.affinity or not all(topology.single(key) for key in keys):
+            return None
+        own = [(term.topology_key, term.matcher(topology.namespaces)) for term in terms.anti_affinity]
+        of_namespace = topology.namespaces.labels_of(pod.namespace)
+
+        def passes(row: int, others: Sequence[PlacedPod]) -> bool:
+            labels = nodes.labels_of(row)
+            for other in others:
+                if any(key in labels and meant.matches(other.namespace, other.labels) for key, meant in own):
+                    return False
+                for term in (placed.term for placed in other.terms):
+                    concerned = term.kind is Kind.KEEPS_AWAY and term.topology_key in labels
+                    if concerned and term.concerns(pod.namespace, pod.labels, of_namespace):
+                        return False
+            return True
+
+        return passes
 
     def hint(self, pod: PodInfo, event: Event) -> bool:
         """A pod came that is wanted, one went that is in the way, or nodes changed a topology key."""

@@ -1,7 +1,7 @@
 """NodePorts: a host port is taken once per node, protocol and address."""
 
 from robotapp_scheduler.core.changes import Change, Event
-from robotapp_scheduler.core.framework import FilterResult
+from robotapp_scheduler.core.framework import Beside, FilterResult
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo
 from robotapp_scheduler.core.ports import clash
 from robotapp_scheduler.core.shapes import host_ports
@@ -29,6 +29,10 @@ class NodePorts:
     def touched_by(self, pod: PodInfo, other: PlacedPod) -> bool:
         """Only pods that use one of the ports."""
         return any(clash(wanted, used) for used in other.ports for wanted in pod.host_ports)
+
+    def beside(self, pod: PodInfo, nodes: Nodes) -> Beside:  # noqa: ARG002 - the contract's signature
+        """Where no pod that stays uses one of the ports."""
+        return lambda _, others: not any(self.touched_by(pod, other) for other in others)
 
     def hint(self, pod: PodInfo, event: Event) -> bool:
         """A new node, or a pod gone that used (or was to use) one of the ports."""
