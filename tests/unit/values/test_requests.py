@@ -5,7 +5,7 @@ import pytest
 
 from robotapp_api.values.requests import DEFAULT_CPU_MILLI, DEFAULT_MEMORY_BYTES, pod_requests
 from robotapp_scheduler.core.objects import Pod, PodSpec
-from robotapp_scheduler.core.pods import requests_of
+from robotapp_scheduler.core.shapes import requests_of
 
 Json = dict[str, Any]
 MIB = 1024 * 1024
