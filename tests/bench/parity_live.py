@@ -36,7 +36,6 @@ from robotapp_testbed.product import install, start_scheduler
 
 Json = dict[str, Any]
 NOT_LIVE: Final[Mapping[str, str]] = {
-    "boxed-level": "NodeResourcesFit, see NOT_YET in tests/support/reference_comparison.py",
     "resource-claims": "refused in our own words: a known difference (docs/parity.md)",
 }
 """Families that are not compared live, and why."""

@@ -5,8 +5,7 @@ from collections.abc import Callable
 
 from tests.bench.parity_report import Report
 from tests.bench.parity_verdict import Verdict
-from tests.support.cluster_cases import seeded_case
-from tests.support.reference_comparison import SUPPORTED
+from tests.support.cluster_cases import FAMILIES, seeded_case
 from tests.support.ros_surroundings import both, decided
 
 
@@ -15,7 +14,7 @@ def campaign(*, cases: int, seed: str, say: Callable[[str], None]) -> Report:
     report = Report(seed)
     started = time.monotonic()
     for number in range(cases):
-        case = seeded_case(seed, number=number, families=SUPPORTED)
+        case = seeded_case(seed, number=number, families=list(FAMILIES))
         with_ros, without = (decided(core, case) for core in both(case))
         scored = {name: {"total": found} for name, found in without["nodes"].items() if isinstance(found, int)}
         report.take(case, Verdict(without["node"] or "", without["message"], scored if without["total"] else {}))

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import msgspec
-from tests.support.cluster_cases import FAMILIES, Case
+from tests.support.cluster_cases import Case
 from tests.support.reference_scheduler import Config, Decision, decide
 from tests.support.reference_scheduler.filtering import OUTSIDE
 from tests.support.scheduling import make_core, to_node, to_pod
@@ -24,13 +24,6 @@ from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.resource_claims import ResourceClaim
 
 Json = dict[str, Any]
-
-NOT_YET: Mapping[str, str] = {
-    "boxed-level": "NodeResourcesFit",
-}
-"""Families the product cannot decide yet, and the plugin they wait for. Whoever adds it takes them off this list."""
-
-SUPPORTED = [name for name in FAMILIES if name not in NOT_YET]
 
 
 def feed(core: SchedulerCore, kind: str, item: Json, *, remove: bool = False) -> None:

@@ -79,8 +79,8 @@ class PodRequests(NamedTuple):
     exact: what the pod occupies (the filter and BalancedAllocation read it).
     scored: what the Fit scorer assumes of an *incoming* pod: container sums with defaults for containers that name no
         cpu or memory; it knows no pod-level resources (upstream's quirk, kept for equal decisions).
-    placed: what the Fit scorer counts once the pod is placed: as `scored`, but pod-level values win. (The API server
-        names every resource of a container at the pod level too, once anything is named there.)
+    placed: what the Fit scorer counts once the pod is placed: as `scored`, but pod-level values win, and a pod that has
+        any gets a default only for what neither containers, pod level nor overhead name.
     """
 
     exact: Amounts
@@ -111,7 +111,8 @@ def pod_requests(spec: PodSpecLike, status: PodStatusLike | None = None) -> PodR
     scored = _plus(_aggregate(spec, _with(DEFAULTS)), overhead)
     if not level and status is None:
         return PodRequests(exact, scored, scored)
-    placed = _plus({**_held(spec, status, DEFAULTS), **level}, overhead)
+    lacking = {name: value for name, value in DEFAULTS.items() if not level or name not in exact}
+    placed = _plus({**_held(spec, status, lacking), **level}, overhead)
     return PodRequests(exact, scored, placed)
 
 

@@ -3,8 +3,8 @@
 from typing import Any
 
 import pytest
-from tests.support.cluster_cases import seeded_case
-from tests.support.reference_comparison import SUPPORTED, differences
+from tests.support.cluster_cases import FAMILIES, seeded_case
+from tests.support.reference_comparison import differences
 from tests.support.reference_scheduler import Config
 
 from robotapp_scheduler.config import parse
@@ -94,7 +94,7 @@ def test_decisions_with_arguments(families: tuple[str, ...], config: Config, arg
 
 def test_the_formulas_of_1_35_in_whole_decisions() -> None:
     """Of all families but a resize in place, whose older sum is not built (docs/parity.md)."""
-    families = [name for name in SUPPORTED if name != "resize"]
+    families = [name for name in FAMILIES if name != "resize"]
     document = {"apiVersion": API_VERSION, "kind": KIND, "compatVersion": OLD}
     (profile,) = parse(document, catalogue=catalogue()).profiles
     args = profile.plugin_config

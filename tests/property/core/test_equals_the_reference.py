@@ -2,30 +2,27 @@
 
 import random
 
-import pytest
 from hypothesis import HealthCheck, given, settings
 from tests.support.cluster_cases import FAMILIES, Case, cases, seeded_case
 from tests.support.cluster_cases.regressions import regressions
-from tests.support.reference_comparison import NOT_YET, SUPPORTED, build, compare, differences, feed
+from tests.support.reference_comparison import build, compare, differences, feed
 from tests.support.reference_scheduler import ClusterDump, decide
 from tests.support.reference_scheduler.model import Json
 
 CHECKS = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 SAMPLE = 1000
-PROOF = 200
-"""Cases within which a family the product cannot decide must show that it cannot."""
 
 
 def test_a_thousand_seeded_cases_equal_the_reference() -> None:
     """Another thousand in every run; `scripts/bench parity --reference --seed S --case N` shows the one that fails."""
     seed = str(random.randrange(10**6))
     for number in range(SAMPLE):
-        case = seeded_case(seed, number=number, families=SUPPORTED)
+        case = seeded_case(seed, number=number, families=list(FAMILIES))
         assert differences(case) == [], f"--seed {seed} --case {number}: {case.families}"
 
 
 @settings(CHECKS, max_examples=200)
-@given(cases(SUPPORTED))
+@given(cases(list(FAMILIES)))
 def test_drawn_cases_equal_the_reference(case: Case) -> None:
     assert differences(case) == []
 
@@ -36,30 +33,12 @@ def test_what_once_differed_equals_the_reference() -> None:
         assert each.profile or differences(each.case) == [], f"{each.name}: {each.why}"
 
 
-@pytest.mark.parametrize("family", NOT_YET)
-def test_a_family_on_the_list_of_those_to_come_still_differs(family: str) -> None:
-    """Whoever completes a family takes it off NOT_YET, and it is compared from then on."""
-    for number in range(PROOF):
-        case = seeded_case("proof", number=number, families=[family])
-        try:
-            if differences(case):
-                return
-        except Exception:  # noqa: BLE001 - a product that cannot even read the objects differs
-            return
-    pytest.fail(f"{family} agrees with the reference in {PROOF} cases: take it off NOT_YET")
-
-
-def test_every_family_is_either_compared_or_on_the_list_of_those_to_come() -> None:
-    assert set(SUPPORTED) | set(NOT_YET) == set(FAMILIES)
-    assert not set(SUPPORTED) & set(NOT_YET)
-
-
 def _node_of(pod: Json) -> str:
     return str(pod["spec"].get("nodeName") or "")
 
 
 @settings(CHECKS, max_examples=60)
-@given(cases(SUPPORTED, nodes=4, placed=3), cases(SUPPORTED, nodes=4, placed=3))
+@given(cases(list(FAMILIES), nodes=4, placed=3), cases(list(FAMILIES), nodes=4, placed=3))
 def test_cached_classes_stay_equal_to_the_reference_while_the_cluster_changes(first: Case, second: Case) -> None:
     """One core sees pods come and go and nodes change: repaired columns must equal columns made anew."""
     cluster, pod = first.cluster, first.pod

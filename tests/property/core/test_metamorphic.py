@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from tests.support.cluster_cases import Case, cases
+from tests.support.cluster_cases import FAMILIES, Case, cases
 from tests.support.cluster_cases.scene import Json, make_node
-from tests.support.reference_comparison import SUPPORTED, build
+from tests.support.reference_comparison import build
 from tests.support.reference_scheduler import decide
 from tests.support.reference_scheduler.quantities import exact
 
@@ -18,7 +18,7 @@ from robotapp_scheduler.core.engine import Engine
 CHECKS = settings(
     max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large]
 )
-WITHOUT_IMAGES = [name for name in SUPPORTED if name != "images"]
+WITHOUT_IMAGES = [name for name in FAMILIES if name != "images"]
 """ImageLocality does depend on the number of nodes and of containers."""
 
 
@@ -67,7 +67,7 @@ def nodes_of(case: Case) -> list[Json]:
 
 
 @CHECKS
-@given(cases(SUPPORTED), st.randoms(use_true_random=False))
+@given(cases(list(FAMILIES)), st.randoms(use_true_random=False))
 def test_the_order_of_nodes_decides_nothing(case: Case, random: st.random_module) -> None:
     nodes = nodes_of(case)
     random.shuffle(nodes)
@@ -85,7 +85,7 @@ def test_a_node_nobody_can_use_changes_nothing_for_the_others(case: Case) -> Non
 
 
 @CHECKS
-@given(cases(SUPPORTED))
+@given(cases(list(FAMILIES)))
 def test_the_way_an_amount_is_written_changes_nothing(case: Case) -> None:
     written = tuple(rewritten(each) for each in case.objects)
     assert answer(replace(case, objects=written)) == answer(case)
@@ -140,6 +140,6 @@ def test_two_containers_that_share_the_work_of_one_change_nothing(case: Case, pa
 
 
 @CHECKS
-@given(cases(SUPPORTED))
+@given(cases(list(FAMILIES)))
 def test_caches_change_nothing(case: Case) -> None:
     assert answer(case, caching=False) == answer(case)

@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from tests.support.cluster_cases import Case, cases
-from tests.support.reference_comparison import NOT_YET, build
+from tests.support.reference_comparison import build
 from tests.support.reference_scheduler import Config
 from tests.support.reference_scheduler.resources import balance_score, fit_score
 from tests.support.reference_scheduler.state import State
@@ -18,9 +18,7 @@ from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.plugins.kubernetes.balanced_allocation import BalancedArgs, NodeResourcesBalancedAllocation
 from robotapp_scheduler.plugins.kubernetes.resources_fit import FitArgs, NodeResourcesFit
 
-FAMILIES = [
-    name for name in ("amounts", "extended", "pod-level", "init-steps", "overhead", "resize") if name not in NOT_YET
-]
+FAMILIES = ("amounts", "extended", "pod-level", "init-steps", "overhead", "boxed-level", "resize")
 RESOURCES = st.dictionaries(
     st.sampled_from(("cpu", "memory", "example.com/gpu", "ephemeral-storage")),
     st.integers(1, 5),

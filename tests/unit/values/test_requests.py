@@ -157,6 +157,13 @@ def test_a_placed_pod_with_pod_level_requests_has_defaults_for_what_is_not_named
     assert found.placed == {"cpu": 2 * DEFAULT_CPU_MILLI, "memory": MIB}
 
 
+def test_what_only_the_overhead_of_such_a_pod_names_gets_no_default() -> None:
+    level = {"requests": {"cpu": "1"}}
+    found = pod_requests(spec(container(), resources=level, overhead={"cpu": "250m", "memory": "120Mi"}))
+    assert found.placed == {"cpu": 1250, "memory": 120 * MIB}
+    assert found.scored == {"cpu": 250 + DEFAULT_CPU_MILLI, "memory": 120 * MIB + DEFAULT_MEMORY_BYTES}
+
+
 def test_a_running_pod_without_requests_counts_with_defaults_while_it_is_resized() -> None:
     found = requests_of(running({}, granted={"cpu": "1"}))
     assert found.exact == {"cpu": 1000}
