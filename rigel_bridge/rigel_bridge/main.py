@@ -10,7 +10,7 @@ from pathlib import Path
 import yaml
 
 from rigel_bridge import __version__
-from rigel_bridge.document import parse, read_bytes
+from rigel_bridge.document import STANDARD_INPUT, parse, read_bytes
 from rigel_bridge.failures import BridgeError, Exit, Place
 from rigel_bridge.render import render
 from rigel_bridge.rigelfile import load
@@ -19,6 +19,7 @@ _EXAMPLES = """\
 examples:
   rigel-bridge render                                    the Rigelfile of this folder, to the screen
   rigel-bridge render ws/Rigelfile | kubectl apply -f -  straight to the cluster
+  git show v1:Rigelfile | rigel-bridge render - --name amr-teleop
   rigel-bridge render --name amr-teleop -n fleet -o k8s/teleop.yaml
 
 exit codes:
@@ -64,7 +65,11 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     command.add_argument(
-        "rigelfile", nargs="?", type=Path, default=Path("Rigelfile"), help="file to read (default: ./Rigelfile)"
+        "rigelfile",
+        nargs="?",
+        type=Path,
+        default=Path("Rigelfile"),
+        help="file to read, - for standard input (default: ./Rigelfile)",
     )
     command.add_argument("--name", help="name of the RobotApp (default: from the file, else the folder's name)")
     command.add_argument("-n", "--namespace", help="its namespace (default: from the file, else none)")
@@ -79,7 +84,8 @@ def _parser() -> argparse.ArgumentParser:
 def _render(arguments: argparse.Namespace) -> tuple[str, tuple[str, ...]]:
     path: Path = arguments.rigelfile
     data = read_bytes(path)
-    rigelfile = load(parse(data, str(path)), {} if arguments.no_env else os.environ)
+    shown = "standard input" if path == STANDARD_INPUT else str(path)
+    rigelfile = load(parse(data, shown), {} if arguments.no_env else os.environ)
     rendered = render(
         rigelfile,
         name=arguments.name or path.resolve().parent.name,

@@ -109,6 +109,12 @@ ROBOTAPP = [
         "an empty selector would choose every node; write matchLabels, for example robotics.io/robot: amr-07",
     ),
     RuleCase(
+        "label keys of a selector",
+        _selector(matchLabels={"robotics.io/robot": "amr-07", "tier": "edge"}),
+        _selector(matchLabels={"robotics.io/": "amr-07"}),
+        "a key is no label key; write for example robotics.io/robot",
+    ),
+    RuleCase(
         "In needs values",
         _selector(matchExpressions=[{"key": "robotics.io/robot", "operator": "In", "values": ["amr-07"]}]),
         _selector(matchExpressions=[{"key": "robotics.io/robot", "operator": "In"}]),

@@ -1,6 +1,6 @@
 """Which robots an app is for."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import Field, StringConstraints
 
@@ -9,7 +9,9 @@ from robotapp_api.model.markers import MapAtomic, Rule
 from robotapp_api.model.scalars import ShortText
 
 Instances = Literal["Each", "Any"]
-LabelKey = Annotated[str, StringConstraints(min_length=1, max_length=317)]
+LABEL_KEY: Final = "^([a-z0-9]([-a-z0-9.]*[a-z0-9])?/)?[A-Za-z0-9]([-A-Za-z0-9_.]*[A-Za-z0-9])?$"
+"""Prefix and name; their lengths are left to whoever reads the label."""
+LabelKey = Annotated[str, StringConstraints(min_length=1, max_length=317, pattern=LABEL_KEY)]
 
 
 class LabelExpression(Model):
@@ -43,6 +45,11 @@ class LabelSelector(Model):
         Rule(
             rule="(has(self.matchLabels) && size(self.matchLabels) > 0) || (has(self.matchExpressions) && size(self.matchExpressions) > 0)",
             message="an empty selector would choose every node; write matchLabels, for example robotics.io/robot: amr-07",
+        ),
+        Rule(
+            rule=f"!has(self.matchLabels) || self.matchLabels.all(key, key.matches('{LABEL_KEY}'))",
+            message="a key is no label key; write for example robotics.io/robot",
+            path=".matchLabels",
         ),
     )
 

@@ -35,6 +35,8 @@ _KEPT: Final = (
 )
 _MAX_LENGTH: Final = {"value": 32_768, "name": 253, "key": 317, "command": 4_096, "args": 4_096, "data": 32_768}
 _MAX_ITEMS: Final = {"env": 128, "args": 128, "envFrom": 16, "initContainers": 8}
+_BOUNDS: Final = {"containerPort": {"minimum": 1, "maximum": 65_535}}
+"""What the API server checks beside its OpenAPI."""
 _INT_OR_STRING: Final = {
     "x-kubernetes-int-or-string": True,
     "anyOf": [{"type": "integer"}, {"type": "string"}],
@@ -91,6 +93,8 @@ class _Source:
         elif result["type"] == "array":
             result |= {"items": self.convert(target["items"], name=name), "maxItems": _MAX_ITEMS.get(name, 64)}
             _require_keys(result)
+        elif name in _BOUNDS:
+            result |= _BOUNDS[name]
         elif result["type"] == "string" and "enum" not in target:
             result["maxLength"] = _MAX_LENGTH.get(name, 1_024)
         if target.get("default") or node.get("default"):

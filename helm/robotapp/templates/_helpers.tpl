@@ -81,3 +81,19 @@ securityContext:
   readOnlyRootFilesystem: true
   capabilities: {drop: [ALL]}
 {{- end -}}
+
+{{/* Refuses a set of ids the API server would refuse: helm says so at once, not when the pool is created at last. */}}
+{{- define "robotapp.checkIds" -}}
+{{- $state := dict "last" -1 -}}
+{{- range $part := splitList "," .ids -}}
+{{- if $part -}}
+{{- $ends := splitList "-" $part -}}
+{{- $first := int (first $ends) -}}
+{{- $last := int (last $ends) -}}
+{{- if or (lt $last $first) (gt $last 232) (le $first (int (get $state "last"))) -}}
+{{- fail (printf "domainPool.%s: %q in %q: ranges must ascend without overlap, up to 232" $.field $part $.ids) -}}
+{{- end -}}
+{{- $_ := set $state "last" $last -}}
+{{- end -}}
+{{- end -}}
+{{- end -}}

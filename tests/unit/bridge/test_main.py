@@ -1,6 +1,7 @@
 """The command line: where things go and which exit code says what."""
 
 import errno
+import io
 import subprocess
 import sys
 from pathlib import Path
@@ -45,6 +46,18 @@ def test_a_file_can_be_written_instead(rigelfile: Path, tmp_path: Path, capsys: 
     assert main(["render", str(rigelfile), "-o", str(target), "--name", "x", "-n", "fleet"]) == 0
     assert capsys.readouterr().out == ""
     assert yaml.safe_load(target.read_text())["metadata"]["namespace"] == "fleet"
+
+
+def test_a_dash_reads_standard_input_and_mistakes_name_it(
+    rigelfile: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(rigelfile.parent)
+    for text, code in ((ONE, 0), ("packages: [", 71)):
+        monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(text.encode())))
+        assert main(["render", "-", "--no-env"]) == code
+    told = capsys.readouterr()
+    assert yaml.safe_load(told.out)["metadata"]["name"] == "my-robot", "named after the folder one is in"
+    assert told.err.startswith("standard input:")
 
 
 def test_without_a_name_the_rigelfile_of_the_folder_is_read(
