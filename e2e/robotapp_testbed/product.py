@@ -81,12 +81,20 @@ def start_operator(cp: ControlPlane, *, name: str = "operator", wait: bool = Tru
 
 
 def start_scheduler(
-    cp: ControlPlane, config: Path | None = None, *, name: str = "scheduler", wait: bool = True, **flags: object
+    cp: ControlPlane,
+    config: Path | None = None,
+    *,
+    name: str = "scheduler",
+    wait: bool = True,
+    env: Mapping[str, str] | None = None,
+    **flags: object,
 ) -> Process:
-    """`python -m robotapp_scheduler` as the scheduler's identity."""
+    """`python -m robotapp_scheduler` as the scheduler's identity; `env` comes on top of ours."""
     extra = {"config": config} if config else {}
     given = {**extra, **flags}
-    return _start(cp, "robotapp_scheduler", identity="scheduler", name=name, wait=wait, flags=given, scheme="https")
+    return _start(
+        cp, "robotapp_scheduler", identity="scheduler", name=name, wait=wait, flags=given, scheme="https", env=env
+    )
 
 
 def arguments(flags: Mapping[str, object]) -> list[str]:
@@ -110,6 +118,7 @@ def _start(
     wait: bool,
     flags: Mapping[str, object],
     scheme: str,
+    env: Mapping[str, str] | None = None,
 ) -> Process:
     (port,) = ports.free_ports(1)
     own = {"kubeconfig": cp.kubeconfig(identity), "health_port": port}
@@ -119,7 +128,7 @@ def _start(
         [sys.executable, "-m", module, *arguments({**own, **flags})],
         run_dir=cp.run_dir,
         log_path=cp.logs_dir / f"{name}.log",
-        env={key: value for key, value in os.environ.items() if key != "KUBECONFIG"} | {"POD_NAME": name},
+        env={key: value for key, value in os.environ.items() if key != "KUBECONFIG"} | {"POD_NAME": name, **(env or {})},
         ready=lambda: answers(f"{url}/readyz"),
         ready_timeout_s=_PROCESS_READY_S,
         health_url=url,

@@ -1,0 +1,97 @@
+"""Watches the pods of one namespace on the way around every proxy, and keeps their history."""
+
+import asyncio
+import time
+from collections.abc import Mapping
+from typing import Any, Self
+
+import msgspec
+from tests.support.scheduler_faults.history import History, Known, Room
+
+from robotapp_api.client.api import ApiClient
+from robotapp_api.client.reflector import Change, Reflector
+from robotapp_api.client.resources import PODS
+
+CPU_LABEL = "cpu-milli"
+
+
+class _Meta(msgspec.Struct, gc=False, rename="camel"):
+    name: str = ""
+    namespace: str = ""
+    uid: str = ""
+    resource_version: str = ""
+    labels: dict[str, str] = {}
+
+
+class _Spec(msgspec.Struct, gc=False, rename="camel"):
+    node_name: str = ""
+
+
+class _Condition(msgspec.Struct, gc=False):
+    type: str
+    status: str
+    reason: str = ""
+
+
+class _Status(msgspec.Struct, gc=False):
+    conditions: list[_Condition] = []
+
+
+class _Pod(msgspec.Struct, gc=False):
+    metadata: _Meta
+    spec: _Spec
+    status: _Status
+
+
+class Observer:
+    """`history` is up to date with what the API server has told; `bind_s` are the moments binds were seen at."""
+
+    def __init__(self, client: ApiClient, namespace: str, rooms: Mapping[str, Room]) -> None:
+        self.history = History(rooms)
+        self.bind_s: list[float] = []
+        self._reflector: Reflector[Any] = Reflector(
+            client, PODS, as_type=_Pod, namespace=namespace, on_change=self._take
+        )
+        self._lists = self._listed_at = 0
+
+    @property
+    def gaps(self) -> int:
+        """How often the watch had to be replaced by a list: what happened in between has no order."""
+        return max(0, self._reflector.stats.lists - 1)
+
+    async def __aenter__(self) -> Self:
+        self._task = asyncio.create_task(self._reflector.run())
+        await self._reflector.synced.wait()
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self._task.cancel()
+        await asyncio.gather(self._task, return_exceptions=True)
+
+    def _take(self, change: Change) -> None:
+        ordered = self._ordered()
+        if change.new is None:
+            self.history.gone(change.old.metadata.uid)
+            return
+        pod = change.new
+        before = self.history.binds
+        known = Known(pod.metadata.name, int(pod.metadata.labels.get(CPU_LABEL, "0")), pod.spec.node_name)
+        known.reported = next(
+            (each.reason for each in pod.status.conditions if each.type == "PodScheduled" and each.status == "False"),
+            "",
+        )
+        self.history.seen(pod.metadata.uid, known, ordered=ordered)
+        if self.history.binds > before:
+            self.bind_s.append(time.monotonic())
+
+    def _ordered(self) -> bool:
+        """Whether this change comes from a watch; the first one after a list has every node judged."""
+        stats = self._reflector.stats
+        if stats.lists != self._lists:
+            self._lists, self._listed_at = stats.lists, stats.watches
+        if stats.watches == self._listed_at:
+            return False
+        if self._listed_at >= 0:
+            self._listed_at = -1
+            self.history.settle()
+        return True

@@ -1,0 +1,83 @@
+"""What one run is made of, and what a fault can see and do while it lasts."""
+
+import asyncio
+import random
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from tests.bench.contestants import OURS
+from tests.support.proxy import FaultProxy
+from tests.support.scheduler_faults.crew import Crew, Member
+from tests.support.scheduler_faults.observer import Observer
+
+from robotapp_api.client.api import ApiClient
+from robotapp_api.client.errors import ClientError, NotFound
+from robotapp_api.client.resources import LEASES
+from robotapp_testbed import ControlPlane
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What one run is made of. `room` is the part of the pods that there is a place for."""
+
+    fault: str
+    pods: int
+    seed: int
+    room: float = 1.1
+    schedulers: int = 1
+    through_proxy: bool = False
+    election: Mapping[str, str] = field(
+        default_factory=lambda: {"leaseDuration": "15s", "renewDeadline": "10s", "retryPeriod": "2s"}
+    )
+    environment: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(slots=True)
+class Run:
+    """One run while it lasts: what faults act on."""
+
+    plan: Plan
+    cp: ControlPlane
+    client: ApiClient
+    proxy: FaultProxy
+    observer: Observer
+    crew: Crew
+    random: random.Random
+    started_s: float = 0.0
+    over_s: float = 0.0
+    """When the last fault was over."""
+    notes: dict[str, float] = field(default_factory=dict)
+    problems: list[str] = field(default_factory=list)
+
+    async def bound(self, part: float, *, within_s: float = 300.0) -> None:
+        """Wait until this part of the pods was bound."""
+        wanted = int(part * self.plan.pods * min(1.0, self.plan.room))
+        deadline_s = time.monotonic() + within_s
+        while self.observer.history.binds < wanted:
+            if time.monotonic() > deadline_s:
+                raise TimeoutError(f"{self.observer.history.binds} of {wanted} binds after {within_s:.0f} s")
+            await asyncio.sleep(0.02)
+
+    async def holder(self) -> str:
+        try:
+            lease = await self.client.get(LEASES, OURS.lease, namespace=OURS.lease_namespace)
+        except (NotFound, ClientError):
+            return ""
+        return str(lease["spec"].get("holderIdentity") or "")
+
+    async def leader(self, *, other_than: str = "", within_s: float = 90.0) -> Member:
+        """The member that holds the lease."""
+        deadline_s = time.monotonic() + within_s
+        while True:
+            holder = await self.holder()
+            for member in self.crew.members:
+                if member.process.name == holder != other_than and member.process.running:
+                    return member
+            if time.monotonic() > deadline_s:
+                raise TimeoutError(f"nobody else took the lease in {within_s:.0f} s, the holder is {holder!r}")
+            await asyncio.sleep(0.1)
+
+    def ended(self) -> None:
+        """A fault is over: recovery is counted from here."""
+        self.over_s = time.monotonic()
