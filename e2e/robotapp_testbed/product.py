@@ -128,7 +128,8 @@ def _start(
         [sys.executable, "-m", module, *arguments({**own, **flags})],
         run_dir=cp.run_dir,
         log_path=cp.logs_dir / f"{name}.log",
-        env={key: value for key, value in os.environ.items() if key != "KUBECONFIG"} | {"POD_NAME": name, **(env or {})},
+        env={key: value for key, value in os.environ.items() if key != "KUBECONFIG"}
+        | {"POD_NAME": name, **(env or {})},
         ready=lambda: answers(f"{url}/readyz"),
         ready_timeout_s=_PROCESS_READY_S,
         health_url=url,

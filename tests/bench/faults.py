@@ -8,14 +8,16 @@ cache say the same as the API server, and it does nothing any more. `--room shor
 import argparse
 import asyncio
 import json
+import math
 import platform
 import sys
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from tests.bench.figures import table
+from rich.console import Console
+from rich.table import Table
+from tests.bench.speed.console import number, say
 from tests.support.scheduler_faults.campaign import Campaign
 from tests.support.scheduler_faults.faults import FAULTS, clock_environment
 from tests.support.scheduler_faults.run import Plan
@@ -23,6 +25,10 @@ from tests.support.scheduler_faults.run import Plan
 from robotapp_testbed import ControlPlane
 
 ROOM = {"enough": 1.1, "short": 0.99}
+COLUMNS = ("room", "bound", "reported", "binds", "refused bindings", "seconds", "recovery s", "restarts",
+           "peak RSS MB", "CPU ms/pod", "watch gaps")  # fmt: skip
+UNTOLD = ("fault", "seed", "pods", "problems", "CPU at rest", "writes at rest", "looks until quiet")
+WIDTH = 240
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -31,7 +37,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     rooms = list(ROOM) if arguments.room == "both" else [arguments.room]
     with ControlPlane(kwok=False, controller_manager=False, audit=True) as cp:
         results = asyncio.run(_all(cp, arguments, [(name, room) for name in names for room in rooms]))
-    print(table({f"{each['fault']}, {each['room']}": _figures(each) for each in results}))
+    Console(soft_wrap=True, width=WIDTH).print(_table(results))
     for each in results:
         for problem in each["problems"]:
             print(f"{each['fault']}, room for {each['room']}: {problem}")
@@ -79,13 +85,17 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def say(text: str) -> None:
-    print(f"{time.strftime('%H:%M:%S')} {text}", file=sys.stderr, flush=True)
-
-
-def _figures(found: dict[str, Any]) -> dict[str, float]:
-    figures = {name: value for name, value in found.items() if isinstance(value, int | float) and name != "seed"}
-    return figures | {"problems": len(found["problems"])}
+def _table(results: list[dict[str, Any]]) -> Table:
+    """One line per run; what only some faults have to tell comes last."""
+    made = Table(title="the scheduler under faults")
+    for head in ("fault", *COLUMNS, "problems", "more"):
+        made.add_column(head, justify="left" if head in {"fault", "more"} else "right", no_wrap=True)
+    for each in results:
+        more = {name: value for name, value in each.items() if name not in {*COLUMNS, *UNTOLD}}
+        cells = [number(each.get(name, math.nan)) for name in COLUMNS]
+        told = ", ".join(f"{name} {number(value)}" for name, value in more.items())
+        made.add_row(each["fault"], *cells, str(len(each["problems"])), told)
+    return made
 
 
 if __name__ == "__main__":

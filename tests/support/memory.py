@@ -14,6 +14,7 @@ from tests.support.apiserver.verbs import act, target
 
 from robotapp_api.client import ApiClient, Endpoint, Unreachable
 from robotapp_api.client.transport import Response, Stream
+from robotapp_api.client.wire import Permitted, always
 
 
 class Mishap(StrEnum):
@@ -79,9 +80,18 @@ class MemoryTransport:
     async def close(self) -> None: ...
 
     async def request(
-        self, method: str, path: str, *, body: bytes | None = None, content_type: str = "", timeout_s: float
+        self,
+        method: str,
+        path: str,
+        *,
+        body: bytes | None = None,
+        content_type: str = "",
+        timeout_s: float,
+        permitted: Permitted = always,
     ) -> Response:
         del timeout_s
+        if not permitted():
+            raise Unreachable("not permitted", maybe_applied=False)
         self.seen.append((method, path))
         mishap = Mishap.DOWN if self.down else self.mishaps.pop(0) if self.mishaps else None
         write = method != "GET"

@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
+from robotapp_api.client.errors import Unreachable
 from robotapp_api.client.resources import Resource
 
 Answer = Any
@@ -45,7 +46,9 @@ class ScriptedClient:
         self.slept_s.append(seconds)
         self.now_s += seconds
 
-    async def post_raw(self, path: str, body: bytes) -> Any:
+    async def post_raw(self, path: str, body: bytes, *, permitted: Callable[[], bool] = lambda: True) -> Any:
+        if not permitted():
+            raise Unreachable("not permitted", maybe_applied=False)
         return self._answer("post_raw", path, body)
 
     async def get(self, resource: Resource, name: str, *, namespace: str | None = None, as_type: Any = dict) -> Any:

@@ -25,6 +25,7 @@ from robotapp_api.client.errors import ApiError, Gone, ServerError, TooManyReque
 from robotapp_api.client.login import Endpoint
 from robotapp_api.client.resources import Resource
 from robotapp_api.client.transport import HttpTransport, Response, Stream, Transport
+from robotapp_api.client.wire import Permitted, always
 
 T = TypeVar("T")
 Json = dict[str, Any]
@@ -266,17 +267,28 @@ class ApiClient:
         body = bodies.delete_body(uid=uid, resource_version=resource_version, propagation=propagation)
         await self.request("DELETE", resource.path(namespace, name), body, JSON if body else "")
 
-    async def post_raw(self, path: str, body: bytes) -> bytes:
-        """POST ready JSON bytes (bindings, evictions, events): nothing is encoded, decoded or copied on the way."""
-        return (await self.request("POST", path, body, JSON)).body
+    async def post_raw(self, path: str, body: bytes, *, permitted: Permitted = always) -> bytes:
+        """POST ready JSON bytes (bindings, evictions, events): nothing is encoded, decoded or copied on the way.
+
+        `permitted` is asked in the moment of sending; a no raises Unreachable(maybe_applied=False).
+        """
+        return (await self.request("POST", path, body, JSON, permitted=permitted)).body
 
     # The wire
 
-    async def request(self, method: str, path: str, body: bytes | None = None, content_type: str = "") -> Response:
+    async def request(
+        self,
+        method: str,
+        path: str,
+        body: bytes | None = None,
+        content_type: str = "",
+        *,
+        permitted: Permitted = always,
+    ) -> Response:
         """One request sent once. Raises ApiError for status >= 400, Unreachable when there is no complete answer."""
         try:
             response = await self._transport.request(
-                method, path, body=body, content_type=content_type, timeout_s=self._timeout_s
+                method, path, body=body, content_type=content_type, timeout_s=self._timeout_s, permitted=permitted
             )
         except Unreachable:
             self.requests[method, 0] += 1

@@ -44,6 +44,8 @@ INACTIVITY_S: Final = 75.0
 SERVER_TIMEOUT_S: Final = (300.0, 600.0)
 STEADY_S: Final = 5.0
 """A watch that lived this long was a good one even if nothing happened in it."""
+MOST_DELAY_S: Final = 5.0
+"""Longest pause between two attempts: how long after the server is back we may still be blind."""
 RESUMES: Final = 3
 """After so many fruitless attempts to resume, list again: perhaps it is the version that nobody can serve."""
 
@@ -103,7 +105,7 @@ class Reflector(Generic[T]):
         self._streaming = streaming
         self._page = page
         self._inactivity_s = inactivity_s
-        self._backoff = backoff or Backoff(base_s=0.2, cap_s=30.0, uniform=client.uniform)
+        self._backoff = backoff or Backoff(base_s=0.2, cap_s=MOST_DELAY_S, uniform=client.uniform)
         self._objects: dict[str, T] = {}
         self._identities: dict[str, Identity] = {}
         self._contact: float | None = None

@@ -14,7 +14,16 @@ from yarl import URL
 from robotapp_api.client.errors import Unreachable
 from robotapp_api.client.login import Endpoint
 from robotapp_api.client.pool import ConnectionPool
-from robotapp_api.client.wire import CONNECT_TIMEOUT_S, KEEPALIVE_S, Answer, BrokenError, Connections, NotSentError
+from robotapp_api.client.wire import (
+    CONNECT_TIMEOUT_S,
+    KEEPALIVE_S,
+    Answer,
+    BrokenError,
+    Connections,
+    NotSentError,
+    Permitted,
+    always,
+)
 
 SAFE_METHODS: Final = frozenset({"GET", "HEAD"})
 Response = Answer
@@ -38,7 +47,14 @@ class Transport(Protocol):
     async def close(self) -> None: ...
 
     async def request(
-        self, method: str, path: str, *, body: bytes | None = None, content_type: str = "", timeout_s: float
+        self,
+        method: str,
+        path: str,
+        *,
+        body: bytes | None = None,
+        content_type: str = "",
+        timeout_s: float,
+        permitted: Permitted = always,
     ) -> Response: ...
 
     def stream(self, path: str, *, silence_s: float) -> contextlib.AbstractAsyncContextManager[Stream]: ...
@@ -98,33 +114,48 @@ class HttpTransport:
         await self.close()
 
     async def request(
-        self, method: str, path: str, *, body: bytes | None = None, content_type: str = "", timeout_s: float
+        self,
+        method: str,
+        path: str,
+        *,
+        body: bytes | None = None,
+        content_type: str = "",
+        timeout_s: float,
+        permitted: Permitted = always,
     ) -> Response:
         """One request, one answer of any status; `path` carries its query, already escaped.
 
-        Raises Unreachable, with `maybe_applied` true as soon as a byte of a write may have left.
+        Raises Unreachable, with `maybe_applied` true as soon as a byte of a write may have left; nothing leaves when
+        `permitted` says no at the moment of sending.
         """
         credentials = self._endpoint.credentials
         if credentials.due:
             await credentials.refresh()
         generation = credentials.generation
-        response = await self._once(method, path, body, content_type, timeout_s)
+        data = self._bytes(method, path, body, content_type)
+        response = await self._once(data, method, path, timeout_s=timeout_s, permitted=permitted)
         # A 401 was not executed, whatever the verb: with a newer token the request may be repeated.
         if response.status == 401 and await credentials.refresh(seen_generation=generation):
-            response = await self._once(method, path, body, content_type, timeout_s)
+            data = self._bytes(method, path, body, content_type)
+            response = await self._once(data, method, path, timeout_s=timeout_s, permitted=permitted)
         return response
 
-    async def _once(self, method: str, path: str, body: bytes | None, content_type: str, timeout_s: float) -> Response:
-        connections = self._connections
-        if connections is None:
-            raise Unreachable(_CLOSED, maybe_applied=False)
+    def _bytes(self, method: str, path: str, body: bytes | None, content_type: str) -> bytes:
+        connections = self._open()
         if " " in path or not path.isprintable():
             raise ValueError(f"{path!r} is not an escaped path")
         size = "" if body is None else f"Content-Length: {len(body)}\r\n"
         line = f"{method} {connections.prefix}{path} HTTP/1.1\r\n{size}"
-        data = line.encode() + self._request_headers(content_type, connections.host_header) + (body or b"")
+        return line.encode() + self._request_headers(content_type, connections.host_header) + (body or b"")
+
+    def _open(self) -> Connections:
+        if self._connections is None:
+            raise Unreachable(_CLOSED, maybe_applied=False)
+        return self._connections
+
+    async def _once(self, data: bytes, method: str, path: str, *, timeout_s: float, permitted: Permitted) -> Response:
         try:
-            return await connections.request(data, timeout_s=timeout_s)
+            return await self._open().request(data, timeout_s=timeout_s, permitted=permitted)
         except NotSentError as error:
             raise Unreachable(f"{_where(method, path)}: {error}", maybe_applied=False) from error
         except BrokenError as error:

@@ -8,7 +8,7 @@ import asyncio
 import contextlib
 import socket
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Final, NamedTuple, cast
 from urllib.parse import urlsplit
 
@@ -20,6 +20,12 @@ CONNECT_TIMEOUT_S: Final = 5.0
 KEEPALIVE_S: Final = 60.0
 """Idle connections are dropped before the server (Go: 90 s and more) closes them under a request."""
 CLOSE_S: Final = 1.0
+Permitted = Callable[[], bool]
+
+
+def always() -> bool:
+    """Requests that nothing forbids."""
+    return True
 
 
 class Answer(NamedTuple):
@@ -170,12 +176,17 @@ class Connections:
     def __repr__(self) -> str:
         return f"<Connections {self.host_header}: {self._claimed} busy, {len(self._idle)} idle, {len(self._waiting)} waiting>"
 
-    async def request(self, data: bytes, *, timeout_s: float) -> Answer:
-        """Send `data` on a free connection. Raises NotSentError or BrokenError; `timeout_s` counts from here."""
+    async def request(self, data: bytes, *, timeout_s: float, permitted: Permitted = always) -> Answer:
+        """Send `data` on a free connection. Raises NotSentError or BrokenError; `timeout_s` counts from here.
+
+        `permitted` is asked in the moment of sending: while a connection was waited for, the answer may have changed.
+        """
         loop = asyncio.get_running_loop()
         deadline_s = loop.time() + timeout_s
         connection = await self._take(loop, timeout_s)
         try:
+            if not permitted():
+                raise NotSentError("no longer permitted")
             return await connection.exchange(data, max(0.0, deadline_s - loop.time()))
         finally:
             self._give_back(connection, loop.time())

@@ -12,7 +12,7 @@ from robotapp_scheduler.core.alike import Alike
 from robotapp_scheduler.core.apps import AppIndex
 from robotapp_scheduler.core.budgets import Budgets
 from robotapp_scheduler.core.changes import EVERY_ROW, Change, ChangeLog
-from robotapp_scheduler.core.columns import IntArray
+from robotapp_scheduler.core.columns import IntArray, sane
 from robotapp_scheduler.core.devices import DeviceGrant, DeviceIndex
 from robotapp_scheduler.core.name_index import NameIndex
 from robotapp_scheduler.core.node_table import SCORED_CPU, SCORED_MEMORY, NodeTable
@@ -324,9 +324,9 @@ class Cluster:
             node=node,
             labels=info.labels,
             priority=info.priority,
-            requested=self._alike.same(self.nodes.resources.coded(requests.exact)),
-            scored_cpu_milli=requests.placed.get("cpu", 0),
-            scored_memory_bytes=requests.placed.get("memory", 0),
+            requested=self._alike.same(self.nodes.resources.held(requests.exact)),
+            scored_cpu_milli=sane(requests.placed.get("cpu", 0)),
+            scored_memory_bytes=sane(requests.placed.get("memory", 0)),
             ports=info.host_ports,
             terminating=info.deleting,
             assumed=assumed,

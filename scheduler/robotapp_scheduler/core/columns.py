@@ -24,6 +24,13 @@ EPHEMERAL: Final = 2
 BASE_RESOURCES: Final = ("cpu", "memory", "ephemeral-storage")
 LARGEST: Final = 2**53
 """Amounts are cut here: sums and products with 100 stay inside int64, and no real node offers more."""
+MOST_STRANGE: Final = 256
+"""Resources that pods may bring in without any node offering them."""
+
+
+def sane(amount: int) -> int:
+    """An amount as it is counted: neither negative nor more than any node offers."""
+    return max(0, min(amount, LARGEST))
 
 
 def grown(array: npt.NDArray[np.generic], rows: int) -> npt.NDArray[np.generic]:
@@ -153,13 +160,14 @@ class Interned(Generic[T]):
 class ResourceColumns:
     """int64 amounts per (resource, row): cpu in milli, everything else in whole units."""
 
-    __slots__ = ("allocatable", "index", "names", "requested")
+    __slots__ = ("_strange", "allocatable", "index", "names", "requested")
 
     def __init__(self) -> None:
         self.names: list[str] = list(BASE_RESOURCES)
         self.index: dict[str, int] = {name: i for i, name in enumerate(self.names)}
         self.allocatable: IntArray = np.zeros((len(self.names), START_ROWS), dtype=np.int64)
         self.requested: IntArray = np.zeros((len(self.names), START_ROWS), dtype=np.int64)
+        self._strange = 0
 
     def __repr__(self) -> str:
         return f"ResourceColumns({self.names})"
@@ -182,8 +190,22 @@ class ResourceColumns:
         return found
 
     def coded(self, amounts: dict[str, int]) -> tuple[tuple[int, int], ...]:
-        """(index, amount) pairs of a resource list, zero amounts left out."""
-        return tuple((self.code(name), min(value, LARGEST)) for name, value in amounts.items() if value)
+        """(index, amount) pairs of a resource list. Zero amounts are left out, and so are negative ones, which would make
+        room on a node for everybody.
+        """
+        return tuple((self.code(name), min(value, LARGEST)) for name, value in amounts.items() if value > 0)
+
+    def held(self, amounts: dict[str, int]) -> tuple[tuple[int, int], ...]:
+        """The same for what a pod holds. Anybody may run a pod that asks for ten thousand resources no node offers: only
+        so many of them become columns, the others count nowhere.
+        """
+        strange = [name for name in amounts if name not in self.index]
+        if strange:
+            room = max(0, MOST_STRANGE - self._strange)
+            self._strange += min(room, len(strange))
+            left_out = set(strange[room:])
+            amounts = {name: value for name, value in amounts.items() if name not in left_out}
+        return self.coded(amounts)
 
     def set_allocatable(self, row: int, amounts: Iterable[tuple[int, int]]) -> None:
         """Replace what a row offers."""

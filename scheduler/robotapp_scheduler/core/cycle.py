@@ -29,7 +29,7 @@ from robotapp_scheduler.core.profiles import Profile
 from robotapp_scheduler.core.queue import SchedulingQueue
 from robotapp_scheduler.core.queued import Gate, QueuedPod
 from robotapp_scheduler.core.recorder import Recorder
-from robotapp_scheduler.core.refusal import Refusals
+from robotapp_scheduler.core.refusal import EXCESS, Refusals, excessive
 from robotapp_scheduler.core.resolve import qos_fields, resolve
 from robotapp_scheduler.core.ros import InvalidAnnotation
 from robotapp_scheduler.core.together import NO_WISH, Advice, Wish, only_one_plan, plan_together
@@ -41,6 +41,7 @@ WAKERS: Final = {
     name: Waker(name, events)
     for name, events in (
         (ANNOTATIONS, Change.NONE),
+        (EXCESS, Change.NONE),
         (GROUP_PLUGIN, GROUP_EVENTS),
         (PREDECESSOR_PLUGIN, GROUP_EVENTS),
         (POD_GROUP_PLUGIN, POD_GROUP_EVENTS),
@@ -261,6 +262,8 @@ class SchedulerCore:
         """Resolve the pod's ROS wishes; a decision when it cannot be tried at all."""
         if pod.deleting:
             return failed(pod, f"skip schedule deleting pod: {pod.key}")
+        if pod.excess:
+            return excessive(pod, self.cluster.nodes.count)
         engine = self._engines[pod.scheduler_name]
         pod.ros = None
         pod.volume_key = self.cluster.volumes.key_of(pod)

@@ -88,6 +88,11 @@ class PodInfo:
         return self.priority >= SYSTEM_CRITICAL
 
     @property
+    def excess(self) -> str:
+        """Why it is refused before anything is looked up for it; empty for every sane pod."""
+        return self.shape.excess
+
+    @property
     def requests(self) -> PodRequests:
         """Sums of resources; raises ValueError when a quantity cannot be read."""
         return self.shape.requests

@@ -83,7 +83,7 @@ def _cost(evaluation: Evaluation, size: int) -> FloatArray:
 def _capacity(cluster: Cluster, pods: Sequence[PodInfo]) -> tuple[IntArray, IntArray]:
     """Demand per pod and what is left per row, of the resources somebody asks for; pods are the last."""
     table = cluster.nodes
-    asked = [dict(table.resources.coded(pod.requests.exact)) for pod in pods]
+    asked = [dict(table.resources.held(pod.requests.exact)) for pod in pods]
     codes = sorted(set().union(*asked))
     demand = np.array([[*(amounts.get(code, 0) for code in codes), 1] for amounts in asked], dtype=np.int64)
     left = table.resources.allocatable[codes, : table.size] - table.resources.requested[codes, : table.size]

@@ -11,9 +11,22 @@ from robotapp_scheduler.core.profiles import Profile
 
 LOST_DEVICE = "node(s) lost a device to another pod"
 DEVICE_PLUGIN = "ROSReserve"
+EXCESS = "ExcessivePod"
+"""Stands for a plugin name: the pod asks for so much that nothing is looked up for it."""
 QUIRK = " not found"
 """Upstream's tail after a pre_filter before DynamicResources rejected the pod for good: DynamicResources' own post_filter
 misses what its pre_filter would have noted, and ends the chain before preemption."""
+
+
+def excessive(pod: PodInfo, nodes: int) -> Decision:
+    """The pod asks for more than anybody is given (core.excess)."""
+    return Decision(
+        pod=pod,
+        code=Code.UNRESOLVABLE,
+        message=pre_filter_message(nodes, pod.excess),
+        rejected_by=frozenset({EXCESS}),
+        nodes=nodes,
+    )
 
 
 class Refusals:

@@ -8,11 +8,14 @@ import msgspec
 
 from robotapp_api.values.requests import PodRequests, pod_requests
 from robotapp_scheduler.core.affinity_terms import affinity_key
+from robotapp_scheduler.core.excess import excess
 from robotapp_scheduler.core.needs import needs_of
 from robotapp_scheduler.core.objects import Container, OwnerReference, Pod
 
 ANY_IP: Final = "0.0.0.0"  # noqa: S104 - the wildcard a hostPort without hostIP stands for, nothing is bound here
 MOST_SHAPES: Final = 2048
+MOST_KEY_BYTES: Final = 16_384
+"""Larger pods are not remembered: two thousand of 1.5 MB would fill the memory."""
 _encode: Final = msgspec.msgpack.Encoder().encode
 
 
@@ -37,6 +40,11 @@ class Shape:
 
     def __repr__(self) -> str:
         return f"Shape(of {self._pod.key})"
+
+    @cached_property
+    def excess(self) -> str:
+        """Why nothing is looked up for such pods; empty for every sane one."""
+        return excess(self._pod.spec)
 
     @cached_property
     def requests(self) -> PodRequests:
@@ -90,6 +98,8 @@ def shape_of(pod: Pod) -> Shape:
             (meta.name, spec.volumes) if spec.volumes else None,  # an ephemeral volume's claim is named after its pod
         )
     )  # fmt: skip
+    if len(key) > MOST_KEY_BYTES:
+        return Shape(pod)
     shape = _shapes.get(key)
     if shape is None:
         if len(_shapes) >= MOST_SHAPES:

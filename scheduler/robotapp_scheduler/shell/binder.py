@@ -7,6 +7,7 @@ Nothing here ever deletes a claim: a lost reply may mean "bound".
 """
 
 import asyncio
+import itertools
 import random
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
@@ -26,12 +27,15 @@ from robotapp_api.client.errors import (
     means_gone,
 )
 from robotapp_api.client.resources import PODS
+from robotapp_api.client.wire import Permitted, always
 from robotapp_scheduler.core.objects import Pod
 
 TRIES = 4
 FIRST_DELAY_S = 0.01
 DELAY_FACTOR = 5.0
 JITTER = 0.1
+MOST_DOUBT_DELAY_S = 2.0
+"""Longest pause between two looks at a pod whose bind may have been applied."""
 """Retry policy of kube-scheduler 1.37: 4 tries, 10 ms, each delay five times the last, 10 % jitter."""
 
 
@@ -42,6 +46,7 @@ class BindResult(StrEnum):
     GONE = "Gone"  # deleted, re-created or being deleted: nothing to retry
     TAKEN = "Taken"  # another scheduler bound it
     CHANGED = "Changed"  # still pending, but not the version we decided on
+    DEPOSED = "Deposed"  # we lead no longer: nothing was sent, and nothing may be said about the pod
     FAILED = "Failed"
 
 
@@ -82,10 +87,13 @@ class Binder:
         self,
         client: ApiClient,
         *,
+        permitted: Permitted = always,
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
         uniform: Callable[[], float] = random.random,
     ) -> None:
+        """`permitted` is asked before every Binding leaves: whether we still lead."""
         self._client = client
+        self._permitted = permitted
         self._sleep = sleep
         self._uniform = uniform
         self._encoder = msgspec.json.Encoder()
@@ -111,36 +119,46 @@ class Binder:
                 target=_Reference(name=node),
             )
         )
-        problem = ""
+        problem, in_doubt = "", False
         for attempt in range(TRIES):
             if attempt:
                 await self._sleep(self._delay_s(attempt))
+            if not self._permitted():
+                return BindOutcome(BindResult.DEPOSED)
             try:
-                await self._client.post_raw(path, body)
+                await self._client.post_raw(path, body, permitted=self._permitted)
             except TooManyRequests as error:
                 problem = str(error)
                 await self._sleep(error.retry_after_s or 0.0)
             except (Conflict, NotFound) as error:
-                return await self._look(pod, node, problem=str(error))
+                return await self._look(pod, node, problem=str(error), in_doubt=in_doubt)
             except ServerError as error:
-                problem = str(error)
+                problem, in_doubt = str(error), True
                 if error.status not in {500, 503}:
-                    return await self._look(pod, node, problem=problem)
+                    return await self._look(pod, node, problem=problem, in_doubt=True)
             except Unreachable as error:
                 problem = str(error)
                 if error.maybe_applied:
-                    return await self._look(pod, node, problem=problem)
+                    return await self._look(pod, node, problem=problem, in_doubt=True)
             except ApiError as error:
                 return BindOutcome(BindResult.FAILED, str(error))
             else:
                 return BindOutcome(BindResult.BOUND, node=node)
-        return await self._look(pod, node, problem=problem)
+        return await self._look(pod, node, problem=problem, in_doubt=in_doubt)
 
-    async def _look(self, pod: Pod, node: str, *, problem: str) -> BindOutcome:
-        """Read the pod after an unclear answer: the only way to know whether the bind took effect."""
-        for attempt in range(TRIES):
+    async def _look(self, pod: Pod, node: str, *, problem: str, in_doubt: bool = False) -> BindOutcome:
+        """Read the pod after an unclear answer: the only way to know whether the bind took effect.
+
+        While it may have (`in_doubt`) we go on looking until there is an answer, however long the API server is away:
+        who gave the room on the node to another pod meanwhile would fill the node twice.
+        """
+        for attempt in itertools.count():
             if attempt:
-                await self._sleep(self._delay_s(attempt))
+                if attempt >= TRIES and not in_doubt:
+                    break
+                await self._sleep(min(self._delay_s(attempt), MOST_DOUBT_DELAY_S))
+            if not self._permitted():
+                return BindOutcome(BindResult.DEPOSED)
             try:
                 found = await self._client.get(PODS, pod.metadata.name, namespace=pod.metadata.namespace, as_type=Pod)
             except ClientError as error:
@@ -152,7 +170,8 @@ class Binder:
         return BindOutcome(BindResult.FAILED, problem)
 
     def _delay_s(self, attempt: int) -> float:
-        return FIRST_DELAY_S * DELAY_FACTOR ** (attempt - 1) * (1 + JITTER * self._uniform())
+        step = min(attempt, 2 * TRIES) - 1
+        return FIRST_DELAY_S * DELAY_FACTOR**step * (1 + JITTER * self._uniform())
 
 
 def judge(found: Pod, wanted: Pod, node: str, *, problem: str) -> BindOutcome:

@@ -38,14 +38,17 @@ class Evictor:
         metrics: Metrics,
         *,
         clock: Callable[[], float],
+        permitted: Callable[[], bool] = lambda: True,
         now: Callable[[], str] = utc_now,
         wake: Callable[[], None] = lambda: None,
     ) -> None:
+        """`permitted` is asked before every write: whether we still lead."""
         self._core = core
         self._client = client
         self._events = events
         self._metrics = metrics
         self._clock = clock
+        self._permitted = permitted
         self._now = now
         self._wake = wake
         self._tasks: set[asyncio.Task[None]] = set()
@@ -134,6 +137,8 @@ class Evictor:
         for attempt in range(TRIES):
             if attempt:
                 await self._client.sleep(0.05 * 5.0 ** (attempt - 1))
+            if not self._permitted():
+                return None
             try:
                 await step()
             except NotFound as error:

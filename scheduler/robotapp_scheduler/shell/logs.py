@@ -1,9 +1,11 @@
 """Log lines: one JSON object per line for machines, or plain text for people. Fields given as `extra` are kept."""
 
+import asyncio
 import json
 import logging
 import sys
 import time
+from typing import Any
 
 _FORMAT = "%(asctime)s %(levelname)-7s %(name)s %(message)s"
 
@@ -33,3 +35,14 @@ def set_up(log_format: str, level: str) -> None:
     root.handlers[:] = [handler]
     root.setLevel(level.upper())
     logging.getLogger("asyncio").setLevel(logging.WARNING)
+
+
+def without_broken_off(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """An exception handler for the loop: uvloop reports a fatal error, with a stack, when bytes come in on a TLS connection
+    that we have just broken off (a leader without a lease waits for no answer). Everything else is told as ever.
+    """
+    broken_off = context.get("message") == "Fatal error on SSL protocol" and "closed=True" in repr(
+        context.get("transport")
+    )
+    if not broken_off:
+        loop.default_exception_handler(context)

@@ -9,6 +9,7 @@ import logging
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from contextlib import suppress
 
+from robotapp_api.model.names import PodReason
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.posing import Posed
@@ -25,6 +26,7 @@ log = logging.getLogger(__name__)
 IN_FLIGHT = 64
 """Pods between decision and answered bind; more only makes the API server queue them."""
 SLICE = 32
+BUG = "internal error while looking for a node; the scheduler's log has the stack"
 TICK_S = 1.0
 
 
@@ -40,14 +42,17 @@ class SchedulerLoop:
         *,
         planner: Planner,
         clock: Callable[[], float],
+        permitted: Callable[[], bool] = lambda: True,
         in_flight: int = IN_FLIGHT,
     ) -> None:
+        """`permitted` is asked before every decision: whether we still lead."""
         self._core = core
         self._placer = placer
         self._reporter = reporter
         self._metrics = metrics
         self._planner = planner
         self._clock = clock
+        self._permitted = permitted
         self._woken = asyncio.Event()
         self._slots = asyncio.Semaphore(in_flight)
         self._tasks: set[asyncio.Task[None]] = set()
@@ -73,7 +78,7 @@ class SchedulerLoop:
             decided = 0
             while not self._stopping:
                 await self._slots.acquire()
-                batch = self._core.queue.pop()
+                batch = self._core.queue.pop() if self._permitted() else []
                 if not batch:
                     self._slots.release()
                     await self._idle()
@@ -133,6 +138,7 @@ class SchedulerLoop:
             for queued in batch:
                 self._core.cluster.forget(queued.info.uid)
                 self._core.queue.requeue(queued, Rejection())
+                self._reporter.unscheduled(queued.info.pod, reason=PodReason.SCHEDULER_ERROR, message=BUG)
             self._slots.release()
             return
         self._metrics.algorithm_s.observe(self._clock() - started_s)

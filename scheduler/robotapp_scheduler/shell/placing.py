@@ -212,6 +212,10 @@ class Placer:
             self._reporter.scheduled(pod.pod, outcome.node)
             self._metrics.bound(queued, profile, started_s=started_s, now_s=self._clock())
             return
+        if outcome.result is BindResult.DEPOSED:
+            self._forget(pod)
+            self._core.queue.requeue(queued, Rejection())  # whoever leads now places it and speaks about it
+            return
         if outcome.result is not BindResult.FAILED:
             self._metrics.bind_conflicts.inc()
         if outcome.result in {BindResult.GONE, BindResult.TAKEN}:

@@ -37,6 +37,7 @@ from robotapp_scheduler.shell.explaining import Explainer
 from robotapp_scheduler.shell.feed import Feed
 from robotapp_scheduler.shell.intake import Intake
 from robotapp_scheduler.shell.kubelet_refusals import KubeletRefusals
+from robotapp_scheduler.shell.logs import without_broken_off
 from robotapp_scheduler.shell.loop import SchedulerLoop
 from robotapp_scheduler.shell.metrics import Metrics
 from robotapp_scheduler.shell.placing import Placer
@@ -125,7 +126,7 @@ class Scheduler:
         """What comes in, and what is told about it."""
         client, names = self._client, self.running.config.scheduler_names
         self.events = PodEvents(client, names)
-        self.reporter = Reporter(client, self.events)
+        self.reporter = Reporter(client, self.events, permitted=self._may_act)
         self.refusals = KubeletRefusals(client, self.events, self.metrics)
         self.intake = Intake(
             self.core.cluster,
@@ -145,10 +146,12 @@ class Scheduler:
         self.volumes = VolumeWriter(
             client, self.core.cluster, alive=lambda uid: uid in self.intake.waiting, clock=CLOCK
         )
-        self.evictor = Evictor(self.core, client, self.events, self.metrics, clock=CLOCK, wake=self._wake)
+        self.evictor = Evictor(
+            self.core, client, self.events, self.metrics, clock=CLOCK, permitted=self._may_act, wake=self._wake
+        )
         placer = Placer(
             self.core,
-            binder=Binder(client),
+            binder=Binder(client, permitted=self._may_act),
             reserver=Reserver(client),
             reporter=self.reporter,
             metrics=self.metrics,
@@ -159,7 +162,15 @@ class Scheduler:
             evict=self.evictor.start,
         )
         self.planner = Planner()
-        self.loop = SchedulerLoop(self.core, placer, self.reporter, self.metrics, planner=self.planner, clock=CLOCK)
+        self.loop = SchedulerLoop(
+            self.core,
+            placer,
+            self.reporter,
+            self.metrics,
+            planner=self.planner,
+            clock=CLOCK,
+            permitted=self._may_act,
+        )
 
     def stop(self) -> None:
         """Finish what is in flight, give the lease back, end."""
@@ -203,9 +214,9 @@ class Scheduler:
 
     async def _wind_down(self, work: asyncio.Task[None]) -> None:
         self.loop.stop()
-        await self.loop.drain(STOP_TIMEOUT_S)
-        await self.evictor.drain(STOP_TIMEOUT_S)
-        if not self._lost:
+        if not self._lost:  # else somebody else leads, and what is in flight is his
+            await self.loop.drain(STOP_TIMEOUT_S)
+            await self.evictor.drain(STOP_TIMEOUT_S)
             await self.events.drain()
         work.cancel()  # a leader that is cancelled gives its lease back
         with contextlib.suppress(asyncio.CancelledError):
@@ -308,6 +319,12 @@ class Scheduler:
             live_checks={"leader-election": self._leads, "scheduling-loop": self._turns},
         )
 
+    def _may_act(self) -> bool:
+        """Whether our lease holds. Asked before every write of a leader: a process that was stopped wakes up in the
+        middle of what it did, and its successor has filled the nodes meanwhile.
+        """
+        return self._election is None or self._election.is_leader
+
     def _leads(self) -> bool:
         return self._election is None or not self._leading.is_set() or self._election.is_leader
 
@@ -327,6 +344,7 @@ async def run(options: Options) -> int:
             log.warning("%s", warning)
         scheduler = Scheduler(client, running, options, source=source, last_good=last_good)
         loop = asyncio.get_running_loop()
+        loop.set_exception_handler(without_broken_off)
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, scheduler.stop)
         return await scheduler.run()

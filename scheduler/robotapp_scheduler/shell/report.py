@@ -50,9 +50,18 @@ def utc_now() -> str:
 class Reporter:
     """Condition and event writer. `run` does the writing; the other methods only note what is to be said."""
 
-    def __init__(self, client: ApiClient, events: Events, *, now: Callable[[], str] = utc_now) -> None:
+    def __init__(
+        self,
+        client: ApiClient,
+        events: Events,
+        *,
+        permitted: Callable[[], bool] = lambda: True,
+        now: Callable[[], str] = utc_now,
+    ) -> None:
+        """`permitted` is asked before every condition is written: whether we still lead."""
         self._client = client
         self._events = events
+        self._permitted = permitted
         self._now = now
         self._said: OrderedDict[str, tuple[str, str, str | None]] = OrderedDict()
         self._latest: dict[str, _Text] = {}
@@ -135,6 +144,8 @@ class Reporter:
         for attempt in range(TRIES):
             if attempt:
                 await self._client.sleep(0.1 * attempt)
+            if not self._permitted():
+                break
             try:
                 await self._client.patch(
                     PODS,

@@ -1,7 +1,6 @@
 """The scheduler processes of one run: started, restarted when they end, and counted, as a Deployment would."""
 
 import asyncio
-import ssl
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
@@ -14,6 +13,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from tests.support.process_use import peak_rss_bytes
 
 from robotapp_testbed.process import Process
+from robotapp_testbed.servers import unverified
 
 LOST_LEADERSHIP = 1
 _WATCH_S = 0.2
@@ -48,9 +48,9 @@ class Member:
 
     def metrics(self) -> dict[str, dict[tuple[str, ...], float]]:
         """Families by name, samples by label values; empty when it does not answer."""
-        context = ssl._create_unverified_context()  # its own certificate, on loopback
+        url = f"{self.process.health_url}/metrics"
         try:
-            with urlopen(f"{self.process.health_url}/metrics", timeout=10, context=context) as answer:
+            with urlopen(url, timeout=10, context=unverified()) as answer:  # noqa: S310 - our own
                 text = answer.read().decode()
         except (URLError, OSError):
             return {}
@@ -78,8 +78,9 @@ class Crew:
         await asyncio.gather(self._task, return_exceptions=True)
         for member in self.members:
             await asyncio.to_thread(member.process.stop)
-            if "Traceback" in member.process.log_text():
-                self.problems.append(f"a stack in {member.process.log_path}")
+            text = member.process.log_text()
+            if "Traceback" in text:
+                self.problems.append(f"a stack: {text[max(0, text.index('Traceback') - 300) :][:3000]}")
 
     def kill(self, member: Member) -> None:
         member.look()

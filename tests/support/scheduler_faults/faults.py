@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from tests.bench.speed.contestants import OURS
 from tests.support.proxy import answer, delay, drop, lose_reply, reset
 from tests.support.scheduler_faults.crew import LOST_LEADERSHIP
 from tests.support.scheduler_faults.run import Run
 
 from robotapp_api.client.resources import LEASES
-from tests.bench.contestants import OURS
 
 STOPPED_S: Final = 60.0
 LEAST_CUTS: Final = 5
@@ -157,7 +157,11 @@ FAULTS: Final[Mapping[str, Fault]] = {
     "api-outage": Fault(api_outage, "API server killed, back after 20 s"),
     "etcd-restart": Fault(etcd_restart, "etcd killed twice, back after 2 s"),
     "watches": Fault(watches, "every watch closed every second", through_proxy=True),
-    "storm": Fault(storm, "a third of the writes answered 409, 429, 500, 503, 504 or not at all, half of these applied", through_proxy=True),
+    "storm": Fault(
+        storm,
+        "a third of the writes answered 409, 429, 500, 503, 504 or not at all, half of these applied",
+        through_proxy=True,
+    ),
     "two-schedulers": Fault(two_schedulers, "leader killed, its successor's lease stolen", schedulers=2),
     "zombie": Fault(zombie, "leader stopped for 60 s, then woken", schedulers=2, through_proxy=True),
     "clock-wall": Fault(clock_wall, "wall clock +1 h, -1 d, +1 y, back", clock=True, wall_only=True),

@@ -6,7 +6,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from tests.bench.contestants import OURS
+from tests.bench.speed.contestants import OURS
 from tests.support.proxy import FaultProxy
 from tests.support.scheduler_faults.crew import Crew, Member
 from tests.support.scheduler_faults.observer import Observer

@@ -149,6 +149,23 @@ async def test_who_finds_all_connections_busy_waits_in_line_and_no_longer_than_i
     assert len(script.requests) == 2
 
 
+async def test_what_is_no_longer_permitted_when_its_turn_comes_is_not_sent() -> None:
+    script = Script(b"", OK)
+    async with talking_to(script, limit=1) as connections:
+        slow = asyncio.create_task(ask(connections, timeout_s=0.2))
+        await asyncio.sleep(0.05)
+        allowed = [True]
+        waits = asyncio.create_task(connections.request(REQUEST, timeout_s=5.0, permitted=lambda: allowed[0]))
+        await asyncio.sleep(0.05)
+        allowed[0] = False
+        with pytest.raises(NotSentError, match="no longer permitted"):
+            await waits
+        with pytest.raises(BrokenError):
+            await slow
+        assert (await ask(connections)).body == b"ok"
+    assert len(script.requests) == 2
+
+
 async def test_a_cancelled_waiter_passes_its_place_on() -> None:
     async with talking_to(Script(b"", OK, OK), limit=1) as connections:
         first = asyncio.create_task(ask(connections, timeout_s=0.3))

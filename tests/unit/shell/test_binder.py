@@ -14,7 +14,7 @@ from robotapp_api.client.errors import (
     Unreachable,
 )
 from robotapp_scheduler.core.objects import Metadata, Pod, PodSpec
-from robotapp_scheduler.shell.binder import Binder, BindOutcome, BindResult
+from robotapp_scheduler.shell.binder import MOST_DOUBT_DELAY_S, Binder, BindOutcome, BindResult
 
 PATH = "/api/v1/namespaces/team-a/pods/drv-0/binding"
 
@@ -135,3 +135,39 @@ async def test_while_the_pod_cannot_be_read_the_outcome_stays_failed_with_both_r
     assert outcome.result is BindResult.FAILED
     assert "already assigned" in outcome.message
     assert "down" in outcome.message
+
+
+async def test_a_bind_that_may_have_been_applied_is_looked_at_until_there_is_an_answer() -> None:
+    away = [Unreachable("refused", maybe_applied=False)] * 600
+    client = ScriptedClient().script("post_raw", Unreachable("reset", maybe_applied=True))
+    client.script("get", *away, pod(node="edge-1"))
+    assert await bind(client) == BindOutcome(BindResult.BOUND, node="edge-1")
+    assert max(client.slept_s) == MOST_DOUBT_DELAY_S
+
+
+async def test_a_bind_that_was_surely_not_applied_fails_when_the_pod_cannot_be_read() -> None:
+    refused = Unreachable("refused", maybe_applied=False)
+    client = ScriptedClient().always("post_raw", refused).always("get", refused)
+    assert (await bind(client)).result is BindResult.FAILED
+
+
+async def test_a_500_before_a_conflict_leaves_the_bind_in_doubt() -> None:
+    client = ScriptedClient().script("post_raw", server_error(500), conflict())
+    client.script("get", *[server_error(503)] * 20, pod(node="edge-1"))
+    assert (await bind(client)).result is BindResult.BOUND
+
+
+@pytest.mark.parametrize("told", [0, 1, 2, 3])
+async def test_who_leads_no_longer_sends_and_says_nothing_more(told: int) -> None:
+    """Asked before an attempt, in the moment of sending, before the next attempt, and between two looks."""
+    answers = iter([True] * told)
+    client = ScriptedClient().always("post_raw", server_error(504)).always("get", server_error(503))
+    binder = Binder(
+        client,  # type: ignore[arg-type]
+        permitted=lambda: next(answers, False),
+        sleep=client.sleep,
+        uniform=lambda: 0.0,
+    )
+    assert (await binder.bind(pod(), "edge-1")).result is BindResult.DEPOSED
+    assert client.methods().count("post_raw") == (told >= 2)
+    assert client.methods().count("get") == (told >= 3)

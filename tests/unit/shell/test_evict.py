@@ -22,8 +22,9 @@ NOW = "2026-11-21T00:00:00Z"
 class Desk:
     """An evictor, a full node with two victims, and a preemptor that waits in the queue."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, leads: bool = True) -> None:
         self.client = ScriptedClient().always("patch", {}).always("delete", None)
+        self.leads = leads
         self.notes: list[tuple[str, str, str, str]] = []
         self.core = make_core(make_node("n", cpu="2"))
         for name in ("a", "b"):
@@ -40,6 +41,7 @@ class Desk:
             self,
             Metrics(),
             clock=lambda: 0.0,
+            permitted=lambda: self.leads,
             now=lambda: NOW,  # type: ignore[arg-type]
         )
         self.evictor.start(self.plan, self.vip)
@@ -130,6 +132,11 @@ async def test_a_victim_that_ends_already_is_not_deleted_again() -> None:
     assert await desk.done() == []
     desk.core.queue.activate(["uid-vip"])
     assert desk.core.queue.pending()["active"] == 1
+
+
+async def test_who_leads_no_longer_evicts_nobody() -> None:
+    desk = Desk(leads=False)
+    assert await desk.done() == []
 
 
 def ending(victim: Any) -> Any:

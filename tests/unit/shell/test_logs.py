@@ -2,7 +2,7 @@ import json
 import logging
 import sys
 
-from robotapp_scheduler.shell.logs import JsonLines
+from robotapp_scheduler.shell.logs import JsonLines, without_broken_off
 
 
 def record(message: str, *args: object, **extra: object) -> logging.LogRecord:
@@ -26,3 +26,31 @@ def test_an_exception_keeps_its_stack_on_the_same_line() -> None:
     text = JsonLines().format(found)
     assert "\n" not in text
     assert "ValueError: invalid literal" in json.loads(text)["stack"]
+
+
+class Told:
+    def __init__(self) -> None:
+        self.contexts: list[dict[str, object]] = []
+
+    def default_exception_handler(self, context: dict[str, object]) -> None:
+        self.contexts.append(context)
+
+
+class Transport:
+    def __init__(self, closed: bool) -> None:
+        self.closed = closed
+
+    def __repr__(self) -> str:
+        return f"<TCPTransport closed={self.closed} reading=False>"
+
+
+def test_only_connections_that_we_broke_off_ourselves_are_silent() -> None:
+    told = Told()
+    message = "Fatal error on SSL protocol"
+    for context in (
+        {"message": message, "transport": Transport(closed=True)},
+        {"message": message, "transport": Transport(closed=False)},
+        {"message": "Task exception was never retrieved"},
+    ):
+        without_broken_off(told, context)  # type: ignore[arg-type]
+    assert [each["message"] for each in told.contexts] == [message, "Task exception was never retrieved"]

@@ -36,7 +36,13 @@ class Desk:
     def __init__(self) -> None:
         self.client = ScriptedClient().always("patch", {})
         self.events = Recorded()
-        self.reporter = Reporter(self.client, self.events, now=lambda: NOW)  # type: ignore[arg-type]
+        self.leads = True
+        self.reporter = Reporter(
+            self.client,  # type: ignore[arg-type]
+            self.events,  # type: ignore[arg-type]
+            permitted=lambda: self.leads,
+            now=lambda: NOW,
+        )
 
     async def settle(self) -> list[Any]:
         task = asyncio.create_task(self.reporter.run())
@@ -129,6 +135,13 @@ async def test_what_could_not_be_written_is_said_again_at_the_next_attempt() -> 
     await desk.settle()
     desk.reporter.unscheduled(pod(), reason="Unschedulable", message="no room")
     assert len(await desk.settle()) == 4
+
+
+async def test_who_leads_no_longer_writes_no_condition() -> None:
+    desk = Desk()
+    desk.reporter.unscheduled(pod(), reason="Unschedulable", message="0/1 nodes are available.")
+    desk.leads = False
+    assert await desk.settle() == []
 
 
 async def test_a_deleting_pod_gets_one_warning_and_no_condition() -> None:
