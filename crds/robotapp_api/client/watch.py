@@ -1,5 +1,6 @@
 """Bytes of a watch stream to typed events: line splitting, a cheap envelope, and who an object is."""
 
+import re
 from collections.abc import AsyncIterator, Callable
 from typing import Any, Final, Generic, NamedTuple, TypeVar, get_type_hints
 
@@ -16,6 +17,8 @@ DELETED: Final = "DELETED"
 BOOKMARK: Final = "BOOKMARK"
 ERROR: Final = "ERROR"
 
+MOST_NESTED: Final = 200
+"""The decoder gives up at about a thousand levels, also in parts it skips."""
 MAX_LINE_BYTES: Final = 32 * 2**20
 """etcd refuses objects above 1.5 MiB; a longer line means we lost the thread."""
 INITIAL_EVENTS_END: Final = "k8s.io/initial-events-end"
@@ -71,6 +74,30 @@ _RAW_PAGE = msgspec.json.Decoder(_RawPage)
 _BARE = msgspec.json.Decoder(_Bare)
 _STATUS = msgspec.json.Decoder(Status)
 _USUAL = (b'{"type":"MODIFIED"', b'{"type":"ADDED"', b'{"type":"DELETED"')
+
+
+_NESTING = re.compile(rb'"(?:[^"\\]|\\.)*+"|[{}\[\]]')
+
+
+def shallow(body: bytes, *, most: int = MOST_NESTED) -> bytes:
+    """The same JSON with null for whatever is nested deeper: one such object would stop list and watch for ever.
+
+    >>> shallow(b'{"a": [[{"b": "}"}], 1]}', most=2)
+    b'{"a": [null, 1]}'
+    """
+    parts: list[bytes] = []
+    depth = kept = 0
+    for token in _NESTING.finditer(body):
+        sign = body[token.start()]
+        if sign in b"{[":
+            if depth == most:
+                parts += (body[kept : token.start()], b"null")
+            depth += 1
+        elif sign in b"}]":
+            depth -= 1
+            if depth == most:
+                kept = token.end()
+    return b"".join([*parts, body[kept:]])
 
 
 async def lines(chunks: AsyncIterator[bytes], *, limit: int = MAX_LINE_BYTES) -> AsyncIterator[list[bytes]]:
@@ -145,6 +172,12 @@ class WatchDecoder(Generic[T]):
     def page(self, body: bytes) -> "Page[Read[T]]":
         """A list page, in one pass unless an object in it does not fit. Raises Unreachable when it is no list."""
         try:
+            return self._read_page(body)
+        except RecursionError:
+            return self._read_page(shallow(body))
+
+    def _read_page(self, body: bytes) -> "Page[Read[T]]":
+        try:
             page = self._page.decode(body)
             return Page(page.metadata, [(obj, self.identify(obj), "") for obj in page.items or ()])
         except (msgspec.ValidationError, KeyError, TypeError):
@@ -152,6 +185,12 @@ class WatchDecoder(Generic[T]):
 
     def event(self, line: bytes) -> WatchEvent:
         """One line. Raises Unreachable when it is no watch event, the ApiError of an ERROR event."""
+        try:
+            return self._read_event(line)
+        except RecursionError:
+            return self._read_event(shallow(line))
+
+    def _read_event(self, line: bytes) -> WatchEvent:
         try:
             if line.startswith(_USUAL):  # one pass over the bytes; the rest pays for two
                 try:

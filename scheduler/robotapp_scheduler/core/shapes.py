@@ -87,17 +87,10 @@ def shape_of(pod: Pod) -> Shape:
     """The shape of a pod. What tells replicas apart (name, uid, node, annotations, status) is not part of it."""
     if pod.status.resizes:
         return Shape(pod)  # it holds something else than its spec says
-    meta, spec = pod.metadata, pod.spec
-    owner = controller_of(meta.owner_references) if meta.owner_references else None
-    key = _encode(
-        (
-            meta.namespace, meta.labels, owner, spec.scheduler_name, spec.priority, spec.containers,
-            spec.init_containers, spec.overhead, spec.resources, spec.node_selector, spec.affinity, spec.tolerations,
-            spec.topology_spread_constraints, spec.host_network, spec.host_users,
-            (spec.resource_claims, pod.status.resource_claim_statuses) if spec.resource_claims else None,
-            (meta.name, spec.volumes) if spec.volumes else None,  # an ephemeral volume's claim is named after its pod
-        )
-    )  # fmt: skip
+    try:
+        key = _key(pod)
+    except OverflowError:  # a number no encoder takes: from no API server
+        return Shape(pod)
     if len(key) > MOST_KEY_BYTES:
         return Shape(pod)
     shape = _shapes.get(key)
@@ -106,6 +99,20 @@ def shape_of(pod: Pod) -> Shape:
             _shapes.clear()
         shape = _shapes[key] = Shape(pod)
     return shape
+
+
+def _key(pod: Pod) -> bytes:
+    meta, spec = pod.metadata, pod.spec
+    owner = controller_of(meta.owner_references) if meta.owner_references else None
+    return _encode(
+        (
+            meta.namespace, meta.labels, owner, spec.scheduler_name, spec.priority, spec.containers,
+            spec.init_containers, spec.overhead, spec.resources, spec.node_selector, spec.affinity, spec.tolerations,
+            spec.topology_spread_constraints, spec.host_network, spec.host_users,
+            (spec.resource_claims, pod.status.resource_claim_statuses) if spec.resource_claims else None,
+            (meta.name, spec.volumes) if spec.volumes else None,  # an ephemeral volume's claim is named after its pod
+        )
+    )  # fmt: skip
 
 
 def controller_of(owners: list[OwnerReference] | None) -> OwnerReference | None:

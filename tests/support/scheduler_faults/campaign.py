@@ -109,7 +109,7 @@ class Campaign:
         }
         config = self.cp.run_dir / f"{name}.yaml"
         config.write_text(yaml.safe_dump(document))
-        flags: Json = {}
+        flags: Json = {"insecure_explain": True}
         if plan.through_proxy:
             flags["kubeconfig"] = proxy.route(name, self.cp.kubeconfig("scheduler")).kubeconfig
         return start_scheduler(self.cp, config=config, name=name, env=plan.environment, **flags)

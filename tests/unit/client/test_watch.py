@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tests.support.scripted import bookmark, error_event, event, item
 
 from robotapp_api.client.errors import Gone, ServerError, Unreachable
-from robotapp_api.client.watch import BOOKMARK, Identity, WatchDecoder, lines
+from robotapp_api.client.watch import BOOKMARK, Identity, WatchDecoder, lines, shallow
 
 
 async def chunked(chunks: list[bytes]) -> AsyncIterator[bytes]:
@@ -105,3 +105,30 @@ def test_dicts_are_known_by_their_metadata() -> None:
     decoder = WatchDecoder(dict, namespaced=True)
     assert decoder.identify(item("a", 1)) == Identity("default/a", "uid-a", "1")
     assert decoder.identify({"metadata": {"name": "n"}}) == Identity("n", "", "")
+
+
+def nested(levels: int) -> str:
+    return '{"a":' * levels + "1" + "}" * levels
+
+
+@pytest.mark.parametrize("levels", [1200, 200_000])
+@pytest.mark.parametrize("spec", ['{"selector": %s}', '{"nobody reads this": [%s]}'])
+def test_an_object_nested_without_end_is_read_as_far_as_anybody_looks(levels: int, spec: str) -> None:
+    meta = '{"namespace": "a", "name": "b", "uid": "u", "resourceVersion": "7"}'
+    obj = f'{{"metadata": {meta}, "spec": {spec % nested(levels)}}}'
+    decoder = WatchDecoder(dict, namespaced=True)
+    found = decoder.event(f'{{"type": "ADDED", "object": {obj}}}'.encode())
+    assert found.identity == Identity("a/b", "u", "7")
+    (read,) = decoder.page(f'{{"metadata": {{"resourceVersion": "9"}}, "items": [{obj}]}}'.encode()).items or ()
+    assert (read[1], read[2]) == (found.identity, "")
+    assert found.obj["metadata"]["name"] == "b"
+
+
+@given(
+    st.recursive(st.none() | st.text() | st.integers(), lambda each: st.lists(each) | st.dictionaries(st.text(), each))
+)
+def test_what_is_shallow_already_stays_as_it_is(value: object) -> None:
+    body = json.dumps(value, ensure_ascii=False).encode()
+    assert shallow(body) == body
+    cut = json.loads(shallow(body, most=1))
+    assert isinstance(cut, type(value))
