@@ -70,8 +70,15 @@ def take() -> Census:
 
 def left_since(before: Census, *, within_s: float = 10.0) -> dict[str, list[str]]:
     """What is new and does not go away: the kernel ends namespaces in the background."""
-    wait_until(lambda: not take().new_since(before), timeout_s=within_s, poll_s=0.2)
-    return take().new_since(before)
+    left: dict[str, list[str]] = {}
+
+    def clean() -> bool:
+        nonlocal left
+        left = take().new_since(before)
+        return not left
+
+    wait_until(clean, timeout_s=within_s, poll_s=0.2)
+    return left
 
 
 def _command_lines() -> Iterator[tuple[int, str]]:
@@ -86,6 +93,8 @@ def _is_ours(pid: int, lines: dict[int, str]) -> bool:
     if not _is_marked(lines[pid]):
         return False
     above = list(_ancestors(pid))
+    if above[-1:] != [1]:
+        return False  # it or one above it has just ended
     return os.getpid() in above or all(_is_marked(lines.get(each, "")) for each in above if each != 1)
 
 

@@ -1,7 +1,9 @@
 """One real node: a box with containerd, a kubelet and kube-proxy, and the faults tests inject into it."""
 
 import json
+import os
 import shutil
+import socket
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -251,8 +253,8 @@ class RealNode:
     def _start_containerd(self) -> None:
         program = prerequisites.required_program("containerd")
         self._start("containerd", [str(program), f"--config={self._folder / 'containerd.toml'}"])
-        socket = self._folder / "run" / "containerd" / "containerd.sock"
-        if not wait_until(lambda: socket.is_socket() or not self.containerd.running, timeout_s=_SERVES_S):
+        folder = self._folder / "run" / Path(containerd.SOCKET).parent.name
+        if not wait_until(lambda: _serves(folder) or not self.containerd.running, timeout_s=_SERVES_S):
             raise TestbedError(
                 f"containerd of {self.name} does not serve after {_SERVES_S:.0f} s: see {self.containerd}"
             )
@@ -268,3 +270,20 @@ class RealNode:
     def _start(self, name: str, argv: Sequence[str]) -> None:
         self._programs[name] = self.box.program(name, argv)
         self._programs[name].start()
+
+
+def _serves(folder: Path) -> bool:
+    """Whether containerd takes connections: its socket is there a moment earlier."""
+    try:
+        descriptor = os.open(folder, os.O_PATH | os.O_DIRECTORY)
+    except FileNotFoundError:
+        return False
+    try:
+        with socket.socket(socket.AF_UNIX) as probe:
+            # By way of the descriptor, since the path of a socket must be short.
+            probe.connect(f"/proc/self/fd/{descriptor}/{Path(containerd.SOCKET).name}")
+    except OSError:
+        return False
+    finally:
+        os.close(descriptor)
+    return True

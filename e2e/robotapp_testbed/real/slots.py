@@ -42,7 +42,7 @@ class Slot:
         self._file.close()
 
 
-def take(folder: Path = FOLDER, *, cgroups: Path = sweep.CGROUPS) -> Slot:
+def take(folder: Path = FOLDER, *, cgroups: Path = sweep.CGROUPS, links: Path = sweep.LINKS) -> Slot:
     """The lowest free number; what a killed holder left under it is removed first."""
     folder.mkdir(parents=True, exist_ok=True)
     for number in range(CLUSTERS):
@@ -51,7 +51,7 @@ def take(folder: Path = FOLDER, *, cgroups: Path = sweep.CGROUPS) -> Slot:
             continue
         slot = Slot(number, file)
         ours = slot.addresses
-        sweep.sweep(run_dir=_left_folder(file), cgroup=ours.cgroup, host_link=ours.host_link, root=cgroups)
+        sweep.sweep(run_dir=_left_folder(file), cgroup=ours.cgroup, host_link=ours.host_link, root=cgroups, links=links)
         return slot
     raise TestbedError(
         f"{CLUSTERS} clusters of real nodes run already: end some with `python -m robotapp_testbed down`"

@@ -54,9 +54,9 @@ def await_no_link(name: str, *, links: Path = LINKS, patience_s: float = _PATIEN
     return not (links / name).exists()
 
 
-def sweep(*, run_dir: Path | None, cgroup: str, host_link: str, root: Path = CGROUPS) -> None:
+def sweep(*, run_dir: Path | None, cgroup: str, host_link: str, root: Path = CGROUPS, links: Path = LINKS) -> None:
     remove_cgroups(cgroup, root=root)
-    await_no_link(host_link)
+    await_no_link(host_link, links=links)
     if run_dir:
         remove_folder(run_dir)
 

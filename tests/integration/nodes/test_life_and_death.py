@@ -42,7 +42,7 @@ def test_two_clusters_do_not_disturb_each_other(real_nodes: RealNodes, real_name
         names = {item["metadata"]["name"] for item in real_nodes.api.get("/api/v1/pods")["items"]}
         assert len(names & {"stays"}) == 1
     assert real_pods.container(real_nodes, real_namespace, "stays")["containerID"] == mine["containerID"]
-    assert real_nodes.ready_nodes() == {"robot-1", "edge-1"}
+    real_nodes.wait_nodes()
 
 
 def test_a_start_that_fails_leaves_nothing(real_machine: type[RealNodes]) -> None:

@@ -13,13 +13,17 @@ def cgroups(tmp_path: Path) -> Path:
     return tmp_path / "cgroup"
 
 
+def take(locks: Path, cgroups: Path) -> slots.Slot:
+    return slots.take(locks, cgroups=cgroups, links=cgroups)  # where no link of the machine is seen
+
+
 def test_clusters_get_numbers_of_their_own_and_give_them_back(tmp_path: Path, cgroups: Path) -> None:
     locks = tmp_path / "locks"
-    one, two = slots.take(locks, cgroups=cgroups), slots.take(locks, cgroups=cgroups)
+    one, two = take(locks, cgroups), take(locks, cgroups)
     assert (one.addresses.cluster, two.addresses.cluster) == (0, 1)
     assert slots.in_use(locks) == [0, 1]
     one.release()
-    again = slots.take(locks, cgroups=cgroups)
+    again = take(locks, cgroups)
     assert again.addresses.cluster == 0
     again.release()
     two.release()
@@ -28,7 +32,7 @@ def test_clusters_get_numbers_of_their_own_and_give_them_back(tmp_path: Path, cg
 
 def test_a_number_is_taken_as_long_as_somebody_keeps_its_lock(tmp_path: Path, cgroups: Path) -> None:
     locks = tmp_path / "locks"
-    slot = slots.take(locks, cgroups=cgroups)
+    slot = take(locks, cgroups)
     guard = os.dup(slot.descriptor)
     slot.release()
     assert slots.in_use(locks) == [0]
@@ -42,7 +46,7 @@ def test_what_a_killed_cluster_left_is_removed_by_the_next_one(tmp_path: Path, c
     (cgroups / "cpu" / "robotapp-nodes-0" / "edge-1").mkdir(parents=True)
     locks.mkdir()
     (locks / "0.lock").write_text(json.dumps({"pid": 1, "run_dir": str(left)}))  # unlocked: its holder is gone
-    slots.take(locks, cgroups=cgroups).release()
+    take(locks, cgroups).release()
     assert not left.exists()
     assert list((cgroups / "cpu").iterdir()) == []
 

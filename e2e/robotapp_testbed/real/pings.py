@@ -1,0 +1,38 @@
+"""What ping says, as figures. Pure."""
+
+import re
+from dataclasses import dataclass
+
+_TIME = re.compile(r"\btime=([0-9.]+) ms")
+_SENT = re.compile(r"(\d+) packets transmitted")
+
+
+@dataclass(frozen=True, slots=True)
+class Rtt:
+    """Round trips to one node in one round; `p50_us` and `p95_us` are None when nothing came back."""
+
+    p50_us: int | None
+    p95_us: int | None
+    loss_percent: float
+
+    def status(self, peer: str) -> dict[str, object]:
+        """An entry of NodeTelemetry's `rtt`."""
+        figures = {"p50Us": self.p50_us, "p95Us": self.p95_us}
+        known = {name: value for name, value in figures.items() if value is not None}
+        return {"peer": peer, **known, "lossPercent": self.loss_percent}
+
+
+def figures(text: str) -> Rtt:
+    """From the output of busybox or iputils; an output without a summary counts as nothing heard."""
+    times_us = sorted(round(float(value) * 1000) for value in _TIME.findall(text))
+    summary = _SENT.search(text)
+    sent = int(summary[1]) if summary else 0
+    if not times_us or not sent:
+        return Rtt(None, None, 100.0)
+    lost = max(sent - len(times_us), 0)
+    return Rtt(_quantile(times_us, 0.5), _quantile(times_us, 0.95), round(100 * lost / sent, 1))
+
+
+def _quantile(ordered: list[int], share: float) -> int:
+    """The nearest rank: a value that was measured."""
+    return ordered[min(int(share * len(ordered)), len(ordered) - 1)]

@@ -1,0 +1,145 @@
+"""A RobotApp whose pods really run, through faults of nodes: what runs goes on, claims stay, the status comes back."""
+
+import secrets
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from tests.support.live import Tenant, eventually, part, pool
+
+from robotapp_testbed import images, product
+from robotapp_testbed.real import MeasuredTelemetry, RealNodes
+
+pytestmark = pytest.mark.live
+
+READY_S = 40.0
+NOTICED_S = 30.0
+CUT_S = 12.0
+
+
+@pytest.fixture(scope="module")
+def plane(real_nodes: RealNodes) -> Iterator[RealNodes]:
+    """The real nodes with our operator and scheduler, and telemetry measured on their links."""
+    product.install(real_nodes)
+    mark = secrets.token_hex(2)
+    operator = product.start_operator(real_nodes, name=f"operator-{mark}", sweep_seconds=1, no_leader_election=True)
+    scheduler = product.start_scheduler(real_nodes, name=f"scheduler-{mark}")
+    with MeasuredTelemetry(real_nodes, interval_s=5):
+        yield real_nodes
+    scheduler.stop()
+    operator.stop()
+
+
+@pytest.fixture
+def app(plane: RealNodes, real_namespace: str) -> Iterator[Tenant]:
+    """The app `teleop`, Ready: a driver on the robot and an operator's side that must be near."""
+    tenant = Tenant(plane, real_namespace)
+    with pool(plane, f"pool-{secrets.token_hex(3)}") as ids:
+        tenant.apply(
+            "teleop",
+            running("console"),
+            running("driver", runsOn="Robot"),
+            robots={"selector": {"matchLabels": {"robotics.io/robot": "robot-1"}}},
+            edges=[{"topic": "/cmd_vel", "from": "console", "to": "driver", "latency": {"budget": "80ms"}}],
+            dds={"pool": ids, "discovery": {"mode": "Multicast"}},  # no image of a discovery server
+        )
+        tenant.wait_ready("teleop", timeout_s=READY_S)
+        yield tenant
+        plane.wait_nodes()
+        tenant.delete("teleop")
+        eventually(lambda: not tenant.claims(), timeout_s=READY_S)
+
+
+def running(name: str, **fields: Any) -> dict[str, Any]:
+    """A component that runs on real nodes until it is told to end."""
+    line = "trap exit TERM; while :; do sleep 1 & wait; done"
+    return part(name, args=["-c", line], **fields) | {"image": images.reference("tools")}
+
+
+def containers(tenant: Tenant) -> dict[str, tuple[str, int]]:
+    """Container id and restarts, by component."""
+    found = {}
+    for each in tenant.listed("pods"):
+        (status,) = each["status"]["containerStatuses"]
+        found[each["metadata"]["labels"]["robotics.io/component"]] = (status["containerID"], status["restartCount"])
+    return found
+
+
+def claims(tenant: Tenant) -> list[tuple[str, str]]:
+    return [(claim["metadata"]["name"], claim["metadata"]["uid"]) for claim in tenant.claims()]
+
+
+def node_of(tenant: Tenant, component: str) -> str:
+    (one,) = (
+        each for each in tenant.listed("pods") if each["metadata"]["labels"]["robotics.io/component"] == component
+    )
+    return str(one["spec"]["nodeName"])
+
+
+def survives(tenant: Tenant, hurt: Callable[[], None], mend: Callable[[], None], *, seen: bool = True) -> None:
+    """Nothing of the app is touched by a fault, and its status tells of it and recovers."""
+    pods, held = containers(tenant), claims(tenant)
+    assert {restarts for _, restarts in pods.values()} == {0}
+    hurt()
+    try:
+        if seen:
+            tenant.wait("teleop", "Ready", "False", timeout_s=NOTICED_S)
+        assert claims(tenant) == held
+    finally:
+        mend()
+    tenant.wait_ready("teleop", timeout_s=READY_S)
+    assert (containers(tenant), claims(tenant)) == (pods, held)
+
+
+def test_the_app_runs_where_its_domain_was_granted(app: Tenant) -> None:
+    (claim,) = app.claims()
+    pods = {each["metadata"]["labels"]["robotics.io/component"]: each for each in app.listed("pods")}
+    assert pods["driver"]["spec"]["nodeName"] == "robot-1"
+    name = pods["driver"]["metadata"]["name"]
+    said = app.cp.kubectl("exec", "-n", app.namespace, name, "--", "sh", "-c", "echo $ROS_DOMAIN_ID")
+    assert said.strip() == str(claim["spec"]["domain"]["id"])
+
+
+def test_it_outlives_a_kubelet(app: Tenant, plane: RealNodes) -> None:
+    kubelet = plane.node("robot-1").kubelet
+    survives(app, kubelet.kill, lambda: kubelet.start() and None)
+
+
+def test_it_outlives_being_cut_off(app: Tenant, plane: RealNodes) -> None:
+    robot = plane.node("robot-1")
+    survives(app, robot.cut_off, robot.reconnect)
+
+
+def test_it_outlives_the_api_server(app: Tenant, plane: RealNodes) -> None:
+    server = plane.process("kube-apiserver")
+    survives(app, lambda: server.restart() and None, plane.wait_nodes, seen=False)
+
+
+def test_it_outlives_a_long_cut_between_the_nodes(app: Tenant, plane: RealNodes) -> None:
+    def cut() -> None:
+        plane.switch.set_node("robot-1", down=True)
+        time.sleep(CUT_S)  # longer than the lease of a DDS participant
+
+    survives(app, cut, lambda: plane.switch.set_node("robot-1", down=False), seen=False)
+
+
+def test_a_container_that_dies_is_started_again_with_the_same_domain(app: Tenant, plane: RealNodes) -> None:
+    before, held = containers(app)["driver"], claims(app)
+    plane.node("robot-1").kill_container(before[0])
+    eventually(lambda: containers(app)["driver"][1] > before[1], timeout_s=READY_S)
+    app.wait_ready("teleop", timeout_s=READY_S)
+    assert claims(app) == held
+
+
+def test_a_robot_that_crashes_comes_back_with_its_app(app: Tenant, plane: RealNodes) -> None:
+    held, before = claims(app), containers(app)["driver"]
+    robot = plane.node("robot-1")
+    robot.crash()
+    app.wait("teleop", "Ready", "False", timeout_s=NOTICED_S)
+    assert claims(app) == held
+    robot.restart()
+    plane.wait_nodes()
+    app.wait_ready("teleop", timeout_s=READY_S)
+    eventually(lambda: containers(app)["driver"] != before, timeout_s=READY_S)
+    assert (claims(app), node_of(app, "driver")) == (held, "robot-1")
