@@ -80,6 +80,7 @@ FAMILIES = {
     "nominations": Family(eviction.nominations, ("DefaultPreemption",), alone=True),
     "crowded-volumes": Family(_crowded_volumes, ("DefaultPreemption",), alone=True),
     "crowded-nominations": Family(_crowded_nominations, ("DefaultPreemption",), alone=True),
+    "allocated-claims": Family(eviction.allocated_claims, ("DynamicResources",)),
     "resource-claims": Family(eviction.resource_claims, ("DynamicResources",), alone=True),
 }
 

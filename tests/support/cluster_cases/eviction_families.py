@@ -4,6 +4,7 @@ from tests.support.cluster_cases.choices import Choices
 from tests.support.cluster_cases.scene import Json, Scene, container, make_pod, requests, terminate
 
 _SCHEDULING = "scheduling.k8s.io/v1"
+_OTHER_USER = {"resource": "pods", "name": "other", "uid": "uid-other"}
 _PRIORITIES = (0, 0, 10, 10, 20, 100)
 
 
@@ -90,17 +91,33 @@ def nominations(choices: Choices, scene: Scene) -> None:
 
 def resource_claims(choices: Choices, scene: Scene) -> None:
     """Claims for devices: missing, not allocated, allocated on some nodes."""
-    scene.pod["spec"]["resourceClaims"] = [{"name": "camera", "resourceClaimName": "camera"}]
-    namespace = scene.pod["metadata"]["namespace"]
     trouble = choices.pick(("missing", "unallocated", "everywhere", "somewhere", "somewhere", "nowhere"))
     if trouble == "missing":
+        _wish(scene)
         return
     names = {"everywhere": None, "somewhere": [choices.pick(scene.names())], "nowhere": ["gone"]}
     status: Json = {}
     if trouble in names:
         status["allocation"] = _allocated(names[trouble])
     if choices.chance(30):
-        status["reservedFor"] = [{"resource": "pods", "name": "other", "uid": "uid-other"}]
+        status["reservedFor"] = [_OTHER_USER]
+    _camera(scene, status)
+
+
+def allocated_claims(choices: Choices, scene: Scene) -> None:
+    """Claims whose devices somebody uses: kube-scheduler does not take those back, as it does unused ones."""
+    names = choices.pick(([choices.pick(scene.names())], ["gone"], None))
+    _camera(scene, {"allocation": _allocated(names), "reservedFor": [_OTHER_USER]})
+
+
+def _wish(scene: Scene) -> None:
+    scene.pod["spec"]["resourceClaims"] = [{"name": "camera", "resourceClaimName": "camera"}]
+
+
+def _camera(scene: Scene, status: Json) -> None:
+    """The claim the pod names."""
+    _wish(scene)
+    namespace = scene.pod["metadata"]["namespace"]
     request = {"name": "camera", "exactly": {"deviceClassName": "camera.example.com"}}
     spec = {"devices": {"requests": [request]}}
     scene.add("ResourceClaim", "camera", namespace=namespace, api="resource.k8s.io/v1", spec=spec, status=status)
@@ -109,6 +126,6 @@ def resource_claims(choices: Choices, scene: Scene) -> None:
 def _allocated(names: list[str] | None) -> Json:
     """Devices that these nodes reach, or all."""
     if names is None:
-        return {}
+        return {"devices": {}}
     field = {"key": "metadata.name", "operator": "In", "values": names}
-    return {"nodeSelector": {"nodeSelectorTerms": [{"matchFields": [field]}]}}
+    return {"devices": {}, "nodeSelector": {"nodeSelectorTerms": [{"matchFields": [field]}]}}

@@ -191,7 +191,7 @@ def test_spread_counts_in_a_trial_include_terminating_pods_only_when_they_leave(
     [
         (None, False),
         ({"status": {}}, False),
-        ({"status": {"allocation": {}}}, False),
+        ({"status": {"allocation": {}}}, True),
         ({"status": {"allocation": {"devices": {}}}}, True),
     ],
 )
