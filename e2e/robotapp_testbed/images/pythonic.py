@@ -11,6 +11,9 @@ from robotapp_testbed.images.oci import Config
 from robotapp_testbed.images.recipes import PATH, Recipe, skeleton
 
 _BASE: Final = ("python3-minimal", "libpython3-stdlib", "libstdc++6")
+_SHELL: Final = ("dash", "coreutils", "libc-bin")
+"""What the operator's init step needs (sh, sleep, getent), and env, which starts whatever a container's arguments name."""
+
 _ROS_1: Final = (
     *("python3-rospy", "python3-roslaunch", "python3-rosmaster", "python3-rostopic", "rosout"),
     *("python3-std-msgs", "python3-geometry-msgs", "python3-sensor-msgs"),
@@ -62,6 +65,9 @@ class Pythonic(Recipe):
     def _debian_layer(self, base: Path, layer: Path) -> Path:
         layer.mkdir()
         debian.unpack(self._debian(), layer, without=_BASE)
+        shell = layer / "usr" / "bin" / "sh"
+        if not shell.exists():  # made by dash's maintainer script, which does not run
+            shell.symlink_to("dash")
         bytecode.compile_all(base, layer, "usr/lib")
         return layer
 
@@ -93,7 +99,10 @@ class Component(Pythonic):
 
 
 class RosNodes(Pythonic):
-    """The programs of e2e/ros_nodes with what they need of ROS."""
+    """The programs of e2e/ros_nodes with what they need of ROS. Like the ros images, one runs what its arguments name."""
+
+    packages: Sequence[str] = _SHELL
+    entrypoint = ("/usr/bin/env",)
 
     def code(self) -> list[Path]:
         return sorted(_ROS_NODES.glob("*.py"))
@@ -113,4 +122,4 @@ class Ros2(RosNodes):
 class Ros1(RosNodes):
     """Debian's own ROS 1: roscore, rospy and message packages."""
 
-    packages = _ROS_1
+    packages = (*_SHELL, *_ROS_1)

@@ -1,7 +1,6 @@
 """The latency switch between network namespaces of this machine: what is set is what frames meet."""
 
 import socket
-import statistics
 import time
 from collections.abc import Iterator
 from contextlib import suppress
@@ -30,8 +29,9 @@ def clear_links(wire: Wire) -> None:
         wire.switch.set_node(node, delay_ms=0, jitter_ms=0, loss=0, mbit_s=0, buffer_ms=200, down=False)
 
 
-def median_ms(wire: Wire, origin: str = "a", target: str = "b", *, count: int = 25) -> float:
-    return statistics.median(round_trips_ms(wire.nodes[origin], wire.nodes[target], count=count, pause_s=0.002))
+def least_ms(wire: Wire, origin: str = "a", target: str = "b", *, count: int = 25) -> float:
+    """The quickest of some round trips: what a busy machine adds is not the switch's."""
+    return min(round_trips_ms(wire.nodes[origin], wire.nodes[target], count=count, pause_s=0.002))
 
 
 def delivered(origin: Namespace, target: Namespace, count: int, *, size: int = 64, pause_s: float = 0.0) -> list[int]:
@@ -51,14 +51,13 @@ def delivered(origin: Namespace, target: Namespace, count: int, *, size: int = 6
 @pytest.mark.parametrize("delay_ms", [2, 15, 60])
 def test_a_round_trip_takes_twice_the_delay(wire: Wire, delay_ms: float) -> None:
     wire.switch.set_link("a", "b", delay_ms=delay_ms)
-    # The bound is for a busy machine; `scripts/bench switch` measures the accuracy on a quiet one.
-    assert 2 * delay_ms <= median_ms(wire, count=15) <= 2 * delay_ms + 1.5
+    assert 2 * delay_ms <= least_ms(wire, count=15) <= 2 * delay_ms + 1.5
 
 
 def test_one_way_changes_one_direction_and_other_pairs_are_untouched(wire: Wire) -> None:
     wire.switch.set_link("a", "b", delay_ms=20, one_way=True)
-    assert 20 <= median_ms(wire, count=5) < 25
-    assert median_ms(wire, "a", "c", count=5) < 5
+    assert 20 <= least_ms(wire, count=5) < 25
+    assert least_ms(wire, "a", "c", count=5) < 5
     links = wire.switch.links()
     assert (links["a", "b"].delay_ms, links["b", "a"].delay_ms) == (20, 0)
 
@@ -118,11 +117,11 @@ def test_multicast_reaches_every_node_and_unicast_only_its_own(wire: Wire) -> No
 def test_a_node_that_ended_loses_its_port_and_its_successor_meets_the_old_links(wire: Wire) -> None:
     with wire.node("d", "10.9.0.9"):
         wire.switch.set_link("a", "d", delay_ms=10)
-        assert 20 <= median_ms(wire, "a", "d", count=5) < 25
+        assert 20 <= least_ms(wire, "a", "d", count=5) < 25
     assert wait_until(lambda: wire.switch.nodes() == ["a", "b", "c"], timeout_s=5)
     assert wire.switch.counts("lost_ports_total")[()] == 1
     with wire.node("d", "10.9.0.8"):
-        assert 20 <= median_ms(wire, "a", "d", count=5) < 25
+        assert 20 <= least_ms(wire, "a", "d", count=5) < 25
         wire.switch.detach("d")
         assert wire.switch.nodes() == ["a", "b", "c"]
 

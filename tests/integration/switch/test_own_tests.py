@@ -1,0 +1,27 @@
+"""The Go tests of the switch's pure parts."""
+
+import os
+import subprocess
+
+import pytest
+
+from robotapp_testbed import pins, programs, toolchain
+from robotapp_testbed.gobuild import build_environment
+
+pytestmark = pytest.mark.live
+
+
+def test_the_go_tests_of_the_switch_pass() -> None:
+    programs.build("latency-switch")  # fetches its one module, and Go where there is none
+    go = toolchain.find()
+    assert go is not None
+    folder = pins.REPOSITORY / "e2e" / programs.FOLDERS["latency-switch"]
+    result = subprocess.run(
+        [go.program, "test", "./..."],
+        cwd=folder,
+        env=build_environment(os.environ),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert result.returncode == 0, result.stdout + result.stderr
