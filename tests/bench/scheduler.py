@@ -14,12 +14,14 @@ and churn removed is put back before the next contestant; the bare client refuse
 
 import argparse
 import asyncio
+import contextlib
 import os
 import platform
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from pathlib import Path
 
 from tests.bench import load
@@ -57,21 +59,33 @@ class Options:
 def main(argv: Sequence[str] | None = None) -> int:
     arguments = _parser().parse_args(argv)
     options = _options(arguments)
-    given = sys.argv[1:] if argv is None else argv
-    command = shlex.join(["scripts/bench", "scheduler", *given])
+    command = _command(sys.argv[1:] if argv is None else argv)
     machine = {"python": platform.python_version(), "machine": platform.machine(), "cores": str(os.cpu_count())}
     result = Result(command, asdict(options), machine)
-    with ControlPlane(kwok=False, controller_manager=False, extra_args={"kube-apiserver": API_SERVER}) as cp:
-        install(cp)
+    with plane() as cp:
         logs = cp.keep_logs()
         try:
-            asyncio.run(Bench(cp, options).run(result))
+            asyncio.run(Bench(cp, options).run(result.rows))
         finally:
             if arguments.json:
                 result.write(arguments.json)
             say(f"logs: {logs}")
     print_table(result.rows)
     return int(arguments.check and not all(row.verdict().met for row in result.rows))
+
+
+def _command(given: Sequence[str]) -> str:
+    """How to measure the same again; where one wanted the file is one's own affair."""
+    kept = [word for before, word in pairwise(["", *given]) if "--json" not in (before, word)]
+    return shlex.join(["scripts/bench", "scheduler", *kept])
+
+
+@contextlib.contextmanager
+def plane() -> Iterator[ControlPlane]:
+    """etcd, an API server that deletes quickly, and our roles: no controller and no kubelet takes CPU from the contestants."""
+    with ControlPlane(kwok=False, controller_manager=False, extra_args={"kube-apiserver": API_SERVER}) as cp:
+        install(cp)
+        yield cp
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -118,8 +132,8 @@ class Bench:
         self._cp = cp
         self._options = options
 
-    async def run(self, result: Result) -> None:
-        """Add row after row to `result`, each as soon as it has a figure."""
+    async def run(self, rows: list[Row]) -> None:
+        """Add row after row to `rows`, each as soon as it is begun."""
         options = self._options
         size = Size(options.nodes, options.prebound)
         endpoint = await asyncio.to_thread(login, self._cp.kubeconfig("admin"))
@@ -129,7 +143,7 @@ class Bench:
             run = Run(self._cp, client, scenery, size, Rates(options.latency_pods, options.latency_rate))
             for name in options.workloads:
                 row = Row(name)
-                result.rows.append(row)
+                rows.append(row)
                 await scenery.set_up(WORKLOADS[name])
                 for round_number in range(1, options.rounds + 1):
                     for contestant in options.contestants:

@@ -156,7 +156,7 @@ def _of_group(shape: Json) -> Json:
 
 
 _ROWS = (
-    Workload("basic", "pods that ask for CPU and memory", {}, Targets(2.5, 10, 10), pods=3000),
+    Workload("basic", "pods that ask for CPU and memory", {}, Targets(2.5, 10, 10)),
     Workload("anti-affinity", "required anti-affinity on hostname", ANTI_AFFINITY, Targets(12, 50)),
     Workload("zone-affinity", "preferred pod affinity by zone", ZONE_AFFINITY, Targets(12, 50)),
     Workload("zone-spread", "zone spread, DoNotSchedule", ZONE_SPREAD, Targets(12, 50)),

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from tests.bench.scheduler import main
+from tests.bench.scheduler import _command, main
 from tests.bench.speed.console import line, table
 from tests.bench.speed.contestants import BARE, KUBE_SCHEDULER, OURS
 from tests.bench.speed.result import Result, Row, merged, read
@@ -123,3 +123,9 @@ def test_the_help_says_what_differs_and_lists_every_workload(capsys: pytest.Capt
     text = capsys.readouterr().out
     assert "differences" in text
     assert all(name in text for name in WORKLOADS)
+
+
+def test_the_command_that_is_kept_does_not_name_the_file() -> None:
+    assert _command(["--rounds", "1", "--json", "a b.json", "--workload", "x"]) == (
+        "scripts/bench scheduler --rounds 1 --workload x"
+    )

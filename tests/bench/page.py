@@ -1,0 +1,44 @@
+"""Writes the speed tables of docs/performance.md and its chart: scripts/bench page out.json [more.json …]
+
+The files are those of `scripts/bench scheduler --json`; where several have the same row, the last one counts. Everything
+between the two marks in the page is replaced, the rest stays.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from tests.bench.speed.chart import chart
+from tests.bench.speed.markdown import section
+from tests.bench.speed.result import merged, read
+
+BEGIN, END = "<!-- speed: made by scripts/bench page -->", "<!-- speed: end -->"
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(prog="scripts/bench page", description=__doc__.splitlines()[0])
+    parser.add_argument("results", type=Path, nargs="+", metavar="FILE")
+    parser.add_argument("--page", type=Path, default=DOCS / "performance.md")
+    parser.add_argument("--chart", type=Path, default=DOCS / "performance.svg")
+    arguments = parser.parse_args(argv)
+    results = [read(path) for path in arguments.results]
+    rows = merged(results)
+    arguments.chart.write_text(chart(rows))
+    text = section(rows, results, chart=arguments.chart.name)
+    arguments.page.write_text(replaced(arguments.page.read_text(), text))
+    return 0
+
+
+def replaced(page: str, text: str) -> str:
+    """The page with `text` between the marks. Raises ValueError when it has none."""
+    before, begin, rest = page.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not begin or not end:
+        raise ValueError(f"the page has no lines {BEGIN!r} and {END!r}")
+    return f"{before}{BEGIN}\n{text}\n{END}{after}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
