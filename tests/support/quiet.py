@@ -1,4 +1,4 @@
-"""What operator and scheduler write while nothing changes, from the audit log."""
+"""What operator and scheduler write while nothing changes, and what they are refused, from the audit log."""
 
 import time
 from collections import Counter
@@ -24,6 +24,20 @@ def writes_since(cp: ControlPlane, since: datetime) -> list[Mapping[str, Any]]:
         and record["objectRef"]["resource"] not in _BY_THE_CLOCK
         and datetime.fromisoformat(record["requestReceivedTimestamp"]) >= since
     ]
+
+
+def refused_since(cp: ControlPlane, since: datetime) -> set[str]:
+    """Requests of our two accounts after `since` that they have no right to: who, verb, path.
+
+    A 403 for another reason (a namespace that is being deleted, a quota) is not among them.
+    """
+    return {
+        f"{record['user']['username'].rpartition(':')[2]} {record['verb']} {record['requestURI'].partition('?')[0]}"
+        for record in cp.audit()
+        if record["user"]["username"].rpartition(":")[2] in _OURS
+        and record.get("annotations", {}).get("authorization.k8s.io/decision") == "forbid"
+        and datetime.fromisoformat(record["requestReceivedTimestamp"]) >= since
+    }
 
 
 def until_quiet(cp: ControlPlane, *, quiet_s: float, within_s: float) -> bool:

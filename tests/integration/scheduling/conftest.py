@@ -1,11 +1,14 @@
 from collections.abc import Iterator
+from datetime import UTC, datetime
 
 import pytest
+from tests.support.quiet import refused_since
 from tests.support.stage import Stage
 
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.process import Process
 from robotapp_testbed.product import start_scheduler
+from robotapp_testbed.pytest_plugin import running_plane
 
 
 @pytest.fixture(scope="module")
@@ -19,3 +22,13 @@ def scheduler(installed_plane: ControlPlane) -> Iterator[Process]:
 @pytest.fixture
 def stage(installed_plane: ControlPlane, namespace: str) -> Stage:
     return Stage(installed_plane, namespace)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _needs_no_more_rights_than_the_chart_gives() -> Iterator[None]:
+    """Every scheduler of these tests has the identity its pod would have: nothing it asks for may be refused."""
+    began = datetime.now(UTC)
+    yield
+    plane = running_plane()
+    refused = refused_since(plane, began) if plane is not None else set()
+    assert not refused, f"the chart's role does not allow: {sorted(refused)}"

@@ -82,6 +82,9 @@ def test_a_tenant_sees_reasons_without_names_of_nodes_and_an_admin_sees_all(
 ) -> None:
     path = f"/explain/{stage.namespace}/asked"
     with nodes(installed_plane, edge("edge-1"), edge("edge-2")):
+        for name in ("edge-1", "edge-2"):  # bound there: the scheduler knows both
+            stage.create_pod(pod(f"on-{name}", nodeSelector={"kubernetes.io/hostname": name}))
+            stage.wait_bound(f"on-{name}")
         stage.create_pod(pod("asked"))
         chosen = stage.wait_bound("asked")
         other = {"edge-1": "edge-2", "edge-2": "edge-1"}[chosen]

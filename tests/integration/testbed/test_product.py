@@ -1,8 +1,10 @@
 """Our product on the testbed: rights and policies decide from the first moment, programs are ordinary processes."""
 
 import urllib.request
+from datetime import UTC, datetime
 
 import pytest
+from tests.support.quiet import refused_since
 
 from robotapp_testbed import ApiStatusError, ControlPlane, guard, product, wait_until
 
@@ -89,3 +91,11 @@ def test_a_local_operator_serves_and_ends_with_its_control_plane() -> None:
         assert plane.pids().keys() >= {"etcd", "operator-2"}
         assert "operator" not in plane.pids()
     assert guard.start_time(second.pid) is None
+
+
+def test_what_a_component_has_no_right_to_is_noticed(installed_plane: ControlPlane) -> None:
+    began = datetime.now(UTC)
+    installed_plane.kubectl("get", "secrets", "-n", "kube-system", identity="scheduler", check=False)
+    installed_plane.kubectl("get", "nodes", identity="scheduler")
+    wanted = {"robotapp-scheduler list /api/v1/namespaces/kube-system/secrets"}
+    assert wait_until(lambda: refused_since(installed_plane, began) == wanted, timeout_s=10.0, poll_s=0.2)
