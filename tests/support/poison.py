@@ -1,7 +1,7 @@
 """Objects that nobody should send: huge, deep, absurd or self-contradicting, each with a name.
 
-`live` ones are accepted by the API server (validation of 1.37); the others reach a scheduler only from an older or
-foreign API server, through a fake one, or in a cluster dump. Field values stay below etcd's 1.5 MiB where `live`.
+`live` ones are accepted by the API server (1.37.1); the others it refuses, or sits over for longer than a client waits
+(thousands of affinity terms), so they reach a scheduler only through another server, a fake one, or in a cluster dump.
 """
 
 from collections.abc import Iterator, Mapping
@@ -109,14 +109,16 @@ def _terms() -> Iterator[Poison]:
 
     count = MANY
     for kind in ("podAffinity", "podAntiAffinity"):
-        yield _pod(f"{kind}-required", affinity=affinity(kind, "required", [term(n) for n in range(count)]))
-        yield _pod(f"{kind}-preferred", affinity=affinity(kind, "preferred", [weighted(n) for n in range(count)]))
+        yield _pod(f"{kind}-required", live=False, affinity=affinity(kind, "required", [term(n) for n in range(count)]))
+        yield _pod(
+            f"{kind}-preferred", live=False, affinity=affinity(kind, "preferred", [weighted(n) for n in range(count)])
+        )
         keys = [term(n, f"k/{n}") for n in range(5000)]
-        yield _pod(f"{kind}-keys", affinity=affinity(kind, "required", keys))
+        yield _pod(f"{kind}-keys", live=False, affinity=affinity(kind, "required", keys))
     wide = [{**term(1), "namespaces": [f"ns-{n}" for n in range(MANY)]}]
-    yield _pod("podAffinity-namespaces", affinity=affinity("podAffinity", "required", wide))
+    yield _pod("podAffinity-namespaces", live=False, affinity=affinity("podAffinity", "required", wide))
     chosen = [{**term(1), "namespaceSelector": long_selector()}]
-    yield _pod("podAffinity-namespace-selector", affinity=affinity("podAffinity", "required", chosen))
+    yield _pod("podAffinity-namespace-selector", live=False, affinity=affinity("podAffinity", "required", chosen))
 
 
 def _node_terms() -> Iterator[Poison]:
@@ -168,7 +170,7 @@ def _many() -> Iterator[Poison]:
     disks = [{"name": f"v{n}", "iscsi": {"targetPortal": f"10.0.0.1:{n}", "iqn": f"iqn.2001-04.x:{n}", "lun": 0}}
              for n in range(4000)]  # fmt: skip
     yield _pod("disks", volumes=disks)
-    yield _pod("resources", requests={f"x.example/r{n}": "1" for n in range(MANY)})
+    yield _pod("resources", live=False, requests={f"x.example/r{n}": "1" for n in range(MANY)})
     gates = [{"name": f"g.example/{n}"} for n in range(MANY)]
     yield _pod("gates", schedulingGates=gates)
     labels = {f"l{n}": "v" for n in range(20_000)}
@@ -179,9 +181,10 @@ def _many() -> Iterator[Poison]:
 
 def _numbers() -> Iterator[Poison]:
     yield _pod("nines", requests={"cpu": "9" * 15, "memory": "9" * 18})
-    yield _pod("exa", requests={"cpu": "8E", "memory": "7E", "x.example/r": "9223372036854775807"})
+    yield _pod("exa", live=False, requests={"cpu": "8E", "memory": "7E", "x.example/r": "9223372036854775807"})
     for text in ("1e400", "9" * 400, "1e999999999", "-1", "NaN", "", "1" + "0" * 5000 + "Ki", "0x10", "1 Gi"):
-        yield _pod(f"quantity-{text[:12]}-{len(text)}", live=False, requests={"cpu": text, "memory": text})
+        taken = text in ("1e400", "9" * 400, "1" + "0" * 5000 + "Ki")
+        yield _pod(f"quantity-{text[:12]}-{len(text)}", live=taken, requests={"cpu": text, "memory": text})
     yield _pod("nano", requests={"cpu": "1m", "memory": "1"})
     yield _pod("priority", live=False, priority=2**31 - 1)
     yield _pod("priority-beyond", live=False, priority=2**80)

@@ -21,7 +21,7 @@ from tests.support.scheduler_faults.observer import CPU_LABEL, Observer
 from tests.support.scheduler_faults.run import Plan, Run
 
 from robotapp_api.client.api import ApiClient
-from robotapp_api.client.errors import ApiError, ClientError, NotFound
+from robotapp_api.client.errors import ApiError, ClientError, NotFound, Unreachable
 from robotapp_api.client.login import load as login
 from robotapp_api.client.resources import NAMESPACES, NODES, PODS
 from robotapp_testbed import ControlPlane
@@ -41,6 +41,7 @@ QUIET_WRITES = 4
 QUIET_LOOKS = 6
 """Events trail behind the binds: a loop that is hot is so in every look."""
 REST_POLL_S = 0.5
+EMPTY_S = 300.0
 
 
 class Campaign:
@@ -92,8 +93,7 @@ class Campaign:
                     churn.cancel()
                     await asyncio.gather(churn, return_exceptions=True)
             found = self._verdict(run, figures)
-        await load.delete_pods(self._client, NAMESPACE)
-        await load.delete_events(self._client, NAMESPACE)
+        await self._empty()
         return found
 
     # --- the stage ------------------------------------------------------------------------------------------------
@@ -119,6 +119,19 @@ class Campaign:
         have = {each["metadata"]["name"] for each in (await self._client.list(NODES)).items}
         await load.each([_node(name, room) for name, room in rooms.items() if name not in have], self._create_node)
         await load.each(sorted(have - set(rooms)), lambda name: self._client.delete(NODES, name))
+
+    async def _empty(self) -> None:
+        """Ten thousand pods at once take a busy API server longer than an answer may take."""
+        deadline_s = time.monotonic() + EMPTY_S
+        while True:
+            try:
+                await load.delete_pods(self._client, NAMESPACE)
+                await load.delete_events(self._client, NAMESPACE)
+            except Unreachable:
+                if time.monotonic() > deadline_s:
+                    raise
+            else:
+                return
 
     async def _create_node(self, node: Json) -> None:
         await self._client.create(NODES, node)

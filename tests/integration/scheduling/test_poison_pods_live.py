@@ -1,0 +1,55 @@
+"""Every poison pod the API server takes, in front of a healthy one: it gets its node as if they were not there."""
+
+import time
+from typing import Any
+
+import pytest
+from tests.support.poison import Poison, poison_pods
+from tests.support.stage import Stage, nodes, pod
+
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.nodes import edge
+from robotapp_testbed.process import Process
+
+pytestmark = pytest.mark.live
+
+POISON = [each for each in poison_pods() if each.live]
+BEHIND_S = 1.0
+MARGIN = 5.0
+"""A busy machine slows both down: the healthy pod behind may take this many times what one alone takes."""
+
+
+def create(stage: Stage, poison: Poison) -> None:
+    body: dict[str, Any] = {**poison.body, "metadata": {**poison.body["metadata"], "namespace": stage.namespace}}
+    stage.create_pod(body)
+
+
+def bound_s(stage: Stage, name: str) -> float:
+    """Seconds from sending the pod's creation until it is bound."""
+    began_s = time.monotonic()
+    stage.create_pod(pod(name, requests={"cpu": "1m"}))
+    stage.wait_bound(name, timeout_s=30.0)
+    return time.monotonic() - began_s
+
+
+def test_a_healthy_pod_behind_all_the_poison_the_api_server_takes_is_bound_within_a_second(
+    installed_plane: ControlPlane, stage: Stage, scheduler: Process
+) -> None:
+    with nodes(installed_plane, *(edge(f"edge-{number}") for number in range(1, 6))):
+        alone_s = max(bound_s(stage, f"alone-{number}") for number in range(3))
+        for poison in POISON:
+            create(stage, poison)
+        behind_s = bound_s(stage, "behind")
+        assert behind_s < max(BEHIND_S, MARGIN * alone_s), f"{behind_s:.2f} s behind, {alone_s:.2f} s alone"
+
+        def untold() -> list[str]:
+            return [
+                each["metadata"]["name"]
+                for each in stage.pods()
+                if not each["spec"].get("nodeName")
+                and not any(c["type"] == "PodScheduled" for c in each["status"].get("conditions", ()))
+            ]
+
+        stage.wait(lambda: not untold(), what=lambda: f"neither bound nor told: {untold()}")
+        assert "Traceback" not in scheduler.log_text()
+        assert scheduler.rss_bytes() < 400e6
