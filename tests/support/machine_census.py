@@ -17,7 +17,8 @@ from robotapp_testbed.real.addresses import Addresses
 OURS = (
     "/real/hold.py",
     "/real/enter.py",
-    "/testbed/guard.py",
+    "/robotapp_testbed/guard.py",
+    "/real/sweep.py",
     "containerd",
     "kubelet",
     "kube-proxy",

@@ -101,6 +101,21 @@ def test_the_app_runs_where_its_domain_was_granted(app: Tenant) -> None:
     assert said.strip() == str(claim["spec"]["domain"]["id"])
 
 
+def test_telemetry_says_what_was_measured_on_the_links(plane: RealNodes) -> None:
+    def written_us() -> int:
+        (rtt,) = plane.api.get("/apis/robotics.io/v1alpha1/nodetelemetries/robot-1")["status"]["rtt"]
+        assert rtt["peer"] == "edge-1"
+        return int(rtt["p50Us"])
+
+    plane.switch.set_link("robot-1", "edge-1", delay_ms=20)
+    try:
+        measured = MeasuredTelemetry(plane).measure()["robot-1", "edge-1"]
+        assert measured.loss_percent == 0
+        eventually(lambda: 40_000 <= written_us() < 80_000, timeout_s=NOTICED_S)
+    finally:
+        plane.switch.set_link("robot-1", "edge-1", delay_ms=0)
+
+
 def test_it_outlives_a_kubelet(app: Tenant, plane: RealNodes) -> None:
     kubelet = plane.node("robot-1").kubelet
     survives(app, kubelet.kill, lambda: kubelet.start() and None)
