@@ -70,8 +70,21 @@ def campaign(seed: str, cases: int, families: Sequence[str] = LIVE) -> Iterator[
 
 def numbered(seed: str, number: int, families: Sequence[str] = LIVE) -> Numbered:
     nodes = 1 if number % EVERY_ONE_NODE == 0 else NODES
-    case = seeded_case(seed, number=number, families=families, nodes=nodes, placed=PLACED)
+    case = visible(seeded_case(seed, number=number, families=families, nodes=nodes, placed=PLACED))
     return Numbered(case, suffix(seed, number, case.families), number)
+
+
+def visible(case: Case) -> Case:
+    """Without the pod's own promise where volumes have to be bound: nobody could see that it was kept.
+
+    Such a pod gets its node when a volume controller has bound the claims, and there is none; the first sign of the
+    choice is the nominated node, which is there already.
+    """
+    pod = case.objects[-1]
+    if not (pod.get("status") or {}).get("nominatedNodeName") or not _binds_volumes(case):
+        return case
+    status = {key: value for key, value in pod["status"].items() if key != "nominatedNodeName"}
+    return replace(case, objects=(*case.objects[:-1], {**pod, "status": status}))
 
 
 def control_plane() -> ControlPlane:

@@ -1,10 +1,11 @@
 """The tools that judge must be right themselves."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from tests.bench.figures import medians, percentile
-from tests.bench.parity_live import LIVE, NOT_LIVE, campaign, numbered
+from tests.bench.parity_live import LIVE, NOT_LIVE, campaign, numbered, visible
 from tests.bench.parity_oracle import OracleLog
 from tests.bench.parity_probe import probe, told, weighted
 from tests.bench.parity_profiles import PROFILES
@@ -132,6 +133,16 @@ def test_a_promised_pod_starts_behind_a_gate_so_that_the_promise_is_there_first(
     assert "schedulingGates" not in probe(case, "new-1", "ours")["spec"]
     case.objects[-1]["status"]["nominatedNodeName"] = "n0"
     assert probe(case, "new-1", "ours")["spec"]["schedulingGates"]
+
+
+def test_a_promise_is_left_out_only_where_nobody_could_see_that_it_was_kept() -> None:
+    case = full_nodes("1")
+    case.objects[-1]["status"]["nominatedNodeName"] = "n0"
+    assert visible(case) is case
+    claim = {"kind": "PersistentVolumeClaim", "metadata": {"name": "c"}, "status": {"phase": "Pending"}}
+    waiting = replace(case, objects=(claim, *case.objects))
+    assert "nominatedNodeName" not in visible(waiting).objects[-1]["status"]
+    assert case.objects[-1]["status"]["nominatedNodeName"] == "n0"
 
 
 def test_equal_seeds_give_equal_campaigns_and_every_family_and_profile_takes_its_turn() -> None:
