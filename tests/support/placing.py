@@ -92,6 +92,9 @@ class Said:
         self.nominated[pod.metadata.name] = nominate
         self.lines.append((str(reason), pod.metadata.name, message))
 
+    async def promise(self, pod: Pod, node: str) -> None:
+        self.nominated[pod.metadata.name] = node
+
     def note(self, pod: Pod, *, reason: str, text: str) -> None:
         self.lines.append((str(reason), pod.metadata.name, text))
 

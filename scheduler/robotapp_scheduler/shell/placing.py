@@ -168,6 +168,7 @@ class Placer:
     async def _bind_volumes(self, decision: Decision) -> Refused | None:
         if decision.volumes is None:
             return None
+        await self._reporter.promise(decision.pod.pod, str(decision.node))
         began_s = self._timer.begin("PreBind")
         trouble = await self._volumes.bind(decision.pod, decision.volumes)
         code = Code.ERROR if trouble else Code.SUCCESS

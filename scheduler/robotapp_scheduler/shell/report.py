@@ -106,6 +106,20 @@ class Reporter:
             self._order.put_nowait(uid)
         self._latest[uid] = _Text(pod, reason, message, nominate)
 
+    async def promise(self, pod: Pod, node: str) -> None:
+        """Say on the pod where it goes before something is made there for it: whoever schedules next keeps to it.
+
+        One try: a promise that is not written changes nothing. The bind takes it away, a failed attempt as well.
+        """
+        meta = pod.metadata
+        if pod.status.nominated_node_name == node or not self._permitted():
+            return
+        patch = {"metadata": {"uid": meta.uid}, "status": {"nominatedNodeName": node}}
+        try:
+            await self._client.patch(PODS, meta.name, patch, namespace=meta.namespace, subresource="status")
+        except ClientError as error:
+            log.warning("nominatedNodeName of %s cannot be written: %s", pod.key, error)
+
     def note(self, pod: Pod, *, reason: str, text: str) -> None:
         """One more Warning beside the condition; the recorder counts repetitions instead of writing them."""
         self._events.pod_event(pod, warning=True, reason=reason, action="Scheduling", note=texts.note(text))

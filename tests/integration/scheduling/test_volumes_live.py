@@ -108,6 +108,22 @@ def test_a_claim_is_provisioned_on_the_node_that_was_chosen_for_its_first_pod(
 
 
 @pytest.mark.usefixtures("scheduler")
+def test_a_pod_says_where_it_goes_while_its_volume_is_made(
+    installed_plane: ControlPlane, stage: Stage, made: str
+) -> None:
+    def promised() -> str:
+        return str(stage.pod("recorder")["status"].get("nominatedNodeName", ""))
+
+    with nodes(installed_plane, edge("edge-1")):
+        create_claim(stage, "log", made)
+        stage.create_pod(pod("recorder", volumes=mounts("log")))
+        stage.wait(lambda: promised() == "edge-1", what=lambda: f"promised {promised()!r}")
+        with provisioner(installed_plane, stage.namespace):
+            assert stage.wait_bound("recorder") == "edge-1"
+        assert promised() == ""
+
+
+@pytest.mark.usefixtures("scheduler")
 def test_a_provisioner_that_refuses_a_node_sends_the_pod_back_to_try_again(
     installed_plane: ControlPlane, stage: Stage, made: str
 ) -> None:

@@ -200,6 +200,7 @@ async def test_volumes_are_bound_before_the_pod_is() -> None:
     await rig.turn()
     assert rig.volumes.asked == ["p"]
     assert rig.io.asked == []
+    assert rig.said.nominated == {"p": rig.core.cluster.placed["uid-p"].node}
     rig.volumes.ready.set()
     await rig.turn()
     assert [name for name, *_ in rig.io.asked] == ["p"]
@@ -215,6 +216,7 @@ async def test_volumes_that_cannot_be_bound_send_the_pod_back_with_the_reason() 
     assert rig.io.asked == []
     text = 'running PreBind plugin "VolumeBinding": binding volumes: context deadline exceeded'
     assert rig.said.lines == [(PodReason.SCHEDULER_ERROR, "p", text)]
+    assert rig.said.nominated == {"p": ""}
     assert rig.core.cluster.placed == {}
     assert rig.core.queue.pending()["backoff"] == 1
     assert rig.count("error") == 1

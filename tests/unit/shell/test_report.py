@@ -53,6 +53,24 @@ class Desk:
         return [body for method, _, body in self.client.calls if method == "patch"]
 
 
+async def test_a_promise_is_written_once_by_the_leader_and_one_that_cannot_be_is_let_go() -> None:
+    desk = Desk()
+    await desk.reporter.promise(pod(), "edge-1")
+    ((_, path, (_, patch)),) = desk.client.calls
+    assert path.endswith("/pods/drv-0/status")
+    assert patch == {"metadata": {"uid": "u1"}, "status": {"nominatedNodeName": "edge-1"}}
+    promised = pod()
+    promised.status.nominated_node_name = "edge-1"
+    await desk.reporter.promise(promised, "edge-1")
+    desk.leads = False
+    await desk.reporter.promise(pod(), "edge-1")
+    assert len(desk.client.calls) == 1
+    desk.leads = True
+    desk.client.always("patch", Conflict("changed", status=409))
+    await desk.reporter.promise(pod(), "edge-2")
+    assert len(desk.client.calls) == 2
+
+
 async def test_an_unschedulable_pod_gets_one_condition_and_one_event() -> None:
     desk = Desk()
     for _ in range(3):
