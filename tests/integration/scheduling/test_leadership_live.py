@@ -130,5 +130,8 @@ def test_a_configuration_that_cannot_be_used_names_every_mistake_and_exits_with_
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 2
     assert f"{path}: parallelism: Invalid value: 0: should be an integer value greater than zero" in done.stderr
-    assert 'plugin "GangScheduling" is not built into this scheduler yet' in done.stderr
+    assert (
+        'not supported here: plugin "GangScheduling": the pods of a PodGroup are planned whole without it'
+        in done.stderr
+    )
     assert "Traceback" not in done.stderr
