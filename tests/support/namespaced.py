@@ -7,6 +7,7 @@ import ctypes
 import os
 import shutil
 import socket
+import struct
 import subprocess
 import tempfile
 import threading
@@ -24,6 +25,7 @@ from robotapp_testbed.switch import LatencySwitch
 
 _T = TypeVar("_T")
 _CLONE_NEWNET = 0x40000000
+_SO_TIMESTAMPNS = 35  # of asm-generic: x86-64 and arm64
 TAP = "lat0"
 
 
@@ -134,26 +136,30 @@ class Wire:
 
 
 def round_trips_ms(origin: Namespace, target: Namespace, *, count: int, pause_s: float) -> list[float]:
-    """ICMP echo, answered by the target's kernel; lost ones are left out."""
+    """ICMP echo, answered by the target's kernel and stamped by the origin's when the answer comes: how soon this program
+    is woken does not count. Lost ones are left out."""
     found = []
     with origin.inside(lambda: socket.socket(socket.AF_INET, socket.SOCK_RAW, socket.IPPROTO_ICMP)) as pinger:
+        pinger.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
         pinger.settimeout(1)
         for number in range(count):
-            began = time.perf_counter()
-            pinger.sendto(_echo_request(number), (target.address, 0))
-            took_s = _wait_for_reply(pinger, number, began)
-            if took_s is not None:
-                found.append(took_s * 1000)
+            request = _echo_request(number)
+            began_ns = time.time_ns()
+            pinger.sendto(request, (target.address, 0))
+            came_ns = _reply_came_ns(pinger, number)
+            if came_ns is not None:
+                found.append((came_ns - began_ns) / 1e6)
             time.sleep(pause_s)
     return found
 
 
-def _wait_for_reply(pinger: socket.socket, number: int, began: float) -> float | None:
+def _reply_came_ns(pinger: socket.socket, number: int) -> int | None:
     try:
         while True:
-            packet = pinger.recv(256)
+            packet, ((_, _, stamp),), _, _ = pinger.recvmsg(256, 256)
             if packet[20] == 0 and int.from_bytes(packet[26:28], "big") == number:
-                return time.perf_counter() - began
+                seconds, nanoseconds = struct.unpack("@qq", stamp)
+                return int(seconds * 1_000_000_000 + nanoseconds)
     except TimeoutError:
         return None
 
