@@ -24,6 +24,8 @@ EPHEMERAL: Final = 2
 BASE_RESOURCES: Final = ("cpu", "memory", "ephemeral-storage")
 LARGEST: Final = 2**53
 """Amounts are cut here: sums and products with 100 stay inside int64, and no real node offers more."""
+MOST_RESOURCES: Final = 1024
+"""Different resources in a cluster: what comes after these is offered and held by nobody."""
 MOST_STRANGE: Final = 256
 """Resources that pods may bring in without any node offering them."""
 
@@ -184,15 +186,21 @@ class ResourceColumns:
             found = len(self.names)
             self.names.append(name)
             self.index[name] = found
-            empty = np.zeros((1, self.allocatable.shape[1]), dtype=np.int64)
-            self.allocatable = np.concatenate([self.allocatable, empty])
-            self.requested = np.concatenate([self.requested, empty])
+            if found >= len(self.allocatable):
+                empty = np.zeros_like(self.allocatable)
+                self.allocatable = np.concatenate([self.allocatable, empty])
+                self.requested = np.concatenate([self.requested, empty])
         return found
 
     def coded(self, amounts: dict[str, int]) -> tuple[tuple[int, int], ...]:
         """(index, amount) pairs of a resource list. Zero amounts are left out, and so are negative ones, which would make
         room on a node for everybody.
         """
+        left = MOST_RESOURCES - len(self.names)
+        if len(amounts) > left:
+            strange = [name for name in amounts if name not in self.index]
+            left_out = set(strange[left:])
+            amounts = {name: value for name, value in amounts.items() if name not in left_out}
         return tuple((self.code(name), min(value, LARGEST)) for name, value in amounts.items() if value > 0)
 
     def held(self, amounts: dict[str, int]) -> tuple[tuple[int, int], ...]:

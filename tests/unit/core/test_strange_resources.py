@@ -2,7 +2,7 @@
 
 from tests.support.scheduling import make_cluster, make_node, make_pod
 
-from robotapp_scheduler.core.columns import LARGEST, MOST_STRANGE
+from robotapp_scheduler.core.columns import LARGEST, MOST_RESOURCES, MOST_STRANGE
 from robotapp_scheduler.core.objects import Pod
 
 
@@ -23,6 +23,19 @@ def test_ten_thousand_of_them_neither_fill_the_memory_nor_hide_what_nodes_offer(
     cluster.remove_pod(strange("p", "x.example/r1"))
     cluster.remove_pod(strange("q", "x.example/r1"))
     assert not table.requested.any()
+
+
+def test_a_node_that_offers_ten_thousand_resources_leaves_the_others_theirs() -> None:
+    cluster = make_cluster(make_node("n", **{"lab.example/arm": "2"}))
+    many = {f"x.example/r{number}": "1" for number in range(10_000)}
+    for _ in range(2):
+        cluster.apply_node(make_node("m", **many))
+    table = cluster.nodes.resources
+    assert len(table.names) == MOST_RESOURCES
+    assert table.allocatable[table.index["x.example/r0"], 1] == 1
+    cluster.apply_node(make_node("o", **{"lab.example/arm": "5", "late.example/r": "1"}))
+    assert table.allocatable[table.index["lab.example/arm"], 2] == 5
+    assert "late.example/r" not in table.index
 
 
 def test_absurd_amounts_of_running_pods_never_wrap_around() -> None:
