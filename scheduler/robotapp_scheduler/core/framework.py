@@ -70,7 +70,8 @@ Class attributes and their defaults:
 `row_local`   True: a row's result depends on that row alone, so only changed rows are computed again; default False
 `events`      changes that may help a pod this plugin rejected; default: every change
 `hint_reads`  features of the pod that `hint` depends on; default: `reads`. Waiting pods that are equal in them are
-              asked about once, so name as few as you can
+              asked about once, so name as few as you can; `hint_of_each(event) -> bool` says for which events it
+              depends on more features, so that every pod is asked about
 `reason`      text for rows a bare mask rejects
 `resolvable`  False: taking other pods away cannot help (UnschedulableAndUnresolvable)
 `normalize`   "none" (raw is 0…100), "max", "inverse" or "minmax"; see `normalized`
@@ -89,7 +90,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.changes import NODE, OWN_COLUMN, READS, Change, Event, interest_of
+from robotapp_scheduler.core.changes import NODE, OWN_COLUMN, READS, Change, interest_of
 from robotapp_scheduler.core.columns import BoolArray, FloatArray, IntArray
 from robotapp_scheduler.core.pods import FEATURES, LIVE, PlacedPod, PodInfo
 from robotapp_scheduler.core.rows import Row
@@ -249,8 +250,8 @@ class Loaded:
         self.touched_by: Callable[[PodInfo, PlacedPod], bool] | None = getattr(plugin, "touched_by", None)
         self.beside: Callable[[PodInfo, Nodes], Beside | None] | None = getattr(plugin, "beside", None)
         self.room: Callable[[PodInfo], Mapping[str, int]] | None = getattr(plugin, "room", None)
-        hint: Callable[[PodInfo, Event], bool] | None = getattr(plugin, "hint", None)
-        self.waker = Waker(self.name, self.events, hint, hint_reads)
+        hints = (getattr(plugin, "hint", None), hint_reads, getattr(plugin, "hint_of_each", None))
+        self.waker = Waker(self.name, self.events, *hints)
         self.pre_enqueue: Callable[[PodInfo], Status | None] | None = getattr(plugin, "pre_enqueue", None)
 
     def __repr__(self) -> str:

@@ -203,6 +203,9 @@ FEATURES: Final[dict[str, Callable[[PodInfo], Hashable]]] = {
     "mounts": lambda pod: (pod.namespace, pod.volumes),
     VOLUME_FEATURE: lambda pod: pod.volume_key,
     "spread": lambda pod: spread_key(pod.pod),
+    "spread_labels": lambda pod: tuple(
+        (key, pod.labels.get(key)) for each in pod.pod.spec.topology_spread_constraints for key in each.match_label_keys
+    ),
     "resource_claims": lambda pod: (pod.namespace, *wanted(pod.pod)) if pod.pod.spec.resource_claims else None,
     "ros": lambda pod: pod.ros,
     "ros.qos": lambda pod: pod.ros and pod.ros.qos_class,

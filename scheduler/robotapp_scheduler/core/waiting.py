@@ -24,6 +24,8 @@ class Waker(NamedTuple):
     hint: Callable[[PodInfo, Event], bool] | None = None
     reads: tuple[str, ...] = ()
     """Pod features the hint's answer depends on."""
+    of_each: Callable[[Event], bool] | None = None
+    """Events for which it depends on more, so that every pod has to be asked about."""
 
     def key(self, pod: PodInfo) -> Hashable:
         """Pods with equal keys get equal answers."""
@@ -64,6 +66,15 @@ class _Bucket:
         self.mask = _SELF
         for waker in wakers:
             self.mask |= int(waker.events)
+
+    def woken(self, event: Event) -> list[Woken]:
+        """Those of the pods that leave."""
+        everybody = list(self.pods.values())
+        if any(waker.of_each is not None and waker.of_each(event) for waker in (*self.pending, *self.rejecting)):
+            answers = [(queued, self.answer(queued.info, event)) for queued in everybody]
+            return [Woken(queued, immediate) for queued, immediate in answers if immediate is not None]
+        immediate = self.answer(everybody[0].info, event)
+        return [] if immediate is None else [Woken(queued, immediate) for queued in everybody]
 
     def answer(self, pod: PodInfo, event: Event) -> bool | None:
         """None: stays. True: leaves at once. False: leaves after its back-off."""
@@ -123,9 +134,9 @@ class WaitingRoom:
             if not mask & change:
                 continue
             for bucket in buckets.values():
-                immediate = bucket.answer(next(iter(bucket.pods.values())).info, event)
-                if immediate is not None:
-                    found += [Woken(queued, immediate) for uid, queued in bucket.pods.items() if uid != but]
+                found += bucket.woken(event)
+        if but:
+            return [woken for woken in found if woken.queued.info.uid != but]
         return found
 
     def answer(self, queued: QueuedPod, event: Event) -> bool | None:

@@ -51,6 +51,18 @@ def test_equal_pods_are_asked_about_once() -> None:
     assert queue.pending()["unschedulable"] == 1
 
 
+def test_for_events_that_concern_each_pod_in_its_own_way_every_pod_is_asked_about() -> None:
+    hinter = Hinter()
+    queue = SchedulingQueue(
+        clock=Clock(),
+        key=lambda info, queued_s: (-info.priority, queued_s),
+        waker=lambda _, plugin: Waker(plugin, Change.ALL, hinter.hint, (), lambda event: event.old is not None),
+    )
+    rejected(queue, *(make_info(f"p{i}", labels={"help": "yes"} if i == 7 else {}) for i in range(10)))
+    assert queue.move(GONE) == 1
+    assert len(hinter.asked) == 10
+
+
 def test_a_hint_is_not_asked_about_kinds_of_change_its_plugin_does_not_name() -> None:
     hinter = Hinter()
     queue = queue_with(hinter)

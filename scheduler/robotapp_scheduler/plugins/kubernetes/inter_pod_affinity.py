@@ -14,7 +14,7 @@ from robotapp_scheduler.core.changes import PLACED, Change, Event
 from robotapp_scheduler.core.columns import BoolArray, IntArray
 from robotapp_scheduler.core.counts import Census, Wanted
 from robotapp_scheduler.core.framework import Beside, FilterResult, PerDomain, PluginError, ScoreResult, Verdict
-from robotapp_scheduler.core.objects import Node
+from robotapp_scheduler.core.objects import Affinity, Node, PodAffinityTerm
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo
 from robotapp_scheduler.core.view import Nodes
 
@@ -46,6 +46,7 @@ class InterPodAffinity:
     name = "InterPodAffinity"
     reads = ("labels", "namespace", "pod_affinity")
     node_reads = ("labels", "namespaces", "pods")
+    hint_reads = ("namespace", "pod_affinity")
     events = PLACED | Change.NODE_ADDED | Change.LABELS | Change.NOMINATED
     normalize = "minmax"
     Args = AffinityArgs
@@ -153,6 +154,10 @@ class InterPodAffinity:
         freed = any(_may_mean(term, old) and not _may_mean(term, new) for term in terms.anti_affinity)
         return freed or (_wanted(terms, new) and not _wanted(terms, old))
 
+    def hint_of_each(self, event: Event) -> bool:
+        """A pod went that may have kept others away by their labels."""
+        return event.resource == "pods" and event.old is not None and bool(_away(event.old.spec.affinity))
+
     def _terms(self, pod: PodInfo, nodes: Nodes) -> tuple[Terms, Pull]:
         topology = nodes.cluster.topology
         terms = topology.terms_of(pod)
@@ -189,7 +194,18 @@ def _add(sums: dict[str, IntArray], key: str, values: IntArray) -> None:
 
 
 def _readable(pod: PodInfo) -> Terms:
-    return compiled(pod.namespace, pod.affinity) if pod.affinity is not None else NO_TERMS
+    if pod.affinity is None:
+        return NO_TERMS
+    found: Terms | None = pod.shape.notes.get(_readable)
+    if found is None:
+        found = pod.shape.notes[_readable] = compiled(pod.namespace, pod.affinity)
+    return found
+
+
+def _away(affinity: Affinity | None) -> tuple[PodAffinityTerm, ...]:
+    """The required anti-affinity terms."""
+    away = affinity.pod_anti_affinity if affinity is not None else None
+    return away.required if away is not None else ()
 
 
 def _may_mean(term: Term, pod: PodInfo | PlacedPod) -> bool:

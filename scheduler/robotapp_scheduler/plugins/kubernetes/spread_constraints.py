@@ -11,7 +11,7 @@ from robotapp_scheduler.core.counts import Census, Counter, Wanted
 from robotapp_scheduler.core.domains import Scope
 from robotapp_scheduler.core.framework import PluginError
 from robotapp_scheduler.core.matchers import PodMatcher, Requirements
-from robotapp_scheduler.core.objects import TopologySpreadConstraint
+from robotapp_scheduler.core.objects import Pod, TopologySpreadConstraint
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.plugins.kubernetes.matching import own_terms_mask
@@ -59,9 +59,9 @@ class Constraint(NamedTuple):
         """The pods it counts."""
         return nodes.cluster.topology.counter(self.wanted)
 
-    def matches(self, pod: PodInfo) -> bool:
+    def matches(self, pod: Pod) -> bool:
         """Does its selector mean this pod?"""
-        return self.wanted.matchers[0].matches(pod.namespace, pod.labels)
+        return self.wanted.matchers[0].matches(pod.metadata.namespace, pod.metadata.labels or {})
 
 
 def own_constraints(pod: PodInfo, when: str) -> tuple[Constraint, ...]:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from robotapp_scheduler.core.changes import NODE, PLACED, Change, Event
 from robotapp_scheduler.core.columns import BoolArray, FloatArray, IntArray
 from robotapp_scheduler.core.framework import MAX_SCORE, AmongResult, FilterResult, Positions, Verdict
-from robotapp_scheduler.core.objects import Node
+from robotapp_scheduler.core.objects import Node, Pod
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo
 from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.plugins.kubernetes.spread_constraints import (
@@ -61,7 +61,7 @@ class PodTopologySpread:
     reads = ("controller", "labels", "namespace", "node_affinity", "node_selector", "spread", "tolerations")
     node_reads = ("labels", "pods", "selectors", "taints")
     events = NODE | PLACED | Change.LABELS | Change.TAINTS | Change.NOMINATED
-    hint_reads = ("labels", "namespace", "spread")
+    hint_reads = ("namespace", "spread", "spread_labels")
     Args = SpreadArgs
 
     def __init__(self, args: SpreadArgs | None = None) -> None:
@@ -121,17 +121,18 @@ class PodTopologySpread:
         """Pods that a constraint counts came, went or changed; or nodes with its keys did."""
         if not pod.pod.spec.topology_spread_constraints:
             return True  # default constraints: which pods count depends on Services and owners
-        constraints = own_constraints(pod, HARD)
+        constraints = self._own(pod, HARD)
         if event.resource == "nodes":
             return _nodes_matter(event.old, event.new, constraints)
-        pods = [PodInfo(each) for each in (event.old, event.new) if each is not None]
+        pods: list[Pod] = [each for each in (event.old, event.new) if each is not None]
         counted = [tuple(constraint.matches(each) for constraint in constraints) for each in pods]
         if event.change & COME_OR_GONE or len(pods) == 1:
             return any(map(any, counted))
         if event.change & Change.SELF:
-            tolerates_more = pods[0].tolerations != pods[1].tolerations
+            tolerates_more = pods[0].spec.tolerations != pods[1].spec.tolerations
             return counted[0] != counted[1] or (tolerates_more and any(each.honor_taints for each in constraints))
-        return counted[0] != counted[1] or (pods[0].deleting != pods[1].deleting and any(counted[1]))
+        ends = (pods[0].metadata.deletion_timestamp is None) != (pods[1].metadata.deletion_timestamp is None)
+        return counted[0] != counted[1] or (ends and any(counted[1]))
 
     # --- Inside ------------------------------------------------------------------------------------------------------
 
