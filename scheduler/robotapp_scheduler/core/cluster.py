@@ -286,11 +286,18 @@ class Cluster:
         self._seen.pop(uid, None)
         old = self.placed.get(uid)
         self._alike.share(pod)
-        record = self._record(pod, PodInfo(pod), pod.spec.node_name, assumed=False)
+        info, node = PodInfo(pod), pod.spec.node_name
+        if old is not None and (old.shape, old.node, old.terminating) == (info.shape.number, node, info.deleting):
+            # Most news by far: an assumption is confirmed, or the status changed.
+            confirmed, old.assumed, old.pod = old.assumed, False, pod
+            self._touch(node)
+            self._member(pod, node)
+            return Change.POD_ADDED if confirmed else Change.NONE
+        record = self._record(pod, info, node, assumed=False)
         if old is None:
             self._arrive(record, Change.POD_ADDED)
             return Change.POD_ADDED
-        if old.node != record.node or _footprint(old) != _footprint(record):
+        if old.footprint != record.footprint:
             self.take_off(uid)
             self._arrive(record, Change.POD_UPDATED)
             if old.node != record.node:
@@ -334,6 +341,7 @@ class Cluster:
             volumes=info.volumes,
             affinity=self._alike.same(info.affinity_key),
             pod=pod,
+            shape=info.shape.number,
         )
 
     def _arrive(self, record: PlacedPod, change: Change) -> None:
@@ -387,14 +395,3 @@ class Cluster:
             self._priorities[priority] = count
         else:
             del self._priorities[priority]
-
-
-def _footprint(record: PlacedPod) -> tuple[object, ...]:
-    return (
-        record.requested,
-        record.scored_cpu_milli,
-        record.scored_memory_bytes,
-        record.ports,
-        record.labels,
-        record.terminating,
-    )

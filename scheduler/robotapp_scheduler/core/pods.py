@@ -245,6 +245,14 @@ class PlacedPod(msgspec.Struct, gc=False):
     """Where pods with these labels are; set while the pod is placed."""
     terms: tuple[PlacedTerm, ...] = ()
     """Its affinity terms as the cluster counts them; set while the pod is placed."""
+    shape: int = 0
+    """Number of the pod's shape."""
+
+    @property
+    def footprint(self) -> tuple[object, ...]:
+        """What others can notice of it on its node."""
+        amounts = (self.requested, self.scored_cpu_milli, self.scored_memory_bytes)
+        return (self.node, *amounts, self.ports, self.labels, self.terminating)
 
 
 def member_of(labels: dict[str, str]) -> Member | None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Hashable
 from functools import cached_property
+from itertools import count
 from typing import Any, Final, NamedTuple
 
 import msgspec
@@ -16,6 +17,7 @@ ANY_IP: Final = "0.0.0.0"  # noqa: S104 - the wildcard a hostPort without hostIP
 MOST_SHAPES: Final = 2048
 MOST_KEY_BYTES: Final = 16_384
 """Larger pods are not remembered: two thousand of 1.5 MB would fill the memory."""
+_numbers: Final = count(1)
 _encode: Final = msgspec.msgpack.Encoder().encode
 
 
@@ -32,6 +34,8 @@ class Shape:
 
     def __init__(self, pod: Pod) -> None:
         self._pod = pod
+        self.number = next(_numbers)
+        """Tells shapes apart; a shape that was dropped and made again has another one."""
         self.keys: dict[tuple[str, ...], tuple[Hashable, ...]] = {}
         """Features of such pods by their names (core.pods)."""
         self.notes: dict[object, Any] = {}

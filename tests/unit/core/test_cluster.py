@@ -3,6 +3,7 @@ from tests.support.scheduling import app_object, chain, make_cluster, make_info,
 
 from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.objects import ResourceRequirements
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.view import Nodes
 
@@ -127,3 +128,32 @@ def test_apps_are_touched_by_their_pods_owners_and_themselves() -> None:
         assert cluster.take_touched() == {"app-1"}
     cluster.apply_pod(make_pod("stranger", node="a"))
     assert cluster.take_touched() == frozenset()
+
+
+def test_news_about_the_status_alone_keep_the_record_and_exchange_the_pod() -> None:
+    cluster = make_cluster(make_node("n"))
+    cluster.assume(make_info("p"), "n")
+    record, version = cluster.placed["uid-p"], cluster.nodes.versions[0]
+    bound = make_pod("p", node="n")
+    assert cluster.apply_pod(bound) == Change.POD_ADDED
+    running = make_pod("p", node="n", annotations={"more": "said"})
+    assert cluster.apply_pod(running) == Change.NONE
+    assert cluster.placed["uid-p"] is record
+    assert (record.assumed, record.pod is running) == (False, True)
+    assert cluster.nodes.versions[0] > version, "what was kept about the node's pods is looked at again"
+    assert [found.uid for found in cluster.placed_named("default", "p")] == ["uid-p"]
+
+
+def test_a_pod_that_begins_to_end_or_is_resized_is_counted_anew() -> None:
+    cluster = make_cluster(make_node("n"))
+    cluster.apply_pod(make_pod("p", node="n", cpu="1"))
+    ending = make_pod("p", node="n", cpu="1")
+    ending.metadata.deletion_timestamp = "2026-01-01T00:00:00Z"
+    assert cluster.apply_pod(ending) == Change.POD_UPDATED
+    resized = make_pod("p", node="n", cpu="1")
+    resized.status.allocated_resources, resized.status.resources = (
+        {"cpu": "3"},
+        ResourceRequirements(requests={"cpu": "3"}),
+    )
+    assert cluster.apply_pod(resized) == Change.POD_UPDATED
+    assert Nodes(cluster).requested("cpu").tolist() == [3000]
