@@ -2,7 +2,8 @@
 
 No API server, no I/O: decode is done, the pod is in the queue; measured are pop, filters, scores, choice, assume and
 the explain record. `classes` is the number of distinct pod shapes, interleaved; "each" makes every pod its own.
-With --placed come the loads in which pods depend on each other, among that many running pods of 200 apps.
+With --placed come the loads in which pods depend on each other, among that many running pods of 200 apps. --waiting N:
+what a decision and an event cost while N refused pods wait, each with labels of its own. --preempting N: N pods that must preempt others.
 Use ratios; absolute values belong to the machine and to what else runs on it.
 """
 
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+from tests.bench.core_loads import PREEMPTORS, preempting, waiting
 from tests.support.scheduling import make_node, make_pod, telemetry
 
 from robotapp_api.model.names import Annotation, Label
@@ -116,18 +118,32 @@ def main() -> None:
     parser.add_argument("--nodes", type=int, nargs="+", default=[1000, 5000])
     parser.add_argument("--pods", type=int, default=2000)
     parser.add_argument("--placed", type=int, default=0, help="running pods; adds the loads that look at them")
+    parser.add_argument("--only", nargs="*", help="just these workloads")
+    parser.add_argument("--waiting", type=int, default=0, help="refused pods that wait")
+    parser.add_argument("--preempting", type=int, default=0, help="pods that must preempt others")
     parser.add_argument("--json", type=Path, help="write the rows to this file")
     args = parser.parse_args()
-    rows = []
+    rows: list[dict[str, Any]] = []
+
+    def tell(row: dict[str, Any]) -> None:
+        rows.append(row)
+        print("  ".join(f"{key} {value!s:>7}" for key, value in row.items()), flush=True)
+
     for nodes in args.nodes:
         for workload, classes in (
             ("basic", 1), ("basic", 20), ("basic", args.pods + 100), ("rich", 20), ("rich", args.pods + 100),
             ("ros", 20), ("ros", args.pods + 100),
             *((workload, classes) for workload in COMPANY if args.placed for classes in (1, 20, args.pods + 100)),
         ):  # fmt: skip
-            row = measure(nodes, classes, workload, args.pods, args.placed)
-            rows.append(row)
-            print("  ".join(f"{key} {value!s:>7}" for key, value in row.items()), flush=True)
+            if args.only is None or workload in args.only:
+                tell(measure(nodes, classes, workload, args.pods, args.placed))
+        for stuck, workload in (("too large", "basic"), ("spread", "anti-affinity"), ("spread", "zone-spread")):
+            for wait in (0, args.waiting) if args.waiting else ():
+                core = build(nodes, args.placed)
+                row = waiting(core, stuck, args.pods, lambda i, workload=workload: pod(i, 1, workload), wait=wait)
+                tell({"nodes": nodes, "workload": workload, **row})
+        for kind in PREEMPTORS if args.preempting else ():
+            tell(preempting(nodes, kind, args.preempting))
     if args.json:
         args.json.write_text(json.dumps(rows, indent=1))
 

@@ -1,0 +1,101 @@
+"""Loads of `scripts/bench cycle` beside plain placing: pods that wait unschedulable, and pods that must preempt others."""
+
+import time
+from collections.abc import Callable
+from typing import Any, Final
+
+import msgspec
+from tests.support.scheduling import make_node, make_pod
+
+from robotapp_api.model.names import Label
+from robotapp_scheduler.core.changes import Event
+from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.queued import Rejection
+from robotapp_scheduler.plugins.registry import default_profiles
+
+LOW_PER_NODE: Final = 4
+SELECTOR: Final = {"matchLabels": {"color": "stuck"}}
+NOWHERE: Final = {
+    "topologyKey": "nowhere",
+    "maxSkew": 1,
+    "whenUnsatisfiable": "DoNotSchedule",
+    "labelSelector": SELECTOR,
+}
+HOSTNAME: Final = {"topologyKey": "kubernetes.io/hostname", "labelSelector": {"matchLabels": {"color": "blue"}}}
+ZONE: Final = {**HOSTNAME, "topologyKey": str(Label.ZONE)}
+PREEMPTORS: Final[dict[str, dict[str, Any]]] = {
+    "amounts": {},
+    "anti-affinity": {"affinity": {"podAntiAffinity": {"requiredDuringSchedulingIgnoredDuringExecution": [HOSTNAME]}}},
+    "zone-spread": {"topologySpreadConstraints": [{**ZONE, "maxSkew": 5, "whenUnsatisfiable": "DoNotSchedule"}]},
+}
+
+
+def waiting(core: SchedulerCore, stuck: str, pods: int, make: Callable[[int], Any], *, wait: int) -> dict[str, Any]:
+    """µs per decision and per event "bound" while `wait` refused pods wait, each with labels of its own."""
+    for i in range(wait):
+        fields = {"cpu": f"{1000 + i}"} if stuck == "too large" else {"topologySpreadConstraints": [NOWHERE]}
+        pod = make_pod(f"stuck-{i}", labels={"color": "stuck", "ordinal": str(i)}, **fields)
+        core.cluster.apply_pod(pod)
+        core.queue.add(pod)
+    refusing = [_refuse(core) for _ in range(wait)]
+    deciding, telling = [], []
+    for i in range(pods):
+        pod = make(i)
+        core.cluster.apply_pod(pod)
+        core.queue.add(pod)
+        started = time.perf_counter()
+        (decision,) = core.schedule(core.queue.pop())
+        core.queue.done(decision.pod.uid)
+        decided = time.perf_counter()
+        bound = msgspec.structs.replace(pod, spec=msgspec.structs.replace(pod.spec, node_name=str(decision.node)))
+        core.queue.move(Event("pods", core.cluster.apply_pod(bound), pod, bound))
+        telling.append(time.perf_counter() - decided)
+        deciding.append(decided - started)
+    found = {"refuse_us": _median_us(refusing), "decide_us": _median_us(deciding), "event_us": _median_us(telling)}
+    return {"waiting": wait, "stuck": stuck, **found, "still": core.queue.pending()["unschedulable"]}
+
+
+def _refuse(core: SchedulerCore) -> float:
+    started = time.perf_counter()
+    for decision in core.schedule(core.queue.pop()):
+        if decision.queued is None or decision.placed:
+            raise SystemExit(f"{decision.pod.key} was to be refused: {decision}")
+        core.queue.requeue(decision.queued, Rejection(decision.rejected_by))
+    return time.perf_counter() - started
+
+
+def preempting(nodes: int, kind: str, pods: int) -> dict[str, Any]:
+    """ms per attempt of pods that find every node full of four pods of lower priority; victims go at once."""
+    core = _full(nodes)
+    spent = []
+    for i in range(pods):
+        fields = {"cpu": "8", "memory": "100Mi", "priority": 1000, "labels": {"color": "blue"}, **PREEMPTORS[kind]}
+        info = PodInfo(make_pod(f"high-{i}", **fields))
+        started = time.perf_counter()
+        decision = core.schedule_one(info)
+        spent.append(1e3 * (time.perf_counter() - started))
+        if decision.plan is None:
+            raise SystemExit(f"{info.key} found nobody to preempt: {decision.message}")
+        core.cluster.nominations.nominate(info, decision.plan.node)
+        for victim in decision.plan.victims:
+            core.cluster.remove_pod(victim.pod)
+        core.schedule_one(info)
+    found = {"first_ms": round(spent[0], 2), "p50_ms": round(sorted(spent)[len(spent) // 2], 2)}
+    return {"nodes": nodes, "preemptors": kind, **found, "p99_ms": round(sorted(spent)[int(len(spent) * 0.99)], 2)}
+
+
+def _full(nodes: int) -> SchedulerCore:
+    cluster = Cluster(clock=time.monotonic)
+    for i in range(nodes):
+        cluster.apply_node(make_node(f"node-{i}", labels={str(Label.ZONE): f"zone-{i % 10}"}, cpu="32", memory="256Gi"))
+    for i in range(LOW_PER_NODE * nodes):
+        low = make_pod(f"low-{i}", node=f"node-{i % nodes}", labels={"color": "blue"}, cpu="8", memory="100Mi")
+        low.status.start_time = f"2026-01-01T00:{i // 60 % 60:02d}:{i % 60:02d}Z"
+        cluster.apply_pod(low)
+    return SchedulerCore(cluster, default_profiles(), clock=time.monotonic)
+
+
+def _median_us(seconds: list[float]) -> float:
+    return round(1e6 * sorted(seconds)[len(seconds) // 2], 1) if seconds else 0.0
