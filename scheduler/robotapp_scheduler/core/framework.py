@@ -56,10 +56,8 @@ Hooks, in the order of a cycle:
                                              change this filter's verdict about `pod`? Asked whatever `node_reads` says;
                                              without it: True when `node_reads` names facts of pods. False lets
                                              preemption decide by amounts alone
-`beside(pod, nodes) -> (row, pods) -> bool | None`
-                                             optional, beside `touched_by`: a test whether a node's row takes the pod
-                                             when just these placed pods stay there; None = other nodes matter, too.
-                                             Lets preemption decide such rules without trying them out
+`beside(pod, nodes) -> Beside | None`        optional, beside `touched_by`: a test whether a node's row takes the pod
+                                             when of its pods just these stay there; None = the rule must be tried out
 `room(pod) -> mapping`                       for one filter of a profile: it passes exactly where one more pod and these
                                              amounts are free
 
@@ -168,8 +166,13 @@ FilterResult = BoolArray | Verdict | Literal[True] | None
 ScoreResult = npt.NDArray[Any] | PerDomain | Scores | int | None
 AmongResult = npt.NDArray[Any] | int | None
 Positions = npt.NDArray[np.intp]
-Beside = Callable[[int, Sequence[PlacedPod]], bool]
-"""Does the node of a row take the pod when just these pods stay there?"""
+
+
+class Beside(NamedTuple):
+    """Answer of `beside`. `confined`: nothing that happens on other nodes changes what `takes` says about a node."""
+
+    takes: Callable[[int, Sequence[PlacedPod]], bool]
+    confined: bool = True
 
 
 class FilterPlugin(Protocol):

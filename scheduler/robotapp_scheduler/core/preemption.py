@@ -154,11 +154,16 @@ class _Search:
         self._room: Codes
         self._first, self._room = self._influence.codes(view, evaluation)
         self._beside = self._influence.beside(Nodes(cluster))
-        """Filters that mind only who stays on the node."""
-        self._rest = self._influence.codes(view, evaluation, without=self._beside)[0] if self._beside else self._first
-        """As `_first`, those left out."""
+        """Filters that can tell by who stays on the node."""
+        self._confined = [name for name, test in self._beside.items() if test.confined]
+        """Those of them that no other node matters to: what they said holds until something changes there."""
+        self._rest, self._open = (
+            self._influence.codes(view, evaluation, without=names)[0] if names else self._first
+            for names in (self._beside, self._confined)
+        )
+        """As `_first`, without the filters of each."""
         self._reasons: dict[int, int] = {}
-        key = (pod.priority, cluster.budgets.generation, cluster.topology.namespaces.generation, *self._beside)
+        key = (pod.priority, cluster.budgets.generation, cluster.topology.namespaces.generation, *self._confined)
         self._kept: Remembered = failure.remembered(key) if not failure.spared else {}
 
     def candidates(self, limit: int) -> list[Candidate]:
@@ -168,7 +173,7 @@ class _Search:
         hopeful = self._someone & (self._room == 0)
         if len(self._influence.others) == len(self._beside):
             hopeful &= self._rest == 0
-        open_ = self._rest == 0
+        open_ = self._open == 0
         indices = np.flatnonzero(hopeful)
         for i, row, is_open in zip(
             *(each.tolist() for each in (indices, self._rows[indices], open_[indices])), strict=True
@@ -215,11 +220,12 @@ class _Search:
         if (self._rest if touched else self._first)[i] != 0:
             return None
         candidate = self._whole_numbers(row, fits=partial(self._fits, row) if touched else None)
-        self._kept[row] = (self._versions[row], candidate, touched)
+        if not touched or not self._touched(row, without=self._confined):
+            self._kept[row] = (self._versions[row], candidate, touched)
         return candidate
 
     def _fits(self, row: int, staying: Sequence[PlacedPod]) -> bool:
-        return all(test(row, staying) for test in self._beside.values())
+        return all(test.takes(row, staying) for test in self._beside.values())
 
     def _touched(self, row: int, *, without: Collection[str] = ()) -> bool:
         """Do other filters mind the lower pods of a row?"""

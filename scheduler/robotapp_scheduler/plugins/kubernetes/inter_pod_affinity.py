@@ -123,7 +123,7 @@ class InterPodAffinity:
         own = [(term.topology_key, term.matcher(topology.namespaces)) for term in terms.anti_affinity]
         of_namespace = topology.namespaces.labels_of(pod.namespace)
 
-        def passes(row: int, others: Sequence[PlacedPod]) -> bool:
+        def takes(row: int, others: Sequence[PlacedPod]) -> bool:
             labels = nodes.labels_of(row)
             for other in others:
                 if any(key in labels and meant.matches(other.namespace, other.labels) for key, meant in own):
@@ -134,7 +134,7 @@ class InterPodAffinity:
                         return False
             return True
 
-        return passes
+        return Beside(takes)
 
     def hint(self, pod: PodInfo, event: Event) -> bool:
         """A pod came that is wanted, one went that is in the way, or nodes changed a topology key."""

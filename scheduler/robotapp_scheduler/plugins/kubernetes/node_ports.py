@@ -32,7 +32,7 @@ class NodePorts:
 
     def beside(self, pod: PodInfo, nodes: Nodes) -> Beside:  # noqa: ARG002 - the contract's signature
         """Where no pod that stays uses one of the ports."""
-        return lambda _, others: not any(self.touched_by(pod, other) for other in others)
+        return Beside(lambda _, others: not any(self.touched_by(pod, other) for other in others))
 
     def hint(self, pod: PodInfo, event: Event) -> bool:
         """A new node, or a pod gone that used (or was to use) one of the ports."""

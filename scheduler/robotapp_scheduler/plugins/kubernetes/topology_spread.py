@@ -1,6 +1,6 @@
 """PodTopologySpread: keep the pods of a selector even over zones, nodes or any other node label."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Final, NamedTuple
 
 import msgspec
@@ -9,7 +9,9 @@ import numpy.typing as npt
 
 from robotapp_scheduler.core.changes import NODE, PLACED, Change, Event
 from robotapp_scheduler.core.columns import BoolArray, FloatArray, IntArray
-from robotapp_scheduler.core.framework import MAX_SCORE, AmongResult, FilterResult, Positions, Verdict
+from robotapp_scheduler.core.domains import Scope
+from robotapp_scheduler.core.framework import MAX_SCORE, AmongResult, Beside, FilterResult, Positions, Verdict
+from robotapp_scheduler.core.label_sets import LabelSet
 from robotapp_scheduler.core.objects import Node, Pod
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo
 from robotapp_scheduler.core.view import Nodes
@@ -95,6 +97,18 @@ class PodTopologySpread:
         return any(
             constraint.wanted.matchers[0].matches(other.namespace, other.labels) for constraint in self._own(pod, HARD)
         )
+
+    def beside(self, pod: PodInfo, nodes: Nodes) -> Beside:
+        """Where the counts without those that go are even enough."""
+        constraints = self._constraints(pod, nodes, HARD)
+        keys = tuple(dict.fromkeys(constraint.key for constraint in constraints))
+        counted = [_Counted(each, nodes, scope_of(pod, nodes, each, keys)) for each in constraints]
+
+        def takes(row: int, staying: Sequence[PlacedPod]) -> bool:
+            there = nodes.cluster.pods_on(nodes.names[row])
+            return all(each.takes(row, there, staying) for each in counted)
+
+        return Beside(takes, confined=False)
 
     # --- Score -------------------------------------------------------------------------------------------------------
 
@@ -183,6 +197,46 @@ class _Raw(NamedTuple):
     table: IntArray
     which: npt.NDArray[np.integer[Any]] | None
     """None: the table has an entry per node."""
+
+
+class _Counted:
+    """One DoNotSchedule constraint, reckoned for single nodes of which some pods go."""
+
+    def __init__(self, constraint: Constraint, nodes: Nodes, scope: Scope) -> None:
+        domains = constraint.counter(nodes).domains(constraint.key, scope)
+        self._constraint = constraint
+        self._scope = scope
+        self._codes = nodes.label(constraint.key).codes
+        self._values = domains.values
+        self._present = frozenset(domains.present.tolist())
+        self._lowest = sorted((int(domains.values[code]), code) for code in self._present)[:2]
+        """The two lowest counts and where they are."""
+        self._known: dict[LabelSet | None, bool] = {}
+
+    def takes(self, row: int, there: Iterable[PlacedPod], staying: Iterable[PlacedPod]) -> bool:
+        """Is the spread even enough with the pod on this row, when of the pods there just these stay?"""
+        constraint, code = self._constraint, int(self._codes[row])
+        if code == 0:
+            return False
+        count = int(self._values[code])
+        if self._scope.mask[row]:
+            count -= self._matching(there) - self._matching(staying)
+        lowest = 0
+        if 0 < len(self._present) >= constraint.min_domains:
+            others = [value for value, other in self._lowest if other != code]
+            lowest = min([count, *others] if code in self._present else others)
+        return count <= constraint.max_skew - constraint.self_match + lowest
+
+    def _matching(self, pods: Iterable[PlacedPod]) -> int:
+        """How many it counts; as upstream's dry runs, terminating ones too."""
+        return sum(self._matches(pod) for pod in pods)
+
+    def _matches(self, pod: PlacedPod) -> bool:
+        found = self._known.get(pod.label_set)
+        if found is None:
+            matcher = self._constraint.wanted.matchers[0]
+            found = self._known[pod.label_set] = matcher.matches(pod.namespace, pod.labels)
+        return found
 
 
 def _verdicts(constraint: Constraint, pod: PodInfo, nodes: Nodes, keys: tuple[str, ...]) -> npt.NDArray[np.int8]:
