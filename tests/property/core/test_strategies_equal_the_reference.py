@@ -19,6 +19,7 @@ from robotapp_scheduler.plugins.kubernetes.balanced_allocation import BalancedAr
 from robotapp_scheduler.plugins.kubernetes.resources_fit import FitArgs, NodeResourcesFit
 
 FAMILIES = ("amounts", "extended", "pod-level", "init-steps", "overhead", "boxed-level", "resize")
+UNRESIZED = tuple(family for family in FAMILIES if family != "resize")
 RESOURCES = st.dictionaries(
     st.sampled_from(("cpu", "memory", "example.com/gpu", "ephemeral-storage")),
     st.integers(1, 5),
@@ -73,8 +74,9 @@ def test_requested_to_capacity_ratio_with_any_shape(
     assert found(case, plugin) == expected(case, fit_score, fit_strategy=fit)
 
 
+# What a resized placed pod holds changed between the versions too: that is the cluster's count, not this plugin's formula.
 @CHECKS
-@given(cases(FAMILIES), RESOURCES, st.sampled_from(("1.35", "1.37")))
+@given(cases(UNRESIZED), RESOURCES, st.sampled_from(("1.35", "1.37")))
 def test_balance_over_any_resources_in_both_versions(case: Case, resources: dict[str, int], compat: str) -> None:
     args = {"resources": [{"name": name, "weight": 1} for name in resources], "compatVersion": compat}
     plugin = NodeResourcesBalancedAllocation(msgspec.convert(args, BalancedArgs))
