@@ -17,8 +17,6 @@ from tests.support.nodes_campaign import DOWN_S, UP_S, Kill, Life, kill, live
 
 from robotapp_testbed.real import UnavailableError, prerequisites
 
-_LONGEST_S = 10.0  # a little more than a start takes, so that kills strike while it starts and after that
-
 
 def main(argv: Sequence[str] | None = None) -> int:
     arguments = _parser().parse_args(argv)
@@ -36,8 +34,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         say(
             f"life {number + 1}: up {lives[-1].up_s:.1f} s, down {lives[-1].down_s:.1f} s, left {lives[-1].left or 'nothing'}"
         )
+    usual_s = statistics.median(each.up_s for each in lives)
     for number in range(arguments.kills or (20 if arguments.long else 3)):
-        kills.append(kill(names, moments.uniform(0, _LONGEST_S)))
+        kills.append(kill(names, moments.uniform(0, 2 * usual_s)))  # half of them while it starts
         say(f"kill {number + 1}: {told(kills[-1])}")
     if arguments.json:
         found = {"lives": [asdict(each) for each in lives], "kills": [asdict(each) for each in kills]}
