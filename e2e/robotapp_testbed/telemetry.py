@@ -1,6 +1,5 @@
 """A stand-in for the node agents: writes the NodeTelemetry of every simulated node, labelled as simulated."""
 
-import logging
 import threading
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 from robotapp_api.model.names import API_VERSION, Label
 from robotapp_testbed.controlplane import ControlPlane
 from robotapp_testbed.failures import ApiStatusError, TestbedError
+from robotapp_testbed.heartbeat import Heartbeat
 from robotapp_testbed.nodes import Device
 
 if TYPE_CHECKING:
@@ -19,7 +19,6 @@ PATH = f"/apis/{API_VERSION}/nodetelemetries"
 PEER_LIMIT = 64
 _SHORTEST_INTERVAL_S = 10
 _NODES_PER_INTERVAL_SECOND = 50
-_LOG = logging.getLogger(__name__)
 
 
 @dataclass
@@ -44,8 +43,7 @@ class SimulatedTelemetry:
         self._interval_s = interval_s or max(_SHORTEST_INTERVAL_S, len(topology) // _NODES_PER_INTERVAL_SECOND)
         self._agents = {node.name: _Agent() for node in topology}
         self._lock = threading.Lock()
-        self._stopped = threading.Event()
-        self._heart: threading.Thread | None = None
+        self._heart = Heartbeat("simulated telemetry", self.write, interval_s=self._interval_s)
 
     def __enter__(self) -> Self:
         return self.start()
@@ -59,15 +57,12 @@ class SimulatedTelemetry:
         """Write all objects, then keep the heartbeat."""
         self._cp.api.each(self._create, self._agents)
         self.write()
-        self._heart = threading.Thread(target=self._beat, name="simulated-telemetry", daemon=True)
         self._heart.start()
         return self
 
     def stop(self) -> None:
         """No more heartbeats; the objects stay, and age."""
-        self._stopped.set()
-        if self._heart:
-            self._heart.join()
+        self._heart.stop()
 
     def set_rtt(self, one: str, other: str, value_ms: float) -> None:
         self._topology.set_rtt(one, other, value_ms)
@@ -116,25 +111,13 @@ class SimulatedTelemetry:
         return status
 
     def _create(self, name: str) -> None:
-        metadata = {"name": name, "labels": {Label.SIMULATED: "true"}}
-        try:
-            self._cp.api.create(PATH, {"apiVersion": API_VERSION, "kind": "NodeTelemetry", "metadata": metadata})
-        except ApiStatusError as error:
-            if error.status != 409:
-                raise
+        create(self._cp, name, labels={Label.SIMULATED: "true"})
 
     def _write_one(self, name: str, asked: Iterable[str]) -> None:
         with self._lock:
             self._agents[name].sequence += 1
             status = self.status(name, asked=asked)
         self._cp.api.patch(f"{PATH}/{name}/status", {"status": status})
-
-    def _beat(self) -> None:
-        while not self._stopped.wait(self._interval_s):
-            try:
-                self.write()
-            except (OSError, ApiStatusError):  # the API server may be down on purpose; the next round tries again
-                _LOG.warning("simulated telemetry: a round could not be written", exc_info=True)
 
     def _probes(self) -> Mapping[str, list[str]]:
         items = self._cp.api.get(PATH)["items"]
@@ -163,6 +146,16 @@ class SimulatedTelemetry:
         raise TestbedError(
             f"{node} has no device {device_id!r}, it has {', '.join(each.id for each in devices) or 'none'}"
         )
+
+
+def create(cp: ControlPlane, name: str, *, labels: Mapping[str, str]) -> None:
+    """The NodeTelemetry of one node, without a status; one that is there already stays."""
+    metadata = {"name": name, "labels": dict(labels)}
+    try:
+        cp.api.create(PATH, {"apiVersion": API_VERSION, "kind": "NodeTelemetry", "metadata": metadata})
+    except ApiStatusError as error:
+        if error.status != 409:
+            raise
 
 
 def _device_status(device: Device, *, present: bool) -> dict[str, Any]:

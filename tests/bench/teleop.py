@@ -7,13 +7,10 @@ scheduler run as pods; what they use comes from the kubelets. Needs root. `--lon
 
 import argparse
 import json
-import shutil
-import statistics
 import sys
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +19,7 @@ from tests.support import teleop
 from robotapp_testbed import components_as_pods, wait_until
 from robotapp_testbed.namespaces import created
 from robotapp_testbed.nodes import cloud, edge, robot
-from robotapp_testbed.real import RealNodes, UnavailableError, prerequisites
-from robotapp_testbed.topology import SimulatedTelemetry, Topology
+from robotapp_testbed.real import MeasuredTelemetry, RealNodes, UnavailableError, prerequisites
 from ros_nodes.trips import TRIP, Row, percentile, summarise
 
 NODES = (robot("robot-1"), robot("robot-2"), edge("edge-1"), edge("edge-2", zone="hall-2"), cloud("cloud-1"))
@@ -75,8 +71,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     images = ("tools", "ros2", *components_as_pods.IMAGES)
     with RealNodes(NODES, delays=ONE_WAY_MS, images=images) as cp:
         components_as_pods.run(cp)
-        topology = Topology(NODES, rtt_ms=measured_rtts(cp))
-        with SimulatedTelemetry(cp, topology):
+        with MeasuredTelemetry(cp):
             outcomes = [run(cp, name, apps=arguments.apps, seconds=arguments.seconds) for name in SCHEDULERS]
             problems = steady(cp) if arguments.long else []
         usage = components_as_pods.usage(cp)
@@ -90,17 +85,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments.json:
         arguments.json.write_text(json.dumps([asdict(each) for each in outcomes], indent=1) + "\n")
     return 1 if problems else 0
-
-
-def measured_rtts(cp: RealNodes) -> dict[tuple[str, str], float]:
-    """Median of pings between the nodes' pod networks, over the switch: what the telemetry of a node agent would say."""
-    busybox = shutil.which("busybox") or "busybox"
-    found = {}
-    for one, other in combinations(cp.nodes, 2):
-        text = cp.node(one).box.run(busybox, "ping", "-c", "5", "-i", "0.2", cp.node(other).pod_ip)
-        times = [float(word.removeprefix("time=")) for word in text.split() if word.startswith("time=")]
-        found[one, other] = statistics.median(times)
-    return found
 
 
 def run(cp: RealNodes, scheduler: str, *, apps: int, seconds: float) -> Outcome:

@@ -7,7 +7,6 @@ with MeasuredTelemetry(cp) as telemetry:
 The pings take the way the pods' frames take, through the latency switch, so what is written is what pods meet.
 """
 
-import logging
 import platform
 import threading
 from concurrent.futures import ThreadPoolExecutor
@@ -16,19 +15,18 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from robotapp_api.model.names import API_VERSION
 from robotapp_testbed.failures import ApiStatusError, TestbedError
+from robotapp_testbed.heartbeat import Heartbeat
 from robotapp_testbed.real.cluster import RealNodes
 from robotapp_testbed.real.node import RealNode
 from robotapp_testbed.real.pings import Rtt, figures
 from robotapp_testbed.real.prerequisites import required_program
-from robotapp_testbed.telemetry import PATH
+from robotapp_testbed.telemetry import PATH, create
 
 _PINGS = 10
 _PAUSE_S = 0.05
 _ANSWER_S = 2
 _PARALLEL = 8
-_LOG = logging.getLogger(__name__)
 
 
 class MeasuredTelemetry:
@@ -39,8 +37,7 @@ class MeasuredTelemetry:
         self._interval_s = interval_s
         self._rounds = 0
         self._lock = threading.Lock()
-        self._stopped = threading.Event()
-        self._heart: threading.Thread | None = None
+        self._heart = Heartbeat("measured telemetry", self.measure, interval_s=interval_s)
 
     def __enter__(self) -> Self:
         return self.start()
@@ -53,20 +50,14 @@ class MeasuredTelemetry:
     def start(self) -> Self:
         """The first round is written when this returns."""
         for name in self._cp.nodes:
-            with suppress(ApiStatusError):  # it is there already
-                self._cp.api.create(
-                    PATH, {"apiVersion": API_VERSION, "kind": "NodeTelemetry", "metadata": {"name": name}}
-                )
+            create(self._cp, name, labels={})
         self.measure()
-        self._heart = threading.Thread(target=self._beat, name="measured-telemetry", daemon=True)
         self._heart.start()
         return self
 
     def stop(self) -> None:
         """No more rounds; without its agents nobody knows anything of the nodes."""
-        self._stopped.set()
-        if self._heart:
-            self._heart.join()
+        self._heart.stop()
         for name in self._cp.nodes:
             with suppress(ApiStatusError):
                 self._cp.api.delete(f"{PATH}/{name}")
@@ -93,13 +84,6 @@ class MeasuredTelemetry:
             "rtt": [rtt.status(peer) for peer, rtt in rtts.items()],
         }
         self._cp.api.patch(f"{PATH}/{name}/status", {"status": status})
-
-    def _beat(self) -> None:
-        while not self._stopped.wait(self._interval_s):
-            try:
-                self.measure()
-            except (OSError, TestbedError):  # the API server may be down on purpose; the next round tries again
-                _LOG.warning("measured telemetry: a round could not be written", exc_info=True)
 
 
 def _ping(pair: tuple[RealNode, RealNode]) -> Rtt:
