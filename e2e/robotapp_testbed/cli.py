@@ -1,6 +1,7 @@
 """`python -m robotapp_testbed build | up | env | status | link | down | doctor`: a cluster by hand."""
 
 import argparse
+import os
 import shlex
 import sys
 import time
@@ -27,16 +28,25 @@ real nodes:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Exit status: 0 done, 1 it failed with a message for a person, 3 nothing runs."""
+    """Exit status: 0 done, 1 it failed with a message for a person, 3 nothing runs, 141 nobody reads what it prints."""
     arguments = _parser().parse_args(argv)
     try:
-        return int(arguments.run(arguments))
+        return _run(arguments)
+    except BrokenPipeError:  # `… | head`: nobody wants the rest
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
     except TestbedError as error:
         print(error, file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         print("interrupted: what is finished stays, run it again to go on", file=sys.stderr)
         return 130
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    status = int(arguments.run(arguments))
+    sys.stdout.flush()
+    return status
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -114,19 +124,31 @@ def _build(arguments: argparse.Namespace) -> int:
 
 
 def _up(arguments: argparse.Namespace) -> int:
+    cluster = Cluster(arguments.name)
+    running = None if arguments.hold else cluster.state()
+    if running:
+        print(
+            f"the cluster {cluster.name!r} runs already and stays as it is; to start another one in its place, `down` it first",
+            file=sys.stderr,
+        )
+        return _tell(running)
+    cli_nodes.check(arguments)
     assets = Assets(base_urls=dict(arguments.release_url))
     assets.resolve()  # here, so that the user sees the progress
-    cluster = Cluster(arguments.name)
     if arguments.hold:
         cluster.hold(_plane(arguments, assets), prepare=lambda cp, stack: _prepare(cp, stack, arguments))
         return 0
-    if arguments.nodes and cluster.state() is None:
+    if arguments.nodes:
         cli_nodes.prepare(arguments)
     began_s = time.monotonic()
     state = cluster.up(_passed_on(arguments))
+    return _tell(state, cli_nodes.advice(arguments, began_s) if arguments.nodes else "")
+
+
+def _tell(state: State, advice: str = "") -> int:
     print(f"{state.server_url} serves, logs in {state.run_dir}/logs", file=sys.stderr)
-    if arguments.nodes:
-        print(cli_nodes.advice(arguments, began_s), file=sys.stderr)
+    if advice:
+        print(advice, file=sys.stderr)
     print(f"export KUBECONFIG={shlex.quote(str(state.kubeconfig('admin')))}")
     return 0
 

@@ -4,7 +4,7 @@ import argparse
 import re
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TypeAlias
 
@@ -13,9 +13,9 @@ from robotapp_testbed.assets import Assets
 from robotapp_testbed.detached import State
 from robotapp_testbed.failures import TestbedError
 from robotapp_testbed.nodes import SimulatedNode, cloud, edge, robot
-from robotapp_testbed.real import RealNodes, prerequisites
+from robotapp_testbed.real import RealNodes, cluster, prerequisites
 from robotapp_testbed.switch.control import Control
-from robotapp_testbed.switch.links import LIMITS, problem_of
+from robotapp_testbed.switch.links import LIMITS, Link, problem_of
 
 EXAMPLES = """\
   python -m robotapp_testbed doctor                      can this machine run real nodes, and what is missing
@@ -81,19 +81,28 @@ def plane(arguments: argparse.Namespace, assets: Assets) -> RealNodes:
     )
 
 
+def check(arguments: argparse.Namespace) -> None:
+    """TestbedError for what cannot be started as it was asked for, before anything is downloaded or compiled."""
+    if arguments.nodes:
+        cluster.check(arguments.nodes, [pair for pair, _ in arguments.delay])
+        prerequisites.require()
+        return
+    idle = [option for option, given in (("--delay", arguments.delay), ("--image", arguments.image)) if given]
+    if idle:
+        raise TestbedError(f"{' and '.join(idle)} without real nodes: say which with --nodes")
+
+
 def prepare(arguments: argparse.Namespace) -> None:
-    """Before a cluster is started: refuse where it cannot run, make what it needs while the user looks on."""
-    names = set(arguments.nodes)
-    unknown = {name for pair, _ in arguments.delay for name in pair} - names
-    if unknown:
-        raise TestbedError(f"--delay names {', '.join(sorted(unknown))}, but --nodes has {', '.join(arguments.nodes)}")
-    prerequisites.require()
+    """Before a cluster is started: make what it needs while the user looks on."""
     for program in programs.FOLDERS:
         programs.build(program)
     for image in ("pause", *_images(arguments)):
         images.archive(image)
-    expected_s = _EXPECTED_S + _PER_NODE_S * len(names)
-    print(f"starting {len(names)} real nodes ({', '.join(arguments.nodes)}): about {expected_s:.0f} s", file=sys.stderr)
+    expected_s = _EXPECTED_S + _PER_NODE_S * len(arguments.nodes)
+    print(
+        f"starting {len(arguments.nodes)} real nodes ({', '.join(arguments.nodes)}): about {expected_s:.0f} s",
+        file=sys.stderr,
+    )
 
 
 def passed_on(arguments: argparse.Namespace) -> list[str]:
@@ -137,18 +146,42 @@ def link(arguments: argparse.Namespace, state: State) -> int:
     """Set what was asked for, then show the links of the named nodes."""
     switch = _switch(state)
     values = _values(arguments)
-    if values and arguments.node:
-        _set(switch, arguments, values)
-    elif values:
+    _check_ends(arguments, values)
+    try:
+        _check_known(arguments.node, switch)
+        if values:
+            _set(switch, arguments, values)
+        _show(switch.links(), set(arguments.node))
+    except OSError as error:
+        raise TestbedError(
+            f"the latency switch does not answer ({error}): see {state.run_dir}/latency-switch.log, then `down` and `up` again"
+        ) from error
+    return 0
+
+
+def _check_ends(arguments: argparse.Namespace, values: Mapping[str, object]) -> None:
+    if len(arguments.node) > 2:
+        raise TestbedError(f"a link has two ends, not {len(arguments.node)}")
+    if values and not arguments.node:
         raise TestbedError("name the node or the two nodes whose links are to change")
-    wanted = set(arguments.node)
+    if arguments.one_way and (not values or len(arguments.node) != 2):
+        raise TestbedError("--one-way is about what is set from one node to another: name both, and a value")
+
+
+def _check_known(names: Sequence[str], switch: Control) -> None:
+    known = sorted({*switch.nodes(), *(end for pair in switch.links() for end in pair)})
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise TestbedError(f"there is no node {' or '.join(unknown)}; the cluster has {', '.join(known)}")
+
+
+def _show(links: Mapping[tuple[str, str], Link], wanted: set[str]) -> None:
     print(f"{'FROM':16}{'TO':16}{'DELAY MS':>9}{'JITTER MS':>10}{'LOSS':>7}{'MBIT/S':>8}  STATE")
-    for (origin, target), each in sorted(switch.links().items()):
+    for (origin, target), each in sorted(links.items()):
         if wanted <= {origin, target}:
             speed = f"{each.mbit_s:g}" if each.mbit_s else "-"
             cut = "down" if each.down else "up"
             print(f"{origin:16}{target:16}{each.delay_ms:>9g}{each.jitter_ms:>10g}{each.loss:>7g}{speed:>8}  {cut}")
-    return 0
 
 
 def _values(arguments: argparse.Namespace) -> dict[str, float | bool]:
@@ -162,13 +195,11 @@ def _values(arguments: argparse.Namespace) -> dict[str, float | bool]:
 
 
 def _set(switch: Control, arguments: argparse.Namespace, values: dict[str, float | bool]) -> None:
-    match arguments.node:
-        case [node]:
-            switch.set_node(node, **values)
-        case [origin, target]:
-            switch.set_link(origin, target, one_way=arguments.one_way, **values)
-        case _:
-            raise TestbedError(f"a link has two ends, not {len(arguments.node)}")
+    origin, *target = arguments.node
+    if target:
+        switch.set_link(origin, target[0], one_way=arguments.one_way, **values)
+    else:
+        switch.set_node(origin, **values)
 
 
 def _images(arguments: argparse.Namespace) -> Sequence[str]:

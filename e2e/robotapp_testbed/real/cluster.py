@@ -6,6 +6,7 @@ with RealNodes(["robot-1", "edge-1", robot("amr-07")]) as cp:
 """
 
 import signal
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -60,8 +61,7 @@ class RealNodes(ControlPlane):
     ) -> None:
         self._descriptions = [_description(each) for each in nodes]
         names = [each.name for each in self._descriptions]
-        if len(set(names)) != len(names) or not 1 <= len(names) <= NODES:
-            raise TestbedError(f"a cluster has 1 to {NODES} real nodes with different names, not {', '.join(names)}")
+        check(names, delays or {})
         own = {_identity_of(name): Identity(f"system:node:{name}", ("system:nodes",)) for name in names}
         own |= {"kube-proxy": Identity(services.PROXY_USER), "coredns": Identity(services.DNS_USER)}
         super().__init__(
@@ -268,6 +268,21 @@ class RealNodes(ControlPlane):
             ready=lambda: answers(f"http://127.0.0.1:{port}/ready"),
         )
         self.add_process(process).start()
+
+
+def check(names: Sequence[str], delays: Iterable[tuple[str, str]]) -> None:
+    """TestbedError when no cluster can have nodes of these names, or delays between these pairs of them. Pure."""
+    if not 1 <= len(names) <= NODES:
+        raise TestbedError(f"a cluster has 1 to {NODES} real nodes, not {len(names)}")
+    twice = sorted(name for name, count in Counter(names).items() if count > 1)
+    if twice:
+        raise TestbedError(f"nodes need different names: {', '.join(twice)} is there twice")
+    for one, other in delays:
+        if one == other:
+            raise TestbedError(f"a delay is between two nodes, not from {one} to itself")
+        unknown = [name for name in (one, other) if name not in names]
+        if unknown:
+            raise TestbedError(f"a delay names {', '.join(unknown)}, but the nodes are {', '.join(names)}")
 
 
 def _identity_of(node: str) -> str:

@@ -1,9 +1,20 @@
+import os
+import subprocess
+import sys
+
 import pytest
 
 from robotapp_testbed import cli, pins
 from robotapp_testbed.assets import Assets
 from robotapp_testbed.detached import Cluster
 from robotapp_testbed.failures import TestbedError
+
+_PRINTS = """
+import sys
+from robotapp_testbed import cli, cli_nodes
+cli_nodes._doctor = lambda _: print("x" * 100_000) or 0
+sys.exit(cli.main(["doctor"]))
+"""
 
 
 @pytest.fixture(autouse=True)
@@ -41,6 +52,16 @@ def test_build_prints_where_each_binary_is(monkeypatch: pytest.MonkeyPatch, caps
     monkeypatch.setattr(Assets, "resolve", lambda self: dict.fromkeys(pins.NAMES, "/somewhere") if self else {})
     assert cli.main(["build"]) == 0
     assert len(capsys.readouterr().out.splitlines()) == len(pins.NAMES)
+
+
+def test_output_that_nobody_reads_ends_it_quietly() -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    with open(writer, "w") as closed:  # noqa: PTH123 - a descriptor, no path
+        done = subprocess.run(
+            [sys.executable, "-c", _PRINTS], stdout=closed, stderr=subprocess.PIPE, text=True, check=False
+        )
+    assert (done.returncode, done.stderr) == (141, "")
 
 
 @pytest.mark.parametrize("command", ["env", "status"])

@@ -5,8 +5,7 @@ from pathlib import Path
 import pytest
 
 from robotapp_testbed import cli, cli_nodes, programs
-from robotapp_testbed.detached import State
-from robotapp_testbed.failures import TestbedError
+from robotapp_testbed.detached import Cluster, State
 from robotapp_testbed.real import UnavailableError, prerequisites
 from robotapp_testbed.switch.control import Control
 from robotapp_testbed.switch.links import Link
@@ -53,9 +52,39 @@ def test_the_holder_gets_the_same_options() -> None:
     assert cli_nodes.passed_on(parsed()) == []
 
 
-def test_a_delay_of_a_node_that_will_not_be_there_is_refused() -> None:
-    with pytest.raises(TestbedError, match="--delay names cloud-1, but --nodes has robot-1, edge-1"):
-        cli_nodes.prepare(parsed("--nodes", "robot-1,edge-1", "--delay", "robot-1,cloud-1=5"))
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (["--nodes", "a,b", "--delay", "a,c=5"], "a delay names c, but the nodes are a, b"),
+        (["--nodes", "a,a"], "nodes need different names: a is there twice"),
+        (["--nodes", "999"], "a cluster has 1 to 200 real nodes, not 999"),
+        (["--delay", "a,b=5"], "--delay without real nodes: say which with --nodes"),
+        (["--delay", "a,b=5", "--image", "ros2"], "--delay and --image without real nodes: say which with --nodes"),
+    ],
+)
+@pytest.mark.parametrize("held", [[], ["--hold"]])
+def test_what_cannot_start_is_refused_at_once(
+    options: list[str],
+    held: list[str],
+    reason: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr("robotapp_testbed.assets.Assets.resolve", lambda _: pytest.fail("nothing is to be built"))
+    assert cli.main(["up", *options, *held]) == 1
+    assert capsys.readouterr().err == f"{reason}\n"
+
+
+def test_a_cluster_that_runs_stays_as_it_is(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    state = State(1, "", "https://198.18.0.1:1", str(tmp_path), {})
+    monkeypatch.setattr(Cluster, "state", lambda _: state)
+    assert cli.main(["up", "--nodes", "4"]) == 0
+    said = capsys.readouterr()
+    assert "the cluster 'default' runs already and stays as it is" in said.err
+    assert "Ready after" not in said.err
+    assert said.out == f"export KUBECONFIG={tmp_path}/kubeconfigs/admin.yaml\n"
 
 
 def test_a_machine_that_cannot_is_told_before_anything_is_made(
@@ -66,7 +95,7 @@ def test_a_machine_that_cannot_is_told_before_anything_is_made(
 
     monkeypatch.setattr(prerequisites, "require", refuse)
     monkeypatch.setattr(programs, "build", lambda _: pytest.fail("nothing is to be compiled"))
-    monkeypatch.setattr("robotapp_testbed.assets.Assets.resolve", lambda _: {})
+    monkeypatch.setattr("robotapp_testbed.assets.Assets.resolve", lambda _: pytest.fail("no minutes of compiling"))
     assert cli.main(["up", "--nodes", "2"]) == 1
     assert capsys.readouterr().err == "real nodes need root\n"
 
@@ -92,6 +121,7 @@ class Links:
         self.state = State(1, "", "https://198.18.0.1:1", str(folder), {})
         links = {("a", "b"): Link(delay_ms=5, loss=0.1), ("b", "a"): Link(down=True), ("a", "c"): Link(mbit_s=8)}
         monkeypatch.setattr(Control, "links", lambda _: links)
+        monkeypatch.setattr(Control, "nodes", lambda _: ["a", "b", "c"])
         monkeypatch.setattr(Control, "set_link", lambda _, *ends, **values: self.asked.append((ends, values)))
         monkeypatch.setattr(Control, "set_node", lambda _, *ends, **values: self.asked.append((ends, values)))
         monkeypatch.setattr(cli, "_running", lambda _: self.state)
@@ -126,6 +156,10 @@ def test_only_what_is_given_is_set(links: Links) -> None:
     [
         (["--loss", "0.5"], "name the node or the two nodes"),
         (["a", "b", "c", "--loss", "0.5"], "a link has two ends, not 3"),
+        (["a", "b", "c"], "a link has two ends, not 3"),
+        (["a", "robot-9"], "there is no node robot-9; the cluster has a, b, c"),
+        (["a", "--loss", "0.5", "--one-way"], "--one-way is about what is set from one node to another"),
+        (["a", "b", "--one-way"], "--one-way is about what is set from one node to another"),
         (["a", "--loss", "7"], "--loss: 7.0 is not between 0 and 1"),
     ],
 )
@@ -141,3 +175,16 @@ def test_a_cluster_without_a_switch_says_how_to_get_one(links: Links, capsys: py
     Path(links.state.run_dir, "switch.sock").unlink()
     assert cli.main(["link"]) == 1
     assert "up --nodes" in capsys.readouterr().err
+
+
+def test_a_switch_that_died_is_one_sentence(
+    links: Links, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def refused(_: Control) -> None:
+        raise ConnectionRefusedError(111, "Connection refused")
+
+    monkeypatch.setattr(Control, "nodes", refused)
+    assert cli.main(["link"]) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("the latency switch does not answer")
+    assert f"{links.state.run_dir}/latency-switch.log" in said

@@ -7,11 +7,21 @@ from robotapp_testbed.real import RealNodes
 
 
 @pytest.mark.parametrize(
-    "names", [[], ["a", "a"], [f"n{number}" for number in range(201)]], ids=["none", "twice", "many"]
+    ("names", "delays", "reason"),
+    [
+        ([], {}, "a cluster has 1 to 200 real nodes, not 0"),
+        ([f"n{number}" for number in range(201)], {}, "a cluster has 1 to 200 real nodes, not 201"),
+        (["a", "b", "a"], {}, "nodes need different names: a is there twice"),
+        (["a", "b"], {("a", "a"): 5}, "a delay is between two nodes, not from a to itself"),
+        (["a", "b"], {("a", "c"): 5}, "a delay names c, but the nodes are a, b"),
+    ],
 )
-def test_names_are_checked_before_anything_starts(names: list[str]) -> None:
-    with pytest.raises(TestbedError, match="1 to 200 real nodes with different names"):
-        RealNodes(names)
+def test_names_are_checked_before_anything_starts(
+    names: list[str], delays: dict[tuple[str, str], float], reason: str
+) -> None:
+    with pytest.raises(TestbedError) as refused:
+        RealNodes(names, delays)
+    assert str(refused.value) == reason
 
 
 def test_a_node_of_the_factories_keeps_its_labels_but_for_those_of_the_machine() -> None:
