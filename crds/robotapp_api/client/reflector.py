@@ -9,7 +9,9 @@ import logging
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Final, Generic, NamedTuple, TypeVar
+from typing import Any, Final, Generic, TypeVar
+
+import msgspec
 
 from robotapp_api.client.api import ApiClient, with_query
 from robotapp_api.client.backoff import Backoff
@@ -50,7 +52,7 @@ RESUMES: Final = 3
 """After so many fruitless attempts to resume, list again: perhaps it is the version that nobody can serve."""
 
 
-class Change(NamedTuple):
+class Change(msgspec.Struct, frozen=True, gc=False):
     """`kind` is ADDED (old None), MODIFIED or DELETED (new None; old is the last state we knew)."""
 
     kind: str
@@ -275,12 +277,13 @@ class Reflector(Generic[T]):
             self.stats.undecodable += 1
             log.error("%s: %s does not fit the type and keeps its last known state: %s", self, key, problem)
             return
-        if not self._is_news(identity):
-            return
         before = self._identities.get(key)
-        if before is not None and before.uid != identity.uid:
-            self._remove(key)
-            before = None
+        if before is not None:
+            if before.uid != identity.uid:
+                self._remove(key)
+                before = None
+            elif before.version == identity.version:
+                return
         old = self._objects.get(key)
         self._objects[key] = obj
         self._identities[key] = identity

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import AsyncIterator, Callable
-from typing import Any, Final, Generic, NamedTuple, TypeVar, get_type_hints
+from typing import Any, Final, Generic, TypeVar, get_type_hints
 
 import msgspec
 
@@ -24,7 +24,7 @@ MAX_LINE_BYTES: Final = 32 * 2**20
 INITIAL_EVENTS_END: Final = "k8s.io/initial-events-end"
 
 
-class Identity(NamedTuple):
+class Identity(msgspec.Struct, frozen=True, gc=False):
     """Which object this is (`key`: "namespace/name" or "name"), which life of it (`uid`), in which state (`version`)."""
 
     key: str
@@ -32,7 +32,7 @@ class Identity(NamedTuple):
     version: str
 
 
-class WatchEvent(NamedTuple):
+class WatchEvent(msgspec.Struct, frozen=True, gc=False):
     """One line. `obj` is None for bookmarks and for objects that do not fit the type (`problem` says why)."""
 
     kind: str
@@ -73,7 +73,7 @@ _ENVELOPE = msgspec.json.Decoder(_Envelope)
 _RAW_PAGE = msgspec.json.Decoder(_RawPage)
 _BARE = msgspec.json.Decoder(_Bare)
 _STATUS = msgspec.json.Decoder(Status)
-_USUAL = (b'{"type":"MODIFIED"', b'{"type":"ADDED"', b'{"type":"DELETED"')
+_USUAL = frozenset({ADDED, MODIFIED, DELETED})
 
 
 _NESTING = re.compile(rb'"(?:[^"\\]|\\.)*+"|[{}\[\]]')
@@ -165,7 +165,8 @@ class WatchDecoder(Generic[T]):
     def __init__(self, as_type: type[T], *, namespaced: bool) -> None:
         self.identify = identify_with(as_type, namespaced=namespaced)
         # The types are made at run time, which no checker can follow.
-        self._typed: msgspec.json.Decoder[Any] = msgspec.json.Decoder(_Typed[as_type])  # type: ignore[valid-type]
+        typed: msgspec.json.Decoder[Any] = msgspec.json.Decoder(_Typed[as_type])  # type: ignore[valid-type]
+        self._typed = typed.decode
         self._page: msgspec.json.Decoder[Page[T]] = msgspec.json.Decoder(Page[as_type])  # type: ignore[valid-type]
         self._object: msgspec.json.Decoder[T] = msgspec.json.Decoder(as_type)
 
@@ -185,19 +186,20 @@ class WatchDecoder(Generic[T]):
 
     def event(self, line: bytes) -> WatchEvent:
         """One line. Raises Unreachable when it is no watch event, the ApiError of an ERROR event."""
+        try:  # one pass over the bytes; whatever is unusual pays for a second
+            event = self._typed(line)
+            if event.type in _USUAL:
+                obj = event.object
+                return WatchEvent(event.type, obj, self.identify(obj))
+        except (msgspec.DecodeError, UnicodeDecodeError, KeyError, TypeError, RecursionError):
+            pass
         try:
-            return self._read_event(line)
+            return self._unusual(line)
         except RecursionError:
-            return self._read_event(shallow(line))
+            return self._unusual(shallow(line))
 
-    def _read_event(self, line: bytes) -> WatchEvent:
+    def _unusual(self, line: bytes) -> WatchEvent:
         try:
-            if line.startswith(_USUAL):  # one pass over the bytes; the rest pays for two
-                try:
-                    event = self._typed.decode(line)
-                    return WatchEvent(event.type, event.object, self.identify(event.object))
-                except (msgspec.ValidationError, KeyError, TypeError):
-                    pass
             envelope = _ENVELOPE.decode(line)
             if envelope.type == ERROR:
                 raise error_from_status(_STATUS.decode(envelope.object))
