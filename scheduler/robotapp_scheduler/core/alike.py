@@ -5,10 +5,11 @@ and replaced when they are equal, which nobody can see but the memory.
 """
 
 from collections.abc import Hashable
+from copy import copy
 from sys import intern
 from typing import Any, Final, TypeVar
 
-from robotapp_scheduler.core.objects import Pod
+from robotapp_scheduler.core.objects import Pod, PodSpec
 from robotapp_scheduler.core.shapes import controller_of
 
 T = TypeVar("T", bound=Hashable)
@@ -43,16 +44,27 @@ class Alike:
             if len(self._models) >= MOST_MODELS:
                 self._models.clear()
             model = self._models[key] = {}
-        for part, fields in ((pod.metadata, METADATA), (pod.spec, SPEC), (pod.status, STATUS)):
-            for field in fields:
-                value = getattr(part, field)
-                if value:
-                    known = model.get(field)
-                    if known == value:
-                        setattr(part, field, known)
-                    else:
-                        model[field] = value
-        pod.spec.node_name = intern(pod.spec.node_name)
+        _share(pod.metadata, METADATA, model)
+        self._share_spec(pod, model)
+        known = model.get("status")
+        if pod.status == known:
+            pod.status = known
+        else:
+            _share(pod.status, STATUS, model)
+            model["status"] = pod.status
+
+    @staticmethod
+    def _share_spec(pod: Pod, model: dict[str, Any]) -> None:
+        """Replicas differ in nothing but the node: one comparison, and a copy that has all its parts in common."""
+        spec, node = pod.spec, intern(pod.spec.node_name)
+        spec.node_name = ""
+        known: PodSpec | None = model.get("spec")
+        if known is not None and spec == known:
+            spec = pod.spec = copy(known)
+        else:
+            _share(spec, SPEC, model)
+            model["spec"] = copy(spec)
+        spec.node_name = node
 
     def same(self, value: T) -> T:
         """An equal value that was seen before, else this one: for small immutable values many pods have."""
@@ -60,3 +72,14 @@ class Alike:
             self._values.clear()
         found: T = self._values.setdefault(value, value)
         return found
+
+
+def _share(part: object, fields: tuple[str, ...], model: dict[str, Any]) -> None:
+    for field in fields:
+        value = getattr(part, field)
+        if value:
+            known = model.get(field)
+            if known == value:
+                setattr(part, field, known)
+            else:
+                model[field] = value

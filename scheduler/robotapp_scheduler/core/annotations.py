@@ -27,6 +27,7 @@ READ: Final = (
     Annotation.SHARED_DATA,
     Annotation.DDS_DOMAIN,
 )
+_READ: Final = frozenset(READ)
 
 
 class _Refused(Exception):  # noqa: N818 - control flow inside this module, never seen outside
@@ -37,9 +38,9 @@ class _Refused(Exception):  # noqa: N818 - control flow inside this module, neve
 
 def parse_annotations(annotations: Mapping[str, str]) -> RosRequest | InvalidAnnotation | None:
     """All ROS annotations of a pod; None when it has none of them."""
-    present = [key for key in READ if key in annotations]
-    if not present:
+    if _READ.isdisjoint(annotations):
         return None
+    present = [key for key in READ if key in annotations]
     fields: dict[str, Any] = {}
     for key in present:
         try:

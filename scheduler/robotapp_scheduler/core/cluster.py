@@ -18,12 +18,13 @@ from robotapp_scheduler.core.name_index import NameIndex
 from robotapp_scheduler.core.node_table import SCORED_CPU, SCORED_MEMORY, NodeTable
 from robotapp_scheduler.core.nominations import Nominations
 from robotapp_scheduler.core.objects import Node, Owned, Pod
-from robotapp_scheduler.core.pod_groups import PodGroups
+from robotapp_scheduler.core.pod_groups import PodGroups, in_group
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo
 from robotapp_scheduler.core.ports import PortUsers
 from robotapp_scheduler.core.priorities import PriorityColumns
 from robotapp_scheduler.core.resource_claims import ResourceClaims
 from robotapp_scheduler.core.robotics import NodeTelemetry, RobotApp
+from robotapp_scheduler.core.shapes import same_shape
 from robotapp_scheduler.core.telemetry import RttModel
 from robotapp_scheduler.core.topology import Topology
 from robotapp_scheduler.core.volumes import Volumes
@@ -258,6 +259,8 @@ class Cluster:
 
     def _member(self, pod: Pod, node: str | None) -> None:
         """Count a pod of an app or PodGroup where it is; None = it is gone."""
+        if not in_group(pod):
+            return
         for index in (self.apps, self.pod_groups):
             key = index.place(pod, node) if node is not None else index.drop(pod)
             if key:
@@ -286,14 +289,14 @@ class Cluster:
         self._seen.pop(uid, None)
         old = self.placed.get(uid)
         self._alike.share(pod)
-        info, node = PodInfo(pod), pod.spec.node_name
-        if old is not None and (old.shape, old.node, old.terminating) == (info.shape.number, node, info.deleting):
+        node, deleting = pod.spec.node_name, pod.metadata.deletion_timestamp is not None
+        if old is not None and (old.node, old.terminating) == (node, deleting) and same_shape(old.pod, pod):
             # Most news by far: an assumption is confirmed, or the status changed.
             confirmed, old.assumed, old.pod = old.assumed, False, pod
             self._touch(node)
             self._member(pod, node)
             return Change.POD_ADDED if confirmed else Change.NONE
-        record = self._record(pod, info, node, assumed=False)
+        record = self._record(pod, PodInfo(pod), node, assumed=False)
         if old is None:
             self._arrive(record, Change.POD_ADDED)
             return Change.POD_ADDED

@@ -8,7 +8,7 @@ from robotapp_scheduler.core.apps import App, AppIndex, Replica
 from robotapp_scheduler.core.changes import PLACED, Change, Event
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.objects import Metadata
-from robotapp_scheduler.core.pod_groups import APIS, PATIENCE_S, GroupRef, group_ref_of
+from robotapp_scheduler.core.pod_groups import APIS, PATIENCE_S, GroupRef, group_ref_of, in_group
 from robotapp_scheduler.core.pods import Member, PodInfo
 from robotapp_scheduler.core.queued import Gate
 from robotapp_scheduler.core.robotics import Component
@@ -36,6 +36,8 @@ def groups_of(seen: Event) -> tuple[str, ...]:
         return (meta.uid,)
     if seen.resource == "podgroups":
         return tuple(GroupRef(api, meta.namespace, meta.name).key for api in APIS)
+    if seen.resource == "pods" and not in_group(found):
+        return ()
     uid = (meta.labels or {}).get(Label.APP_UID)
     if uid:
         return (uid,)

@@ -17,6 +17,7 @@ COSCHEDULING: Final = "scheduling.x-k8s.io"
 WORKLOADS: Final = "scheduling.k8s.io"
 APIS: Final = (COSCHEDULING, WORKLOADS)
 POD_GROUP_LABEL: Final = "scheduling.x-k8s.io/pod-group"
+_APP_UID: Final = Label.APP_UID.value
 PATIENCE_S: Final = 60.0
 """An incomplete group is reported after `scheduleTimeoutSeconds`; after this long where it names none."""
 
@@ -102,6 +103,14 @@ class GroupRef(NamedTuple):
     def key(self) -> str:
         """One text for all of it, unlike any RobotApp's uid."""
         return f"{self.api}/{self.namespace}/{self.name}"
+
+
+def in_group(pod: Pod) -> bool:
+    """May it belong to a RobotApp or a PodGroup? The cheap question before those that say to which."""
+    labels = pod.metadata.labels
+    if labels and (_APP_UID in labels or POD_GROUP_LABEL in labels):
+        return True
+    return pod.spec.scheduling_group is not None
 
 
 def group_ref_of(pod: Pod) -> GroupRef | None:

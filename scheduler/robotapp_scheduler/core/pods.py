@@ -5,7 +5,6 @@ tens of thousands of running pods.
 """
 
 from collections.abc import Callable, Hashable
-from functools import cached_property
 from typing import Final, NamedTuple
 
 import msgspec
@@ -15,8 +14,9 @@ from robotapp_api.values.requests import PodRequests
 from robotapp_scheduler.core.affinity_index import PlacedTerm
 from robotapp_scheduler.core.annotations import parse_annotations
 from robotapp_scheduler.core.label_sets import LabelSet
+from robotapp_scheduler.core.lazy import Lazy
 from robotapp_scheduler.core.objects import Affinity, NodeAffinity, OwnerReference, Pod, Toleration
-from robotapp_scheduler.core.pod_groups import group_ref_of
+from robotapp_scheduler.core.pod_groups import group_ref_of, in_group
 from robotapp_scheduler.core.pod_volumes import PodVolumes, volumes_of
 from robotapp_scheduler.core.resource_claims import wanted
 from robotapp_scheduler.core.ros import InvalidAnnotation, RosContext, RosRequest
@@ -54,8 +54,9 @@ class PodInfo:
         self.labels: dict[str, str] = meta.labels or {}
         self.annotations: dict[str, str] = meta.annotations or {}
         self.priority = pod.spec.priority
-        self.member = member_of(self.labels)
-        self.pod_group = group_ref_of(pod)
+        grouped = in_group(pod)
+        self.member = member_of(self.labels) if grouped else None
+        self.pod_group = group_ref_of(pod) if grouped else None
         self.ros: RosContext | None = None
         self.qos: tuple[str, str, str] | None = None
         """(QoS class, reliability, liveliness) for the queue; None for a pod without ROS fields."""
@@ -137,7 +138,7 @@ class PodInfo:
         """Ports the pod takes on its node, each once."""
         return self.shape.host_ports
 
-    @cached_property
+    @Lazy
     def volumes(self) -> PodVolumes | None:
         """Claims and inline disks; None for a pod whose volumes decide nothing."""
         return volumes_of(self.pod)
@@ -152,7 +153,7 @@ class PodInfo:
         """The owner that manages this pod."""
         return controller_of(self.pod.metadata.owner_references)
 
-    @cached_property
+    @Lazy
     def ros_request(self) -> RosRequest | InvalidAnnotation | None:
         """What the scheduler.robotics.io annotations ask for; None without any."""
         return parse_annotations(self.annotations)

@@ -1,7 +1,6 @@
 """What pods with the same spec, labels and owner have in common, worked out once: 2,000 replicas are one shape."""
 
 from collections.abc import Hashable
-from functools import cached_property
 from itertools import count
 from typing import Any, Final, NamedTuple
 
@@ -10,6 +9,7 @@ import msgspec
 from robotapp_api.values.requests import PodRequests, pod_requests
 from robotapp_scheduler.core.affinity_terms import affinity_key
 from robotapp_scheduler.core.excess import excess
+from robotapp_scheduler.core.lazy import Lazy
 from robotapp_scheduler.core.needs import needs_of
 from robotapp_scheduler.core.objects import Container, OwnerReference, Pod
 
@@ -45,32 +45,32 @@ class Shape:
     def __repr__(self) -> str:
         return f"Shape(of {self._pod.key})"
 
-    @cached_property
+    @Lazy
     def excess(self) -> str:
         """Why nothing is looked up for such pods; empty for every sane one."""
         return excess(self._pod.spec)
 
-    @cached_property
+    @Lazy
     def requests(self) -> PodRequests:
         """Sums of resources; raises ValueError when a quantity cannot be read."""
         return requests_of(self._pod)
 
-    @cached_property
+    @Lazy
     def affinity_key(self) -> bytes:
         """Pod affinity and anti-affinity as a key, b"" without any."""
         return affinity_key(self._pod.spec.affinity)
 
-    @cached_property
+    @Lazy
     def images(self) -> tuple[str, ...]:
         """Images of init containers, containers and image volumes, by the names nodes report them under."""
         return images(self._pod)
 
-    @cached_property
+    @Lazy
     def host_ports(self) -> tuple[HostPort, ...]:
         """Ports such a pod takes on its node, each once."""
         return host_ports(self._pod)
 
-    @cached_property
+    @Lazy
     def needs(self) -> frozenset[str]:
         """Features the node must declare."""
         return needs_of(self._pod.spec)
@@ -103,6 +103,20 @@ def shape_of(pod: Pod) -> Shape:
             _shapes.clear()
         shape = _shapes[key] = Shape(pod)
     return shape
+
+
+def same_shape(old: Pod, new: Pod) -> bool:
+    """Has a pod still the shape it had? Compares what `shape_of` encodes, and says False in doubt."""
+    if old.status.resizes or new.status.resizes:
+        return False
+    before, now = old.metadata, new.metadata
+    if before.labels != now.labels or before.owner_references != now.owner_references:
+        return False
+    if new.spec.resource_claims and old.status.resource_claim_statuses != new.status.resource_claim_statuses:
+        return False
+    if old.spec.node_name == new.spec.node_name:
+        return old.spec == new.spec
+    return msgspec.structs.replace(old.spec, node_name=new.spec.node_name) == new.spec
 
 
 def _key(pod: Pod) -> bytes:

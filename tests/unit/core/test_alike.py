@@ -38,3 +38,15 @@ def test_nodes_with_equal_images_hold_the_same_objects() -> None:
     make_cluster(*nodes)
     assert nodes[1].status.images is nodes[0].status.images
     assert nodes[2].status.images[0] is nodes[0].status.images[0]
+
+
+def test_replicas_in_the_same_state_hold_one_status_and_nodes_of_their_own() -> None:
+    alike = Alike()
+    first, second, third = (make_pod(f"p{i}", node=f"n{i}", owner=REPLICA, priority=i // 2) for i in range(3))
+    for pod in (first, second, third):
+        pod.status.phase = "Running"
+        alike.share(pod)
+    assert second.status is first.status
+    assert [pod.spec.node_name for pod in (first, second, third)] == ["n0", "n1", "n2"]
+    assert [pod.spec.priority for pod in (first, second, third)] == [0, 0, 1]
+    assert third.spec.containers is first.spec.containers
