@@ -125,7 +125,7 @@ def parse_text(text: str, *, catalogue: Catalogue) -> SchedulerConfig:
         raise ConfigError([f"strict decoding error: {len(text)} characters; at most {MOST_TEXT} are read"])
     try:
         document = config_yaml.loads(text)
-    except (yaml.YAMLError, RecursionError) as error:
+    except yaml.YAMLError as error:
         raise ConfigError([f"strict decoding error: yaml: {error}"]) from error
     return parse(document, catalogue=catalogue)
 
@@ -145,6 +145,7 @@ def parse(document: object, *, catalogue: Catalogue, third_party: Collection[str
     built_in_names = frozenset(catalogue.classes)
     catalogue, unknown = with_third_party(catalogue, _plugin_names(profiles), allowed=third_party)
     problems += _name_problems(profiles, unknown)
+    problems += config_checks.argument_kinds(model.profiles, built_in_names)
     specs = tuple(_spec(profile, catalogue, model.compat_version) for profile in profiles)
     if not problems:
         try:

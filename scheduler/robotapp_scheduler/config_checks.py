@@ -3,10 +3,11 @@
 Every check returns texts of the form `path: Invalid value: v: what is allowed`; all of them are reported at once.
 """
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Sequence
 
 from robotapp_api.values.duration import parse_us
 from robotapp_scheduler.config_model import (
+    API_VERSION,
     ClientConnectionModel,
     ConfigurationModel,
     LeaderElectionModel,
@@ -25,6 +26,17 @@ def check(config: ConfigurationModel) -> list[str]:
         *_profile_names(config.profiles),
         *(text for index, profile in enumerate(config.profiles) for text in _profile(profile, f"profiles[{index}]")),
     ]
+
+
+def argument_kinds(profiles: Sequence[ProfileModel], built_in: Collection[str]) -> Iterator[str]:
+    """Arguments that say they are those of another plugin, or of another version of the format."""
+    for index, profile in enumerate(profiles):
+        for at, entry in enumerate(profile.plugin_config):
+            expected = {"apiVersion": API_VERSION, "kind": f"{entry.name}Args"} if entry.name in built_in else {}
+            for field, value in expected.items():
+                if entry.args.get(field, value) != value:
+                    path = f"profiles[{index}].pluginConfig[{at}].args.{field}"
+                    yield invalid(path, entry.args[field], f'must be "{value}"')
 
 
 def invalid(path: str, value: object, allowed: str) -> str:
@@ -98,9 +110,9 @@ def _profile_names(profiles: list[ProfileModel]) -> Iterator[str]:
     seen: dict[str, int] = {}
     for index, profile in enumerate(profiles):
         name = profile.scheduler_name
-        if name is None and len(profiles) > 1:
+        if not name and len(profiles) > 1:
             yield f"profiles[{index}].schedulerName: Required value"
-        if name is not None and name in seen:
+        if name and name in seen:
             yield f'profiles[{index}].schedulerName: Duplicate value: "profiles[{seen[name]}].schedulerName"'
         seen.setdefault(name or "", index)
 

@@ -4,13 +4,18 @@ Unknown fields are refused (`extra="forbid"`), so a typing error never turns int
 knows and we do not support exist here too, because the answer to them is a reason, not "unknown field".
 """
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 from pydantic.alias_generators import to_camel
 
 API_VERSION = "kubescheduler.config.k8s.io/v1"
 KIND = "KubeSchedulerConfiguration"
+
+
+Int32 = Annotated[int, Field(ge=-(1 << 31), lt=1 << 31)]
+Int64 = Annotated[int, Field(ge=-(1 << 63), lt=1 << 63)]
+"""What the fields can hold upstream: a larger number is no number of this format, and would overflow later."""
 
 
 class Strict(BaseModel):
@@ -23,7 +28,7 @@ class PluginRef(Strict):
     """One entry of an `enabled` or `disabled` list. Weight 0 and an absent weight both mean 1, as upstream."""
 
     name: str
-    weight: int = 0
+    weight: Int32 = 0
 
 
 class PluginSet(Strict):
@@ -56,7 +61,7 @@ class PluginConfig(Strict):
 
 class ProfileModel(Strict):
     scheduler_name: str | None = None
-    percentage_of_nodes_to_score: int | None = None
+    percentage_of_nodes_to_score: Int32 | None = None
     plugins: Plugins = Field(default_factory=Plugins)
     plugin_config: list[PluginConfig] = Field(default_factory=list)
 
@@ -76,9 +81,9 @@ class ClientConnectionModel(Strict):
     kubeconfig: str = ""
     accept_content_types: str = ""
     content_type: str = ""
-    qps: float = Field(default=0.0, strict=False)
+    qps: float = 0.0
     """0: no limit of our own. The API server's fairness queues limit us, as they do every client."""
-    burst: int = 0
+    burst: Int32 = 0
 
 
 class ConfigurationModel(Strict):
@@ -87,10 +92,10 @@ class ConfigurationModel(Strict):
     api_version: Literal["kubescheduler.config.k8s.io/v1"]
     kind: Literal["KubeSchedulerConfiguration"]
     compat_version: str = "1.37"
-    parallelism: int = 16
-    percentage_of_nodes_to_score: int | None = None
-    pod_initial_backoff_seconds: int = 1
-    pod_max_backoff_seconds: int = 10
+    parallelism: Int32 = 16
+    percentage_of_nodes_to_score: Int32 | None = None
+    pod_initial_backoff_seconds: Int64 = 1
+    pod_max_backoff_seconds: Int64 = 10
     leader_election: LeaderElectionModel = Field(default_factory=LeaderElectionModel)
     client_connection: ClientConnectionModel = Field(default_factory=ClientConnectionModel)
     profiles: list[ProfileModel] = Field(default_factory=list)

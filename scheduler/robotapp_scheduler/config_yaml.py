@@ -1,9 +1,14 @@
-"""YAML to plain values, strictly: a key written twice is an error, because one of the two would be lost in silence."""
+"""YAML to plain values, strictly: a key written twice is an error, because one of the two would be lost in silence.
+
+What stands in the text may be repeated by aliases: a line each doubles it, so the values are counted too.
+"""
 
 from collections.abc import Hashable
-from typing import Any
+from typing import Any, Final
 
 import yaml
+
+MOST_VALUES: Final = 100_000
 
 
 class StrictLoader(yaml.SafeLoader):
@@ -22,4 +27,22 @@ class StrictLoader(yaml.SafeLoader):
 
 def loads(text: str) -> object:
     """The text's one document. Raises `yaml.YAMLError`."""
-    return yaml.load(text, Loader=StrictLoader)  # noqa: S506 - StrictLoader is a SafeLoader
+    try:
+        document: object = yaml.load(text, Loader=StrictLoader)  # noqa: S506 - StrictLoader is a SafeLoader
+    except (ValueError, RecursionError) as error:
+        # A date that is none, a number of a million digits, a million brackets: the parser lets these through.
+        raise yaml.YAMLError(str(error)) from error
+    _bounded(document)
+    return document
+
+
+def _bounded(document: object) -> None:
+    """An alias may stand inside what it names, or ten of them may name ten others each."""
+    left, found = [document], 0
+    while left:
+        value = left.pop()
+        inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+        found += len(inner)
+        if found > MOST_VALUES:
+            raise yaml.YAMLError(f"more than {MOST_VALUES} values, or one that holds itself")
+        left.extend(inner)

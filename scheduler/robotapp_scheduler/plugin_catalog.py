@@ -58,8 +58,8 @@ def load_class(name: str) -> type:
         found = _import(name)
     except UnknownPluginError:
         raise
-    except Exception as error:
-        # Somebody else's module may raise anything while it is imported.
+    except (Exception, SystemExit) as error:
+        # Somebody else's module may raise anything while it is imported, and scripts call sys.exit.
         raise UnknownPluginError(f'plugin "{name}" cannot be loaded: {error}') from error
     known = (*POINTS.values(), *OTHER_FORMS.values())
     if not isinstance(found, type) or not any(callable(getattr(found, hook, None)) for hook in known):

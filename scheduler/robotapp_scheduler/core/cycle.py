@@ -29,7 +29,7 @@ from robotapp_scheduler.core.profiles import Profile
 from robotapp_scheduler.core.queue import SchedulingQueue
 from robotapp_scheduler.core.queued import Gate, QueuedPod
 from robotapp_scheduler.core.recorder import Recorder
-from robotapp_scheduler.core.refusal import EXCESS, Refusals, excessive
+from robotapp_scheduler.core.refusal import EXCESS, Refusals, closed, excessive
 from robotapp_scheduler.core.resolve import qos_fields, resolve
 from robotapp_scheduler.core.ros import InvalidAnnotation
 from robotapp_scheduler.core.together import NO_WISH, Advice, Wish, only_one_plan, plan_together
@@ -364,11 +364,11 @@ class SchedulerCore:
 
     def _queue_key(self, pod: PodInfo, queued_s: float) -> tuple[Any, ...]:
         engine = self._engines.get(pod.scheduler_name)
-        if engine is None:
+        rule = engine.profile.queue_sort.queue_key if engine is not None else None
+        if rule is None:
             return (-pod.priority, queued_s)
         pod.qos = qos_fields(pod, self.cluster.apps)
-        key: tuple[Any, ...] = engine.profile.queue_sort.plugin.queue_key(pod, queued_s)
-        return key
+        return rule(pod, queued_s)
 
     def _gate(self, pod: PodInfo) -> Gate | None:
         engine = self._engines.get(pod.scheduler_name)
@@ -379,7 +379,7 @@ class SchedulerCore:
         for loaded in engine.profile.pre_enqueue:
             status = loaded.pre_enqueue(pod) if loaded.pre_enqueue is not None else None
             if status is not None and status.code is not Code.SUCCESS:
-                return Gate(plugin=loaded.name, reason=status.reason, events=loaded.events)
+                return closed(loaded, status)
         return self.groups.gate(pod) if engine.profile.uses_ros else self.groups.pod_group_gate(pod)
 
 

@@ -88,9 +88,10 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.changes import NODE, OWN_COLUMN, READS, Change, interest_of
+from robotapp_scheduler.core.changes import NODE, READS, Change, interest_of
 from robotapp_scheduler.core.columns import BoolArray, FloatArray, IntArray
-from robotapp_scheduler.core.pods import FEATURES, LIVE, PlacedPod, PodInfo
+from robotapp_scheduler.core.plugin_checks import problems_of
+from robotapp_scheduler.core.pods import LIVE, PlacedPod, PodInfo
 from robotapp_scheduler.core.rows import Row
 from robotapp_scheduler.core.view import LabelColumn, Nodes
 from robotapp_scheduler.core.volumes import VolumePlan
@@ -207,6 +208,9 @@ class Loaded:
     """A plugin with its attributes checked once: hooks looked up, names of features turned into flags."""
 
     def __init__(self, plugin: Any, *, weight: int = 1, shadow: bool = False) -> None:
+        problems = problems_of(plugin, NORMALIZERS)
+        if problems:
+            raise PluginError(str(getattr(plugin, "name", "") or type(plugin).__name__), "; ".join(problems))
         self.plugin = plugin
         self.name: str = plugin.name
         self.weight = weight
@@ -221,18 +225,7 @@ class Loaded:
         node_reads: tuple[str, ...] = tuple(getattr(plugin, "node_reads", READS))
         self.reads_live = any(name.startswith(LIVE) for name in self.reads)
         """Reads parts of "ros", or "volumes": its columns are found by what these are at this attempt."""
-        mixed = len({next((live for live in LIVE if name.startswith(live)), "") for name in self.reads}) > 1
         hint_reads: tuple[str, ...] = tuple(sorted(getattr(plugin, "hint_reads", self.reads)))
-        unknown = [name for name in {*self.reads, *hint_reads} if name not in FEATURES]
-        unknown += [name for name in node_reads if name not in READS and not name.startswith(OWN_COLUMN)]
-        if mixed:
-            raise PluginError(self.name, f"reads {list(self.reads)} mixes parts of ros or volumes with other features")
-        if unknown or self.normalize not in NORMALIZERS:
-            raise PluginError(
-                self.name,
-                f"unknown reads {unknown} (pod: {sorted(FEATURES)}, node: {sorted(READS)}) or "
-                f"normalize {self.normalize!r} (one of {sorted(NORMALIZERS)})",
-            )
         self.interest = interest_of(node_reads)
         """Changes after which a row must be looked at again, as a plain int."""
         self.watches = self.interest | int(NODE)
@@ -256,6 +249,7 @@ class Loaded:
         hints = (getattr(plugin, "hint", None), hint_reads, getattr(plugin, "hint_of_each", None))
         self.waker = Waker(self.name, self.events, *hints)
         self.pre_enqueue: Callable[[PodInfo], Status | None] | None = getattr(plugin, "pre_enqueue", None)
+        self.queue_key: Callable[[PodInfo, float], tuple[Any, ...]] | None = getattr(plugin, "queue_key", None)
 
     def __repr__(self) -> str:
         return f"Loaded({self.name}, weight={self.weight}{', shadow' if self.shadow else ''})"

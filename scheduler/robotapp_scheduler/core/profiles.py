@@ -3,15 +3,19 @@
 Built from the `plugins` and `pluginConfig` blocks of a KubeSchedulerConfiguration by upstream's merge rules.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+import logging
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from hashlib import sha256
 from typing import Any, Final
 
 import msgspec
 
-from robotapp_scheduler.core.framework import Loaded, NoArgs
+from robotapp_scheduler.core.framework import Loaded, NoArgs, PluginError
+from robotapp_scheduler.core.guarded import guarded, is_ours
 from robotapp_scheduler.core.pods import ROS_FEATURES
 from robotapp_scheduler.core.shadow import guard
+
+log = logging.getLogger(__name__)
 
 POINTS: Final = {
     "preEnqueue": "pre_enqueue",
@@ -74,9 +78,18 @@ class Catalogue(msgspec.Struct, frozen=True):
 class Profile:
     """The plugins of one schedulerName, ready to run."""
 
-    def __init__(self, scheduler_name: str, plugins: Mapping[str, Sequence[Loaded]], config_hash: str) -> None:
+    def __init__(
+        self,
+        scheduler_name: str,
+        plugins: Mapping[str, Sequence[Loaded]],
+        config_hash: str,
+        *,
+        queue_sort_args: str = "",
+    ) -> None:
         self.scheduler_name = scheduler_name
         self.config_hash = config_hash
+        self.queue_sort_args = queue_sort_args
+        """A digest of them."""
         self.pre_enqueue = _deciding(plugins, "preEnqueue")
         self.queue_sort = plugins["queueSort"][0]
         self.pre_filters = _deciding(plugins, "preFilter")
@@ -118,12 +131,19 @@ def build_profiles(specs: Iterable[ProfileSpec], catalogue: Catalogue) -> dict[s
         profile = _build(spec, catalogue, path, problems)
         if profile is not None:
             profiles[spec.scheduler_name] = profile
-    sorts = {profile.queue_sort.name for profile in profiles.values()}
-    if len(sorts) > 1:
-        problems.append(f"profiles: queueSort must be the same for all profiles, found {', '.join(sorted(sorts))}")
+    problems.extend(_queue_sort_problems(profiles.values()))
     if problems:
         raise ConfigError(problems)
     return profiles
+
+
+def _queue_sort_problems(profiles: Collection[Profile]) -> Iterator[str]:
+    """All pods wait in one queue: its order must not depend on who asks."""
+    sorts = {profile.queue_sort.name for profile in profiles}
+    if len(sorts) > 1:
+        yield f"profiles: queueSort must be the same for all profiles, found {', '.join(sorted(sorts))}"
+    elif len({profile.queue_sort_args for profile in profiles}) > 1:
+        yield f"profiles: the arguments of {', '.join(sorts)} must be the same for all profiles: it orders one queue"
 
 
 def _build(spec: ProfileSpec, catalogue: Catalogue, path: str, problems: list[str]) -> Profile | None:
@@ -136,7 +156,9 @@ def _build(spec: ProfileSpec, catalogue: Catalogue, path: str, problems: list[st
     )
     points = expand(spec.plugins, catalogue, path, problems)
     loaded: dict[str, Any] = {}
-    for name in dict.fromkeys(ref.name for refs in points.values() for ref in refs):
+    enabled = (ref.name for refs in points.values() for ref in refs)
+    # Arguments of a plugin that is switched off are read too: it is switched on again some day.
+    for name in dict.fromkeys([*enabled, *spec.plugin_config]):
         plugin = _instance(name, spec.plugin_config.get(name), catalogue, path, problems)
         if plugin is not None:
             loaded[name] = plugin
@@ -158,18 +180,54 @@ def _build(spec: ProfileSpec, catalogue: Catalogue, path: str, problems: list[st
         problems.append(f"{path}.plugins.bind: at least one bind plugin is needed")
     if len(problems) > before:
         return None
-    config_hash = sha256(msgspec.json.encode([points, spec.plugin_config], order="deterministic")).hexdigest()[:12]
-    chains = {
-        point: [
-            guard(Loaded(plugin, weight=ref.weight or 1, shadow=True))
-            if shadow
-            else Loaded(plugin, weight=ref.weight or 1)
-            for ref in refs
-            for plugin, shadow in [loaded[ref.name]]
-        ]
-        for point, refs in points.items()
-    }
-    return Profile(spec.scheduler_name, chains, config_hash)
+    chains = _chains(points, loaded, path, problems)
+    if len(problems) > before:
+        return None
+    config_hash = _digest([points, spec.plugin_config])
+    sort_args = spec.plugin_config.get(points["queueSort"][0].name, {})
+    return Profile(spec.scheduler_name, chains, config_hash, queue_sort_args=_digest(_own_values(sort_args)))
+
+
+def _chains(
+    points: Mapping[str, Sequence[PluginRef]],
+    loaded: Mapping[str, tuple[Any, bool]],
+    path: str,
+    problems: list[str],
+) -> dict[str, list[Loaded]]:
+    """The plugins of every point, their attributes checked; what is wrong with one is told once."""
+    chains: dict[str, list[Loaded]] = {}
+    owner: dict[str, str] = {}
+    found: list[str] = []
+    for point, refs in points.items():
+        chains[point] = []
+        for ref in refs:
+            plugin, shadow = loaded[ref.name]
+            try:
+                made = _made(plugin, ref.weight or 1, shadow=shadow)
+            except PluginError as error:
+                found.append(f"{path}.plugins: {error}")
+                continue
+            if owner.setdefault(made.name, ref.name) != ref.name:
+                found.append(f"{path}.plugins: {ref.name!r} and {owner[made.name]!r} are both called {made.name!r}")
+            chains[point].append(made)
+    problems.extend(dict.fromkeys(found))
+    return chains
+
+
+def _made(plugin: Any, weight: int, *, shadow: bool) -> Loaded:
+    loaded = Loaded(plugin, weight=weight, shadow=shadow)
+    if not is_ours(plugin):
+        loaded = guarded(loaded)
+    return guard(loaded) if shadow else loaded
+
+
+def _own_values(raw: Mapping[str, Any]) -> dict[str, Any]:
+    """Arguments without the two fields that say what they are."""
+    return {key: value for key, value in raw.items() if key not in ("apiVersion", "kind")}
+
+
+def _digest(value: object) -> str:
+    return sha256(msgspec.json.encode(value, order="deterministic")).hexdigest()[:12]
 
 
 def _instance(
@@ -179,8 +237,7 @@ def _instance(
     cls = catalogue.classes.get(name)
     if cls is None:
         return None  # reported with the place where it is named
-    values = dict(raw or {})
-    values.pop("apiVersion", None), values.pop("kind", None)
+    values = _own_values(raw or {})
     shadow = values.pop("shadow", False)
     if not isinstance(shadow, bool):
         problems.append(f"{path}.pluginConfig[{name}].args.shadow: expected true or false, got {shadow!r}")
@@ -191,7 +248,10 @@ def _instance(
         return (cls(args) if kind is not NoArgs else cls()), shadow
     except (msgspec.ValidationError, ValueError) as error:
         problems.append(f"{path}.pluginConfig[{name}].args: {error}")
-        return None
+    except (Exception, SystemExit) as error:  # somebody else's code; a configuration must not end the process
+        log.warning("plugin %s cannot be made", name, exc_info=True)
+        problems.append(f"{path}.plugins: plugin {name!r} cannot be made: {type(error).__name__}: {error}")
+    return None
 
 
 def expand(

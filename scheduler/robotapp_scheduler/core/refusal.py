@@ -1,13 +1,15 @@
 """A pod that got no node: the decision with upstream's words, and what its profile wants to do about it."""
 
+from robotapp_api.model.names import PodReason
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.engine import Engine, Narrowed, pod_hash
 from robotapp_scheduler.core.evaluation import Evaluation
-from robotapp_scheduler.core.framework import Code, Status, histogram, pre_filter_message
+from robotapp_scheduler.core.framework import Code, Loaded, PluginError, Status, histogram, pre_filter_message
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.preemption import Failure, Outcome
 from robotapp_scheduler.core.profiles import Profile
+from robotapp_scheduler.core.queued import Gate
 
 LOST_DEVICE = "node(s) lost a device to another pod"
 DEVICE_PLUGIN = "ROSReserve"
@@ -27,6 +29,14 @@ def excessive(pod: PodInfo, nodes: int) -> Decision:
         rejected_by=frozenset({EXCESS}),
         nodes=nodes,
     )
+
+
+def closed(loaded: Loaded, status: Status) -> Gate:
+    """The gate of a plugin; no condition is written for it, as upstream, but when the plugin is broken."""
+    if status.code is Code.ERROR:
+        code = PodReason.SCHEDULER_ERROR
+        return Gate(plugin=loaded.name, reason=status.reason, events=loaded.events, code=code, report_after_s=0.0)
+    return Gate(plugin=loaded.name, reason=status.reason, events=loaded.events)
 
 
 class Refusals:
@@ -103,7 +113,9 @@ class Refusals:
         for loaded in self._engine.profile.post_filters:
             if loaded.post_filter is None:
                 continue
-            found: Outcome = loaded.post_filter(pod, failure)
+            found = loaded.post_filter(pod, failure)
+            if not isinstance(found, Outcome):
+                raise PluginError(loaded.name, f"post_filter must answer an Outcome, got {type(found).__name__}")
             decision.message += f" {found.text}"
             decision.nominate, decision.plan, decision.post_filtered = found.nominate, found.plan, True
         return decision

@@ -4,6 +4,7 @@ A hook may be a plain function or a coroutine. One that raises is an error of th
 an attempt ends but with the bind, everything that was reserved is given back in reverse order.
 """
 
+import asyncio
 import inspect
 import logging
 from collections.abc import Mapping, Sequence
@@ -21,6 +22,8 @@ from robotapp_scheduler.shell.timing import PointTimer
 log = logging.getLogger(__name__)
 
 POINTS: Final = (("Reserve", "reserve"), ("Permit", "permit"), ("PreBind", "pre_bind"))
+HOOK_S: Final = 600.0
+"""A hook that never comes back would hold the room of its pod for ever."""
 REJECTED: Final = frozenset({Code.UNSCHEDULABLE, Code.UNRESOLVABLE, Code.PENDING})
 FINE: Final = frozenset({Code.SUCCESS, Code.SKIP})
 
@@ -102,9 +105,15 @@ class BindSteps:
         try:
             answer: Any = getattr(loaded.plugin, hook)(self._pod, self._node, self.context)
             if inspect.isawaitable(answer):
-                answer = await answer
+                async with asyncio.timeout(HOOK_S):
+                    answer = await answer
             status = _status(answer)
-        except Exception as error:  # a plugin of somebody else's: its pod is told, the others go on
+        except TimeoutError as error:
+            log.warning("%s of plugin %s for %s: %r", hook, loaded.name, self._pod.key, error)
+            status = Status(
+                Code.ERROR, f"no answer within {HOOK_S:.0f} s" if not str(error) else f"TimeoutError: {error}"
+            )
+        except (Exception, SystemExit) as error:  # a plugin of somebody else's: its pod is told, the others go on
             log.exception("%s of plugin %s failed for %s", hook, loaded.name, self._pod.key)
             status = Status(Code.ERROR, f"{type(error).__name__}: {error}")
         self._timer.plugin(loaded.name, point, status.code, started_s)

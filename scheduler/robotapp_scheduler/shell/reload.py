@@ -163,8 +163,14 @@ def ready(given: Given, catalogue: Catalogue) -> tuple[SchedulerConfig, Mapping[
     """The configuration with its plugins made. Raises `ConfigError`."""
     if given.problem:
         raise ConfigError([given.problem])
-    config = configuration.parse_text(given.text, catalogue=catalogue)
-    return config, config.build()
+    try:
+        config = configuration.parse_text(given.text, catalogue=catalogue)
+        return config, config.build()
+    except ConfigError:
+        raise
+    except Exception as error:  # a text must never end the process that places pods; the log has the stack
+        log.exception("reading a configuration failed")
+        raise ConfigError([f"internal error: {type(error).__name__}: {error}"]) from error
 
 
 async def first(source: Source, catalogue: Catalogue, last_good: LastGood | None) -> Running:

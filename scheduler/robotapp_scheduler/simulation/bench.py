@@ -70,7 +70,7 @@ class Meter:
     def of(self, cls: type) -> type:
         """The class with every hook timed; a hook that calls another counts once."""
         hooks = {name: self._timed(getattr(cls, name)) for name in HOOKS if callable(getattr(cls, name, None))}
-        return type(cls.__name__, (cls,), hooks)
+        return type(cls.__name__, (cls,), {"__module__": cls.__module__, **hooks})
 
     def _timed(self, hook: Callable[..., Any]) -> Callable[..., Any]:
         @wraps(hook)

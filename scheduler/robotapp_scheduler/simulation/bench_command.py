@@ -8,6 +8,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from typing import Any, Final, TextIO
 
+import yaml
+
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_scheduler import config_yaml
 from robotapp_scheduler.core.profiles import Catalogue, ConfigError, PluginRef, PluginSet, ProfileSpec
@@ -26,14 +28,20 @@ def main(argv: Sequence[str], *, out: TextIO | None = None) -> int:
     known, problems = with_third_party(catalogue(), [found.plugin])
     if problems:
         return _failed(problems[found.plugin])
-    arguments = config_yaml.loads(found.args) or {}
+    try:
+        arguments = config_yaml.loads(found.args) or {}
+    except yaml.YAMLError as error:
+        return _failed(f"--args: {error}")
     if not isinstance(arguments, dict):
         return _failed("--args: must be a mapping such as '{quiet: very}'")
+    if hasattr(known.classes[found.plugin], "queue_key"):
+        return _failed(f"{found.plugin} orders the queue: nothing of it is asked while a node is looked for")
     enabled = PluginSet(enabled=(PluginRef(found.plugin, found.weight),))
     with_plugin = ProfileSpec(SCHEDULER_NAME, plugins={"multiPoint": enabled}, plugin_config={found.plugin: arguments})
     without = ProfileSpec(SCHEDULER_NAME, plugins={"multiPoint": PluginSet(disabled=(PluginRef(found.plugin),))})
     try:
         checked([with_plugin], known)
+        checked([without], known)
     except ConfigError as error:
         return _failed(*error.problems)
     costs = list(_measured(found, known, with_plugin, without))
@@ -93,17 +101,29 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("plugin", metavar="PLUGIN", help="module:Class, an entry point, or a built-in plugin's name")
     parser.add_argument("--args", default="", metavar="YAML", help="its arguments, e.g. '{quiet: very}'")
-    parser.add_argument("--weight", type=int, default=1, help="weight of its scores (default 1)")
+    parser.add_argument("--weight", type=_weight, default=1, help="weight of its scores (default 1)")
     parser.add_argument(
         "--nodes", type=_counts, default=[1000, 5000], metavar="N,N", help="cluster sizes (default 1000,5000)"
     )
-    parser.add_argument("--pods", type=int, default=500, help="pods to place (default 500; a tenth without reuse)")
+    parser.add_argument("--pods", type=_pods, default=500, help="pods to place (default 500; a tenth without reuse)")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     return parser
 
 
 def _counts(text: str) -> list[int]:
-    found = [int(part) for part in text.split(",")]
-    if not all(0 < count <= 50_000 for count in found):
-        raise argparse.ArgumentTypeError("cluster sizes are 1 to 50000")
-    return found
+    return [_between(part, 50_000, "cluster sizes are") for part in text.split(",")]
+
+
+def _pods(text: str) -> int:
+    return _between(text, 100_000, "pods to place are")
+
+
+def _weight(text: str) -> int:
+    return _between(text, (1 << 31) - 1, "weights are")
+
+
+def _between(text: str, most: int, what: str) -> int:
+    number = int(text) if text.strip().isascii() and text.strip().isdigit() and len(text) < 12 else 0
+    if not 0 < number <= most:
+        raise argparse.ArgumentTypeError(f"{what} 1 to {most}")
+    return number

@@ -25,9 +25,12 @@ def main(argv: Sequence[str], *, stdin: BinaryIO | None = None, out: TextIO | No
         config = configuration.load(found.config, catalogue=catalogue())
         dump = read(found.files, most_bytes=found.max_mib * MIB, stdin=stdin or sys.stdin.buffer)
     except ConfigError as error:
-        return _failed(*(f"{found.config}: {problem}" for problem in error.problems))
-    except (DumpError, OSError) as error:
+        said = (problem.removeprefix(f"{found.config}: ") for problem in error.problems)
+        return _failed(*(f"{found.config}: {problem}" for problem in said))
+    except DumpError as error:
         return _failed(str(error))
+    except OSError as error:
+        return _failed(f"{error.filename}: {error.strerror}")
     outcome = simulate(dump, config, replay=found.replay)
     target = out or sys.stdout
     if found.json:

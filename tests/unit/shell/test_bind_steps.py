@@ -7,6 +7,7 @@ import pytest
 from prometheus_client import CollectorRegistry
 from prometheus_client.exposition import generate_latest
 from tests.support.scheduling import make_info
+from tests.support.virtual_time import run_virtually
 
 from robotapp_api.model.names import Annotation, PodReason
 from robotapp_scheduler.core.framework import Code, Status
@@ -32,7 +33,7 @@ def plugin(name: str, told: list[str], **answers: Any) -> type:
         def asked(_self: Any, pod: Any, node: str, ctx: Any) -> Any:
             told.append(f"{name}.{point} {pod.name} {node}")
             ctx.annotations |= {f"lab.example/{name}-{point}": node} if point != "unreserve" else {}
-            if isinstance(answer, Exception):
+            if isinstance(answer, Exception | SystemExit):
                 raise answer
             return answer() if callable(answer) else answer
 
@@ -78,6 +79,7 @@ async def test_points_come_in_order_and_what_they_annotate_is_kept_for_the_bindi
         (Status(Code.UNSCHEDULABLE, "no dock is free"), PodReason.UNSCHEDULABLE, "0/1 nodes are available: 1 no dock is free.", {"Two"}),
         (Status(Code.PENDING), PodReason.UNSCHEDULABLE, "0/1 nodes are available: 1 node(s) were rejected by Two.", {"Two"}),
         (Status(Code.ERROR, "dock server is down"), PodReason.SCHEDULER_ERROR, 'running Permit plugin "Two": dock server is down', set()),
+        (SystemExit(3), PodReason.SCHEDULER_ERROR, 'running Permit plugin "Two": SystemExit: 3', set()),
         (ZeroDivisionError("x"), PodReason.SCHEDULER_ERROR, 'running Permit plugin "Two": ZeroDivisionError: x', set()),
         (7, PodReason.SCHEDULER_ERROR, 'running Permit plugin "Two": answered int, expected a Status or None', set()),
     ],
@@ -161,3 +163,17 @@ async def test_a_plugin_cannot_grant_what_only_claims_can() -> None:
     assert refused is not None
     assert refused.reason == PodReason.SCHEDULER_ERROR
     assert "granted.robotics.io" in refused.message
+
+
+def test_a_hook_that_never_comes_back_is_an_error_after_ten_minutes_and_its_room_is_given_back() -> None:
+    told: list[str] = []
+
+    async def attempt() -> Refused | None:
+        subject, _ = steps(plugin("One", told, reserve=None, permit=asyncio.Event().wait, unreserve=None))
+        async with subject:
+            return await subject.run("n1")
+
+    refused = run_virtually(attempt())
+    assert refused is not None
+    assert refused.message == 'running Permit plugin "One": no answer within 600 s'
+    assert [line.split()[0] for line in told] == ["One.reserve", "One.permit", "One.unreserve"]

@@ -352,7 +352,14 @@ def test_what_cannot_be_exchanged_while_running_is_named(change: dict[str, Any],
     assert running.restart_needed(config(**({"profiles": profile()} | change))) == fields
 
 
-@pytest.mark.parametrize("text", ["a: [", "x" * ((1 << 20) + 1), "[" * 100_000, "null", "- a", "a: 1\na: 2"])
+MILLIONS = "\n".join([f"a0: &a0 [{'x,' * 10}]", *(f"a{i}: &a{i} [{f'*a{i - 1},' * 10}]" for i in range(1, 9))])
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["a: [", "x" * ((1 << 20) + 1), "[" * 100_000, "null", "- a", "a: 1\na: 2", "a: &a [*a]", "a: &a {b: *a}", MILLIONS,
+     "a: 2020-13-45", f"a: {'1' * 5000}", "? {a: b}\n: c", "\x00", "a: !!python/object/apply:os.system [id]"],
+)  # fmt: skip
 def test_a_text_that_is_no_configuration_is_a_problem_and_never_a_crash(text: str) -> None:
     with pytest.raises(ConfigError):
         parse_text(text, catalogue=catalogue())

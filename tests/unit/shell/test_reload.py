@@ -101,6 +101,14 @@ async def test_a_plugin_that_cannot_be_made_is_refused_like_any_other_mistake() 
     assert "cannot be loaded" in bench.told[0][1]
 
 
+async def test_a_plugin_that_breaks_while_it_is_made_leaves_the_old_configuration_at_work() -> None:
+    bench = Bench(text())
+    broken = {"enabled": [{"name": "tests.support.broken_plugins:CannotStart"}]}
+    assert await bench.take(text(profiles=[{"plugins": {"multiPoint": broken}}])) is Outcome.INVALID
+    assert "no route to the laboratory" in bench.told[0][1]
+    assert bench.swapped == []
+
+
 async def test_back_to_the_configuration_in_use_nothing_is_refused_any_more() -> None:
     start = weights(TopologyScore=10)
     bench = Bench(start)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.support import broken_plugin
 from tests.support.scheduling import node_json, pod_json
 
 from robotapp_scheduler import tools
@@ -107,11 +108,32 @@ def test_the_table_names_nodes_load_and_share() -> None:
         (["no.such.module:Plugin"], "cannot be loaded"),
         (["tests.support.third_party_plugin:PreferQuietNodes", "--args", "{quiet: 3}"], "args"),
         (["tests.support.third_party_plugin:PreferQuietNodes", "--args", "[1]"], "must be a mapping"),
+        (["tests.support.third_party_plugin:PreferQuietNodes", "--args", "{quiet"], "--args: "),
+        (["tests.support.broken_plugins:CannotStart"], "no route to the laboratory"),
+        (["ROSQueueSort"], "orders the queue"),
     ],
 )
 def test_a_plugin_that_cannot_be_used_is_named(argv: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert bench(*argv)[0] == 2
     assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "flag", ["--nodes=x", "--nodes=0", "--pods=0", "--pods=-4", "--weight=-1", "--weight=99999999999"]
+)
+def test_amounts_nobody_can_measure_are_refused(flag: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        bench_command.main(["NodeAffinity", flag])
+    assert ended.value.code == 2
+    assert " are 1 to " in capsys.readouterr().err
+
+
+def test_a_plugin_that_raises_ends_with_1_and_says_what(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(broken_plugin.ScoresOfOne, "score", lambda *_: 1 / 0)
+    assert bench("tests.support.broken_plugin:ScoresOfOne")[0] == 1
+    assert "plugin ScoresOfOne: score raised ZeroDivisionError" in capsys.readouterr().err
 
 
 def test_a_plugin_that_answers_nonsense_ends_with_1_and_says_what(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,6 +1,6 @@
 """NodeAffinity: nodeSelector, required and preferred node affinity, and the profile's own addedAffinity."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import msgspec
@@ -11,43 +11,24 @@ from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.core.framework import Code, FilterResult, PluginError, PreFilter, ScoreResult, Status, Verdict
 from robotapp_scheduler.core.objects import Node, NodeSelectorTerm, PreferredTerm
-from robotapp_scheduler.core.objects import NodeAffinity as Affinity
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.view import Nodes
+from robotapp_scheduler.plugins.kubernetes.added_affinity import AddedAffinity, problems
 from robotapp_scheduler.plugins.kubernetes.matching import own_terms_mask, term_mask, terms_mask
 from robotapp_scheduler.plugins.kubernetes.resource_arguments import refuse
 
 POD_REASON: Final = "node(s) didn't match Pod's node affinity/selector"
 ENFORCED_REASON: Final = "node(s) didn't match scheduler-enforced node affinity"
-REQUIRED: Final = "requiredDuringSchedulingIgnoredDuringExecution"
-PREFERRED: Final = "preferredDuringSchedulingIgnoredDuringExecution"
-OPERATORS: Final = ("In", "NotIn", "Exists", "DoesNotExist", "Gt", "Lt")
 CONFLICT: Final = "pod affinity terms conflict"
 
 
 class NodeAffinityArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
     """addedAffinity applies to every pod of the profile, before the pod's own."""
 
-    added_affinity: Affinity | None = None
+    added_affinity: AddedAffinity | None = None
 
     def __post_init__(self) -> None:
-        refuse(_problems(self.added_affinity))
-
-
-def _problems(added: Affinity | None) -> Iterator[str]:
-    """Operators nobody knows, with upstream's words."""
-    if added is None:
-        return
-    required = added.required.node_selector_terms if added.required is not None else ()
-    under = f"addedAffinity.{REQUIRED}.nodeSelectorTerms[{{}}]"
-    terms = [(under.format(i), term) for i, term in enumerate(required)]
-    terms += [(f"addedAffinity.{PREFERRED}[{i}].preference", each.preference) for i, each in enumerate(added.preferred)]
-    for path, term in terms:
-        for k, expression in enumerate(term.match_expressions):
-            if expression.operator not in OPERATORS:
-                known = ", ".join(f'"{name}"' for name in OPERATORS)
-                at = f"{path}.matchExpressions[{k}].operator"
-                yield f'{at}: Unsupported value: "{expression.operator}": supported values: {known}'
+        refuse(problems(self.added_affinity))
 
 
 class NodeAffinity:

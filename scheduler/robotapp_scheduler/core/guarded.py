@@ -1,0 +1,219 @@
+"""Hooks of plugins that are not ours: whatever they raise or answer wrongly becomes a `PluginError` that names them.
+
+Ours are trusted and asked directly. A PluginError fails the one pod (SchedulerError); it must never end the loop, a watch
+or the command that was typed, and what a plugin answers must not be believed before its shape is known.
+"""
+
+import logging
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from robotapp_scheduler.core.framework import (
+    MAX_SCORE,
+    NORMALIZERS,
+    Code,
+    Loaded,
+    PerDomain,
+    PluginError,
+    PreFilter,
+    Scores,
+    Status,
+    Verdict,
+    checked_scores,
+)
+
+log = logging.getLogger(__name__)
+
+OURS: Final = "robotapp_scheduler"
+EXACT: Final = 1 << 56
+"""Integers beyond are scored as floats: a hundred times as much must not overflow."""
+
+
+def is_ours(plugin: object) -> bool:
+    """Is the class part of this program?"""
+    return type(plugin).__module__.partition(".")[0] == OURS
+
+
+def guarded(loaded: Loaded) -> Loaded:
+    """The same plugin with every hook watched."""
+    for hook, check in _CHECKS.items():
+        function = getattr(loaded, hook)
+        if function is not None:
+            strict = hook == "score_row" and loaded.normalize == "none"
+            setattr(loaded, hook, _watched(loaded.name, hook, function, _row_percent if strict else check))
+    if loaded.pre_enqueue is not None:
+        loaded.pre_enqueue = _held_when_broken(loaded.name, loaded.pre_enqueue)
+    if loaded.queue_key is not None:
+        loaded.queue_key = _ordered(loaded.name, loaded.queue_key)
+    return loaded
+
+
+def _watched(plugin: str, hook: str, function: Callable[..., Any], check: "_Check") -> Callable[..., Any]:
+    def asked(*args: Any) -> Any:
+        try:
+            answer = function(*args)
+        except (PluginError, KeyboardInterrupt):
+            raise
+        except BaseException as error:  # somebody else's code, sys.exit included: its pod is told, the others go on
+            log.exception("%s of plugin %s failed", hook, plugin)
+            raise PluginError(plugin, f"{hook} raised {type(error).__name__}: {error}") from error
+        return check(plugin, hook, answer, *args)
+
+    return asked
+
+
+def _held_when_broken(plugin: str, function: Callable[..., Any]) -> Callable[..., Status | None]:
+    """A gate that cannot be asked stays closed, with its text: an open one might let pods through it was to hold."""
+    watched = _watched(plugin, "pre_enqueue", function, _status)
+
+    def asked(*args: Any) -> Status | None:
+        try:
+            answer: Status | None = watched(*args)
+        except PluginError as error:
+            return Status(Code.ERROR, str(error))
+        return answer
+
+    return asked
+
+
+def _ordered(plugin: str, function: Callable[..., Any]) -> Callable[..., tuple[Any, ...]]:
+    """Keys that can be compared with each other whatever they hold; a pod without one comes last, by its time."""
+
+    def key(pod: Any, queued_s: float) -> tuple[Any, ...]:
+        try:
+            answer = _watched(plugin, "queue_key", function, _untouched)(pod, queued_s)
+            return (0, *(_comparable(plugin, part) for part in answer))
+        except (PluginError, TypeError) as error:
+            log.warning("queue_key of plugin %s for %s: %s", plugin, pod.key, error)
+            return (1, (0, -pod.priority), (0, queued_s))
+
+    return key
+
+
+def _comparable(plugin: str, part: object) -> tuple[int, Any]:
+    if isinstance(part, bool | int | float | np.integer | np.floating) and part == part:  # noqa: PLR0124 - NaN is not
+        return 0, part
+    if isinstance(part, str):
+        return 1, part
+    raise PluginError(plugin, f"queue_key must answer a tuple of numbers and texts, got {part!r} in it")
+
+
+# --- Answers --------------------------------------------------------------------------------------------------------
+
+_Check = Callable[..., Any]
+
+
+def _untouched(_plugin: str, _hook: str, answer: object, *_args: Any) -> object:
+    return answer
+
+
+def _truth(_plugin: str, _hook: str, answer: object, *_args: Any) -> bool:
+    return bool(answer)
+
+
+def _status(plugin: str, hook: str, answer: object, *_args: Any) -> object:
+    if answer is not None and not isinstance(answer, Status):
+        raise PluginError(plugin, f"{hook} must answer a Status or None, got {type(answer).__name__}")
+    return answer
+
+
+def _pre_filter(plugin: str, hook: str, answer: object, *_args: Any) -> object:
+    if answer is None:
+        return None
+    if not isinstance(answer, PreFilter) or not isinstance(answer.status, Status | None):
+        raise PluginError(plugin, f"{hook} must answer a PreFilter or None, got {type(answer).__name__}")
+    return answer if answer.names is None else answer._replace(names=frozenset(map(str, answer.names)))
+
+
+def _verdict(plugin: str, hook: str, answer: object, *_args: Any) -> object:
+    """Masks are looked at by the framework; here what stands beside them."""
+    if not isinstance(answer, Verdict):
+        return answer
+    mask: object = answer.mask
+    if not isinstance(mask, np.ndarray):
+        return answer
+    wrong = [
+        name
+        for name, fine in (
+            ("reasons", _texts(answer.reasons)),
+            ("codes", answer.codes is None or _within(answer.codes, mask, len(answer.reasons or " "))),
+            ("detail", answer.detail is None or np.shape(answer.detail) == mask.shape),
+            ("resolvable", _resolvable(answer, mask)),
+        )
+        if not fine
+    ]
+    if wrong:
+        text = "codes and detail have one element per row, codes index reasons, and each of those is a tuple of texts"
+        raise PluginError(plugin, f"{hook} answered a Verdict with unusable {', '.join(wrong)}: {text}")
+    return answer
+
+
+def _texts(reasons: object) -> bool:
+    return isinstance(reasons, list | tuple) and all(
+        isinstance(each, tuple) and all(isinstance(text, str) for text in each) for each in reasons
+    )
+
+
+def _within(codes: object, mask: npt.NDArray[Any], count: int) -> bool:
+    if not isinstance(codes, np.ndarray) or codes.shape != mask.shape or codes.dtype.kind not in "iu":
+        return False
+    return not len(codes) or (int(codes.min()) >= 0 and int(codes.max()) < count)
+
+
+def _resolvable(answer: Verdict, mask: npt.NDArray[Any]) -> bool:
+    found = answer.resolvable
+    if isinstance(found, tuple):
+        return len(found) == len(answer.reasons)
+    return found is None or isinstance(found, bool) or np.shape(found) == mask.shape
+
+
+def _scores(plugin: str, hook: str, answer: object, *_args: Any) -> object:
+    if isinstance(answer, PerDomain):
+        return answer._replace(values=_wide(checked_scores(plugin, answer.values, len(answer.label.vocabulary.values))))
+    if isinstance(answer, Scores):
+        if answer.normalize not in NORMALIZERS:
+            raise PluginError(plugin, f"{hook} answered normalize {answer.normalize!r}")
+        return answer._replace(raw=_wide(answer.raw))
+    return _wide(answer)
+
+
+def _wide(raw: Any) -> Any:
+    """Small integers would overflow when they are normalised."""
+    if not isinstance(raw, np.ndarray) or raw.dtype.kind not in "iu" or not raw.size:
+        return raw
+    large = int(raw.max()) > EXACT or int(raw.min()) < -EXACT
+    return raw.astype(np.float64 if large else np.int64)
+
+
+def _row_score(plugin: str, hook: str, answer: object, *_args: Any) -> int:
+    if not isinstance(answer, int | np.integer) or not -EXACT <= int(answer) <= EXACT:
+        raise PluginError(plugin, f"{hook} must answer an integer, got {answer!r}")
+    return int(answer)
+
+
+def _row_percent(plugin: str, hook: str, answer: object, *_args: Any) -> int:
+    score = _row_score(plugin, hook, answer)
+    if not 0 <= score <= MAX_SCORE:
+        raise PluginError(plugin, f"{hook} must answer 0 to {MAX_SCORE}, got {score}")
+    return score
+
+
+_CHECKS: Final[Mapping[str, _Check]] = {
+    "pre_filter": _pre_filter,
+    "filter": _verdict,
+    "filter_row": _truth,
+    "score": _scores,
+    "score_row": _row_score,
+    "score_among": _untouched,
+    "relevant": _truth,
+    "untouched": _truth,
+    "confined": _truth,
+    "touched_by": _truth,
+    "beside": _untouched,
+    "room": _untouched,
+    "plan": _untouched,
+    "post_filter": _untouched,
+}

@@ -1,0 +1,83 @@
+"""What a plugin class says about itself, checked when it is loaded: else only the first pod would notice."""
+
+from collections.abc import Collection, Iterator, Mapping
+from typing import Any, Final
+
+from robotapp_scheduler.core.changes import OWN_COLUMN, READS, Change
+from robotapp_scheduler.core.pods import FEATURES, LIVE
+
+NAMES: Final = (tuple, list, set, frozenset)
+KINDS: Final[Mapping[str, tuple[type, ...]]] = {
+    "row_local": (bool,),
+    "resolvable": (bool,),
+    "reason": (str,),
+    "normalize": (str,),
+    "events": (Change,),
+    "reads": NAMES,
+    "node_reads": NAMES,
+    "hint_reads": NAMES,
+}
+HOOKS: Final = (
+    *(
+        "pre_enqueue",
+        "queue_key",
+        "pre_filter",
+        "filter",
+        "post_filter",
+        "score",
+        "score_among",
+        "reserve",
+        "unreserve",
+    ),
+    *(
+        "permit",
+        "pre_bind",
+        "post_bind",
+        "plan",
+        "filter_row",
+        "score_row",
+        "relevant",
+        "confined",
+        "untouched",
+        "hint",
+    ),
+    *("hint_of_each", "touched_by", "beside", "room"),
+)
+
+
+def problems_of(plugin: object, normalizers: Collection[str]) -> list[str]:
+    """Texts about its attributes; empty when it may be used."""
+    name = getattr(plugin, "name", None)
+    if not isinstance(name, str) or not name:
+        return [f"`name` must be a text, got {name!r}"]
+    return list(_kinds(plugin)) or [*_names(plugin), *_normalize(plugin, normalizers)]
+
+
+def _kinds(plugin: object) -> Iterator[str]:
+    for attribute, kinds in KINDS.items():
+        value = getattr(plugin, attribute, None)
+        if hasattr(plugin, attribute) and not isinstance(value, kinds):
+            yield f"`{attribute}` must be a {' or '.join(kind.__name__ for kind in kinds)}, got {value!r}"
+    for hook in HOOKS:
+        if not callable(getattr(plugin, hook, None)) and getattr(plugin, hook, None) is not None:
+            yield f"`{hook}` must be a function, got {getattr(plugin, hook)!r}"
+
+
+def _names(plugin: Any) -> Iterator[str]:
+    reads = getattr(plugin, "reads", ())
+    for attribute in ("reads", "hint_reads"):
+        unknown = sorted(set(map(str, getattr(plugin, attribute, ()))) - set(FEATURES))
+        if unknown:
+            yield f"`{attribute}` names {', '.join(unknown)}; features of a pod are {', '.join(sorted(FEATURES))}"
+    unknown = [str(name) for name in getattr(plugin, "node_reads", ()) if name not in READS]
+    unknown = sorted(name for name in unknown if not name.startswith(OWN_COLUMN))
+    if unknown:
+        yield f"`node_reads` names {', '.join(unknown)}; facts of nodes are {', '.join(sorted(READS))}"
+    if len({next((live for live in LIVE if name.startswith(live)), "") for name in map(str, reads)}) > 1:
+        yield f"`reads` {', '.join(sorted(map(str, reads)))} mixes parts of ros or volumes with other features"
+
+
+def _normalize(plugin: object, normalizers: Collection[str]) -> Iterator[str]:
+    how = getattr(plugin, "normalize", "none")
+    if how not in normalizers:
+        yield f"`normalize` is {how!r}; it may be one of {', '.join(sorted(normalizers))}"

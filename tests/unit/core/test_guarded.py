@@ -1,0 +1,94 @@
+"""Plugins that break: their pods are told, and nothing else notices."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.support.broken_plugins import ANSWERS, breaking
+from tests.support.scheduling import Clock, make_cluster, make_info, make_node
+
+from robotapp_api.model.names import SCHEDULER_NAME, PodReason
+from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.framework import Loaded
+from robotapp_scheduler.core.guarded import guarded
+from robotapp_scheduler.core.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
+from robotapp_scheduler.core.queue import Rejection
+from robotapp_scheduler.plugins.registry import catalogue
+
+STAR = PluginRef("*")
+
+
+def core_with(plugin: type, *, point: str = "multiPoint", alone: bool = False) -> SchedulerCore:
+    clock = Clock()
+    cluster = make_cluster(*(make_node(f"n{i}") for i in range(3)), clock=clock)
+    disabled = (STAR,) if alone else ()
+    plugins = {point: PluginSet(enabled=(PluginRef(plugin.__name__),), disabled=disabled)}
+    spec = ProfileSpec(SCHEDULER_NAME, plugins=plugins)
+    return SchedulerCore(cluster, build_profiles([spec], catalogue({plugin.__name__: plugin})), clock=clock)
+
+
+@pytest.mark.parametrize(("hook", "answer", "told"), ANSWERS, ids=lambda value: str(value)[:30])
+def test_a_hook_that_breaks_fails_its_pod_with_the_name_of_the_plugin(hook: str, answer: Any, told: str) -> None:
+    plugin = breaking(hook, answer)
+    # Only a pod that fits nowhere is asked about at postFilter; preemption would have answered before.
+    core = core_with(plugin, point="postFilter", alone=True) if hook == "post_filter" else core_with(plugin)
+    cpu = "1000" if hook == "post_filter" else "1"
+    # Short forms for single rows are asked once something has changed.
+    decisions = [core.schedule_one(make_info(f"p{i}", cpu=cpu)) for i in range(3)]
+    failed = [decision for decision in decisions if not decision.placed]
+    assert failed
+    for decision in failed:
+        assert decision.reason == PodReason.SCHEDULER_ERROR
+        assert decision.message.startswith(f"plugin {plugin.__name__}: ")
+        assert told in decision.message
+    assert core.explain.latest(1)[0].message == decisions[-1].message
+
+
+def test_a_gate_that_cannot_be_asked_stays_closed_and_says_why_at_once() -> None:
+    core = core_with(breaking("pre_enqueue", RuntimeError("boom")))
+    core.queue.add(make_info("p"))
+    ((queued, gate),) = core.held()
+    assert queued.info.name == "p"
+    assert gate.code == PodReason.SCHEDULER_ERROR
+    assert gate.reason == "plugin BreaksPreEnqueue: pre_enqueue raised RuntimeError: boom"
+
+
+@pytest.mark.parametrize("answer", [RuntimeError("boom"), None, 5, ({},), (float("nan"),), ("a", None)])
+def test_pods_an_ordering_plugin_has_no_usable_key_for_come_by_priority_after_the_others(answer: Any) -> None:
+    def key(pod: Any, _queued_s: float) -> Any:
+        if pod.name.startswith("good"):
+            return (pod.name,) if pod.name == "good-text" else (1,)
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    core = core_with(breaking("queue_key", key), point="queueSort", alone=True)
+    names = ("bad-low", "bad-high", "good-text", "good-number")
+    for name in names:
+        core.queue.add(make_info(name, priority=5 if name == "bad-high" else 0))
+    left = [core.queue.pop()[0] for _ in names]
+    assert [queued.info.name for queued in left] == ["good-number", "good-text", "bad-high", "bad-low"]
+    for queued in left:
+        core.queue.requeue(queued, Rejection())
+    assert sum(core.queue.pending().values()) == len(names)
+
+
+@pytest.mark.parametrize(
+    ("raw", "normalize", "expected"),
+    [
+        (np.array([0, 10, 50], dtype=np.int8), "max", [0, 20, 100]),
+        (np.array([0, 10, 50], dtype=np.int8), "inverse", [100, 80, 0]),
+        (np.array([-100, 100], dtype=np.int8), "minmax", [0, 100]),
+        (np.array([1 << 61, 1 << 62]), "max", [50, 100]),
+        (np.array([1 << 62, 1 << 63], dtype=np.uint64), "max", [50, 100]),
+    ],
+)
+def test_scores_in_narrow_or_huge_integers_are_normalised_without_overflow(
+    raw: Any, normalize: str, expected: list[int]
+) -> None:
+    from robotapp_scheduler.core.framework import normalized
+
+    loaded = guarded(Loaded(breaking("score", raw)()))
+    assert loaded.score is not None
+    found: Any = loaded.score(make_info("p"), None)  # type: ignore[arg-type]  # this plugin looks at neither
+    assert normalized("P", normalize, found).tolist() == expected

@@ -1,0 +1,107 @@
+"""Configurations a decoder would let through, and which nobody can have meant: with all built-in plugins."""
+
+from typing import Any
+
+import pytest
+from tests.support.broken_plugins import UNUSABLE
+
+from robotapp_scheduler.config import ConfigError, SchedulerConfig, parse
+from robotapp_scheduler.config_model import API_VERSION, KIND
+from robotapp_scheduler.plugins.kubernetes.added_affinity import PREFERRED, REQUIRED
+from robotapp_scheduler.plugins.registry import catalogue
+
+
+def config(**fields: Any) -> SchedulerConfig:
+    return parse({"apiVersion": API_VERSION, "kind": KIND, **fields}, catalogue=catalogue())
+
+
+def problems(**fields: Any) -> list[str]:
+    with pytest.raises(ConfigError) as caught:
+        config(**fields)
+    return list(caught.value.problems)
+
+
+def profile(**fields: Any) -> list[dict[str, Any]]:
+    return [{"schedulerName": "mine", **fields}]
+
+
+def weight(value: int) -> dict[str, Any]:
+    return {"profiles": profile(plugins={"score": {"enabled": [{"name": "ImageLocality", "weight": value}]}})}
+
+
+def terms(**expression: Any) -> dict[str, Any]:
+    found = {"key": "pool", "operator": "In", "values": ["robots"]} | expression
+    return {"nodeSelectorTerms": [{"matchExpressions": [found]}]}
+
+
+@pytest.mark.parametrize(
+    ("fields", "text"),
+    [
+        (weight(1 << 31), "profiles[0].plugins.score.enabled[0].weight: Invalid value: 2147483648"),
+        ({"podMaxBackoffSeconds": 10**400}, "podMaxBackoffSeconds: Invalid value: 1000"),
+        ({"clientConnection": {"qps": "5"}}, 'clientConnection.qps: Invalid value: "5"'),
+        ({"profiles": [{"schedulerName": ""}, {"schedulerName": "b"}]}, "profiles[0].schedulerName: Required value"),
+    ],
+)
+def test_numbers_the_format_cannot_hold_and_empty_names_are_refused(fields: dict[str, Any], text: str) -> None:
+    assert problems(**fields)[0].startswith(text)
+
+
+@pytest.mark.parametrize(
+    ("added", "text"),
+    [
+        ({"requiredDuringSchedulingIgnoredDuringExection": {}}, "unknown field `requiredDuringSchedulingIgnoredDuringExection`"),
+        ({"podAffinity": {}}, "unknown field `podAffinity`"),
+        ({REQUIRED: {"nodeSelectorTerms": []}}, "nodeSelectorTerms: Required value: must have at least one"),
+        ({REQUIRED: terms(key="!!")}, 'nodeSelectorTerms[0].matchExpressions[0].key: Invalid value: "!!"'),
+        ({REQUIRED: terms(operator="Gt", values=["x"])}, 'matchExpressions[0].values[0]: Invalid value: "x"'),
+        ({REQUIRED: terms(operator="Gt", values=[])}, "matchExpressions[0].values: Required value"),
+        ({REQUIRED: terms(operator="In", values=[])}, "matchExpressions[0].values: Required value"),
+        ({REQUIRED: terms(operator="Exists", values=["1"])}, "matchExpressions[0].values: Forbidden"),
+        ({REQUIRED: terms(operator="In", values=["a b"])}, 'matchExpressions[0].values[0]: Invalid value: "a b"'),
+        ({REQUIRED: {"nodeSelectorTerms": [{"matchFields": [{"key": "spec", "operator": "Exists"}]}]}}, "matchFields[0].key"),
+        ({PREFERRED: [{"weight": 0, "preference": {}}]}, "weight: Invalid value: 0: must be in the range 1-100"),
+    ],
+)  # fmt: skip
+def test_an_added_affinity_the_api_server_would_refuse_in_a_pod_is_refused(added: dict[str, Any], text: str) -> None:
+    (problem,) = problems(profiles=profile(pluginConfig=[{"name": "NodeAffinity", "args": {"addedAffinity": added}}]))
+    assert text in problem
+
+
+@pytest.mark.parametrize(
+    ("args", "texts"),
+    [
+        ({"kind": "VolumeBindingArgs"}, ['args.kind: Invalid value: "VolumeBindingArgs": must be "NodeResourcesFitArgs"']),
+        ({"apiVersion": "v7"}, [f'args.apiVersion: Invalid value: "v7": must be "{API_VERSION}"']),
+        ({"apiVersion": API_VERSION, "kind": "NodeResourcesFitArgs"}, []),
+    ],
+)  # fmt: skip
+def test_arguments_that_say_they_are_another_plugins_are_refused(args: dict[str, Any], texts: list[str]) -> None:
+    fields = {"profiles": profile(pluginConfig=[{"name": "NodeResourcesFit", "args": args}])}
+    expected = [f"profiles[0].pluginConfig[0].{text}" for text in texts]
+    assert (problems(**fields) if texts else list(config(**fields).warnings)) == expected
+
+
+def test_arguments_of_a_plugin_that_is_switched_off_are_read_all_the_same() -> None:
+    off = {"multiPoint": {"disabled": [{"name": "ImageLocality"}]}}
+    fields = profile(plugins=off, pluginConfig=[{"name": "ImageLocality", "args": {"typo": 1}}])
+    assert problems(profiles=fields) == [
+        "profiles[0].pluginConfig[ImageLocality].args: Object contains unknown field `typo`"
+    ]
+
+
+def test_profiles_must_give_the_queue_sort_plugin_the_same_arguments() -> None:
+    thesis = [{"name": "ROSQueueSort", "args": {"order": "Thesis"}}]
+    profiles = [{"schedulerName": "a"}, {"schedulerName": "b", "pluginConfig": thesis}]
+    assert problems(profiles=profiles) == [
+        "profiles: the arguments of ROSQueueSort must be the same for all profiles: it orders one queue"
+    ]
+    assert config(profiles=[{**each, "pluginConfig": thesis} for each in profiles]).scheduler_names == ("a", "b")
+
+
+@pytest.mark.parametrize(("plugin", "said"), UNUSABLE.items(), ids=lambda value: getattr(value, "__name__", ""))
+def test_a_plugin_that_cannot_work_is_a_mistake_of_the_configuration(plugin: type, said: str) -> None:
+    enabled = {"enabled": [{"name": f"tests.support.broken_plugins:{plugin.__name__}"}]}
+    (problem,) = problems(profiles=profile(plugins={"multiPoint": enabled}))
+    assert problem.startswith("profiles[0].plugins: ")
+    assert said in problem
