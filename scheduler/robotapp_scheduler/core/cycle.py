@@ -8,7 +8,7 @@ from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.decision import Decision, failed
 from robotapp_scheduler.core.devices import DeviceGrant
-from robotapp_scheduler.core.engine import Engine, Stopwatch
+from robotapp_scheduler.core.engine import Engine, Stopwatch, pod_hash
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.explain import ExplainRing, Record
 from robotapp_scheduler.core.framework import Code, PluginError, histogram
@@ -328,10 +328,10 @@ class SchedulerCore:
         total = 0
         if evaluation.feasible > 1:
             engine.score(pod, evaluation)
-            best = evaluation.best()
+            best = engine.best(evaluation)
             position = engine.position_of(evaluation, wished) if wished else None
             if position is None:
-                position = engine.choose(pod, evaluation, best, self._seed)
+                position = best.choose(pod_hash(pod.uid, self._seed))
             total = int(evaluation.total[position])
             recorder.scored(evaluation, position, best)
         else:

@@ -9,6 +9,7 @@ from typing import Any, Final, NamedTuple, Protocol, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from robotapp_scheduler.core.best import Best
 from robotapp_scheduler.core.classes import ColumnCache
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.evaluation import Evaluation
@@ -16,6 +17,7 @@ from robotapp_scheduler.core.filter_column import FilterColumn, Reasons
 from robotapp_scheduler.core.framework import Code, Loaded, Status
 from robotapp_scheduler.core.pods import LIVE, OWN_FEATURES, PodInfo
 from robotapp_scheduler.core.profiles import Profile
+from robotapp_scheduler.core.repair import bring_up
 from robotapp_scheduler.core.score_column import score_column
 from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.core.volumes import VolumePlan
@@ -26,10 +28,10 @@ _T = TypeVar("_T")
 CLASS_BYTES: Final = 100_000_000
 MOST_CLASS_IDS: Final = 20_000
 MOST_REMEMBERED: Final = 16
+POINTS: Final = ("PreFilter", "Filter", "Score")
+"""Extension points that a stopwatch measures."""
 BYTES_PER_ROW: Final = 300
 """What a class with columns of its own costs per node, at worst."""
-
-_ODD: Final = np.uint64(0xBF58476D1CE4E5B9)
 
 
 class Narrowed(NamedTuple):
@@ -40,8 +42,14 @@ class Narrowed(NamedTuple):
     status: Status | None
 
 
+UNLIMITED: Final = Narrowed(None, (), None)
+
+
 class Stopwatch(Protocol):
-    """Runs a part of a decision and may measure how long it takes."""
+    """Runs a part of a decision and measures how long it takes."""
+
+    def due(self) -> Callable[[], bool]:
+        """Says of one call after the other whether it is to be measured."""
 
     def __call__(self, point: str, profile: str, work: Callable[[], _T]) -> _T: ...
 
@@ -56,6 +64,9 @@ class Engine:
         self._cluster = cluster
         self._caching = caching
         self._stopwatch = stopwatch
+        self._due = {point: stopwatch.due() for point in POINTS} if stopwatch is not None else {}
+        self._plain, self._with_ros = object(), object()
+        """Names of our notes about shapes of pods without and with ROS fields."""
         self._reasons = Reasons()
         self._columns = ColumnCache(self._reasons)
         self._classes: OrderedDict[Hashable, Evaluation] = OrderedDict()
@@ -80,16 +91,19 @@ class Engine:
 
     def pre_filter(self, pod: PodInfo) -> Narrowed:
         """Run all pre_filter hooks: intersect the node names they allow; an unresolvable rejection ends it at once."""
-        if self._stopwatch is None:
+        if self._stopwatch is None or not self._due["PreFilter"]():
             return self._pre_filter(pod)
         return self._stopwatch("PreFilter", self.profile.scheduler_name, lambda: self._pre_filter(pod))
 
     def _pre_filter(self, pod: PodInfo) -> Narrowed:
+        asked = self._asked(pod)
+        if not asked:
+            return UNLIMITED
         names: frozenset[str] | None = None
         plugins: list[str] = []
         rejection: Status | None = None
         nodes = Nodes(self._cluster)
-        for loaded in self.profile.pre_filters:
+        for loaded in asked:
             answer = loaded.pre_filter(pod, nodes) if loaded.pre_filter is not None else None
             if answer is None:
                 continue
@@ -106,11 +120,21 @@ class Engine:
                     return Narrowed(frozenset(), tuple(plugins), _nothing_left(plugins))
         return Narrowed(names, tuple(plugins), rejection)
 
+    def _asked(self, pod: PodInfo) -> list[Loaded]:
+        """The plugins whose pre_filter may have an opinion about such pods."""
+        notes, key = pod.shape.notes, self._plain if pod.ros is None else self._with_ros
+        found: list[Loaded] | None = notes.get(key)
+        if found is None:
+            found = notes[key] = [
+                each for each in self.profile.pre_filters if each.narrows is None or each.narrows(pod)
+            ]
+        return found
+
     # --- Evaluation ----------------------------------------------------------------------------------------------
 
     def evaluate(self, pod: PodInfo, names: frozenset[str] | None) -> Evaluation:
         """First reason per row for this pod. `names` limits the rows; then nothing is cached."""
-        if self._stopwatch is None:
+        if self._stopwatch is None or not self._due["Filter"]():
             return self._evaluate(pod, names)
         return self._stopwatch("Filter", self.profile.scheduler_name, lambda: self._evaluate(pod, names))
 
@@ -122,7 +146,7 @@ class Engine:
             evaluation.compute_filters(pod, nodes)
         else:
             evaluation = self._class_of(pod)
-            evaluation.refresh_filters(pod, self._cluster, Nodes(self._cluster))
+            evaluation.refresh_filters(pod, Nodes(self._cluster))
         self._count_filters(evaluation)
         if evaluation.rows is not None or not self._caching:
             self._flush(evaluation)
@@ -130,7 +154,7 @@ class Engine:
 
     def score(self, pod: PodInfo, evaluation: Evaluation) -> None:
         """Totals for the feasible rows. Raises PluginError."""
-        if self._stopwatch is None:
+        if self._stopwatch is None or not self._due["Score"]():
             self._score(pod, evaluation)
         else:
             self._stopwatch("Score", self.profile.scheduler_name, lambda: self._score(pod, evaluation))
@@ -173,7 +197,7 @@ class Engine:
         """Would this filter have refused the row? None when it has no opinion, or fails."""
         try:
             column = self._columns.filter(loaded, pod)
-            column.refresh(pod, self._cluster, Nodes(self._cluster))
+            bring_up([column], pod, Nodes(self._cluster), column.position)
         except Exception:  # somebody's experiment must not hold a pod back; the log has the stack, the metric the count
             log.exception("shadow plugin %s failed for %s", loaded.name, pod.key)
             self._count(loaded.name, "shadow", "error")
@@ -259,13 +283,9 @@ class Engine:
 
     # --- Choice --------------------------------------------------------------------------------------------------
 
-    def choose(self, pod: PodInfo, evaluation: Evaluation, ties: npt.NDArray[np.intp], seed: int) -> int:
-        """One of the best positions, by a hash of (seed, pod uid, node name): the same inputs choose the same node."""
-        if len(ties) == 1:
-            return int(ties[0])
-        rows = ties if evaluation.rows is None else evaluation.rows[ties]
-        hashes = mixed(self._cluster.nodes.name_hash[rows], pod_hash(pod.uid, seed))
-        return int(ties[int(hashes.argmin())])
+    def best(self, evaluation: Evaluation) -> Best:
+        """The best of the feasible nodes, after the scores were made."""
+        return evaluation.best(self._cluster.nodes.name_hash)
 
     # --- Counting ------------------------------------------------------------------------------------------------
 
@@ -309,8 +329,3 @@ def _nothing_left(plugins: list[str]) -> Status:
 def pod_hash(uid: str, seed: int) -> int:
     """64 bits of a pod uid and the tie-break seed."""
     return int.from_bytes(blake2b(f"{seed}/{uid}".encode(), digest_size=8).digest(), "little")
-
-
-def mixed(names: npt.NDArray[np.uint64], pod: int) -> npt.NDArray[np.uint64]:
-    """64-bit values from node name hashes and one pod hash: for many pods, each name has the least one equally often."""
-    return (names ^ np.uint64(pod)) * _ODD

@@ -3,13 +3,13 @@
 import numpy as np
 import numpy.typing as npt
 
+from robotapp_scheduler.core.best import Best, Hashes
 from robotapp_scheduler.core.changes import NODE
-from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.core.explain import Refusal
 from robotapp_scheduler.core.filter_column import HOLE, Codes, FilterColumn, Reasons
 from robotapp_scheduler.core.pods import PodInfo
-from robotapp_scheduler.core.repair import MOST_REPAIRED, view_of
+from robotapp_scheduler.core.repair import bring_up, view_of
 from robotapp_scheduler.core.score_column import ScoreColumn
 from robotapp_scheduler.core.totals import Totals, Verdicts
 from robotapp_scheduler.core.view import Nodes
@@ -60,29 +60,19 @@ class Evaluation:
 
     # --- Filters -------------------------------------------------------------------------------------------------
 
-    def refresh_filters(self, pod: PodInfo, cluster: Cluster, full: Nodes) -> None:
+    def refresh_filters(self, pod: PodInfo, full: Nodes) -> None:
         """Bring `reason` up to date."""
-        log = cluster.log
-        head = log.position
-        if head == self._position and len(self.reason) == full.n:
+        head = full.cluster.log.position
+        if head == self._position:
             return
-        news = log.news(self._position, most=MOST_REPAIRED)
-        kinds = news.kinds if news is not None else 0
-        epochs = 0
-        for column in self._live_filters:
-            # What did not change since this evaluation did not change since the column was looked at, either.
-            if news is not None and not kinds & column.plugin.watches and self._position <= column.position <= head:
-                column.position = head
-            else:
-                column.refresh(pod, cluster, full)
-            epochs += column.epoch
+        epochs, news = bring_up(self._live_filters, pod, full, self._position)
         if self._position < 0:
             # A plugin has no opinion because of the pod alone, so it need not be asked again for this class.
             self._live_filters = [column for column in self.filters if not column.skipped]
             epochs = sum(column.epoch for column in self._live_filters)
         rows: Nodes | None = None
         if epochs == self._epochs and len(self.reason) == full.n and news is not None:
-            rows = view_of(news, self._interest, cluster)
+            rows = view_of(news, self._interest, full.cluster)
         if rows is None:
             self._combine_all(full)
         elif rows.n:
@@ -185,13 +175,11 @@ class Evaluation:
 
     # --- Results -------------------------------------------------------------------------------------------------
 
-    def best(self) -> npt.NDArray[np.intp]:
-        """Positions of all feasible rows with the highest total; empty when none is feasible."""
-        if self.feasible == 0:
-            return np.zeros(0, dtype=np.intp)
-        total = self.total
-        positions: npt.NDArray[np.intp] = (total == total.max()).nonzero()[0]
-        return positions
+    def best(self, hashes: Hashes) -> Best:
+        """Positions of all feasible rows with the highest total, by `hashes` of node names per table row; after the scores
+        were made, with a row that is feasible.
+        """
+        return self._totals.best(hashes if self.rows is None else hashes[self.rows])
 
     def counts(self) -> dict[int, int]:
         """Rejected rows per reason code."""

@@ -6,7 +6,7 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.changes import News
 from robotapp_scheduler.core.columns import BoolArray, FloatArray
 from robotapp_scheduler.core.framework import Loaded, Verdict, checked_mask
 from robotapp_scheduler.core.pods import PodInfo
@@ -66,11 +66,12 @@ class FilterColumn:
         self._of_domains: tuple[tuple[int, int], Codes] | None = None
         """When `codes` follow from a label: its version and the number of rows, and the reason per code of the label."""
 
-    def refresh(self, pod: PodInfo, cluster: Cluster, full: Nodes) -> None:
-        """Bring the column up to the head of the log."""
-        if self.skipped or (self.position == cluster.log.position and self._fits(full)):
+    def refresh(self, pod: PodInfo, full: Nodes, news: News | None) -> None:
+        """Bring the column up to the head of the log. `news` are those after its position, None when too much happened."""
+        if self.skipped:
             return  # a plugin has no opinion because of the pod alone: that never changes
-        stale = stale_rows(self.plugin, self.position, pod, full, fits=self._fits(full))
+        fits = len(self.codes) == full.n
+        stale = stale_rows(self.plugin, self.position, pod, full, news) if fits else None
         if stale is None:
             clean, skipped, codes = self.clean, self.skipped, self.codes
             self._store(full, pod)
@@ -81,14 +82,11 @@ class FilterColumn:
             self.epoch += not same or self.position < 0
         elif stale.n:
             self._patch(stale, pod)
-        self.position = cluster.log.position
+        self.position = full.cluster.log.position
 
     def compute(self, pod: PodInfo, nodes: Nodes) -> None:
         """Fill the column for exactly these rows, without regard to the log."""
         self._store(nodes, pod)
-
-    def _fits(self, full: Nodes) -> bool:
-        return self.skipped or len(self.codes) == full.n
 
     def _store(self, nodes: Nodes, pod: PodInfo) -> None:
         found = self._ask(pod, nodes)
@@ -106,24 +104,25 @@ class FilterColumn:
             self._of_domains = None
 
     def _patch(self, stale: Nodes, pod: PodInfo) -> None:
-        passes, rows = self.plugin.filter_row, stale.rows
         self._of_domains = None
-        if passes is not None and stale.n <= FEW_ROWS and all(passes(pod, row) for row in stale.each):
-            if not self.clean:
-                self.codes[rows] = 0
-            return
-        found = self._ask(pod, stale)
+        found = EVERYWHERE if self._passes(stale, pod) else self._ask(pod, stale)
         if not isinstance(found, tuple):
             if not self.clean:
-                self.codes[rows] = 0
+                self.codes[stale.rows] = 0
             return
         codes, detail = found
+        rows = stale.rows
         self.codes[rows] = codes
         self.clean = self.clean and not codes.any()
         if detail is not None:
             if self.detail is None:
                 self.detail = np.full(len(self.codes), np.nan)
             self.detail[rows] = detail
+
+    def _passes(self, stale: Nodes, pod: PodInfo) -> bool:
+        """Do these few rows surely pass?"""
+        passes = self.plugin.filter_row
+        return passes is not None and stale.n <= FEW_ROWS and all(passes(pod, row) for row in stale.each)
 
     def _ask(self, pod: PodInfo, nodes: Nodes) -> tuple[Codes, FloatArray | None] | Literal[True] | None:
         plugin = self.plugin

@@ -16,6 +16,8 @@ Hooks, in the order of a cycle:
 `pre_enqueue(pod) -> Status | None`          keep the pod out of the queue (gated)
 `queue_key(pod, queued_s) -> tuple`          order of the active queue; exactly one plugin
 `pre_filter(pod, nodes) -> PreFilter | None` narrow the nodes by name, or reject at once
+`narrows(pod) -> bool`                       optional, beside it: False = no opinion about such pods; must follow from spec
+                                             and labels, and from whether the pod has ROS fields (`pod.ros is None`)
 `filter(pod, nodes) -> mask | Verdict | True | None`  bool per row, True = may run there; just True = everywhere,
                                              for now; None = no opinion about this pod (Skip; must follow from
                                              `reads` alone)
@@ -241,6 +243,7 @@ class Loaded:
         self.filter_row: Callable[[PodInfo, Row], bool] | None = getattr(plugin, "filter_row", None)
         self.score_row: Callable[[PodInfo, Row], int] | None = getattr(plugin, "score_row", None)
         self.pre_filter: Callable[[PodInfo, Nodes], PreFilter | None] | None = getattr(plugin, "pre_filter", None)
+        self.narrows: Callable[[PodInfo], bool] | None = getattr(plugin, "narrows", None)
         self.plan: Callable[[PodInfo, Nodes], VolumePlan | None] | None = getattr(plugin, "plan", None)
         self.post_filter: Callable[[PodInfo, Any], Any] | None = getattr(plugin, "post_filter", None)
         self.touched_by: Callable[[PodInfo, PlacedPod], bool] | None = getattr(plugin, "touched_by", None)

@@ -27,6 +27,8 @@ SCORED_MEMORY: Final = 1
 SCORED: Final = {"cpu": SCORED_CPU, "memory": SCORED_MEMORY}
 """Rows of `NodeTable.scored`; other resources are scored by what is requested."""
 
+MOST_SPANS: Final = 256
+
 
 class NodeTable:
     """One row per node: what it offers, its labels and taints, and how much is taken.
@@ -66,6 +68,8 @@ class NodeTable:
         self.versions: list[int] = []
         """Per row a number that grows when its node or one of its pods changes in any way."""
         self.rows = Rows(self)
+        self._spans: dict[tuple[str, tuple[str, ...]], slice] = {}
+        """Where blocks of columns that were asked for stand: a resource keeps its place."""
         self._free: list[int] = []
 
     def __repr__(self) -> str:
@@ -123,6 +127,22 @@ class NodeTable:
         elif (code := self.resources.index.get(resource)) is not None:
             column = (self.resources.allocatable if kind == "allocatable" else self.resources.requested)[code]
         return column
+
+    def block(self, kind: str, resources: tuple[str, ...]) -> IntArray | None:
+        """The same columns, shape (resources, rows), if they stand side by side in this order."""
+        span = self._spans.get((kind, resources))
+        if span is None:
+            known = SCORED if kind == "scored" else self.resources.index
+            codes = [-1 if resource == "pods" else known.get(resource, -1) for resource in resources]
+            first = codes[0] if codes else -1
+            if first < 0 or codes != [*range(first, first + len(codes))]:
+                return None
+            if len(self._spans) >= MOST_SPANS:
+                self._spans.clear()
+            span = self._spans[kind, resources] = slice(first, first + len(codes))
+        if kind == "scored":
+            return self.scored[span]
+        return (self.resources.allocatable if kind == "allocatable" else self.resources.requested)[span]
 
     def named(self, label: Label, value: str) -> tuple[str, ...]:
         """Names of the nodes with this label value, in row order."""

@@ -3,6 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
+from robotapp_scheduler.core.best import Best
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.core.decision import Decision
@@ -33,7 +34,7 @@ class Recorder:
         """The filters have run."""
         self.evaluation = evaluation
 
-    def scored(self, evaluation: Evaluation, chosen: int, best: Positions) -> None:
+    def scored(self, evaluation: Evaluation, chosen: int, best: Best) -> None:
         """The scores are in, and of the `best` rows `chosen` won."""
         positions = _best_first(evaluation, chosen, best)
         columns, weights, shadows = evaluation.scored_by()
@@ -126,19 +127,20 @@ class Recorder:
         )
 
 
-def _best_first(evaluation: Evaluation, chosen: int, best: Positions) -> Positions:
+def _best_first(evaluation: Evaluation, chosen: int, best: Best) -> Positions:
     """Positions of the best TOP rows, the chosen one first."""
     count = min(TOP, evaluation.feasible)
-    if len(best) < count:
-        best = _with_next_best(evaluation.total, best, count)
-    others = [position for position in best[:count].tolist() if position != chosen]
+    few = best.first(count) if len(best) >= count else _next_best(evaluation.total, best.top, count)
+    others = [position for position in few if position != chosen]
     return np.array([chosen, *others[: count - 1]], dtype=np.intp)
 
 
-def _with_next_best(total: IntArray, best: Positions, count: int) -> Positions:
+def _next_best(total: IntArray, top: int, count: int) -> list[int]:
     """The best `count` feasible rows, better ones first: looked for further and further below the highest total."""
-    top, depth = int(total[best[0]]), 1
-    while len(best) < count:
-        best = (total >= max(top - depth, 0)).nonzero()[0]
+    depth = 1
+    found = (total >= max(top - depth, 0)).nonzero()[0]
+    while len(found) < count:
         depth *= 2
-    return best[np.argsort(-total[best], kind="stable")[:count]]
+        found = (total >= max(top - depth, 0)).nonzero()[0]
+    positions: list[int] = found[np.argsort(-total[found], kind="stable")[:count]].tolist()
+    return positions

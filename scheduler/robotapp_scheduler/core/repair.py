@@ -1,6 +1,7 @@
 """Which rows of a cached column have to be computed again."""
 
-from typing import Final
+from collections.abc import Iterable
+from typing import Final, Protocol
 
 from robotapp_scheduler.core.changes import PLACED, News
 from robotapp_scheduler.core.cluster import Cluster
@@ -15,12 +16,41 @@ FEW_ROWS: Final = 8
 _PLACED: Final = int(PLACED)
 
 
-def stale_rows(plugin: Loaded, position: int, pod: PodInfo, full: Nodes, *, fits: bool) -> Nodes | None:
+class Column(Protocol):
+    """What a plugin said about every row, true up to a position of the change log."""
+
+    plugin: Loaded
+    position: int
+    epoch: int
+    """Grows when a combination of columns must be made anew."""
+
+    def refresh(self, pod: PodInfo, full: Nodes, news: News | None) -> None:
+        """Bring the column up to the head of the log. `news` are those after its position, None when too much happened."""
+
+
+def bring_up(columns: Iterable[Column], pod: PodInfo, full: Nodes, since: int) -> tuple[int, News | None]:
+    """Bring columns to the head of the log. `since` is where somebody who combines them last did so.
+
+    Answers the sum of their epochs, and the news since then (None when too much happened).
+    """
+    log = full.cluster.log
+    head, news = log.position, log.news(since, most=MOST_REPAIRED)
+    epochs = 0
+    for column in columns:
+        position = column.position
+        if position != head:
+            # What did not change since then did not change since the column was looked at, either.
+            if news is not None and not news.kinds & column.plugin.watches and since <= position <= head:
+                column.position = head
+            else:
+                column.refresh(pod, full, news if position == since else log.news(position, most=MOST_REPAIRED))
+        epochs += column.epoch
+    return epochs, news
+
+
+def stale_rows(plugin: Loaded, position: int, pod: PodInfo, full: Nodes, news: News | None) -> Nodes | None:
     """The rows of a cached column to compute again; None = all of them. Columns that stand together share the view."""
-    if position < 0 or not fits:
-        return None
-    news = full.cluster.log.news(position, most=MOST_REPAIRED)
-    if news is None:
+    if position < 0 or news is None:
         return None
     kinds = news.kinds & plugin.interest
     rows = view_of(news, kinds, full.cluster)
@@ -29,7 +59,7 @@ def stale_rows(plugin: Loaded, position: int, pod: PodInfo, full: Nodes, *, fits
     if kinds & ~_PLACED:
         return None
     if plugin.untouched is not None and plugin.untouched(pod, full, position):
-        return Nodes(full.cluster, ())
+        return view_of(news, 0, full.cluster)
     return rows if plugin.confined is not None and plugin.confined(pod, full, position) else None
 
 

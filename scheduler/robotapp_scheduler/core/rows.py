@@ -16,10 +16,13 @@ class Amounts(NamedTuple):
     scored: int
 
 
+NOTHING: Final = Amounts(0, 0, 0)
+
+
 class Row:
     """Amounts of one node as plain integers, as they are now: for the row form of a rule."""
 
-    __slots__ = ("_index", "_known", "_row", "_table", "allowed_pods", "pod_count", "version")
+    __slots__ = ("_known", "_row", "_table", "allowed_pods", "pod_count", "version")
 
     def __init__(self, table: "NodeTable", row: int) -> None:
         self._table = table
@@ -33,7 +36,7 @@ class Row:
         """What the node has of these, in this order; zeros for a resource nobody has."""
         found = self._known.get(resources)
         if found is None:
-            found = self._known[resources] = tuple(self._amounts(resource) for resource in resources)
+            found = self._known[resources] = (*map(self._amounts, resources),)
         return found
 
     @property
@@ -42,8 +45,13 @@ class Row:
         return self._table.resources.names
 
     def _amounts(self, resource: str) -> Amounts:
-        columns = (self._table.amounts(kind, resource) for kind in Amounts._fields)
-        return Amounts(*(0 if column is None else column.item(self._row) for column in columns))
+        amounts, row = self._table.amounts, self._row
+        allocatable, requested = amounts("allocatable", resource), amounts("requested", resource)
+        if allocatable is None or requested is None:
+            return NOTHING
+        scored = amounts("scored", resource)
+        held = requested.item(row)
+        return Amounts(allocatable.item(row), held, held if scored is None else scored.item(row))
 
 
 class Rows:

@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.changes import News
 from robotapp_scheduler.core.columns import BoolArray, IntArray
 from robotapp_scheduler.core.framework import (
     MAX_SCORE,
@@ -19,7 +19,7 @@ from robotapp_scheduler.core.framework import (
     normalized,
 )
 from robotapp_scheduler.core.pods import PodInfo
-from robotapp_scheduler.core.repair import FEW_ROWS, MOST_REPAIRED, stale_rows
+from robotapp_scheduler.core.repair import FEW_ROWS, stale_rows
 from robotapp_scheduler.core.view import Nodes
 
 log = logging.getLogger(__name__)
@@ -73,23 +73,23 @@ class ScoreColumn:
         """Does a row's normalised score depend on that row alone?"""
         return self.constant is not None or self.normalize == "none"
 
-    def refresh(self, pod: PodInfo, cluster: Cluster, full: Nodes) -> None:
-        """Bring the column up to the head of the log."""
-        fits = full.n == (len(self._raw) if self._domains is None else len(self._domains.label.codes))
-        if self.skipped or (self.position == cluster.log.position and fits):
+    def refresh(self, pod: PodInfo, full: Nodes, news: News | None) -> None:
+        """Bring the column up to the head of the log. `news` are those after its position, None when too much happened."""
+        if self.skipped:
             return
-        stale = stale_rows(self.plugin, self.position, pod, full, fits=fits)
+        fits = full.n == (len(self._raw) if self._domains is None else len(self._domains.label.codes))
+        stale = stale_rows(self.plugin, self.position, pod, full, news) if fits else None
         if stale is None:
-            before = (self.skipped, self.constant, self.position < 0, fits)
+            before = (self.skipped, self.constant, self.normalize, self.position < 0, fits)
             self.compute(pod, full)
             # Equal for every row before and after, or worked out for each feasible set anyway: no sum of rows changes.
-            same = before == (self.skipped, self.constant, False, True) and (
+            same = before == (self.skipped, self.constant, self.normalize, False, True) and (
                 self.constant is not None or not self.local
             )
             self.epoch += not (same or self.skipped)
         elif stale.n:
             self._patch(stale, pod)
-        self.position = cluster.log.position
+        self.position = full.cluster.log.position
 
     def compute(self, pod: PodInfo, nodes: Nodes) -> None:
         """Fill the column for exactly these rows."""
@@ -148,11 +148,13 @@ class ScoreColumn:
         return value if np.isfinite(value) else None
 
     def _patch(self, stale: Nodes, pod: PodInfo) -> None:
-        score_row, rows = self.plugin.score_row, stale.rows
-        self._raw, self._domains = self.raw, None
+        score_row = self.plugin.score_row
+        if self._domains is not None:
+            self._raw, self._domains = self.raw, None
         if score_row is not None and stale.n <= FEW_ROWS:
             self._store_rows(stale.row_list, [score_row(pod, row) for row in stale.each])
             return
+        rows = stale.rows
         raw = self._ask(pod, stale)
         if raw is None or isinstance(raw, int):
             raw = np.full(stale.n, raw or 0, dtype=np.int64)
@@ -168,8 +170,9 @@ class ScoreColumn:
 
     def _store_rows(self, rows: Sequence[int], scores: Sequence[int]) -> None:
         self.changes += 1
+        raw = self._raw
         for row, score in zip(rows, scores, strict=True):
-            self._raw[row] = score
+            raw[row] = score
             if self.constant is not None and score != self._equal_raw:
                 self.constant = None
                 self.epoch += 1
@@ -220,15 +223,15 @@ class RelativeColumn(ScoreColumn):
     While its plugin says it is not `relevant`, it is a constant 0.
     """
 
-    def refresh(self, pod: PodInfo, cluster: Cluster, full: Nodes) -> None:
+    def refresh(self, pod: PodInfo, full: Nodes, news: News | None) -> None:
         """Ask whether the plugin has something to say, when something changed that it reads."""
         if self.skipped:
             return
-        if self.position < 0 or cluster.log.since(self.position, self.plugin.interest, most=MOST_REPAIRED) != []:
+        if self.position < 0 or news is None or news.kinds & self.plugin.interest:
             before = (self.constant, self.position < 0)
             self.compute(pod, full)
             self.epoch += before != (self.constant, False)
-        self.position = cluster.log.position
+        self.position = full.cluster.log.position
 
     def compute(self, pod: PodInfo, nodes: Nodes) -> None:
         """Ask whether the plugin has something to say about these rows."""

@@ -9,18 +9,20 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.changes import News
+from robotapp_scheduler.core.best import Best, Hashes
+from robotapp_scheduler.core.changes import NODE
 from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.core.filter_column import Codes
 from robotapp_scheduler.core.framework import PluginError
 from robotapp_scheduler.core.pods import PodInfo
-from robotapp_scheduler.core.repair import FEW_ROWS, MOST_REPAIRED, view_of
+from robotapp_scheduler.core.repair import FEW_ROWS, bring_up, view_of
 from robotapp_scheduler.core.score_column import Feasible, ScoreColumn
 from robotapp_scheduler.core.view import Nodes
 
 EVERY: Final = slice(None)
 INFEASIBLE: Final = -1
 """Total of rows that cannot be chosen."""
+_NODE: Final = int(NODE)
 
 
 class Verdicts(NamedTuple):
@@ -41,6 +43,37 @@ class _Share(NamedTuple):
     values: IntArray | int
 
 
+class _Parts(NamedTuple):
+    """The columns with an opinion, by how they go into the total. Another epoch of one of them makes this out of date."""
+
+    live: list[ScoreColumn]
+    weights: dict[str, int]
+    shadows: tuple[str, ...]
+    flat: int
+    """What plugins add that score all rows alike."""
+    varying: list[ScoreColumn]
+    """Those that count, and score a row by that row alone."""
+    checked: list[ScoreColumn]
+    """The same with the shadows."""
+    relative: list[ScoreColumn]
+    """Those that are normalised over all feasible rows, shadows included."""
+
+    @classmethod
+    def of(cls, columns: list[ScoreColumn]) -> "_Parts":
+        live = [column for column in columns if not column.skipped]
+        counted = [column for column in live if not column.plugin.shadow]
+        checked = [column for column in live if column.local and column.constant is None]
+        return cls(
+            live=live,
+            weights={column.plugin.name: column.plugin.weight for column in live},
+            shadows=tuple(column.plugin.name for column in live if column.plugin.shadow),
+            flat=sum(column.plugin.weight * column.constant for column in counted if column.constant is not None),
+            varying=[column for column in checked if not column.plugin.shadow],
+            checked=checked,
+            relative=[column for column in live if not column.local],
+        )
+
+
 class Totals:
     """`total` is true after `refresh` or `compute`. `interest` are the changes after which a verdict may be another."""
 
@@ -49,6 +82,7 @@ class Totals:
         self.total: IntArray = np.zeros(0, dtype=np.int64)
         """Per row; INFEASIBLE where the row is not feasible."""
         self._live = columns
+        self._parts = _Parts.of(columns)
         self._local: IntArray = np.zeros(0, dtype=np.int64)
         """Sum over the plugins whose score of a row depends on that row alone, feasible or not."""
         self._shares: dict[str, _Share] = {}
@@ -57,7 +91,7 @@ class Totals:
         self._epochs = -1
         self._revision = -1
         self._combines = -1
-        self._scored_by: tuple[list[ScoreColumn], dict[str, int], tuple[str, ...]] = ([], {}, ())
+        self._best: Best | None = None
         self._interest = interest
         for column in columns:
             self._interest |= column.plugin.interest
@@ -67,13 +101,21 @@ class Totals:
 
     def refresh(self, pod: PodInfo, full: Nodes, verdicts: Verdicts) -> None:
         """Bring the totals up to date. Raises PluginError when a plugin's score cannot be used."""
-        log = full.cluster.log
-        head, news = log.position, log.news(self._position, most=MOST_REPAIRED)
-        epochs = self._refresh_columns(pod, full, news, head)
+        head = full.cluster.log.position
+        if head == self._position and verdicts.revision == self._revision:
+            return
+        epochs, news = bring_up(self._live, pod, full, self._position)
+        if self._position < 0:
+            # A plugin has no opinion because of the pod alone, so it need not be asked again for this class.
+            self._live = [column for column in self.columns if not column.skipped]
+            epochs = sum(column.epoch for column in self._live)
         rows: Nodes | None = None
         if epochs == self._epochs and len(self._local) == full.n and news is not None:
             rows = view_of(news, self._interest, full.cluster)
+            if news.kinds & _NODE:
+                self._best = None  # a row may stand for another node now
         if rows is None:
+            self._parts = _Parts.of(self._live)
             self._add_up_all(full.n)
         elif rows.n:
             self._add_up_rows(rows)
@@ -92,6 +134,7 @@ class Totals:
         """Make the totals of exactly these rows, nothing kept."""
         for column in self.columns:
             column.compute(pod, nodes)
+        self._parts = _Parts.of(self.columns)
         self._add_up_all(nodes.n)
         self._reject_bad(verdicts)
         self._share(pod, nodes, verdicts)
@@ -109,65 +152,46 @@ class Totals:
 
     def scored_by(self) -> tuple[list[ScoreColumn], dict[str, int], tuple[str, ...]]:
         """The plugins with an opinion, their weights, and which of them are shadows."""
-        live = [column for column in self._live if not column.skipped]
-        if len(live) != len(self._scored_by[0]):
-            weights = {column.plugin.name: column.plugin.weight for column in live}
-            shadows = tuple(column.plugin.name for column in live if column.plugin.shadow)
-            self._scored_by = (live, weights, shadows)
-        return self._scored_by
+        return self._parts.live, self._parts.weights, self._parts.shadows
+
+    def best(self, hashes: Hashes) -> Best:
+        """The rows with the highest total, by `hashes` of the node names. One row must be feasible."""
+        if self._best is None:
+            self._best = Best(self.total, hashes)
+        return self._best
 
     # --- Inside --------------------------------------------------------------------------------------------------
 
-    def _refresh_columns(self, pod: PodInfo, full: Nodes, news: News | None, head: int) -> int:
-        kinds = news.kinds if news is not None else 0
-        epochs = 0
-        for column in self._live:
-            # What did not change since these totals did not change since the column was looked at, either.
-            if news is not None and not kinds & column.plugin.watches and self._position <= column.position <= head:
-                column.position = head
-            else:
-                column.refresh(pod, full.cluster, full)
-            epochs += column.epoch
-        if self._position < 0:
-            # A plugin has no opinion because of the pod alone, so it need not be asked again for this class.
-            self._live = [column for column in self.columns if not column.skipped]
-            epochs = sum(column.epoch for column in self._live)
-        return epochs
-
-    def _counted(self, *, local: bool) -> list[ScoreColumn]:
-        return [each for each in self._live if not (each.skipped or each.plugin.shadow) and each.local is local]
-
     def _add_up_all(self, rows: int) -> None:
-        columns = self._counted(local=True)
-        self._local = np.full(rows, _flat(columns), dtype=np.int64)
-        for column in columns:
-            if column.constant is None:
-                self._local += column.plugin.weight * column.raw
+        self._local = np.full(rows, self._parts.flat, dtype=np.int64)
+        for column in self._parts.varying:
+            self._local += column.plugin.weight * column.raw
 
     def _add_up_rows(self, stale: Nodes) -> None:
-        columns = self._counted(local=True)
-        flat = _flat(columns)
-        varying = [(column.plugin.weight, column.raw) for column in columns if column.constant is None]
+        varying, local = self._parts.varying, self._local
         if stale.n <= FEW_ROWS:
             for row in stale.row_list:
-                self._local[row] = flat + sum(weight * raw.item(row) for weight, raw in varying)
+                total = self._parts.flat
+                for column in varying:
+                    total += column.plugin.weight * column.raw.item(row)
+                local[row] = total
             return
-        total: IntArray = np.full(stale.n, flat, dtype=np.int64)
-        for weight, raw in varying:
-            total += weight * raw[stale.rows]
-        self._local[stale.rows] = total
+        sums: IntArray = np.full(stale.n, self._parts.flat, dtype=np.int64)
+        for column in varying:
+            sums += column.plugin.weight * column.raw[stale.rows]
+        local[stale.rows] = sums
 
     def _reject_bad(self, verdicts: Verdicts) -> None:
-        for column in self._live:
-            if column.bad and column.local and not column.skipped:
+        for column in self._parts.checked:
+            if column.bad and not column.skipped:
                 try:
                     column.check(verdicts.reason == 0)
                 except PluginError:
-                    _forgiven(column)
+                    self._forgive(column)
 
     def _share(self, pod: PodInfo, nodes: Nodes, verdicts: Verdicts) -> bool:
         """Work out the shares that are not true any more; was there any?"""
-        relative = [column for column in self._live if not (column.skipped or column.local)]
+        relative = self._parts.relative
         found = len(relative) != len(self._shares)
         if found:
             self._shares = {}
@@ -179,7 +203,7 @@ class Totals:
                 try:
                     self._shares[column.plugin.name] = _Share(stamp, self._spread(column, pod, nodes, verdicts))
                 except PluginError:
-                    _forgiven(column)
+                    self._forgive(column)
         return found
 
     def _spread(self, column: ScoreColumn, pod: PodInfo, nodes: Nodes, verdicts: Verdicts) -> IntArray | int:
@@ -199,29 +223,34 @@ class Totals:
         return self._open[1]
 
     def _combine_rows(self, stale: Nodes, reason: Codes) -> None:
+        total, local = self.total, self._local
         if stale.n > FEW_ROWS:
             rows = stale.rows
-            self.total[rows] = np.where(reason[rows] == 0, self._local[rows], INFEASIBLE)
-            return
-        for row in stale.row_list:
-            self.total[row] = self._local[row] if reason[row] == 0 else INFEASIBLE
+            sums = np.where(reason[rows] == 0, local[rows], INFEASIBLE)
+            before, after = total[rows].tolist(), sums.tolist()
+            total[rows] = sums
+        else:
+            before = [total.item(row) for row in stale.row_list]
+            after = [local.item(row) if reason.item(row) == 0 else INFEASIBLE for row in stale.row_list]
+            for row, value in zip(stale.row_list, after, strict=True):
+                total[row] = value
+        best = self._best
+        if best is not None and not all(map(best.changed, stale.row_list, before, after)):
+            self._best = None
 
     def _combine_all(self, verdicts: Verdicts) -> None:
         total = self._local.copy()
-        for column in self._counted(local=False):
-            total += column.plugin.weight * self._shares[column.plugin.name].values
+        for column in self._parts.relative:
+            if not column.plugin.shadow:
+                total += column.plugin.weight * self._shares[column.plugin.name].values
         if verdicts.feasible < len(total):
             total[verdicts.reason != 0] = INFEASIBLE
         self.total = total
+        self._best = None
 
-
-def _forgiven(column: ScoreColumn) -> None:
-    """Called while a PluginError is handled: it is one unless the plugin is a shadow, which says nothing from then on."""
-    if not column.plugin.shadow:
-        raise  # noqa: PLE0704 - the error that is being handled
-    column.fail()
-
-
-def _flat(columns: list[ScoreColumn]) -> int:
-    """What plugins add that score all rows alike."""
-    return sum(column.plugin.weight * column.constant for column in columns if column.constant is not None)
+    def _forgive(self, column: ScoreColumn) -> None:
+        """Called while a PluginError is handled: it is one unless the plugin is a shadow, which says nothing from then on."""
+        if not column.plugin.shadow:
+            raise  # noqa: PLE0704 - the error that is being handled
+        column.fail()
+        self._parts = _Parts.of(self._live)

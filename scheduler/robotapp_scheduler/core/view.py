@@ -53,19 +53,25 @@ class Nodes:
         self._kept: dict[tuple[str, Hashable], IntArray] = {}
         """Amounts that were asked for: several plugins read the same few columns."""
         self._each: list[Row] | None = None
+        self._rows: npt.NDArray[np.intp] | slice | None = None
         self.row_list: Sequence[int] = ()
         """The rows in view as plain integers, when they are not all."""
-        self.rows: npt.NDArray[np.intp] | slice
         if rows is None:
-            self.rows = slice(0, self._table.size)
+            self._rows = slice(0, self._table.size)
             self.n = self._table.size
         else:
-            self.rows = np.array(rows, dtype=np.intp)
-            self.row_list = rows if isinstance(rows, list) else self.rows.tolist()
+            self.row_list = rows if isinstance(rows, list) else [int(row) for row in rows]
             self.n = len(rows)
 
     def __repr__(self) -> str:
         return f"Nodes({self.n} rows of {self._table.count} nodes)"
+
+    @property
+    def rows(self) -> npt.NDArray[np.intp] | slice:
+        """The rows in view, as an index of columns."""
+        if self._rows is None:
+            self._rows = np.array(self.row_list, dtype=np.intp)
+        return self._rows
 
     @cached_property
     def names(self) -> list[str]:
@@ -191,12 +197,24 @@ class Nodes:
                 "requested", resources
             )
         elif found is None:
-            found = np.empty((len(resources), self.n), dtype=np.int64)
-            for i, resource in enumerate(resources):
-                found[i] = getattr(self, kind)(resource)
+            together = self._together(kind, resources)
+            if together is not None:
+                found = self._pick_of_each(together)
+            else:
+                found = np.empty((len(resources), self.n), dtype=np.int64)
+                for i, resource in enumerate(resources):
+                    found[i] = getattr(self, kind)(resource)
             found.flags.writeable = False
             self._kept[kind, resources] = found
         return found
+
+    def _together(self, kind: str, resources: tuple[str, ...]) -> IntArray | None:
+        """The columns of these in one piece, if they stand in this order."""
+        return self._table.block(kind, resources)
+
+    def _pick_of_each(self, columns: IntArray) -> IntArray:
+        rows = self.rows
+        return columns[:, rows] if isinstance(rows, slice) else columns.take(rows, axis=1)
 
     @property
     def each(self) -> list[Row]:
@@ -240,6 +258,9 @@ class AdjustedNodes(Nodes):
         if index or resource == "pods":
             held = held + self._amounts[index]
         return held
+
+    def _together(self, kind: str, resources: tuple[str, ...]) -> IntArray | None:
+        return super()._together(kind, resources) if kind == "allocatable" else None
 
     def scored(self, resource: str) -> IntArray:
         """Not known for such nodes. Raises NotImplementedError: a filter must not decide by it."""

@@ -6,6 +6,7 @@ buckets tell the distribution.
 
 import time
 from collections.abc import Callable, Mapping
+from itertools import cycle
 from typing import Any, Final, TypeVar
 
 from prometheus_client import Histogram
@@ -43,14 +44,17 @@ def _time(loaded: Loaded, histogram: Histogram, clock: Clock) -> None:
             setattr(loaded, hook, sampled(function, histogram, (loaded.name, point), clock))
 
 
+def one_in_ten() -> Callable[[], bool]:
+    """True for one call in ten, the first one included."""
+    return cycle((True, *[False] * (ONE_IN - 1))).__next__
+
+
 def sampled(function: Callable[..., Any], histogram: Histogram, labels: tuple[str, ...], clock: Clock) -> Any:
     """The function, with one call in ten observed under these labels and the status of its answer."""
-    calls = 0
+    due = one_in_ten()
 
     def timed(*args: Any) -> Any:
-        nonlocal calls
-        calls += 1
-        if calls % ONE_IN != 1:
+        if not due():
             return function(*args)
         started_s = clock()
         status = str(Code.ERROR)
@@ -74,21 +78,21 @@ def status_of(answer: object) -> str:
 
 
 class Stopwatch:
-    """Times extension points of whole decisions: handed to the core, called around them."""
+    """Times extension points of whole decisions: handed to the core, called around those that are due."""
 
     def __init__(self, metrics: Metrics, *, clock: Clock = time.perf_counter) -> None:
         self._histogram = metrics.extension_point_s
         self._clock = clock
-        self._calls: dict[tuple[str, str], int] = {}
 
     def __repr__(self) -> str:
-        return f"<Stopwatch of {len(self._calls)} points>"
+        return "<Stopwatch>"
+
+    def due(self) -> Callable[[], bool]:
+        """Says of one call after the other whether it is to be timed."""
+        return one_in_ten()
 
     def __call__(self, point: str, profile: str, work: Callable[[], _T]) -> _T:
-        key = (point, profile)
-        calls = self._calls[key] = self._calls.get(key, 0) + 1
-        if calls % ONE_IN != 1:
-            return work()
+        """Do the work and note how long it takes."""
         started_s = self._clock()
         status = str(Code.ERROR)
         try:

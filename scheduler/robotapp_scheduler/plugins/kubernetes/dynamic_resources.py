@@ -43,9 +43,13 @@ class DynamicResources:
     def __init__(self, args: DynamicResourcesArgs | None = None) -> None:
         pass
 
+    def narrows(self, pod: PodInfo) -> bool:
+        """Does the pod name resource claims?"""
+        return bool(pod.pod.spec.resource_claims)
+
     def pre_filter(self, pod: PodInfo, nodes: Nodes) -> PreFilter | None:
         """Refuses a pod with a claim that is missing, not allocated or not for it."""
-        if not pod.pod.spec.resource_claims:
+        if not self.narrows(pod):
             return None
         for each in wanted(pod.pod):
             if each.claim is None:

@@ -48,6 +48,10 @@ class NodeAffinity:
         self._added_required = added.required if added is not None else None
         self._added_preferred = added.preferred if added is not None else ()
 
+    def narrows(self, pod: PodInfo) -> bool:
+        """Only pods that require something of the node."""
+        return pod.node_affinity is not None and pod.node_affinity.required is not None
+
     def pre_filter(self, pod: PodInfo, nodes: Nodes) -> PreFilter | None:  # noqa: ARG002 - the contract's signature
         """Narrow to the nodes that every required term names in metadata.name (how DaemonSet pods come)."""
         affinity = pod.node_affinity

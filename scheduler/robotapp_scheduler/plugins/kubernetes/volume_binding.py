@@ -56,9 +56,13 @@ class VolumeBinding:
         self._last: tuple[Hashable, Match | None] = (None, None)
         """The newest match over all nodes and what it was made of: filter, score and plan of a cycle share it."""
 
+    def narrows(self, pod: PodInfo) -> bool:
+        """Does the pod mount claims?"""
+        return pod.volumes is not None and bool(pod.volumes.claims)
+
     def pre_filter(self, pod: PodInfo, nodes: Nodes) -> PreFilter | None:
         """Refuses a pod with a claim that is missing, lost, on its way out, or to be bound before it is scheduled."""
-        if pod.volumes is None or not pod.volumes.claims:
+        if not self.narrows(pod):
             return None
         store = nodes.cluster.volumes
         text = trouble(pod, store) or (UNBOUND if sorted_claims(pod, store).immediate else "")

@@ -29,9 +29,13 @@ class VolumeRestrictions:
     hint_reads = ("mounts",)
     resolvable = True
 
+    def narrows(self, pod: PodInfo) -> bool:
+        """Has the pod volumes that decide anything?"""
+        return pod.volumes is not None
+
     def pre_filter(self, pod: PodInfo, nodes: Nodes) -> PreFilter | None:
         """Refuses a pod that names a claim nobody has made."""
-        if pod.volumes is None:
+        if not self.narrows(pod):
             return None
         lacking = next((name for name, claim in named_claims(pod, nodes.cluster.volumes) if claim is None), None)
         return unresolvable(missing(lacking)) if lacking is not None else None

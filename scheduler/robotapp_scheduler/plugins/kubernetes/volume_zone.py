@@ -41,9 +41,13 @@ class VolumeZone:
     reason = "node(s) had no available volume zone"
     resolvable = False
 
+    def narrows(self, pod: PodInfo) -> bool:
+        """Has the pod volumes that decide anything?"""
+        return pod.volumes is not None
+
     def pre_filter(self, pod: PodInfo, nodes: Nodes) -> PreFilter | None:
         """Refuses a pod whose claims cannot be followed to a volume and will not be bound by the scheduler."""
-        if pod.volumes is None:
+        if not self.narrows(pod):
             return None
         store = nodes.cluster.volumes
         for name, claim in named_claims(pod, store):

@@ -23,6 +23,10 @@ class SharedDataFilter:
     events = Change.NODE_ADDED | Change.POD_ADDED | Change.POD_REMOVED | Change.APPS
     resolvable = False
 
+    def narrows(self, pod: PodInfo) -> bool:
+        """Only pods with ROS fields."""
+        return pod.ros is not None
+
     def pre_filter(self, pod: PodInfo, nodes: Nodes) -> PreFilter | None:  # noqa: ARG002 - the contract's signature
         """Volume claims decide by their volume's node affinity, which is not read yet: refused, not guessed."""
         if pod.ros is None or not pod.ros.volume_claims:

@@ -1,0 +1,78 @@
+"""The rows with the highest total, and which of them a pod takes."""
+
+from itertools import islice
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from robotapp_scheduler.core.columns import IntArray
+
+Positions = npt.NDArray[np.intp]
+Hashes = npt.NDArray[np.uint64]
+
+_ODD: Final = np.uint64(0xBF58476D1CE4E5B9)
+
+
+class Best:
+    """All positions with the highest total, in order. True while it is told of every total that changes (`changed`).
+
+    `hashes` are those of the node names, by position; at least one total must be that of a feasible row.
+    """
+
+    __slots__ = ("_gone", "_hashes", "_positions", "_total", "top")
+
+    def __init__(self, total: IntArray, hashes: Hashes) -> None:
+        self.top = int(total.max())
+        self._total = total
+        self._positions: Positions = (total == self.top).nonzero()[0]
+        self._hashes = hashes[self._positions]
+        self._gone: set[int] = set()
+        """Of the positions, those whose total has fallen since."""
+
+    def __repr__(self) -> str:
+        return f"Best({len(self)} rows with {self.top})"
+
+    def __len__(self) -> int:
+        return len(self._positions) - len(self._gone)
+
+    def changed(self, position: int, old: int, new: int) -> bool:
+        """A total is another now. False when this cannot be kept true any more: then it must be made anew."""
+        if old == new:
+            return True
+        if new >= self.top:
+            if new > self.top or position not in self._gone:
+                return False
+            self._gone.discard(position)
+        elif old == self.top:
+            self._gone.add(position)
+            return len(self) > 0
+        return True
+
+    def choose(self, pod: int) -> int:
+        """One of the positions, by node name and a hash of the pod: the same inputs choose the same node."""
+        if len(self._positions) > 1:
+            position = self._least(pod)
+            if position not in self._gone:
+                return position
+            self._compact()
+        return self._least(pod)
+
+    def first(self, count: int) -> list[int]:
+        """Up to `count` of the positions, lowest first."""
+        gone = self._gone
+        few = (each for each in self._positions[: count + len(gone)].tolist() if each not in gone)
+        return list(islice(few, count))
+
+    def _least(self, pod: int) -> int:
+        return self._positions.item(mixed(self._hashes, pod).argmin())
+
+    def _compact(self) -> None:
+        stay = self._total[self._positions] == self.top
+        self._positions, self._hashes = self._positions[stay], self._hashes[stay]
+        self._gone.clear()
+
+
+def mixed(names: Hashes, pod: int) -> Hashes:
+    """64-bit values from node name hashes and one pod hash: for many pods, each name has the least one equally often."""
+    return (names ^ np.uint64(pod)) * _ODD
