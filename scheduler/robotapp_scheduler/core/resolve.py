@@ -81,7 +81,7 @@ def _of_app(pod: PodInfo, member: Member, app: App, component: Component, around
             *_component_peers(member, (*component.colocate_with, *shared.with_), around),
             *_named_peers(pod, shared.peer_pods, around),
         ),
-        apart=_nodes_of(member, component.separate_from, around),
+        apart=_apart(member, app, component, around),
         volume_claims=shared.claims,
     )
 
@@ -126,6 +126,22 @@ def _component_peers(member: Member, names: tuple[str, ...], around: Surrounding
     return tuple(
         PeerGroup(what=f"component {name}", nodes=_nodes_of(member, (name,), around)) for name in dict.fromkeys(names)
     )
+
+
+def _apart(member: Member, app: App, component: Component, around: Surroundings) -> tuple[str, ...]:
+    """Nodes of components it must not share one with, whichever of the two says so.
+
+    A peer that is placed later counts where it cannot help going: who comes first must leave that node to it.
+    """
+    names = dict.fromkeys(component.separate_from)
+    names |= dict.fromkeys(other.name for other in app.components.values() if component.name in other.separate_from)
+    nodes = set(_nodes_of(member, tuple(names), around))
+    for name in names:
+        peer = app.components.get(name)
+        if peer is not None and not _nodes_of(member, (name,), around):
+            places = around.robot_nodes(member.instance) if tied(peer) else around.apps.expected(member, name)
+            nodes.update(places if len(places) == 1 else ())
+    return tuple(sorted(nodes))
 
 
 def _nodes_of(member: Member, components: tuple[str, ...], around: Surroundings) -> tuple[str, ...]:

@@ -175,6 +175,18 @@ def test_the_problem_holds_what_binds_the_pods() -> None:
     assert named["cd", Relation.RTT].budget_us == 100_000.0
 
 
+def test_who_must_keep_apart_rather_waits_than_meets_a_peer_that_has_no_other_place() -> None:
+    for budget, where in (("60ms", "e1"), ("5ms", "")):
+        core = field()
+        components = ({"name": "operator", "separateFrom": ["driver"]}, {"name": "driver"})
+        teleop(core, *components, edges=[edge("operator", "driver", budget=budget)])
+        arrive(core, member_pod("operator"), member_pod("driver", nodeSelector={"kubernetes.io/hostname": "robot"}))
+        batch = core.queue.pop()
+        found = placed(core, batch, None)
+        assert found.get("operator", "") == where
+        assert found.get("driver", "") == (where and "robot")
+
+
 def test_without_a_latency_filter_that_denies_unknown_rtts_cost_half() -> None:
     for args, cost in (({}, False), ({"LatencyFilter": {"unknown": "Deny"}}, True)):
         core = make_core(make_node("n0"), make_node("n1"), args=args)

@@ -5,7 +5,7 @@ from tests.support.scheduling import app_object, chain, make_cluster, make_info,
 from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.apps import read_app
 from robotapp_scheduler.core.cluster import Cluster
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods import Member, PodInfo
 from robotapp_scheduler.core.resolve import qos_fields, resolve
 from robotapp_scheduler.core.ros import DeviceHolder, Endpoint, Hardware, RosContext, thesis_tier, tier
 
@@ -120,6 +120,20 @@ def test_peers_to_join_and_to_avoid_are_resolved_to_nodes() -> None:
         "component b": ("edge",), "component d": (), "legacy": ("other",),
     }  # fmt: skip
     assert found.apart == ("cloud",)
+
+
+def test_components_keep_apart_whichever_of_the_two_asks_for_it_and_whichever_comes_first() -> None:
+    cluster = app_cluster(
+        {"name": "console", "separateFrom": ["driver", "arm"]}, {"name": "driver", "runsOn": "Robot"}, {"name": "arm"},
+    )  # fmt: skip
+    assert context(cluster, "console").apart == ("robot",), "the driver will be there"
+    cluster.apps.expect({Member("app-1", "amr", "arm"): ("edge",)})
+    assert context(cluster, "console").apart == ("edge", "robot"), "the arm has no other place"
+    cluster.apps.expect({Member("app-1", "amr", "arm"): ("edge", "cloud")})
+    assert context(cluster, "console").apart == ("robot",), "the arm can go elsewhere"
+    cluster.apply_pod(member_pod("console", instance="amr", node="cloud"))
+    assert context(cluster, "driver").apart == ("cloud",)
+    assert context(cluster, "arm").apart == ("cloud",)
 
 
 def test_placement_gives_zones_and_master() -> None:
