@@ -1,6 +1,7 @@
-"""Real nodes: times of up and down, and what they leave on the machine, also when the owner is killed.
+"""Real nodes: times of up and down, what they leave on the machine, also when the owner is killed, and apps that run for long.
 
-`scripts/bench nodes --long` makes 20 lives and 20 kills at random moments; without it there are 3 of each, as in scripts/test.
+`scripts/bench nodes --long` makes 20 lives and 20 kills at random moments, then runs three apps with two pods each on four nodes for ten
+minutes (about 19 in all); without it there are 3 lives and 3 kills, as in scripts/test, and no long run.
 """
 
 import argparse
@@ -10,12 +11,14 @@ import statistics
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
+from tests.bench import options, stability
 from tests.support.nodes_campaign import DOWN_S, UP_S, Kill, Life, kill, live
 
-from robotapp_testbed.real import UnavailableError, prerequisites
+from robotapp_testbed import components_as_pods
+from robotapp_testbed.real import MeasuredTelemetry, RealNodes, UnavailableError, prerequisites
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -26,26 +29,52 @@ def main(argv: Sequence[str] | None = None) -> int:
         say(str(problem))
         return 1
     names = [f"node-{number}" for number in range(1, arguments.nodes + 1)]
+    found = Found()
+    for number in range(1, _several(arguments.lives, arguments.long) + 1):
+        found.lives.append(live(names))
+        say(f"life {number}: {told_of_life(found.lives[-1])}")
+        found.save(arguments.json)
     moments = random.Random(arguments.seed)
-    lives: list[Life] = []
-    kills: list[Kill] = []
-    for number in range(arguments.lives or (20 if arguments.long else 3)):
-        lives.append(live(names))
-        say(
-            f"life {number + 1}: up {lives[-1].up_s:.1f} s, down {lives[-1].down_s:.1f} s, left {lives[-1].left or 'nothing'}"
-        )
-    usual_s = statistics.median(each.up_s for each in lives)
-    for number in range(arguments.kills or (20 if arguments.long else 3)):
-        kills.append(kill(names, moments.uniform(0, 2 * usual_s)))  # half of them while it starts
-        say(f"kill {number + 1}: {told(kills[-1])}")
-    if arguments.json:
-        found = {"lives": [asdict(each) for each in lives], "kills": [asdict(each) for each in kills]}
-        arguments.json.write_text(json.dumps(found, indent=1) + "\n")
-    problems = verdict(lives, kills)
-    say(summary(lives, kills))
+    usual_s = statistics.median([each.up_s for each in found.lives] or [UP_S / 2])
+    for number in range(1, _several(arguments.kills, arguments.long) + 1):
+        found.kills.append(kill(names, moments.uniform(0, 2 * usual_s)))  # half of them while it starts
+        say(f"kill {number}: {told(found.kills[-1])}")
+        found.save(arguments.json)
+    minutes = stability.MINUTES * arguments.long if arguments.stable_minutes is None else arguments.stable_minutes
+    if minutes:
+        found.stable = stable(minutes * 60)
+        found.save(arguments.json)
+    say(summary(found.lives, found.kills))
+    problems = [*verdict(found.lives, found.kills), *(found.stable.problems if found.stable else [])]
     for problem in problems:
         say(problem)
     return 1 if problems else 0
+
+
+@dataclass
+class Found:
+    """What is known so far: a run that is interrupted after a quarter of an hour has told it."""
+
+    lives: list[Life] = field(default_factory=list)
+    kills: list[Kill] = field(default_factory=list)
+    stable: stability.Stable | None = None
+
+    def save(self, path: Path | None) -> None:
+        if path:
+            path.write_text(json.dumps(asdict(self), indent=1) + "\n")
+
+
+def stable(seconds: float) -> stability.Stable:
+    """Three apps, placed on four nodes by our scheduler, with operator and scheduler as pods."""
+    images = ("tools", "ros2", *components_as_pods.IMAGES)
+    with RealNodes(stability.NODES, delays=stability.ONE_WAY_MS, images=images) as cp:
+        components_as_pods.run(cp)
+        with MeasuredTelemetry(cp):
+            return stability.run(cp, seconds=seconds, say=say)
+
+
+def _several(wanted: int | None, long: bool) -> int:
+    return wanted if wanted is not None else 20 if long else 3
 
 
 def verdict(lives: Sequence[Life], kills: Sequence[Kill]) -> list[str]:
@@ -61,12 +90,17 @@ def verdict(lives: Sequence[Life], kills: Sequence[Kill]) -> list[str]:
 
 
 def summary(lives: Sequence[Life], kills: Sequence[Kill]) -> str:
-    up, down = [each.up_s for each in lives], [each.down_s for each in lives]
     early = sum(not each.was_up for each in kills)
-    return (
-        f"{len(lives)} lives: up {statistics.median(up):.1f} s (most {max(up):.1f}), down {statistics.median(down):.1f} s"
-        f" (most {max(down):.1f}); {len(kills)} kills, {early} of them during the start"
-    )
+    times = f": {_most('up', [each.up_s for each in lives])}, {_most('down', [each.down_s for each in lives])}"
+    return f"{len(lives)} lives{times if lives else ''}; {len(kills)} kills, {early} of them during the start"
+
+
+def _most(name: str, times_s: Sequence[float]) -> str:
+    return f"{name} {statistics.median(times_s):.1f} s (most {max(times_s):.1f})" if times_s else ""
+
+
+def told_of_life(each: Life) -> str:
+    return f"up {each.up_s:.1f} s, down {each.down_s:.1f} s, left {each.left or 'nothing'}"
 
 
 def told(each: Kill) -> str:
@@ -80,12 +114,20 @@ def say(text: str) -> None:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="scripts/bench nodes", description=__doc__.splitlines()[0])
-    parser.add_argument("--long", action="store_true", help="20 lives and 20 kills instead of 3")
-    parser.add_argument("--nodes", type=int, default=4, help="in every cluster")
-    parser.add_argument("--lives", type=int, default=0, metavar="N", help="instead of 3 or 20")
-    parser.add_argument("--kills", type=int, default=0, metavar="N", help="instead of 3 or 20")
+    parser.add_argument(
+        "--long", action="store_true", help="20 lives and 20 kills instead of 3, then ten minutes of apps"
+    )
+    parser.add_argument("--nodes", type=options.count(1, 20), default=4, help="in every cluster of a life or kill")
+    parser.add_argument("--lives", type=options.count(0), metavar="N", help="instead of 3 or 20")
+    parser.add_argument("--kills", type=options.count(0), metavar="N", help="instead of 3 or 20")
+    parser.add_argument(
+        "--stable-minutes",
+        type=options.amount,
+        metavar="M",
+        help="of three apps on four nodes, instead of 0 or 10; 0 leaves them out",
+    )
     parser.add_argument("--seed", type=int, default=0, help="of the moments of the kills")
-    parser.add_argument("--json", type=Path, help="write every life and kill to this file")
+    parser.add_argument("--json", type=options.report, help="write every life, kill and app to this file, as they end")
     return parser
 
 

@@ -1,6 +1,7 @@
 """The latency switch: how exact its delay and loss are, and how much it carries, between plain network namespaces.
 
-Needs root. A quiet machine: sender, switch and receiver share its cores. Half a minute; `--long` a few.
+Needs root. A quiet machine: sender, switch and receiver share its cores. Half a minute; `--long` a few. `--python` measures the switch
+beside its twin in Python instead (docs/design/003).
 """
 
 import argparse
@@ -10,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
+from tests.bench import options, switch_twin
 from tests.support.namespaced import Wire, missing
 from tests.support.switch_figures import Capacity, Delay, Loss, delay, load, loss
 
@@ -28,6 +30,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(reason, file=sys.stderr)
         return 1
     scale = 5 if arguments.long else 1
+    if arguments.python:
+        found = switch_twin.compare(scale)
+        print("\n".join(switch_twin.table(found)))
+        _write(arguments.json, [asdict(each) for each in found])
+        return 0
     with Wire(["a", "b"], seed=arguments.seed) as wire:
         wire.settle()
         delays = [delay(wire, each_ms, count=(200 if each_ms < 60 else 60) * scale) for each_ms in DELAYS_MS]
@@ -37,13 +44,12 @@ def main(argv: Sequence[str] | None = None) -> int:
             for name, per_second, size in LOADS
         }
     report(delays, losses, loads)
-    if arguments.json:
-        found = {
-            "delays": [asdict(each) for each in delays],
-            "losses": [asdict(each) for each in losses],
-            "loads": {name: asdict(each) for name, each in loads.items()},
-        }
-        arguments.json.write_text(json.dumps(found, indent=1) + "\n")
+    figures = {
+        "delays": [asdict(each) for each in delays],
+        "losses": [asdict(each) for each in losses],
+        "loads": {name: asdict(each) for name, each in loads.items()},
+    }
+    _write(arguments.json, figures)
     problems = verdict(delays, losses, loads)
     print("\n".join(problems) or "all bounds are kept")
     return 1 if problems else 0
@@ -76,11 +82,17 @@ def report(delays: Sequence[Delay], losses: Sequence[Loss], loads: dict[str, Cap
         print(f"{name:>16}{each.frames_s:>12,.0f}{each.mbit_s:>10.0f}{each.lost:>8}{each.cpu_share:>13.0%}")
 
 
+def _write(path: Path | None, found: object) -> None:
+    if path:
+        path.write_text(json.dumps(found, indent=1) + "\n")
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="scripts/bench switch", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--long", action="store_true", help="five times as many packets")
+    parser.add_argument("--python", action="store_true", help="what the same switch in Python would be worth")
     parser.add_argument("--seed", type=int, default=1, help="of the losses")
-    parser.add_argument("--json", type=Path, help="write the figures to this file")
+    parser.add_argument("--json", type=options.report, help="write the figures to this file")
     return parser
 
 

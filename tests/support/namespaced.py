@@ -9,6 +9,7 @@ import shutil
 import socket
 import struct
 import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -19,8 +20,9 @@ from pathlib import Path
 from typing import Self, TypeVar
 
 import pytest
+from tests.support import python_switch
 
-from robotapp_testbed.process import spawn, wait_until
+from robotapp_testbed.process import Process, spawn, wait_until
 from robotapp_testbed.switch import LatencySwitch
 
 _T = TypeVar("_T")
@@ -82,19 +84,38 @@ class Namespace:
         return self.inside(make)
 
 
-class Wire:
-    """`with Wire(["a", "b"]) as wire:` namespaces with one TAP each (10.9.0.1, 10.9.0.2 …) on a switch of their own."""
+class PythonSwitch(LatencySwitch):
+    """The same switch as far as a measurement needs it, in Python."""
 
-    def __init__(self, names: Sequence[str], *, seed: int = 0) -> None:
+    def __init__(self, *, run_dir: Path, seed: int = 0) -> None:
+        super().__init__(run_dir=run_dir, seed=seed)
+        self.process = Process(
+            "python-switch",
+            [sys.executable, "-I", "-S", python_switch.__file__, str(self.path)],
+            run_dir=run_dir,
+            log_path=run_dir / "python-switch.log",
+            ready=self._serves,
+        )
+
+
+class Wire:
+    """`with Wire(["a", "b"]) as wire:` namespaces with one TAP each (10.9.0.1, 10.9.0.2 …) on a switch of their own.
+
+    `python` takes the twin of tests/support/python_switch.py instead, which knows delays only.
+    """
+
+    def __init__(self, names: Sequence[str], *, seed: int = 0, python: bool = False) -> None:
         self._names = list(names)
         self._seed = seed
+        self._python = python
         self._stack = ExitStack()
         self.nodes: dict[str, Namespace] = {}
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
             self.run_dir = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="robotapp-wire-")))
-            self.switch = LatencySwitch(run_dir=self.run_dir, seed=self._seed)
+            kind = PythonSwitch if self._python else LatencySwitch
+            self.switch = kind(run_dir=self.run_dir, seed=self._seed)
             stack.callback(self.switch.process.kill)
             self.switch.start()
             for number, name in enumerate(self._names, start=1):

@@ -120,6 +120,16 @@ def trips(cp: ControlPlane, namespace: str, name: str) -> list[Row]:
     return [row for row in rows(cp, namespace, name) if row.kind == TRIP]
 
 
+def silent(cp: ControlPlane, namespace: str, names: Sequence[str], *, within_s: float) -> list[str]:
+    """Apps without any round trip yet when all have one or `within_s` has passed."""
+
+    def missing() -> list[str]:
+        return [name for name in names if not trips(cp, namespace, name)]
+
+    wait_until(lambda: not missing(), timeout_s=within_s, poll_s=0.5)
+    return missing()
+
+
 def first_trip_s(cp: ControlPlane, namespace: str, wanted: Mapping[str, Any], *, within_s: float = 60) -> float:
     """Apply the app; seconds from before `kubectl apply` until its first measured round trip can be read."""
     began_s = time.monotonic()

@@ -2,6 +2,8 @@
 
 import pytest
 from tests.bench import teleop
+from tests.bench import teleop_report as report
+from tests.bench.teleop_report import Outcome
 
 from ros_nodes.trips import SENT, TRIP, Row
 
@@ -14,21 +16,40 @@ def rows(rtt_us: int, count: int = 500) -> list[Row]:
     return found
 
 
+def outcome(scheduler: str, told: dict[str, tuple[str, list[Row]]]) -> Outcome:
+    return report.outcome(scheduler, told, deadline_us=teleop.DEADLINE_US, settle_us=teleop.SETTLE_US)
+
+
 def test_the_apps_of_a_scheduler_are_counted_together() -> None:
-    told = {"one": ("edge-1", rows(4000, 520)), "two": ("cloud-1", rows(60_000))}
-    outcome = teleop._outcome("x", told)
-    assert outcome.nodes == {"one": "edge-1", "two": "cloud-1"}
-    assert outcome.missed_share == pytest.approx(0.5, abs=0.03)
-    assert (outcome.p50_us, outcome.p95_us) == (4000, 60_000)
+    found = outcome("x", {"one": ("edge-1", rows(4000, 520)), "two": ("cloud-1", rows(60_000))})
+    assert found.nodes == {"one": "edge-1", "two": "cloud-1"}
+    assert found.missed_share == pytest.approx(0.5, abs=0.03)
+    assert (found.p50_us, found.p95_us) == (4000, 60_000)
 
 
 def test_a_scheduler_without_any_command_missed_all() -> None:
-    assert teleop._outcome("x", {}).missed_share == 1.0
+    found = outcome("x", {})
+    assert found.missed_share == 1.0
+    assert report.table([found])[1].split() == ["x", "1", "-", "-", "-", "100.0%", "(100.0%-100.0%)"]
 
 
-def test_the_report_names_scheduler_figures_and_places(capsys: pytest.CaptureFixture[str]) -> None:
-    teleop.report([teleop._outcome("ours", {"one": ("edge-1", rows(4000))})])
-    assert capsys.readouterr().out.splitlines()[1].split() == ["ours", "4.0", "4.0", "4.0", "0.0%", "edge-1"]
+def test_the_order_of_the_two_alternates() -> None:
+    assert report.order(("A", "B"), 1) == ["A", "B"]
+    assert report.order(("A", "B"), 3) == ["A", "B", "B", "A", "A", "B"]
+
+
+def test_the_table_has_medians_with_least_and_most() -> None:
+    runs = [outcome("ours", {"one": ("edge-1", rows(rtt_us))}) for rtt_us in (4000, 9000, 5000)]
+    header, told = report.table(runs)
+    assert header.startswith("medians (least to most)")
+    assert told.split()[:4] == ["ours", "3", "5.0", "(4.0-9.0)"]
+    assert report.as_json(runs)["median_least_most"]["ours"]["p50_us"] == (5000, 4000, 9000)
+
+
+def test_a_run_is_told_in_a_line_with_its_places() -> None:
+    assert report.line(outcome("ours", {"one": ("edge-1", rows(4000))})) == (
+        "ours: p50 4.0 ms, p95 4.0 ms, p99 4.0 ms, missed 0.0%; operator sides on edge-1"
+    )
 
 
 def test_robots_side_is_pinned_and_the_operators_kept_off_it() -> None:
