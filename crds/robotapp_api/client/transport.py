@@ -1,43 +1,31 @@
-"""Bytes to the API server and back. Two calls: `request`, over connections of our own, and `stream`, by aiohttp.
-
-Only `pool` knows aiohttp too. Watches stay with it: they are few and long, and their cost is in what they carry.
-"""
+"""Bytes to the API server and back, over connections of our own. Two calls: `request`, and `stream` for watches."""
 
 import contextlib
 from collections.abc import AsyncIterator, Mapping
 from types import TracebackType
 from typing import Final, Protocol, Self
 
-import aiohttp
-from yarl import URL
-
+from robotapp_api.client.dialing import Dialer, NotSentError
 from robotapp_api.client.errors import Unreachable
 from robotapp_api.client.login import Endpoint
-from robotapp_api.client.pool import ConnectionPool
-from robotapp_api.client.wire import (
-    CONNECT_TIMEOUT_S,
-    KEEPALIVE_S,
-    Answer,
-    BrokenError,
-    Connections,
-    NotSentError,
-    Permitted,
-    always,
-)
+from robotapp_api.client.streaming import Streams
+from robotapp_api.client.wire import Answer, BrokenError, Connections, Permitted, always
 
 SAFE_METHODS: Final = frozenset({"GET", "HEAD"})
 Response = Answer
 
 
 class Stream(Protocol):
-    """An answer that arrives bit by bit. `chunks` raises Unreachable when it breaks off; ending is a normal end."""
+    """An answer that arrives bit by bit. `chunks` gives what has arrived, in the server's pieces; it raises Unreachable
+    when the answer breaks off, ending is a normal end.
+    """
 
     @property
     def status(self) -> int: ...
     @property
     def headers(self) -> Mapping[str, str]: ...
     async def read(self) -> bytes: ...
-    def chunks(self) -> AsyncIterator[bytes]: ...
+    def chunks(self) -> AsyncIterator[list[bytes]]: ...
 
 
 class Transport(Protocol):
@@ -74,7 +62,7 @@ class HttpTransport:
         self._user_agent = user_agent
         self._max_connections = max_connections
         self._connections: Connections | None = None
-        self._watches: aiohttp.ClientSession | None = None
+        self._streams: Streams | None = None
         self._headers: dict[tuple[str, str | None], bytes] = {}
 
     def __repr__(self) -> str:
@@ -83,26 +71,15 @@ class HttpTransport:
 
     async def open(self) -> None:
         self._connections = Connections(self._endpoint, limit=self._max_connections)
-        self._watches = aiohttp.ClientSession(
-            connector=ConnectionPool(
-                limit=0, ssl=self._endpoint.tls or True, keepalive_timeout=KEEPALIVE_S, ttl_dns_cache=10
-            ),
-            cookie_jar=aiohttp.DummyCookieJar(),
-            auto_decompress=False,
-            skip_auto_headers=("Accept-Encoding", "Accept", "User-Agent", "Content-Type"),
-            read_bufsize=2**18,
-        )
-        # aiohttp sends a request a second time when a kept-alive connection breaks under it. How often a watch is begun
-        # is the reflector's to judge, and there is no public switch.
-        self._watches._retry_connection = False  # noqa: SLF001 - see above
+        self._streams = Streams(Dialer(self._endpoint))
 
     async def close(self) -> None:
         connections, self._connections = self._connections, None
-        watches, self._watches = self._watches, None
+        streams, self._streams = self._streams, None
         if connections is not None:
             await connections.close()
-        if watches is not None:
-            await watches.close()
+        if streams is not None:
+            await streams.close()
 
     async def __aenter__(self) -> Self:
         await self.open()
@@ -163,31 +140,19 @@ class HttpTransport:
             raise Unreachable(f"{_where(method, path)}: {error}", maybe_applied=maybe_applied) from error
 
     @contextlib.asynccontextmanager
-    async def stream(self, path: str, *, silence_s: float) -> AsyncIterator["_AiohttpStream"]:
+    async def stream(self, path: str, *, silence_s: float) -> AsyncIterator[Stream]:
         """A GET whose body has no end; it breaks off after `silence_s` seconds without a byte."""
         credentials = self._endpoint.credentials
         if credentials.due:
             await credentials.refresh()
         generation = credentials.generation
-        try:
-            async with self._session().request(
-                "GET",
-                URL(self._endpoint.server + path, encoded=True),
-                headers=self._watch_headers(),
-                timeout=aiohttp.ClientTimeout(total=None, sock_connect=CONNECT_TIMEOUT_S, sock_read=silence_s),
-                allow_redirects=False,
-                server_hostname=self._endpoint.server_hostname,
-            ) as response:
-                if response.status == 401:
-                    await credentials.refresh(seen_generation=generation)
-                yield _AiohttpStream(response, path)
-        except (aiohttp.ClientError, TimeoutError, OSError) as error:
-            raise _unreachable(path, error) from error
-
-    def _session(self) -> aiohttp.ClientSession:
-        if self._watches is None:
+        data = self._bytes("GET", path, None, "")
+        if self._streams is None:
             raise Unreachable(_CLOSED, maybe_applied=False)
-        return self._watches
+        async with self._streams.open(data, where=_where("GET", path), silence_s=silence_s) as stream:
+            if stream.status == 401:
+                await credentials.refresh(seen_generation=generation)
+            yield stream
 
     def _watch_headers(self) -> dict[str, str]:
         headers = {"Accept": "application/json", "User-Agent": self._user_agent}
@@ -209,37 +174,8 @@ class HttpTransport:
         return block
 
 
-class _AiohttpStream:
-    def __init__(self, response: aiohttp.ClientResponse, path: str) -> None:
-        self._response = response
-        self._path = path
-
-    @property
-    def status(self) -> int:
-        return self._response.status
-
-    @property
-    def headers(self) -> Mapping[str, str]:
-        return self._response.headers
-
-    async def read(self) -> bytes:
-        """The whole body, for answers that are an error instead of a stream."""
-        return await self._response.read()
-
-    async def chunks(self) -> AsyncIterator[bytes]:
-        try:
-            async for chunk in self._response.content.iter_any():
-                yield chunk
-        except (aiohttp.ClientError, TimeoutError, OSError) as error:
-            raise _unreachable(self._path, error) from error
-
-
 _CLOSED = "the client is closed, or was never entered with `async with`"
 
 
 def _where(method: str, path: str) -> str:
     return f"{method} {path.partition('?')[0]}"
-
-
-def _unreachable(path: str, error: BaseException) -> Unreachable:
-    return Unreachable(f"{_where('GET', path)}: {str(error) or type(error).__name__}", maybe_applied=False)

@@ -1,7 +1,7 @@
 """Bytes of a watch stream to typed events: line splitting, a cheap envelope, and who an object is."""
 
 import re
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from typing import Any, Final, Generic, TypeVar, get_type_hints
 
 import msgspec
@@ -100,27 +100,27 @@ def shallow(body: bytes, *, most: int = MOST_NESTED) -> bytes:
     return b"".join([*parts, body[kept:]])
 
 
-async def lines(chunks: AsyncIterator[bytes], *, limit: int = MAX_LINE_BYTES) -> AsyncIterator[list[bytes]]:
-    """Complete lines, all that a chunk completes at once. A last line without its newline was cut off and is dropped."""
-    rest = b""
-    parts: list[bytes] = []  # of a line longer than a chunk: joined once, not copied for every chunk
+async def lines(chunks: AsyncIterator[Sequence[bytes]], *, limit: int = MAX_LINE_BYTES) -> AsyncIterator[list[bytes]]:
+    """Complete lines, all that arrived at once. A last line without its newline was cut off and is dropped."""
+    parts: list[bytes] = []  # of a line in several pieces: joined once, not copied for every piece
     size = 0
-    async for chunk in chunks:
-        if b"\n" not in chunk:
-            parts.append(chunk)
-            size += len(chunk)
-            if size > limit:
-                raise Unreachable(f"a watch line is longer than {limit} bytes", maybe_applied=False)
-            continue
-        if parts:
-            parts.append(chunk)
-            chunk = b"".join(parts)  # noqa: PLW2901 - the chunk as it should have come
-            parts = []
-        *complete, rest = chunk.split(b"\n")
-        size = len(rest)
-        if rest:
-            parts.append(rest)
-        yield complete
+    async for pieces in chunks:
+        complete: list[bytes] = []
+        for piece in pieces:
+            end = piece.find(b"\n")
+            if end < 0:
+                parts.append(piece)
+                size += len(piece)
+                if size > limit:
+                    raise Unreachable(f"a watch line is longer than {limit} bytes", maybe_applied=False)
+            elif end == len(piece) - 1 and not parts:  # nearly always: the server sends line by line
+                complete.append(piece[:-1])
+            else:
+                *ended, rest = b"".join([*parts, piece]).split(b"\n")
+                complete += ended
+                parts, size = [rest] if rest else [], len(rest)
+        if complete:
+            yield complete
 
 
 def identify_with(as_type: Any, *, namespaced: bool) -> Callable[[Any], Identity]:

@@ -5,21 +5,17 @@ who uses which connection when. Nothing is ever sent twice.
 """
 
 import asyncio
-import contextlib
-import socket
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from typing import Final, NamedTuple, cast
-from urllib.parse import urlsplit
+from typing import Final, NamedTuple
 
 import httptools
 
+from robotapp_api.client.dialing import Dialer, NotSentError, Speaker
 from robotapp_api.client.login import Endpoint
 
-CONNECT_TIMEOUT_S: Final = 5.0
 KEEPALIVE_S: Final = 60.0
 """Idle connections are dropped before the server (Go: 90 s and more) closes them under a request."""
-CLOSE_S: Final = 1.0
 Permitted = Callable[[], bool]
 
 
@@ -38,10 +34,6 @@ class Answer(NamedTuple):
 
 class BrokenError(Exception):
     """There is no complete answer; whether the request was executed is unknown."""
-
-
-class NotSentError(Exception):
-    """No byte of the request has left."""
 
 
 class Headers(Mapping[str, str]):
@@ -68,31 +60,30 @@ class Headers(Mapping[str, str]):
         return len(self._all())
 
 
-class Connection(asyncio.Protocol):
+class Connection(Speaker):
     """One connection; one request at a time. Methods named on_… are called by the parser."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        super().__init__(loop)
         self._loop = loop
-        self._transport: asyncio.Transport | None = None
         self._parser = httptools.HttpResponseParser(self)
         self._answer: asyncio.Future[Answer] | None = None
         self._headers: list[tuple[bytes, bytes]] = []
         self._body: list[bytes] = []
         self.reusable = True
         self.idle_since_s = 0.0
-        self.lost = loop.create_future()
 
     def __repr__(self) -> str:
         return f"<Connection {'reusable' if self.reusable else 'ended'}, {'busy' if self._answer else 'idle'}>"
 
     async def exchange(self, request: bytes, timeout_s: float) -> Answer:
         """Send and wait for the whole answer. Raises BrokenError; ends the connection when cancelled."""
-        if self._transport is None or not self.reusable:
+        if self.transport is None or not self.reusable:
             raise NotSentError("the connection is closed")
         answer: asyncio.Future[Answer] = self._loop.create_future()
         self._answer = answer
-        timer = self._loop.call_later(timeout_s, self._fail, f"no answer within {timeout_s:g} s")
-        self._transport.write(request)
+        timer = self._loop.call_later(timeout_s, self.fail, f"no answer within {timeout_s:g} s")
+        self.transport.write(request)
         try:
             return await answer
         except asyncio.CancelledError:
@@ -105,19 +96,9 @@ class Connection(asyncio.Protocol):
     def end(self) -> None:
         """Close at once; an answer on its way is not waited for."""
         self.reusable = False
-        if self._transport is not None:
-            self._transport.abort()
+        super().end()
 
     # --- asyncio.Protocol ---------------------------------------------------------------------------------------
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        self._transport = cast("asyncio.Transport", transport)  # uvloop's is none by inheritance
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        self._transport = None
-        self._fail(str(exc or "the server closed the connection"))
-        if not self.lost.done():
-            self.lost.set_result(None)
 
     def data_received(self, data: bytes) -> None:
         if self._answer is None:  # nobody asked: whatever this is, the next answer must not be mixed up with it
@@ -126,7 +107,7 @@ class Connection(asyncio.Protocol):
         try:
             self._parser.feed_data(data)
         except httptools.HttpParserError as error:
-            self._fail(f"the answer is no HTTP: {error}")
+            self.fail(f"the answer is no HTTP: {error}")
 
     # --- httptools ----------------------------------------------------------------------------------------------
 
@@ -151,7 +132,7 @@ class Connection(asyncio.Protocol):
         if self._answer is not None and not self._answer.done():
             self._answer.set_result(Answer(status, Headers(headers), b"".join(body)))
 
-    def _fail(self, what: str) -> None:
+    def fail(self, what: str) -> None:
         self.end()
         if self._answer is not None and not self._answer.done():
             self._answer.set_exception(BrokenError(what))
@@ -161,15 +142,10 @@ class Connections:
     """At most `limit` connections to one server; who comes when all are busy waits in line."""
 
     def __init__(self, endpoint: Endpoint, *, limit: int) -> None:
-        parts = urlsplit(endpoint.server)
-        self.host_header = parts.netloc.rpartition("@")[2]
-        self.prefix = parts.path.rstrip("/")
-        self._endpoint = endpoint
-        self._host = parts.hostname or ""
-        self._port = parts.port or (443 if parts.scheme == "https" else 80)
+        self._dialer = Dialer(endpoint)
+        self.host_header, self.prefix = self._dialer.host_header, self._dialer.prefix
         self._limit = limit
         self._idle: list[Connection] = []
-        self._all: set[Connection] = set()
         self._claimed = 0
         self._waiting: deque[asyncio.Future[Connection | None]] = deque()
 
@@ -193,11 +169,7 @@ class Connections:
 
     async def close(self) -> None:
         """End all connections and wait until they are gone."""
-        for connection in self._all:
-            connection.end()
-        lost = [connection.lost for connection in self._all]
-        if lost:
-            await asyncio.wait(lost, timeout=CLOSE_S)
+        await self._dialer.close()
 
     async def _take(self, loop: asyncio.AbstractEventLoop, timeout_s: float) -> Connection:
         found = self._pop_idle(loop.time())
@@ -208,7 +180,7 @@ class Connections:
         if found is not None:
             return found
         try:
-            return await self._connect(loop, timeout_s)
+            return await self._dialer.connect(lambda: Connection(loop), timeout_s=timeout_s)
         except BaseException:
             self._release(None)
             raise
@@ -234,39 +206,6 @@ class Connections:
         finally:
             timer.cancel()
 
-    async def _connect(self, loop: asyncio.AbstractEventLoop, timeout_s: float) -> Connection:
-        try:
-            async with asyncio.timeout(min(CONNECT_TIMEOUT_S, timeout_s)):
-                connection = await self._secure(loop, await _connected_socket(loop, self._host, self._port))
-        except TimeoutError as error:
-            raise NotSentError(f"cannot connect to {self.host_header}: no answer") from error
-        except OSError as error:
-            raise NotSentError(f"cannot connect to {self.host_header}: {error}") from error
-        self._all.add(connection)
-        connection.lost.add_done_callback(lambda _: self._all.discard(connection))
-        return connection
-
-    async def _secure(self, loop: asyncio.AbstractEventLoop, sock: socket.socket) -> Connection:
-        """A connection on `sock`, TLS included.
-
-        asyncio leaks the socket of a TLS handshake that is cancelled (seen with 3.11.7). So the handshake is a task that
-        nobody cancels: its socket is shut down, which ends it.
-        """
-        tls = self._endpoint.tls
-        name = (self._endpoint.server_hostname or self._host) if tls else None
-        made = loop.create_task(
-            loop.create_connection(lambda: Connection(loop), sock=sock, ssl=tls, server_hostname=name)
-        )
-        try:
-            return (await asyncio.shield(made))[1]
-        except asyncio.CancelledError:
-            with contextlib.suppress(OSError):
-                sock.shutdown(socket.SHUT_RDWR)
-            await asyncio.wait([made], timeout=CLOSE_S)
-            if made.done() and not made.exception():
-                made.result()[1].end()
-            raise
-
     def _give_back(self, connection: Connection, now_s: float) -> None:
         connection.idle_since_s = now_s
         if connection.reusable:
@@ -290,22 +229,3 @@ class Connections:
 def _waited_in_vain(place: "asyncio.Future[Connection | None]", timeout_s: float) -> None:
     if not place.done():
         place.set_exception(NotSentError(f"no free connection within {timeout_s:g} s"))
-
-
-async def _connected_socket(loop: asyncio.AbstractEventLoop, host: str, port: int) -> socket.socket:
-    """A TCP connection to the first address that takes one. Raises OSError of the last."""
-    problem: OSError = OSError(f"{host} has no address")
-    for family, kind, protocol, _, address in await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM):
-        sock = socket.socket(family, kind, protocol)
-        try:
-            sock.setblocking(False)
-            await loop.sock_connect(sock, address)
-        except OSError as error:
-            sock.close()
-            problem = error
-        except BaseException:
-            sock.close()
-            raise
-        else:
-            return sock
-    raise problem

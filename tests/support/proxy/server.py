@@ -18,10 +18,10 @@ from tests.support.proxy.calls import Call
 from tests.support.proxy.faults import Fault, Rule, Rules, drop, verbs_of
 from tests.support.proxy.handler import Handler
 from tests.support.proxy.ledger import Ledger, Moment, Write
+from tests.support.proxy.pool import ConnectionPool
 from tests.support.proxy.streams import OpenWatch
 
 from robotapp_api.client.login import Endpoint, load
-from robotapp_api.client.pool import ConnectionPool
 
 T = TypeVar("T")
 Hook = Callable[[Write, Moment], None]

@@ -116,7 +116,7 @@ async def test_a_stream_breaks_off_after_its_silence() -> None:
         client.stream("/x", silence_s=0.05) as stream,
     ):
         chunks = stream.chunks()
-        assert await anext(chunks) == b"hello\n"
+        assert await anext(chunks) == [b"hello\n"]
         with pytest.raises(Unreachable, match="GET /x"):
             await anext(chunks)
 

@@ -14,33 +14,36 @@ from robotapp_api.client.errors import Gone, ServerError, Unreachable
 from robotapp_api.client.watch import BOOKMARK, Identity, WatchDecoder, lines, shallow
 
 
-async def chunked(chunks: list[bytes]) -> AsyncIterator[bytes]:
-    for chunk in chunks:
-        yield chunk
+async def arriving(pieces: list[bytes], *, at_once: int = 1) -> AsyncIterator[list[bytes]]:
+    for start in range(0, len(pieces), at_once):
+        yield pieces[start : start + at_once]
 
 
-async def split(chunks: list[bytes], **settings: int) -> list[bytes]:
-    return [line async for batch in lines(chunked(chunks), **settings) for line in batch]
+async def split(pieces: list[bytes], *, at_once: int = 1, **settings: int) -> list[bytes]:
+    return [line async for batch in lines(arriving(pieces, at_once=at_once), **settings) for line in batch]
 
 
 @given(
     texts=st.lists(st.binary(max_size=30).filter(lambda text: b"\n" not in text), max_size=8),
     cuts=st.lists(st.integers(0, 200), max_size=8),
+    at_once=st.integers(1, 5),
 )
-async def test_lines_do_not_depend_on_how_the_bytes_arrive(texts: list[bytes], cuts: list[int]) -> None:
+async def test_lines_do_not_depend_on_how_the_bytes_arrive(texts: list[bytes], cuts: list[int], at_once: int) -> None:
     stream = b"".join(text + b"\n" for text in texts)
     edges = [0, *sorted(min(cut, len(stream)) for cut in cuts), len(stream)]
-    chunks = [stream[start:end] for start, end in itertools.pairwise(edges)]
-    assert await split(chunks) == texts
+    pieces = [stream[start:end] for start, end in itertools.pairwise(edges)]
+    assert await split(pieces, at_once=at_once) == texts
+    assert await split([text + b"\n" for text in texts], at_once=at_once) == texts
 
 
 async def test_a_line_without_its_end_was_cut_off() -> None:
     assert await split([b"a\nb", b"c"]) == [b"a"]
 
 
-async def test_lines_that_one_chunk_completes_come_together() -> None:
-    batches = [batch async for batch in lines(chunked([b"a\nb\nc", b"d\n"]))]
-    assert batches == [[b"a", b"b"], [b"cd"]]
+async def test_lines_that_arrive_at_once_come_together() -> None:
+    pieces = [b"a\n", b"b\nc", b"d\n", b"e"]
+    assert [batch async for batch in lines(arriving(pieces))] == [[b"a"], [b"b"], [b"cd"]]
+    assert [batch async for batch in lines(arriving(pieces, at_once=2))] == [[b"a", b"b"], [b"cd"]]
 
 
 async def test_a_line_without_end_does_not_fill_the_memory() -> None:

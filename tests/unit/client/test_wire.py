@@ -7,9 +7,10 @@ from contextlib import asynccontextmanager
 
 import pytest
 
+from robotapp_api.client.dialing import NotSentError
 from robotapp_api.client.login import Endpoint
 from robotapp_api.client.transport import HttpTransport
-from robotapp_api.client.wire import Answer, BrokenError, Connections, NotSentError
+from robotapp_api.client.wire import Answer, BrokenError, Connections
 
 REQUEST = b"GET / HTTP/1.1\r\nHost: x\r\n\r\n"
 OK = b"HTTP/1.1 200 OK\r\nContent-Length: 2\r\nRetry-After: 7\r\n\r\nok"

@@ -67,7 +67,6 @@ async def cancelled_watch(client: ApiClient) -> None:
     await begun.wait()
     watch.cancel()
     await asyncio.gather(watch, return_exceptions=True)
-    assert watched_sockets() > 1, "the connection is saying goodbye and nobody answers"
 
 
 async def cancelled_request(client: ApiClient) -> None:
