@@ -47,7 +47,10 @@ def app(
         {"topic": "/cmd_vel", "from": "operator", "to": "robot", **twist},
         {"topic": "/robot_state", "from": "robot", "to": "operator", **twist},
     ]
-    ros_2 = {"ros": {"distro": "humble"}, "dds": {"rmw": "rmw_cyclonedds_cpp", **(dds or {})}}
+    ros_2 = {
+        "ros": {"distro": "lyrical"},  # whose Cyclone DDS is the image's
+        "dds": {"rmw": "rmw_cyclonedds_cpp", **(dds or {})},
+    }
     ros_1 = {"ros": {"distro": "noetic"}, "ros1": {"image": images.reference("ros1")}}
     body = {**(ros_2 if ros == 2 else ros_1), "components": components, "edges": edges, **(spec or {})}
     return {"apiVersion": "robotics.io/v1alpha1", "kind": "RobotApp", "metadata": {"name": name}, "spec": body}

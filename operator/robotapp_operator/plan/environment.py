@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Final
 from xml.sax.saxutils import quoteattr
 
-from robotapp_operator.plan.middleware import BEFORE_IRON, CONNEXT, CYCLONE, FAST_DDS
+from robotapp_operator.plan.middleware import BEFORE_IRON, CONNEXT, CYCLONE, CYCLONE_11, FAST_DDS
 from robotapp_operator.plan.wish import EnvVar, Wish
 
 DISCOVERY_SERVER_PORT: Final = 11811
@@ -53,7 +53,7 @@ def _discovery(wish: Wish) -> dict[str, str]:
             # 0 = wait for the router: a session that starts without one would join the graph at an unknown time.
             return {"ZENOH_CONFIG_OVERRIDE": endpoint, "ZENOH_ROUTER_CHECK_ATTEMPTS": "0"}
         case "Peers" if wish.rmw in CYCLONE:
-            return {"CYCLONEDDS_URI": cyclone_config(wish.peer_names)}
+            return {"CYCLONEDDS_URI": cyclone_config(wish.peer_names, distro=wish.distro)}
         case "Peers" if wish.rmw in CONNEXT:
             return {"NDDS_DISCOVERY_PEERS": ",".join(f"udpv4://{peer}" for peer in wish.peer_names)}
         case "Peers":
@@ -62,17 +62,19 @@ def _discovery(wish: Wish) -> dict[str, str]:
             return {}
 
 
-def cyclone_config(peers: Sequence[str]) -> str:
+def cyclone_config(peers: Sequence[str], *, distro: str) -> str:
     """Inline Cyclone DDS configuration: unicast discovery towards `peers`.
 
-    One DNS name per component, because Cyclone takes only the first address a name resolves to.
+    One DNS name per component, because Cyclone takes only the first address a name resolves to. From 11 on Cyclone stops
+    asking peers that did not answer for 30 s, for good: pods that start while their link is cut would never meet.
     """
+    patience = "<InitialLocatorPruneDelay>inf</InitialLocatorPruneDelay>" if distro in CYCLONE_11 else ""
     names = "".join(f"<Peer Address={quoteattr(peer)}/>" for peer in peers)
     return (
         '<CycloneDDS><Domain Id="any"><General><AllowMulticast>false</AllowMulticast></General>'
         "<Discovery><ParticipantIndex>auto</ParticipantIndex>"
         f"<MaxAutoParticipantIndex>{CYCLONE_MAX_INDEX}</MaxAutoParticipantIndex>"
-        f"<Peers>{names}</Peers></Discovery></Domain></CycloneDDS>"
+        f"{patience}<Peers>{names}</Peers></Discovery></Domain></CycloneDDS>"
     )
 
 

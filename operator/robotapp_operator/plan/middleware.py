@@ -8,6 +8,9 @@ ZENOH: Final = frozenset({"rmw_zenoh_cpp"})
 CONNEXT: Final = frozenset({"rmw_connextdds"})
 BEFORE_IRON: Final = frozenset({"foxy", "galactic", "humble", "eloquent", "dashing", "crystal", "bouncy", "ardent"})
 
+CYCLONE_11: Final = frozenset({"lyrical", "rolling"})
+"""Distributions with Cyclone DDS 11 (rolling since April 2026); the others have 0.10 or older, which refuses elements it does not know."""
+
 
 def resolve_mode(mode: str, rmw: str) -> str:
     """`Auto` by middleware: Server for Fast DDS, Peers for Cyclone and Connext, Router for Zenoh, else Multicast."""

@@ -16,6 +16,8 @@ pytestmark = [pytest.mark.live, pytest.mark.slow]
 
 FIRST_TRIP_S = 6.0
 STABLE_S = 60.0
+GIVEN_UP_S = 33.0
+"""After 30 s Cyclone DDS 11 no longer asks a peer that never answered, unless it is told otherwise."""
 DEADLINE_US = 100_000
 
 
@@ -83,6 +85,30 @@ def test_a_loop_that_was_cut_for_longer_than_its_lease_goes_on(cluster: RealNode
     assert wait_until(lambda: len(teleop.trips(cluster, place, "pair")) > count + 50, timeout_s=45, poll_s=0.5)
     pods = teleop.pods(cluster, place, "pair").values()
     assert all(status["restartCount"] == 0 for pod in pods for status in pod["status"]["containerStatuses"])
+
+
+def test_pods_that_start_while_their_link_is_cut_find_each_other_when_it_is_mended(
+    cluster: RealNodes, place: str
+) -> None:
+    wanted = teleop.app("pair", nodes={"operator": "edge-1", "robot": "robot-1"})
+    cluster.switch.set_link("robot-1", "edge-1", down=True)
+    try:
+        teleop.apply(cluster, place, [wanted])
+        assert wait_until(lambda: _running(cluster, place) == 2, timeout_s=30, poll_s=0.5)
+        time.sleep(GIVEN_UP_S)
+        assert teleop.trips(cluster, place, "pair") == []
+    finally:
+        cluster.switch.set_link("robot-1", "edge-1", down=False)
+    assert wait_until(lambda: len(teleop.trips(cluster, place, "pair")) > 50, timeout_s=45, poll_s=0.5)
+
+
+def _running(cp: RealNodes, place: str) -> int:
+    """Containers of the app that run: the init steps are over."""
+    return sum(
+        "running" in status["state"]
+        for pod in teleop.pods(cp, place, "pair").values()
+        for status in pod["status"].get("containerStatuses", ())
+    )
 
 
 def test_two_apps_that_shout_by_multicast_never_hear_each_other(cluster: RealNodes, place: str) -> None:

@@ -59,7 +59,17 @@ def test_cyclone_peers_are_one_name_per_component_without_multicast() -> None:
 
 
 def test_names_in_the_cyclone_configuration_are_quoted() -> None:
-    ET.fromstring(cyclone_config(['a"<b']))  # noqa: S314 - our own text
+    ET.fromstring(cyclone_config(['a"<b'], distro="humble"))  # noqa: S314 - our own text
+
+
+@pytest.mark.parametrize(
+    ("distro", "patience"),
+    [("galactic", None), ("humble", None), ("jazzy", None), ("kilted", None), ("lyrical", "inf"), ("rolling", "inf")],
+)
+def test_cyclone_never_gives_a_peer_up_where_it_can_be_told_so(distro: str, patience: str | None) -> None:
+    """Cyclone DDS before 11 ends at an element it does not know, and asks for ever anyway."""
+    config = ET.fromstring(variables(wish("rmw_cyclonedds_cpp", distro=distro))["CYCLONEDDS_URI"])  # noqa: S314 - our own text
+    assert config.findtext("Domain/Discovery/InitialLocatorPruneDelay") == patience
 
 
 def test_connext_peers_are_udp_locators() -> None:
