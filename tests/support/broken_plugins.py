@@ -106,7 +106,7 @@ def breaking(hook: str, answer: Any) -> type:
 
     name = f"Breaks{hook.title().replace('_', '')}"
     reads: dict[str, Any] = {"reads": (), "node_reads": ("requested",), "row_local": hook.endswith("_row")}
-    beside = {"filter_row": "filter", "score_row": "score", "untouched": "filter", "confined": "filter"}
+    beside = {"filter_row": "filter", "score_row": "score", "minds": "filter", "confined": "filter"}
     ones: dict[str, Any] = {
         "filter": lambda _self, _pod, nodes: np.ones(nodes.n, dtype=np.bool_),
         "score": lambda _self, _pod, nodes: np.ones(nodes.n),
@@ -123,7 +123,7 @@ def _refusing(**more: Any) -> Any:
 
 ANSWERS: list[tuple[str, Any, str]] = [
     *((hook, ZeroDivisionError("ouch"), f"{hook} raised ZeroDivisionError: ouch")
-      for hook in ("filter", "score", "score_among", "relevant", "pre_filter", "filter_row", "score_row", "untouched")),
+      for hook in ("filter", "score", "score_among", "relevant", "pre_filter", "filter_row", "score_row")),
     ("filter", SystemExit(3), "filter raised SystemExit: 3"),
     ("filter", MemoryError(), "filter raised MemoryError"),
     ("pre_filter", ["n0"], "pre_filter must answer a PreFilter or None, got list"),
@@ -135,6 +135,7 @@ ANSWERS: list[tuple[str, Any, str]] = [
     ("filter", _refusing(reasons=(("r",),), resolvable=np.ones(1, dtype=np.bool_)), "unusable resolvable"),
     ("score", lambda _pod, nodes: PerDomain(np.ones(9), nodes.label("zone")), "score must answer a number array of shape"),
     ("score", lambda _pod, nodes: Scores(np.ones(nodes.n), "mean"), "normalize 'mean'"),
+    ("minds", ["weather"], "minds must answer names of facts of nodes, got ['weather']"),
     ("score_row", "x", "score_row must answer an integer, got 'x'"),
     ("score_row", 10**9, "score_row must answer 0 to 100, got 1000000000"),
     ("post_filter", "never mind", "post_filter must answer an Outcome, got str"),

@@ -68,11 +68,15 @@ class Change(IntFlag):
     """A waiting pod itself changed (spec, labels or annotations); concerns that pod alone."""
     NOMINATED = auto()
     """A waiting pod gave up the node it was nominated for."""
+    TERMS = auto()
+    """What was placed or is gone has affinity terms; said in the log only, beside POD_ADDED and the like."""
     ALL = (1 << 40) - 1
     """Every change, those that are added here later as well."""
 
 
 NODE: Final = Change.NODE_ADDED | Change.NODE_REMOVED
+NODE_COMES_OR_GOES: Final = int(NODE)
+"""As a plain int."""
 PLACED: Final = Change.POD_ADDED | Change.POD_REMOVED | Change.POD_UPDATED
 
 
@@ -155,6 +159,7 @@ READS: Final[dict[str, Change]] = {
     "selectors": NODE | Change.SELECTORS,
     "images": NODE | Change.IMAGES,
     "resource_claims": NODE | Change.RESOURCE_CLAIMS,
+    "terms": NODE | Change.TERMS,
 }
 """`node_reads` of a plugin → the changes after which its result for that row must be computed again."""
 
@@ -207,12 +212,14 @@ class ChangeLog:
     A row of EVERY_ROW means that all rows changed (a new RTT model, for example).
     """
 
-    __slots__ = ("_base", "_entries", "_limit", "_news")
+    __slots__ = ("_base", "_entries", "_limit", "_news", "position")
     _next_base = 0
 
     def __init__(self, limit: int = 8192) -> None:
         self._limit = limit
         self._base = 0
+        self.position = 0
+        """Where a reader that is up to date stands."""
         # Plain ints: an IntFlag costs ten times as much per operation, and this is read for every pod.
         self._entries: list[tuple[int, int]] = []
         self._news: dict[int, News] = {}
@@ -220,14 +227,10 @@ class ChangeLog:
     def __repr__(self) -> str:
         return f"ChangeLog({self.position=}, kept={len(self._entries)})"
 
-    @property
-    def position(self) -> int:
-        """Where a reader that is up to date stands."""
-        return self._base + len(self._entries)
-
     def add(self, row: int, change: Change) -> None:
         """Note that `row` changed."""
         self._entries.append((row, int(change)))
+        self.position += 1
         self._news.clear()
         if len(self._entries) > self._limit:
             drop = self._limit // 2
@@ -238,7 +241,7 @@ class ChangeLog:
         """An empty log whose positions lie so far ahead that no reader of any other log has been there."""
         other = ChangeLog(self._limit)
         ChangeLog._next_base += _APART
-        other._base = ChangeLog._next_base
+        other._base = other.position = ChangeLog._next_base
         return other
 
     def news(self, position: int, *, most: int) -> News | None:

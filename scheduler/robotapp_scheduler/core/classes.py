@@ -32,6 +32,7 @@ class ColumnCache:
         column = columns.get(key)
         if column is None:
             column = columns[key] = FilterColumn(plugin, self._reasons)
+            column.mind(plugin.interest_for(pod))
             if len(columns) > COLUMNS_PER_PLUGIN:
                 columns.popitem(last=False)
         else:
@@ -45,6 +46,7 @@ class ColumnCache:
         column = columns.get(key)
         if column is None:
             column = columns[key] = score_column(plugin)
+            column.mind(plugin.interest_for(pod))
             if len(columns) > COLUMNS_PER_PLUGIN:
                 columns.popitem(last=False)
         else:

@@ -334,7 +334,7 @@ class Cluster:
             node=node,
             labels=info.labels,
             priority=info.priority,
-            requested=self._alike.same(self.nodes.resources.held(requests.exact)),
+            requested=self._alike.same(info.shape.held(self.nodes.resources)),
             scored_cpu_milli=sane(requests.placed.get("cpu", 0)),
             scored_memory_bytes=sane(requests.placed.get("memory", 0)),
             ports=info.host_ports,
@@ -361,7 +361,7 @@ class Cluster:
         row = self.nodes.row_of.get(record.node)
         if row is not None:
             self._count(record, row, +1)
-            self.log.add(row, change)
+            self.log.add(row, change | Change.TERMS if record.terms else change)
 
     def take_off(self, uid: str) -> None:
         """Undo `put_on`."""
@@ -375,7 +375,7 @@ class Cluster:
         row = self.nodes.row_of.get(record.node)
         if row is not None:
             self._count(record, row, -1)
-            self.log.add(row, Change.POD_REMOVED)
+            self.log.add(row, Change.POD_REMOVED | Change.TERMS if record.terms else Change.POD_REMOVED)
         self.topology.release(record)
 
     def _count(self, record: PlacedPod, row: int, sign: int) -> None:

@@ -174,18 +174,19 @@ class SchedulerCore:
         """
         pods = list(batch)
         if len(pods) == 1 and (exclude or pods[0].info.pod_group is None):
-            decisions = [self.schedule_one(pods[0].info, exclude=exclude, attempt=pods[0].attempts)]
-        else:
-            attempts = {queued.info.uid: queued.attempts for queued in pods}
-            self._together = frozenset(attempts)
-            infos = [queued.info for queued in pods]
-            decisions = only_one_plan(plan_together(self, infos, attempts, advice))
-            if advice is not None:
-                self.plans[advice.result] = self.plans.get(advice.result, 0) + 1
-            self._together = frozenset()
-            for decision in decisions:
-                if not decision.placed:
-                    self.explain.correct(decision.pod.uid, decision.message)
+            decision = self.schedule_one(pods[0].info, exclude=exclude, attempt=pods[0].attempts)
+            decision.queued = pods[0]
+            return [decision]
+        attempts = {queued.info.uid: queued.attempts for queued in pods}
+        self._together = frozenset(attempts)
+        infos = [queued.info for queued in pods]
+        decisions = only_one_plan(plan_together(self, infos, attempts, advice))
+        if advice is not None:
+            self.plans[advice.result] = self.plans.get(advice.result, 0) + 1
+        self._together = frozenset()
+        for decision in decisions:
+            if not decision.placed:
+                self.explain.correct(decision.pod.uid, decision.message)
         by_uid = {queued.info.uid: queued for queued in pods}
         for decision in decisions:
             decision.queued = by_uid[decision.pod.uid]
@@ -294,10 +295,9 @@ class SchedulerCore:
         count = self.cluster.nodes.count
         if count == 0:
             return Decision(pod=pod, code=Code.UNSCHEDULABLE, message=histogram(0, {}))
-        refusals = Refusals(self.cluster, engine, seed=self._seed, spared=self._together)
         narrowed = engine.pre_filter(pod)
         if narrowed.status is not None:
-            return refusals.early(pod, narrowed.status)
+            return self._refusals(engine).early(pod, narrowed.status)
         names = narrowed.names
         if names is not None and not any(name in self.cluster.nodes.row_of for name in names):
             names = frozenset()
@@ -305,14 +305,17 @@ class SchedulerCore:
         evaluation = promised or with_nominated(self.cluster, pod, engine.evaluate(pod, names))
         recorder.filtered(evaluation)
         if evaluation.feasible == 0:
-            return refusals.nowhere(pod, evaluation, narrowed, names)
-        blocked = {name for name in exclude if name in self.cluster.nodes.row_of}
+            return self._refusals(engine).nowhere(pod, evaluation, narrowed, names)
+        blocked = [row for name in exclude if (row := self.cluster.nodes.row_of.get(name)) is not None]
         if blocked:
-            evaluation = evaluation.without([self.cluster.nodes.row_of[name] for name in blocked])
+            evaluation = evaluation.without(blocked)
             if evaluation.feasible == 0:
-                return refusals.lost_all(pod, evaluation, len(blocked))
+                return self._refusals(engine).lost_all(pod, evaluation, len(blocked))
         recorder.planned(wish.why)
         return self._choose(pod, engine, evaluation, recorder, wish.node)
+
+    def _refusals(self, engine: Engine) -> Refusals:
+        return Refusals(self.cluster, engine, seed=self._seed, spared=self._together)
 
     def _where_promised(self, pod: PodInfo, engine: Engine, exclude: frozenset[str]) -> Evaluation | None:
         """The node this pod is nominated for, when it takes the pod: then no other is looked at."""

@@ -74,6 +74,8 @@ class Engine:
         self._shape_reads = tuple(name for name in static if name not in OWN_FEATURES)
         self._own_reads = tuple(name for name in static if name in OWN_FEATURES)
         self._remembered: OrderedDict[Hashable, dict[Any, Any]] = OrderedDict()
+        self._full: tuple[int, Nodes] | None = None
+        """A view of all nodes, and where the log stood."""
         self._generation = 0
         self._class_ids: dict[Hashable, int] = {}
         self._counts: dict[tuple[str, str, str], int] = {}
@@ -146,7 +148,7 @@ class Engine:
             evaluation.compute_filters(pod, nodes)
         else:
             evaluation = self._class_of(pod)
-            evaluation.refresh_filters(pod, Nodes(self._cluster))
+            evaluation.refresh_filters(pod, self._all_nodes())
         self._count_filters(evaluation)
         if evaluation.rows is not None or not self._caching:
             self._flush(evaluation)
@@ -159,11 +161,18 @@ class Engine:
         else:
             self._stopwatch("Score", self.profile.scheduler_name, lambda: self._score(pod, evaluation))
 
+    def _all_nodes(self) -> Nodes:
+        """The view of all nodes: filters and scores of one attempt share the columns that were asked for."""
+        position = self._cluster.log.position
+        if self._full is None or self._full[0] != position:
+            self._full = (position, Nodes(self._cluster))
+        return self._full[1]
+
     def _score(self, pod: PodInfo, evaluation: Evaluation) -> None:
         if evaluation.rows is not None:
             evaluation.compute_scores(pod, Nodes(self._cluster, [int(row) for row in evaluation.rows]))
         else:
-            evaluation.refresh_scores(pod, Nodes(self._cluster))
+            evaluation.refresh_scores(pod, self._all_nodes())
         evaluation.tally.scored += 1
         if evaluation.rows is not None or not self._caching:
             self._flush(evaluation)
@@ -295,13 +304,19 @@ class Engine:
 
     def _count_filters(self, evaluation: Evaluation) -> None:
         tally = evaluation.tally
-        codes = tuple(evaluation.counts())
-        if tally.codes != codes:
-            self._flush(evaluation)
-            rejecting = {self._reasons.values[code].plugin for code in codes}
-            tally.keys = tuple(_filter_key(column, rejecting) for column in evaluation.filters)
-            tally.codes = codes
+        if tally.revision != evaluation.revision:
+            self._count_anew(evaluation)
+            tally.revision = evaluation.revision
         tally.count += 1
+
+    def _count_anew(self, evaluation: Evaluation) -> None:
+        tally, codes = evaluation.tally, tuple(evaluation.counts())
+        if tally.codes == codes:
+            return
+        self._flush(evaluation)
+        rejecting = {self._reasons.values[code].plugin for code in codes}
+        tally.keys = tuple([_filter_key(column, rejecting) for column in evaluation.filters])
+        tally.codes = codes
 
     def _flush(self, evaluation: Evaluation) -> None:
         tally, counts = evaluation.tally, self._counts

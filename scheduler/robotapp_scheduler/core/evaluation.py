@@ -18,11 +18,13 @@ from robotapp_scheduler.core.view import Nodes
 class Tally:
     """How often an evaluation was used with the same outcome per plugin: counted here, added up when somebody asks."""
 
-    __slots__ = ("codes", "count", "keys", "scored")
+    __slots__ = ("codes", "count", "keys", "revision", "scored")
 
     def __init__(self) -> None:
         self.codes: tuple[int, ...] | None = None
         """Reason codes that occurred."""
+        self.revision = -1
+        """Of the verdicts in which they did."""
         self.count = 0
         self.scored = 0
         self.keys: tuple[tuple[str, str, str], ...] = ()
@@ -139,8 +141,12 @@ class Evaluation:
         """Normalised scores of one plugin at feasible positions, after the scores were made."""
         return self._totals.score_of(column, positions)
 
-    def scored_by(self) -> tuple[list[ScoreColumn], dict[str, int], tuple[str, ...]]:
-        """The plugins that score such pods, their weights, and which of them are shadows."""
+    def scores_at(self, positions: npt.NDArray[np.intp]) -> dict[str, tuple[int, ...]]:
+        """The same of every plugin that scores such pods."""
+        return self._totals.scores_at(positions)
+
+    def scored_by(self) -> tuple[dict[str, int], tuple[str, ...]]:
+        """The weights of these plugins, and which of them are shadows."""
         return self._totals.scored_by()
 
     def _verdicts(self) -> Verdicts:

@@ -84,11 +84,12 @@ def weight_bytes(record: Record) -> int:
     """What a record keeps in memory, estimated from above: measuring it would cost more than making it."""
     top = record.top
     scores = (len(top.scores) + 1) * len(top.nodes) * 32
-    texts = 2 * (len(record.message) + len(record.namespace) + len(record.name))
-    refusals = sum(200 + 2 * len(refusal.reason) + 150 * len(refusal.examples) for refusal in record.refusals)
-    return (
-        1000 + texts + scores + 100 * len(top.scores) + refusals + 400 * len(record.edges) + 100 * len(record.devices)
+    weight = (
+        1000 + scores + 100 * len(top.scores) + 2 * (len(record.message) + len(record.namespace) + len(record.name))
     )
+    for refusal in record.refusals:
+        weight += 200 + 2 * len(refusal.reason) + 150 * len(refusal.examples)
+    return weight + 400 * len(record.edges) + 100 * len(record.devices)
 
 
 class ExplainRing:

@@ -6,7 +6,7 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.changes import News
+from robotapp_scheduler.core.changes import NODE_COMES_OR_GOES, News
 from robotapp_scheduler.core.columns import BoolArray, FloatArray
 from robotapp_scheduler.core.framework import Loaded, Verdict, checked_mask
 from robotapp_scheduler.core.pods import PodInfo
@@ -53,6 +53,7 @@ class FilterColumn:
 
     def __init__(self, plugin: Loaded, reasons: Reasons) -> None:
         self.plugin = plugin
+        self.interest, self.watches = plugin.interest, plugin.watches
         self.skipped = False
         self.codes: Codes = np.zeros(0, dtype=np.int32)
         self.clean = False
@@ -66,12 +67,16 @@ class FilterColumn:
         self._of_domains: tuple[tuple[int, int], Codes] | None = None
         """When `codes` follow from a label: its version and the number of rows, and the reason per code of the label."""
 
+    def mind(self, interest: int) -> None:
+        """Look at rows after these changes only."""
+        self.interest, self.watches = interest, interest | NODE_COMES_OR_GOES
+
     def refresh(self, pod: PodInfo, full: Nodes, news: News | None) -> None:
         """Bring the column up to the head of the log. `news` are those after its position, None when too much happened."""
         if self.skipped:
             return  # a plugin has no opinion because of the pod alone: that never changes
         fits = len(self.codes) == full.n
-        stale = stale_rows(self.plugin, self.position, pod, full, news) if fits else None
+        stale = stale_rows(self, pod, full, news) if fits else None
         if stale is None:
             clean, skipped, codes = self.clean, self.skipped, self.codes
             self._store(full, pod)

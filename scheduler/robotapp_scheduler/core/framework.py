@@ -45,7 +45,8 @@ Hooks, in the order of a cycle:
 `relevant(pod, nodes) -> bool`               optional, beside `score_among`: False = it would answer 0 everywhere now
 `confined(pod, nodes, position) -> bool`     optional, when not `row_local`: did the pods placed and gone since this
                                              position of the change log alter the answers for their own rows only?
-`untouched(pod, nodes, position) -> bool`    optional, when not `row_local`: did they alter no answer at all?
+`minds(pod) -> names`                        optional: the facts that answers for such pods depend on, where they are
+                                             fewer than `node_reads`; must follow from `reads` alone
 
 `hint(pod, event) -> bool`                   may this event help a pod the plugin rejected? `event` (core.changes.Event)
                                              has resource, action, change, old, new. Asked for kinds of change in
@@ -67,6 +68,7 @@ Class attributes and their defaults:
 
 `reads`       features of the pod; default: everything (the result is never shared between pods)
 `node_reads`  facts of the nodes; default: everything
+`relevant_reads`  facts that `relevant` depends on; default: `node_reads`
 `row_local`   True: a row's result depends on that row alone, so only changed rows are computed again; default False
 `events`      changes that may help a pod this plugin rejected; default: every change
 `hint_reads`  features of the pod that `hint` depends on; default: `reads`. Waiting pods that are equal in them are
@@ -81,7 +83,7 @@ Arrays have one element per row of `nodes` (holes included: rows without a node 
 integers or floats without NaN. Anything else is an Error: the pod is not placed and the text names the plugin.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from enum import StrEnum
 from functools import wraps
 from typing import Any, Final, Literal, NamedTuple, Protocol
@@ -232,13 +234,15 @@ class Loaded:
         """Changes after which a row must be looked at again, as a plain int."""
         self.watches = self.interest | int(NODE)
         """Changes after which a column of results must be looked at."""
+        self.relevance = interest_of(getattr(plugin, "relevant_reads", node_reads)) | int(NODE)
+        """Changes after which `relevant` must be asked again."""
         self.filter: Callable[[PodInfo, Nodes], FilterResult] | None = getattr(plugin, "filter", None)
         self.score: Callable[[PodInfo, Nodes], ScoreResult] | None = getattr(plugin, "score", None)
         self.score_among: Callable[[PodInfo, Nodes, Positions], AmongResult] | None = getattr(
             plugin, "score_among", None
         )
         self.relevant: Callable[[PodInfo, Nodes], bool] | None = getattr(plugin, "relevant", None)
-        self.untouched: Callable[[PodInfo, Nodes, int], bool] | None = getattr(plugin, "untouched", None)
+        self.minds: Callable[[PodInfo], Iterable[str]] | None = getattr(plugin, "minds", None)
         self.confined: Callable[[PodInfo, Nodes, int], bool] | None = getattr(plugin, "confined", None)
         self.filter_row: Callable[[PodInfo, Row], bool] | None = getattr(plugin, "filter_row", None)
         self.score_row: Callable[[PodInfo, Row], int] | None = getattr(plugin, "score_row", None)
@@ -253,6 +257,10 @@ class Loaded:
         self.waker = Waker(self.name, self.events, *hints)
         self.pre_enqueue: Callable[[PodInfo], Status | None] | None = getattr(plugin, "pre_enqueue", None)
         self.queue_key: Callable[[PodInfo, float], tuple[Any, ...]] | None = getattr(plugin, "queue_key", None)
+
+    def interest_for(self, pod: PodInfo) -> int:
+        """Changes after which a row of what it says about such pods must be looked at again."""
+        return self.interest if self.minds is None else interest_of(self.minds(pod))
 
     def __repr__(self) -> str:
         return f"Loaded({self.name}, weight={self.weight}{', shadow' if self.shadow else ''})"

@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from robotapp_scheduler.core.changes import interest_of
 from robotapp_scheduler.core.framework import (
     MAX_SCORE,
     NORMALIZERS,
@@ -114,6 +115,14 @@ def _truth(_plugin: str, _hook: str, answer: object, *_args: Any) -> bool:
     return bool(answer)
 
 
+def _facts(plugin: str, hook: str, answer: Any, *_args: Any) -> object:
+    try:
+        interest_of(answer)
+    except (KeyError, TypeError, AttributeError) as error:
+        raise PluginError(plugin, f"{hook} must answer names of facts of nodes, got {answer!r}") from error
+    return answer
+
+
 def _status(plugin: str, hook: str, answer: object, *_args: Any) -> object:
     if answer is not None and not isinstance(answer, Status):
         raise PluginError(plugin, f"{hook} must answer a Status or None, got {type(answer).__name__}")
@@ -203,13 +212,14 @@ def _row_percent(plugin: str, hook: str, answer: object, *_args: Any) -> int:
 
 _CHECKS: Final[Mapping[str, _Check]] = {
     "pre_filter": _pre_filter,
+    "narrows": _truth,
     "filter": _verdict,
     "filter_row": _truth,
     "score": _scores,
     "score_row": _row_score,
     "score_among": _untouched,
     "relevant": _truth,
-    "untouched": _truth,
+    "minds": _facts,
     "confined": _truth,
     "touched_by": _truth,
     "beside": _untouched,

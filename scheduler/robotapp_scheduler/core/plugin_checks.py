@@ -16,12 +16,14 @@ KINDS: Final[Mapping[str, tuple[type, ...]]] = {
     "reads": NAMES,
     "node_reads": NAMES,
     "hint_reads": NAMES,
+    "relevant_reads": NAMES,
 }
 HOOKS: Final = (
     *(
         "pre_enqueue",
         "queue_key",
         "pre_filter",
+        "narrows",
         "filter",
         "post_filter",
         "score",
@@ -38,7 +40,7 @@ HOOKS: Final = (
         "score_row",
         "relevant",
         "confined",
-        "untouched",
+        "minds",
         "hint",
     ),
     *("hint_of_each", "touched_by", "beside", "room"),
@@ -69,10 +71,11 @@ def _names(plugin: Any) -> Iterator[str]:
         unknown = sorted(set(map(str, getattr(plugin, attribute, ()))) - set(FEATURES))
         if unknown:
             yield f"`{attribute}` names {', '.join(unknown)}; features of a pod are {', '.join(sorted(FEATURES))}"
-    unknown = [str(name) for name in getattr(plugin, "node_reads", ()) if name not in READS]
-    unknown = sorted(name for name in unknown if not name.startswith(OWN_COLUMN))
-    if unknown:
-        yield f"`node_reads` names {', '.join(unknown)}; facts of nodes are {', '.join(sorted(READS))}"
+    for attribute in ("node_reads", "relevant_reads"):
+        unknown = [str(name) for name in getattr(plugin, attribute, ()) if name not in READS]
+        unknown = sorted(name for name in unknown if not name.startswith(OWN_COLUMN))
+        if unknown:
+            yield f"`{attribute}` names {', '.join(unknown)}; facts of nodes are {', '.join(sorted(READS))}"
     if len({next((live for live in LIVE if name.startswith(live)), "") for name in map(str, reads)}) > 1:
         yield f"`reads` {', '.join(sorted(map(str, reads)))} mixes parts of ros or volumes with other features"
 

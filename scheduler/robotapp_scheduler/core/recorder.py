@@ -15,9 +15,13 @@ from robotapp_scheduler.core.ros import Endpoint
 
 Positions = npt.NDArray[np.intp]
 
+NO_TOP = Top()
+
 
 class Recorder:
     """Collects what one attempt saw."""
+
+    __slots__ = ("_at_s", "_attempt", "_cluster", "_engine", "_planned", "_seed", "_shadows", "_top", "evaluation")
 
     def __init__(self, cluster: Cluster, engine: Engine, *, at_s: float, seed: int, attempt: int) -> None:
         self._cluster = cluster
@@ -26,7 +30,7 @@ class Recorder:
         self._seed = seed
         self._attempt = attempt
         self.evaluation: Evaluation | None = None
-        self._top = Top()
+        self._top = NO_TOP
         self._shadows: tuple[str, ...] = ()
         self._planned = ""
 
@@ -37,12 +41,12 @@ class Recorder:
     def scored(self, evaluation: Evaluation, chosen: int, best: Best) -> None:
         """The scores are in, and of the `best` rows `chosen` won."""
         positions = _best_first(evaluation, chosen, best)
-        columns, weights, shadows = evaluation.scored_by()
+        weights, shadows = evaluation.scored_by()
         self._top = Top(
             nodes=tuple(self._engine.names_of(evaluation, positions)),
             totals=tuple(evaluation.total[positions].tolist()),
             weights=weights,
-            scores={column.plugin.name: tuple(evaluation.score_of(column, positions)) for column in columns},
+            scores=evaluation.scores_at(positions),
             shadow=shadows,
         )
 

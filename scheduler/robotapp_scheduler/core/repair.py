@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from typing import Final, Protocol
 
-from robotapp_scheduler.core.changes import PLACED, News
+from robotapp_scheduler.core.changes import PLACED, Change, News
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.framework import Loaded
 from robotapp_scheduler.core.pods import PodInfo
@@ -13,13 +13,18 @@ MOST_REPAIRED: Final = 256
 """With more log entries than this a column is computed anew."""
 FEW_ROWS: Final = 8
 """Up to here plain integers beat arrays."""
-_PLACED: Final = int(PLACED)
+ANYTHING: Final = int(Change.ALL)
+_PLACED: Final = int(PLACED | Change.TERMS)
 
 
 class Column(Protocol):
     """What a plugin said about every row, true up to a position of the change log."""
 
     plugin: Loaded
+    interest: int
+    """Changes after which a row of it must be looked at."""
+    watches: int
+    """Changes after which the column must be."""
     position: int
     epoch: int
     """Grows when a combination of columns must be made anew."""
@@ -35,12 +40,13 @@ def bring_up(columns: Iterable[Column], pod: PodInfo, full: Nodes, since: int) -
     """
     log = full.cluster.log
     head, news = log.position, log.news(since, most=MOST_REPAIRED)
+    kinds = news.kinds if news is not None else ANYTHING
     epochs = 0
     for column in columns:
         position = column.position
         if position != head:
             # What did not change since then did not change since the column was looked at, either.
-            if news is not None and not news.kinds & column.plugin.watches and since <= position <= head:
+            if not kinds & column.watches and since <= position <= head:
                 column.position = head
             else:
                 column.refresh(pod, full, news if position == since else log.news(position, most=MOST_REPAIRED))
@@ -48,19 +54,16 @@ def bring_up(columns: Iterable[Column], pod: PodInfo, full: Nodes, since: int) -
     return epochs, news
 
 
-def stale_rows(plugin: Loaded, position: int, pod: PodInfo, full: Nodes, news: News | None) -> Nodes | None:
+def stale_rows(column: Column, pod: PodInfo, full: Nodes, news: News | None) -> Nodes | None:
     """The rows of a cached column to compute again; None = all of them. Columns that stand together share the view."""
-    if position < 0 or news is None:
+    if column.position < 0 or news is None:
         return None
-    kinds = news.kinds & plugin.interest
-    rows = view_of(news, kinds, full.cluster)
+    rows, plugin = view_of(news, column.interest, full.cluster), column.plugin
     if rows is None or not rows.n or plugin.row_local:
         return rows
-    if kinds & ~_PLACED:
+    if news.kinds & column.interest & ~_PLACED:
         return None
-    if plugin.untouched is not None and plugin.untouched(pod, full, position):
-        return view_of(news, 0, full.cluster)
-    return rows if plugin.confined is not None and plugin.confined(pod, full, position) else None
+    return rows if plugin.confined is not None and plugin.confined(pod, full, column.position) else None
 
 
 def view_of(news: News, interest: int, cluster: Cluster) -> Nodes | None:

@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.changes import News
+from robotapp_scheduler.core.changes import NODE_COMES_OR_GOES, News
 from robotapp_scheduler.core.columns import BoolArray, IntArray
 from robotapp_scheduler.core.framework import (
     MAX_SCORE,
@@ -39,6 +39,7 @@ class ScoreColumn:
 
     def __init__(self, plugin: Loaded) -> None:
         self.plugin = plugin
+        self.interest, self.watches = plugin.interest, plugin.watches
         self.skipped = False
         self._raw: npt.NDArray[Any] = np.zeros(0, dtype=np.int64)
         self._domains: PerDomain | None = None
@@ -73,12 +74,16 @@ class ScoreColumn:
         """Does a row's normalised score depend on that row alone?"""
         return self.constant is not None or self.normalize == "none"
 
+    def mind(self, interest: int) -> None:
+        """Look at rows after these changes only."""
+        self.interest, self.watches = interest, interest | NODE_COMES_OR_GOES
+
     def refresh(self, pod: PodInfo, full: Nodes, news: News | None) -> None:
         """Bring the column up to the head of the log. `news` are those after its position, None when too much happened."""
         if self.skipped:
             return
         fits = full.n == (len(self._raw) if self._domains is None else len(self._domains.label.codes))
-        stale = stale_rows(self.plugin, self.position, pod, full, news) if fits else None
+        stale = stale_rows(self, pod, full, news) if fits else None
         if stale is None:
             before = (self.skipped, self.constant, self.normalize, self.position < 0, fits)
             self.compute(pod, full)
@@ -227,7 +232,7 @@ class RelativeColumn(ScoreColumn):
         """Ask whether the plugin has something to say, when something changed that it reads."""
         if self.skipped:
             return
-        if self.position < 0 or news is None or news.kinds & self.plugin.interest:
+        if self.position < 0 or news is None or news.kinds & self.watches:
             before = (self.constant, self.position < 0)
             self.compute(pod, full)
             self.epoch += before != (self.constant, False)
@@ -238,6 +243,7 @@ class RelativeColumn(ScoreColumn):
         relevant = self.plugin.relevant
         self.changes += 1
         self.constant = None if relevant is None or relevant(pod, nodes) else 0
+        self.watches = self.plugin.watches if self.constant is None else self.plugin.relevance
 
     def normalized(self, pod: PodInfo, full: Nodes, feasible: Feasible) -> IntArray | int:
         """0…100 for the feasible rows."""

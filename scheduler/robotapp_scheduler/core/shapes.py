@@ -8,6 +8,7 @@ import msgspec
 
 from robotapp_api.values.requests import PodRequests, pod_requests
 from robotapp_scheduler.core.affinity_terms import affinity_key
+from robotapp_scheduler.core.columns import ResourceColumns
 from robotapp_scheduler.core.excess import excess
 from robotapp_scheduler.core.lazy import Lazy
 from robotapp_scheduler.core.needs import needs_of
@@ -74,6 +75,16 @@ class Shape:
     def needs(self) -> frozenset[str]:
         """Features the node must declare."""
         return needs_of(self._pod.spec)
+
+    def held(self, columns: ResourceColumns) -> tuple[tuple[int, int], ...]:
+        """Amounts such a pod holds, by index of their columns; found once, unless some are left out: that may change."""
+        found: tuple[tuple[int, int], ...] | None = self.notes.get(columns)
+        if found is None:
+            exact = self.requests.exact
+            found = columns.held(exact)
+            if len(found) == sum(amount > 0 for amount in exact.values()):
+                self.notes[columns] = found
+        return found
 
     def class_number(self, owner: object) -> int | None:
         """The number `owner` gave the class of such pods, None before it did."""

@@ -30,8 +30,8 @@ class Topology:
         self.selectors = DefaultSelectors()
         self.images = Images()
         self.scopes = Scopes()
-        self._terms_position = self._wide_position = -1
-        """Where the change log stood when a pod with terms last came or went; one with a term that reaches other nodes."""
+        self._wide_position = -1
+        """Where the change log stood when a pod last came or went with a term that reaches other nodes."""
         self._single: dict[str, tuple[int, bool]] = {}
 
     def __repr__(self) -> str:
@@ -59,8 +59,6 @@ class Topology:
         """Count a placed pod in (+1) or out (-1) on the row of its node."""
         if record.label_set is not None:
             self.counts.count(row, record.label_set, sign, ending=record.terminating)
-        if record.terms:
-            self._terms_position = self._log.position
         for placed in record.terms:
             placed.count(row, sign)
             if not self.single(placed.term.topology_key):
@@ -78,12 +76,11 @@ class Topology:
             known = self._single[key] = (self._nodes.labels.version(key), int(sizes.max(initial=0)) <= 1)
         return known[1]
 
-    def no_terms_since(self, position: int) -> bool:
-        """Did no pod with affinity terms come or go since this position of the change log? Of another log: who knows."""
-        return self._terms_position < position <= self._log.position
-
     def no_wide_terms_since(self, position: int) -> bool:
-        """Did none come or go with a term whose domains are more than one node?"""
+        """Did no pod come or go, since this position of the change log, with a term whose domains are more than one node?
+
+        Of another log: who knows.
+        """
         return self._wide_position < position <= self._log.position
 
     def terms_of(self, pod: PodInfo) -> Terms:

@@ -140,6 +140,15 @@ class Totals:
         self._share(pod, nodes, verdicts)
         self._combine_all(verdicts)
 
+    def scores_at(self, positions: npt.NDArray[np.intp]) -> dict[str, tuple[int, ...]]:
+        """Normalised scores at feasible positions of every plugin with an opinion."""
+        return {
+            column.plugin.name: (column.constant,) * len(positions)
+            if column.constant is not None
+            else tuple(self.score_of(column, positions))
+            for column in self._parts.live
+        }
+
     def score_of(self, column: ScoreColumn, positions: npt.NDArray[np.intp]) -> list[int]:
         """Normalised scores of one plugin at feasible positions."""
         if column.constant is not None:
@@ -150,9 +159,9 @@ class Totals:
         scores: list[int] = values[positions].tolist()
         return scores
 
-    def scored_by(self) -> tuple[list[ScoreColumn], dict[str, int], tuple[str, ...]]:
-        """The plugins with an opinion, their weights, and which of them are shadows."""
-        return self._parts.live, self._parts.weights, self._parts.shadows
+    def scored_by(self) -> tuple[dict[str, int], tuple[str, ...]]:
+        """The weights of the plugins with an opinion, and which of them are shadows."""
+        return self._parts.weights, self._parts.shadows
 
     def best(self, hashes: Hashes) -> Best:
         """The rows with the highest total, by `hashes` of the node names. One row must be feasible."""

@@ -94,9 +94,9 @@ class InterPodAffinity:
             raw += values[label.codes]
         return raw
 
-    def untouched(self, pod: PodInfo, nodes: Nodes, position: int) -> bool:
+    def minds(self, pod: PodInfo) -> tuple[str, ...]:
         """A pod without terms only minds the terms of others."""
-        return not pod.affinity_key and nodes.cluster.topology.no_terms_since(position)
+        return self.node_reads if pod.affinity_key else ("labels", "namespaces", "terms")
 
     def confined(self, pod: PodInfo, nodes: Nodes, position: int) -> bool:
         """With terms on the hostname only, a pod that comes or goes changes nothing but its own node."""

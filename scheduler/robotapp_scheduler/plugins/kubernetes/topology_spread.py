@@ -62,6 +62,7 @@ class PodTopologySpread:
     name = PLUGIN
     reads = ("controller", "labels", "namespace", "node_affinity", "node_selector", "spread", "tolerations")
     node_reads = ("labels", "pods", "selectors", "taints")
+    relevant_reads = ("selectors",)
     events = NODE | PLACED | Change.LABELS | Change.TAINTS | Change.NOMINATED
     hint_reads = ("namespace", "spread", "spread_labels")
     Args = SpreadArgs
