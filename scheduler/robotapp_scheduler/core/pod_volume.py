@@ -28,6 +28,19 @@ class AwsDisk(Slim):
     volume_id: str = msgspec.field(name="volumeID", default="")
 
 
+class AzureDisk(Slim):
+    """azureDisk of a pod's volume or of a PersistentVolume."""
+
+    data_disk_uri: str = msgspec.field(name="diskURI", default="")
+    kind: str | None = None
+
+
+class NamedVolume(Slim):
+    """cinder or portworxVolume of a pod's volume or of a PersistentVolume."""
+
+    volume_id: str = msgspec.field(name="volumeID", default="")
+
+
 class IscsiDisk(Slim):
     """volumes[].iscsi."""
 
@@ -59,6 +72,9 @@ class Volume(Slim):
     ephemeral: Present | None = None
     gce_persistent_disk: GceDisk | None = None
     aws_elastic_block_store: AwsDisk | None = None
+    azure_disk: AzureDisk | None = None
+    cinder: NamedVolume | None = None
+    portworx_volume: NamedVolume | None = None
     iscsi: IscsiDisk | None = None
     rbd: RbdDisk | None = None
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from robotapp_scheduler.core.in_tree import handle_of, kind_of
 from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.pod_volume import Volume
 
@@ -32,11 +33,21 @@ class Disk(NamedTuple):
         return same and not (self.read_only and other.read_only)
 
 
+class Drive(NamedTuple):
+    """An inline disk of an in-tree kind that a CSI driver has taken over, or the problem why it cannot."""
+
+    volume: str
+    driver: str
+    handle: str
+    problem: str = ""
+
+
 class PodVolumes(NamedTuple):
     """Everything of a pod's volumes that decides about a node."""
 
     claims: tuple[ClaimUse, ...]
     disks: tuple[Disk, ...]
+    drives: tuple[Drive, ...] = ()
 
 
 ANYWHERE = frozenset({""})
@@ -49,7 +60,8 @@ def volumes_of(pod: Pod) -> PodVolumes | None:
         return None
     claims = tuple(_claims(pod.metadata.name, volumes))
     disks = tuple(disk for volume in volumes for disk in _disks(volume))
-    return PodVolumes(claims, disks) if claims or disks else None
+    drives = tuple(_drives(volumes))
+    return PodVolumes(claims, disks, drives) if claims or disks or drives else None
 
 
 def _claims(pod: str, volumes: list[Volume]) -> Iterator[ClaimUse]:
@@ -58,6 +70,17 @@ def _claims(pod: str, volumes: list[Volume]) -> Iterator[ClaimUse]:
             yield ClaimUse(volume.persistent_volume_claim.claim_name, ephemeral=False)
         elif volume.ephemeral is not None:
             yield ClaimUse(f"{pod}-{volume.name}", ephemeral=True)
+
+
+def _drives(volumes: list[Volume]) -> Iterator[Drive]:
+    for volume in volumes:
+        kind = kind_of(volume)
+        if kind is None or volume.persistent_volume_claim is not None or volume.ephemeral is not None:
+            continue
+        try:
+            yield Drive(volume.name, kind.driver, handle_of(volume, {}))
+        except ValueError as error:
+            yield Drive(volume.name, kind.driver, "", str(error))
 
 
 def _disks(volume: Volume) -> Iterator[Disk]:

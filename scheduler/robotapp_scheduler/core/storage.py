@@ -8,12 +8,15 @@ from typing import Any, Final
 import msgspec
 
 from robotapp_api.values.requests import amount
+from robotapp_scheduler.core.in_tree import Kind, handle_of, kind_of, translated
 from robotapp_scheduler.core.objects import Metadata, NodeSelector, Quantity
+from robotapp_scheduler.core.pod_volume import AwsDisk, AzureDisk, GceDisk, NamedVolume
 from robotapp_scheduler.core.slim import Slim
 
 BETA_CLASS: Final = "volume.beta.kubernetes.io/storage-class"
 BIND_COMPLETED: Final = "pv.kubernetes.io/bind-completed"
 BOUND_BY_CONTROLLER: Final = "pv.kubernetes.io/bound-by-controller"
+MIGRATED_PLUGINS: Final = "storage.alpha.kubernetes.io/migrated-plugins"
 SELECTED_NODE: Final = "volume.kubernetes.io/selected-node"
 NO_PROVISIONER: Final = "kubernetes.io/no-provisioner"
 WAIT_FOR_CONSUMER: Final = "WaitForFirstConsumer"
@@ -123,6 +126,11 @@ class VolumeSpec(Slim):
     volume_attributes_class_name: str | None = None
     node_affinity: VolumeAffinity | None = None
     csi: CsiSource | None = None
+    aws_elastic_block_store: AwsDisk | None = None
+    gce_persistent_disk: GceDisk | None = None
+    azure_disk: AzureDisk | None = None
+    cinder: NamedVolume | None = None
+    portworx_volume: NamedVolume | None = None
 
 
 class PersistentVolume(Slim):
@@ -146,6 +154,20 @@ class PersistentVolume(Slim):
     def affinity(self) -> NodeSelector | None:
         """The nodes that can reach it, None for all."""
         return self.spec.node_affinity.required if self.spec.node_affinity is not None else None
+
+    @property
+    def in_tree(self) -> Kind | None:
+        """The old kind it is of; a CSI driver may have taken it over."""
+        return kind_of(self.spec)
+
+    @property
+    def translated_affinity(self) -> NodeSelector | None:
+        """`affinity` where its kind's CSI driver runs. Raises ValueError when the volume means nothing to the driver."""
+        kind, labels = self.in_tree, self.metadata.labels or {}
+        if kind is None:
+            return self.affinity
+        handle_of(self.spec, labels)
+        return translated(self.affinity, labels, kind)
 
 
 class TopologyExpression(Slim):
@@ -191,7 +213,8 @@ class NodeDriver(Slim):
 class CSINodeSpec(Slim):
     """spec of a CSINode."""
 
-    drivers: tuple[NodeDriver, ...] = ()
+    drivers: tuple[NodeDriver, ...] | None = None
+    """The API server writes null for none."""
 
 
 class CSINode(Slim):
@@ -199,6 +222,16 @@ class CSINode(Slim):
 
     metadata: Metadata = msgspec.field(default_factory=Metadata)
     spec: CSINodeSpec = msgspec.field(default_factory=CSINodeSpec)
+
+    @property
+    def drivers(self) -> tuple[NodeDriver, ...]:
+        """Those that run on the node."""
+        return self.spec.drivers or ()
+
+    @property
+    def taken_over(self) -> frozenset[str]:
+        """In-tree plugins whose volumes CSI drivers attach on this node."""
+        return frozenset((self.metadata.annotations or {}).get(MIGRATED_PLUGINS, "").split(",")) - {""}
 
 
 class CSIDriverSpec(Slim):

@@ -1,6 +1,7 @@
 """Which volumes the pods of each node use. Only pods with claims or old inline disks are ever counted here."""
 
 from collections.abc import Callable, Iterable, Mapping
+from itertools import chain
 from typing import NamedTuple, TypeVar
 
 from robotapp_scheduler.core.pod_volumes import Disk, PodVolumes
@@ -36,6 +37,8 @@ class VolumeUsers:
         self._mounted: dict[ClaimKey, int] = {}
         """Placed pods per claim that mount it by name (ephemeral volumes are made for one pod)."""
         self._disks: dict[str, dict[str, tuple[Disk, ...]]] = {}
+        self._drives: dict[str, dict[str, tuple[Identity, ...]]] = {}
+        """Inline disks that a CSI driver attaches, by node and pod."""
         self._attachments: dict[str, dict[str, VolumeAttachment]] = {}
         self._attached_at: dict[str, dict[str, None]] = {}
         """Volume name to the nodes it is attached to."""
@@ -56,13 +59,9 @@ class VolumeUsers:
                 _add(self._mounted, key, sign)
         if not self._claims.get(node, True):
             del self._claims[node]
-        if volumes.disks and sign > 0:
-            self._disks.setdefault(node, {})[uid] = volumes.disks
-        elif volumes.disks:
-            on_node = self._disks.get(node, {})
-            on_node.pop(uid, None)
-            if not on_node:
-                self._disks.pop(node, None)
+        drives = tuple((drive.driver, drive.handle) for drive in volumes.drives if drive.handle)
+        _keep(self._disks, node, uid, volumes.disks, sign)
+        _keep(self._drives, node, uid, drives, sign)
         self._uses.pop(node, None)
 
     def mounted(self, claim: ClaimKey) -> bool:
@@ -112,10 +111,12 @@ class VolumeUsers:
         return use
 
     def _look(self, node: str) -> NodeUse:
-        claims, attachments = self._claims.get(node), self._attachments.get(node)
-        if not claims and not attachments:
+        claims, attachments, drives = self._claims.get(node), self._attachments.get(node), self._drives.get(node)
+        if not claims and not attachments and not drives:
             return NOTHING
         by_pods: dict[str, set[str]] = {}
+        for driver, handle in chain.from_iterable((drives or {}).values()):
+            by_pods.setdefault(driver, set()).add(handle)
         for key in claims or ():
             found = self._identity(key)
             if found is not None:
@@ -129,6 +130,17 @@ class VolumeUsers:
             {driver: frozenset(handles) for driver, handles in by_pods.items()},
             {driver: len(handles) for driver, handles in every.items()},
         )
+
+
+def _keep(kept: dict[str, dict[str, tuple[K, ...]]], node: str, uid: str, own: tuple[K, ...], sign: int) -> None:
+    """Note what a pod has on a node, or strike it out."""
+    if own and sign > 0:
+        kept.setdefault(node, {})[uid] = own
+    elif own:
+        on_node = kept.get(node, {})
+        on_node.pop(uid, None)
+        if not on_node:
+            kept.pop(node, None)
 
 
 def _add(counts: dict[K, int], key: K, sign: int) -> None:

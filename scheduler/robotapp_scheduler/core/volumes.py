@@ -8,6 +8,8 @@ from collections.abc import Hashable, Mapping
 from typing import NamedTuple
 
 from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.in_tree import DRIVERS, NEVER, handle_of
+from robotapp_scheduler.core.objects import NodeSelector
 from robotapp_scheduler.core.pod_volumes import PodVolumes
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.storage import (
@@ -48,6 +50,8 @@ class Volumes:
         self.csi_nodes: dict[str, CSINode] = {}
         self.limits: dict[str, dict[str, int]] = {}
         """Driver to node to number of volumes it can attach."""
+        self.taken_over: dict[str, set[str]] = {}
+        """In-tree plugin to the nodes on which a CSI driver attaches its volumes."""
         self.drivers: dict[str, CSIDriver] = {}
         self.capacities: dict[str, dict[ClaimKey, CSIStorageCapacity]] = {}
         """By class name."""
@@ -109,7 +113,9 @@ class Volumes:
         """The drivers of a node are known, or changed."""
         self._drop_limits(csi_node.metadata.name)
         self.csi_nodes[csi_node.metadata.name] = csi_node
-        for driver in csi_node.spec.drivers:
+        for plugin in csi_node.taken_over:
+            self.taken_over.setdefault(plugin, set()).add(csi_node.metadata.name)
+        for driver in csi_node.drivers:
             if driver.allocatable is not None and driver.allocatable.count is not None:
                 self.limits.setdefault(driver.name, {})[csi_node.metadata.name] = driver.allocatable.count
         self.revision += 1
@@ -213,12 +219,27 @@ class Volumes:
         """CSI driver and handle of a claim's volume; a volume still to be made counts for its class's driver."""
         volume = self.volumes.get(claim.spec.volume_name)
         if volume is not None:
-            csi = volume.spec.csi
-            return (csi.driver, csi.volume_handle) if csi is not None and csi.driver and csi.volume_handle else None
+            return _identity_of(volume)
         storage_class = self.classes.get(claim.class_name)
-        if storage_class is None or not storage_class.provisioner:
+        provisioner = storage_class.provisioner if storage_class is not None else ""
+        if not provisioner or provisioner in NEVER:
             return None
-        return (storage_class.provisioner, f"to be made for {claim.metadata.namespace}/{claim.metadata.name}")
+        handle = f"to be made for {claim.metadata.namespace}/{claim.metadata.name}"
+        return (DRIVERS.get(provisioner, provisioner), handle)
+
+    def is_in_tree(self, claim: Claim) -> bool:
+        """Is its volume, or the one to be made, of an old kind that a CSI driver has taken over?"""
+        volume = self.volumes.get(claim.spec.volume_name)
+        if volume is not None:
+            return volume.spec.csi is None
+        storage_class = self.classes.get(claim.class_name)
+        return storage_class is not None and storage_class.provisioner in DRIVERS
+
+    def affinity_on(self, volume: PersistentVolume, node: str) -> NodeSelector | None:
+        """The nodes that reach a volume, as it is attached on this one. Raises ValueError for a disk no driver knows."""
+        kind = volume.in_tree
+        taken_over = kind is not None and node in self.taken_over.get(kind.plugin, ())
+        return volume.translated_affinity if taken_over else volume.affinity
 
     def capacities_of(self, storage_class: str) -> list[CSIStorageCapacity]:
         """Reports of free room for a class, by name."""
@@ -260,6 +281,21 @@ class Volumes:
     def _drop_limits(self, node: str) -> None:
         for nodes in self.limits.values():
             nodes.pop(node, None)
+        for names in self.taken_over.values():
+            names.discard(node)
+
+
+def _identity_of(volume: PersistentVolume) -> Identity | None:
+    csi, kind = volume.spec.csi, volume.in_tree
+    if csi is not None:
+        return (csi.driver, csi.volume_handle) if csi.driver and csi.volume_handle else None
+    if kind is None:
+        return None
+    try:
+        handle = handle_of(volume.spec, volume.metadata.labels or {})
+    except ValueError:
+        return None  # no driver would know it, as upstream
+    return (kind.driver, handle) if handle else None
 
 
 def _key(capacity: CSIStorageCapacity) -> ClaimKey:

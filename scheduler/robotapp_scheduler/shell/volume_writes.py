@@ -158,7 +158,10 @@ class VolumeWriter:
         row = self._cluster.nodes.row_of.get(node)
         if row is None:
             raise UnbindableError(f'binding volumes: failed to get node "{node}": node "{node}" not found')
-        affinity = volume.affinity
+        try:
+            affinity = self._cluster.volumes.affinity_on(volume, node)
+        except ValueError as error:
+            raise UnbindableError(f"binding volumes: failed to translate pv to csi: {error}") from error
         labels = self._cluster.nodes.labels.of(row)
         if affinity is not None and not matches_node_terms(affinity.node_selector_terms, labels, ""):
             name = volume.metadata.name

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from tests.support.cluster_cases import eviction_families as eviction
+from tests.support.cluster_cases import migrated_families as migrated
 from tests.support.cluster_cases import node_families as node
 from tests.support.cluster_cases import resource_families as resource
 from tests.support.cluster_cases import storage_families as storage
@@ -69,6 +70,7 @@ FAMILIES = {
     "inline-disks": Family(storage.inline_disks, ("VolumeRestrictions",)),
     "volume-limits": Family(storage.volume_limits, ("NodeVolumeLimits",)),
     "missing-drivers": Family(storage.missing_drivers, ("NodeVolumeLimits",)),
+    "migrated-volumes": Family(migrated.migrated_volumes, ("NodeVolumeLimits", "VolumeBinding"), alone=True),
     "bound-claims": Family(storage.bound_claims, ("VolumeBinding",)),
     "unusable-claims": Family(storage.unusable_claims, ("VolumeBinding",), alone=True),
     "static-volumes": Family(storage.static_volumes, ("VolumeBinding",)),

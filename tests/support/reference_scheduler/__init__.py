@@ -9,8 +9,7 @@ Plain dicts and Python integers; floats only where upstream computes in float64.
 keeps a cache between decisions or knows an array. One module per plugin family; each names the filter or score it is,
 and `cycle` holds them in upstream's order. Written from the behaviour of kube-scheduler 1.37.1, not from its code.
 
-Left out on purpose: allocation of devices (a pod with unallocated resource claims is refused), sampling of nodes,
-migration of in-tree volumes to CSI.
+Left out on purpose: allocation of devices (a pod with unallocated resource claims is refused), sampling of nodes.
 """
 
 from tests.support.reference_scheduler.cycle import decide

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 from tests.support.reference_scheduler.labels import labels_of, selector_matches
+from tests.support.reference_scheduler.migration import as_seen_on
 from tests.support.reference_scheduler.model import Json, Rejection
 from tests.support.reference_scheduler.normalize import half_away_from_zero
 from tests.support.reference_scheduler.quantities import units
@@ -96,7 +97,7 @@ def _bound_reasons(state: State, node: Json, claims: list[Json]) -> list[str]:
         volume = volume_of(state, claim["spec"]["volumeName"])
         if volume is None:
             return [_GONE]
-        if not reaches(volume, node):
+        if not reaches(as_seen_on(state, volume, node), node):
             return [_NODE_CONFLICT]
     return []
 

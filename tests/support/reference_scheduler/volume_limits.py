@@ -1,5 +1,6 @@
 """NodeVolumeLimits: how many volumes of a CSI driver a node can hold."""
 
+from tests.support.reference_scheduler import migration
 from tests.support.reference_scheduler.model import Json, Rejection
 from tests.support.reference_scheduler.state import State, name_of, namespace_of
 from tests.support.reference_scheduler.storage import class_name, missing_claim, mounts, storage_class, volume_of
@@ -12,7 +13,8 @@ def volume_limits(state: State, node: Json) -> Rejection | None:
     for mount in mounts(state, state.pod):
         if mount.claim is None:
             return Rejection((missing_claim(mount.claim_name),), final=True)
-    wanted = _volumes(state, state.pod)
+    has_drivers = any(name_of(each) == name_of(node) for each in state.cluster.csi_nodes)
+    wanted = _volumes(state, state.pod, migrated=has_drivers)
     if not wanted:
         return None
     drivers = _drivers(state, node)
@@ -33,7 +35,7 @@ def volume_limits(state: State, node: Json) -> Rejection | None:
 def _used(state: State, node: Json) -> Volumes:
     found: Volumes = {}
     for other in state.on(node):
-        found.update(_volumes(state, other))
+        found.update(_volumes(state, other, migrated=True))
     return found
 
 
@@ -48,8 +50,11 @@ def _attached(state: State, node: Json) -> Volumes:
     return found
 
 
-def _volumes(state: State, pod: Json) -> Volumes:
-    """The pod's CSI volumes; a claim without a volume counts for its class's provisioner."""
+def _volumes(state: State, pod: Json, *, migrated: bool) -> Volumes:
+    """The pod's CSI volumes; a claim without a volume counts for its class's provisioner.
+
+    `migrated`: those of the old kinds count for the driver that took them over.
+    """
     found: Volumes = {}
     for mount in mounts(state, pod):
         if mount.claim is None:
@@ -57,13 +62,26 @@ def _volumes(state: State, pod: Json) -> Volumes:
         volume = volume_of(state, mount.claim["spec"].get("volumeName") or "")
         if volume is None:
             offered = storage_class(state, class_name(mount.claim))
-            if offered is not None:
-                driver = offered["provisioner"]
+            driver = migration.driver_of_provisioner(offered["provisioner"]) if offered is not None else None
+            if (
+                offered is not None
+                and driver
+                and (migrated or not migration.in_tree_provisioner(offered["provisioner"]))
+            ):
                 found[f"{driver}/claim {namespace_of(mount.claim)}/{mount.claim_name}"] = driver
         elif volume["spec"].get("csi"):
             csi = volume["spec"]["csi"]
             found[f"{csi['driver']}/{csi['volumeHandle']}"] = csi["driver"]
+        elif migrated:
+            found |= _in_tree(volume["spec"], volume["metadata"].get("labels") or {})
+    for inline in pod["spec"].get("volumes") or [] if migrated else []:
+        found |= _in_tree(inline, {})
     return found
+
+
+def _in_tree(source: Json, labels: Json) -> Volumes:
+    known = migration.driver_and_handle(source, labels)
+    return {f"{known[0]}/{known[1]}": known[0]} if known else {}
 
 
 def _drivers(state: State, node: Json) -> dict[str, int | None]:

@@ -117,3 +117,14 @@ def test_pods_that_share_nothing_need_not_be_looked_at_when_one_is_taken_off() -
     assert [restrictions.touched_by(POD, placed[name]) for name in ("same", "log", "plain")] == [True, False, False]
     assert [limits.touched_by(POD, placed[name]) for name in ("same", "log", "plain")] == [True, True, False]
     assert not restrictions.touched_by(make_info("none"), placed["same"])
+
+
+def test_inline_disks_wake_those_whose_driver_they_leave_and_a_node_that_takes_over_a_kind_those_with_volumes() -> None:
+    disk = make_info("disk", volumes=[{"name": "d", "cinder": {"volumeID": "c"}}])
+    limits, driver = PLUGINS["NodeVolumeLimits"], "cinder.csi.openstack.org"
+    assert limits.hint(disk, removed(disk.pod))
+    assert limits.hint(disk, event(Change.ATTACHMENT, make_attachment("a", "n", "v", driver)))
+    assert not limits.hint(disk, event(Change.ATTACHMENT, make_attachment("a", "n", "v", "other.example.com")))
+    taking = make_csi_node("n", {})
+    taking.metadata.annotations = {"storage.alpha.kubernetes.io/migrated-plugins": "kubernetes.io/cinder"}
+    assert PLUGINS["VolumeBinding"].hint(POD, event(Change.CSI_NODE, make_csi_node("n", {}), taking))

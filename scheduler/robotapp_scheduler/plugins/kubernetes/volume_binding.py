@@ -110,7 +110,7 @@ class VolumeBinding:
             case Change.STORAGE_CLASS:
                 return old is None or old.allowed_topologies != new.allowed_topologies
             case Change.CSI_NODE:
-                return old is None
+                return old is None or old.taken_over != new.taken_over
             case Change.CSI_DRIVER:
                 return old is not None and old.spec.storage_capacity and (new is None or not new.spec.storage_capacity)
             case Change.CAPACITY:

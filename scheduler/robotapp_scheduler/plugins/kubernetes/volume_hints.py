@@ -52,6 +52,5 @@ def room_grew(old: CSIStorageCapacity, new: CSIStorageCapacity) -> bool:
 
 def _limits(node: CSINode) -> dict[str, int]:
     return {
-        driver.name: driver.allocatable.count or 0 if driver.allocatable is not None else 0
-        for driver in node.spec.drivers
+        driver.name: driver.allocatable.count or 0 if driver.allocatable is not None else 0 for driver in node.drivers
     }

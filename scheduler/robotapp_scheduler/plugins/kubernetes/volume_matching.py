@@ -23,7 +23,7 @@ from robotapp_scheduler.core.storage import (
 from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.core.volumes import Volumes
 from robotapp_scheduler.plugins.kubernetes.volume_claims import Sorted
-from robotapp_scheduler.plugins.kubernetes.volume_reach import Reach, selector_mask, topology_mask
+from robotapp_scheduler.plugins.kubernetes.volume_reach import Reach, affinity_mask, selector_mask, topology_mask
 
 PLUGIN: Final = "VolumeBinding"
 REASONS: Final = (
@@ -92,11 +92,30 @@ def _bound(nodes: Nodes, claims: Sequence[Claim], store: Volumes, reach: Reach) 
         if volume is None:
             bits[open_] = NO_VOLUME
             break
-        if volume.affinity is not None:
-            fits = reach.mask(volume, nodes)
+        fits = _within_reach(volume, nodes, store, reach)
+        if fits is not None:
             bits[open_ & ~fits] = ELSEWHERE
             open_ &= fits
     return bits
+
+
+def _within_reach(volume: PersistentVolume, nodes: Nodes, store: Volumes, reach: Reach) -> BoolArray | None:
+    """Nodes that reach a bound volume, None for all; where its CSI driver attaches it, that driver's labels count."""
+    plain = reach.mask(volume, nodes) if volume.affinity is not None else None
+    kind = volume.in_tree
+    there = store.taken_over.get(kind.plugin) if kind is not None else None
+    if not there:
+        return plain
+    theirs = nodes.named(there)
+    if not theirs.any():
+        return plain
+    try:
+        affinity = volume.translated_affinity
+    except ValueError as error:
+        raise PluginError(PLUGIN, f"could not translate pv: {error}") from error
+    if affinity is None:
+        return plain
+    return np.where(theirs, affinity_mask(nodes, affinity), True if plain is None else plain)
 
 
 # --- Volumes that exist ------------------------------------------------------------------------------------------------
