@@ -1,4 +1,4 @@
-"""`python -m robotapp_testbed build | up | env | status | link | down | doctor`: a cluster by hand."""
+"""`python -m robotapp_testbed build | up | env | status | link | replay | down | doctor`: a cluster by hand."""
 
 import argparse
 import os
@@ -89,7 +89,9 @@ def _parser() -> argparse.ArgumentParser:
     cli_nodes.add_doctor(commands)
     link = cli_nodes.add_link(commands)
     link.set_defaults(run=_link)
-    for command in (up, env, status, down, link):
+    replay = cli_nodes.add_replay(commands)
+    replay.set_defaults(run=_replay)
+    for command in (up, env, status, down, link, replay):
         command.add_argument("--name", default="default", help="several clusters can run side by side")
     return parser
 
@@ -215,6 +217,11 @@ def _down(arguments: argparse.Namespace) -> int:
 def _link(arguments: argparse.Namespace) -> int:
     state = _running(arguments.name)
     return 3 if state is None else cli_nodes.link(arguments, state)
+
+
+def _replay(arguments: argparse.Namespace) -> int:
+    state = _running(arguments.name)
+    return 3 if state is None else cli_nodes.replay(arguments, state)
 
 
 def _running(name: str) -> State | None:

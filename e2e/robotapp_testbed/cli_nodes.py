@@ -4,7 +4,8 @@ import argparse
 import re
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeAlias
 
@@ -16,12 +17,15 @@ from robotapp_testbed.nodes import SimulatedNode, cloud, edge, robot
 from robotapp_testbed.real import RealNodes, cluster, prerequisites
 from robotapp_testbed.switch.control import Control
 from robotapp_testbed.switch.links import LIMITS, Link, problem_of
+from robotapp_testbed.switch.replay import Replay
+from robotapp_testbed.switch.traces import Step, Trace
 
 EXAMPLES = """\
   python -m robotapp_testbed doctor                      can this machine run real nodes, and what is missing
   python -m robotapp_testbed up --nodes 4                four real nodes with containers (root)
   python -m robotapp_testbed up --nodes robot-1,edge-1 --delay robot-1,edge-1=15
   python -m robotapp_testbed link robot-1 edge-1 --delay-ms 60 --loss 0.01
+  python -m robotapp_testbed replay trace.yaml           the same over time
 """
 _NAME = re.compile(r"[a-z0-9]([a-z0-9-]{0,38}[a-z0-9])?")
 _TIERS: dict[str, Callable[[str], SimulatedNode]] = {"robot": robot, "edge": edge, "cloud": cloud}
@@ -67,6 +71,12 @@ def add_link(commands: Commands) -> argparse.ArgumentParser:
     link.add_argument("--down", choices=["yes", "no"], help="cut the link, or mend it")
     link.add_argument("--one-way", action="store_true", help="only from the first to the second node")
     return link
+
+
+def add_replay(commands: Commands) -> argparse.ArgumentParser:
+    replay = commands.add_parser("replay", help="change links over time, as a YAML trace says; until its end or Ctrl-C")
+    replay.add_argument("trace", metavar="TRACE.yaml", type=Path, help="steps with at_s and links: docs/real-nodes.md")
+    return replay
 
 
 def plane(arguments: argparse.Namespace, assets: Assets) -> RealNodes:
@@ -132,6 +142,37 @@ def _switch(state: State) -> Control:
     return Control(socket)
 
 
+def replay(arguments: argparse.Namespace, state: State) -> int:
+    """Replay a trace in the foreground; what it has set stays."""
+    try:
+        trace = Trace.read(arguments.trace)
+    except (OSError, UnicodeDecodeError) as error:
+        raise TestbedError(f"{arguments.trace} cannot be read: {error}") from error
+    with _answering(state), Replay(trace, _switch(state), told=_tell_step) as running:
+        running.join()
+    print(running, file=sys.stderr)
+    return 0
+
+
+def _tell_step(step: Step) -> None:
+    changes = "; ".join(
+        f"{change.node or '-'.join(change.nodes())} {' '.join(f'{name}={value}' for name, value in change.values.items())}"
+        for change in step.changes
+    )
+    print(f"{step.at_s:8.1f} s  {changes}", flush=True)
+
+
+@contextmanager
+def _answering(state: State) -> Iterator[None]:
+    """A switch that does not serve is a sentence, not a stack."""
+    try:
+        yield
+    except OSError as error:
+        raise TestbedError(
+            f"the latency switch does not answer ({error}): see {state.run_dir}/latency-switch.log, then `down` and `up` again"
+        ) from error
+
+
 def _doctor(_: argparse.Namespace) -> int:
     """Exit status 0 when real nodes can run, else 1."""
     absent = prerequisites.missing_packages()
@@ -147,15 +188,11 @@ def link(arguments: argparse.Namespace, state: State) -> int:
     switch = _switch(state)
     values = _values(arguments)
     _check_ends(arguments, values)
-    try:
+    with _answering(state):
         _check_known(arguments.node, switch)
         if values:
             _set(switch, arguments, values)
         _show(switch.links(), set(arguments.node))
-    except OSError as error:
-        raise TestbedError(
-            f"the latency switch does not answer ({error}): see {state.run_dir}/latency-switch.log, then `down` and `up` again"
-        ) from error
     return 0
 
 
@@ -169,7 +206,7 @@ def _check_ends(arguments: argparse.Namespace, values: Mapping[str, object]) -> 
 
 
 def _check_known(names: Sequence[str], switch: Control) -> None:
-    known = sorted({*switch.nodes(), *(end for pair in switch.links() for end in pair)})
+    known = switch.known()
     unknown = [name for name in names if name not in known]
     if unknown:
         raise TestbedError(f"there is no node {' or '.join(unknown)}; the cluster has {', '.join(known)}")

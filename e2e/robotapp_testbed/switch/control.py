@@ -55,6 +55,12 @@ class Control:
         """Nodes with a port just now."""
         return list(self._ask({"op": "get"}).get("nodes", ()))
 
+    def known(self) -> list[str]:
+        """Nodes that have a port or had one: links can be set for all of them."""
+        state = self._ask({"op": "get"})
+        ends = {link[end] for link in state.get("links", ()) for end in ("from", "to")}
+        return sorted({*state.get("nodes", ()), *ends})
+
     def links(self) -> dict[tuple[str, str], Link]:
         """By (from, to), of all nodes that were ever attached."""
         return dict(from_state(state) for state in self._ask({"op": "get"}).get("links", ()))

@@ -7,15 +7,16 @@ from types import TracebackType
 from typing import Self
 
 from robotapp_testbed.switch.control import Control
-from robotapp_testbed.switch.traces import Trace
+from robotapp_testbed.switch.traces import Step, Trace, TraceError
 
 
 class Replay:
     """`with Replay(trace, switch) as replay:` replays in a thread until the trace or the block ends.
 
     `applied` is the number of steps done, `latest_s` how late the latest-applied of them was at worst.
-    `wait(seconds)` tells whether the replay was stopped meanwhile; it and `clock` are replaced in tests.
-    An error of the switch ends the replay and is raised at the end of the block.
+    `told` is called after each step. `wait(seconds)` tells whether the replay was stopped meanwhile; it and `clock` are replaced
+    in tests. A trace with nodes the switch does not know is a TraceError at the beginning of the block; an error of the switch ends
+    the replay and is raised at the end of the block.
     """
 
     def __init__(
@@ -23,6 +24,7 @@ class Replay:
         trace: Trace,
         control: Control,
         *,
+        told: Callable[[Step], None] = lambda _: None,
         clock: Callable[[], float] = time.monotonic,
         wait: Callable[[float], bool] | None = None,
     ) -> None:
@@ -30,6 +32,7 @@ class Replay:
         self.latest_s = 0.0
         self._trace = trace
         self._control = control
+        self._told = told
         self._clock = clock
         self._stopped = threading.Event()
         self._wait = wait or self._stopped.wait
@@ -40,6 +43,10 @@ class Replay:
         return f"<Replay {self.applied} steps applied, at most {self.latest_s * 1000:.1f} ms late>"
 
     def __enter__(self) -> Self:
+        known = self._control.known()
+        unknown = sorted(self._trace.nodes() - set(known))
+        if unknown:
+            raise TraceError("steps", f"there is no node {' or '.join(unknown)}; the switch knows {', '.join(known)}")
         self._thread.start()
         return self
 
@@ -50,7 +57,7 @@ class Replay:
         self.join()
 
     def join(self) -> None:
-        """Wait for the end of the trace."""
+        """Wait for the end of the trace, or of the block."""
         self._thread.join()
         if self._error:
             raise self._error
@@ -65,6 +72,7 @@ class Replay:
             self._control.apply(step.changes)
             self.latest_s = max(self.latest_s, self._clock() - began_s - step.at_s)
             self.applied += 1
+            self._told(step)
 
     def _keep(self) -> None:
         try:

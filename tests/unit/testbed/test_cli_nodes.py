@@ -8,7 +8,7 @@ from robotapp_testbed import cli, cli_nodes, programs
 from robotapp_testbed.detached import Cluster, State
 from robotapp_testbed.real import UnavailableError, prerequisites
 from robotapp_testbed.switch.control import Control
-from robotapp_testbed.switch.links import Link
+from robotapp_testbed.switch.links import Link, LinkChange
 
 
 @pytest.fixture(autouse=True)
@@ -121,7 +121,8 @@ class Links:
         self.state = State(1, "", "https://198.18.0.1:1", str(folder), {})
         links = {("a", "b"): Link(delay_ms=5, loss=0.1), ("b", "a"): Link(down=True), ("a", "c"): Link(mbit_s=8)}
         monkeypatch.setattr(Control, "links", lambda _: links)
-        monkeypatch.setattr(Control, "nodes", lambda _: ["a", "b", "c"])
+        monkeypatch.setattr(Control, "known", lambda _: ["a", "b", "c"])
+        monkeypatch.setattr(Control, "apply", lambda _, changes: self.asked.extend(changes))
         monkeypatch.setattr(Control, "set_link", lambda _, *ends, **values: self.asked.append((ends, values)))
         monkeypatch.setattr(Control, "set_node", lambda _, *ends, **values: self.asked.append((ends, values)))
         monkeypatch.setattr(cli, "_running", lambda _: self.state)
@@ -183,8 +184,38 @@ def test_a_switch_that_died_is_one_sentence(
     def refused(_: Control) -> None:
         raise ConnectionRefusedError(111, "Connection refused")
 
-    monkeypatch.setattr(Control, "nodes", refused)
+    monkeypatch.setattr(Control, "known", refused)
     assert cli.main(["link"]) == 1
     said = capsys.readouterr().err
     assert said.startswith("the latency switch does not answer")
     assert f"{links.state.run_dir}/latency-switch.log" in said
+
+
+def test_a_trace_is_replayed_with_a_line_per_step(
+    links: Links, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trace = tmp_path / "trace.yaml"
+    trace.write_text("{steps: [{at_s: 0, links: [{between: [a, b], delay_ms: 5}, {node: c, down: true}]}]}")
+    assert cli.main(["replay", str(trace)]) == 0
+    assert links.asked == [LinkChange({"delay_ms": 5}, origin="a", target="b"), LinkChange({"down": True}, node="c")]
+    said = capsys.readouterr()
+    assert said.out.split() == ["0.0", "s", "a-b", "delay_ms=5;", "c", "down=True"]
+    assert "1 steps applied" in said.err
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        (None, "trace.yaml cannot be read"),
+        ("{steps: [{at_s: 0, links: [{node: d, loss: 0}]}]}", "there is no node d; the switch knows a, b, c"),
+        ("{steps: [{at_s: 0, links: [{node: a, loss: 7}]}]}", "steps[0].links[0].loss: 7 is not between 0 and 1"),
+    ],
+)
+def test_a_trace_that_cannot_be_replayed_is_one_sentence(
+    links: Links, text: str | None, reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if text is not None:
+        (tmp_path / "trace.yaml").write_text(text)
+    assert cli.main(["replay", str(tmp_path / "trace.yaml")]) == 1
+    assert reason in capsys.readouterr().err
+    assert links.asked == []

@@ -6,7 +6,7 @@ import pytest
 
 from robotapp_testbed.switch.links import LinkChange
 from robotapp_testbed.switch.replay import Replay
-from robotapp_testbed.switch.traces import Trace
+from robotapp_testbed.switch.traces import Trace, TraceError
 
 TEXT = "{steps: [{at_s: 0, links: [{node: a, delay_ms: 1}]}, {at_s: 2.5, links: [{node: a, delay_ms: 2}]}]%s}"
 
@@ -66,6 +66,10 @@ def test_it_ends_when_it_is_stopped() -> None:
 
 
 class Refusing:
+    @staticmethod
+    def known() -> list[str]:
+        return ["a"]
+
     def apply(self, changes: Iterable[LinkChange]) -> None:
         raise OSError(f"the switch is gone: {changes}")
 
@@ -75,3 +79,17 @@ def test_an_error_of_the_switch_is_raised_at_the_end_of_the_block() -> None:
     with pytest.raises(OSError, match="the switch is gone"), done:
         pass
     assert done.applied == 0
+
+
+def test_a_node_nobody_knows_is_told_before_the_first_step_not_at_its_own() -> None:
+    text = "{steps: [{at_s: 0, links: [{node: a, loss: 0}]}, {at_s: 900, links: [{from: a, to: robto-1, loss: 1}]}]}"
+    with pytest.raises(TraceError) as refused, Replay(Trace.parse(text), Refusing()):  # type: ignore[arg-type] # known and apply are used
+        pass
+    assert str(refused.value) == "steps: there is no node robto-1; the switch knows a"
+
+
+def test_each_step_is_told_when_it_is_done() -> None:
+    clock, told = Clock(), list[float]()
+    trace = Trace.parse(TEXT % "")
+    Replay(trace, Recorder(clock), told=lambda step: told.append(step.at_s), clock=clock, wait=clock.wait).run()  # type: ignore[arg-type] # only apply is used
+    assert told == [0, 2.5]
