@@ -6,12 +6,22 @@ from collections.abc import Callable
 from typing import Any
 
 from robotapp_api.client import ApiClient, Endpoint
+from robotapp_api.client.errors import ClientError
 
 
 def client_for(endpoint: Endpoint, **overrides: Any) -> ApiClient:
     """An ApiClient whose requests give up after two seconds instead of thirty."""
     settings: dict[str, Any] = {"user_agent": "robotapp-test", "field_manager": "robotapp-test", "timeout_s": 2.0}
     return ApiClient(endpoint, **(settings | overrides))
+
+
+async def posted_soon(client: ApiClient, path: str, body: bytes) -> None:
+    """`post_soon`, awaited; raises what it was told."""
+    told: asyncio.Future[ClientError | None] = asyncio.get_running_loop().create_future()
+    client.post_soon(path, body, told.set_result)
+    error = await told
+    if error is not None:
+        raise error
 
 
 def configmap(

@@ -13,7 +13,7 @@ from tests.support.apiserver.store import Refused, Store
 from tests.support.apiserver.verbs import act, target
 
 from robotapp_api.client import ApiClient, Endpoint, Unreachable
-from robotapp_api.client.transport import Response, Stream
+from robotapp_api.client.transport import Response, Stream, Told, tell
 from robotapp_api.client.wire import Permitted, always
 
 
@@ -75,6 +75,7 @@ class MemoryTransport:
         self.mishaps: list[Mishap | None] = []
         self.down = False
         self.seen: list[tuple[str, str]] = []
+        self._tasks: set[asyncio.Future[None]] = set()
 
     async def open(self) -> None: ...
     async def close(self) -> None: ...
@@ -112,6 +113,17 @@ class MemoryTransport:
         if mishap is Mishap.LOST:
             raise Unreachable("lost", maybe_applied=write)
         return answer
+
+    def post(
+        self, path: str, body: bytes, told: Told, *, content_type: str, timeout_s: float, permitted: Permitted
+    ) -> None:
+        """Answered in a moment, as over a wire."""
+        work = self.request(
+            "POST", path, body=body, content_type=content_type, timeout_s=timeout_s, permitted=permitted
+        )
+        task = asyncio.ensure_future(tell(work, told))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
 
     @asynccontextmanager
     async def stream(self, path: str, *, silence_s: float) -> AsyncIterator[Stream]:

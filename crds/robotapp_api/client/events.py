@@ -4,11 +4,14 @@ import asyncio
 import itertools
 import logging
 import time
-from collections import OrderedDict
-from collections.abc import Callable
+from collections import OrderedDict, deque
+from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any, Final
+from functools import partial
+from typing import Final
+
+import msgspec
 
 from robotapp_api.client.api import ApiClient, Json
 from robotapp_api.client.apply import encode
@@ -20,7 +23,9 @@ from robotapp_api.client.times import Now, micro_time, utc_now
 log = logging.getLogger(__name__)
 
 QUEUE: Final = 1000
-WORKERS: Final = 4
+IN_FLIGHT: Final = 16
+"""Writes at once. Fewer left the API server idle after a burst of placements; the other half of a client's connections
+is for writes that somebody waits for."""
 REMEMBERED: Final = 4096
 SERIES_FLUSH_S: Final = 300.0
 """A repeated event is written again at most this often: counts may lag, the API server may not."""
@@ -43,8 +48,28 @@ class EventStats:
     failed: int = 0
 
 
-@dataclass(slots=True)
-class _Series:
+class _Metadata(msgspec.Struct, gc=False):
+    name: str
+    namespace: str
+
+
+class _Body(msgspec.Struct, rename="camel", omit_defaults=True, gc=False, tag_field="kind", tag="Event"):
+    """An Event as it is created."""
+
+    metadata: _Metadata
+    event_time: str
+    reporting_controller: str
+    reporting_instance: str
+    action: str
+    reason: str
+    regarding: Json
+    note: str
+    type: str
+    api_version: str
+    related: Json | None = None
+
+
+class _Series(msgspec.Struct, gc=False):
     """One event already written and what happened to it since."""
 
     namespace: str
@@ -58,8 +83,7 @@ class _Series:
     patching: bool = False
 
 
-@dataclass(slots=True)
-class _Bucket:
+class _Bucket(msgspec.Struct, gc=False):
     tokens: float
     filled_at: float
 
@@ -76,7 +100,7 @@ def reference(
         "uid": uid,
         "resourceVersion": resource_version,
     }
-    return {key: value for key, value in parts.items() if value}
+    return parts if all(parts.values()) else {key: value for key, value in parts.items() if value}
 
 
 def reference_to(obj: Json) -> Json:
@@ -120,13 +144,18 @@ class EventRecorder:
         self._flush_s = flush_s
         self._now = now
         self._unique = unique or _counter()
-        self._queue: asyncio.Queue[tuple[_Key, _Series]] = asyncio.Queue(queue)
+        self._most = queue
+        self._queue: deque[tuple[_Key, _Series]] = deque()
+        self._running = False
+        self._writing = 0
+        self._all_written = asyncio.Event()
+        self._retries: set[asyncio.Task[None]] = set()
         self._series: OrderedDict[_Key, _Series] = OrderedDict()
         self._buckets: OrderedDict[str, _Bucket] = OrderedDict()
         self.stats = EventStats()
 
     def __repr__(self) -> str:
-        return f"<EventRecorder {self._controller}: {self._queue.qsize()} queued, {self.stats.created} created>"
+        return f"<EventRecorder {self._controller}: {len(self._queue)} queued, {self.stats.created} created>"
 
     def event(
         self,
@@ -158,21 +187,19 @@ class EventRecorder:
         namespace = regarding.get("namespace") or "default"  # where events of cluster-scoped objects live
         name = f"{regarding.get('name', 'unknown')[:220]}.{self._unique()}"
         seen = self._now()
-        body: dict[str, Any] = {
-            "apiVersion": "events.k8s.io/v1",
-            "kind": "Event",
-            "metadata": {"name": name, "namespace": namespace},
-            "eventTime": micro_time(seen),
-            "reportingController": self._controller,
-            "reportingInstance": self._instance,
-            "action": action,
-            "reason": reason,
-            "regarding": regarding,
-            "note": note,
-            "type": kind,
-        }
-        if related:
-            body["related"] = related
+        body = _Body(
+            metadata=_Metadata(name, namespace),
+            event_time=micro_time(seen),
+            reporting_controller=self._controller,
+            reporting_instance=self._instance,
+            action=action,
+            reason=reason,
+            regarding=regarding,
+            note=note,
+            type=kind,
+            api_version=EVENTS.api_version,
+            related=related,
+        )
         series = _Series(namespace, name, encode(body), seen, at, at)
         if self._put(key, series):
             self._series[key] = series
@@ -180,11 +207,12 @@ class EventRecorder:
                 self._series.popitem(last=False)
 
     def _put(self, key: "_Key", series: _Series) -> bool:
-        try:
-            self._queue.put_nowait((key, series))
-        except asyncio.QueueFull:
+        if len(self._queue) >= self._most:
             self.stats.dropped += 1
             return False
+        self._queue.append((key, series))
+        self._all_written.clear()
+        self._next()
         return True
 
     def _allowed(self, who: str, at: float) -> bool:
@@ -205,20 +233,28 @@ class EventRecorder:
     def _flush(self, key: "_Key", series: _Series, at: float) -> None:
         due = series.count > series.written and at - series.written_at >= self._flush_s
         if due and not series.patching:
-            series.patching = self._put(key, series)
+            series.patching = True  # before it is queued: its turn may be now
+            if not self._put(key, series):
+                series.patching = False
 
     async def run(self) -> None:
         """Write events until cancelled."""
-        async with asyncio.TaskGroup() as group:
-            for _ in range(WORKERS):
-                group.create_task(self._work())
-            group.create_task(self._tick())
+        self._running = True
+        try:
+            self._next()
+            await self._tick()
+        finally:
+            self._running = False
+            for task in self._retries:
+                task.cancel()
 
     async def drain(self, timeout_s: float = 2.0) -> None:
         """Wait until everything queued is written, at most `timeout_s`: for an orderly stop, while `run` still runs."""
+        if not self._queue and not self._writing:
+            return
         try:
             async with asyncio.timeout(timeout_s):
-                await self._queue.join()
+                await self._all_written.wait()
         except TimeoutError:
             log.info("%s: stopped with events unwritten", self)
 
@@ -231,42 +267,91 @@ class EventRecorder:
                 if at - series.seen_at >= SERIES_END_S and series.count == series.written:
                     del self._series[key]
 
-    async def _work(self) -> None:
-        while True:
-            key, series = await self._queue.get()
+    # --- Writing: at most IN_FLIGHT at once, each told its end by the client; only a failure costs a task -----------
+
+    def _next(self) -> None:
+        while self._running and self._queue and self._writing < IN_FLIGHT:
+            key, series = self._queue.popleft()
+            self._writing += 1
+            if series.patching:
+                self._follow(self._patched(key, series))
+                continue
+            path = EVENTS.path(series.namespace)
             try:
-                await self._write(key, series)
-            except Exception:  # a bug in here must not silence all events that follow
+                self._client.post_soon(path, series.body, partial(self._answered, key, series))
+            except ValueError:  # no path: it must not silence all events that follow
+                self._writing -= 1
                 self.stats.failed += 1
                 log.exception("%s: event lost", self)
-            finally:
-                self._queue.task_done()
 
-    async def _write(self, key: "_Key", series: _Series) -> None:
-        backoff = Backoff(base_s=0.2, cap_s=5.0, uniform=self._client.uniform)
-        while True:
-            try:
-                await (self._patch(series) if series.patching else self._create(series))
-            except AlreadyExists:
-                return  # an earlier attempt whose answer was lost: the name is ours alone
-            except ClientError as error:
-                transient = not isinstance(error, ApiError) or isinstance(error, ServerError | TooManyRequests)
-                if transient and backoff.attempt < ATTEMPTS - 1:
-                    wish_s = error.retry_after_s if isinstance(error, ApiError) else None
-                    await self._client.sleep(backoff.next_s(at_least_s=wish_s))
-                    continue
-                series.patching = False
-                if self._series.get(key) is series:
-                    del self._series[key]  # the next occurrence starts over
-                if not isinstance(error, NotFound):  # the namespace or the event is gone: nobody misses it
-                    self.stats.failed += 1
-                    log.warning("%s: event not written: %s", self, error)
+    def _answered(self, key: "_Key", series: _Series, error: ClientError | None) -> None:
+        if error is None:
+            self._created(series)
+        elif self._running:
+            self._follow(self._insist(key, series, error))
             return
+        self._ended()
+
+    def _created(self, series: _Series) -> None:
+        series.body = b""
+        self.stats.created += 1
+
+    def _ended(self) -> None:
+        self._writing -= 1
+        if self._queue:
+            self._next()
+        elif not self._writing:
+            self._all_written.set()
+
+    def _follow(self, work: Coroutine[None, None, None]) -> None:
+        task = asyncio.ensure_future(self._to_the_end(work))
+        self._retries.add(task)
+        task.add_done_callback(self._retries.discard)
+
+    async def _to_the_end(self, work: Coroutine[None, None, None]) -> None:
+        try:
+            await work
+        except Exception:  # a bug in here must not silence all events that follow
+            self.stats.failed += 1
+            log.exception("%s: event lost", self)
+        finally:
+            self._ended()
+
+    async def _patched(self, key: "_Key", series: _Series) -> None:
+        error = await self._again(series)
+        if error is not None:
+            await self._insist(key, series, error)
+
+    async def _insist(self, key: "_Key", series: _Series, error: ClientError | None) -> None:
+        """Try again what failed once, with back-off, a few times."""
+        backoff = Backoff(base_s=0.2, cap_s=5.0, uniform=self._client.uniform)
+        while error is not None and not isinstance(error, AlreadyExists):  # of an attempt whose answer was lost
+            transient = not isinstance(error, ApiError) or isinstance(error, ServerError | TooManyRequests)
+            if not transient or backoff.attempt >= ATTEMPTS - 1:
+                self._give_up(key, series, error)
+                return
+            wish_s = error.retry_after_s if isinstance(error, ApiError) else None
+            await self._client.sleep(backoff.next_s(at_least_s=wish_s))
+            error = await self._again(series)
+
+    def _give_up(self, key: "_Key", series: _Series, error: ClientError) -> None:
+        series.patching = False
+        if self._series.get(key) is series:
+            del self._series[key]  # the next occurrence starts over
+        if not isinstance(error, NotFound):  # the namespace or the event is gone: nobody misses it
+            self.stats.failed += 1
+            log.warning("%s: event not written: %s", self, error)
+
+    async def _again(self, series: _Series) -> ClientError | None:
+        try:
+            await (self._patch(series) if series.patching else self._create(series))
+        except ClientError as error:
+            return error
+        return None
 
     async def _create(self, series: _Series) -> None:
         await self._client.post_raw(EVENTS.path(series.namespace), series.body)
-        series.body = b""
-        self.stats.created += 1
+        self._created(series)
 
     async def _patch(self, series: _Series) -> None:
         count = series.count

@@ -1,18 +1,22 @@
-"""Bytes to the API server and back, over connections of our own. Two calls: `request`, and `stream` for watches."""
+"""Bytes to the API server and back, over connections of our own: `request`, `post`, and `stream` for watches."""
 
+import asyncio
 import contextlib
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from types import TracebackType
-from typing import Final, Protocol, Self
+from typing import Final, NamedTuple, Protocol, Self
 
+from robotapp_api.client.connections import Connections
 from robotapp_api.client.dialing import Dialer, NotSentError
-from robotapp_api.client.errors import Unreachable
+from robotapp_api.client.errors import ClientError, Unreachable
 from robotapp_api.client.login import Endpoint
 from robotapp_api.client.streaming import Streams
-from robotapp_api.client.wire import Answer, BrokenError, Connections, Permitted, always
+from robotapp_api.client.wire import Answer, BrokenError, Outcome, Permitted, always
 
 SAFE_METHODS: Final = frozenset({"GET", "HEAD"})
 Response = Answer
+Told = Callable[[Response | ClientError], None]
+"""Told once how a request ended; must not raise."""
 
 
 class Stream(Protocol):
@@ -45,7 +49,22 @@ class Transport(Protocol):
         permitted: Permitted = always,
     ) -> Response: ...
 
+    def post(
+        self, path: str, body: bytes, told: Told, *, content_type: str, timeout_s: float, permitted: Permitted
+    ) -> None: ...
+
     def stream(self, path: str, *, silence_s: float) -> contextlib.AbstractAsyncContextManager[Stream]: ...
+
+
+class _Call(NamedTuple):
+    """A request, until it is sent."""
+
+    method: str
+    path: str
+    body: bytes | None
+    content_type: str
+    timeout_s: float
+    permitted: Permitted
 
 
 class HttpTransport:
@@ -64,6 +83,7 @@ class HttpTransport:
         self._connections: Connections | None = None
         self._streams: Streams | None = None
         self._headers: dict[tuple[str, str | None], bytes] = {}
+        self._tasks: set[asyncio.Task[None]] = set()
 
     def __repr__(self) -> str:
         state = "open" if self._connections else "closed"
@@ -105,17 +125,51 @@ class HttpTransport:
         Raises Unreachable, with `maybe_applied` true as soon as a byte of a write may have left; nothing leaves when
         `permitted` says no at the moment of sending.
         """
+        return await self._request(_Call(method, path, body, content_type, timeout_s, permitted))
+
+    def post(
+        self, path: str, body: bytes, told: Told, *, content_type: str, timeout_s: float, permitted: Permitted
+    ) -> None:
+        """`request` without a task or a coroutine on the usual way: `told` gets what that returns or raises.
+
+        It may be told at once, and is told nothing after the event loop has ended.
+        """
+        call = _Call("POST", path, body, content_type, timeout_s, permitted)
+        credentials = self._endpoint.credentials
+        if self._connections is None or credentials.due:
+            self._follow(self._request(call), told)
+            return
+        generation = credentials.generation
+
+        def ended(outcome: Outcome) -> None:
+            if not isinstance(outcome, Answer):
+                told(_without_answer(call, outcome))
+            elif outcome.status == 401:
+                self._follow(self._renewed(call, outcome, generation), told)
+            else:
+                told(outcome)
+
+        data = self._bytes("POST", path, body, content_type)
+        self._connections.send(data, ended, timeout_s=timeout_s, permitted=permitted)
+
+    def _follow(self, work: Awaitable[Response], told: Told) -> None:
+        task = asyncio.ensure_future(tell(work, told))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _request(self, call: _Call) -> Response:
         credentials = self._endpoint.credentials
         if credentials.due:
             await credentials.refresh()
         generation = credentials.generation
-        data = self._bytes(method, path, body, content_type)
-        response = await self._once(data, method, path, timeout_s=timeout_s, permitted=permitted)
-        # A 401 was not executed, whatever the verb: with a newer token the request may be repeated.
-        if response.status == 401 and await credentials.refresh(seen_generation=generation):
-            data = self._bytes(method, path, body, content_type)
-            response = await self._once(data, method, path, timeout_s=timeout_s, permitted=permitted)
-        return response
+        response = await self._once(call)
+        return await self._renewed(call, response, generation) if response.status == 401 else response
+
+    async def _renewed(self, call: _Call, refused: Response, generation: int) -> Response:
+        """A 401 was not executed, whatever the verb: with a newer token the request may be repeated."""
+        if await self._endpoint.credentials.refresh(seen_generation=generation):
+            return await self._once(call)
+        return refused
 
     def _bytes(self, method: str, path: str, body: bytes | None, content_type: str) -> bytes:
         connections = self._open()
@@ -130,14 +184,12 @@ class HttpTransport:
             raise Unreachable(_CLOSED, maybe_applied=False)
         return self._connections
 
-    async def _once(self, data: bytes, method: str, path: str, *, timeout_s: float, permitted: Permitted) -> Response:
+    async def _once(self, call: _Call) -> Response:
+        data = self._bytes(call.method, call.path, call.body, call.content_type)
         try:
-            return await self._open().request(data, timeout_s=timeout_s, permitted=permitted)
-        except NotSentError as error:
-            raise Unreachable(f"{_where(method, path)}: {error}", maybe_applied=False) from error
-        except BrokenError as error:
-            maybe_applied = method not in SAFE_METHODS
-            raise Unreachable(f"{_where(method, path)}: {error}", maybe_applied=maybe_applied) from error
+            return await self._open().request(data, timeout_s=call.timeout_s, permitted=call.permitted)
+        except (NotSentError, BrokenError) as error:
+            raise _without_answer(call, error) from error
 
     @contextlib.asynccontextmanager
     async def stream(self, path: str, *, silence_s: float) -> AsyncIterator[Stream]:
@@ -175,6 +227,21 @@ class HttpTransport:
 
 
 _CLOSED = "the client is closed, or was never entered with `async with`"
+
+
+async def tell(work: Awaitable[Response], told: Told) -> None:
+    """`told` gets what `work` returns or raises."""
+    try:
+        found = await work
+    except ClientError as error:
+        told(error)
+    else:
+        told(found)
+
+
+def _without_answer(call: _Call, error: NotSentError | BrokenError) -> Unreachable:
+    maybe_applied = isinstance(error, BrokenError) and call.method not in SAFE_METHODS
+    return Unreachable(f"{_where(call.method, call.path)}: {error}", maybe_applied=maybe_applied)
 
 
 def _where(method: str, path: str) -> str:

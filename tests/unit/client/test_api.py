@@ -5,12 +5,13 @@ from typing import Any
 
 import msgspec
 import pytest
-from tests.support.clients import FakeTime, client_for, configmap
+from tests.support.clients import FakeTime, client_for, configmap, posted_soon
 from tests.support.scripted import ScriptedServer, hang_up, item, listing, raw, refusal, reply, silence
 
 from robotapp_api.client import Conflict, Forbidden, Gone, NotFound, ServerError, TooManyRequests, Unreachable
 from robotapp_api.client.api import ApiClient
 from robotapp_api.client.apply import JSON_PATCH
+from robotapp_api.client.errors import AlreadyExists
 from robotapp_api.client.resources import CONFIGMAPS, NODES, PODS, ROBOTAPPS, ROBOTCLAIMS
 
 BROKEN = b"HTTP/1.1 200 OK\r\nContent-Length: 100\r\n\r\n{"
@@ -148,6 +149,7 @@ WRITES = {
     "apply": lambda client: client.apply(CONFIGMAPS, configmap("a")),
     "delete": lambda client: client.delete(CONFIGMAPS, "a", namespace="default"),
     "post_raw": lambda client: client.post_raw("/api/v1/namespaces/default/pods/a/binding", b"{}"),
+    "post_soon": lambda client: posted_soon(client, "/api/v1/namespaces/default/pods/a/binding", b"{}"),
 }
 
 
@@ -256,6 +258,22 @@ async def test_raw_bytes_go_out_and_come_back_untouched() -> None:
     async with ScriptedServer(reply(b'{"any": "thing"}', status=201)) as server, client_for(server.endpoint) as client:
         assert await client.post_raw("/api/v1/x", b'{ "a":1}') == b'{"any": "thing"}'
     assert (server.seen[0].path, server.seen[0].body) == ("/api/v1/x", b'{ "a":1}')
+
+
+async def test_a_post_without_a_waiting_task_is_counted_and_told_its_end_once() -> None:
+    async with ScriptedServer(reply({}, status=201), refusal(409, "AlreadyExists")) as server:
+        async with client_for(server.endpoint) as client:
+            await posted_soon(client, "/x", b'{ "a":1}')
+            with pytest.raises(AlreadyExists):
+                await posted_soon(client, "/x", b"{}")
+        with pytest.raises(Unreachable, match="closed") as caught:
+            await posted_soon(client, "/x", b"{}")
+    assert not caught.value.maybe_applied
+    assert client.requests == {("POST", 201): 1, ("POST", 409): 1, ("POST", 0): 1}
+    assert [(seen.method, seen.path, seen.body) for seen in server.seen] == [
+        ("POST", "/x", b'{ "a":1}'),
+        ("POST", "/x", b"{}"),
+    ]
 
 
 async def test_redirects_are_not_followed_with_our_token() -> None:

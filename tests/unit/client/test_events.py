@@ -10,9 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.apiserver import Key, Store
+from tests.support.clients import client_for
 from tests.support.memory import ManualTime, MemoryTransport, Mishap, memory_client, settle
+from tests.support.scripted import ScriptedServer, reply
 
-from robotapp_api.client.events import NOTE_BYTES, EventRecorder, _fit, reference, reference_to
+from robotapp_api.client.events import IN_FLIGHT, NOTE_BYTES, EventRecorder, _fit, reference, reference_to
 
 NOON = datetime(2026, 1, 1, 12, tzinfo=UTC)
 POD = reference(api_version="v1", kind="Pod", namespace="robots", name="driver-0", uid="u1")
@@ -192,6 +194,43 @@ async def test_a_series_whose_event_expired_starts_over() -> None:
         await settle()
     assert len(made.written) == 1
     assert made.recorder.stats.failed == 0
+
+
+async def test_only_so_many_are_on_their_way_at_once_and_those_refused_keep_their_place_while_they_wait() -> None:
+    # An API server that says 429 must not get the rest of the queue meanwhile.
+    async with desk() as made:
+        made.network.mishaps = [Mishap.REFUSED] * IN_FLIGHT
+        for number in range(3 * IN_FLIGHT):
+            made.say(regarding=POD | {"uid": f"u{number}"})
+        await settle()
+        assert made.writes == IN_FLIGHT
+        await made.time.advance(2)
+    assert len(made.written) == 3 * IN_FLIGHT
+    assert made.recorder.stats.failed == 0
+
+
+async def test_what_is_no_path_is_lost_and_the_next_event_is_written(caplog: pytest.LogCaptureFixture) -> None:
+    async with ScriptedServer(reply({}, status=201)) as server, client_for(server.endpoint) as client:
+        recorder = EventRecorder(client, controller="c", instance="i")
+        task = asyncio.create_task(recorder.run())
+        await asyncio.sleep(0)
+        recorder.event(POD | {"namespace": "a b"}, reason="Placed", note="n", action="Binding")
+        recorder.event(POD, reason="Placed", note="n2", action="Binding")
+        await recorder.drain()
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+    assert (recorder.stats.failed, recorder.stats.created) == (1, 1)
+    assert "event lost" in caplog.text
+
+
+async def test_a_recorder_that_ended_writes_and_retries_nothing() -> None:
+    async with desk() as made:
+        made.network.mishaps = [Mishap.REFUSED]
+        made.say()
+        await settle()
+    made.say("another")
+    await made.time.advance(60)
+    assert made.writes == 1
 
 
 async def test_a_strange_object_does_not_stop_the_recorder() -> None:

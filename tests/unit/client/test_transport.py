@@ -2,13 +2,15 @@
 
 import asyncio
 import dataclasses
+from typing import Any
 
 import pytest
-from tests.support.clients import client_for
+from tests.support.clients import client_for, posted_soon
 from tests.support.scripted import ScriptedServer, hang_up, item, refusal, reply, silence, watch
 
 from robotapp_api.client import Endpoint, Unauthorized, Unreachable
 from robotapp_api.client.credentials import Credentials, Token
+from robotapp_api.client.errors import LoginError
 from robotapp_api.client.resources import NODES
 from robotapp_api.client.transport import HttpTransport
 
@@ -37,23 +39,46 @@ async def test_every_request_carries_the_token() -> None:
     assert [seen.headers["Authorization"] for seen in server.seen] == ["Bearer secret"] * 2
 
 
-async def test_after_a_401_a_fresh_token_is_tried_once_for_writes_too() -> None:
+WRITES = pytest.mark.parametrize(
+    "write",
+    [lambda client: client.post_raw("/x", b"{}"), lambda client: posted_soon(client, "/x", b"{}")],
+    ids=["post_raw", "post_soon"],
+)
+
+
+@WRITES
+async def test_after_a_401_a_fresh_token_is_tried_once_for_writes_too(write: Any) -> None:
     # A 401 means: not executed. It is the one answer after which even a write may be sent again.
     async with (
         ScriptedServer(refusal(401), reply({})) as server,
         client_for(with_credentials(server.endpoint, numbered_tokens())) as client,
     ):
-        await client.post_raw("/x", b"{}")
+        await write(client)
     assert [seen.headers["Authorization"] for seen in server.seen] == ["Bearer t1", "Bearer t2"]
 
 
-async def test_a_second_401_is_an_error() -> None:
+@WRITES
+async def test_a_token_that_cannot_be_had_is_an_error_of_the_request(write: Any) -> None:
+    async def source() -> Token:
+        raise LoginError("no token today")
+
+    async with (
+        ScriptedServer() as server,
+        client_for(with_credentials(server.endpoint, Credentials(source))) as client,
+    ):
+        with pytest.raises(LoginError, match="no token today"):
+            await write(client)
+    assert server.seen == []
+
+
+@WRITES
+async def test_a_second_401_is_an_error(write: Any) -> None:
     async with (
         ScriptedServer(refusal(401), refusal(401), reply({})) as server,
         client_for(with_credentials(server.endpoint, numbered_tokens())) as client,
     ):
         with pytest.raises(Unauthorized):
-            await client.post_raw("/x", b"{}")
+            await write(client)
     assert len(server.seen) == 2
 
 

@@ -2,15 +2,17 @@
 
 import asyncio
 import socket
+import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 import pytest
 
+from robotapp_api.client.connections import Connections
 from robotapp_api.client.dialing import NotSentError
 from robotapp_api.client.login import Endpoint
 from robotapp_api.client.transport import HttpTransport
-from robotapp_api.client.wire import Answer, BrokenError, Connections
+from robotapp_api.client.wire import Answer, BrokenError
 
 REQUEST = b"GET / HTTP/1.1\r\nHost: x\r\n\r\n"
 OK = b"HTTP/1.1 200 OK\r\nContent-Length: 2\r\nRetry-After: 7\r\n\r\nok"
@@ -167,6 +169,76 @@ async def test_what_is_no_longer_permitted_when_its_turn_comes_is_not_sent() -> 
     assert len(script.requests) == 2
 
 
+async def test_a_request_that_is_cancelled_ends_its_connection_and_the_next_one_starts_anew() -> None:
+    script = Script(b"", OK)
+    async with talking_to(script, limit=1) as connections:
+        given_up = asyncio.create_task(ask(connections))
+        await asyncio.sleep(0.05)
+        patient = asyncio.create_task(ask(connections))
+        await asyncio.sleep(0)
+        given_up.cancel()
+        results = await asyncio.gather(given_up, patient, return_exceptions=True)
+        assert isinstance(results[0], asyncio.CancelledError)
+        assert isinstance(results[1], Answer)
+    assert script.connections == 2
+
+
+async def test_who_waits_in_line_when_the_client_is_closed_is_told_that_nothing_was_sent() -> None:
+    script = Script(b"")
+    async with talking_to(script, limit=1) as connections:
+        first, second = (asyncio.create_task(ask(connections)) for _ in range(2))
+        await asyncio.sleep(0.05)
+        await connections.close()
+        results = await asyncio.gather(first, second, return_exceptions=True)
+    assert [type(result) for result in results] == [BrokenError, NotSentError]
+    assert len(script.requests) == 1
+
+
+async def test_a_client_closed_while_it_connects_sends_nothing() -> None:
+    script = Script()
+    async with talking_to(script) as connections:
+        early = asyncio.create_task(ask(connections))
+        await asyncio.sleep(0)
+        await connections.close()
+        with pytest.raises(NotSentError):
+            await early
+    assert script.requests == []
+
+
+async def test_the_next_in_line_is_sent_before_the_answer_is_looked_at() -> None:
+    script = Script()
+    async with talking_to(script, limit=1) as connections:
+        seen: list[str] = []
+        over = asyncio.Event()
+
+        def told(_outcome: object) -> None:
+            seen.append(repr(connections).partition(": ")[2])
+            if len(seen) == 3:
+                over.set()
+
+        for _ in range(3):
+            connections.send(REQUEST, told, timeout_s=5.0)
+        await over.wait()
+    assert seen == ["1 busy, 0 idle, 1 waiting>", "1 busy, 0 idle, 0 waiting>", "0 busy, 1 idle, 0 waiting>"]
+
+
+async def test_requests_of_many_patiences_each_get_their_own_time_from_one_timer() -> None:
+    script = Script(*[b""] * 4)
+    async with talking_to(script) as connections:
+        began_s = time.monotonic()
+        ended: dict[float, float] = {}
+        patiences = (0.3, 0.1, 0.4, 0.2)
+
+        async def fail(timeout_s: float) -> None:
+            with pytest.raises(BrokenError, match=f"within {timeout_s:g} s"):
+                await ask(connections, timeout_s=timeout_s)
+            ended[timeout_s] = time.monotonic() - began_s
+
+        await asyncio.gather(*(fail(timeout_s) for timeout_s in patiences))
+        assert list(ended) == sorted(patiences)
+        assert all(seconds >= timeout_s - 0.01 for timeout_s, seconds in ended.items())
+
+
 async def test_a_cancelled_waiter_passes_its_place_on() -> None:
     async with talking_to(Script(b"", OK, OK), limit=1) as connections:
         first = asyncio.create_task(ask(connections, timeout_s=0.3))
@@ -193,7 +265,7 @@ async def test_an_idle_connection_that_grew_old_is_not_trusted(monkeypatch: pyte
     script = Script()
     async with talking_to(script) as connections:
         await ask(connections)
-        monkeypatch.setattr("robotapp_api.client.wire.KEEPALIVE_S", 0.0)
+        monkeypatch.setattr("robotapp_api.client.connections.KEEPALIVE_S", 0.0)
         await ask(connections)
     assert script.connections == 2
 
