@@ -122,8 +122,7 @@ def test_a_silent_agent_writes_nothing_until_it_speaks() -> None:
 
 
 def test_the_heartbeat_survives_an_absent_api_server() -> None:
-    writer, api = telemetry(fleet(), interval_s=1)
-    writer._interval_s = cast(int, 0.01)
+    writer, api = telemetry(fleet(), interval_s=cast(int, 0.01))
     with writer:
         api.down.set()
         failed_at = api.rounds
