@@ -67,18 +67,50 @@ def address_translation(_: Path) -> None:
 
 def controllers(_: Path) -> None:
     if (CGROUPS / "cgroup.controllers").exists():
-        present = set((CGROUPS / "cgroup.controllers").read_text().split())
-        absent = [name for name in V2_CONTROLLERS if name not in present]
-        roots = [CGROUPS]
+        one_hierarchy()
     else:
-        absent = [name for name in V1_CONTROLLERS if not (CGROUPS / name).is_dir()]
-        roots = [CGROUPS / name for name in V1_CONTROLLERS if name not in absent]
+        hierarchies()
+
+
+def hierarchies() -> None:
+    """cgroup v1, also where v2 is mounted beside it without controllers."""
+    absent = [name for name in V1_CONTROLLERS if not (CGROUPS / name).is_dir()]
     if absent:
-        raise OSError(f"no controller {', '.join(absent)} below {CGROUPS}")
-    for root in roots:
-        folder = root / f"robotapp-try-{os.getpid()}"
+        raise OSError(f"no controller {', '.join(absent)} below {CGROUPS} (cgroup v1)")
+    for name in V1_CONTROLLERS:
+        folder = CGROUPS / name / f"robotapp-try-{os.getpid()}"
         folder.mkdir()
         folder.rmdir()
+
+
+def one_hierarchy() -> None:
+    """cgroup v2: what is handed down here stays so, as with every start, since a cluster may be about to use it."""
+    offered = (CGROUPS / "cgroup.controllers").read_text().split()
+    absent = [name for name in V2_CONTROLLERS if name not in offered]
+    if absent:
+        raise OSError(
+            f"no controller {', '.join(absent)} below {CGROUPS} (cgroup v2): hierarchies of cgroup v1 hold them,"
+            " or whoever started this container keeps them"
+        )
+    folder = CGROUPS / f"robotapp-try-{os.getpid()}"
+    folder.mkdir()
+    try:
+        handed_down = (CGROUPS / "cgroup.subtree_control").read_text().split()
+        for name in V2_CONTROLLERS:
+            if name not in handed_down:
+                hand_down(name)
+    finally:
+        folder.rmdir()
+
+
+def hand_down(name: str) -> None:
+    try:
+        (CGROUPS / "cgroup.subtree_control").write_text(f"+{name}")
+    except OSError as error:
+        raise OSError(
+            f"{CGROUPS} (cgroup v2) does not hand down {name} ({error.strerror}): processes live in it directly, as in"
+            " a container with a cgroup namespace of its own; start it with that of the host"
+        ) from error
 
 
 TRIALS: tuple[tuple[str, Callable[[Path], None]], ...] = (

@@ -18,11 +18,12 @@ def test_with_v1_a_node_gets_a_folder_per_hierarchy_and_the_cpus_of_the_one_abov
 
 
 def test_with_v2_controllers_are_handed_down_to_the_node(tmp_path: Path) -> None:
-    (tmp_path / "cgroup.controllers").write_text("cpu memory hugetlb\n")
+    (tmp_path / "cgroup.controllers").write_text("memory hugetlb misc\n")
     (tmp_path / "cgroup.subtree_control").write_text("memory\n")
     (tmp_path / "robotapp-nodes-1").mkdir()
     for name in ("cgroup.controllers", "cgroup.subtree_control"):
         (tmp_path / "robotapp-nodes-1" / name).write_text("")
     cgroups.create("robotapp-nodes-1/edge-1", root=tmp_path)
-    assert (tmp_path / "cgroup.subtree_control").read_text() == "+cpu"  # memory is handed down, hugetlb nobody needs
+    # memory is handed down, misc nobody needs; a kubelet refuses to start without hugetlb where there is one
+    assert (tmp_path / "cgroup.subtree_control").read_text() == "+hugetlb"
     assert (tmp_path / "robotapp-nodes-1" / "edge-1").is_dir()

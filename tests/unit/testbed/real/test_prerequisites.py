@@ -70,6 +70,53 @@ def test_only_the_first_refusal_of_the_kernel_is_told(
     assert capsys.readouterr().out == "the kernel refuses two: Operation not permitted\n"
 
 
+def unified(folder: Path, monkeypatch: pytest.MonkeyPatch, *, offered: str, handed_down: str = "") -> Path:
+    """A machine with cgroup v2; its file of what is handed down."""
+    (folder / "cgroup.controllers").write_text(f"{offered}\n")
+    control = folder / "cgroup.subtree_control"
+    control.write_text(f"{handed_down}\n")
+    monkeypatch.setattr(try_kernel, "CGROUPS", folder)
+    return control
+
+
+def test_with_cgroup_v1_every_hierarchy_is_tried(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(try_kernel, "CGROUPS", tmp_path)
+    for name in try_kernel.V1_CONTROLLERS:
+        (tmp_path / name).mkdir()
+    (tmp_path / "unified").mkdir()
+    try_kernel.controllers(tmp_path)
+    (tmp_path / "pids").rmdir()
+    with pytest.raises(OSError, match=r"^no controller pids below .* \(cgroup v1\)$"):
+        try_kernel.controllers(tmp_path)
+
+
+def test_with_cgroup_v2_what_is_missing_is_handed_down(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    control = unified(tmp_path, monkeypatch, offered="cpuset cpu memory pids", handed_down="cpu memory pids")
+    try_kernel.controllers(tmp_path)
+    assert control.read_text() == "+cpuset"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["cgroup.controllers", "cgroup.subtree_control"]
+
+
+def test_with_cgroup_v2_controllers_that_others_hold_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    unified(tmp_path, monkeypatch, offered="hugetlb pids")
+    with pytest.raises(OSError, match=r"^no controller cpu, cpuset, memory below .* \(cgroup v2\): hierarchies of"):
+        try_kernel.controllers(tmp_path)
+
+
+def test_with_cgroup_v2_a_container_that_lives_in_the_root_is_told_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    unified(tmp_path, monkeypatch, offered="cpuset cpu memory pids")
+
+    def busy(_: Path, __: str) -> int:
+        raise OSError(16, "Device or resource busy")
+
+    monkeypatch.setattr(Path, "write_text", busy)
+    with pytest.raises(OSError, match=r"does not hand down cpu \(Device or resource busy\): processes live in it"):
+        try_kernel.controllers(tmp_path)
+    assert not list(tmp_path.glob("robotapp-try-*"))
+
+
 def test_a_trial_that_says_nothing_is_told_with_its_status(monkeypatch: pytest.MonkeyPatch) -> None:
     ended = subprocess.CompletedProcess([], 7, stdout="", stderr="")
     monkeypatch.setattr(subprocess, "run", lambda *_, **__: ended)
