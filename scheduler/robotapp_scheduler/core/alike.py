@@ -5,9 +5,10 @@ and replaced when they are equal, which nobody can see but the memory.
 """
 
 from collections.abc import Hashable
-from copy import copy
 from sys import intern
 from typing import Any, Final, TypeVar
+
+from msgspec.structs import replace
 
 from robotapp_scheduler.core.objects import Pod, PodSpec
 from robotapp_scheduler.core.shapes import controller_of
@@ -60,10 +61,10 @@ class Alike:
         spec.node_name = ""
         known: PodSpec | None = model.get("spec")
         if known is not None and spec == known:
-            spec = pod.spec = copy(known)
-        else:
-            _share(spec, SPEC, model)
-            model["spec"] = copy(spec)
+            pod.spec = replace(known, node_name=node)
+            return
+        _share(spec, SPEC, model)
+        model["spec"] = replace(spec)
         spec.node_name = node
 
     def same(self, value: T) -> T:

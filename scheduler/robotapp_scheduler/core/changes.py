@@ -7,7 +7,9 @@ One vocabulary serves three readers: the change log (which node rows a cached re
 from collections.abc import Iterable, Sequence
 from enum import IntFlag, auto
 from functools import cache
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
+
+import msgspec
 
 
 class Change(IntFlag):
@@ -80,7 +82,7 @@ NODE_COMES_OR_GOES: Final = int(NODE)
 PLACED: Final = Change.POD_ADDED | Change.POD_REMOVED | Change.POD_UPDATED
 
 
-class Event(NamedTuple):
+class Event(msgspec.Struct, frozen=True, gc=False):
     """One change as a queueing hint sees it. `old` is None for what appeared, `new` for what is gone.
 
     `resource` is the plural of the watched resource ("pods", "nodes", "persistentvolumes" …), the objects are the structs

@@ -1,7 +1,6 @@
 """Pods between pop and their return, and what was seen to change meanwhile."""
 
 from collections.abc import Iterator
-from itertools import islice
 from typing import Any, Final
 
 from robotapp_scheduler.core.changes import Change, Event
@@ -80,7 +79,7 @@ class Flights:
         return flight
 
     def _seen(self, uid: str, flight: Flight) -> list[Event]:
-        return [event for event, but in islice(self._log, flight.since, None) if but != uid]
+        return [event for event, but in self._log[flight.since :] if but != uid]
 
     def _fold(self) -> None:
         for uid, flight in self._flying.items():

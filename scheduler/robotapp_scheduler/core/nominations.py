@@ -42,6 +42,8 @@ class Nominations:
         News that neither has nor had a node leave alone what was promised in memory: our own patch is on its way.
         """
         old, stored = self._by_uid.get(pod.uid), pod.pod.status.nominated_node_name
+        if old is None and not stored:  # nearly every pod
+            return False
         node = old.record.node if old is not None and not (old.stored or stored) else stored
         self._put(pod, node, stored)
         return old is not None and old.record.node != node

@@ -262,8 +262,10 @@ class PodStatus(Slim):
     @property
     def resize_infeasible(self) -> bool:
         """The kubelet says that the resize cannot be done on this node."""
-        pending = next((each for each in self.conditions or () if each.type == "PodResizePending"), None)
-        return pending is not None and pending.reason == "Infeasible"
+        for each in self.conditions or ():
+            if each.type == "PodResizePending":
+                return each.reason == "Infeasible"
+        return False
 
 
 class Pod(Slim):
@@ -281,9 +283,7 @@ class Pod(Slim):
         if not status.container_statuses and not status.init_container_statuses:
             return
         told = (*status.container_statuses, *status.init_container_statuses)
-        wanted = {each.name: each.resources.requests or {} for each in spec.containers}
-        wanted |= {each.name: each.resources.requests or {} for each in spec.init_containers or ()}
-        differ = status.resize_infeasible or any(_differs(each, wanted.get(each.name)) for each in told)
+        differ = status.resize_infeasible or _differ(told, spec)
         status.container_statuses = told if differ else ()
         status.init_container_statuses = ()
 
@@ -298,8 +298,17 @@ class Pod(Slim):
         return self.status.phase in {"Succeeded", "Failed"}
 
 
+def _differ(told: tuple[ContainerStatus, ...], spec: PodSpec) -> bool:
+    """Does the kubelet say something else than the spec about any container?"""
+    speaking = [each for each in told if each.allocated_resources is not None or each.resources is not None]
+    if not speaking:
+        return False
+    wanted = {each.name: each.resources.requests or {} for each in (*spec.containers, *(spec.init_containers or ()))}
+    return any(_differs(each, wanted.get(each.name)) for each in speaking)
+
+
 def _differs(told: ContainerStatus, wanted: Resources | None) -> bool:
-    """Does the kubelet say something else than the spec? An amount written differently counts as different."""
+    """An amount written differently counts as different."""
     in_force = told.resources.requests if told.resources is not None else None
     if told.allocated_resources is None and in_force is None:
         return False

@@ -146,7 +146,7 @@ class SchedulingQueue:
         for queued, immediate in woken:
             self._take_out(queued)
             self._requeue_from_wait(queued, event.label, immediate=immediate)
-        return len(woken) + self._test_gates(event, frozenset(groups))
+        return len(woken) + (self._test_gates(event, frozenset(groups)) if self._gated else 0)
 
     def activate(self, uids: Iterable[str]) -> None:
         """Try these as soon as possible, without back-off (siblings of a group)."""

@@ -129,6 +129,8 @@ class WaitingRoom:
 
     def woken(self, event: Event, *, but: str = "") -> list[Woken]:
         """Pods this event may help, in no order; they still wait until they are discarded."""
+        if not self._place:
+            return []
         change, found = int(event.change), list[Woken]()
         for mask, buckets in self._buckets.items():
             if not mask & change:

@@ -138,21 +138,26 @@ class Feed:
             self._client,
             route.resource,
             as_type=route.as_type,
-            on_change=lambda seen: self._take(route.resource, handle, seen),
+            on_change=self._taker(route.resource, handle),
             label_selector=route.label_selector,
             field_selector=route.field_selector,
         )
         self._reflectors.append(reflector)
         group.create_task(reflector.run(), name=f"watch {route.resource.plural}")
 
-    def _take(self, resource: Resource, handle: Callable[[Seen], Change], seen: Seen) -> None:
-        try:
-            change = handle(seen)
-            if change:
-                self._on_change(Event(resource.plural, change, seen.old, seen.new))
-        except Exception:  # one object must never stop the feed; the log has the stack, the metric the count
-            self._metrics.poison_objects.labels(resource.plural).inc()
-            log.exception("%s %s could not be taken over", resource.kind, seen.key)
+    def _taker(self, resource: Resource, handle: Callable[[Seen], Change]) -> Callable[[Seen], None]:
+        plural, on_change = resource.plural, self._on_change
+
+        def take(seen: Seen) -> None:
+            try:
+                change = handle(seen)
+                if change:
+                    on_change(Event(plural, change, seen.old, seen.new))
+            except Exception:  # one object must never stop the feed; the log has the stack, the metric the count
+                self._metrics.poison_objects.labels(plural).inc()
+                log.exception("%s %s could not be taken over", resource.kind, seen.key)
+
+        return take
 
     async def _served(self, routes: tuple[Handled, ...], *, in_doubt: bool = True) -> list[Handled]:
         """The routes whose resource this API server has; one without storage must not keep us from starting."""

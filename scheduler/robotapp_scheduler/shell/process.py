@@ -57,7 +57,7 @@ CLOCK = time.monotonic
 STOP_TIMEOUT_S = 5.0
 STALLED_S = 30.0
 """A loop that has not turned for this long is not alive."""
-SWEEP_CHANGES = Change.POD_REMOVED | Change.POD_SEEN | Change.CLAIMS | Change.APPS | Change.OWNERS
+SWEEP_CHANGES = int(Change.POD_REMOVED | Change.POD_SEEN | Change.CLAIMS | Change.APPS | Change.OWNERS)
 
 
 class Scheduler:
@@ -278,9 +278,10 @@ class Scheduler:
         """Something is different in the cluster: wake who may profit."""
         self.domains.see(event)
         self.core.queue.move(event, groups=groups_of(event))
-        if event.change & INTERESTING:
+        change = int(event.change)  # operations on flags would be a third of the time spent here
+        if change & INTERESTING:
             self.volumes.wake()
-        if event.change & SWEEP_CHANGES and event.new is None:
+        if change & SWEEP_CHANGES and event.new is None:
             self.sweeper.wake()
         self.loop.wake()
 

@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 
 LOOK_S = 1.0
 """Without any news the state is looked at this often, as upstream does."""
-INTERESTING = Change.PV | Change.PVC
+INTERESTING = int(Change.PV | Change.PVC)
 TIMED_OUT = "binding volumes: context deadline exceeded"
 Versions = dict[ClaimKey | str, int]
 """Resource version of each claim and volume as we wrote it."""
