@@ -15,11 +15,12 @@ from tests.support.scheduling import make_core, to_node, to_pod
 
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_scheduler.core import storage
+from robotapp_scheduler.core.budgets import DisruptionBudget
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.decision import Decision as Found
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.framework import Code
-from robotapp_scheduler.core.objects import DisruptionBudget, Namespace, Selecting
+from robotapp_scheduler.core.objects import Namespace, Selecting
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.resource_claims import ResourceClaim
 

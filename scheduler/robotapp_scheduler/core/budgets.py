@@ -1,12 +1,36 @@
 """PodDisruptionBudgets: which victims of a preemption would break one."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import msgspec
 
 from robotapp_api.values.selector import matches_labels
 from robotapp_scheduler.core.changes import Change
-from robotapp_scheduler.core.objects import DisruptionBudget
+from robotapp_scheduler.core.objects import Metadata
 from robotapp_scheduler.core.pods import PlacedPod
+from robotapp_scheduler.core.slim import Slim
+
+
+class BudgetSpec(Slim):
+    """spec of a PodDisruptionBudget."""
+
+    selector: dict[str, Any] | None = None
+
+
+class BudgetStatus(Slim):
+    """status of a PodDisruptionBudget; `disrupted_pods` are already counted by the API server."""
+
+    disruptions_allowed: int = 0
+    disrupted_pods: dict[str, Any] | None = None
+
+
+class DisruptionBudget(Slim):
+    """How many pods of a namespace may be disrupted at a time."""
+
+    metadata: Metadata = msgspec.field(default_factory=Metadata)
+    spec: BudgetSpec = msgspec.field(default_factory=BudgetSpec)
+    status: BudgetStatus = msgspec.field(default_factory=BudgetStatus)
 
 
 class Split(NamedTuple):

@@ -316,30 +316,6 @@ def _differs(told: ContainerStatus, wanted: Resources | None) -> bool:
     return granted != wanted or (in_force is not None and in_force != wanted)
 
 
-# --- PodDisruptionBudget --------------------------------------------------------------------------------------------
-
-
-class BudgetSpec(Slim):
-    """spec of a PodDisruptionBudget."""
-
-    selector: dict[str, Any] | None = None
-
-
-class BudgetStatus(Slim):
-    """status of a PodDisruptionBudget; `disrupted_pods` are already counted by the API server."""
-
-    disruptions_allowed: int = 0
-    disrupted_pods: dict[str, Any] | None = None
-
-
-class DisruptionBudget(Slim):
-    """How many pods of a namespace may be disrupted at a time."""
-
-    metadata: Metadata = msgspec.field(default_factory=Metadata)
-    spec: BudgetSpec = msgspec.field(default_factory=BudgetSpec)
-    status: BudgetStatus = msgspec.field(default_factory=BudgetStatus)
-
-
 # --- Node --------------------------------------------------------------------------------------------------------
 
 
