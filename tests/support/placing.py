@@ -8,7 +8,8 @@ from typing import Any
 from prometheus_client import CollectorRegistry
 from tests.support.scripted_volumes import ScriptedVolumes
 
-from robotapp_api.model.names import Label
+from robotapp_api.client.errors import ClientError, Unreachable
+from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
@@ -53,10 +54,24 @@ class Scripted:
         self.started = asyncio.Event()
         self.asked: list[tuple[str, str, Mapping[str, str], str]] = []
 
+    def send(self, pod: Pod, node: str, told: Callable[[ClientError | None], None]) -> None:
+        """Success, or an error that makes `bind` give its scripted answer."""
+        self.asked.append((pod.metadata.name, node, {}, ""))
+        self.started.set()
+        error = Unreachable("scripted", maybe_applied=True) if self.binds else None
+        asyncio.get_running_loop().call_soon(told, error)
+
     async def bind(
-        self, pod: Pod, node: str, *, grants: Mapping[str, str] | None = None, resource_version: str = ""
+        self,
+        pod: Pod,
+        node: str,
+        *,
+        grants: Mapping[str, str] | None = None,
+        resource_version: str = "",
+        refused: ClientError | None = None,
     ) -> BindOutcome:
-        self.asked.append((pod.metadata.name, node, dict(grants or {}), resource_version))
+        if refused is None:
+            self.asked.append((pod.metadata.name, node, dict(grants or {}), resource_version))
         self.started.set()
         await asyncio.sleep(0)
         answer = self.binds.popleft() if self.binds else BindOutcome(BindResult.BOUND, node=node)
@@ -142,8 +157,10 @@ class Rig:
     def clock(self) -> float:
         return self.now_s
 
-    def show(self, name: str = "p", *, labels: dict[str, str] | None = None, **spec: Any) -> None:
-        meta = Metadata(name=name, namespace="a", uid=f"uid-{name}", labels=labels)
+    def show(self, name: str = "p", *, labels: dict[str, str] | None = None, wishes: bool = False, **spec: Any) -> None:
+        """With `wishes` something is to be claimed before the pod may be bound: the reserver is asked."""
+        annotations = {str(Annotation.DDS_DOMAIN): "auto"} if wishes else None
+        meta = Metadata(name=name, namespace="a", uid=f"uid-{name}", labels=labels, annotations=annotations)
         pod = Pod(metadata=meta, spec=PodSpec(scheduler_name=OURS, **spec))
         self.waiting[meta.uid] = pod
         self.core.cluster.apply_pod(pod)
@@ -181,4 +198,4 @@ class Rig:
         self.core.queue.invariant()
 
     def count(self, result: str) -> float:
-        return self.metrics.attempts.labels(result, OURS)._value.get()
+        return self.metrics.attempt_s.labels(result, OURS).count

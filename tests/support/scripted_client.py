@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from robotapp_api.client.errors import Unreachable
+from robotapp_api.client.errors import ClientError, Unreachable
 from robotapp_api.client.resources import Resource
 
 Answer = Any
@@ -50,6 +50,24 @@ class ScriptedClient:
         if not permitted():
             raise Unreachable("not permitted", maybe_applied=False)
         return self._answer("post_raw", path, body)
+
+    def post_soon(
+        self,
+        path: str,
+        body: bytes,
+        told: Callable[[ClientError | None], None],
+        *,
+        permitted: Callable[[], bool] = lambda: True,
+    ) -> None:
+        """Told at once."""
+        try:
+            if not permitted():
+                raise Unreachable("not permitted", maybe_applied=False)
+            self._answer("post_soon", path, body)
+        except ClientError as error:
+            told(error)
+        else:
+            told(None)
 
     async def get(self, resource: Resource, name: str, *, namespace: str | None = None, as_type: Any = dict) -> Any:
         return self._answer("get", resource.path(namespace, name), as_type)

@@ -106,6 +106,8 @@ class Profile:
         self.post_binds = _deciding(plugins, "postBind")
         self.waits = bool(self.permits or self.pre_binds)
         """May plugins make a placed pod wait before its bind?"""
+        self.hooks = bool(self.reserves or self.waits or self.post_binds)
+        """Does a plugin want to be asked or told anything on a pod's way to its node?"""
         self.all = {loaded.name: loaded for chain in plugins.values() for loaded in chain}
         self.reads = tuple(sorted({name for loaded in (*self.filters, *self.scores) for name in loaded.reads}))
         """Features of the class key."""

@@ -23,7 +23,6 @@ from robotapp_api.client.errors import (
     NotFound,
     ServerError,
     TooManyRequests,
-    Unreachable,
     means_gone,
 )
 from robotapp_api.client.resources import PODS
@@ -98,53 +97,82 @@ class Binder:
         self._uniform = uniform
         self._encoder = msgspec.json.Encoder()
 
+    def send(
+        self,
+        pod: Pod,
+        node: str,
+        told: Callable[[ClientError | None], None],
+        *,
+        grants: Mapping[str, str] | None = None,
+        resource_version: str = "",
+    ) -> None:
+        """The first try of `bind` without a task that waits: `told` gets None when the pod is bound.
+
+        An error is the beginning of `bind`, to be given to it as `refused`.
+        """
+        path, body = self._binding(pod, node, grants, resource_version)
+        self._client.post_soon(path, body, told, permitted=self._permitted)
+
     async def bind(
-        self, pod: Pod, node: str, *, grants: Mapping[str, str] | None = None, resource_version: str = ""
+        self,
+        pod: Pod,
+        node: str,
+        *,
+        grants: Mapping[str, str] | None = None,
+        resource_version: str = "",
+        refused: ClientError | None = None,
     ) -> BindOutcome:
         """Bind `pod` to `node`; `grants` are annotations, `resource_version` a precondition (both optional).
 
-        Never raises for anything the API server or the network may do.
+        `refused` is what the first try came to where `send` has made it. Never raises for anything the API server or
+        the network may do.
         """
-        meta = pod.metadata
-        path = PODS.path(meta.namespace, meta.name, "binding")
-        body = self._encoder.encode(
-            _Binding(
-                metadata=_Metadata(
-                    name=meta.name,
-                    namespace=meta.namespace,
-                    uid=meta.uid,
-                    resource_version=resource_version,
-                    annotations=dict(grants or {}),
-                ),
-                target=_Reference(name=node),
-            )
-        )
+        path, body = self._binding(pod, node, grants, resource_version)
         problem, in_doubt = "", False
         for attempt in range(TRIES):
             if attempt:
                 await self._sleep(self._delay_s(attempt))
-            if not self._permitted():
+            if not self._permitted() and (attempt or refused is None):
                 return BindOutcome(BindResult.DEPOSED)
-            try:
-                await self._client.post_raw(path, body, permitted=self._permitted)
-            except TooManyRequests as error:
-                problem = str(error)
+            error = refused if attempt == 0 and refused is not None else await self._post(path, body)
+            if error is None:
+                return BindOutcome(BindResult.BOUND, node=node)
+            problem = str(error)
+            if isinstance(error, TooManyRequests):
                 await self._sleep(error.retry_after_s or 0.0)
-            except (Conflict, NotFound) as error:
-                return await self._look(pod, node, problem=str(error), in_doubt=in_doubt)
-            except ServerError as error:
-                problem, in_doubt = str(error), True
+            elif isinstance(error, Conflict | NotFound):
+                return await self._look(pod, node, problem=problem, in_doubt=in_doubt)
+            elif isinstance(error, ServerError):
+                in_doubt = True
                 if error.status not in {500, 503}:
                     return await self._look(pod, node, problem=problem, in_doubt=True)
-            except Unreachable as error:
-                problem = str(error)
-                if error.maybe_applied:
-                    return await self._look(pod, node, problem=problem, in_doubt=True)
-            except ApiError as error:
-                return BindOutcome(BindResult.FAILED, str(error))
-            else:
-                return BindOutcome(BindResult.BOUND, node=node)
+            elif isinstance(error, ApiError):
+                return BindOutcome(BindResult.FAILED, problem)
+            elif error.maybe_applied:
+                return await self._look(pod, node, problem=problem, in_doubt=True)
         return await self._look(pod, node, problem=problem, in_doubt=in_doubt)
+
+    async def _post(self, path: str, body: bytes) -> ClientError | None:
+        try:
+            await self._client.post_raw(path, body, permitted=self._permitted)
+        except ClientError as error:
+            return error
+        return None
+
+    def _binding(
+        self, pod: Pod, node: str, grants: Mapping[str, str] | None, resource_version: str
+    ) -> tuple[str, bytes]:
+        """Path and body."""
+        meta = pod.metadata
+        metadata = _Metadata(
+            name=meta.name,
+            namespace=meta.namespace,
+            uid=meta.uid,
+            resource_version=resource_version,
+            annotations=dict(grants) if grants else {},
+        )
+        body = self._encoder.encode(_Binding(metadata=metadata, target=_Reference(name=node)))
+        return PODS.path(meta.namespace, meta.name, "binding"), body
 
     async def _look(self, pod: Pod, node: str, *, problem: str, in_doubt: bool = False) -> BindOutcome:
         """Read the pod after an unclear answer: the only way to know whether the bind took effect.

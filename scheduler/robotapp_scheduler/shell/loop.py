@@ -8,7 +8,9 @@ import asyncio
 import logging
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 
+from robotapp_api.client.errors import ClientError
 from robotapp_api.model.names import PodReason
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.decision import Decision
@@ -56,12 +58,14 @@ class SchedulerLoop:
         self._woken = asyncio.Event()
         self._slots = asyncio.Semaphore(in_flight)
         self._tasks: set[asyncio.Task[None]] = set()
+        self._sent = 0
+        self._landed = asyncio.Event()
         self._stopping = False
         self.turned_s = clock()
         """When the loop last turned: liveness."""
 
     def __repr__(self) -> str:
-        return f"<SchedulerLoop {len(self._tasks)} batches in flight, {self._core!r}>"
+        return f"<SchedulerLoop {self._sent + len(self._tasks)} batches in flight, {self._core!r}>"
 
     def wake(self) -> None:
         self._woken.set()
@@ -100,8 +104,9 @@ class SchedulerLoop:
         with suppress(TimeoutError):
             async with asyncio.timeout(timeout_s):
                 # A plan that comes in while we wait is carried out by a task of its own.
-                while self._tasks:
-                    await asyncio.wait(set(self._tasks))
+                while self._tasks or self._sent:
+                    self._landed.clear()
+                    await self._landed.wait()
 
     def _posed(self, batch: Sequence[QueuedPod]) -> Posed | None:
         """The problem a planner has to solve for these pods first, if any."""
@@ -149,6 +154,9 @@ class SchedulerLoop:
         if not placed:
             self._slots.release()
             return
+        if len(placed) == 1 and self._placer.is_plain(placed[0]):
+            self._send(placed[0], started_s)
+            return
         task = asyncio.create_task(self._carry_out(placed, started_s))
         self._tasks.add(task)
         # Volumes may take minutes to be made, a permission as well; nobody else waits for that.
@@ -156,6 +164,42 @@ class SchedulerLoop:
         if slow:
             self._slots.release()
         task.add_done_callback(self._ended if slow else self._finished)
+
+    def _send(self, decision: Decision, started_s: float) -> None:
+        """The usual way: no task waits for the bind's answer."""
+        self._sent += 1
+        try:
+            self._placer.send(decision, partial(self._told, decision, started_s))
+        except Exception:  # a pod must never stay assumed and forgotten because of a bug
+            log.exception("placing %s failed", decision.pod.key)
+            self._abandon(decision)
+            self._over()
+
+    def _told(self, decision: Decision, started_s: float, began_s: float | None, error: ClientError | None) -> None:
+        if error is not None:
+            self._follow(self._insist(decision, error, started_s, began_s))
+            return
+        try:
+            self._placer.sent(decision, started_s=started_s, began_s=began_s)
+        except Exception:  # as above
+            log.exception("placing %s failed", decision.pod.key)
+            self._abandon(decision)
+        self._over()
+
+    async def _insist(self, decision: Decision, error: ClientError, started_s: float, began_s: float | None) -> None:
+        try:
+            await self._placer.insist(decision, error, started_s=started_s, began_s=began_s)
+        except Exception:  # as above
+            log.exception("placing %s failed", decision.pod.key)
+            self._abandon(decision)
+        finally:
+            self._over()
+
+    def _over(self) -> None:
+        self._sent -= 1
+        self._slots.release()
+        self._landed.set()
+        self._woken.set()
 
     async def _carry_out(self, placed: Sequence[Decision], started_s: float) -> None:
         try:
@@ -191,6 +235,7 @@ class SchedulerLoop:
 
     def _ended(self, task: asyncio.Task[None]) -> None:
         self._tasks.discard(task)
+        self._landed.set()
         self._woken.set()
 
     async def _idle(self) -> None:

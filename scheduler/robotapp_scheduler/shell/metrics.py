@@ -1,16 +1,17 @@
 """Metrics under kube-scheduler's names and buckets, so that existing dashboards and alerts keep working, plus our own.
 
-Label children are looked up once and kept: a metric on the hot path costs about a microsecond.
+Label children are looked up once and kept: a metric on the hot path costs a quarter of a microsecond.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from enum import StrEnum
 
-from prometheus_client import CollectorRegistry, Counter, Histogram, ProcessCollector
+from prometheus_client import CollectorRegistry, Counter, ProcessCollector
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
 from robotapp_scheduler.core.queued import QueuedPod
+from robotapp_scheduler.shell.histogram import Histogram, Tally
 
 MOST_ATTEMPTS = 15
 """Upstream's cap of the `attempts` label."""
@@ -34,12 +35,14 @@ class Metrics:
     def __init__(self, registry: CollectorRegistry | None = None) -> None:
         self.registry = registry or CollectorRegistry()
         ProcessCollector(registry=self.registry)
-        self.attempts = self._counter("schedule_attempts", "Attempts by result", ["result", "profile"])
         self.attempt_s = self._histogram(
             "scheduling_attempt_duration_seconds",
             "Attempt from the decision to the bind's answer, or to the refusal",
             labels=["result", "profile"],
             buckets=doubling(0.001, 2, 15),
+        )
+        self.count(  # every attempt has a duration
+            "schedule_attempts", "Attempts by result", labels=("result", "profile"), read=self.attempt_s.counts
         )
         self.algorithm_s = self._histogram(
             "scheduling_algorithm_duration_seconds", "The decision alone", buckets=doubling(0.001, 2, 15)
@@ -95,17 +98,15 @@ class Metrics:
             labels=["result"],
             buckets=doubling(0.01, 2, 20),
         )
-        self._ended: dict[tuple[AttemptResult, str], tuple[Counter, Histogram]] = {}
-        self._bound: dict[int, Histogram] = {}
+        self._ended: dict[tuple[AttemptResult, str], Tally] = {}
+        self._bound: dict[int, Tally] = {}
 
     def attempted(self, result: AttemptResult, profile: str, seconds: float) -> None:
         """An attempt has ended."""
-        children = self._ended.get((result, profile))
-        if children is None:
-            children = (self.attempts.labels(result, profile), self.attempt_s.labels(result, profile))
-            self._ended[result, profile] = children
-        children[0].inc()
-        children[1].observe(seconds)
+        ended = self._ended.get((result, profile))
+        if ended is None:
+            ended = self._ended[result, profile] = self.attempt_s.labels(result, profile)
+        ended.observe(seconds)
 
     def bound(self, queued: QueuedPod, profile: str, *, started_s: float, now_s: float) -> None:
         """A pod got its node."""
@@ -142,7 +143,7 @@ class Metrics:
         return Counter(f"scheduler_{name}", text, labels, registry=self.registry)
 
     def _histogram(self, name: str, text: str, *, buckets: list[float], labels: list[str] | None = None) -> Histogram:
-        return Histogram(f"scheduler_{name}", text, labels or [], buckets=buckets, registry=self.registry)
+        return Histogram(f"scheduler_{name}", text, labels=labels or (), buckets=buckets, registry=self.registry)
 
 
 MOST_SERIES = 2000

@@ -6,7 +6,9 @@ back. From then on the pod is out of the queue; a bind that failed returns it, w
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
+from robotapp_api.client.errors import ClientError
 from robotapp_api.model.names import EventReason, PodReason
 from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.cycle import SchedulerCore
@@ -23,7 +25,7 @@ from robotapp_scheduler.shell.binder import Binder, BindOutcome, BindResult
 from robotapp_scheduler.shell.claim_users import ClaimUsers
 from robotapp_scheduler.shell.metrics import AttemptResult, Metrics
 from robotapp_scheduler.shell.report import Reporter
-from robotapp_scheduler.shell.reserve import READY, Readiness, Reserved, Reserver
+from robotapp_scheduler.shell.reserve import READY, Readiness, Reserved, Reserver, wants
 from robotapp_scheduler.shell.texts import device_busy
 from robotapp_scheduler.shell.timing import PointTimer
 from robotapp_scheduler.shell.volume_writes import VolumeWriter
@@ -44,7 +46,7 @@ VERSION_TRIES = 3
 
 
 class Placer:
-    """One instance per process; `place` is awaited once per decided batch."""
+    """One instance per process; `place` is awaited once per decided pod, but for a plain one: `send`."""
 
     def __init__(
         self,
@@ -113,6 +115,35 @@ class Placer:
     def may_take_long(self, decision: Decision) -> bool:
         """Does the way to the node wait for more than the API server's next answers?"""
         return decision.volumes is not None or self._core.engine(decision.pod.scheduler_name).profile.waits
+
+    def is_plain(self, decision: Decision) -> bool:
+        """Nothing has to be asked, claimed, written or waited for before this pod's Binding may leave."""
+        pod = decision.pod
+        return not (
+            pod.member is not None
+            or decision.volumes is not None
+            or pod.pod.spec.resource_claims
+            or self._core.engine(pod.scheduler_name).profile.hooks
+            or wants(pod, decision.grants)
+        )
+
+    def send(self, decision: Decision, told: Callable[[float | None, ClientError | None], None]) -> None:
+        """The Binding of a plain decision leaves. `told` hands what it gets over to `sent`, or to `insist` with an error."""
+        began_s = self._timer.begin("Bind")
+        self._binder.send(decision.pod.pod, str(decision.node), partial(told, began_s))
+
+    def sent(self, decision: Decision, *, started_s: float, began_s: float | None) -> None:
+        """That Binding was accepted."""
+        self._timer.end("Bind", decision.pod.scheduler_name, began_s)
+        self._settle(decision, BindOutcome(BindResult.BOUND, node=str(decision.node)), started_s)
+
+    async def insist(
+        self, decision: Decision, refused: ClientError, *, started_s: float, began_s: float | None
+    ) -> None:
+        """It was not, or nobody knows: go on as after the first try of any other."""
+        outcome = await self._binder.bind(decision.pod.pod, str(decision.node), refused=refused)
+        self._timer.end("Bind", decision.pod.scheduler_name, began_s, code=_code(outcome))
+        self._settle(decision, outcome, started_s)
 
     async def place(self, decision: Decision, checked: Reserved = READY, *, started_s: float) -> None:
         """Bring one assumed pod to its node, or back into the queue. The attempt began at `started_s`."""
@@ -183,8 +214,7 @@ class Placer:
             grants={**annotations, **reserved.annotations} if annotations else reserved.annotations,
             resource_version=reserved.resource_version,
         )
-        code = Code.SUCCESS if outcome.result is BindResult.BOUND else Code.ERROR
-        self._timer.end("Bind", decision.pod.scheduler_name, began_s, code=code)
+        self._timer.end("Bind", decision.pod.scheduler_name, began_s, code=_code(outcome))
         return outcome
 
     async def _reserve(self, decision: Decision, lost: set[str], started_s: float) -> tuple[Decision, Reserved] | None:
@@ -294,6 +324,10 @@ class Placer:
 
     def _device_event(self, pod: PodInfo, text: str) -> None:
         self._reporter.note(pod.pod, reason=EventReason.DEVICE_BUSY, text=text)
+
+
+def _code(outcome: BindOutcome) -> Code:
+    return Code.SUCCESS if outcome.result is BindResult.BOUND else Code.ERROR
 
 
 def _queued(decision: Decision) -> QueuedPod:

@@ -96,10 +96,10 @@ class Reserver:
         The pod is read first and its version becomes the Binding's precondition, so that a bind decided on an older
         state of the pod fails instead of granting twice.
         """
+        if not wants(pod, wanted):
+            return READY
         exclusive = [grant for grant in wanted if grant.exclusive]
         domain = domain_wish(pod)
-        if not exclusive and not domain:
-            return READY
         try:
             stored = await self._stored(pod)
             if stored is None:
@@ -178,6 +178,11 @@ def domain_wish(pod: PodInfo) -> str:
     """What a bare pod's dds-domain annotation says: "auto", a number, or nothing. Apps get theirs from the operator."""
     request = pod.ros_request if pod.member is None else None
     return request.dds_domain if isinstance(request, RosRequest) else ""
+
+
+def wants(pod: PodInfo, granted: Sequence[DeviceGrant]) -> bool:
+    """Has anything to be claimed before this pod may be bound?"""
+    return bool(domain_wish(pod)) or any(grant.exclusive for grant in granted)
 
 
 def domain_request(pod: PodInfo, wish: str) -> DomainRequest:

@@ -9,10 +9,9 @@ from collections.abc import Callable, Mapping
 from itertools import cycle
 from typing import Any, Final, TypeVar
 
-from prometheus_client import Histogram
-
 from robotapp_scheduler.core.framework import Code, Loaded
 from robotapp_scheduler.core.profiles import Profile
+from robotapp_scheduler.shell.histogram import Histogram
 from robotapp_scheduler.shell.metrics import Metrics
 
 ONE_IN: Final = 10

@@ -171,3 +171,40 @@ async def test_who_leads_no_longer_sends_and_says_nothing_more(told: int) -> Non
     assert (await binder.bind(pod(), "edge-1")).result is BindResult.DEPOSED
     assert client.methods().count("post_raw") == (told >= 2)
     assert client.methods().count("get") == (told >= 3)
+
+
+@pytest.mark.parametrize(
+    ("first", "then", "found", "result", "calls"),
+    [
+        (b"", None, None, None, ["post_soon"]),
+        (server_error(503), b"", None, BindResult.BOUND, ["post_soon", "post_raw"]),
+        (conflict(), None, pod(node="edge-2"), BindResult.TAKEN, ["post_soon", "get"]),
+        (Unreachable("reset", maybe_applied=True), None, pod(node="edge-1"), BindResult.BOUND, ["post_soon", "get"]),
+        (Forbidden("no", status=403), None, None, BindResult.FAILED, ["post_soon"]),
+    ],
+    ids=["bound", "503", "conflict", "doubt", "refused"],
+)
+async def test_a_bind_begun_without_a_task_goes_on_where_its_first_try_ended(
+    first: Any, then: Any, found: Any, result: BindResult | None, calls: list[str]
+) -> None:
+    client = ScriptedClient().script("post_soon", first).script("post_raw", then).script("get", found)
+    binder = Binder(client, sleep=client.sleep, uniform=lambda: 0.0)  # type: ignore[arg-type]
+    told: list[ClientError | None] = []
+    binder.send(pod(), "edge-1", told.append)
+    (error,) = told
+    if error is not None:
+        outcome = await binder.bind(pod(), "edge-1", refused=error)
+        assert outcome.result is result
+    assert client.methods() == calls
+    assert msgspec.json.decode(client.calls[0][2])["target"]["name"] == "edge-1"
+
+
+async def test_what_is_not_permitted_any_more_is_not_sent_and_is_deposed() -> None:
+    client = ScriptedClient()
+    binder = Binder(client, permitted=lambda: False, sleep=client.sleep, uniform=lambda: 0.0)  # type: ignore[arg-type]
+    told: list[ClientError | None] = []
+    binder.send(pod(), "edge-1", told.append)
+    (error,) = told
+    assert isinstance(error, Unreachable)
+    assert (await binder.bind(pod(), "edge-1", refused=error)).result is BindResult.DEPOSED
+    assert client.calls == []

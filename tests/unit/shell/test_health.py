@@ -86,7 +86,7 @@ async def test_a_lost_lease_fails_both(site: tuple[Site, str]) -> None:
 
 async def test_metrics_carry_upstream_names_and_buckets(site: tuple[Site, str]) -> None:
     found, url = site
-    found.metrics.attempts.labels("scheduled", "ours").inc()
+    found.metrics.attempt_s.labels("scheduled", "ours").observe(0.01)
     found.metrics.sli_s.labels("1").observe(0.02)
     found.metrics.watch("pending_pods", "Waiting pods", label="queue", read=lambda: {"active": 3})
     status, text = await get(f"{url}/metrics")

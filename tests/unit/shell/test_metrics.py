@@ -40,7 +40,7 @@ def test_upstreams_names_types_and_buckets_are_there_before_anything_happened() 
         assert f"# TYPE scheduler_{name} {kind}" in text, name
         if buckets:
             found = metrics.registry._names_to_collectors[f"scheduler_{name}"]
-            assert found._upper_bounds == [*buckets, float("inf")], name  # type: ignore[attr-defined]
+            assert found.bounds == (*buckets, float("inf")), name  # type: ignore[attr-defined]
     assert "process_resident_memory_bytes" in families
 
 

@@ -1,9 +1,11 @@
 import asyncio
+from typing import Any
 
 import pytest
-from tests.support.placing import Rig
+from tests.support.placing import OURS, Rig
 
-from robotapp_api.model.names import PodReason
+from robotapp_api.model.names import Label, PodReason
+from robotapp_scheduler.core.objects import ClaimReference
 from robotapp_scheduler.shell.binder import BindOutcome, BindResult
 from robotapp_scheduler.shell.reserve import Readiness, Reserved
 
@@ -129,7 +131,7 @@ async def test_a_pod_that_cannot_even_be_abandoned_does_not_cancel_the_binds_of_
 async def test_a_device_lost_at_reserve_leads_to_the_next_node_in_the_same_cycle() -> None:
     rig = Rig()
     rig.io.reservations.append(Reserved(Readiness.BUSY, reason="DeviceBusy", message="held"))
-    rig.show()
+    rig.show(wishes=True)
     await rig.turn()
     assert len(rig.io.asked) == 1
     assert [line[0] for line in rig.said.lines] == ["scheduled"]
@@ -139,7 +141,7 @@ async def test_when_every_node_has_lost_its_device_the_pod_waits_and_the_holder_
     rig = Rig()
     busy = Reserved(Readiness.BUSY, reason="DeviceBusy", message="device can-can0 on n0 is held by a/drv")
     rig.io.reservations.extend([busy, busy])
-    rig.show()
+    rig.show(wishes=True)
     await rig.turn()
     assert rig.io.asked == []
     assert rig.core.cluster.placed == {}
@@ -151,7 +153,7 @@ async def test_grants_and_version_of_the_reservation_go_into_the_bind() -> None:
     rig = Rig()
     granted = {"granted.robotics.io/devices": "can-can0"}
     rig.io.reservations.append(Reserved(Readiness.READY, annotations=granted, resource_version="9"))
-    rig.show()
+    rig.show(wishes=True)
     await rig.turn()
     assert rig.io.asked[0][2:] == (granted, "9")
 
@@ -162,7 +164,7 @@ async def test_a_pod_whose_version_moved_is_reserved_and_bound_again_at_once() -
     for version in ("9", "10"):
         rig.io.reservations.append(Reserved(Readiness.READY, annotations=granted, resource_version=version))
     rig.io.binds.append(BindOutcome(BindResult.CHANGED, "version"))
-    rig.show()
+    rig.show(wishes=True)
     await rig.turn()
     assert [asked[3] for asked in rig.io.asked] == ["9", "10"]
     assert rig.said.lines[-1][0] == "scheduled"
@@ -248,3 +250,64 @@ async def test_a_pod_that_was_granted_something_is_read_again_after_its_volumes_
     await rig.turn()
     assert rig.volumes.asked == ["p"]
     assert [version for *_, version in rig.io.asked] == ["8"]
+
+
+async def test_a_plain_pod_is_bound_without_a_task_that_waits_and_a_drain_waits_for_its_answer() -> None:
+    rig = Rig()
+    rig.show()
+    rig.loop._decide(rig.core.queue.pop())
+    assert (rig.loop._sent, rig.loop._tasks) == (1, set())
+    assert repr(rig.loop).startswith("<SchedulerLoop 1 batches in flight")
+    await rig.loop.drain(1.0)
+    assert (rig.loop._sent, rig.said.lines[-1][0]) == (0, "scheduled")
+
+
+@pytest.mark.parametrize(
+    ("spec", "plain"),
+    [
+        ({}, True),
+        ({"wishes": True}, False),
+        ({"labels": {str(Label.APP_UID): "app-1"}}, False),
+        ({"resource_claims": (ClaimReference(name="gpu"),)}, False),
+    ],
+)
+async def test_only_a_pod_that_needs_nothing_before_its_bind_is_plain(spec: dict[str, Any], plain: bool) -> None:
+    rig = Rig()
+    rig.show(**spec)
+    (decision,) = rig.core.schedule(rig.core.queue.pop())
+    assert rig.loop._placer.is_plain(decision) is plain
+    rig.loop._placer._core.engine(OURS).profile.hooks = True
+    assert not rig.loop._placer.is_plain(decision)
+
+
+@pytest.mark.parametrize("breaks", ["send", "scheduled"])
+async def test_a_bug_on_the_way_of_a_plain_pod_puts_it_back_and_gives_its_slot_free(
+    breaks: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = Rig()
+
+    def bug(*_args: object) -> None:
+        raise RuntimeError("bug")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(rig.io if breaks == "send" else rig.said, breaks, bug)
+        rig.show()
+        await rig.turn()
+    assert rig.loop._sent == 0
+    assert rig.core.cluster.placed == {}
+    if breaks == "send":
+        assert rig.core.queue.pending()["backoff"] == 1
+    rig.now_s += 3
+    rig.loop.tick()
+    rig.show("q")
+    await rig.turn()
+    assert ("scheduled", "q") in [line[:2] for line in rig.said.lines]
+
+
+async def test_a_bug_after_a_bind_in_doubt_puts_the_pod_back() -> None:
+    rig = Rig()
+    rig.io.binds.append(RuntimeError("bug"))
+    rig.show()
+    await rig.turn()
+    assert (rig.loop._sent, rig.core.cluster.placed) == (0, {})
+    assert rig.core.queue.pending()["backoff"] == 1
