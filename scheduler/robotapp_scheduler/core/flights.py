@@ -56,7 +56,7 @@ class Flights:
         if self._flying:
             self._log.append((event, but))
             if len(self._log) > MOST_LOGGED:
-                self._fold()
+                self._shorten()
 
     def note_own(self, uid: str, event: Event) -> None:
         """The pod itself changed while it was in flight."""
@@ -80,6 +80,16 @@ class Flights:
 
     def _seen(self, uid: str, flight: Flight) -> list[Event]:
         return [event for event, but in self._log[flight.since :] if but != uid]
+
+    def _shorten(self) -> None:
+        """Drop what all that fly now have not lived through; when one flies for long, fold it for everybody."""
+        past = next(iter(self._flying.values())).since  # they are in the order of their start
+        if past <= MOST_LOGGED // 2:
+            self._fold()
+            return
+        del self._log[:past]
+        for flight in self._flying.values():
+            flight.since -= past
 
     def _fold(self) -> None:
         for uid, flight in self._flying.items():

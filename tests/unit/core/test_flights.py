@@ -1,6 +1,8 @@
+import itertools
 from functools import reduce
 from operator import or_
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -46,6 +48,19 @@ def test_nobody_in_flight_nothing_is_kept() -> None:
     assert found.land("a") is None
 
 
+def test_short_flights_keep_the_objects_of_what_they_saw(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(flights, "MOST_LOGGED", 4)
+    found = Flights()
+    uids = [f"u{i}" for i in range(20)]
+    found.start(uids[0], "")
+    for before, uid in itertools.pairwise(uids):
+        found.note(Event("nodes", Change.TAINTS, before, uid), but="")
+        found.start(uid, "")
+        landed = found.land(before)
+        assert landed is not None
+        assert [(event.old, event.new) for event in landed.seen] == [(before, uid)]
+
+
 steps = st.lists(
     st.tuples(
         st.sampled_from(["start", "end", "land", "note"]), st.sampled_from("abc"), st.sampled_from(list(Change)[1:6])
@@ -66,6 +81,7 @@ def test_the_log_tells_the_same_as_telling_every_pod_at_once(script: list[tuple[
             elif step == "note":
                 found.note(Event("", change), but=uid)
                 expected = {key: seen if key == uid else seen | change for key, seen in expected.items()}
+                assert len(found._log) <= limit
             elif step == "end":
                 found.end(uid)
                 expected.pop(uid, None)
