@@ -8,7 +8,7 @@ import time
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any, Final, Self
+from typing import Any, Final
 
 import aiohttp
 import msgspec
@@ -16,6 +16,7 @@ from tests.bench.parity_oracle import SCHEDULER_NAME, OracleLog, Scores
 from tests.bench.parity_stage import HELD, delete_now
 from tests.bench.parity_verdict import FOUND, Verdict
 from tests.support.cluster_cases import Case
+from tests.support.watching import Watching
 
 from robotapp_api.client.api import ApiClient
 from robotapp_api.client.errors import NotFound
@@ -35,7 +36,7 @@ LOOK_S: Final = 0.02
 
 
 @dataclass
-class Pods:
+class Pods(Watching):
     """Every pod as it is now, and each version that was seen of those that are followed."""
 
     client: ApiClient
@@ -43,15 +44,8 @@ class Pods:
     _followed: dict[str, list[Json]] = field(default_factory=dict)
     _changed: asyncio.Event = field(default_factory=asyncio.Event)
 
-    async def __aenter__(self) -> Self:
-        reflector = Reflector(self.client, PODS, as_type=dict, on_change=self._on_change)
-        self._task = asyncio.create_task(reflector.run())
-        await reflector.synced.wait()
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        self._task.cancel()
-        await asyncio.gather(self._task, return_exceptions=True)
+    def __post_init__(self) -> None:
+        self._reflector = Reflector(self.client, PODS, as_type=dict, on_change=self._on_change)
 
     def follow(self, key: str) -> list[Json]:
         """The versions of this pod from now on; the list grows."""

@@ -8,6 +8,8 @@ from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Any, Self
 
+from tests.support.watching import running
+
 from robotapp_api.client import ApiClient, Change, Reflector, load
 from robotapp_api.client.resources import ROBOTAPPS
 
@@ -78,12 +80,9 @@ class AppWatch:
             reflector = Reflector(
                 client, ROBOTAPPS, as_type=dict, namespace=self._namespace, on_change=self._note, inactivity_s=300
             )
-            task = asyncio.create_task(reflector.run())
-            await reflector.synced.wait()
-            self._synced.set()
-            await ended.wait()
-            task.cancel()
-            await asyncio.wait([task])
+            async with running(reflector):
+                self._synced.set()
+                await ended.wait()
         await asyncio.sleep(0.1)  # TLS connections say goodbye in the loop; without one their sockets would be leaked
 
     def _note(self, change: Change) -> None:

@@ -28,7 +28,8 @@ REST, REST_STEP_S, REST_STEPS = 0.15, 0.5, 3
 """A scheduler that uses less of a core than this in each of so many steps is at rest."""
 STARTED_S = 0.05
 """CPU that even the leanest has used when it has read anything."""
-REFUSE_S = 240.0
+REFUSE_S = 60.0
+"""A scheduler that has refused none of the waiting pods in this time will not refuse them all; with all of them it may take minutes."""
 Figures = dict[str, float]
 Go = Callable[[], Awaitable[object]]
 Show = Callable[[str, int], Callable[[int], None]]
@@ -104,7 +105,7 @@ class Run:
         if not wanted or not case.contestant.decides:
             return
         async with PodWatch(self._client, NAMESPACE, selector("waiting", case.contestant)) as watch:
-            if not await watch.all_refused(wanted, timeout_s=REFUSE_S, progress=show("refused", wanted)):
+            if not await watch.all_refused(wanted, stall_s=REFUSE_S, progress=show("refused", wanted)):
                 raise TimeoutError(f"{len(watch.refused)} of {wanted} waiting pods were refused")
 
     async def _drain(self, case: Case, process: Process, go: Go, progress: Callable[[int], None]) -> Figures:

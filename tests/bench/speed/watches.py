@@ -3,10 +3,10 @@
 import asyncio
 import time
 from collections.abc import Callable
-from typing import Self
 
 import msgspec
 from tests.bench.load import SeenMeta
+from tests.support.watching import Watching
 
 from robotapp_api.client.api import ApiClient
 from robotapp_api.client.reflector import Change, Reflector
@@ -42,28 +42,29 @@ class SeenEvent(msgspec.Struct, gc=False, rename="camel"):
     metadata: SeenMeta
 
 
-class _Watch:
-    """A reflector in a task and something to wait for."""
-
-    _reflector: Reflector[SeenPod] | Reflector[SeenEvent]
+class _Watch(Watching):
+    """A reflector and something to wait for."""
 
     def __init__(self) -> None:
         self._changed = asyncio.Event()
 
-    async def __aenter__(self) -> Self:
-        self._task = asyncio.create_task(self._reflector.run())
-        await self._reflector.synced.wait()
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        self._task.cancel()
-        await asyncio.gather(self._task, return_exceptions=True)
-
-    async def _until(self, number: Callable[[], int], wanted: int, *, timeout_s: float, progress: Progress) -> bool:
-        """Wait until `number()` reaches `wanted`; False when it does not in time."""
+    async def _until(
+        self,
+        number: Callable[[], int],
+        wanted: int,
+        *,
+        timeout_s: float | None = None,
+        progress: Progress,
+        stall_s: float | None = None,
+    ) -> bool:
+        """Wait until `number()` reaches `wanted`; False when it does not in time, or stands still for `stall_s`."""
         try:
-            async with asyncio.timeout(timeout_s):
+            async with asyncio.timeout(timeout_s), asyncio.timeout(stall_s) as stall:
+                best = 0
                 while (count := number()) < wanted:
+                    if stall_s is not None and count > best:
+                        best = count
+                        stall.reschedule(asyncio.get_running_loop().time() + stall_s)
                     self._changed.clear()
                     progress(count)
                     await self._changed.wait()
@@ -102,8 +103,9 @@ class PodWatch(_Watch):
     async def bound(self, wanted: int, *, timeout_s: float, progress: Progress = lambda _: None) -> bool:
         return await self._until(lambda: len(self.bound_s), wanted, timeout_s=timeout_s, progress=progress)
 
-    async def all_refused(self, wanted: int, *, timeout_s: float, progress: Progress = lambda _: None) -> bool:
-        return await self._until(lambda: len(self.refused), wanted, timeout_s=timeout_s, progress=progress)
+    async def all_refused(self, wanted: int, *, stall_s: float, progress: Progress = lambda _: None) -> bool:
+        """As long as it takes: False only when none of them was refused for `stall_s`."""
+        return await self._until(lambda: len(self.refused), wanted, stall_s=stall_s, progress=progress)
 
 
 class EventWatch(_Watch):

@@ -1,12 +1,12 @@
 """Watches the pods of one namespace on the way around every proxy, and keeps their history."""
 
-import asyncio
 import time
 from collections.abc import Mapping
-from typing import Any, Self
+from typing import Any
 
 import msgspec
 from tests.support.scheduler_faults.history import History, Known, Room
+from tests.support.watching import Watching
 
 from robotapp_api.client.api import ApiClient
 from robotapp_api.client.reflector import Change, Reflector
@@ -43,7 +43,7 @@ class _Pod(msgspec.Struct, gc=False):
     status: _Status
 
 
-class Observer:
+class Observer(Watching):
     """`history` is up to date with what the API server has told; `bind_s` are the moments binds were seen at."""
 
     def __init__(self, client: ApiClient, namespace: str, rooms: Mapping[str, Room]) -> None:
@@ -58,15 +58,6 @@ class Observer:
     def gaps(self) -> int:
         """How often the watch had to be replaced by a list: what happened in between has no order."""
         return max(0, self._reflector.stats.lists - 1)
-
-    async def __aenter__(self) -> Self:
-        self._task = asyncio.create_task(self._reflector.run())
-        await self._reflector.synced.wait()
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        self._task.cancel()
-        await asyncio.gather(self._task, return_exceptions=True)
 
     def _take(self, change: Change) -> None:
         ordered = self._ordered()

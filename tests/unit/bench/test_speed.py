@@ -1,5 +1,6 @@
 """The speed bench judges others: its verdicts, rates and files must be right themselves."""
 
+import asyncio
 import math
 import os
 import subprocess
@@ -14,9 +15,12 @@ from tests.bench.speed.result import Result, Row, merged, read
 from tests.bench.speed.run import pods_for, rate
 from tests.bench.speed.usage import family, usage
 from tests.bench.speed.verdict import CPU, P99, RATE, judge
-from tests.bench.speed.watches import SeenPod
+from tests.bench.speed.watches import PodWatch, SeenPod
 from tests.bench.speed.workloads import ROLE, WORKLOADS, Targets, filler, placed, pod, seed
+from tests.support.clients import client_for
+from tests.support.virtual_time import run_virtually
 
+from robotapp_api.client import Endpoint
 from robotapp_api.client.api import decoder
 
 THEIRS = {RATE: 100.0, CPU: 10.0}
@@ -63,6 +67,26 @@ def test_kube_scheduler_gets_fewer_pods_only_where_it_is_slow() -> None:
     assert pods_for(basic, KUBE_SCHEDULER, pods=None, vs_pods=None) == basic.pods
     assert pods_for(slow, KUBE_SCHEDULER, pods=100, vs_pods=None) == 100
     assert pods_for(slow, KUBE_SCHEDULER, pods=100, vs_pods=50) == 50
+
+
+@pytest.mark.parametrize(("pods", "all_of_them"), [(300, True), (301, False)])
+def test_refusing_may_take_as_long_as_it_goes_on(pods: int, all_of_them: bool) -> None:
+    """300 pods are refused, one each second."""
+
+    async def refuse() -> bool:
+        watch = PodWatch(client_for(Endpoint("http://nobody")), "bench", "")
+
+        async def scheduler() -> None:
+            for number in range(300):
+                await asyncio.sleep(1)
+                watch.refused.add(str(number))
+                watch._changed.set()
+
+        async with asyncio.TaskGroup() as group:
+            group.create_task(scheduler())
+            return await watch.all_refused(pods, stall_s=5)
+
+    assert run_virtually(refuse()) is all_of_them
 
 
 def test_each_row_of_a_file_is_read_back_and_a_later_file_replaces_it(tmp_path: Path) -> None:

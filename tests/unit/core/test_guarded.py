@@ -27,7 +27,9 @@ def core_with(plugin: type, *, point: str = "multiPoint", alone: bool = False) -
     return SchedulerCore(cluster, build_profiles([spec], catalogue({plugin.__name__: plugin})), clock=clock)
 
 
-@pytest.mark.parametrize(("hook", "answer", "told"), ANSWERS, ids=lambda value: str(value)[:30])
+@pytest.mark.parametrize(
+    ("hook", "answer", "told"), ANSWERS, ids=lambda value: str(getattr(value, "__qualname__", value))[:30]
+)
 def test_a_hook_that_breaks_fails_its_pod_with_the_name_of_the_plugin(hook: str, answer: Any, told: str) -> None:
     plugin = breaking(hook, answer)
     # Only a pod that fits nowhere is asked about at postFilter; preemption would have answered before.
