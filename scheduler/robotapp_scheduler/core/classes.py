@@ -6,8 +6,8 @@ the position in the change log up to which they are true, so a pod of a known cl
 """
 
 from collections import OrderedDict
-from collections.abc import Hashable
-from typing import Final
+from collections.abc import Hashable, Sequence
+from typing import Final, NamedTuple
 
 from robotapp_scheduler.core.filter_column import FilterColumn, Reasons
 from robotapp_scheduler.core.framework import Loaded
@@ -17,38 +17,64 @@ from robotapp_scheduler.core.score_column import ScoreColumn, score_column
 COLUMNS_PER_PLUGIN: Final = 32
 
 
+class _Columns(NamedTuple):
+    """What plugins that read the same said about pods that are equal in it, by their places in the profile."""
+
+    filters: dict[int, FilterColumn]
+    scores: dict[int, ScoreColumn]
+
+
+class _Readers:
+    """Plugins that read the same of a pod, and their columns by what that is; the least recently used ones are dropped."""
+
+    def __init__(self, first: Loaded) -> None:
+        self.filters: dict[int, Loaded] = {}
+        self.scores: dict[int, Loaded] = {}
+        self._reads, self._live = first.reads, first.reads_live
+        self._columns: OrderedDict[Hashable, _Columns] = OrderedDict()
+
+    def columns(self, pod: PodInfo, reasons: Reasons) -> _Columns:
+        """The columns for pods like this one."""
+        key = pod.live_features(self._reads) if self._live else pod.features(self._reads)
+        found = self._columns.get(key)
+        if found is not None:
+            self._columns.move_to_end(key)
+            return found
+        found = self._columns[key] = _Columns(
+            {place: FilterColumn(plugin, reasons) for place, plugin in self.filters.items()},
+            {place: score_column(plugin) for place, plugin in self.scores.items()},
+        )
+        for verdicts in found.filters.values():
+            verdicts.mind(verdicts.plugin.interest_for(pod))
+        for scores in found.scores.values():
+            scores.mind(scores.plugin.interest_for(pod))
+        if len(self._columns) > COLUMNS_PER_PLUGIN:
+            self._columns.popitem(last=False)
+        return found
+
+
 class ColumnCache:
-    """Columns of all plugins of one profile, least recently used ones dropped per plugin."""
+    """Columns of plugins, found by what these read of a pod: once for all that read the same."""
 
-    def __init__(self, reasons: Reasons) -> None:
+    def __init__(self, reasons: Reasons, filters: Sequence[Loaded], scores: Sequence[Loaded]) -> None:
         self._reasons = reasons
-        self._filters: dict[str, OrderedDict[Hashable, FilterColumn]] = {}
-        self._scores: dict[str, OrderedDict[Hashable, ScoreColumn]] = {}
+        self._filters, self._scores = range(len(filters)), range(len(scores))
+        readers: dict[tuple[str, ...], _Readers] = {}
+        for plugin in (*filters, *scores):
+            if plugin.reads not in readers:
+                readers[plugin.reads] = _Readers(plugin)
+        for place, plugin in enumerate(filters):
+            readers[plugin.reads].filters[place] = plugin
+        for place, plugin in enumerate(scores):
+            readers[plugin.reads].scores[place] = plugin
+        self._readers = list(readers.values())
 
-    def filter(self, plugin: Loaded, pod: PodInfo) -> FilterColumn:
-        """The column of a filter plugin for pods like this one."""
-        columns = self._filters.setdefault(plugin.name, OrderedDict())
-        key = pod.live_features(plugin.reads) if plugin.reads_live else pod.features(plugin.reads)
-        column = columns.get(key)
-        if column is None:
-            column = columns[key] = FilterColumn(plugin, self._reasons)
-            column.mind(plugin.interest_for(pod))
-            if len(columns) > COLUMNS_PER_PLUGIN:
-                columns.popitem(last=False)
-        else:
-            columns.move_to_end(key)
-        return column
-
-    def score(self, plugin: Loaded, pod: PodInfo) -> ScoreColumn:
-        """The column of a score plugin for pods like this one."""
-        columns = self._scores.setdefault(plugin.name, OrderedDict())
-        key = pod.live_features(plugin.reads) if plugin.reads_live else pod.features(plugin.reads)
-        column = columns.get(key)
-        if column is None:
-            column = columns[key] = score_column(plugin)
-            column.mind(plugin.interest_for(pod))
-            if len(columns) > COLUMNS_PER_PLUGIN:
-                columns.popitem(last=False)
-        else:
-            columns.move_to_end(key)
-        return column
+    def of(self, pod: PodInfo) -> tuple[list[FilterColumn], list[ScoreColumn]]:
+        """The columns of all filters and of all scores for pods like this one, in the order of the plugins."""
+        filters: dict[int, FilterColumn] = {}
+        scores: dict[int, ScoreColumn] = {}
+        for readers in self._readers:
+            found = readers.columns(pod, self._reasons)
+            filters.update(found.filters)
+            scores.update(found.scores)
+        return [filters[place] for place in self._filters], [scores[place] for place in self._scores]

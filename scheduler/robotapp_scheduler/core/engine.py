@@ -68,7 +68,8 @@ class Engine:
         self._plain, self._with_ros = object(), object()
         """Names of our notes about shapes of pods without and with ROS fields."""
         self._reasons = Reasons()
-        self._columns = ColumnCache(self._reasons)
+        self._columns = ColumnCache(self._reasons, profile.filters, profile.scores)
+        self._shadows = ColumnCache(self._reasons, profile.shadow_filters, ())
         self._classes: OrderedDict[Hashable, Evaluation] = OrderedDict()
         static = [name for name in profile.reads if not name.startswith(LIVE)]
         self._shape_reads = tuple(name for name in static if name not in OWN_FEATURES)
@@ -186,30 +187,29 @@ class Engine:
             return ()
         row = chosen if evaluation.rows is None else int(evaluation.rows[chosen])
         verdicts: dict[str, bool] = {}
-        for loaded in self.profile.shadow_filters:
-            refuses = self._shadow_refuses(loaded, pod, row)
+        for column in self._shadows.of(pod)[0]:
+            refuses = self._shadow_refuses(column, pod, row)
             if refuses is not None:
-                verdicts[loaded.name] = refuses
+                verdicts[column.plugin.name] = refuses
         if evaluation.feasible > 1:
             feasible = np.flatnonzero(evaluation.reason == 0)
-            for column in evaluation.scores:
-                if column.plugin.shadow and not column.skipped:
-                    share = np.array(evaluation.score_of(column, feasible), dtype=np.int64)
-                    total = evaluation.total[feasible] + column.plugin.weight * share
+            for scored in evaluation.scores:
+                if scored.plugin.shadow and not scored.skipped:
+                    share = np.array(evaluation.score_of(scored, feasible), dtype=np.int64)
+                    total = evaluation.total[feasible] + scored.plugin.weight * share
                     stays = total[np.searchsorted(feasible, chosen)] == total.max()
-                    verdicts[column.plugin.name] = verdicts.get(column.plugin.name, False) or not stays
+                    verdicts[scored.plugin.name] = verdicts.get(scored.plugin.name, False) or not stays
         for name, changed in verdicts.items():
             self._count(name, "shadow", "changed" if changed else "same")
         return tuple(sorted(name for name, changed in verdicts.items() if changed))
 
-    def _shadow_refuses(self, loaded: Loaded, pod: PodInfo, row: int) -> bool | None:
+    def _shadow_refuses(self, column: FilterColumn, pod: PodInfo, row: int) -> bool | None:
         """Would this filter have refused the row? None when it has no opinion, or fails."""
         try:
-            column = self._columns.filter(loaded, pod)
             bring_up([column], pod, Nodes(self._cluster), column.position)
         except Exception:  # somebody's experiment must not hold a pod back; the log has the stack, the metric the count
-            log.exception("shadow plugin %s failed for %s", loaded.name, pod.key)
-            self._count(loaded.name, "shadow", "error")
+            log.exception("shadow plugin %s failed for %s", column.plugin.name, pod.key)
+            self._count(column.plugin.name, "shadow", "error")
             return None
         return None if column.skipped else bool(column.codes[row])
 
@@ -253,8 +253,7 @@ class Engine:
         if evaluation is not None:
             self._classes.move_to_end(key)
             return evaluation
-        filters = [self._columns.filter(p, pod) for p in self.profile.filters]
-        scores = [self._columns.score(p, pod) for p in self.profile.scores]
+        filters, scores = self._columns.of(pod)
         evaluation = self._classes[key] = Evaluation(filters, scores, self._reasons)
         if len(self._classes) > self._most_classes():
             _, dropped = self._classes.popitem(last=False)

@@ -47,7 +47,7 @@ class Evaluation:
         """Explain's view of the refusals and the revision it was made of."""
         self.rows: npt.NDArray[np.intp] | None = None
         """The table rows in view, None = all."""
-        self._live_filters = filters
+        self._live_filters = [column for column in filters if not column.skipped]
         self._position = -1
         self._epochs = -1
         self._combines = 0

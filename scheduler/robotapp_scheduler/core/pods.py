@@ -162,10 +162,19 @@ class PodInfo:
         """The values of some features as a key: two pods with equal keys are equal to every rule that reads these."""
         key = self.shape.keys.get(names)
         if key is None:
-            key = tuple(FEATURES[name](self) for name in names)
+            key = tuple([self._feature(name) for name in names])
             if OWN_FEATURES.isdisjoint(names):
                 self.shape.keys[names] = key
         return key
+
+    def _feature(self, name: str) -> Hashable:
+        facts = self.shape.facts
+        if name in facts:
+            return facts[name]
+        value = FEATURES[name](self)
+        if name not in OWN_FEATURES:
+            facts[name] = value
+        return value
 
     def live_features(self, names: tuple[str, ...]) -> tuple[Hashable, ...]:
         """The same for volumes, or for parts of "ros": resolved anew at each attempt, so never kept."""

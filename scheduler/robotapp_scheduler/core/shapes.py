@@ -39,6 +39,8 @@ class Shape:
         """Tells shapes apart; a shape that was dropped and made again has another one."""
         self.keys: dict[tuple[str, ...], tuple[Hashable, ...]] = {}
         """Features of such pods by their names (core.pods)."""
+        self.facts: dict[str, Hashable] = {}
+        """The same, one by one."""
         self.notes: dict[object, Any] = {}
         """What plugins worked out about such pods, by plugin."""
         self._class: tuple[object, int] | None = None

@@ -74,6 +74,9 @@ class _Parts(NamedTuple):
         )
 
 
+NO_PARTS: Final = _Parts.of([])
+
+
 class Totals:
     """`total` is true after `refresh` or `compute`. `interest` are the changes after which a verdict may be another."""
 
@@ -81,8 +84,8 @@ class Totals:
         self.columns = columns
         self.total: IntArray = np.zeros(0, dtype=np.int64)
         """Per row; INFEASIBLE where the row is not feasible."""
-        self._live = columns
-        self._parts = _Parts.of(columns)
+        self._live = [column for column in columns if not column.skipped]
+        self._parts = NO_PARTS
         self._local: IntArray = np.zeros(0, dtype=np.int64)
         """Sum over the plugins whose score of a row depends on that row alone, feasible or not."""
         self._shares: dict[str, _Share] = {}

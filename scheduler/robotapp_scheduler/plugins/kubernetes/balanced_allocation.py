@@ -55,9 +55,9 @@ class NodeResourcesBalancedAllocation:
         balance: IntArray = _plain_pair(used, capacity) if plain else np.array([_balance(e, capacity) for e in used])
         after: IntArray = balance[-1]
         if self._change:
-            after += 50 - balance[0]
-            after //= 2
-            after += 50
+            after -= balance[0]
+            after += 150  # (50 + after - before) // 2 + 50
+            after >>= 1
         return after
 
     def score_row(self, pod: PodInfo, row: Row) -> int:
@@ -96,8 +96,12 @@ class _Wish(NamedTuple):
 
 def _plain_pair(used: IntArray, capacity: IntArray) -> IntArray:
     """As `_balance` for the usual case: two resources that every node offers. Shape (steps, resources, rows)."""
-    fractions = np.minimum(used / capacity, 1.0)
-    return _score(np.abs((fractions[:, 0] - fractions[:, 1]) / 2.0))
+    fractions = used / capacity
+    if fractions.max() > 1.0:
+        fractions = np.minimum(fractions, 1.0)
+    spread: FloatArray = fractions[:, 0] - fractions[:, 1]
+    spread /= 2.0
+    return _score(np.abs(spread, out=spread))
 
 
 def _balance(used: IntArray, capacity: IntArray) -> IntArray:
@@ -151,4 +155,6 @@ def _pair(fractions: FloatArray, offered: BoolArray) -> FloatArray:
 
 
 def _score(spread: FloatArray) -> IntArray:
-    return ((1.0 - spread) * float(MAX_SCORE)).astype(np.int64)
+    rest: FloatArray = 1.0 - spread
+    rest *= float(MAX_SCORE)
+    return rest.astype(np.int64)

@@ -1,14 +1,13 @@
 """The three scoring strategies of NodeResourcesFit, with Go's integer arithmetic."""
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import msgspec
 import numpy as np
-import numpy.typing as npt
 
 from robotapp_scheduler.core.columns import IntArray
-from robotapp_scheduler.plugins.kubernetes.resource_math import half_away, percent
+from robotapp_scheduler.plugins.kubernetes.resource_math import half_away, percent, percent_of
 
 Amount = tuple[int, int, int]
 """(allocatable, requested with the pod, weight) of one resource on one node."""
@@ -45,12 +44,12 @@ class ShapePoint(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 def least_allocated(capacity: IntArray, used: IntArray, weights: Sequence[int]) -> IntArray:
     """Weighted mean of the free share; 0 for a resource that would be overdrawn."""
-    return _mean(percent(np.maximum(capacity - used, 0), capacity), capacity, weights)
+    return _mean(np.maximum(capacity - used, 0), capacity, weights)
 
 
 def most_allocated(capacity: IntArray, used: IntArray, weights: Sequence[int]) -> IntArray:
     """Weighted mean of the used share, at most all of it."""
-    return _mean(percent(np.minimum(capacity, used), capacity), capacity, weights)
+    return _mean(np.minimum(capacity, used), capacity, weights)
 
 
 def ratio_function(shape: Sequence[ShapePoint]) -> Strategy:
@@ -62,7 +61,7 @@ def ratio_function(shape: Sequence[ShapePoint]) -> Strategy:
         utilization = np.where(used > capacity, 100, percent(np.minimum(used, capacity), capacity))
         # A resource that scores 0 leaves the mean, so does one the node does not offer.
         scores = np.where(capacity > 0, table[utilization], 0)
-        share = _weighted(scores > 0, weights)
+        share = _weighted((scores > 0).astype(np.int64), weights)
         return half_away(_weighted(scores, weights) / np.maximum(share, 1))
 
     def row(amounts: Iterable[Amount]) -> int:
@@ -100,19 +99,20 @@ STRATEGIES: Final[dict[str, Strategy]] = {
 }
 
 
-def _mean(scores: IntArray, capacity: IntArray, weights: Sequence[int]) -> IntArray:
-    """sum(weight·score) // sum(weight) over the resources a node offers."""
-    total = _weighted(scores, weights)
+def _mean(parts: IntArray, capacity: IntArray, weights: Sequence[int]) -> IntArray:
+    """sum(weight·percent) // sum(weight) over the resources a node offers."""
     if capacity.size and capacity.min() > 0:
-        return total // sum(weights)
-    return total // np.maximum(_weighted(capacity > 0, weights), 1)
+        return _weighted(percent_of(parts, capacity), weights) // sum(weights)
+    offered = (capacity > 0).astype(np.int64)
+    return _weighted(percent(parts, capacity), weights) // np.maximum(_weighted(offered, weights), 1)
 
 
-def _weighted(values: npt.NDArray[Any], weights: Sequence[int]) -> IntArray:
-    total: IntArray = np.zeros(values.shape[1], dtype=np.int64)
+def _weighted(values: IntArray, weights: Sequence[int]) -> IntArray:
+    total: IntArray | None = None
     for value, weight in zip(values, weights, strict=True):
-        total += weight * value
-    return total
+        share = value if weight == 1 else weight * value
+        total = share if total is None else total + share
+    return np.zeros(values.shape[1], dtype=np.int64) if total is None else total
 
 
 def interpolated(shape: Sequence[ShapePoint]) -> list[int]:

@@ -18,8 +18,11 @@ def percent(part: IntArray, whole: IntArray) -> IntArray:
     """100·part // whole for 0 ≤ part ≤ whole; 0 where whole is 0."""
     if not whole.size:
         return np.zeros(whole.shape, dtype=np.int64)
-    if whole.min() < 1:
-        whole = np.maximum(whole, 1)
+    return percent_of(part, np.maximum(whole, 1) if whole.min() < 1 else whole)
+
+
+def percent_of(part: IntArray, whole: IntArray) -> IntArray:
+    """The same where no whole is 0."""
     if whole.size > FEW and int(whole.max()) < EXACT_IN_FLOAT:
         return (100 * part / whole).astype(np.int64)
     return 100 * part // whole

@@ -77,8 +77,10 @@ class NodeResourcesFit:
         wish = self._wish(pod)
         full = nodes.requested("pods") >= nodes.allocatable("pods")
         missing = nodes.block("free", wish.names) < wish.column
+        if not (full.any() or missing.any()):
+            return True
         mask = ~(full | np.logical_or.reduce(missing, axis=0))
-        return mask if mask.all() else _verdict(nodes, mask, full, _Missing(wish.names, wish.column, missing))
+        return _verdict(nodes, mask, full, _Missing(wish.names, wish.column, missing))
 
     def room(self, pod: PodInfo) -> Mapping[str, int]:
         """Amounts that must be free, beside a place for one more pod."""
