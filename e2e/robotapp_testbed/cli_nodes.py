@@ -1,7 +1,6 @@
 """The part of the command line that is about real nodes: options of `up`, `doctor` and `link`."""
 
 import argparse
-import re
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -27,7 +26,6 @@ EXAMPLES = """\
   python -m robotapp_testbed link robot-1 edge-1 --delay-ms 60 --loss 0.01
   python -m robotapp_testbed replay trace.yaml           the same over time
 """
-_NAME = re.compile(r"[a-z0-9]([a-z0-9-]{0,38}[a-z0-9])?")
 _TIERS: dict[str, Callable[[str], SimulatedNode]] = {"robot": robot, "edge": edge, "cloud": cloud}
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"  # noqa: SLF001 - it has no public name
 _EXPECTED_S = 4.0
@@ -250,7 +248,7 @@ def _described(name: str) -> str | SimulatedNode:
 
 def _names(text: str) -> list[str]:
     names = [f"node-{number}" for number in range(1, int(text) + 1)] if text.isdecimal() else text.split(",")
-    wrong = [name for name in names if not _NAME.fullmatch(name)]
+    wrong = [name for name in names if not cluster.NAME.fullmatch(name)]
     if wrong or not names:
         raise argparse.ArgumentTypeError(f"{text!r} is neither a number nor node names with commas between")
     return names

@@ -5,6 +5,7 @@ with RealNodes(["robot-1", "edge-1", robot("amr-07")]) as cp:
     cp.node("edge-1").crash()
 """
 
+import re
 import signal
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,7 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from subprocess import Popen
-from typing import Any
+from typing import Any, Final
 
 from robotapp_api.model.names import Label
 from robotapp_testbed import components, images, ports, programs
@@ -30,6 +31,8 @@ from robotapp_testbed.real.node import Description, RealNode, Surroundings
 from robotapp_testbed.servers import Program, answers
 from robotapp_testbed.switch import LatencySwitch
 
+NAME: Final = re.compile(r"[a-z0-9]([a-z0-9-]{0,38}[a-z0-9])?")
+"""Of a node: part of a host name, of folders and of control groups."""
 _READY_S = 60.0
 _PARALLEL = 4
 _TAP = "lat0"
@@ -73,6 +76,7 @@ class RealNodes(ControlPlane):
             assets=assets,
         )
         self._tools += ["kubelet", "kube-proxy"]
+        self._given_args = extra_args or {}
         self._delays = delays
         self._images = ("pause", *images)
         self._switch: LatencySwitch | None = None
@@ -94,13 +98,16 @@ class RealNodes(ControlPlane):
         try:
             return self._nodes[name]
         except KeyError:
-            raise TestbedError(f"there is no node {name}; the cluster has {', '.join(self._nodes)}") from None
+            has = ", ".join(self._nodes) or "none, it is not started"
+            raise TestbedError(f"there is no node {name}; the cluster has {has}") from None
 
     @property
     def switch(self) -> LatencySwitch:
         """What joins the nodes, to set delay, jitter, loss and bandwidth of every pair."""
-        if self._switch is None:
+        if self._delays is None:
             raise TestbedError("these nodes are joined by a plain bridge: pass delays={} for the latency switch")
+        if self._switch is None:
+            raise TestbedError("the cluster is not started")
         return self._switch
 
     def plug_switch(self) -> None:
@@ -189,7 +196,7 @@ class RealNodes(ControlPlane):
         authority.user(layout.run_dir / "kubelet-client", _KUBELET_CLIENT.user, *_KUBELET_CLIENT.groups)
         for index, description in self._numbered():
             authority.server(layout.run_dir / "serving" / description.name, self.addresses.node_ip(index))
-        self._extra_args = _merged(_server_arguments(layout.run_dir), self._extra_args)
+        self._extra_args = _merged(_server_arguments(layout.run_dir), self._given_args)
 
     def _start_servers(self, layout: components.Layout, binaries: Mapping[str, Path]) -> None:
         hub = self._start_hub(layout)
@@ -274,6 +281,9 @@ def check(names: Sequence[str], delays: Iterable[tuple[str, str]]) -> None:
     """TestbedError when no cluster can have nodes of these names, or delays between these pairs of them. Pure."""
     if not 1 <= len(names) <= NODES:
         raise TestbedError(f"a cluster has 1 to {NODES} real nodes, not {len(names)}")
+    wrong = [name for name in names if not NAME.fullmatch(name)]
+    if wrong:
+        raise TestbedError(f"{wrong[0]!r} is no node name: use up to 40 small letters, digits and dashes")
     twice = sorted(name for name, count in Counter(names).items() if count > 1)
     if twice:
         raise TestbedError(f"nodes need different names: {', '.join(twice)} is there twice")

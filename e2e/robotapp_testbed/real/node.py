@@ -208,6 +208,8 @@ class RealNode:
         self.box.run(prerequisites.required_program("iptables"), *network.way_out())
 
     def _set_control_link(self, state: str) -> None:
+        if not self.box.running:
+            raise TestbedError(f"{self.name} is down and has no link: restart it first")
         self._around.hub.ip(f"link set control{self._index} {state}")
 
     def _write_configuration(self) -> None:

@@ -41,6 +41,9 @@ def test_two_clusters_do_not_disturb_each_other(real_nodes: RealNodes, real_name
         assert other.addresses.host_ip != real_nodes.addresses.host_ip
         names = {item["metadata"]["name"] for item in real_nodes.api.get("/api/v1/pods")["items"]}
         assert len(names & {"stays"}) == 1
+    with other:  # what was ended starts again, with nothing of its first life
+        assert other.ready_nodes() == {"robot-1", "edge-1"}
+        assert other.api.get("/api/v1/namespaces/default/pods")["items"] == []
     assert real_pods.container(real_nodes, real_namespace, "stays")["containerID"] == mine["containerID"]
     real_nodes.wait_nodes()
 

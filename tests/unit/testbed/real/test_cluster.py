@@ -11,6 +11,7 @@ from robotapp_testbed.real import RealNodes
     [
         ([], {}, "a cluster has 1 to 200 real nodes, not 0"),
         ([f"n{number}" for number in range(201)], {}, "a cluster has 1 to 200 real nodes, not 201"),
+        (["Robot_1"], {}, "'Robot_1' is no node name: use up to 40 small letters, digits and dashes"),
         (["a", "b", "a"], {}, "nodes need different names: a is there twice"),
         (["a", "b"], {("a", "a"): 5}, "a delay is between two nodes, not from a to itself"),
         (["a", "b"], {("a", "c"): 5}, "a delay names c, but the nodes are a, b"),
@@ -37,7 +38,9 @@ def test_what_is_not_started_says_so() -> None:
     plane.close()
     with pytest.raises(TestbedError, match="not started"):
         _ = plane.addresses
-    with pytest.raises(TestbedError, match="no node b"):
+    with pytest.raises(TestbedError, match="no node b; the cluster has none, it is not started"):
         plane.node("b")
     with pytest.raises(TestbedError, match="pass delays"):
         _ = plane.switch
+    with pytest.raises(TestbedError, match="not started"):
+        _ = RealNodes(["a"], {}).switch
