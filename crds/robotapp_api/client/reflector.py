@@ -109,7 +109,6 @@ class Reflector(Generic[T]):
         self._inactivity_s = inactivity_s
         self._backoff = backoff or Backoff(base_s=0.2, cap_s=MOST_DELAY_S, uniform=client.uniform)
         self._objects: dict[str, T] = {}
-        self._identities: dict[str, Identity] = {}
         self._contact: float | None = None
         self._initial: dict[str, Read[T]] | None = None
         self._progress = self._answered = False
@@ -200,8 +199,8 @@ class Reflector(Generic[T]):
         self.synced.set()
 
     def _is_news(self, identity: Identity) -> bool:
-        known = self._identities.get(identity.key)
-        return known is None or known.version != identity.version or known.uid != identity.uid
+        known = self._objects.get(identity.key)
+        return known is None or self._decoder.identify(known) != identity
 
     def _replace(self, present: Collection[str], news: Iterable[Read[T]]) -> None:
         """Take `news` in; what is not `present` vanished while we were not looking."""
@@ -277,21 +276,21 @@ class Reflector(Generic[T]):
             self.stats.undecodable += 1
             log.error("%s: %s does not fit the type and keeps its last known state: %s", self, key, problem)
             return
-        before = self._identities.get(key)
-        if before is not None:
+        old = self._objects.get(key)
+        if old is not None:
+            before = self._decoder.identify(old)
             if before.uid != identity.uid:
                 self._remove(key)
-                before = None
+                old = None
             elif before.version == identity.version:
                 return
-        old = self._objects.get(key)
         self._objects[key] = obj
-        self._identities[key] = identity
-        self._report(Change(ADDED if before is None else MODIFIED, key, old, obj))
+        self._report(Change(ADDED if old is None else MODIFIED, key, old, obj))
 
     def _remove(self, key: str) -> None:
-        if self._identities.pop(key, None) is not None:
-            self._report(Change(DELETED, key, self._objects.pop(key), None))
+        old = self._objects.pop(key, None)
+        if old is not None:
+            self._report(Change(DELETED, key, old, None))
 
     def _report(self, change: Change) -> None:
         if self._on_change is None:
