@@ -10,7 +10,6 @@ import asyncio
 import itertools
 import random
 from collections.abc import Awaitable, Callable, Mapping
-from dataclasses import dataclass
 from enum import StrEnum
 
 import msgspec
@@ -49,8 +48,7 @@ class BindResult(StrEnum):
     FAILED = "Failed"
 
 
-@dataclass(frozen=True, slots=True)
-class BindOutcome:
+class BindOutcome(msgspec.Struct, frozen=True, gc=False):
     """`message` says why it was not bound; `node` is where the pod is when somebody bound it."""
 
     result: BindResult

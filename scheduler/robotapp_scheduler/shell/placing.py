@@ -239,7 +239,8 @@ class Placer:
         profile = pod.scheduler_name
         if outcome.result is BindResult.BOUND:
             self._core.queue.done(pod.uid)
-            self._core.cluster.volumes.forget(pod.uid)  # the claims themselves say it now
+            if decision.volumes is not None:
+                self._core.cluster.volumes.forget(pod.uid)  # the claims themselves say it now
             self._reporter.scheduled(pod.pod, outcome.node)
             self._metrics.bound(queued, profile, started_s=started_s, now_s=self._clock())
             return

@@ -182,7 +182,7 @@ def domain_wish(pod: PodInfo) -> str:
 
 def wants(pod: PodInfo, granted: Sequence[DeviceGrant]) -> bool:
     """Has anything to be claimed before this pod may be bound?"""
-    return bool(domain_wish(pod)) or any(grant.exclusive for grant in granted)
+    return bool(granted and any(grant.exclusive for grant in granted)) or bool(domain_wish(pod))
 
 
 def domain_request(pod: PodInfo, wish: str) -> DomainRequest:
