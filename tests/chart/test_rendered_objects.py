@@ -68,17 +68,20 @@ def test_only_our_components_may_write_claims(rendered: list[Object]) -> None:
     assert writers == {"ClusterRole/robotapp-operator", "ClusterRole/robotapp-scheduler"}
 
 
-def test_only_the_scheduler_reads_pod_groups_and_nobody_writes_them(rendered: list[Object]) -> None:
+def test_only_the_scheduler_reads_pod_groups_and_it_writes_nothing_but_the_condition_of_the_servers_own(rendered: list[Object]) -> None:
     found = {
-        (role, group): set(rule["verbs"])
+        (group, resource): (role, set(rule["verbs"]))
         for role, rule in rules(rendered)
         for group in rule["apiGroups"]
-        if any(resource.startswith("podgroups") for resource in rule["resources"])
+        for resource in rule["resources"]
+        if resource.startswith("podgroups")
     }
-    assert {group for _, group in found} == {"scheduling.x-k8s.io", "scheduling.k8s.io"}
-    for (role, _), verbs in found.items():
-        assert "scheduler" in role
-        assert verbs == {"get", "list", "watch"}
+    reads = ("ClusterRole/robotapp-scheduler", {"get", "list", "watch"})
+    assert found == {
+        ("scheduling.x-k8s.io", "podgroups"): reads,
+        ("scheduling.k8s.io", "podgroups"): reads,
+        ("scheduling.k8s.io", "podgroups/status"): ("ClusterRole/robotapp-scheduler", {"patch"}),
+    }
 
 
 def test_leases_are_limited_to_one_name_each(rendered: list[Object]) -> None:

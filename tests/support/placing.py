@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from prometheus_client import CollectorRegistry
+from tests.support.scripted_client import ScriptedClient
 from tests.support.scripted_volumes import ScriptedVolumes
 
 from robotapp_api.client.errors import ClientError, Unreachable
@@ -21,6 +22,7 @@ from robotapp_scheduler.core.preemption import Plan
 from robotapp_scheduler.core.profiles import Catalogue, PluginRef, ProfileSpec, build_profiles
 from robotapp_scheduler.core.volumes import VolumePlan
 from robotapp_scheduler.shell.binder import BindOutcome, BindResult
+from robotapp_scheduler.shell.group_report import GroupReporter
 from robotapp_scheduler.shell.loop import SchedulerLoop
 from robotapp_scheduler.shell.metrics import Metrics
 from robotapp_scheduler.shell.placing import Placer
@@ -150,6 +152,7 @@ class Rig:
             self.said,  # type: ignore[arg-type]
             self.metrics,
             planner=Planner(),
+            groups=GroupReporter(ScriptedClient(), self.core.cluster.pod_groups, permitted=lambda: self.leads),  # type: ignore[arg-type]
             clock=self.clock,
             permitted=lambda: self.leads,
         )

@@ -121,6 +121,9 @@
 - apiGroups: [scheduling.x-k8s.io, scheduling.k8s.io]
   resources: [podgroups]
   verbs: [get, list, watch]
+- apiGroups: [scheduling.k8s.io]
+  resources: [podgroups/status]
+  verbs: [patch]
 {{ include "robotapp.claimRules" . }}
 - apiGroups: [events.k8s.io]
   resources: [events]

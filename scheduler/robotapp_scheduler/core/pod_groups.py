@@ -18,6 +18,7 @@ WORKLOADS: Final = "scheduling.k8s.io"
 APIS: Final = (COSCHEDULING, WORKLOADS)
 POD_GROUP_LABEL: Final = "scheduling.x-k8s.io/pod-group"
 _APP_UID: Final = Label.APP_UID.value
+INITIALLY_SCHEDULED: Final = "PodGroupInitiallyScheduled"
 PATIENCE_S: Final = 60.0
 """An incomplete group is reported after `scheduleTimeoutSeconds`; after this long where it names none."""
 
@@ -87,8 +88,7 @@ class PodGroup(Slim):
     def was_placed(self) -> bool:
         """Does its status say that it was placed once?"""
         return self.status.phase in {"Scheduled", "Running"} or any(
-            found.type == "PodGroupInitiallyScheduled" and found.status == "True"
-            for found in self.status.conditions or ()
+            found.type == INITIALLY_SCHEDULED and found.status == "True" for found in self.status.conditions or ()
         )
 
 
@@ -159,6 +159,7 @@ class PodGroups:
 
     def __init__(self) -> None:
         self._standing: dict[GroupRef, _Standing] = {}
+        self._completed: dict[GroupRef, None] = {}
 
     def __repr__(self) -> str:
         return f"PodGroups({len(self._standing)})"
@@ -167,9 +168,10 @@ class PodGroups:
         """A PodGroup of this API appeared or changed. One that says it is of another API is left alone."""
         if group.api_version and not group.api_version.startswith(f"{api}/"):
             return Change.NONE
-        standing = self._at(GroupRef(api, group.metadata.namespace, group.metadata.name))
+        ref = GroupRef(api, group.metadata.namespace, group.metadata.name)
+        standing = self._at(ref)
         old, standing.group = standing.group, group
-        self._judge(standing)
+        self._judge(ref, standing)
         return Change.NONE if old is not None and old.spec == group.spec else Change.POD_GROUPS
 
     def remove(self, group: PodGroup, api: str) -> Change:
@@ -195,7 +197,7 @@ class PodGroups:
         standing.count(standing.pods.get(pod.metadata.uid, NOWHERE), -1)
         standing.count(place, +1)
         standing.pods[pod.metadata.uid] = place
-        self._judge(standing)
+        self._judge(ref, standing)
         return ref.key
 
     def drop(self, pod: Pod) -> str:
@@ -233,6 +235,12 @@ class PodGroups:
             return 0
         return 0 if standing.placed and standing.group.was_placed else standing.group.needed
 
+    def take_completed(self) -> list[GroupRef]:
+        """Groups of which, since the last call, as many pods as they ask for were seen bound."""
+        found = list(self._completed)
+        self._completed.clear()
+        return found
+
     def missed(self, api: str) -> bool:
         """Does a live pod name a group of this API that we have not seen?"""
         return any(ref.api == api and found.group is None and found.pods for ref, found in self._standing.items())
@@ -244,7 +252,8 @@ class PodGroups:
         if standing.group is None and not standing.pods:
             del self._standing[ref]
 
-    @staticmethod
-    def _judge(standing: _Standing) -> None:
-        if standing.group is not None and standing.bound >= max(standing.group.needed, 1):
-            standing.done = True
+    def _judge(self, ref: GroupRef, standing: _Standing) -> None:
+        if standing.done or standing.group is None or standing.bound < max(standing.group.needed, 1):
+            return
+        standing.done = True
+        self._completed[ref] = None

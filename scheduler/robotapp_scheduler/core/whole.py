@@ -18,6 +18,7 @@ from robotapp_scheduler.core.groups import POD_GROUP_PLUGIN
 from robotapp_scheduler.core.pod_groups import GroupRef
 from robotapp_scheduler.core.pods import Member, PlacedPod, PodInfo
 
+UNSCHEDULABLE_GROUP: Final = "pod group is unschedulable, "
 MOST_RESCUED: Final = 64
 """Room for more pods than this is not made: it would have to be thought through pod by pod first."""
 
@@ -50,7 +51,7 @@ def _quorum(core: Placer, decisions: list[Decision], ref: GroupRef) -> list[Deci
         return decisions
     failures = [decision for decision in decisions if not decision.placed]
     _evict_in_vain_nobody(core, failures, needed - there)
-    text = f"pod group is unschedulable, minCount ({needed}) cannot be satisfied: {there} scheduled, 0 remaining"
+    text = f"{UNSCHEDULABLE_GROUP}minCount ({needed}) cannot be satisfied: {there} scheduled, 0 remaining"
     if failures:
         text += f"; {failures[0].pod.name}: {failures[0].message}"
     return _taken_back(cluster, decisions, text, failures, lambda _: True)

@@ -7,13 +7,14 @@ an attempt ends but with the bind, everything that was reserved is given back in
 import asyncio
 import inspect
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from types import TracebackType
 from typing import Any, Final, NamedTuple, Self
 
 from robotapp_api.model.names import GRANTED_PREFIX, PodReason
 from robotapp_scheduler.core.bind_context import BindContext
 from robotapp_scheduler.core.framework import Code, Loaded, Status, histogram
+from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.profiles import Profile
 from robotapp_scheduler.core.queued import Rejection
@@ -22,6 +23,8 @@ from robotapp_scheduler.shell.timing import PointTimer
 log = logging.getLogger(__name__)
 
 POINTS: Final = (("Reserve", "reserve"), ("Permit", "permit"), ("PreBind", "pre_bind"))
+WAITING: Final = frozenset({"permit", "pre_bind"})
+Promise = Callable[[Pod, str], Awaitable[None]]
 HOOK_S: Final = 600.0
 """A hook that never comes back would hold the room of its pod for ever."""
 REJECTED: Final = frozenset({Code.UNSCHEDULABLE, Code.UNRESOLVABLE, Code.PENDING})
@@ -39,7 +42,8 @@ class Refused(NamedTuple):
 class BindSteps:
     """The steps of one attempt: `async with` them, `run` on the chosen node, and `finish` once the pod is bound."""
 
-    def __init__(self, profile: Profile, pod: PodInfo, timer: PointTimer) -> None:
+    def __init__(self, profile: Profile, pod: PodInfo, timer: PointTimer, promise: Promise) -> None:
+        """`promise` is told the node before the pod waits for an `async` permit or pre_bind."""
         self._chains: Mapping[str, Sequence[Loaded]] = {
             "reserve": profile.reserves,
             "permit": profile.permits,
@@ -49,6 +53,8 @@ class BindSteps:
         self._after = profile.post_binds
         self._pod = pod
         self._timer = timer
+        self._promise = promise
+        self._promised = ""
         self._node = ""
         self._bound = False
         self._reserved: list[Loaded] = []
@@ -105,6 +111,7 @@ class BindSteps:
         try:
             answer: Any = getattr(loaded.plugin, hook)(self._pod, self._node, self.context)
             if inspect.isawaitable(answer):
+                await self._say_where(hook)
                 async with asyncio.timeout(HOOK_S):
                     answer = await answer
             status = _status(answer)
@@ -118,6 +125,12 @@ class BindSteps:
             status = Status(Code.ERROR, f"{type(error).__name__}: {error}")
         self._timer.plugin(loaded.name, point, status.code, started_s)
         return status
+
+    async def _say_where(self, hook: str) -> None:
+        """The pod will wait with its room in hand: whoever looks, or schedules next, must know for which node."""
+        if hook in WAITING and self._promised != self._node:
+            self._promised = self._node
+            await self._promise(self._pod.pod, self._node)
 
 
 def _status(answer: object) -> Status:

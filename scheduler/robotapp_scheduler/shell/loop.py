@@ -17,6 +17,7 @@ from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.posing import Posed
 from robotapp_scheduler.core.queued import QueuedPod, Rejection
 from robotapp_scheduler.core.together import Advice
+from robotapp_scheduler.shell.group_report import GroupReporter
 from robotapp_scheduler.shell.metrics import Metrics
 from robotapp_scheduler.shell.placing import Placer
 from robotapp_scheduler.shell.planner import Planner
@@ -43,6 +44,7 @@ class SchedulerLoop:
         metrics: Metrics,
         *,
         planner: Planner,
+        groups: GroupReporter,
         clock: Callable[[], float],
         permitted: Callable[[], bool] = lambda: True,
         in_flight: int = IN_FLIGHT,
@@ -53,6 +55,7 @@ class SchedulerLoop:
         self._reporter = reporter
         self._metrics = metrics
         self._planner = planner
+        self._groups = groups
         self._clock = clock
         self._permitted = permitted
         self._woken = asyncio.Event()
@@ -147,6 +150,7 @@ class SchedulerLoop:
             self._slots.release()
             return
         self._metrics.algorithm_s.observe(self._clock() - started_s)
+        self._groups.decided(decisions)
         placed = [decision for decision in decisions if decision.placed]
         for decision in decisions:
             if not decision.placed:
@@ -257,6 +261,7 @@ class SchedulerLoop:
         core.queue.move(core.cluster.tick())
         for queued, gate in core.held():
             self._reporter.unscheduled(queued.info.pod, reason=gate.code, message=gate.reason)
+        self._groups.tick()
         self._woken.set()
 
 

@@ -151,7 +151,7 @@ class Placer:
             self._unready(decision, checked, started_s)
             return
         profile = self._core.engine(decision.pod.scheduler_name).profile
-        async with BindSteps(profile, decision.pod, self._timer) as steps:
+        async with BindSteps(profile, decision.pod, self._timer, self._reporter.promise) as steps:
             found = await self._brought(decision, steps, started_s)
             if found is None:
                 return

@@ -35,6 +35,7 @@ from robotapp_scheduler.shell.events import PodEvents
 from robotapp_scheduler.shell.evict import Evictor
 from robotapp_scheduler.shell.explaining import Explainer
 from robotapp_scheduler.shell.feed import Feed
+from robotapp_scheduler.shell.group_report import GroupReporter
 from robotapp_scheduler.shell.intake import Intake
 from robotapp_scheduler.shell.kubelet_refusals import KubeletRefusals
 from robotapp_scheduler.shell.logs import without_broken_off
@@ -162,12 +163,14 @@ class Scheduler:
             evict=self.evictor.start,
         )
         self.planner = Planner()
+        self.group_reporter = GroupReporter(client, self.core.cluster.pod_groups, permitted=self._may_act)
         self.loop = SchedulerLoop(
             self.core,
             placer,
             self.reporter,
             self.metrics,
             planner=self.planner,
+            groups=self.group_reporter,
             clock=CLOCK,
             permitted=self._may_act,
         )
@@ -193,6 +196,7 @@ class Scheduler:
                     group.create_task(self.events.run(), name="events"),
                     group.create_task(tls.run(self._client), name="tls"),
                     group.create_task(self.reporter.run(), name="conditions"),
+                    group.create_task(self.group_reporter.run(), name="conditions of groups"),
                     group.create_task(self._reloader.run(), name="configuration"),
                     group.create_task(collector.run(), name="garbage"),
                 ]

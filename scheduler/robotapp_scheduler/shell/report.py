@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Protocol
 
+import msgspec
+
 from robotapp_api.client.api import ApiClient
 from robotapp_api.client.errors import ApiError, ClientError, Conflict, NotFound
 from robotapp_api.client.resources import PODS
@@ -65,6 +67,8 @@ class Reporter:
         self._now = now
         self._said: OrderedDict[str, tuple[str, str, str | None]] = OrderedDict()
         self._latest: dict[str, _Text] = {}
+        self._promised: dict[str, str] = {}
+        """Pods on the way to a node they were promised to."""
         self._order: asyncio.Queue[str] = asyncio.Queue()
 
     def __repr__(self) -> str:
@@ -91,6 +95,11 @@ class Reporter:
         `nominate` is the node the pod waits for from now on, "" for none any more, None when that stays as it is.
         """
         uid = pod.metadata.uid
+        promised = self._promised.pop(uid, "")
+        if promised and nominate == "":
+            # Its watch may not have told us yet what we wrote: without this it would stand there for ever.
+            status = msgspec.structs.replace(pod.status, nominated_node_name=promised)
+            pod = msgspec.structs.replace(pod, status=status)
         said = self._said.get(uid)
         if said == (reason, message, nominate) and texts.nominated(pod, nominate):
             return
@@ -115,6 +124,7 @@ class Reporter:
         if pod.status.nominated_node_name == node or not self._permitted():
             return
         patch = {"metadata": {"uid": meta.uid}, "status": {"nominatedNodeName": node}}
+        self._promised[meta.uid] = node  # also when the answer is lost: it may have been written
         try:
             await self._client.patch(PODS, meta.name, patch, namespace=meta.namespace, subresource="status")
         except ClientError as error:
@@ -136,6 +146,7 @@ class Reporter:
         """The pod is bound or gone: nothing more will be said about it."""
         self._said.pop(uid, None)
         self._latest.pop(uid, None)
+        self._promised.pop(uid, None)
 
     async def run(self) -> None:
         """Write conditions until cancelled."""

@@ -133,6 +133,16 @@ def test_after_a_kill_between_its_bindings_the_rest_of_a_group_follows(
         assert len({stage.wait_bound(name, timeout_s=40) for name in names}) == 5
 
 
+def wait_condition(stage: Stage, path: str, status: str, reason: str) -> None:
+    def said() -> list[Json]:
+        return list((stage.cp.api.get(path).get("status") or {}).get("conditions") or [])
+
+    wanted = ("PodGroupInitiallyScheduled", status, reason)
+    stage.wait(
+        lambda: wanted in [(each["type"], each["status"], each["reason"]) for each in said()], what=lambda: str(said())
+    )
+
+
 @pytest.fixture(scope="module")
 def workload_plane() -> Iterator[ControlPlane]:
     """An API server that serves PodGroups itself, which a default one does not."""
@@ -154,6 +164,8 @@ def test_the_api_servers_own_pod_groups_are_placed_whole_or_not_at_all(workload_
             told = [stage.wait_refused(name, reason="Unschedulable") for name in names]
             assert sum("minCount (3) cannot be satisfied: 2 scheduled" in text for text in told) == 2
             assert [stage.node_of(name) for name in names] == [""] * 3
+            wait_condition(stage, f"{path}/three", "False", "Unschedulable")
             with nodes(workload_plane, *whole(stage, 2)):
                 assert len({stage.wait_bound(name) for name in names}) == 3
+                wait_condition(stage, f"{path}/three", "True", "Scheduled")
     process.stop()

@@ -11,8 +11,9 @@ from tests.support.virtual_time import run_virtually
 
 from robotapp_api.model.names import Annotation, PodReason
 from robotapp_scheduler.core.framework import Code, Status
+from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.profiles import Catalogue, PluginRef, Profile, ProfileSpec, build_profiles
-from robotapp_scheduler.shell.bind_steps import BindSteps, Refused
+from robotapp_scheduler.shell.bind_steps import BindSteps, Promise, Refused
 from robotapp_scheduler.shell.metrics import Metrics
 from robotapp_scheduler.shell.timing import PointTimer
 
@@ -42,12 +43,15 @@ def plugin(name: str, told: list[str], **answers: Any) -> type:
     return type(name, (), {"name": name, **{point: hook(point, answer) for point, answer in answers.items()}})
 
 
-def steps(*plugins: type) -> tuple[BindSteps, Metrics]:
+async def nobody_hears(_pod: Pod, _node: str) -> None: ...
+
+
+def steps(*plugins: type, promise: Promise = nobody_hears) -> tuple[BindSteps, Metrics]:
     classes = {cls.__name__: cls for cls in (Fifo, *plugins)}
     catalogue = Catalogue(classes=classes, defaults=tuple(PluginRef(name) for name in classes))
     profile: Profile = build_profiles([ProfileSpec("ours")], catalogue)["ours"]
     metrics = Metrics(CollectorRegistry())
-    return BindSteps(profile, make_info("p"), PointTimer(metrics)), metrics
+    return BindSteps(profile, make_info("p"), PointTimer(metrics), promise), metrics
 
 
 async def test_points_come_in_order_and_what_they_annotate_is_kept_for_the_binding() -> None:
@@ -177,3 +181,37 @@ def test_a_hook_that_never_comes_back_is_an_error_after_ten_minutes_and_its_room
     assert refused is not None
     assert refused.message == 'running Permit plugin "One": no answer within 600 s'
     assert [line.split()[0] for line in told] == ["One.reserve", "One.permit", "One.unreserve"]
+
+
+async def test_a_pod_that_will_wait_is_promised_to_its_node_once_before_it_does() -> None:
+    told: list[str] = []
+
+    async def heard(pod: Pod, node: str) -> None:
+        told.append(f"promised {pod.metadata.name} {node}")
+
+    async def later() -> None:
+        told.append("waited")
+
+    waits = plugin("Waits", told, reserve=later, permit=later, pre_bind=later)
+    subject, _ = steps(waits, promise=heard)
+    async with subject:
+        await subject.run("n1")
+        assert told == ["Waits.reserve p n1", "waited", "Waits.permit p n1", "promised p n1", "waited",
+                        "Waits.pre_bind p n1", "waited"]  # fmt: skip
+        await subject.give_back()
+        await subject.run("n2")
+        await subject.finish()
+    assert [line for line in told if line.startswith("promised")] == ["promised p n1", "promised p n2"]
+
+
+async def test_a_hook_that_answers_at_once_promises_nothing() -> None:
+    told: list[str] = []
+
+    async def heard(_pod: Pod, _node: str) -> None:
+        told.append("promised")
+
+    subject, _ = steps(plugin("Quick", told, permit=None, pre_bind=None), promise=heard)
+    async with subject:
+        await subject.run("n1")
+        await subject.finish()
+    assert "promised" not in told

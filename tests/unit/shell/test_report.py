@@ -71,6 +71,17 @@ async def test_a_promise_is_written_once_by_the_leader_and_one_that_cannot_be_is
     assert len(desk.client.calls) == 2
 
 
+async def test_a_promise_that_came_to_nothing_is_taken_back_though_the_watch_has_not_told_it_yet() -> None:
+    desk = Desk()
+    await desk.reporter.promise(pod(), "edge-1")
+    desk.client.calls.clear()
+    desk.reporter.unscheduled(pod(), reason="Unschedulable", message="no dock is free", nominate="")
+    ((_, patch),) = await desk.settle()
+    assert patch["status"]["nominatedNodeName"] is None
+    desk.reporter.unscheduled(pod(), reason="Unschedulable", message="still none", nominate="")
+    assert "nominatedNodeName" not in (await desk.settle())[-1][1]["status"]
+
+
 async def test_an_unschedulable_pod_gets_one_condition_and_one_event() -> None:
     desk = Desk()
     for _ in range(3):
