@@ -1,18 +1,20 @@
-"""Hypothesis strategies for worlds in which pods spread, attract and repel each other."""
+"""Hypothesis strategies for clusters in which pods spread, attract and repel each other, odd labels included."""
 
 from typing import Any
 
 from hypothesis import strategies as st
+from tests.support.cluster_cases.admission import admitted
+from tests.support.reference_scheduler import ClusterDump
 from tests.support.scheduling import node_json, pod_json
-from tests.support.topology_oracle import PREFERRED, REQUIRED, World
 
 Json = dict[str, Any]
 NAMES = ("n0", "n1", "n2", "n3", "n4", "n5")
+REQUIRED = "requiredDuringSchedulingIgnoredDuringExecution"
+PREFERRED = "preferredDuringSchedulingIgnoredDuringExecution"
 ZONE = "topology.kubernetes.io/zone"
 KEYS = (ZONE, ZONE, "kubernetes.io/hostname", "rack")
 SPACES = ("default", "default", "other", "third")
 APPS = ("web", "db")
-NAMESPACES = {"default": {"team": "a"}, "other": {"team": "b"}}
 TAINT = {"key": "k", "value": "", "effect": "NoSchedule"}
 
 SELECTORS = st.one_of(
@@ -107,24 +109,30 @@ def pods(draw: st.DrawFn, name: str, *, node: str = "") -> Json:
             raw["spec"]["tolerations"] = [{"key": "k", "operator": "Exists"}]
     elif draw(st.integers(0, 5)) == 0:
         raw["metadata"]["deletionTimestamp"] = "2026-01-01T00:00:00Z"
-    return raw
+    raw["spec"]["containers"] = [{"name": "main", "image": "pause"}]
+    return admitted(raw)
+
+
+def namespace(name: str, team: str = "") -> Json:
+    return {"kind": "Namespace", "metadata": {"name": name, "labels": {"team": team} if team else {}}}
 
 
 @st.composite
-def services(draw: st.DrawFn) -> Json:
+def services(draw: st.DrawFn, name: str) -> Json:
     selector = draw(st.sampled_from(({"app": "web"}, {"tier": "a"}, {"app": "web", "tier": "a"})))
-    return {"namespace": draw(st.sampled_from(("default", "other"))), "selector": selector}
+    meta = {"name": name, "namespace": draw(st.sampled_from(("default", "other")))}
+    return {"kind": "Service", "metadata": meta, "spec": {"selector": selector}}
 
 
 @st.composite
-def worlds(draw: st.DrawFn) -> tuple[World, Json]:
-    """A world and the pod to place."""
+def worlds(draw: st.DrawFn) -> tuple[ClusterDump, Json]:
+    """A cluster and the pod to place."""
     names = NAMES[: draw(st.integers(1, 6))]
     placed = [draw(pods(f"old{i}", node=draw(st.sampled_from(names)))) for i in range(draw(st.integers(0, 8)))]
-    world = World(
+    dump = ClusterDump(
         nodes=[draw(nodes(name)) for name in names],
-        placed=placed,
-        namespaces=NAMESPACES,
-        services=draw(st.lists(services(), max_size=2)),
+        pods=placed,
+        namespaces=[namespace("default", "a"), namespace("other", "b"), namespace("third")],
+        services=[draw(services(f"s{i}")) for i in range(draw(st.integers(0, 2)))],
     )
-    return world, draw(pods("p"))
+    return dump, draw(pods("p"))
