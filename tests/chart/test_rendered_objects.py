@@ -68,7 +68,9 @@ def test_only_our_components_may_write_claims(rendered: list[Object]) -> None:
     assert writers == {"ClusterRole/robotapp-operator", "ClusterRole/robotapp-scheduler"}
 
 
-def test_only_the_scheduler_reads_pod_groups_and_it_writes_nothing_but_the_condition_of_the_servers_own(rendered: list[Object]) -> None:
+def test_only_the_scheduler_reads_pod_groups_and_it_writes_nothing_but_the_condition_of_the_servers_own(
+    rendered: list[Object],
+) -> None:
     found = {
         (group, resource): (role, set(rule["verbs"]))
         for role, rule in rules(rendered)

@@ -125,7 +125,7 @@ def _text(found: Found, expected: Decision) -> list[str]:
     wanted = {expected.message}
     if preemption is not None and preemption.best:
         head = expected.message.removesuffix(preemption.tail)
-        wanted = {head + preemption.tail_for(node) for node in preemption.best}
+        wanted = {(head + preemption.tail_for(node)).rstrip() for node in preemption.best}
     if found.message not in wanted:
         return [f"text {found.message!r}, expected {' or '.join(map(repr, sorted(wanted)))}"]
     if found.plan is None or preemption is None:

@@ -116,7 +116,7 @@ class Refusals:
             found = loaded.post_filter(pod, failure)
             if not isinstance(found, Outcome):
                 raise PluginError(loaded.name, f"post_filter must answer an Outcome, got {type(found).__name__}")
-            decision.message += f" {found.text}"
+            decision.message += f" {found.text}" if found.text else ""
             decision.nominate, decision.plan, decision.post_filtered = found.nominate, found.plan, True
         return decision
 

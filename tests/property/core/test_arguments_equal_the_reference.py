@@ -102,5 +102,5 @@ def test_the_formulas_of_1_35_in_whole_decisions() -> None:
     for number in range(10 * len(families)):
         case = seeded_case("1.35", number=number, families=families)
         assert differences(case, config=Config(compat_version=OLD), args=args) == [], f"case {number}: {case.families}"
-        newer += bool(differences(case, args=args))
+        newer += any(not unlike.startswith("text ") for unlike in differences(case, args=args))
     assert newer > len(families), "hardly a case in which the releases differ proves nothing"

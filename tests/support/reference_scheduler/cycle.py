@@ -29,7 +29,7 @@ def decide(cluster: ClusterDump, pod: Json, config: Config = _DEFAULTS) -> Decis
         decision.message += " not found"
         return decision
     decision.preemption = preempt(state, decision)
-    decision.message += f" {decision.preemption.tail}"
+    decision.message = f"{decision.message} {decision.preemption.tail}".rstrip()
     return decision
 
 

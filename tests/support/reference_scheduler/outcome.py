@@ -27,10 +27,14 @@ class Preemption:
     best: frozenset[str] = frozenset()
     refusals: dict[str, str] = field(default_factory=dict)
     """Node that is no candidate to the text."""
+    silent: bool = False
+    """A place that was found is not told (1.35)."""
     tail: str = ""
     """The message's last part when the outcome is certain; for candidates see `tail_for`."""
 
     def tail_for(self, node: str) -> str:
+        if self.silent:
+            return ""
         count = len(self.victims[node])
         return f"preemption: found a potential placement for pod on node {node}, preempting {count} victims"
 

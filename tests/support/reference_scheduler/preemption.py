@@ -13,6 +13,15 @@ _OFFSET = 2**31
 
 
 def preempt(state: State, decision: Decision) -> Preemption:
+    """What becomes of it, in the words of the release."""
+    found = _decided(state, decision)
+    if state.config.compat_version == "1.35":
+        found.silent = True
+        found.tail = "" if found.victims else f"no new claims to deallocate, {found.tail}"
+    return found
+
+
+def _decided(state: State, decision: Decision) -> Preemption:
     """Every node that might help is tried: the limit on candidates (at least 100) is not reached in small clusters."""
     found = Preemption()
     if state.pod["spec"].get("preemptionPolicy") == "Never":

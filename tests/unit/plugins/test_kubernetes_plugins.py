@@ -5,7 +5,7 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from tests.support.scheduling import make_cluster, make_info, make_node, make_pod
+from tests.support.scheduling import make_cluster, make_core, make_info, make_node, make_pod
 
 from robotapp_scheduler.core.framework import Code, PluginError, Verdict
 from robotapp_scheduler.core.rows import Row
@@ -275,3 +275,16 @@ def test_scheduling_gates_keep_a_pod_out_and_are_named() -> None:
     assert status is not None
     assert (status.code, status.reason) == (Code.UNRESOLVABLE, "waiting for scheduling gates: [a b]")
     assert SchedulingGates().pre_enqueue(make_info("p")) is None
+
+
+def test_preemption_speaks_as_the_release_that_is_asked_for() -> None:
+    core = make_core(make_node("n0", cpu="2"), args={"DefaultPreemption": {"compatVersion": "1.35"}})
+    in_vain = core.schedule_one(make_info("alone", cpu="4"))
+    assert in_vain.message == (
+        "0/1 nodes are available: 1 Insufficient cpu. no new claims to deallocate, "
+        "preemption: 0/1 nodes are available: 1 Preemption is not helpful for scheduling."
+    )
+    core.cluster.apply_pod(make_pod("low", node="n0", cpu="2"))
+    found = core.schedule_one(make_info("high", cpu="2", priority=5))
+    assert found.plan is not None
+    assert found.message == "0/1 nodes are available: 1 Insufficient cpu."

@@ -312,6 +312,7 @@ def test_the_release_to_follow_reaches_every_plugin_that_knows_releases_unless_t
     (spec,) = real(fields).profiles
     told = {name: args["compatVersion"] for name, args in spec.plugin_config.items()}
     assert told == {
+        "DefaultPreemption": "1.35",
         "ImageLocality": "1.35",
         "NodeDeclaredFeatures": "1.35",
         "NodeResourcesBalancedAllocation": "1.35",

@@ -5,13 +5,18 @@ import msgspec
 from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.preemption import Failure, Outcome, preempt
+from robotapp_scheduler.plugins.kubernetes.compat import NEW, is_new
 
 
 class DefaultPreemptionArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
-    """How many candidates are enough: the larger of a share of the nodes that may help and a number."""
+    """How many candidates are enough: the larger of a share of the nodes that may help and a number.
+
+    compatVersion "1.35" speaks as that release.
+    """
 
     min_candidate_nodes_percentage: int = 10
     min_candidate_nodes_absolute: int = 100
+    compat_version: str = NEW
 
 
 class DefaultPreemption:
@@ -33,10 +38,15 @@ class DefaultPreemption:
                 "minCandidateNodesPercentage: Invalid value: 0: cannot be zero at the same time as minCandidateNodesAbsolute"
             )
         self._percentage, self._absolute = percentage, absolute
+        self._old_words = not is_new(args.compat_version)
 
     def post_filter(self, pod: PodInfo, failure: Failure) -> Outcome:  # noqa: ARG002 - the contract's signature
         """Which node the pod should wait for and who must go from it."""
-        return preempt(failure, self._limit)
+        found = preempt(failure, self._limit)
+        if not self._old_words:
+            return found
+        # What DynamicResources said before it; nothing at all was said once a node was found.
+        return found._replace(text="" if found.plan is not None else f"no new claims to deallocate, {found.text}")
 
     def _limit(self, nodes: int) -> int:
         return min(max(nodes * self._percentage // 100, self._absolute), nodes)
