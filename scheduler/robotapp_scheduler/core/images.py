@@ -66,7 +66,7 @@ class Images:
     def _put_on(self, row: int, images: tuple[NodeImage, ...]) -> None:
         self._of_row[row] = images
         for image in images:
-            for name in image.names:
+            for name in image.names or ():
                 known = self._images.get(name)
                 if known is None:
                     known = self._images[name] = _Image(image.size_bytes)
@@ -82,7 +82,7 @@ class Images:
         else:
             self._lists[images] = (shared, users - 1)
         for image in images:
-            for name in image.names:
+            for name in image.names or ():
                 known = self._images.get(name)
                 if known is not None:
                     known.rows.pop(row, None)

@@ -337,7 +337,8 @@ class NodeSpec(Slim):
 class NodeImage(SlimValue, frozen=True):
     """status.images entry: one image under all its names."""
 
-    names: tuple[str, ...] = ()
+    names: tuple[str, ...] | None = None
+    """The API server writes null for an image without any: a layer left behind by a newer build."""
     size_bytes: int = 0
 
 

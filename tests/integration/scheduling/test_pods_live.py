@@ -116,3 +116,22 @@ def test_a_corrected_annotation_is_taken_at_once(installed_plane: ControlPlane, 
         annotations = {key: json.dumps({"latency_budget": "30ms"})}
         installed_plane.api.patch(f"{stage.pods_path}/typo", {"metadata": {"annotations": annotations}})
         stage.wait_bound("typo", timeout_s=5.0)
+
+
+@pytest.mark.usefixtures("scheduler")
+def test_a_node_is_seen_whatever_lists_of_it_are_empty(installed_plane: ControlPlane, stage: Stage) -> None:
+    """Empty lists come as null where their field is always written: names of an image left behind, drivers of a CSINode."""
+    api, node = installed_plane.api, edge(f"{stage.namespace}-bare", labels={"test/bare": stage.namespace})
+    with nodes(installed_plane, node):
+        csi = {
+            "apiVersion": "storage.k8s.io/v1",
+            "kind": "CSINode",
+            "metadata": {"name": node.name},
+            "spec": {"drivers": []},
+        }
+        api.create("/apis/storage.k8s.io/v1/csinodes", csi)
+        api.patch(f"/api/v1/nodes/{node.name}/status", {"status": {"images": [{"names": [], "sizeBytes": 5}]}})
+        assert api.get(f"/api/v1/nodes/{node.name}")["status"]["images"] == [{"names": None, "sizeBytes": 5}]
+        stage.create_pod(pod("bare", nodeSelector={"test/bare": stage.namespace}))
+        assert stage.wait_bound("bare") == node.name
+        api.delete(f"/apis/storage.k8s.io/v1/csinodes/{node.name}")

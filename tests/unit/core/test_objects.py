@@ -1,4 +1,5 @@
 import msgspec
+from tests.support.scheduling import make_core
 
 from robotapp_scheduler.core.objects import Node, Pod
 from robotapp_scheduler.core.robotics import NodeTelemetry, RobotApp
@@ -64,3 +65,13 @@ def test_telemetry_decodes() -> None:
     assert telemetry.status.rtt[0].p95_us == 2500
     assert telemetry.status.load is not None
     assert telemetry.status.load.cpu_percent == 12
+
+
+def test_a_node_with_an_image_nobody_named_is_read_as_the_api_server_writes_it() -> None:
+    raw = (
+        b'{"metadata":{"name":"n"},"status":{"images":[{"names":null,"sizeBytes":5},{"names":["a:1"],"sizeBytes":7}]}}'
+    )
+    core = make_core(msgspec.json.decode(raw, type=Node))
+    assert core.cluster.nodes.count == 1
+    core.cluster.remove_node("n")
+    assert core.cluster.nodes.count == 0
