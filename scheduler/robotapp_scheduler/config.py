@@ -163,7 +163,7 @@ def parse(document: object, *, catalogue: Catalogue, third_party: Collection[str
         compat_version=model.compat_version,
         kubeconfig=model.client_connection.kubeconfig,
         third_party=tuple(sorted(catalogue.classes.keys() - built_in_names)),
-        warnings=tuple(_warnings(model)),
+        warnings=(*_warnings(model), *config_checks.disabled_in_vain(model.profiles, catalogue.classes)),
     )
 
 

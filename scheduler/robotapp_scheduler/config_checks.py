@@ -39,6 +39,16 @@ def argument_kinds(profiles: Sequence[ProfileModel], built_in: Collection[str]) 
                     yield invalid(path, entry.args[field], f'must be "{value}"')
 
 
+def disabled_in_vain(profiles: Sequence[ProfileModel], known: Collection[str]) -> Iterator[str]:
+    """Names in `disabled` lists that no plugin has, perhaps misspelt: upstream lets them pass, and so do we, aloud."""
+    for index, profile in enumerate(profiles):
+        for name, info in type(profile.plugins).model_fields.items():
+            for at, ref in enumerate(getattr(profile.plugins, name).disabled):
+                if ref.name != "*" and ref.name not in known:
+                    path = f"profiles[{index}].plugins.{info.alias}.disabled[{at}].name"
+                    yield f'{path}: no plugin is called "{ref.name}": nothing is disabled by it'
+
+
 def invalid(path: str, value: object, allowed: str) -> str:
     shown = f'"{value}"' if isinstance(value, str) else value
     return f"{path}: Invalid value: {shown}: {allowed}"

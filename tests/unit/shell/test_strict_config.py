@@ -105,3 +105,10 @@ def test_a_plugin_that_cannot_work_is_a_mistake_of_the_configuration(plugin: typ
     (problem,) = problems(profiles=profile(plugins={"multiPoint": enabled}))
     assert problem.startswith("profiles[0].plugins: ")
     assert said in problem
+
+
+def test_a_name_that_disables_nothing_is_told_in_the_log() -> None:
+    off = {"score": {"disabled": [{"name": "*"}, {"name": "NodeAffinity"}, {"name": "ImageLocalty"}]}}
+    assert config(profiles=profile(plugins=off)).warnings == (
+        'profiles[0].plugins.score.disabled[2].name: no plugin is called "ImageLocalty": nothing is disabled by it',
+    )
