@@ -40,9 +40,13 @@ def settled(plane: ControlPlane, before: set[str]) -> set[str]:
     Nodes of a module are gone before its pods are, so nobody would confirm that these have ended; and nobody is left to
     sweep the claims of its apps, or to give back the Lease of an operator that was killed.
     """
-    for namespace in _items(plane, "/api/v1/namespaces"):
-        if namespace["metadata"].get("deletionTimestamp"):
-            plane.api.delete(f"/api/v1/namespaces/{namespace['metadata']['name']}/pods?gracePeriodSeconds=0")
+    namespaces = _items(plane, "/api/v1/namespaces")
+    ending = [item["metadata"]["name"] for item in namespaces if item["metadata"].get("deletionTimestamp")]
+    busy = {item["metadata"]["namespace"] for item in _items(plane, f"{OURS}/robotapps")}
+    for name in ending:
+        plane.api.delete(f"/api/v1/namespaces/{name}/pods?gracePeriodSeconds=0")
+        if name in busy:  # where there were pods, the namespace controller comes back for the rest after five seconds
+            plane.api.delete(f"{OURS}/namespaces/{name}/robotapps")
     wait_until(lambda: before >= set(_names(plane, PASSING)), timeout_s=GONE_S, poll_s=0.1)
     for collection in (f"{OURS}/robotclaims", f"/apis/coordination.k8s.io/v1/namespaces/{SYSTEM_NAMESPACE}/leases"):
         if _items(plane, collection):
