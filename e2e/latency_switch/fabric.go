@@ -3,6 +3,7 @@ package main
 import (
 	"fmt"
 	"log"
+	"maps"
 	"slices"
 	"strings"
 	"sync"
@@ -254,7 +255,8 @@ func (f *Fabric) removeLost() {
 		}
 	}
 	f.ports = slices.DeleteFunc(f.ports, func(port *Port) bool { return port.lost })
-	clear(f.learned)
+	// Only theirs: whoever stays may not speak for long, and until then all that is sent to it would be flooded.
+	maps.DeleteFunc(f.learned, func(_ Mac, port *Port) bool { return port.lost })
 	f.connect()
 }
 

@@ -137,6 +137,18 @@ def test_a_node_that_ended_loses_its_port_and_its_successor_meets_the_old_links(
         assert wire.switch.nodes() == ["a", "b", "c"]
 
 
+def test_the_end_of_a_node_floods_nothing_that_is_meant_for_one_of_the_others(wire: Wire) -> None:
+    assert delivered(wire.nodes["a"], wire.nodes["b"], 1) == [0]
+    with wire.node("d", "10.9.0.9"):
+        pass
+    assert wait_until(lambda: wire.switch.nodes() == ["a", "b", "c"], timeout_s=5)
+    before = wire.switch.counts("frames_total")
+    assert delivered(wire.nodes["a"], wire.nodes["b"], 20) == list(range(20))  # b itself does not speak
+    counts = wire.switch.counts("frames_total")
+    assert counts["a", "b"] >= before["a", "b"] + 20
+    assert counts["a", "c"] < before["a", "c"] + 5  # but for an ARP request
+
+
 def test_a_refused_command_changes_nothing_and_says_what_is_wrong(wire: Wire) -> None:
     before = wire.switch.links()
     with pytest.raises(SwitchRefusedError, match=r'no node "nobody" was attached, known are: a, b, c'):
