@@ -8,12 +8,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeAlias
 
-from robotapp_testbed import images, programs
+from robotapp_testbed import images
 from robotapp_testbed.assets import Assets
 from robotapp_testbed.detached import State
 from robotapp_testbed.failures import TestbedError
 from robotapp_testbed.nodes import SimulatedNode, cloud, edge, robot
-from robotapp_testbed.real import RealNodes, cluster, prerequisites
+from robotapp_testbed.real import RealNodes, cluster, parts, prerequisites
 from robotapp_testbed.switch.control import Control
 from robotapp_testbed.switch.links import LIMITS, Link, problem_of
 from robotapp_testbed.switch.replay import Replay
@@ -102,10 +102,7 @@ def check(arguments: argparse.Namespace) -> None:
 
 def prepare(arguments: argparse.Namespace) -> None:
     """Before a cluster is started: make what it needs while the user looks on."""
-    for program in programs.FOLDERS:
-        programs.build(program)
-    for image in ("pause", *_images(arguments)):
-        images.archive(image)
+    parts.prepare(_images(arguments))
     expected_s = _EXPECTED_S + _PER_NODE_S * len(arguments.nodes)
     print(
         f"starting {len(arguments.nodes)} real nodes ({', '.join(arguments.nodes)}): about {expected_s:.0f} s",

@@ -18,7 +18,7 @@ from tests.bench import options, stability
 from tests.support.nodes_campaign import DOWN_S, UP_S, Kill, Life, kill, live
 
 from robotapp_testbed import components_as_pods
-from robotapp_testbed.real import MeasuredTelemetry, RealNodes, UnavailableError, prerequisites
+from robotapp_testbed.real import MeasuredTelemetry, RealNodes, UnavailableError, parts, prerequisites
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -28,6 +28,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except UnavailableError as problem:
         say(str(problem))
         return 1
+    parts.prepare()  # or the first life would be as long as the compilers take
     names = [f"node-{number}" for number in range(1, arguments.nodes + 1)]
     found = Found()
     for number in range(1, _several(arguments.lives, arguments.long) + 1):

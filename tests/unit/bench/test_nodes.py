@@ -50,6 +50,7 @@ def minutes(monkeypatch: pytest.MonkeyPatch) -> list[float]:
         return stability.Stable(seconds, 100_000, {}, ["app-1: it heard another app"])
 
     monkeypatch.setattr(nodes.prerequisites, "require", lambda: None)
+    monkeypatch.setattr(nodes.parts, "prepare", lambda: None)
     monkeypatch.setattr(nodes, "live", lambda _: GOOD)
     monkeypatch.setattr(nodes, "kill", lambda *_: STRUCK)
     monkeypatch.setattr(nodes, "stable", stable)
@@ -74,6 +75,16 @@ def test_the_apps_can_be_all_there_is(minutes: list[float], capsys: pytest.Captu
     assert main(["--lives", "0", "--kills", "0", "--stable-minutes", "0.5"]) == 1
     assert minutes == [0.5]
     assert "app-1: it heard another app" in capsys.readouterr().err
+
+
+def test_what_a_cluster_is_made_from_is_made_before_the_first_life(
+    minutes: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done = []
+    monkeypatch.setattr(nodes.parts, "prepare", lambda: done.append("prepared"))
+    monkeypatch.setattr(nodes, "live", lambda _: done.append("life") or GOOD)
+    assert main(["--lives", "1", "--kills", "0"]) == 0
+    assert done == ["prepared", "life"]
 
 
 def test_what_is_known_is_written_before_the_end(tmp_path: Path) -> None:
