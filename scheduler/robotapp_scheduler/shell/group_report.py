@@ -4,7 +4,6 @@ False is written when an attempt failed, True once as many pods as it asks for a
 `scheduling.x-k8s.io` belong to another controller, whose status we leave alone.
 """
 
-import asyncio
 import logging
 from collections.abc import Callable, Sequence
 
@@ -16,6 +15,7 @@ from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.objects import PodCondition
 from robotapp_scheduler.core.pod_groups import INITIALLY_SCHEDULED, WORKLOADS, GroupRef, PodGroup, PodGroups
 from robotapp_scheduler.core.whole import UNSCHEDULABLE_GROUP
+from robotapp_scheduler.shell.newest import Newest
 from robotapp_scheduler.shell.report import STRATEGIC_MERGE, utc_now
 
 log = logging.getLogger(__name__)
@@ -39,11 +39,10 @@ class GroupReporter:
         self._groups = groups
         self._permitted = permitted
         self._now = now
-        self._latest: dict[GroupRef, tuple[str, str, str]] = {}
-        self._order: asyncio.Queue[GroupRef] = asyncio.Queue()
+        self._waiting: Newest[GroupRef, tuple[str, str, str]] = Newest()
 
     def __repr__(self) -> str:
-        return f"<GroupReporter {len(self._latest)} conditions to write>"
+        return f"<GroupReporter {len(self._waiting)} conditions to write>"
 
     def decided(self, decisions: Sequence[Decision]) -> None:
         """An attempt for the pods of one batch ended. Says something only about a group that found no place."""
@@ -66,8 +65,7 @@ class GroupReporter:
     async def run(self) -> None:
         """Write until cancelled."""
         while True:
-            ref = await self._order.get()
-            status, reason, message = self._latest.pop(ref)
+            ref, (status, reason, message) = await self._waiting.take()
             group = self._groups.find(ref)
             if group is not None and self._permitted():
                 await self._write(ref, group, _condition(group, status, reason, message, self._now()))
@@ -81,9 +79,7 @@ class GroupReporter:
             said.status == "True" or (said.status, said.reason, said.message) == (status, reason, message)
         ):
             return
-        if ref not in self._latest:
-            self._order.put_nowait(ref)
-        self._latest[ref] = (status, reason, message)
+        self._waiting.put(ref, (status, reason, message))
 
     async def _write(self, ref: GroupRef, group: PodGroup, condition: dict[str, object]) -> None:
         patch = {"metadata": {"uid": group.metadata.uid}, "status": {"conditions": [condition]}}

@@ -20,6 +20,7 @@ from robotapp_api.client.resources import PODS
 from robotapp_api.model.names import EventReason
 from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.shell import texts
+from robotapp_scheduler.shell.newest import Newest
 
 log = logging.getLogger(__name__)
 
@@ -66,13 +67,12 @@ class Reporter:
         self._permitted = permitted
         self._now = now
         self._said: OrderedDict[str, tuple[str, str, str | None]] = OrderedDict()
-        self._latest: dict[str, _Text] = {}
+        self._waiting: Newest[str, _Text] = Newest()
         self._promised: dict[str, str] = {}
         """Pods on the way to a node they were promised to."""
-        self._order: asyncio.Queue[str] = asyncio.Queue()
 
     def __repr__(self) -> str:
-        return f"<Reporter {len(self._latest)} conditions to write, {len(self._said)} remembered>"
+        return f"<Reporter {len(self._waiting)} conditions to write, {len(self._said)} remembered>"
 
     def scheduled(self, pod: Pod, node: str) -> None:
         """The bind was confirmed; the API server itself has set PodScheduled=True."""
@@ -108,12 +108,10 @@ class Reporter:
             self._events.pod_event(pod, warning=True, reason=event, action="Scheduling", note=texts.note(message))
         if texts.says_already(pod, reason=reason, message=message, nominate=nominate):
             return
-        waiting = self._latest.get(uid)
+        waiting = self._waiting.get(uid)
         if nominate is None and waiting is not None:
             nominate = waiting.nominate  # not written yet: it must not be lost
-        if uid not in self._latest:
-            self._order.put_nowait(uid)
-        self._latest[uid] = _Text(pod, reason, message, nominate)
+        self._waiting.put(uid, _Text(pod, reason, message, nominate))
 
     async def promise(self, pod: Pod, node: str) -> None:
         """Say on the pod where it goes before something is made there for it: whoever schedules next keeps to it.
@@ -145,7 +143,7 @@ class Reporter:
     def forget(self, uid: str) -> None:
         """The pod is bound or gone: nothing more will be said about it."""
         self._said.pop(uid, None)
-        self._latest.pop(uid, None)
+        self._waiting.drop(uid)
         self._promised.pop(uid, None)
 
     async def run(self) -> None:
@@ -156,10 +154,8 @@ class Reporter:
 
     async def _write_forever(self) -> None:
         while True:
-            uid = await self._order.get()
-            text = self._latest.pop(uid, None)
-            if text is not None:
-                await self._write(text)
+            _, text = await self._waiting.take()
+            await self._write(text)
 
     async def _write(self, text: _Text) -> None:
         meta = text.pod.metadata
