@@ -77,9 +77,8 @@ def test_the_apps_can_be_all_there_is(minutes: list[float], capsys: pytest.Captu
     assert "app-1: it heard another app" in capsys.readouterr().err
 
 
-def test_what_a_cluster_is_made_from_is_made_before_the_first_life(
-    minutes: list[float], monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.usefixtures("minutes")
+def test_what_a_cluster_is_made_from_is_made_before_the_first_life(monkeypatch: pytest.MonkeyPatch) -> None:
     done = []
     monkeypatch.setattr(nodes.parts, "prepare", lambda: done.append("prepared"))
     monkeypatch.setattr(nodes, "live", lambda _: done.append("life") or GOOD)
