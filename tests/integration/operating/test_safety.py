@@ -139,7 +139,7 @@ def test_the_lease_lets_one_work_and_the_other_take_over(
 
 
 def in_namespace(cp: ControlPlane, after: int, namespace: str) -> list[str]:
-    """What the operator wrote about one namespace since audit record `after`: its objects, and claims of any kind."""
+    """What the operator wrote about one namespace since audit record `after`: the namespaced objects in it."""
     found = audit.writes(cp.audit()[after:], user=OPERATOR)
     return [
         f"{item['verb']} {item['objectRef']['resource']} {item['objectRef'].get('name', '')}"
