@@ -2,12 +2,31 @@
 
 from typing import Any, Final
 
+import pytest
+
+from robotapp_scheduler.config import ConfigError, SchedulerConfig, parse
+from robotapp_scheduler.config_model import API_VERSION, KIND
+from robotapp_scheduler.core.profiles import Catalogue
+
 Json = dict[str, Any]
 REQUIRED: Final = "requiredDuringSchedulingIgnoredDuringExecution"
 PREFERRED: Final = "preferredDuringSchedulingIgnoredDuringExecution"
 
 
+def config(known: Catalogue, **fields: Any) -> SchedulerConfig:
+    """What a file with these fields says, with these plugins."""
+    return parse({"apiVersion": API_VERSION, "kind": KIND, **fields}, catalogue=known)
+
+
+def problems(known: Catalogue, **fields: Any) -> list[str]:
+    """What is wrong with such a file."""
+    with pytest.raises(ConfigError) as caught:
+        config(known, **fields)
+    return list(caught.value.problems)
+
+
 def profile(**fields: Any) -> Json:
+    """The field `profiles` with one of them."""
     return {"profiles": [{"schedulerName": "mine", **fields}]}
 
 

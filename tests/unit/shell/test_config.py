@@ -1,12 +1,14 @@
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import pytest
 from tests.support import configurations
+from tests.support.configurations import profile
 
 from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME
-from robotapp_scheduler.config import ConfigError, SchedulerConfig, built_in, load, parse, parse_text
+from robotapp_scheduler.config import ConfigError, SchedulerConfig, built_in, load, parse_text
 from robotapp_scheduler.config_model import API_VERSION, KIND
 from robotapp_scheduler.core.profiles import Catalogue, PluginRef
 from robotapp_scheduler.plugins import registry
@@ -57,22 +59,12 @@ def catalogue() -> Catalogue:
 
 
 def scored(found: SchedulerConfig) -> list[tuple[str, int]]:
-    profile = found.build()[found.scheduler_names[0]]
-    return [(loaded.name, loaded.weight) for loaded in profile.scores]
+    first = found.build()[found.scheduler_names[0]]
+    return [(loaded.name, loaded.weight) for loaded in first.scores]
 
 
-def config(**fields: Any) -> SchedulerConfig:
-    return parse({"apiVersion": API_VERSION, "kind": KIND, **fields}, catalogue=catalogue())
-
-
-def problems(**fields: Any) -> list[str]:
-    with pytest.raises(ConfigError) as caught:
-        config(**fields)
-    return list(caught.value.problems)
-
-
-def profile(**fields: Any) -> list[dict[str, Any]]:
-    return [{"schedulerName": "mine", **fields}]
+config = partial(configurations.config, catalogue())
+problems = partial(configurations.problems, catalogue())
 
 
 def test_without_a_file_both_scheduler_names_are_served_with_the_same_plugins() -> None:
@@ -145,10 +137,10 @@ profiles:
             "profiles[0].pluginConfig[NodeResourcesFit].args: Object contains unknown field `scoring`",
         ),
         (
-            {"profiles": profile() + profile()},
+            {"profiles": [{"schedulerName": "mine"}, {"schedulerName": "mine"}]},
             'profiles[1].schedulerName: Duplicate value: "profiles[0].schedulerName"',
         ),
-        ({"profiles": [*profile(), {}]}, "profiles[1].schedulerName: Required value"),
+        ({"profiles": [{"schedulerName": "mine"}, {}]}, "profiles[1].schedulerName: Required value"),
         (
             {"extenders": [{"urlPrefix": "http://x"}]},
             "extenders: not supported here: an HTTP round trip per pod; write a plugin (module:Class) instead",
@@ -158,26 +150,26 @@ profiles:
             'compatVersion: Unsupported value: "1.20": supported values: "1.35", "1.37"',
         ),
         (
-            {"profiles": profile(plugins={"multiPoint": {"enabled": [{"name": "PrioritySort"}]}})},
+            profile(plugins={"multiPoint": {"enabled": [{"name": "PrioritySort"}]}}),
             "profiles[0].plugins.queueSort: only one queue sort plugin can be enabled",
         ),
         (
-            {"profiles": profile(plugins={"filter": {"enabled": [{"name": "DefaultBinder"}]}})},
+            profile(plugins={"filter": {"enabled": [{"name": "DefaultBinder"}]}}),
             "profiles[0].plugins.filter: plugin 'DefaultBinder' does not take part at this point",
         ),
         (
-            {"profiles": profile(plugins={"multiPoint": {"disabled": [{"name": "DefaultBinder"}]}})},
+            profile(plugins={"multiPoint": {"disabled": [{"name": "DefaultBinder"}]}}),
             "profiles[0].plugins.bind: at least one bind plugin is needed",
         ),
         (
-            {"profiles": profile(plugins={"multiPoint": {"enabled": [{"name": "A.b"}]}})},
+            profile(plugins={"multiPoint": {"enabled": [{"name": "A.b"}]}}),
             (
                 'profiles[0].plugins.multiPoint.enabled[0].name: plugin "A.b" cannot be loaded: '
                 "no plugin and no entry point of this name; write module:Class for a file of your own"
             ),
         ),
         (
-            {"profiles": profile(plugins={"postFilter": {"enabled": [{"name": "TopologyScore"}]}})},
+            profile(plugins={"postFilter": {"enabled": [{"name": "TopologyScore"}]}}),
             "profiles[0].plugins.postFilter: plugin 'TopologyScore' does not take part at this point",
         ),
     ],
@@ -195,7 +187,7 @@ def test_all_mistakes_are_reported_in_one_bracketed_list() -> None:
 
 def test_upstream_plugins_that_are_not_built_are_named_as_such() -> None:
     plugins = {"score": {"enabled": [{"name": "GangScheduling", "weight": 3}]}}
-    assert problems(profiles=profile(plugins=plugins)) == [
+    assert problems(**profile(plugins=plugins)) == [
         (
             "profiles[0].plugins.score.enabled[0].name: not supported here: "
             'plugin "GangScheduling": the pods of a PodGroup are planned whole without it'
@@ -205,7 +197,7 @@ def test_upstream_plugins_that_are_not_built_are_named_as_such() -> None:
 
 def test_disabling_what_is_not_built_is_harmless() -> None:
     plugins = {"postFilter": {"disabled": [{"name": "*"}]}, "multiPoint": {"disabled": [{"name": "InterPodAffinity"}]}}
-    assert len(scored(config(profiles=profile(plugins=plugins)))) == 3
+    assert len(scored(config(**profile(plugins=plugins)))) == 3
 
 
 def test_profiles_must_share_the_queue_sort_plugin() -> None:
@@ -241,7 +233,7 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 def test_a_third_party_plugin_is_loaded_by_module_and_class_with_its_arguments() -> None:
     name = "tests.support.third_party_plugin:PreferQuietNodes"
     found = config(
-        profiles=profile(
+        **profile(
             plugins={"multiPoint": {"enabled": [{"name": name, "weight": 7}]}},
             pluginConfig=[{"name": name, "args": {"quiet": "very"}}],
         )
@@ -252,8 +244,8 @@ def test_a_third_party_plugin_is_loaded_by_module_and_class_with_its_arguments()
 
 def test_equal_files_have_equal_digests_and_a_weight_changes_it() -> None:
     heavier = profile(plugins={"score": {"enabled": [{"name": "TopologyScore", "weight": 99}]}})
-    assert config(profiles=profile()).digest == config(profiles=profile()).digest
-    assert config(profiles=profile()).digest != config(profiles=heavier).digest
+    assert config(**profile()).digest == config(**profile()).digest
+    assert config(**profile()).digest != config(**heavier).digest
 
 
 @pytest.mark.parametrize(
@@ -262,7 +254,7 @@ def test_equal_files_have_equal_digests_and_a_weight_changes_it() -> None:
         ({"parallelism": 4}, "parallelism", "one event loop"),
         ({"clientConnection": {"qps": 5}}, "clientConnection.qps", "fairness"),
         ({"percentageOfNodesToScore": 50}, "percentageOfNodesToScore", "all nodes are always filtered and scored"),
-        ({"profiles": profile(percentageOfNodesToScore=1)}, "profiles[0].percentageOfNodesToScore", "all nodes"),
+        (profile(percentageOfNodesToScore=1), "profiles[0].percentageOfNodesToScore", "all nodes"),
         ({"enableProfiling": True}, "enableProfiling", "no profiles"),
         ({"enableContentionProfiling": True}, "enableContentionProfiling", "no profiles"),
     ],
@@ -277,39 +269,38 @@ def test_what_has_no_effect_is_accepted_with_a_warning_that_names_it(
 
 def test_values_that_change_nothing_give_no_warning() -> None:
     assert built_in(catalogue()).warnings == ()
-    assert config(percentageOfNodesToScore=100, profiles=profile(percentageOfNodesToScore=0)).warnings == ()
+    assert config(percentageOfNodesToScore=100, **profile(percentageOfNodesToScore=0)).warnings == ()
     assert config(enableProfiling=False, enableContentionProfiling=False).warnings == ()
 
 
 # --- Files of kube-scheduler with our own plugins --------------------------------------------------------------------
 
 
-def real(fields: dict[str, Any]) -> SchedulerConfig:
-    return parse({"apiVersion": API_VERSION, "kind": KIND, **fields}, catalogue=registry.catalogue())
+real = partial(configurations.config, registry.catalogue())
 
 
 @pytest.mark.parametrize("what", configurations.ACCEPTED)
 def test_what_kube_scheduler_accepts_is_accepted(what: str) -> None:
-    assert real(configurations.ACCEPTED[what]).build()
+    assert real(**configurations.ACCEPTED[what]).build()
 
 
 @pytest.mark.parametrize(("fields", "text"), configurations.REFUSED.values(), ids=list(configurations.REFUSED))
 def test_what_kube_scheduler_refuses_is_refused_with_its_words(fields: dict[str, Any], text: str) -> None:
     with pytest.raises(ConfigError) as caught:
-        real(fields)
+        real(**fields)
     assert text in str(caught.value)
 
 
 @pytest.mark.parametrize(("fields", "text"), configurations.OURS_ALONE.values(), ids=list(configurations.OURS_ALONE))
 def test_what_we_do_not_support_is_refused_with_the_reason(fields: dict[str, Any], text: str) -> None:
     with pytest.raises(ConfigError) as caught:
-        real(fields)
+        real(**fields)
     assert text in str(caught.value)
 
 
 def test_the_release_to_follow_reaches_every_plugin_that_knows_releases_unless_the_plugin_says_otherwise() -> None:
     fields = configurations.args("VolumeBinding", compatVersion="1.37") | {"compatVersion": "1.35"}
-    (spec,) = real(fields).profiles
+    (spec,) = real(**fields).profiles
     told = {name: args["compatVersion"] for name, args in spec.plugin_config.items()}
     assert told == {
         "DefaultPreemption": "1.35",
@@ -319,7 +310,7 @@ def test_the_release_to_follow_reaches_every_plugin_that_knows_releases_unless_t
         "NodeVolumeLimits": "1.35",
         "VolumeBinding": "1.37",
     }
-    (usual,) = real({"compatVersion": "1.37", **configurations.profile()}).profiles
+    (usual,) = real(compatVersion="1.37", **profile()).profiles
     assert usual.plugin_config == {}
 
 
@@ -349,8 +340,8 @@ def test_names_are_those_of_the_file_format_and_no_others() -> None:
     ],
 )  # fmt: skip
 def test_what_cannot_be_exchanged_while_running_is_named(change: dict[str, Any], fields: tuple[str, ...]) -> None:
-    running = config(profiles=profile())
-    assert running.restart_needed(config(**({"profiles": profile()} | change))) == fields
+    running = config(**profile())
+    assert running.restart_needed(config(**(profile() | change))) == fields
 
 
 MILLIONS = "\n".join([f"a0: &a0 [{'x,' * 10}]", *(f"a{i}: &a{i} [{f'*a{i - 1},' * 10}]" for i in range(1, 9))])

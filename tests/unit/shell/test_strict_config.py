@@ -1,32 +1,23 @@
 """Configurations a decoder would let through, and which nobody can have meant: with all built-in plugins."""
 
+from functools import partial
 from typing import Any
 
 import pytest
+from tests.support import configurations
 from tests.support.broken_plugins import UNUSABLE
+from tests.support.configurations import profile
 
-from robotapp_scheduler.config import ConfigError, SchedulerConfig, parse
-from robotapp_scheduler.config_model import API_VERSION, KIND
+from robotapp_scheduler.config_model import API_VERSION
 from robotapp_scheduler.plugins.kubernetes.added_affinity import PREFERRED, REQUIRED
 from robotapp_scheduler.plugins.registry import catalogue
 
-
-def config(**fields: Any) -> SchedulerConfig:
-    return parse({"apiVersion": API_VERSION, "kind": KIND, **fields}, catalogue=catalogue())
-
-
-def problems(**fields: Any) -> list[str]:
-    with pytest.raises(ConfigError) as caught:
-        config(**fields)
-    return list(caught.value.problems)
-
-
-def profile(**fields: Any) -> list[dict[str, Any]]:
-    return [{"schedulerName": "mine", **fields}]
+config = partial(configurations.config, catalogue())
+problems = partial(configurations.problems, catalogue())
 
 
 def weight(value: int) -> dict[str, Any]:
-    return {"profiles": profile(plugins={"score": {"enabled": [{"name": "ImageLocality", "weight": value}]}})}
+    return configurations.plugins("score", {"name": "ImageLocality", "weight": value})
 
 
 def terms(**expression: Any) -> dict[str, Any]:
@@ -64,7 +55,7 @@ def test_numbers_the_format_cannot_hold_and_empty_names_are_refused(fields: dict
     ],
 )  # fmt: skip
 def test_an_added_affinity_the_api_server_would_refuse_in_a_pod_is_refused(added: dict[str, Any], text: str) -> None:
-    (problem,) = problems(profiles=profile(pluginConfig=[{"name": "NodeAffinity", "args": {"addedAffinity": added}}]))
+    (problem,) = problems(**configurations.args("NodeAffinity", addedAffinity=added))
     assert text in problem
 
 
@@ -77,7 +68,7 @@ def test_an_added_affinity_the_api_server_would_refuse_in_a_pod_is_refused(added
     ],
 )  # fmt: skip
 def test_arguments_that_say_they_are_another_plugins_are_refused(args: dict[str, Any], texts: list[str]) -> None:
-    fields = {"profiles": profile(pluginConfig=[{"name": "NodeResourcesFit", "args": args}])}
+    fields = configurations.args("NodeResourcesFit", **args)
     expected = [f"profiles[0].pluginConfig[0].{text}" for text in texts]
     assert (problems(**fields) if texts else list(config(**fields).warnings)) == expected
 
@@ -85,9 +76,7 @@ def test_arguments_that_say_they_are_another_plugins_are_refused(args: dict[str,
 def test_arguments_of_a_plugin_that_is_switched_off_are_read_all_the_same() -> None:
     off = {"multiPoint": {"disabled": [{"name": "ImageLocality"}]}}
     fields = profile(plugins=off, pluginConfig=[{"name": "ImageLocality", "args": {"typo": 1}}])
-    assert problems(profiles=fields) == [
-        "profiles[0].pluginConfig[ImageLocality].args: Object contains unknown field `typo`"
-    ]
+    assert problems(**fields) == ["profiles[0].pluginConfig[ImageLocality].args: Object contains unknown field `typo`"]
 
 
 def test_profiles_must_give_the_queue_sort_plugin_the_same_arguments() -> None:
@@ -102,13 +91,13 @@ def test_profiles_must_give_the_queue_sort_plugin_the_same_arguments() -> None:
 @pytest.mark.parametrize(("plugin", "said"), UNUSABLE.items(), ids=lambda value: getattr(value, "__name__", ""))
 def test_a_plugin_that_cannot_work_is_a_mistake_of_the_configuration(plugin: type, said: str) -> None:
     enabled = {"enabled": [{"name": f"tests.support.broken_plugins:{plugin.__name__}"}]}
-    (problem,) = problems(profiles=profile(plugins={"multiPoint": enabled}))
+    (problem,) = problems(**profile(plugins={"multiPoint": enabled}))
     assert problem.startswith("profiles[0].plugins: ")
     assert said in problem
 
 
 def test_a_name_that_disables_nothing_is_told_in_the_log() -> None:
     off = {"score": {"disabled": [{"name": "*"}, {"name": "NodeAffinity"}, {"name": "ImageLocalty"}]}}
-    assert config(profiles=profile(plugins=off)).warnings == (
+    assert config(**profile(plugins=off)).warnings == (
         'profiles[0].plugins.score.disabled[2].name: no plugin is called "ImageLocalty": nothing is disabled by it',
     )
