@@ -13,12 +13,8 @@ from msgspec.structs import replace
 
 from robotapp_scheduler.core.objects import NodeSelector, NodeSelectorTerm, Requirement
 from robotapp_scheduler.core.pod_volume import AwsDisk, AzureDisk, GceDisk, NamedVolume
+from robotapp_scheduler.core.zone_labels import OLD_REGION, OLD_ZONE, REGION, SEPARATOR, ZONE
 
-ZONE: Final = "topology.kubernetes.io/zone"
-REGION: Final = "topology.kubernetes.io/region"
-OLD_ZONE: Final = "failure-domain.beta.kubernetes.io/zone"
-OLD_REGION: Final = "failure-domain.beta.kubernetes.io/region"
-BETWEEN_ZONES: Final = "__"
 UNSPECIFIED: Final = "UNSPECIFIED"
 EBS_ID: Final = re.compile(r"vol-[^/]*")
 GCE_ZONE_PARTS: Final = 3
@@ -96,7 +92,7 @@ def translated(affinity: NodeSelector | None, labels: Mapping[str, str], kind: K
     if any(expression.values for term in terms for expression in term.match_expressions if expression.key == zone):
         return NodeSelector(node_selector_terms=tuple(_renamed(term, names) for term in terms))
     names.pop(zone)
-    zones = sorted({part.strip() for part in labels.get(zone, "").split(BETWEEN_ZONES) if part.strip()})
+    zones = sorted({part.strip() for part in labels.get(zone, "").split(SEPARATOR) if part.strip()})
     if not zones:
         return NodeSelector(node_selector_terms=tuple(_renamed(term, names) for term in terms)) if terms else affinity
     here = Requirement(key=kind.zone_label, operator="In", values=tuple(zones))
@@ -132,7 +128,7 @@ def _ebs_id(name: str) -> str:
 
 
 def _gce_id(name: str, labels: Mapping[str, str]) -> str:
-    zones = (labels.get(OLD_ZONE) or labels.get(ZONE) or "").split(BETWEEN_ZONES)
+    zones = (labels.get(OLD_ZONE) or labels.get(ZONE) or "").split(SEPARATOR)
     if len(zones) == 1:
         return f"projects/{UNSPECIFIED}/zones/{zones[0] or UNSPECIFIED}/disks/{name}"
     if any(len(zone.split("-")) != GCE_ZONE_PARTS for zone in zones):

@@ -2,12 +2,10 @@
 
 from tests.support.cluster_cases import storage_families as storage
 from tests.support.cluster_cases.choices import Choices
-from tests.support.cluster_cases.scene import REGION, ZONE, Json, Scene
+from tests.support.cluster_cases.scene import OLD_REGION, OLD_ZONE, REGION, ZONE, Json, Scene
 
 _STORAGE = "storage.k8s.io/v1"
 _MIGRATED = "storage.alpha.kubernetes.io/migrated-plugins"
-_LEGACY_ZONE = "failure-domain.beta.kubernetes.io/zone"
-_LEGACY_REGION = "failure-domain.beta.kubernetes.io/region"
 _PLACES = ("eu-west1-a", "eu-west1-b")
 _KINDS = {
     "kubernetes.io/aws-ebs": ("ebs.csi.aws.com", "topology.ebs.csi.aws.com/zone"),
@@ -42,9 +40,9 @@ def _csi_nodes(choices: Choices, scene: Scene, plugin: str) -> None:
         name, place = node["metadata"]["name"], choices.pick(_PLACES)
         labels = node["metadata"]["labels"]
         if choices.chance(80):
-            labels[choices.pick((ZONE, _LEGACY_ZONE))] = place
+            labels[choices.pick((ZONE, OLD_ZONE))] = place
         if choices.chance(40):
-            labels[choices.pick((REGION, _LEGACY_REGION))] = "eu-west1"
+            labels[choices.pick((REGION, OLD_REGION))] = "eu-west1"
         if key and choices.chance(70):
             labels[key] = place
         if choices.chance(85):
@@ -56,7 +54,7 @@ def _csi_nodes(choices: Choices, scene: Scene, plugin: str) -> None:
 
 
 def _affinity(choices: Choices) -> Json:
-    keys = choices.pick(((ZONE,), (_LEGACY_ZONE,), (_LEGACY_ZONE, _LEGACY_REGION), (ZONE, REGION), ("disk",)))
+    keys = choices.pick(((ZONE,), (OLD_ZONE,), (OLD_ZONE, OLD_REGION), (ZONE, REGION), ("disk",)))
     expressions = []
     for key in keys:
         if key == "disk":
@@ -90,7 +88,7 @@ def _use(choices: Choices, scene: Scene, pod: Json, plugin: str) -> None:
             if choices.chance(50):
                 made["spec"]["nodeAffinity"] = _affinity(choices)
             if choices.chance(50):
-                key = choices.pick((ZONE, _LEGACY_ZONE))
+                key = choices.pick((ZONE, OLD_ZONE))
                 made["metadata"]["labels"][key] = "__".join(choices.some(_PLACES, least=1))
         storage.mount(pod, name)
     if choices.chance(30):

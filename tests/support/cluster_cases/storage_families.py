@@ -1,11 +1,10 @@
 """Families about volumes: restrictions, limits, bound and unusable claims, binding on first use, zones."""
 
 from tests.support.cluster_cases.choices import Choices
-from tests.support.cluster_cases.scene import REGION, ZONE, ZONES, Json, Scene, terminate
+from tests.support.cluster_cases.scene import OLD_ZONE, REGION, ZONE, ZONES, Json, Scene, terminate
 
 _DRIVER, _OTHER = "csi.example.com", "slow.example.com"
 _STORAGE = "storage.k8s.io/v1"
-_LEGACY_ZONE = "failure-domain.beta.kubernetes.io/zone"
 _SELECTED = "volume.kubernetes.io/selected-node"
 _OPEN = "/tmp"  # noqa: S108 - a path in an object, never opened
 
@@ -290,7 +289,7 @@ def volume_zones(choices: Choices, scene: Scene) -> None:
     """Zone and region labels of bound volumes, new and old keys, several zones in one."""
     for name in choices.some(("a", "b"), least=1):
         made = bound(scene, name, namespace=scene.pod["metadata"]["namespace"])
-        for key in choices.some((ZONE, REGION, _LEGACY_ZONE), least=1):
+        for key in choices.some((ZONE, REGION, OLD_ZONE), least=1):
             if key == REGION:
                 made["metadata"]["labels"][key] = choices.pick(("r1", "r2"))
             else:
@@ -301,4 +300,4 @@ def volume_zones(choices: Choices, scene: Scene) -> None:
         if choices.chance(50):
             labels[REGION] = choices.pick(("r1", "r2"))
         if choices.chance(25):
-            labels[_LEGACY_ZONE] = labels.get(ZONE, "z0")
+            labels[OLD_ZONE] = labels.get(ZONE, "z0")

@@ -9,9 +9,8 @@ from tests.support.volumes import make_csi_node
 
 from robotapp_scheduler.core.in_tree import handle_of, kind_of
 from robotapp_scheduler.core.storage import CSINode, PersistentVolume
+from robotapp_scheduler.core.zone_labels import OLD_REGION, OLD_ZONE, REGION, ZONE
 
-ZONE, REGION = "topology.kubernetes.io/zone", "topology.kubernetes.io/region"
-OLD_ZONE, OLD_REGION = "failure-domain.beta.kubernetes.io/zone", "failure-domain.beta.kubernetes.io/region"
 EBS = "topology.ebs.csi.aws.com/zone"
 AWS = {"awsElasticBlockStore": {"volumeID": "vol-1"}}
 

@@ -6,6 +6,7 @@ from typing import Any, Final, NamedTuple
 import msgspec
 import numpy as np
 
+from robotapp_api.model.names import Label
 from robotapp_api.values.selector import Expression, label_requirements, matches_requirements
 from robotapp_scheduler.core.counts import Census, Counter, Wanted
 from robotapp_scheduler.core.domains import Scope
@@ -14,14 +15,14 @@ from robotapp_scheduler.core.matchers import PodMatcher, Requirements
 from robotapp_scheduler.core.objects import Pod, TopologySpreadConstraint
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.view import Nodes
+from robotapp_scheduler.core.zone_labels import ZONE
 from robotapp_scheduler.plugins.kubernetes.matching import own_terms_mask
 from robotapp_scheduler.plugins.kubernetes.taint_toleration import HARD_EFFECTS, untolerated
 
 PLUGIN: Final = "PodTopologySpread"
 HARD: Final = "DoNotSchedule"
 SOFT: Final = "ScheduleAnyway"
-HOSTNAME: Final = "kubernetes.io/hostname"
-ZONE: Final = "topology.kubernetes.io/zone"
+HOSTNAME: Final = str(Label.HOSTNAME)
 
 
 class DefaultConstraint(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):

@@ -1,7 +1,6 @@
 """VolumeZone: a volume with zone or region labels is only reached by nodes with these labels."""
 
 from collections.abc import Iterable, Iterator
-from typing import Final
 
 import numpy as np
 
@@ -13,20 +12,10 @@ from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.storage import Claim, PersistentVolume
 from robotapp_scheduler.core.view import LabelColumn, Nodes
 from robotapp_scheduler.core.volumes import Volumes
+from robotapp_scheduler.core.zone_labels import SEPARATOR, TODAY
 from robotapp_scheduler.plugins.kubernetes.matching import expression_mask
 from robotapp_scheduler.plugins.kubernetes.volume_claims import missing, named_claims, unresolvable
 from robotapp_scheduler.plugins.kubernetes.volume_hints import names_claim, of_pod
-
-ZONE: Final = "topology.kubernetes.io/zone"
-REGION: Final = "topology.kubernetes.io/region"
-TODAY: Final = {
-    "failure-domain.beta.kubernetes.io/zone": ZONE,
-    "failure-domain.beta.kubernetes.io/region": REGION,
-    ZONE: ZONE,
-    REGION: REGION,
-}
-"""The labels that count, old and new, and their name of today."""
-SEPARATOR: Final = "__"
 
 
 class VolumeZone:
