@@ -140,7 +140,7 @@ class Streaming(Speaker):
         status, headers = self._parser.get_status_code(), self._raw_headers
         self._raw_headers = []
         if status >= 200 and not self.status:  # "100 Continue" and the like announce the answer
-            self.headers, self.status = Headers(headers), status
+            self.headers, self.status = Headers(lambda: headers), status
 
     def on_body(self, body: bytes) -> None:
         if not self._complete:

@@ -134,20 +134,21 @@ class HttpTransport:
 
         It may be told at once, and is told nothing after the event loop has ended.
         """
-        call = _Call("POST", path, body, content_type, timeout_s, permitted)
         credentials = self._endpoint.credentials
         if self._connections is None or credentials.due:
-            self._follow(self._request(call), told)
+            self._follow(self._request(_Call("POST", path, body, content_type, timeout_s, permitted)), told)
             return
         generation = credentials.generation
 
         def ended(outcome: Outcome) -> None:
-            if not isinstance(outcome, Answer):
-                told(_without_answer(call, outcome))
-            elif outcome.status == 401:
+            if isinstance(outcome, Answer) and outcome.status != 401:
+                told(outcome)
+                return
+            call = _Call("POST", path, body, content_type, timeout_s, permitted)
+            if isinstance(outcome, Answer):
                 self._follow(self._renewed(call, outcome, generation), told)
             else:
-                told(outcome)
+                told(_without_answer(call, outcome))
 
         data = self._bytes("POST", path, body, content_type)
         self._connections.send(data, ended, timeout_s=timeout_s, permitted=permitted)

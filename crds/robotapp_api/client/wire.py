@@ -5,7 +5,8 @@ who uses which connection when (`connections`). Nothing is ever sent twice.
 """
 
 import asyncio
-from collections.abc import Callable, Iterator, Mapping
+import contextlib
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 import httptools
@@ -32,18 +33,21 @@ class BrokenError(Exception):
     """There is no complete answer; whether the request was executed is unknown."""
 
 
+RawHeaders = list[tuple[bytes, bytes]]
+
+
 class Headers(Mapping[str, str]):
-    """Headers of an answer, decoded when somebody looks: nearly nobody does."""
+    """Headers of an answer, read when somebody looks: nearly nobody does."""
 
-    __slots__ = ("_found", "_raw")
+    __slots__ = ("_found", "_read")
 
-    def __init__(self, raw: list[tuple[bytes, bytes]]) -> None:
-        self._raw = raw
+    def __init__(self, read: Callable[[], RawHeaders]) -> None:
+        self._read = read
         self._found: dict[str, str] | None = None
 
     def _all(self) -> dict[str, str]:
         if self._found is None:
-            self._found = {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in self._raw}
+            self._found = {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in self._read()}
         return self._found
 
     def __getitem__(self, name: str) -> str:
@@ -54,6 +58,28 @@ class Headers(Mapping[str, str]):
 
     def __len__(self) -> int:
         return len(self._all())
+
+
+class _Reading:
+    """Reads the headers of the first answer in `pieces` that is not a mere announcement ("100 Continue" and the like)."""
+
+    def __init__(self, pieces: Iterable[bytes]) -> None:
+        self.found: RawHeaders = []
+        self._over = False
+        self._parser = httptools.HttpResponseParser(self)
+        with contextlib.suppress(httptools.HttpParserError):  # of what follows the headers
+            self._parser.feed_data(b"".join(pieces))
+
+    def on_header(self, name: bytes, value: bytes) -> None:
+        if not self._over:
+            self.found.append((name, value))
+
+    def on_headers_complete(self) -> None:
+        if self._over:
+            return
+        self._over = self._parser.get_status_code() >= 200
+        if not self._over:
+            self.found = []
 
 
 Outcome = Answer | NotSentError | BrokenError
@@ -104,7 +130,7 @@ class Connection(Speaker):
         self._free = free
         self._parser = httptools.HttpResponseParser(self)
         self._answer: Answer | None = None
-        self._headers: list[tuple[bytes, bytes]] = []
+        self._start: list[bytes] = []
         self._body: list[bytes] = []
         self.exchange: Exchange | None = None
         self.reusable = True
@@ -143,6 +169,8 @@ class Connection(Speaker):
         if self.exchange is None:  # nobody asked: whatever this is, the next answer must not be mixed up with it
             self.end()
             return
+        if not self._body:
+            self._start.append(data)
         problem = ""
         try:
             self._parser.feed_data(data)
@@ -161,19 +189,16 @@ class Connection(Speaker):
         if self._answer is not None:
             self.end()  # one answer more than asked for: it must not be taken for that of the next request
 
-    def on_header(self, name: bytes, value: bytes) -> None:
-        self._headers.append((name, value))
-
     def on_body(self, body: bytes) -> None:
         self._body.append(body)
 
     def on_message_complete(self) -> None:
         status = self._parser.get_status_code()
-        headers, body = self._headers, self._body
-        self._headers, self._body = [], []
         if status < 200:  # "100 Continue" and the like announce the answer
             return
+        start, body = self._start, self._body
+        self._start, self._body = [], []
         if not self._parser.should_keep_alive():
             self.reusable = False
         if self._answer is None:
-            self._answer = Answer(status, Headers(headers), b"".join(body))
+            self._answer = Answer(status, Headers(lambda: _Reading(start).found), b"".join(body))

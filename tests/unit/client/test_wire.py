@@ -90,6 +90,23 @@ async def test_headers_are_found_in_any_case_and_absent_ones_are_none() -> None:
 
 
 @pytest.mark.parametrize(
+    ("raw", "found"),
+    [
+        (OK, {"content-length": "2", "retry-after": "7"}),
+        (b"HTTP/1.1 200 OK\r\nConten|t-Length: 2\r\nA: b\r|\n\r\no|k", {"content-length": "2", "a": "b"}),
+        (b"HTTP/1.1 103 Early Hints\r\nLink: x\r\n\r\n" + OK, {"content-length": "2", "retry-after": "7"}),
+        (b"HTTP/1.1 103 Early Hints\r\nLink: x\r\n\r\n|" + OK, {"content-length": "2", "retry-after": "7"}),
+        (b"HTTP/1.1 204 No Content\r\n\r\n" + OK, {}),
+        (b"HTTP/1.1 204 No Content\r\n\r\nno HTTP", {}),
+    ],
+    ids=["at once", "in pieces", "announced", "announced before", "another after it", "garbage after it"],
+)
+async def test_headers_are_those_of_the_answer_however_its_bytes_arrive(raw: bytes, found: dict[str, str]) -> None:
+    async with talking_to(Script(raw)) as connections:
+        assert dict((await ask(connections)).headers) == found
+
+
+@pytest.mark.parametrize(
     "first",
     [
         b"HTTP/1.1 200 OK\r\nContent-Length: 2\r\nConnection: close\r\n\r\nok",
