@@ -59,7 +59,8 @@ class SchedulerLoop:
         self._clock = clock
         self._permitted = permitted
         self._woken = asyncio.Event()
-        self._slots = asyncio.Semaphore(in_flight)
+        self._slots = in_flight
+        """Free ones: each batch takes one, until it is bound or waits for something that may take long."""
         self._tasks: set[asyncio.Task[None]] = set()
         self._sent = 0
         self._landed = asyncio.Event()
@@ -84,12 +85,11 @@ class SchedulerLoop:
         try:
             decided = 0
             while not self._stopping:
-                await self._slots.acquire()
-                batch = self._core.queue.pop() if self._permitted() else []
+                batch = self._core.queue.pop() if self._slots and self._permitted() else []
                 if not batch:
-                    self._slots.release()
                     await self._idle()
                     continue
+                self._slots -= 1
                 posed = self._posed(batch)
                 if posed is None:
                     self._decide(batch)
@@ -130,7 +130,7 @@ class SchedulerLoop:
         if left:
             self._decide(left, advice)
         else:
-            self._slots.release()
+            self._free()
 
     def _follow(self, work: Coroutine[None, None, None]) -> None:
         task = asyncio.create_task(work)
@@ -147,7 +147,7 @@ class SchedulerLoop:
                 self._core.cluster.forget(queued.info.uid)
                 self._core.queue.requeue(queued, Rejection())
                 self._reporter.unscheduled(queued.info.pod, reason=PodReason.SCHEDULER_ERROR, message=BUG)
-            self._slots.release()
+            self._free()
             return
         self._metrics.algorithm_s.observe(self._clock() - started_s)
         self._groups.decided(decisions)
@@ -156,7 +156,7 @@ class SchedulerLoop:
             if not decision.placed:
                 self._placer.refuse(decision, started_s=started_s)
         if not placed:
-            self._slots.release()
+            self._free()
             return
         if len(placed) == 1 and self._placer.is_plain(placed[0]):
             self._send(placed[0], started_s)
@@ -166,7 +166,7 @@ class SchedulerLoop:
         # Volumes may take minutes to be made, a permission as well; nobody else waits for that.
         slow = any(self._placer.may_take_long(decision) for decision in placed)
         if slow:
-            self._slots.release()
+            self._free()
         task.add_done_callback(self._ended if slow else self._finished)
 
     def _send(self, decision: Decision, started_s: float) -> None:
@@ -201,8 +201,11 @@ class SchedulerLoop:
 
     def _over(self) -> None:
         self._sent -= 1
-        self._slots.release()
+        self._free()
         self._landed.set()
+
+    def _free(self) -> None:
+        self._slots += 1
         self._woken.set()
 
     async def _carry_out(self, placed: Sequence[Decision], started_s: float) -> None:
@@ -234,7 +237,7 @@ class SchedulerLoop:
             log.exception("abandoning %s failed", decision.pod.key)
 
     def _finished(self, task: asyncio.Task[None]) -> None:
-        self._slots.release()
+        self._free()
         self._ended(task)
 
     def _ended(self, task: asyncio.Task[None]) -> None:

@@ -7,6 +7,7 @@ from tests.support.placing import OURS, Rig
 from robotapp_api.model.names import Label, PodReason
 from robotapp_scheduler.core.objects import ClaimReference
 from robotapp_scheduler.shell.binder import BindOutcome, BindResult
+from robotapp_scheduler.shell.loop import IN_FLIGHT
 from robotapp_scheduler.shell.reserve import Readiness, Reserved
 
 
@@ -179,6 +180,20 @@ async def test_many_pods_are_bound_at_the_same_time_each_once() -> None:
         await rig.turn()
     names = [asked[0] for asked in rig.io.asked]
     assert sorted(names) == sorted({f"p{index}" for index in range(200)})
+
+
+async def test_only_so_many_pods_are_on_their_way_at_once_and_each_answer_makes_room_for_one() -> None:
+    rig = Rig(nodes=20)
+    sent: list[Any] = []
+    rig.io.send = lambda _pod, _node, told: sent.append(told)  # type: ignore[method-assign]  # answers when the test says
+    for index in range(IN_FLIGHT + 9):
+        rig.show(f"p{index}")
+    await rig.turn()
+    assert len(sent) == IN_FLIGHT
+    for told in sent[:3]:
+        told(None)
+    await rig.turn()
+    assert len(sent) == IN_FLIGHT + 3
 
 
 async def test_a_stopped_loop_finishes_what_is_in_flight_and_takes_nothing_new() -> None:
