@@ -29,6 +29,8 @@ log = logging.getLogger(__name__)
 IN_FLIGHT = 64
 """Pods between decision and answered bind; more only makes the API server queue them."""
 SLICE = 32
+SLICE_S = 0.002
+"""Decisions before what has arrived meanwhile is taken: so many, or as many as take so long."""
 BUG = "internal error while looking for a node; the scheduler's log has the stack"
 TICK_S = 1.0
 
@@ -83,11 +85,12 @@ class SchedulerLoop:
         """Schedule until stopped."""
         ticker = asyncio.create_task(self._tick_forever(), name="tick")
         try:
-            decided = 0
+            decided, began_s = 0, self._clock()
             while not self._stopping:
                 batch = self._core.queue.pop() if self._slots and self._permitted() else []
                 if not batch:
                     await self._idle()
+                    decided, began_s = 0, self._clock()
                     continue
                 self._slots -= 1
                 posed = self._posed(batch)
@@ -96,9 +99,9 @@ class SchedulerLoop:
                 else:
                     self._follow(self._plan(batch, posed))
                 decided += len(batch)
-                if decided >= SLICE:
-                    decided = 0
+                if decided >= SLICE or self._clock() - began_s >= SLICE_S:
                     await asyncio.sleep(0)
+                    decided, began_s = 0, self._clock()
         finally:
             ticker.cancel()
 

@@ -7,7 +7,7 @@ from tests.support.placing import OURS, Rig
 from robotapp_api.model.names import Label, PodReason
 from robotapp_scheduler.core.objects import ClaimReference
 from robotapp_scheduler.shell.binder import BindOutcome, BindResult
-from robotapp_scheduler.shell.loop import IN_FLIGHT
+from robotapp_scheduler.shell.loop import IN_FLIGHT, SLICE_S
 from robotapp_scheduler.shell.reserve import Readiness, Reserved
 
 
@@ -194,6 +194,27 @@ async def test_only_so_many_pods_are_on_their_way_at_once_and_each_answer_makes_
         told(None)
     await rig.turn()
     assert len(sent) == IN_FLIGHT + 3
+
+
+async def test_between_decisions_that_take_long_what_arrives_has_its_turn() -> None:
+    rig = Rig(nodes=20)
+    decide = rig.core.schedule
+
+    def slowly(batch: Any, **options: Any) -> Any:
+        rig.now_s += SLICE_S / 4
+        return decide(batch, **options)
+
+    rig.core.schedule = slowly  # type: ignore[method-assign]  # time that passes while the core decides
+    for index in range(20):
+        rig.show(f"p{index}")
+    task = asyncio.create_task(rig.loop.run())
+    seen = []
+    for _ in range(4):
+        await asyncio.sleep(0)
+        seen.append(len(rig.io.asked))
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
+    assert seen == [4, 8, 12, 16]
 
 
 async def test_a_stopped_loop_finishes_what_is_in_flight_and_takes_nothing_new() -> None:
