@@ -134,6 +134,8 @@ ANSWERS: list[tuple[str, Any, str]] = [
     ("filter", _refusing(reasons=(("r",),), detail=np.ones(1)), "unusable detail"),
     ("filter", _refusing(reasons=(("r",),), resolvable=np.ones(1, dtype=np.bool_)), "unusable resolvable"),
     ("score", lambda _pod, nodes: PerDomain(np.ones(9), nodes.label("zone")), "score must answer a number array of shape"),
+    ("score", PerDomain(np.ones(1), 5), "score raised AttributeError"),  # type: ignore[arg-type]  # the mistake
+    ("score", [1, 2, 3], "score must answer a number array of shape (3,), got list"),
     ("score", lambda _pod, nodes: Scores(np.ones(nodes.n), "mean"), "normalize 'mean'"),
     ("minds", ["weather"], "minds must answer names of facts of nodes, got ['weather']"),
     ("score_row", "x", "score_row must answer an integer, got 'x'"),

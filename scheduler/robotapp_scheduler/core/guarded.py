@@ -55,13 +55,12 @@ def guarded(loaded: Loaded) -> Loaded:
 def _watched(plugin: str, hook: str, function: Callable[..., Any], check: "_Check") -> Callable[..., Any]:
     def asked(*args: Any) -> Any:
         try:
-            answer = function(*args)
+            return check(plugin, hook, function(*args), *args)
         except (PluginError, KeyboardInterrupt):
             raise
         except BaseException as error:  # somebody else's code, sys.exit included: its pod is told, the others go on
             log.exception("%s of plugin %s failed", hook, plugin)
             raise PluginError(plugin, f"{hook} raised {type(error).__name__}: {error}") from error
-        return check(plugin, hook, answer, *args)
 
     return asked
 
@@ -179,19 +178,21 @@ def _resolvable(answer: Verdict, mask: npt.NDArray[Any]) -> bool:
     return found is None or isinstance(found, bool) or np.shape(found) == mask.shape
 
 
-def _scores(plugin: str, hook: str, answer: object, *_args: Any) -> object:
+def _scores(plugin: str, hook: str, answer: object, _pod: Any, nodes: Any) -> object:
+    if answer is None or isinstance(answer, int):
+        return answer
     if isinstance(answer, PerDomain):
         return answer._replace(values=_wide(checked_scores(plugin, answer.values, len(answer.label.vocabulary.values))))
     if isinstance(answer, Scores):
         if answer.normalize not in NORMALIZERS:
             raise PluginError(plugin, f"{hook} answered normalize {answer.normalize!r}")
-        return answer._replace(raw=_wide(answer.raw))
-    return _wide(answer)
+        return answer._replace(raw=_wide(checked_scores(plugin, answer.raw, nodes.n)))
+    return _wide(checked_scores(plugin, answer, nodes.n))
 
 
-def _wide(raw: Any) -> Any:
+def _wide(raw: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Small integers would overflow when they are normalised."""
-    if not isinstance(raw, np.ndarray) or raw.dtype.kind not in "iu" or not raw.size:
+    if raw.dtype.kind not in "iu" or not raw.size:
         return raw
     large = int(raw.max()) > EXACT or int(raw.min()) < -EXACT
     return raw.astype(np.float64 if large else np.int64)

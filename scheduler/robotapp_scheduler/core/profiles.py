@@ -13,7 +13,7 @@ import msgspec
 from robotapp_scheduler.core.framework import Loaded, NoArgs, PluginError
 from robotapp_scheduler.core.guarded import guarded, is_ours
 from robotapp_scheduler.core.pods import ROS_FEATURES
-from robotapp_scheduler.core.shadow import guard
+from robotapp_scheduler.core.shadow import silenced
 
 log = logging.getLogger(__name__)
 
@@ -218,9 +218,9 @@ def _chains(
 
 def _made(plugin: Any, weight: int, *, shadow: bool) -> Loaded:
     loaded = Loaded(plugin, weight=weight, shadow=shadow)
-    if not is_ours(plugin):
+    if shadow or not is_ours(plugin):
         loaded = guarded(loaded)
-    return guard(loaded) if shadow else loaded
+    return silenced(loaded) if shadow else loaded
 
 
 def _own_values(raw: Mapping[str, Any]) -> dict[str, Any]:

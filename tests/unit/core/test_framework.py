@@ -247,6 +247,17 @@ class GivesNaN:
         return np.array([np.nan, *range(nodes.n - 1)])
 
 
+class AnswersNonsense:
+    name = "AnswersNonsense"
+    reads = ()
+
+    def filter(self, _pod: Any, _nodes: Any) -> Any:
+        return Verdict(mask=np.ones(1, dtype=np.bool_), reasons=5)  # type: ignore[arg-type]  # the nonsense
+
+    def score(self, _pod: Any, _nodes: Any) -> Any:
+        return [1, 2]
+
+
 def test_a_shadow_filter_refuses_nobody_and_says_how_often_it_would_have() -> None:
     core = shadowed(RefusesAll)
     core.queue.add(make_info("queued"))
@@ -265,7 +276,7 @@ def test_a_shadow_filter_counts_where_only_one_node_is_left() -> None:
     assert core.decisions()["RefusesAll", "shadow", "changed"] == 1
 
 
-@pytest.mark.parametrize("broken", [Breaks, GivesNaN])
+@pytest.mark.parametrize("broken", [Breaks, GivesNaN, AnswersNonsense])
 def test_a_shadow_that_breaks_holds_nobody_back(broken: type, caplog: pytest.LogCaptureFixture) -> None:
     core = shadowed(broken)
     for number in range(3):

@@ -13,6 +13,7 @@ from robotapp_scheduler.core.framework import Loaded
 from robotapp_scheduler.core.guarded import guarded
 from robotapp_scheduler.core.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.core.queue import Rejection
+from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.plugins.registry import catalogue
 
 STAR = PluginRef("*")
@@ -92,5 +93,6 @@ def test_scores_in_narrow_or_huge_integers_are_normalised_without_overflow(
 
     loaded = guarded(Loaded(breaking("score", raw)()))
     assert loaded.score is not None
-    found: Any = loaded.score(make_info("p"), None)  # type: ignore[arg-type]  # this plugin looks at neither
+    cluster = make_cluster(*(make_node(f"n{i}") for i in range(len(raw))))
+    found: Any = loaded.score(make_info("p"), Nodes(cluster))
     assert normalized("P", normalize, found).tolist() == expected
