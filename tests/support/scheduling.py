@@ -110,8 +110,9 @@ def owner(kind: str, name: str, uid: str) -> Json:
 def chain(component: str, *, app: str = "teleop", app_uid: str = "app-1", suffix: str = "") -> tuple[Owned, Owned]:
     """Deployment and ReplicaSet of one component."""
     deployment = f"{app}-{component}{suffix}"
-    meta = {"name": deployment, "namespace": "default", "uid": f"d-{deployment}"}
-    replica_set = {"name": f"{deployment}-abc", "namespace": "default", "uid": f"r-{deployment}"}
+    ours = {"namespace": "default", "labels": {str(Label.APP_UID): app_uid}}
+    meta = {**ours, "name": deployment, "uid": f"d-{deployment}"}
+    replica_set = {**ours, "name": f"{deployment}-abc", "uid": f"r-{deployment}"}
     return (
         msgspec.convert({"metadata": {**meta, "ownerReferences": [owner("RobotApp", app, app_uid)]}}, Owned),
         msgspec.convert(

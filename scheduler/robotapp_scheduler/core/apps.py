@@ -155,34 +155,19 @@ class AppIndex:
             references = known.metadata.owner_references
         return False
 
-    def root_of(self, owner: Owned) -> tuple[str, ...]:
-        """Uid of the RobotApp an owner belongs to, as far as the chain is known."""
-        for _ in range(3):
-            above = controller_of(owner.metadata.owner_references)
-            if above is None:
-                return ()
-            if above.kind == "RobotApp":
-                return (above.uid,)
-            known = self._owners.get(above.uid)
-            if known is None:
-                return ()
-            owner = known
-        return ()
-
-    def place(self, pod: Pod, node: str) -> str:
-        """Count a live pod of an app where it is (node "" = still waiting); answers the app's uid, "" for others."""
+    def place(self, pod: Pod, node: str) -> None:
+        """Count a live pod of an app where it is (node "" = still waiting); others are not counted."""
         member = member_of(pod.metadata.labels or {})
         if member is None:
-            return ""
+            return
         instance = self._replicas.setdefault((member.app_uid, member.instance), {})
         instance.setdefault(member.component, {})[pod.metadata.uid] = Replica(pod, node)
-        return member.app_uid
 
-    def drop(self, pod: Pod) -> str:
-        """Stop counting a pod that is gone or terminal; answers as `place`."""
+    def drop(self, pod: Pod) -> None:
+        """Stop counting a pod that is gone or terminal."""
         member = member_of(pod.metadata.labels or {})
         if member is None:
-            return ""
+            return
         instance = self._replicas.get((member.app_uid, member.instance), {})
         replicas = instance.get(member.component, {})
         replicas.pop(pod.metadata.uid, None)
@@ -190,7 +175,6 @@ class AppIndex:
             instance.pop(member.component, None)
         if not instance:
             self._replicas.pop((member.app_uid, member.instance), None)
-        return member.app_uid
 
     def replicas(self, member: Member, component: str) -> list[Replica]:
         """Live pods of a component of the same instance that truly belong to the app."""

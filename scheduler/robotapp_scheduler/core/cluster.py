@@ -57,7 +57,6 @@ class Cluster:
         self._alike = Alike()
         self._seen: dict[str, Pod] = {}
         """Live pods without a node, by uid."""
-        self._touched: set[str] = set()
         self._priorities: dict[int, int] = {}
         self._clock = clock
         self.own_columns: dict[str, tuple[float, Mapping[str, float]]] = {}
@@ -65,11 +64,6 @@ class Cluster:
 
     def __repr__(self) -> str:
         return f"Cluster({self.nodes.count} nodes, {len(self.placed)} placed, {len(self._seen)} waiting)"
-
-    def take_touched(self) -> frozenset[str]:
-        """Groups (RobotApp uids, PodGroup keys) that something happened to since the last call: their gates need a test."""
-        touched, self._touched = frozenset(self._touched), set()
-        return touched
 
     # --- Nodes ---------------------------------------------------------------------------------------------------
 
@@ -185,20 +179,15 @@ class Cluster:
 
     def apply_app(self, app: RobotApp) -> Change:
         """A RobotApp appeared or changed."""
-        self._touched.add(app.metadata.uid)
         return Change.APPS if self.apps.apply_app(app) else Change.NONE
 
     def remove_app(self, app: RobotApp) -> Change:
         """A RobotApp is gone."""
-        self._touched.add(app.metadata.uid)
         return Change.APPS if self.apps.remove_app(app.metadata.uid) else Change.NONE
 
     def apply_owner(self, owner: Owned) -> Change:
         """A ReplicaSet or Deployment appeared or changed."""
-        if not self.apps.apply_owner(owner):
-            return Change.NONE
-        self._touched.update(self.apps.root_of(owner))
-        return Change.OWNERS
+        return Change.OWNERS if self.apps.apply_owner(owner) else Change.NONE
 
     def remove_owner(self, owner: Owned) -> Change:
         """A ReplicaSet or Deployment is gone."""
@@ -262,9 +251,10 @@ class Cluster:
         if not in_group(pod):
             return
         for index in (self.apps, self.pod_groups):
-            key = index.place(pod, node) if node is not None else index.drop(pod)
-            if key:
-                self._touched.add(key)
+            if node is not None:
+                index.place(pod, node)
+            else:
+                index.drop(pod)
 
     def _note(self, row: int, change: Change) -> None:
         if change:

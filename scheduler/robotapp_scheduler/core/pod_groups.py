@@ -184,11 +184,11 @@ class PodGroups:
         self._tidy(ref, standing)
         return Change.POD_GROUPS
 
-    def place(self, pod: Pod, node: str) -> str:
-        """Count a live pod where it is (node "" = still waiting); answers its group's key, "" for others."""
+    def place(self, pod: Pod, node: str) -> None:
+        """Count a live pod of a group where it is (node "" = still waiting); others are not counted."""
         ref = group_ref_of(pod)
         if ref is None:
-            return ""
+            return
         stays = pod.metadata.deletion_timestamp is None
         placed = stays and bool(node)
         ready = placed or (stays and not pod.spec.scheduling_gates)
@@ -198,20 +198,18 @@ class PodGroups:
         standing.count(place, +1)
         standing.pods[pod.metadata.uid] = place
         self._judge(ref, standing)
-        return ref.key
 
-    def drop(self, pod: Pod) -> str:
-        """Stop counting a pod that is gone or terminal; answers as `place`."""
+    def drop(self, pod: Pod) -> None:
+        """Stop counting a pod that is gone or terminal."""
         ref = group_ref_of(pod)
         if ref is None:
-            return ""
+            return
         standing = self._standing.get(ref)
         if standing is not None:
             standing.count(standing.pods.pop(pod.metadata.uid, NOWHERE), -1)
             if not standing.pods:
                 standing.done = False  # the next ones are a new generation
             self._tidy(ref, standing)
-        return ref.key
 
     def find(self, ref: GroupRef) -> PodGroup | None:
         """The group's object, if we have seen it."""

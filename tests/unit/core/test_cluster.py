@@ -1,10 +1,9 @@
 import pytest
-from tests.support.scheduling import app_object, chain, make_cluster, make_info, make_node, make_pod, member_pod
+from tests.support.scheduling import make_cluster, make_info, make_node, make_pod, member_pod
 
 from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.objects import ResourceRequirements
-from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.view import Nodes
 
 
@@ -110,24 +109,6 @@ def test_pods_are_found_by_their_own_and_their_deployments_name() -> None:
     for name in ("teleop-mapper-abc-1", "teleop-mapper"):
         assert [pod.node for pod in cluster.placed_named("default", name)] == ["a"]
     assert cluster.placed_named("other", "teleop-mapper") == []
-
-
-def test_apps_are_touched_by_their_pods_owners_and_themselves() -> None:
-    cluster = make_cluster(make_node("a"))
-    deployment, replica_set = chain("driver")
-    for change in (
-        lambda: cluster.apply_app(app_object({"name": "driver"})),
-        lambda: cluster.apply_owner(deployment),
-        lambda: cluster.apply_owner(replica_set),
-        lambda: cluster.apply_pod(member_pod("driver")),
-        lambda: cluster.assume(PodInfo(member_pod("driver")), "a"),
-        lambda: cluster.forget("uid-teleop-driver"),
-        lambda: cluster.remove_pod(member_pod("driver")),
-    ):
-        change()
-        assert cluster.take_touched() == {"app-1"}
-    cluster.apply_pod(make_pod("stranger", node="a"))
-    assert cluster.take_touched() == frozenset()
 
 
 def test_news_about_the_status_alone_keep_the_record_and_exchange_the_pod() -> None:

@@ -1,5 +1,6 @@
 from typing import Any
 
+from tests.support.pod_groups import arrive, depart, tell
 from tests.support.scheduling import (
     Clock,
     app_object,
@@ -12,10 +13,11 @@ from tests.support.scheduling import (
 )
 
 from robotapp_api.model.names import Label, PodReason
-from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.cycle import SchedulerCore
-from robotapp_scheduler.core.objects import Node, Pod
+from robotapp_scheduler.core.objects import Node, Owned
 from robotapp_scheduler.core.queued import Rejection
+from robotapp_scheduler.core.robotics import RobotApp
 
 NODES = ("n0", "n1", "n2")
 
@@ -26,13 +28,6 @@ def teleop(core: SchedulerCore, *names: str, **spec: Any) -> None:
     for component in components:
         for owned in chain(str(component["name"])):
             core.cluster.apply_owner(owned)
-
-
-def arrive(core: SchedulerCore, pod: Pod) -> None:
-    """What the shell does with a new pod of ours."""
-    change = core.cluster.apply_pod(pod)
-    core.queue.add(pod)
-    core.queue.move(change, groups=core.cluster.take_touched())
 
 
 def run(core: SchedulerCore) -> dict[str, str]:
@@ -76,18 +71,20 @@ def test_pods_wait_for_their_app_for_the_operator_and_for_their_owner_chain() ->
         gated = core.queue.gated()
         return gated[0].gate.reason if gated and gated[0].gate else ""
 
-    def tell(change: Change) -> None:
-        core.queue.move(change, groups=core.cluster.take_touched())
+    def show(resource: str, change: Change, found: Owned | RobotApp) -> None:
+        tell(core, Event(resource, change, None, found))
 
     assert "uid app-1 to be seen" in reason()
-    tell(core.cluster.apply_app(app_object({"name": "driver"}, generation=2, observed=1)))
+    behind = app_object({"name": "driver"}, generation=2, observed=1)
+    show("robotapps", core.cluster.apply_app(behind), behind)
     assert "owner chain" in reason()
     deployment, replica_set = chain("driver")
-    tell(core.cluster.apply_owner(replica_set))
+    show("replicasets", core.cluster.apply_owner(replica_set), replica_set)
     assert "owner chain" in reason()
-    tell(core.cluster.apply_owner(deployment))
+    show("deployments", core.cluster.apply_owner(deployment), deployment)
     assert "act on generation 2" in reason()
-    tell(core.cluster.apply_app(app_object({"name": "driver"}, generation=2)))
+    acted = app_object({"name": "driver"}, generation=2)
+    show("robotapps", core.cluster.apply_app(acted), acted)
     assert run(core) == {"driver": "n0"} or run(core) == {}
 
 
@@ -145,7 +142,7 @@ def test_a_single_replica_waits_until_its_predecessor_is_gone() -> None:
     assert queued.gate is not None
     assert queued.gate.code == PodReason.WAITING_FOR_PREDECESSOR
     assert "teleop-driver-abc-old on n0" in queued.gate.reason
-    core.queue.move(core.cluster.remove_pod(old), groups=core.cluster.take_touched())
+    depart(core, old)
     assert set(run(core)) == {"driver"}
 
 
@@ -157,7 +154,7 @@ def test_failover_does_not_wait_for_a_pod_nobody_can_reach_but_keep_does() -> No
         arrive(core, member_pod("driver", uid="new"))
         assert run(core) == {}
         lost = make_node("n0", taints=[{"key": "node.kubernetes.io/unreachable", "effect": "NoExecute"}])
-        core.queue.move(core.cluster.apply_node(lost), groups=core.cluster.take_touched())
+        tell(core, Event("nodes", core.cluster.apply_node(lost), None, lost))
         assert set(run(core)) == placed
 
 
