@@ -13,7 +13,6 @@ from robotapp_testbed.topology import Topology
 
 _COPIES = 3
 """As many as fit on the edge servers beside the first one."""
-_ROBOT = "@robot"
 
 
 @dataclass(frozen=True)

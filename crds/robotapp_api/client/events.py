@@ -103,19 +103,6 @@ def reference(
     return parts if all(parts.values()) else {key: value for key, value in parts.items() if value}
 
 
-def reference_to(obj: Json) -> Json:
-    """ObjectReference to a full object (with apiVersion and kind, as get and watch return custom resources)."""
-    meta = obj["metadata"]
-    return reference(
-        api_version=obj["apiVersion"],
-        kind=obj["kind"],
-        name=meta["name"],
-        namespace=meta.get("namespace", ""),
-        uid=meta.get("uid", ""),
-        resource_version=meta.get("resourceVersion", ""),
-    )
-
-
 class EventRecorder:
     """Call `event` from anywhere in the loop's thread; run `run()` as a task to have them written.
 

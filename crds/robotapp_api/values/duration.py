@@ -33,16 +33,6 @@ def parse_us(text: str) -> int:
     return -(-parse_ns(text) // 1_000)
 
 
-def parse_ms(text: str) -> float:
-    """Milliseconds."""
-    return parse_ns(text) / 1_000_000
-
-
-def parse_s(text: str) -> float:
-    """Seconds."""
-    return parse_ns(text) / 1_000_000_000
-
-
 def format_ms(ms: float) -> str:
     """Shortest duration string within about three digits of `ms`: 0.35ms, 2.5ms, 18ms, 61.3ms, 250ms, 1500s.
 

@@ -1,7 +1,6 @@
 """Sets of domain ids as people write them: `1-101,215-232`."""
 
 import re
-from collections.abc import Iterable
 from functools import lru_cache
 from typing import Final
 
@@ -22,14 +21,3 @@ def parse_ids(text: str) -> tuple[int, ...]:
             raise ValueError(f"{part!r} in {text!r}: ranges must ascend without overlap, up to {MAX_ID}")
         ids.extend(range(first, last + 1))
     return tuple(ids)
-
-
-def format_ids(ids: Iterable[int]) -> str:
-    """The shortest text for these ids, such as 7 or 7-9,12."""
-    spans: list[list[int]] = []
-    for number in sorted(set(ids)):
-        if spans and number == spans[-1][1] + 1:
-            spans[-1][1] = number
-        else:
-            spans.append([number, number])
-    return ",".join(str(first) if first == last else f"{first}-{last}" for first, last in spans)

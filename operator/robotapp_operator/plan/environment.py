@@ -14,8 +14,6 @@ from robotapp_operator.plan.wish import EnvVar, Wish
 
 DISCOVERY_SERVER_PORT: Final = 11811
 ZENOH_PORT: Final = 7447
-DISCOVERY_SERVERS: Final = 2
-"""Two, on different nodes: while one is replaced the other still introduces late joiners."""
 CYCLONE_MAX_INDEX: Final = 15
 """ROS processes per component that find each other without multicast; every peer is probed on this many ports."""
 

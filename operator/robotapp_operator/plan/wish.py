@@ -17,6 +17,7 @@ from robotapp_operator.plan.middleware import resolve_mode
 
 # Derived names of what is no component. A dot cannot occur in a component's name, so the hash differs from any of theirs.
 SERVERS: Final = ("discovery.0", "discovery.1")
+"""Two, on different nodes: while one is replaced the other still introduces late joiners."""
 ROUTER: Final = "router."
 MASTER: Final = "master."
 PEERS: Final = "peers."

@@ -19,8 +19,6 @@ T = TypeVar("T")
 
 START_ROWS: Final = 64
 CPU: Final = 0
-MEMORY: Final = 1
-EPHEMERAL: Final = 2
 BASE_RESOURCES: Final = ("cpu", "memory", "ephemeral-storage")
 LARGEST: Final = 2**53
 """Amounts are cut here: sums and products with 100 stay inside int64, and no real node offers more."""

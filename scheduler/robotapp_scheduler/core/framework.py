@@ -86,7 +86,7 @@ integers or floats without NaN. Anything else is an Error: the pod is not placed
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from enum import StrEnum
 from functools import wraps
-from typing import Any, Final, Literal, NamedTuple, Protocol
+from typing import Any, Final, Literal, NamedTuple
 
 import msgspec
 import numpy as np
@@ -178,22 +178,6 @@ class Beside(NamedTuple):
 
     takes: Callable[[int, Sequence[PlacedPod]], bool]
     confined: bool = True
-
-
-class FilterPlugin(Protocol):
-    """A plugin that excludes nodes."""
-
-    name: str
-
-    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult: ...
-
-
-class ScorePlugin(Protocol):
-    """A plugin that prefers nodes."""
-
-    name: str
-
-    def score(self, pod: PodInfo, nodes: Nodes) -> ScoreResult: ...
 
 
 class PluginError(Exception):

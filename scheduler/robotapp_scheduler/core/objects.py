@@ -49,7 +49,6 @@ class Metadata(Slim):
 class ContainerPort(Slim):
     """A declared port; only host ports matter here."""
 
-    container_port: int = 0
     host_port: int = 0
     host_ip: str = msgspec.field(name="hostIP", default="")
     protocol: str = "TCP"

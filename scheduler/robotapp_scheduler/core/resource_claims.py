@@ -23,7 +23,6 @@ class Consumer(Slim):
     """One entry of status.reservedFor."""
 
     resource: str = ""
-    api_group: str = ""
     name: str = ""
     uid: str = ""
 

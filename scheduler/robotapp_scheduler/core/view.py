@@ -111,12 +111,6 @@ class Nodes:
         codes, vocabulary = self._table.labels.column(key)
         return LabelColumn(self._pick(codes), vocabulary, self._table.labels.version(key))
 
-    def label_float(self, key: str) -> FloatArray:
-        """One label as numbers, NaN where absent or not a number."""
-        column = self.label(key)
-        table = np.array([_number(value) for value in column.vocabulary.values])
-        return table[column.codes]
-
     def allocatable(self, resource: str) -> IntArray:
         """What nodes offer: cpu in milli, everything else in whole units; zeros for a resource nobody has."""
         return self._amounts_of("allocatable", resource)
@@ -265,10 +259,3 @@ class AdjustedNodes(Nodes):
     def scored(self, resource: str) -> IntArray:
         """Not known for such nodes. Raises NotImplementedError: a filter must not decide by it."""
         raise NotImplementedError(f"scored {resource} of nodes that are not so")
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return float("nan")

@@ -14,7 +14,7 @@ from tests.support.clients import client_for
 from tests.support.memory import ManualTime, MemoryTransport, Mishap, memory_client, settle
 from tests.support.scripted import ScriptedServer, reply
 
-from robotapp_api.client.events import IN_FLIGHT, NOTE_BYTES, EventRecorder, _fit, reference, reference_to
+from robotapp_api.client.events import IN_FLIGHT, NOTE_BYTES, EventRecorder, _fit, reference
 
 NOON = datetime(2026, 1, 1, 12, tzinfo=UTC)
 POD = reference(api_version="v1", kind="Pod", namespace="robots", name="driver-0", uid="u1")
@@ -262,19 +262,6 @@ async def test_memory_is_bounded_by_what_happened_lately(monkeypatch: pytest.Mon
             await settle()
         assert len(made.recorder._series) == 10
         assert len(made.recorder._buckets) == 10
-
-
-def test_a_reference_is_taken_from_the_object() -> None:
-    meta = {"name": "a", "namespace": "n", "uid": "u", "resourceVersion": "7"}
-    obj = {"apiVersion": "robotics.io/v1alpha1", "kind": "RobotApp", "metadata": meta, "spec": {}}
-    assert reference_to(obj) == {
-        "apiVersion": "robotics.io/v1alpha1",
-        "kind": "RobotApp",
-        "namespace": "n",
-        "name": "a",
-        "uid": "u",
-        "resourceVersion": "7",
-    }
 
 
 @given(st.text(max_size=700))

@@ -10,8 +10,6 @@ from robotapp_scheduler.core.profiles import PluginRef, PluginSet, ProfileSpec
 from robotapp_scheduler.core.queued import Rejection
 from robotapp_scheduler.plugins.registry import default_profiles
 
-HERE = "is not supported by this scheduler yet; use schedulerName default-scheduler for this pod"
-
 
 def test_pods_spread_over_equal_nodes_and_count_against_each_other() -> None:
     core = make_core(*(make_node(f"n{i}", cpu="1") for i in range(3)))

@@ -80,7 +80,6 @@ def test_views_are_read_only_and_a_view_of_some_rows_agrees_with_the_whole() -> 
     assert some.names == ["n3", "n1"]
     assert some.free("cpu").tolist() == [4000, 2000]
     assert some.label("rank").texts() == ["3", "1"]
-    assert some.label_float("rank").tolist() == [3.0, 1.0]
     assert some.indices(("n1", "n4")) == [1]
     assert some.named(("n1", "n4")).tolist() == [False, True]
     with pytest.raises(ValueError, match="read-only"):

@@ -21,15 +21,13 @@ def test_agrees_with_decimal_arithmetic(parts: list[tuple[str, str]]) -> None:
     exact = sum((Decimal(number) * SECONDS[unit] for number, unit in parts), Decimal(0))
     assert duration.parse_ns(text) == int(exact * 10**9)
     assert duration.parse_us(text) == math.ceil(exact * 10**6)
-    assert duration.parse_ms(text) == pytest.approx(float(exact * 1000))
-    assert duration.parse_s(text) == pytest.approx(float(exact))
 
 
 @given(st.floats(0, 999_000_000, allow_nan=False))
 def test_formatted_times_are_valid_and_close(ms: float) -> None:
     text = duration.format_ms(ms)
     assert re.fullmatch(DURATION_PATTERN, text)
-    assert duration.parse_ms(text) == pytest.approx(ms, rel=0.005, abs=0.0006)
+    assert duration.parse_ns(text) / 1e6 == pytest.approx(ms, rel=0.005, abs=0.0006)
 
 
 @pytest.mark.parametrize(
