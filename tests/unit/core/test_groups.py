@@ -85,7 +85,7 @@ def test_pods_wait_for_their_app_for_the_operator_and_for_their_owner_chain() ->
     assert "act on generation 2" in reason()
     acted = app_object({"name": "driver"}, generation=2)
     show("robotapps", core.cluster.apply_app(acted), acted)
-    assert run(core) == {"driver": "n0"} or run(core) == {}
+    assert set(run(core)) == {"driver"}
 
 
 def test_a_forged_label_does_not_complete_a_group() -> None:

@@ -59,7 +59,8 @@ def test_cyclone_peers_are_one_name_per_component_without_multicast() -> None:
 
 
 def test_names_in_the_cyclone_configuration_are_quoted() -> None:
-    ET.fromstring(cyclone_config(['a"<b'], distro="humble"))  # noqa: S314 - our own text
+    config = ET.fromstring(cyclone_config(['a"<b'], distro="humble"))  # noqa: S314 - our own text
+    assert [peer.get("Address") for peer in config.iter("Peer")] == ['a"<b']
 
 
 @pytest.mark.parametrize(

@@ -123,10 +123,11 @@ def test_the_smallest_volume_that_fits_is_given_and_nodes_without_one_are_refuse
     )
     assert refusals(core, mounting("map")) == [(), (), (NONE_FREE,)]
     assert scores(core, mounting("map")) == [75, 50]
-    decision = decide(core, mounting("map"))
-    assert decision.volumes is not None
-    assert decision.node == "n0" or decision.volumes.bindings == ((("default", "map"), "small"),)
-    assert decision.volumes.timeout_s == 600.0
+    for zone, given in (("a", "big"), ("b", "small")):
+        decision = decide(core, mounting("map", nodeSelector={"zone": zone}))
+        assert decision.volumes is not None
+        assert decision.volumes.bindings == ((("default", "map"), given),)
+        assert decision.volumes.timeout_s == 600.0
 
 
 @pytest.mark.parametrize(

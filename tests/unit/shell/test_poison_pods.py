@@ -93,14 +93,14 @@ def test_a_poison_pod_is_placed_or_refused_in_words_soon_and_never_lost(poison: 
     feed.decide()
     with no_collector():
         began_s = time.process_time()
-        if not feed.show(poison.body):
-            return
-        if feed.core.queue.pending()["gated"]:
-            return
-        decision = feed.decide()
+        told = feed.show(poison.body)
+        tried = told and not feed.core.queue.pending()["gated"]
+        decision = feed.decide() if tried else None
         took_s = time.process_time() - began_s
     assert took_s < MOST_S
     feed.core.queue.invariant()
+    if not tried:
+        return
     if decision is None:
         assert not poison.live, "a pod the API server takes met a bug"
         return
