@@ -186,7 +186,7 @@ def test_nobody_is_evicted_for_a_group_that_would_still_not_be_whole() -> None:
     core.cluster.apply_pod(make_pod("low", cpu="1", node="n0"))
     announce(core, pod_group(min_member=2))
     arrive(core, *team(2, priority=100))
-    assert all(decision.plan is None for decision in core.schedule(core.queue.pop()))
+    assert [decision.plan for decision in core.schedule(core.queue.pop())] == [None, None]
 
 
 def test_one_is_evicted_at_a_time_for_a_group_that_becomes_whole_by_it() -> None:
