@@ -7,6 +7,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 import pytest
+from tests.support.clients import until
 
 from robotapp_api.client.connections import Connections
 from robotapp_api.client.dialing import NotSentError
@@ -159,7 +160,7 @@ async def test_who_finds_all_connections_busy_waits_in_line_and_no_longer_than_i
     script = Script(b"", OK)
     async with talking_to(script, limit=1) as connections:
         slow = asyncio.create_task(ask(connections, timeout_s=0.5))
-        await asyncio.sleep(0.05)
+        await until(lambda: script.requests)
         with pytest.raises(NotSentError, match="no free connection"):
             await ask(connections, timeout_s=0.1)
         patient = asyncio.create_task(ask(connections))
@@ -173,10 +174,10 @@ async def test_what_is_no_longer_permitted_when_its_turn_comes_is_not_sent() -> 
     script = Script(b"", OK)
     async with talking_to(script, limit=1) as connections:
         slow = asyncio.create_task(ask(connections, timeout_s=0.2))
-        await asyncio.sleep(0.05)
+        await until(lambda: script.requests)
         allowed = [True]
         waits = asyncio.create_task(connections.request(REQUEST, timeout_s=5.0, permitted=lambda: allowed[0]))
-        await asyncio.sleep(0.05)
+        await until(lambda: "1 waiting" in repr(connections))
         allowed[0] = False
         with pytest.raises(NotSentError, match="no longer permitted"):
             await waits
@@ -190,7 +191,7 @@ async def test_a_request_that_is_cancelled_ends_its_connection_and_the_next_one_
     script = Script(b"", OK)
     async with talking_to(script, limit=1) as connections:
         given_up = asyncio.create_task(ask(connections))
-        await asyncio.sleep(0.05)
+        await until(lambda: script.requests)
         patient = asyncio.create_task(ask(connections))
         await asyncio.sleep(0)
         given_up.cancel()
@@ -204,7 +205,7 @@ async def test_who_waits_in_line_when_the_client_is_closed_is_told_that_nothing_
     script = Script(b"")
     async with talking_to(script, limit=1) as connections:
         first, second = (asyncio.create_task(ask(connections)) for _ in range(2))
-        await asyncio.sleep(0.05)
+        await until(lambda: script.requests)
         await connections.close()
         results = await asyncio.gather(first, second, return_exceptions=True)
     assert [type(result) for result in results] == [BrokenError, NotSentError]
@@ -259,11 +260,12 @@ async def test_requests_of_many_patiences_each_get_their_own_time_from_one_timer
 
 
 async def test_a_cancelled_waiter_passes_its_place_on() -> None:
-    async with talking_to(Script(b"", OK, OK), limit=1) as connections:
+    script = Script(b"", OK, OK)
+    async with talking_to(script, limit=1) as connections:
         first = asyncio.create_task(ask(connections, timeout_s=0.3))
-        await asyncio.sleep(0.05)
+        await until(lambda: script.requests)
         impatient, patient = (asyncio.create_task(ask(connections)) for _ in range(2))
-        await asyncio.sleep(0.05)
+        await until(lambda: "2 waiting" in repr(connections))
         impatient.cancel()
         results = await asyncio.gather(first, impatient, patient, return_exceptions=True)
         assert isinstance(results[1], asyncio.CancelledError)
