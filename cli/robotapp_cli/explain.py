@@ -4,7 +4,7 @@ from collections import defaultdict
 from dataclasses import asdict, dataclass, field
 
 from robotapp_api.client.resources import PODS, ROBOTAPPS
-from robotapp_api.model.names import Label
+from robotapp_api.model.names import SYSTEM_NAMESPACE, Label
 from robotapp_cli.apps import print_edges
 from robotapp_cli.failures import CliError, Exit
 from robotapp_cli.fields import Json, condition, label, meta, status
@@ -22,7 +22,7 @@ class Question:
     component: str | None = None
     robot: str | None = None
     scheduler_url: str | None = None
-    scheduler_namespace: str = "robotapp-system"
+    scheduler_namespace: str = SYSTEM_NAMESPACE
 
 
 @dataclass(slots=True)

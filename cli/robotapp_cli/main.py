@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from robotapp_api.model.names import SYSTEM_NAMESPACE
 from robotapp_cli.apps import show_info, show_list
 from robotapp_cli.claims import show_devices, show_domains
 from robotapp_cli.completion import complete_names
@@ -89,7 +90,7 @@ def explain_command(
     component: Annotated[str | None, typer.Option("--component", "-c", help="Only this component.")] = None,
     robot: Annotated[str | None, typer.Option("--robot", help="Only the instance of this robot.")] = None,
     scheduler_url: SchedulerUrl = None,
-    scheduler_namespace: SchedulerNamespace = "robotapp-system",
+    scheduler_namespace: SchedulerNamespace = SYSTEM_NAMESPACE,
     namespace: Namespace = None,
     context: Context = None,
     kubeconfig: Kubeconfig = None,
@@ -118,7 +119,7 @@ def simulate_command(
         bool, typer.Option("--offline", help="The files are the whole cluster: read nothing else.")
     ] = False,
     scheduler_url: SchedulerUrl = None,
-    scheduler_namespace: SchedulerNamespace = "robotapp-system",
+    scheduler_namespace: SchedulerNamespace = SYSTEM_NAMESPACE,
     namespace: Namespace = None,
     context: Context = None,
     kubeconfig: Kubeconfig = None,

@@ -12,6 +12,7 @@ from typing import Any, Final
 
 from robotapp_api.client.errors import NotFound
 from robotapp_api.client.resources import Resource
+from robotapp_api.model.names import SYSTEM_NAMESPACE
 from robotapp_cli.failures import CliError, Exit
 from robotapp_cli.fields import Json
 from robotapp_cli.files import documents
@@ -33,7 +34,7 @@ class Wish:
     config: Path | None = None
     replay: int = 0
     scheduler_url: str | None = None
-    scheduler_namespace: str = "robotapp-system"
+    scheduler_namespace: str = SYSTEM_NAMESPACE
 
 
 async def show_simulation(session: Session, wish: Wish) -> None:

@@ -15,6 +15,7 @@ SIMULATED_BY_KWOK = "kwok"
 NODE_SELECTOR = f"{Label.SIMULATED}={SIMULATED_BY_KWOK}"
 """kwok plays the kubelet of nodes with this label only, so real nodes can join the same control plane."""
 
+SERVICE_NETWORK = "10.96.0.0/16"
 _ETCD_QUOTA_BYTES = 8 << 30
 _GRACE_OVER_LEASE_S = 10
 
@@ -124,7 +125,7 @@ def kube_apiserver(layout: Layout, settings: Settings) -> list[str]:
         "--service-account-issuer=https://kubernetes.default.svc",
         f"--service-account-key-file={layout.signing_key}",
         f"--service-account-signing-key-file={layout.signing_key}",
-        "--service-cluster-ip-range=10.96.0.0/16",
+        f"--service-cluster-ip-range={SERVICE_NETWORK}",
         "--allow-privileged=true",
     ]
     if ipaddress.ip_address(layout.host).is_loopback:  # the server refuses to make it an endpoint of its Service

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+from robotapp_api.model.names import SYSTEM_NAMESPACE
 from robotapp_testbed import images, product
 from robotapp_testbed.controlplane import ControlPlane
-from robotapp_testbed.identity import SYSTEM_NAMESPACE
 
 IMAGES: Final = ("operator", "scheduler")
 """What RealNodes needs in `images` for them."""

@@ -19,6 +19,11 @@ class CommandError(TestbedError):
         self.stderr = stderr
 
 
+def last_words(stderr: str) -> str:
+    """The line in which most programs say why they failed."""
+    return (stderr.strip().splitlines() or ["no reason given"])[-1]
+
+
 class ApiStatusError(TestbedError):
     """The API server answered with an error status."""
 

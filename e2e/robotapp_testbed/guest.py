@@ -14,14 +14,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from robotapp_api.model.names import API_VERSION
+from robotapp_api.model.names import API_VERSION, SYSTEM_NAMESPACE
 from robotapp_testbed import components, identity, servers
 from robotapp_testbed.api import Api
 from robotapp_testbed.assets import Assets
 from robotapp_testbed.commands import as_input
 from robotapp_testbed.controlplane import ControlPlane
 from robotapp_testbed.failures import ApiStatusError, CommandError, TestbedError
-from robotapp_testbed.identity import SYSTEM_NAMESPACE
 from robotapp_testbed.process import wait_until
 from robotapp_testbed.servers import Program
 

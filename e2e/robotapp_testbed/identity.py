@@ -9,7 +9,8 @@ from typing import Final
 
 import yaml
 
-SYSTEM_NAMESPACE: Final = "robotapp-system"
+from robotapp_api.model.names import SYSTEM_NAMESPACE
+
 OPERATOR_ACCOUNT: Final = "robotapp-operator"
 SCHEDULER_ACCOUNT: Final = "robotapp-scheduler"
 ADMIN: Final = "admin"

@@ -12,11 +12,10 @@ from typing import Any
 
 import yaml
 
-from robotapp_api.model.names import Annotation
+from robotapp_api.model.names import SYSTEM_NAMESPACE, Annotation
 from robotapp_testbed import ports
 from robotapp_testbed.controlplane import ControlPlane
 from robotapp_testbed.failures import ApiStatusError, CommandError, TestbedError
-from robotapp_testbed.identity import SYSTEM_NAMESPACE
 from robotapp_testbed.pins import REPOSITORY
 from robotapp_testbed.process import Process, wait_until
 from robotapp_testbed.servers import answers

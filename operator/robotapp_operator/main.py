@@ -20,7 +20,7 @@ from robotapp_api.client.events import EventRecorder
 from robotapp_api.client.lease import LeaderElection, candidate_identity
 from robotapp_api.client.resources import ROBOTAPPS
 from robotapp_api.client.sweep import Sweeper
-from robotapp_api.model.names import OPERATOR_MANAGER
+from robotapp_api.model.names import OPERATOR_MANAGER, SYSTEM_NAMESPACE
 from robotapp_operator import __version__, logs
 from robotapp_operator.cache import Cache
 from robotapp_operator.children import Children
@@ -39,7 +39,7 @@ from robotapp_operator.pools import Pools
 from robotapp_operator.probes import Probes
 from robotapp_operator.queue import Key, Queue
 from robotapp_operator.reporter import Reporter
-from robotapp_operator.settings import SYSTEM_NAMESPACE, Settings, parse
+from robotapp_operator.settings import Settings, parse
 from robotapp_operator.sweeping import Conflicts, granted_pods
 
 log = logging.getLogger(__name__)

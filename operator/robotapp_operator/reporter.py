@@ -3,12 +3,13 @@
 import dataclasses
 import logging
 from collections.abc import Callable
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import Any, Final
 
 from robotapp_api.client import ApiClient, Conflict, NotFound
 from robotapp_api.client.events import EventRecorder, reference
 from robotapp_api.client.resources import ROBOTAPPS
+from robotapp_api.client.times import whole_seconds
 from robotapp_api.model.conditions import NEVER
 from robotapp_api.model.names import API_VERSION, Condition, Phase, Reason
 from robotapp_operator.cache import Cache
@@ -123,7 +124,7 @@ class Reporter:
             )
 
     def _timestamp(self) -> str:
-        return self._now().astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+        return whole_seconds(self._now())
 
 
 def same_status(wanted: dict[str, Any], have: Any) -> bool:

@@ -10,7 +10,6 @@ from robotapp_api.client.sweep import HANDOVER_S, PERIOD_S
 from robotapp_api.values import arguments
 
 PREFIX: Final = "ROBOTAPP_OPERATOR_"
-SYSTEM_NAMESPACE: Final = "robotapp-system"
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,10 +3,9 @@
 from collections.abc import Iterable
 from typing import Any, Final
 
-from robotapp_api.model.names import API_VERSION
+from robotapp_api.model.names import API_VERSION, SYSTEM_NAMESPACE
 from robotapp_testbed import ControlPlane, wait_until
 from robotapp_testbed.failures import ApiStatusError
-from robotapp_testbed.identity import SYSTEM_NAMESPACE
 from robotapp_testbed.real import RealNodes
 
 OURS: Final = f"/apis/{API_VERSION}"

@@ -9,10 +9,9 @@ from typing import Any, Self
 
 from tests.support.appwatch import AppWatch
 
-from robotapp_api.model.names import API_VERSION, OPERATOR_MANAGER, SCHEDULER_MANAGER
+from robotapp_api.model.names import API_VERSION, OPERATOR_MANAGER, SCHEDULER_MANAGER, SYSTEM_NAMESPACE
 from robotapp_testbed import ControlPlane, Process, product, topology, wait_until
 from robotapp_testbed.failures import ApiStatusError
-from robotapp_testbed.identity import SYSTEM_NAMESPACE
 from robotapp_testbed.namespaces import created
 from robotapp_testbed.topology import SimulatedTelemetry, Topology
 

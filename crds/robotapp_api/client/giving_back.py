@@ -6,7 +6,6 @@ by then (`DM7` of the claim model).
 """
 
 from collections.abc import Iterable
-from datetime import UTC
 from typing import Any
 
 from robotapp_api.claims.objects import Claim, Pod
@@ -14,7 +13,7 @@ from robotapp_api.client.apply import STRATEGIC
 from robotapp_api.client.claim_writes import Api, Refused, delete_claim
 from robotapp_api.client.errors import Conflict, NotFound
 from robotapp_api.client.resources import PODS
-from robotapp_api.client.times import Now, utc_now
+from robotapp_api.client.times import Now, utc_now, whole_seconds
 
 
 async def give_back(client: Api, pod: Pod, claims: Iterable[Claim], *, now: Now = utc_now) -> int:
@@ -40,7 +39,7 @@ async def _fence(client: Api, pod: Pod, *, now: Now) -> bool:
     condition: dict[str, Any] = {
         "type": "PodScheduled",
         "status": "False",
-        "lastProbeTime": now().astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        "lastProbeTime": whole_seconds(now()),
     }
     patch = {
         "metadata": {"uid": meta.uid, "resourceVersion": meta.resource_version},

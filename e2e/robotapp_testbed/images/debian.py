@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from robotapp_testbed import cache
-from robotapp_testbed.failures import TestbedError
+from robotapp_testbed.failures import TestbedError, last_words
 
 _PROGRAMS: Final = ("apt-get", "dpkg-deb", "tar")
 _ESSENTIAL_ELSEWHERE: Final = (
@@ -75,7 +75,7 @@ def _apt(action: str, names: Sequence[str], *options: str) -> str:
     command += [f"--option={option}" for option in ("Dir::State::status=/dev/null", *options)]
     result = subprocess.run([*command, *names], capture_output=True, text=True, check=False)
     if result.returncode != 0:
-        reason = (result.stderr.strip().splitlines() or ["no reason given"])[-1]
+        reason = last_words(result.stderr)
         raise TestbedError(f"apt cannot get {', '.join(names)} ({reason}): apt-get update, then try again")
     return result.stdout
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from robotapp_testbed import pins
-from robotapp_testbed.failures import TestbedError
+from robotapp_testbed.failures import TestbedError, last_words
 
 _UV: Final = Path(sys.executable).with_name("uv")
 _KEPT_METADATA: Final = ("METADATA", "WHEEL", "entry_points.txt", "top_level.txt")
@@ -64,6 +64,6 @@ def _forget_the_machine(target: Path) -> None:
 def _run(command: Sequence[str], *, cwd: Path) -> str:
     result = subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False)
     if result.returncode != 0:
-        reason = (result.stderr.strip().splitlines() or ["no reason given"])[-1]
+        reason = last_words(result.stderr)
         raise TestbedError(f"the locked wheels cannot be had ({reason}): check the package index and try again")
     return result.stdout

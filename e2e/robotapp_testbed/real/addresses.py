@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Final
 
 POD_NETWORK: Final = "10.244.0.0/16"
-SERVICE_NETWORK: Final = "10.96.0.0/16"
 API_SERVICE_IP: Final = "10.96.0.1"
 DNS_SERVICE_IP: Final = "10.96.0.10"
 CLUSTER_DOMAIN: Final = "cluster.local"

@@ -96,11 +96,16 @@ def _created(pod: Pod) -> datetime:
     return datetime.fromisoformat(text) if text else datetime.max.replace(tzinfo=UTC)
 
 
+def over_quota(message: str) -> bool:
+    """Did the API server refuse an object because of the namespace's quota?"""
+    return "exceeded quota" in message
+
+
 def _failure(deployment: Deployment, pods: Sequence[Pod], live: Sequence[Pod]) -> tuple[Reason | None, str]:
     """The most telling reason why it is not ready: refused pods, then containers, then scheduling."""
     for condition in deployment.status.conditions:
         if condition.type == "ReplicaFailure" and condition.status == "True":
-            quota = "exceeded quota" in condition.message
+            quota = over_quota(condition.message)
             cure = "raise the quota or lower the requests" if quota else "mend what the API server refuses"
             return (Reason.QUOTA_REFUSED if quota else Reason.FAILED_CREATE), f"{condition.message}; {cure}"
     for pod in live:

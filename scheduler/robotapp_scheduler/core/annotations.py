@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from robotapp_api.model.names import Annotation
 from robotapp_api.values.duration import parse_us
+from robotapp_api.values.ranges import MAX_ID
 from robotapp_scheduler.core.ros import TIERS, Hardware, InvalidAnnotation, RosRequest
 
 MAX_BYTES: Final = 8 * 1024
@@ -17,7 +18,6 @@ MAX_DEPTH: Final = 6
 MAX_ITEMS: Final = 32
 MAX_TEXT: Final = 253
 FORMAT_VERSION: Final = 1
-MAX_DOMAIN: Final = 232
 _SHOWN: Final = 80
 
 READ: Final = (
@@ -252,9 +252,9 @@ def _domain(text: str) -> dict[str, Any]:
     value = text.strip() if len(text) <= 8 else text
     if value == "auto":
         return {"dds_domain": value}
-    if value.isascii() and value.isdigit() and len(value) <= 3 and int(value) <= MAX_DOMAIN:
+    if value.isascii() and value.isdigit() and len(value) <= 3 and int(value) <= MAX_ID:
         return {"dds_domain": str(int(value))}
-    raise _Refused("", text, f'"auto" or a number from 0 to {MAX_DOMAIN}')
+    raise _Refused("", text, f'"auto" or a number from 0 to {MAX_ID}')
 
 
 _PARSERS: Final[dict[Annotation, Callable[[str], dict[str, Any]]]] = {

@@ -9,6 +9,7 @@ import logging
 from collections.abc import Awaitable, Callable
 
 from robotapp_api.client.api import ApiClient, Json
+from robotapp_api.client.apply import STRATEGIC
 from robotapp_api.client.errors import ApiError, ClientError, Conflict, NotFound, means_gone
 from robotapp_api.client.resources import PODS
 from robotapp_api.model.names import EventReason
@@ -18,7 +19,7 @@ from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.preemption import Plan
 from robotapp_scheduler.shell import texts
 from robotapp_scheduler.shell.metrics import Metrics
-from robotapp_scheduler.shell.report import STRATEGIC_MERGE, Events, utc_now
+from robotapp_scheduler.shell.report import Events, utc_now
 
 log = logging.getLogger(__name__)
 
@@ -128,7 +129,7 @@ class Evictor:
     async def _patch(self, pod: Pod, patch: Json) -> None:
         meta = pod.metadata
         await self._client.patch(
-            PODS, meta.name, patch, namespace=meta.namespace, subresource="status", content_type=STRATEGIC_MERGE
+            PODS, meta.name, patch, namespace=meta.namespace, subresource="status", content_type=STRATEGIC
         )
 
     async def _tried(self, step: Callable[[], Awaitable[None]], pod: Pod) -> bool | None:

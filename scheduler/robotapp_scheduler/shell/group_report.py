@@ -8,6 +8,7 @@ import logging
 from collections.abc import Callable, Sequence
 
 from robotapp_api.client.api import ApiClient
+from robotapp_api.client.apply import STRATEGIC
 from robotapp_api.client.errors import ClientError, NotFound
 from robotapp_api.client.resources import WORKLOAD_PODGROUPS
 from robotapp_api.model.names import PodReason
@@ -16,7 +17,7 @@ from robotapp_scheduler.core.objects import PodCondition
 from robotapp_scheduler.core.pod_groups import INITIALLY_SCHEDULED, WORKLOADS, GroupRef, PodGroup, PodGroups
 from robotapp_scheduler.core.whole import UNSCHEDULABLE_GROUP
 from robotapp_scheduler.shell.newest import Newest
-from robotapp_scheduler.shell.report import STRATEGIC_MERGE, utc_now
+from robotapp_scheduler.shell.report import utc_now
 
 log = logging.getLogger(__name__)
 
@@ -90,7 +91,7 @@ class GroupReporter:
                 patch,
                 namespace=ref.namespace,
                 subresource="status",
-                content_type=STRATEGIC_MERGE,
+                content_type=STRATEGIC,
             )
         except NotFound:
             return

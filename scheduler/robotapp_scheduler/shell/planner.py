@@ -7,7 +7,6 @@ when the first large problem comes, and again after it died.
 
 import asyncio
 import logging
-import os
 import sys
 import time
 from collections.abc import Callable
@@ -22,6 +21,7 @@ from robotapp_scheduler.joint.message import decode_solution, encode_problem
 from robotapp_scheduler.joint.problem import Problem
 from robotapp_scheduler.joint.solve import Limits, Solution, solve
 from robotapp_scheduler.shell.planning_worker import LENGTH
+from robotapp_scheduler.shell.workers import started, stdin_of
 
 log = logging.getLogger(__name__)
 
@@ -102,8 +102,8 @@ class Planner:
             process = await self._running()
             async with asyncio.timeout(IN_WORKER.seconds + self._answer_s):
                 order = encode_problem(problem, IN_WORKER)
-                _stdin(process).write(len(order).to_bytes(LENGTH, "big") + order)
-                await _stdin(process).drain()
+                stdin_of(process).write(len(order).to_bytes(LENGTH, "big") + order)
+                await stdin_of(process).drain()
                 return decode_solution(await _frame(process))
         except TimeoutError as error:
             await self._drop()
@@ -121,10 +121,8 @@ class Planner:
         if self._clock() < self._rest_until_s:
             raise WorkerError("it died a moment ago")
         self._rest_until_s = self._clock() + PAUSE_S
-        pipe = asyncio.subprocess.PIPE
-        environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
         self.starts += 1
-        self._process = await asyncio.create_subprocess_exec(*self._command, stdin=pipe, stdout=pipe, env=environment)
+        self._process = await started(self._command)
         async with asyncio.timeout(self._start_s):
             await _frame(self._process)
         return self._process
@@ -149,9 +147,3 @@ async def _frame(process: asyncio.subprocess.Process) -> bytes:
         return await process.stdout.readexactly(size)
     except asyncio.IncompleteReadError as error:
         raise EOFError from error
-
-
-def _stdin(process: asyncio.subprocess.Process) -> asyncio.StreamWriter:
-    if process.stdin is None:  # pragma: no cover - asked for with a pipe
-        raise RuntimeError("a worker without standard input")
-    return process.stdin

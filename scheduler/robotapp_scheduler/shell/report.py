@@ -9,12 +9,13 @@ import logging
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from typing import Protocol
 
 import msgspec
 
+from robotapp_api.client import times
 from robotapp_api.client.api import ApiClient
+from robotapp_api.client.apply import STRATEGIC
 from robotapp_api.client.errors import ApiError, ClientError, Conflict, NotFound
 from robotapp_api.client.resources import PODS
 from robotapp_api.model.names import EventReason
@@ -24,7 +25,6 @@ from robotapp_scheduler.shell.newest import Newest
 
 log = logging.getLogger(__name__)
 
-STRATEGIC_MERGE = "application/strategic-merge-patch+json"
 REMEMBERED = 20_000
 """Last text per pod; the oldest are forgotten beyond this and at worst written once more."""
 WRITERS = 4
@@ -47,7 +47,8 @@ class _Text:
 
 
 def utc_now() -> str:
-    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    """As conditions write it."""
+    return times.whole_seconds(times.utc_now())
 
 
 class Reporter:
@@ -174,7 +175,7 @@ class Reporter:
                     patch,
                     namespace=meta.namespace,
                     subresource="status",
-                    content_type=STRATEGIC_MERGE,
+                    content_type=STRATEGIC,
                 )
             except NotFound:
                 return

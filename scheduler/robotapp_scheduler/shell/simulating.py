@@ -5,7 +5,6 @@ The body is never held here, and nothing of it is decoded in the process that pl
 
 import asyncio
 import logging
-import os
 import sys
 from collections.abc import AsyncIterator, Mapping
 from contextlib import suppress
@@ -15,6 +14,7 @@ from typing import Any, Final
 import msgspec
 
 from robotapp_scheduler.shell.reload import Running
+from robotapp_scheduler.shell.workers import started, stdin_of
 from robotapp_scheduler.simulation.kinds import resources
 
 log = logging.getLogger(__name__)
@@ -81,10 +81,7 @@ class Simulator:
                 return self._counted(504, f"not finished within {self._patience_s:g} s, upload included")
 
     async def _work(self, chunks: AsyncIterator[bytes], replay: int) -> Simulated:
-        pipe = asyncio.subprocess.PIPE
-        process = await asyncio.create_subprocess_exec(
-            *self._worker, stdin=pipe, stdout=pipe, stderr=pipe, env=os.environ | {"OPENBLAS_NUM_THREADS": "1"}
-        )
+        process = await started(self._worker, stderr=asyncio.subprocess.PIPE)
         try:
             sent = await self._send(process, chunks, replay)
             if not sent:
@@ -104,14 +101,14 @@ class Simulator:
         given = {"config": running.text, "third_party": running.config.third_party, "replay": replay}
         left = self._most
         with suppress(BrokenPipeError, ConnectionResetError):  # a worker that ended early has said why
-            _in(process).write(msgspec.json.encode(given) + b"\n")
+            stdin_of(process).write(msgspec.json.encode(given) + b"\n")
             async for chunk in chunks:
                 left -= len(chunk)
                 if left < 0:
                     return False
-                _in(process).write(chunk)
-                await _in(process).drain()
-            _in(process).close()
+                stdin_of(process).write(chunk)
+                await stdin_of(process).drain()
+            stdin_of(process).close()
         return True
 
     async def _answer(self, process: asyncio.subprocess.Process) -> Simulated:
@@ -138,9 +135,3 @@ async def _read(stream: asyncio.StreamReader | None, most: int) -> bytes:
         if size <= most:
             parts.append(part)
     return b"".join(parts) if size <= most else b""
-
-
-def _in(process: asyncio.subprocess.Process) -> asyncio.StreamWriter:
-    if process.stdin is None:  # pragma: no cover - asked for with a pipe
-        raise RuntimeError("a worker without standard input")
-    return process.stdin

@@ -24,7 +24,7 @@ from robotapp_api.client.errors import NotFound
 from robotapp_api.client.login import load as login
 from robotapp_api.client.reflector import Change, Reflector
 from robotapp_api.client.resources import EVENTS, LEASES, NODES, PODS
-from robotapp_api.client.times import micro_time, utc_now
+from robotapp_api.client.times import micro_time, utc_now, whole_seconds
 
 WORKERS = 32
 LEASE_POLL_S = 0.05
@@ -93,7 +93,7 @@ class Bare:
             await self._event(meta.namespace, meta.name, meta.uid, reason="Scheduled", action="Binding", note=note)
 
     async def _preempt(self, pod: SeenPod, node: str) -> None:
-        meta, now = pod.metadata, f"{utc_now():%Y-%m-%dT%H:%M:%SZ}"
+        meta, now = pod.metadata, whole_seconds(utc_now())
         for number in range(self._task.victims):
             victim = filler_name(node, number)
             await self._condition(meta.namespace, victim, {"type": "DisruptionTarget", "status": "True"}, now=now)

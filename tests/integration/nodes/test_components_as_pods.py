@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import pytest
 from tests.support import real_pods
 
+from robotapp_api.model.names import SYSTEM_NAMESPACE
 from robotapp_testbed import components_as_pods, wait_until
-from robotapp_testbed.identity import SYSTEM_NAMESPACE
 from robotapp_testbed.namespaces import created
 from robotapp_testbed.nodes import edge, robot
 from robotapp_testbed.real import RealNodes

@@ -1,13 +1,15 @@
 """The texts and documents the programs of a node are started with."""
 
+import ipaddress
 import json
 import tomllib
 from pathlib import Path
 
 import pytest
 
+from robotapp_testbed.components import SERVICE_NETWORK
 from robotapp_testbed.real import containerd, kubelet, network, services
-from robotapp_testbed.real.addresses import API_SERVICE_IP, DNS_SERVICE_IP, POD_BRIDGE, SERVICE_NETWORK, Addresses
+from robotapp_testbed.real.addresses import API_SERVICE_IP, DNS_SERVICE_IP, POD_BRIDGE, Addresses
 
 ADDRESSES = Addresses(3)
 
@@ -87,5 +89,7 @@ def test_the_cluster_has_dns_at_the_usual_address() -> None:
     assert kinds["Service"]["spec"]["clusterIP"] == DNS_SERVICE_IP
     assert "selector" not in kinds["Service"]["spec"]
     assert kinds["EndpointSlice"]["endpoints"][0]["addresses"] == ["198.18.3.1"]
-    assert API_SERVICE_IP.rpartition(".")[0] == DNS_SERVICE_IP.rpartition(".")[0] == SERVICE_NETWORK.rpartition(".")[0]
+    network = ipaddress.ip_network(SERVICE_NETWORK)
+    assert ipaddress.ip_address(API_SERVICE_IP) == network[1], "kube-apiserver takes the first one"
+    assert ipaddress.ip_address(DNS_SERVICE_IP) in network
     assert "bind 198.18.3.1" in services.corefile(address="198.18.3.1", kubeconfig=Path("/k"), ready_port=1)
