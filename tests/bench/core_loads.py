@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Any, Final
 
 import msgspec
-from tests.support.scheduling import make_node, make_pod
+from tests.support.scheduling import default_profiles, make_node, make_pod
 
 from robotapp_api.model.names import Label
 from robotapp_scheduler.core.changes import Event
@@ -13,7 +13,6 @@ from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.queued import Rejection
-from robotapp_scheduler.plugins.registry import default_profiles
 
 LOW_PER_NODE: Final = 4
 SELECTOR: Final = {"matchLabels": {"color": "stuck"}}

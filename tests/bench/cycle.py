@@ -15,13 +15,12 @@ from typing import Any
 
 import msgspec
 from tests.bench.core_loads import PREEMPTORS, preempting, waiting
-from tests.support.scheduling import make_node, make_pod, telemetry
+from tests.support.scheduling import default_profiles, make_node, make_pod, telemetry
 
 from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.objects import Selecting
-from robotapp_scheduler.plugins.registry import default_profiles
 
 ZONES = 10
 APPS = 200

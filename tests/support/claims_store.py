@@ -13,7 +13,7 @@ import msgspec
 
 from robotapp_api.client.api import Json, Listing
 from robotapp_api.client.apply import STRATEGIC
-from robotapp_api.client.errors import AlreadyExists, ApiError, Conflict, Forbidden, NotFound
+from robotapp_api.client.errors import AlreadyExists, Conflict, Forbidden, NotFound
 from robotapp_api.client.resources import ROBOTCLAIMS, Resource
 
 Key = tuple[str, str, str]
@@ -192,7 +192,3 @@ def _fields_match(selector: str, obj: Json) -> bool:
         if str(value) != wanted:
             return False
     return True
-
-
-def forbidden() -> ApiError:
-    return Forbidden("forbidden", status=403, reason="Forbidden")

@@ -13,6 +13,7 @@ from tests.support.scheduling import (
     Clock,
     app_object,
     chain,
+    default_profiles,
     device_claim,
     make_cluster,
     member_pod,
@@ -25,7 +26,7 @@ from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.profiles import PluginRef, PluginSet, Profile, ProfileSpec
-from robotapp_scheduler.plugins.registry import ROS, default_profiles
+from robotapp_scheduler.plugins.registry import ROS
 
 Json = dict[str, Any]
 PLAIN: Final = PluginSet(enabled=(PluginRef("PrioritySort"), PluginRef("DefaultBinder")), disabled=ROS)

@@ -1,19 +1,19 @@
 """Nodes, pods and apps for tests of the scheduler's core: JSON in, the product's structs out."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import msgspec
 
 from robotapp_api.claims.objects import Claim
-from robotapp_api.model.names import API_VERSION, SCHEDULER_NAME, Label
+from robotapp_api.model.names import API_VERSION, SCHEDULER_NAME, THESIS_SCHEDULER_NAME, Label
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.objects import Node, Owned, Pod
 from robotapp_scheduler.core.pods import PodInfo
-from robotapp_scheduler.core.profiles import ProfileSpec
+from robotapp_scheduler.core.profiles import Profile, ProfileSpec, build_profiles
 from robotapp_scheduler.core.robotics import NodeTelemetry, RobotApp
-from robotapp_scheduler.plugins.registry import default_profiles
+from robotapp_scheduler.plugins.registry import catalogue
 
 Json = dict[str, Any]
 
@@ -29,6 +29,12 @@ class Clock:
 
     def forward(self, seconds: float) -> None:
         self.now_s += seconds
+
+
+def default_profiles(specs: Iterable[ProfileSpec] | None = None) -> dict[str, Profile]:
+    """With the built-in plugins; without specs those of both names that are served when there is no configuration."""
+    chosen = specs if specs is not None else (ProfileSpec(SCHEDULER_NAME), ProfileSpec(THESIS_SCHEDULER_NAME))
+    return build_profiles(chosen, catalogue())
 
 
 def node_json(name: str, *, labels: Mapping[str, str] | None = None, cpu: str = "4", memory: str = "8Gi",

@@ -7,7 +7,7 @@ from enum import StrEnum
 from functools import lru_cache
 from typing import Any, Final, Protocol
 
-from robotapp_api.claims.objects import Claim, ClaimSpec, DeviceThing, DomainThing, Holder
+from robotapp_api.claims.objects import ClaimSpec, DeviceThing, DomainThing, Holder
 from robotapp_api.model.names import API_VERSION, Annotation, Label
 from robotapp_api.values.naming import DNS_LABEL
 
@@ -218,9 +218,3 @@ def granted_domain(annotations: dict[str, str]) -> int | None:
 
 def granted_devices(annotations: dict[str, str]) -> frozenset[str]:
     return frozenset(part for part in annotations.get(Annotation.GRANTED_DEVICES, "").split(",") if part)
-
-
-def domain_claims(claims: Iterable[Claim], holder: Holder) -> tuple[Claim, ...]:
-    """Domain claims of this holder's instance, by name."""
-    mine = (c for c in claims if c.spec.domain is not None and same_holder(c.holder, holder))
-    return tuple(sorted(mine, key=lambda claim: claim.name))

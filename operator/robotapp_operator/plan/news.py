@@ -60,13 +60,11 @@ def news_of(before: Mapping[str, Any], after: Mapping[str, Any], *, new_domains:
 def end_of_life(app: App, before: Mapping[str, Any], today: date) -> News | None:
     """Once per generation: the distribution gets no more security fixes."""
     distro = DISTROS.get(app.distro)
-    if distro is None or distro.end_of_life is None or today <= distro.end_of_life:
+    if distro is None or not distro.is_past_end_of_life(today):
         return None
     if before.get("observedGeneration") == app.generation:
         return None
-    text = (
-        f"support of {distro.name} ended on {distro.end_of_life.isoformat()}; plan a move to a supported distribution"
-    )
+    text = f"support of {distro.name} ended on {distro.end_of_life}; plan a move to a supported distribution"
     return News(EventReason.EOL_DISTRO, text, warning=True)
 
 

@@ -1,10 +1,9 @@
 """All built-in plugins by name, the default order and weights, and the two profiles served out of the box."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Final
 
-from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME
-from robotapp_scheduler.core.profiles import Catalogue, PluginRef, Profile, ProfileSpec, build_profiles
+from robotapp_scheduler.core.profiles import Catalogue, PluginRef
 from robotapp_scheduler.plugins.kubernetes.balanced_allocation import NodeResourcesBalancedAllocation
 from robotapp_scheduler.plugins.kubernetes.declared_features import NodeDeclaredFeatures
 from robotapp_scheduler.plugins.kubernetes.default_preemption import DefaultPreemption
@@ -82,9 +81,3 @@ def catalogue(extra: Mapping[str, type] | None = None) -> Catalogue:
     """Built-in plugin classes, with third-party ones added; the default multiPoint list."""
     classes: dict[str, type] = {str(cls.name): cls for cls in BUILT_IN}  # type: ignore[attr-defined]  # every plugin class has a name
     return Catalogue(classes={**classes, **(extra or {})}, defaults=(*KUBERNETES, *ROS))
-
-
-def default_profiles(specs: Iterable[ProfileSpec] | None = None) -> dict[str, Profile]:
-    """Profiles of a configuration; without one, ours and the name the thesis' Rigelfiles use."""
-    chosen = specs if specs is not None else (ProfileSpec(SCHEDULER_NAME), ProfileSpec(THESIS_SCHEDULER_NAME))
-    return build_profiles(chosen, catalogue())

@@ -7,7 +7,7 @@ is taken: no object can stop the feed.
 
 import asyncio
 import logging
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import msgspec
@@ -188,8 +188,3 @@ class Feed:
             log.warning("cannot tell whether the robotics.io CRDs are installed: %s", error)
             return True
         return True
-
-
-def serves(pod: Pod, names: Collection[str]) -> bool:
-    """Whether this pod is ours to place: our scheduler name, no node yet, not ended."""
-    return pod.spec.scheduler_name in names and not pod.spec.node_name and not pod.terminal

@@ -4,7 +4,7 @@ Sizes are those of kube-scheduler's own benchmarks. Labels: `bench/role` says wh
 waiting, measured, churn); `color` and `group` are what the pods' own selectors look at.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -175,4 +175,3 @@ _ROWS = (
              waiting=5000, waiting_pod=WAITING_LARGE),
 )  # fmt: skip
 WORKLOADS: Mapping[str, Workload] = {each.name: each for each in _ROWS}
-Make = Callable[[str], Json]

@@ -6,14 +6,23 @@ from typing import Any
 import numpy as np
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from tests.support.scheduling import Clock, device_claim, make_cluster, make_info, make_node, make_pod, telemetry
+from tests.support.scheduling import (
+    Clock,
+    default_profiles,
+    device_claim,
+    make_cluster,
+    make_info,
+    make_node,
+    make_pod,
+    telemetry,
+)
 
 from robotapp_api.model.names import SCHEDULER_NAME, Annotation, Label
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.engine import Engine
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
-from robotapp_scheduler.plugins.registry import KUBERNETES, catalogue, default_profiles
+from robotapp_scheduler.plugins.registry import KUBERNETES, catalogue
 
 Json = dict[str, Any]
 NAMES = ("n0", "n1", "n2", "n3", "n4")

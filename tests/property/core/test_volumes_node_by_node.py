@@ -4,7 +4,7 @@ from typing import Any
 
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from tests.support.scheduling import Clock, make_cluster, make_node
+from tests.support.scheduling import Clock, default_profiles, make_cluster, make_node
 from tests.support.volumes import (
     make_capacity,
     make_claim,
@@ -22,7 +22,6 @@ from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.profiles import ProfileSpec
 from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.plugins.kubernetes.volume_binding import VolumeBinding
-from robotapp_scheduler.plugins.registry import default_profiles
 
 NODES = ("n0", "n1", "n2", "n3")
 CLAIMS = ("c0", "c1", "c2")

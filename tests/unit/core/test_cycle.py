@@ -1,14 +1,21 @@
 from typing import Any
 
 import pytest
-from tests.support.scheduling import device_claim, make_core, make_info, make_node, make_pod, telemetry
+from tests.support.scheduling import (
+    default_profiles,
+    device_claim,
+    make_core,
+    make_info,
+    make_node,
+    make_pod,
+    telemetry,
+)
 
 from robotapp_api.model.names import SCHEDULER_NAME, Annotation, PodReason
 from robotapp_scheduler.core.framework import Code
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.profiles import PluginRef, PluginSet, ProfileSpec
 from robotapp_scheduler.core.queued import Rejection
-from robotapp_scheduler.plugins.registry import default_profiles
 
 
 def test_pods_spread_over_equal_nodes_and_count_against_each_other() -> None:

@@ -4,7 +4,7 @@ from typing import Any
 import pytest
 
 from robotapp_scheduler.core.profiles import ConfigError, PluginRef, PluginSet, Profile, ProfileSpec, build_profiles
-from robotapp_scheduler.plugins.registry import catalogue, default_profiles
+from robotapp_scheduler.plugins.registry import catalogue
 
 
 def build(
@@ -20,10 +20,6 @@ def on(*names: str, weight: int = 0) -> PluginSet:
 
 def off(*names: str) -> PluginSet:
     return PluginSet(disabled=tuple(PluginRef(name) for name in names))
-
-
-def test_two_profiles_are_served_out_of_the_box() -> None:
-    assert set(default_profiles()) == {"ros-aware-scheduler", "kubernetes-scheduler"}
 
 
 def test_the_default_order_and_weights_are_upstreams_followed_by_ours() -> None:
