@@ -6,14 +6,12 @@ from collections import deque
 from collections.abc import Callable
 from typing import Final
 
-from robotapp_api.client.dialing import CLOSE_S, Dialer, NotSentError
+from robotapp_api.client.dialing import CLOSE_S, GRAIN_S, Dialer, NotSentError
 from robotapp_api.client.login import Endpoint
 from robotapp_api.client.wire import Answer, Connection, Exchange, Outcome, Permitted, always
 
 KEEPALIVE_S: Final = 60.0
 """Idle connections are dropped before the server (Go: 90 s and more) closes them under a request."""
-GRAIN_S: Final = 0.002
-"""Timers of an event loop may fire this much too early."""
 NEVER: Final = float("inf")
 CLOSED: Final = "the client is closed"
 

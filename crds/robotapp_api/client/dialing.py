@@ -11,6 +11,8 @@ from robotapp_api.client.login import Endpoint
 
 CONNECT_TIMEOUT_S: Final = 5.0
 CLOSE_S: Final = 1.0
+GRAIN_S: Final = 0.002
+"""Timers of an event loop may fire this much too early."""
 
 
 class NotSentError(Exception):

@@ -11,14 +11,12 @@ from typing import Final
 
 import httptools
 
-from robotapp_api.client.dialing import CONNECT_TIMEOUT_S, Dialer, NotSentError, Speaker
+from robotapp_api.client.dialing import CONNECT_TIMEOUT_S, GRAIN_S, Dialer, NotSentError, Speaker
 from robotapp_api.client.errors import Unreachable
 from robotapp_api.client.wire import Headers
 
 FULL_BYTES: Final = 8 * 2**20
 """The server waits while we have not taken as much as this."""
-GRAIN_S: Final = 0.002
-"""Timers of an event loop may fire this much too early."""
 
 
 class Streaming(Speaker):
