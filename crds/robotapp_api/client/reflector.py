@@ -6,7 +6,7 @@ through `on_change`, also for objects that vanished while we could not watch. Th
 
 import asyncio
 import logging
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final, Generic, TypeVar
@@ -32,10 +32,10 @@ from robotapp_api.client.watch import (
     DELETED,
     MODIFIED,
     Identity,
+    Lines,
     Read,
     WatchDecoder,
     WatchEvent,
-    lines,
 )
 
 T = TypeVar("T")
@@ -219,10 +219,14 @@ class Reflector(Generic[T]):
                 if self._streaming and isinstance(error, BadRequest | Invalid):
                     self._streaming = False  # an older server: list and watch, then
                 raise error
-            async for batch in lines(stream.chunks()):
+            lines = Lines()
+
+            def take(pieces: Sequence[bytes]) -> None:
                 self._contact = self._client.clock()
-                for line in batch:
+                for line in lines.ended(pieces):
                     self._on_line(line)
+
+            await stream.deliver(take)
 
     def _watch_path(self) -> str:
         low, high = SERVER_TIMEOUT_S

@@ -20,8 +20,8 @@ Told = Callable[[Response | ClientError], None]
 
 
 class Stream(Protocol):
-    """An answer that arrives bit by bit. `chunks` gives what has arrived, in the server's pieces; it raises Unreachable
-    when the answer breaks off, ending is a normal end.
+    """An answer that arrives bit by bit. `deliver` hands it to a function as it arrives, in the server's pieces; it raises
+    Unreachable when the answer breaks off, ending is a normal end.
     """
 
     @property
@@ -29,7 +29,7 @@ class Stream(Protocol):
     @property
     def headers(self) -> Mapping[str, str]: ...
     async def read(self) -> bytes: ...
-    def chunks(self) -> AsyncIterator[list[bytes]]: ...
+    async def deliver(self, take: Callable[[list[bytes]], None]) -> None: ...
 
 
 class Transport(Protocol):

@@ -1,7 +1,7 @@
 """Bytes of a watch stream to typed events: line splitting, a cheap envelope, and who an object is."""
 
 import re
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Final, Generic, TypeVar, get_type_hints
 
 import msgspec
@@ -100,27 +100,34 @@ def shallow(body: bytes, *, most: int = MOST_NESTED) -> bytes:
     return b"".join([*parts, body[kept:]])
 
 
-async def lines(chunks: AsyncIterator[Sequence[bytes]], *, limit: int = MAX_LINE_BYTES) -> AsyncIterator[list[bytes]]:
-    """Complete lines, all that arrived at once. A last line without its newline was cut off and is dropped."""
-    parts: list[bytes] = []  # of a line in several pieces: joined once, not copied for every piece
-    size = 0
-    async for pieces in chunks:
+class Lines:
+    """Complete lines of pieces as they arrive. A last line without its newline was cut off and is never given."""
+
+    def __init__(self, *, limit: int = MAX_LINE_BYTES) -> None:
+        self._limit = limit
+        self._parts: list[bytes] = []  # of a line in several pieces: joined once, not copied for every piece
+        self._size = 0
+
+    def __repr__(self) -> str:
+        return f"<Lines, {self._size} bytes of the next>"
+
+    def ended(self, pieces: Sequence[bytes]) -> list[bytes]:
+        """The lines that end in these pieces. Raises Unreachable when one has become too long."""
         complete: list[bytes] = []
         for piece in pieces:
             end = piece.find(b"\n")
             if end < 0:
-                parts.append(piece)
-                size += len(piece)
-                if size > limit:
-                    raise Unreachable(f"a watch line is longer than {limit} bytes", maybe_applied=False)
-            elif end == len(piece) - 1 and not parts:  # nearly always: the server sends line by line
+                self._parts.append(piece)
+                self._size += len(piece)
+                if self._size > self._limit:
+                    raise Unreachable(f"a watch line is longer than {self._limit} bytes", maybe_applied=False)
+            elif end == len(piece) - 1 and not self._parts:  # nearly always: the server sends line by line
                 complete.append(piece[:-1])
             else:
-                *ended, rest = b"".join([*parts, piece]).split(b"\n")
+                *ended, rest = b"".join([*self._parts, piece]).split(b"\n")
                 complete += ended
-                parts, size = [rest] if rest else [], len(rest)
-        if complete:
-            yield complete
+                self._parts, self._size = [rest] if rest else [], len(rest)
+        return complete
 
 
 def identify_with(as_type: Any, *, namespaced: bool) -> Callable[[Any], Identity]:

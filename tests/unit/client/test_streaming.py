@@ -56,7 +56,9 @@ async def answered(*packets: bytes, hang: bool = False, silence_s: float = 5.0) 
 
 
 async def everything(stream: Streaming) -> list[bytes]:
-    return [each async for pieces in stream.chunks() for each in pieces]
+    taken: list[bytes] = []
+    await stream.deliver(taken.extend)
+    return taken
 
 
 async def test_the_pieces_of_the_server_come_as_they_were_sent() -> None:
@@ -84,16 +86,43 @@ async def test_a_refusal_has_a_body_and_an_interim_answer_is_none() -> None:
 async def test_what_arrived_before_the_connection_broke_is_handed_on_first() -> None:
     async with answered(HEAD + piece(b"one\n") + b"9\r\nhalf") as stream:
         taken: list[bytes] = []
-
-        async def take() -> None:
-            async for pieces in stream.chunks():
-                taken.extend(pieces)
-
         with pytest.raises(Unreachable, match="GET /x: the server closed the connection"):
-            await take()
+            await stream.deliver(taken.extend)
         assert taken == [b"one\n", b"half"]
         with pytest.raises(Unreachable):
             await stream.begin(REQUEST)
+
+
+@pytest.mark.parametrize("packets", [(HEAD + piece(b"one\n"),), (HEAD, piece(b"one\n"))], ids=["before", "while"])
+async def test_who_cannot_take_a_piece_is_told_so_and_gets_no_more(packets: tuple[bytes, ...]) -> None:
+    taken: list[list[bytes]] = []
+
+    def take(pieces: list[bytes]) -> None:
+        taken.append(pieces)
+        raise ValueError("no event")
+
+    async with answered(*packets, *[piece(b"two\n")] * 3, hang=True) as stream:
+        with pytest.raises(ValueError, match="no event"):
+            await stream.deliver(take)
+        await asyncio.wait_for(stream.lost, 5)
+        assert len(taken) == 1
+
+
+async def test_who_stopped_waiting_gets_no_more() -> None:
+    taken: list[bytes] = []
+    arrived = asyncio.Event()
+
+    def take(pieces: list[bytes]) -> None:
+        taken.extend(pieces)
+        arrived.set()
+
+    async with answered(HEAD + piece(b"one\n"), hang=True) as stream:
+        reader = asyncio.create_task(stream.deliver(take))
+        await arrived.wait()
+        reader.cancel()
+        await asyncio.gather(reader, return_exceptions=True)
+        stream.data_received(piece(b"two\n"))
+        assert taken == [b"one\n"]
 
 
 async def test_silence_counts_from_the_last_byte() -> None:

@@ -2,7 +2,6 @@
 
 import itertools
 import json
-from collections.abc import AsyncIterator
 
 import msgspec
 import pytest
@@ -11,16 +10,17 @@ from hypothesis import strategies as st
 from tests.support.scripted import bookmark, error_event, event, item
 
 from robotapp_api.client.errors import Gone, ServerError, Unreachable
-from robotapp_api.client.watch import BOOKMARK, Identity, WatchDecoder, lines, shallow
+from robotapp_api.client.watch import BOOKMARK, Identity, Lines, WatchDecoder, shallow
 
 
-async def arriving(pieces: list[bytes], *, at_once: int = 1) -> AsyncIterator[list[bytes]]:
-    for start in range(0, len(pieces), at_once):
-        yield pieces[start : start + at_once]
+def split(pieces: list[bytes], *, at_once: int = 1, **settings: int) -> list[list[bytes]]:
+    """What ends with each packet of so many pieces."""
+    lines = Lines(**settings)
+    return [lines.ended(pieces[start : start + at_once]) for start in range(0, len(pieces), at_once)]
 
 
-async def split(pieces: list[bytes], *, at_once: int = 1, **settings: int) -> list[bytes]:
-    return [line async for batch in lines(arriving(pieces, at_once=at_once), **settings) for line in batch]
+def in_all(pieces: list[bytes], *, at_once: int = 1) -> list[bytes]:
+    return list(itertools.chain.from_iterable(split(pieces, at_once=at_once)))
 
 
 @given(
@@ -28,28 +28,28 @@ async def split(pieces: list[bytes], *, at_once: int = 1, **settings: int) -> li
     cuts=st.lists(st.integers(0, 200), max_size=8),
     at_once=st.integers(1, 5),
 )
-async def test_lines_do_not_depend_on_how_the_bytes_arrive(texts: list[bytes], cuts: list[int], at_once: int) -> None:
+def test_lines_do_not_depend_on_how_the_bytes_arrive(texts: list[bytes], cuts: list[int], at_once: int) -> None:
     stream = b"".join(text + b"\n" for text in texts)
     edges = [0, *sorted(min(cut, len(stream)) for cut in cuts), len(stream)]
     pieces = [stream[start:end] for start, end in itertools.pairwise(edges)]
-    assert await split(pieces, at_once=at_once) == texts
-    assert await split([text + b"\n" for text in texts], at_once=at_once) == texts
+    assert in_all(pieces, at_once=at_once) == texts
+    assert in_all([text + b"\n" for text in texts], at_once=at_once) == texts
 
 
-async def test_a_line_without_its_end_was_cut_off() -> None:
-    assert await split([b"a\nb", b"c"]) == [b"a"]
+def test_a_line_without_its_end_was_cut_off() -> None:
+    assert in_all([b"a\nb", b"c"]) == [b"a"]
 
 
-async def test_lines_that_arrive_at_once_come_together() -> None:
+def test_lines_that_arrive_at_once_come_together() -> None:
     pieces = [b"a\n", b"b\nc", b"d\n", b"e"]
-    assert [batch async for batch in lines(arriving(pieces))] == [[b"a"], [b"b"], [b"cd"]]
-    assert [batch async for batch in lines(arriving(pieces, at_once=2))] == [[b"a", b"b"], [b"cd"]]
+    assert split(pieces) == [[b"a"], [b"b"], [b"cd"], []]
+    assert split(pieces, at_once=2) == [[b"a", b"b"], [b"cd"]]
 
 
-async def test_a_line_without_end_does_not_fill_the_memory() -> None:
+def test_a_line_without_end_does_not_fill_the_memory() -> None:
     with pytest.raises(Unreachable, match="longer than 10 bytes"):
-        await split([b"a\nbcdef", b"ghijk", b"l", b"\n"], limit=10)
-    assert await split([b"a\nbcdef", b"ghij\n"], limit=10) == [b"a", b"bcdefghij"]
+        split([b"a\nbcdef", b"ghijk", b"l", b"\n"], limit=10)
+    assert split([b"a\nbcdef", b"ghij\n"], limit=10) == [[b"a"], [b"bcdefghij"]]
 
 
 class Meta(msgspec.Struct, rename="camel"):
