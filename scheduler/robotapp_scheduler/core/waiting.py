@@ -69,12 +69,11 @@ class _Bucket:
 
     def woken(self, event: Event) -> list[Woken]:
         """Those of the pods that leave."""
-        everybody = list(self.pods.values())
         if any(waker.of_each is not None and waker.of_each(event) for waker in (*self.pending, *self.rejecting)):
-            answers = [(queued, self.answer(queued.info, event)) for queued in everybody]
+            answers = [(queued, self.answer(queued.info, event)) for queued in self.pods.values()]
             return [Woken(queued, immediate) for queued, immediate in answers if immediate is not None]
-        immediate = self.answer(everybody[0].info, event)
-        return [] if immediate is None else [Woken(queued, immediate) for queued in everybody]
+        immediate = self.answer(next(iter(self.pods.values())).info, event)
+        return [] if immediate is None else [Woken(queued, immediate) for queued in self.pods.values()]
 
     def answer(self, pod: PodInfo, event: Event) -> bool | None:
         """None: stays. True: leaves at once. False: leaves after its back-off."""
