@@ -10,7 +10,7 @@ from typing import Any
 
 import msgspec
 
-from robotapp_scheduler.core.pod_volume import Volume
+from robotapp_scheduler.core.pod_volume import Volume, deciding
 from robotapp_scheduler.core.slim import Slim, SlimValue
 
 Labels = dict[str, str]
@@ -278,13 +278,11 @@ class Pod(Slim):
         """Keep of volumes and containers' statuses only what may count: tens of thousands of pods would carry them else."""
         spec, status = self.spec, self.status
         if spec.volumes:
-            spec.volumes = [volume for volume in spec.volumes if volume.decides] or None
-        if not status.container_statuses and not status.init_container_statuses:
-            return
-        told = (*status.container_statuses, *status.init_container_statuses)
-        differ = status.resize_infeasible or _differ(told, spec)
-        status.container_statuses = told if differ else ()
-        status.init_container_statuses = ()
+            spec.volumes = deciding(spec.volumes)
+        told = status.container_statuses + status.init_container_statuses
+        if told:
+            status.container_statuses = told if _differ(told, spec) or status.resize_infeasible else ()
+            status.init_container_statuses = ()
 
     @property
     def key(self) -> str:
