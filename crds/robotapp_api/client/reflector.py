@@ -97,12 +97,14 @@ class Reflector(Generic[T]):
         page: int = 500,
         inactivity_s: float = INACTIVITY_S,
         backoff: Backoff | None = None,
+        fixed_keys: bool = False,
     ) -> None:
+        """`fixed_keys` is for `WatchDecoder`."""
         self._client = client
         self._resource = resource
         self._namespace = namespace
         self._selectors = {"labelSelector": label_selector, "fieldSelector": field_selector}
-        self._decoder: WatchDecoder[T] = WatchDecoder(as_type, namespaced=resource.namespaced)
+        self._decoder: WatchDecoder[T] = WatchDecoder(as_type, namespaced=resource.namespaced, fixed_keys=fixed_keys)
         self._on_change = on_change
         self._streaming = streaming
         self._page = page

@@ -21,6 +21,10 @@ MOST_NESTED: Final = 200
 """The decoder gives up at about a thousand levels, also in parts it skips."""
 MAX_LINE_BYTES: Final = 32 * 2**20
 """etcd refuses objects above 1.5 MiB; a longer line means we lost the thread."""
+MOST_BEFORE_BYTES: Final = 4096
+"""Behind so much else of an object `managedFields` is not looked for: searching costs as well."""
+_MANAGED: Final = b'"managedFields":['
+_MANAGED_END: Final = b']},"spec":{'
 INITIAL_EVENTS_END: Final = "k8s.io/initial-events-end"
 
 
@@ -100,6 +104,19 @@ def shallow(body: bytes, *, most: int = MOST_NESTED) -> bytes:
     return b"".join([*parts, body[kept:]])
 
 
+def unmanaged(line: bytes) -> bytes:
+    """A watch line without the contents of metadata.managedFields where they are easily found: nearly half of a pod.
+
+    Nothing else of valid JSON is taken out. A quote inside a string is escaped, so what looks like the two keys here are
+    keys, and the bracket before the second is none of a string; as it is the first one, it ends this very list.
+    """
+    start = line.find(_MANAGED, 0, MOST_BEFORE_BYTES) + len(_MANAGED)
+    if start < len(_MANAGED):
+        return line
+    end = line.find(b"]", start)
+    return line[:start] + line[end:] if line.startswith(_MANAGED_END, end) else line
+
+
 class Lines:
     """Complete lines of pieces as they arrive. A last line without its newline was cut off and is never given."""
 
@@ -169,7 +186,9 @@ Read = tuple[T | None, Identity, str]
 class WatchDecoder(Generic[T]):
     """Decodes list pages and watch lines of objects of `as_type`; one that does not fit never stops the others."""
 
-    def __init__(self, as_type: type[T], *, namespaced: bool) -> None:
+    def __init__(self, as_type: type[T], *, namespaced: bool, fixed_keys: bool = False) -> None:
+        """`fixed_keys`: in nothing that `as_type` reads can a user have named something "managedFields"."""
+        self._brief = unmanaged if fixed_keys else bytes
         self.identify = identify_with(as_type, namespaced=namespaced)
         # The types are made at run time, which no checker can follow.
         typed: msgspec.json.Decoder[Any] = msgspec.json.Decoder(_Typed[as_type])  # type: ignore[valid-type]
@@ -194,7 +213,7 @@ class WatchDecoder(Generic[T]):
     def event(self, line: bytes) -> WatchEvent:
         """One line. Raises Unreachable when it is no watch event, the ApiError of an ERROR event."""
         try:  # one pass over the bytes; whatever is unusual pays for a second
-            event = self._typed(line)
+            event = self._typed(self._brief(line))
             if event.type in _USUAL:
                 obj = event.object
                 return WatchEvent(event.type, obj, self.identify(obj))

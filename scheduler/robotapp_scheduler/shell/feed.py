@@ -71,7 +71,7 @@ class Feed:
         self._metrics = metrics
         self.synced = asyncio.Event()
         self._reflectors: list[Reflector[Any]] = []
-        pods = Route(PODS, Pod, lambda _: Change.NONE, lambda _: Change.NONE, field_selector=LIVE_PODS)
+        pods = Route(PODS, Pod, lambda _: Change.NONE, lambda _: Change.NONE, field_selector=LIVE_PODS, fixed_keys=True)
         self._core = (
             (pods, on_pod),
             *self._routed(*plain_routes(cluster)),
@@ -141,6 +141,7 @@ class Feed:
             on_change=self._taker(route.resource, handle),
             label_selector=route.label_selector,
             field_selector=route.field_selector,
+            fixed_keys=route.fixed_keys,
         )
         self._reflectors.append(reflector)
         group.create_task(reflector.run(), name=f"watch {route.resource.plural}")

@@ -18,3 +18,5 @@ class Route:
     remove: Callable[[Any], Change]
     label_selector: str = ""
     field_selector: str = ""
+    fixed_keys: bool = False
+    """See `WatchDecoder`."""

@@ -39,7 +39,7 @@ def routes(cluster: Cluster) -> tuple[Route, ...]:
 def plain_routes(cluster: Cluster) -> tuple[Route, ...]:
     """Kinds every API server serves."""
     return (
-        Route(NODES, Node, cluster.apply_node, lambda node: cluster.remove_node(node.metadata.name)),
+        Route(NODES, Node, cluster.apply_node, lambda node: cluster.remove_node(node.metadata.name), fixed_keys=True),
         Route(PODDISRUPTIONBUDGETS, DisruptionBudget, cluster.budgets.apply, cluster.budgets.remove),
         Route(DEPLOYMENTS, Owned, cluster.apply_owner, cluster.remove_owner, label_selector=Label.APP_UID),
         _replica_sets(cluster),

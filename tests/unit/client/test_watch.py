@@ -2,6 +2,8 @@
 
 import itertools
 import json
+import random
+from typing import Any
 
 import msgspec
 import pytest
@@ -10,7 +12,7 @@ from hypothesis import strategies as st
 from tests.support.scripted import bookmark, error_event, event, item
 
 from robotapp_api.client.errors import Gone, ServerError, Unreachable
-from robotapp_api.client.watch import BOOKMARK, Identity, Lines, WatchDecoder, shallow
+from robotapp_api.client.watch import BOOKMARK, Identity, Lines, WatchDecoder, shallow, unmanaged
 
 
 def split(pieces: list[bytes], *, at_once: int = 1, **settings: int) -> list[list[bytes]]:
@@ -135,3 +137,71 @@ def test_what_is_shallow_already_stays_as_it_is(value: object) -> None:
     assert shallow(body) == body
     cut = json.loads(shallow(body, most=1))
     assert isinstance(cut, type(value))
+
+
+class Labelled(msgspec.Struct, rename="camel"):
+    name: str = ""
+    uid: str = ""
+    resource_version: str = ""
+    labels: dict[str, str] | None = None
+    finalizers: list[str] | None = None
+
+
+class Spec(msgspec.Struct, rename="camel"):
+    priority: int = 0
+    tolerations: list[str] | None = None
+
+
+class Thing(msgspec.Struct):
+    metadata: Labelled = msgspec.field(default_factory=Labelled)
+    spec: Spec = msgspec.field(default_factory=Spec)
+
+
+TEXTS = st.sampled_from(['"managedFields":[', ']},"spec":{', "]", "[", '\\"]},', "f:x", '"', "\\"]) | st.text(
+    max_size=5
+)
+VALUES = st.recursive(
+    st.none() | st.integers() | TEXTS,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(TEXTS, inner, max_size=3),
+    max_leaves=8,
+)
+THINGS = st.fixed_dictionaries(
+    {},
+    optional={
+        "metadata": st.fixed_dictionaries(
+            {},
+            optional={
+                "labels": st.dictionaries(TEXTS, TEXTS, max_size=2),
+                "managedFields": st.lists(VALUES, max_size=3),
+                "finalizers": st.lists(TEXTS, max_size=2),
+                "more": VALUES,
+            },
+        ),
+        "status": VALUES,
+        "spec": st.fixed_dictionaries({}, optional={"more": VALUES, "tolerations": st.lists(TEXTS, max_size=2)}),
+    },
+)
+
+
+@given(thing=THINGS, spaced=st.booleans(), order=st.randoms(use_true_random=False))
+def test_what_is_read_does_not_depend_on_whether_managed_fields_were(
+    thing: dict[str, Any], spaced: bool, order: random.Random
+) -> None:
+    thing = shuffled(thing, order) | ({"metadata": shuffled(thing["metadata"], order)} if "metadata" in thing else {})
+    sent = line(event("ADDED", thing), spaced=spaced)
+    whole, brief = (WatchDecoder(Thing, namespaced=False, fixed_keys=fixed) for fixed in (False, True))
+    assert brief.event(sent) == whole.event(sent)
+
+
+def shuffled(mapping: dict[str, Any], order: random.Random) -> dict[str, Any]:
+    return dict(order.sample(list(mapping.items()), len(mapping)))
+
+
+def test_managed_fields_are_left_out_as_the_api_server_writes_them() -> None:
+    managed = [{"manager": "kubelet", "fieldsV1": {"f:status": {'k:{"type":"Ready"}': {}}}}]
+    start, end = b'{"metadata":{"ownerReferences":[],"managedFields":[', b']},"spec":{}}'
+    sent = line({"metadata": {"ownerReferences": [], "managedFields": managed}, "spec": {}})
+    assert unmanaged(sent) == start + end
+    assert unmanaged(start + b"[1]" + end) == start + b"[1]" + end
+    assert unmanaged(b" " * 5000 + sent) == b" " * 5000 + sent
+    assert unmanaged(b"{}") == b"{}"
