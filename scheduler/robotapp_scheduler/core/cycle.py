@@ -6,12 +6,12 @@ from typing import Any, Final
 from robotapp_api.model.names import PodReason
 from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.cluster import Cluster
-from robotapp_scheduler.core.decision import Decision, failed
+from robotapp_scheduler.core.decision import FAULTS, Decision, failed
 from robotapp_scheduler.core.devices import DeviceGrant
 from robotapp_scheduler.core.engine import Engine, Stopwatch, pod_hash
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.explain import ExplainRing, Record
-from robotapp_scheduler.core.framework import Code, PluginError, histogram
+from robotapp_scheduler.core.framework import Code, histogram
 from robotapp_scheduler.core.groups import (
     GROUP_EVENTS,
     GROUP_PLUGIN,
@@ -206,10 +206,7 @@ class SchedulerCore:
         if engine is None:
             return failed(pod, f"no profile named {pod.scheduler_name}")
         recorder = Recorder(self.cluster, engine, at_s=self._clock(), seed=self._seed, attempt=attempt)
-        try:
-            decision = self._attempt(pod, engine, exclude, recorder, wish)
-        except (PluginError, ValueError, OverflowError) as error:
-            decision = failed(pod, str(error), nodes=self.cluster.nodes.count)
+        decision = self._attempt(pod, engine, exclude, recorder, wish)
         if assume and decision.node is not None:
             self.cluster.assume(pod, decision.node, decision.grants)
             if decision.volumes is not None:
@@ -220,24 +217,18 @@ class SchedulerCore:
     def consider(self, pod: PodInfo, engine: Engine) -> tuple[Record, Evaluation | None]:
         """What `schedule_one` would say now, with this engine; nothing is assumed or kept. Raises nothing either."""
         recorder = Recorder(self.cluster, engine, at_s=self._clock(), seed=self._seed, attempt=0)
-        try:
-            decision = self._attempt(pod, engine, frozenset(), recorder)
-        except (PluginError, ValueError, OverflowError) as error:
-            decision = failed(pod, str(error), nodes=self.cluster.nodes.count)
+        decision = self._attempt(pod, engine, frozenset(), recorder)
         return recorder.record(decision), recorder.evaluation
 
     def room(self, pod: PodInfo, *, name_up_to: int) -> tuple[int, tuple[str, ...]]:
         """How many nodes would take the pod now (-1: it cannot be tried at all), named when at most `name_up_to`."""
         try:
-            if pod.scheduler_name not in self._engines or self.prepare(pod) is not None:
-                return -1, ()
-            engine = self._engines[pod.scheduler_name]
-            narrowed = engine.pre_filter(pod)
-            if narrowed.status is not None:
-                return -1, ()
-            evaluation = with_nominated(self.cluster, pod, engine.evaluate(pod, narrowed.names))
-        except (PluginError, ValueError, OverflowError):
+            found = self._filtered(pod)
+        except FAULTS:
+            found = None
+        if found is None:
             return -1, ()
+        engine, evaluation = found
         if evaluation.feasible > name_up_to:
             return evaluation.feasible, ()
         positions = (evaluation.reason == 0).nonzero()[0]
@@ -246,18 +237,25 @@ class SchedulerCore:
     def appraise(self, pod: PodInfo) -> Evaluation | None:
         """Filters and scores of a pod that can be tried now; None when it cannot, or fits nowhere."""
         try:
-            if pod.scheduler_name not in self._engines or self.prepare(pod) is not None:
+            found = self._filtered(pod)
+            if found is None:
                 return None
-            engine = self._engines[pod.scheduler_name]
-            narrowed = engine.pre_filter(pod)
-            if narrowed.status is not None:
-                return None
-            evaluation = with_nominated(self.cluster, pod, engine.evaluate(pod, narrowed.names))
+            engine, evaluation = found
             if evaluation.feasible > 1:
                 engine.score(pod, evaluation)
-        except (PluginError, ValueError, OverflowError):
+        except FAULTS:
             return None
         return evaluation if evaluation.feasible else None
+
+    def _filtered(self, pod: PodInfo) -> tuple[Engine, Evaluation] | None:
+        """What the filters say now, without any attempt; None for a pod that cannot be tried. Raises FAULTS."""
+        if pod.scheduler_name not in self._engines or self.prepare(pod) is not None:
+            return None
+        engine = self._engines[pod.scheduler_name]
+        narrowed = engine.pre_filter(pod)
+        if narrowed.status is not None:
+            return None
+        return engine, with_nominated(self.cluster, pod, engine.evaluate(pod, narrowed.names))
 
     def prepare(self, pod: PodInfo) -> Decision | None:
         """Resolve the pod's ROS wishes; a decision when it cannot be tried at all."""
@@ -289,6 +287,12 @@ class SchedulerCore:
     def _attempt(
         self, pod: PodInfo, engine: Engine, exclude: frozenset[str], recorder: Recorder, wish: Wish = NO_WISH
     ) -> Decision:
+        try:
+            return self._try(pod, engine, exclude, recorder, wish)
+        except FAULTS as error:
+            return failed(pod, str(error), nodes=self.cluster.nodes.count)
+
+    def _try(self, pod: PodInfo, engine: Engine, exclude: frozenset[str], recorder: Recorder, wish: Wish) -> Decision:
         early = self.prepare(pod)
         if early is not None:
             return early

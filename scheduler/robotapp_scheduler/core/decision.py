@@ -1,16 +1,19 @@
 """The outcome of one attempt to place one pod."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from robotapp_api.model.names import PodReason
 from robotapp_scheduler.core.devices import DeviceGrant
-from robotapp_scheduler.core.framework import Code
+from robotapp_scheduler.core.framework import Code, PluginError
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.volumes import VolumePlan
 
 if TYPE_CHECKING:
     from robotapp_scheduler.core.preemption import Plan
     from robotapp_scheduler.core.queued import QueuedPod
+
+FAULTS: Final = (PluginError, ValueError, OverflowError)
+"""What an attempt raises for a pod that cannot be read or a plugin's answer that cannot be used: it failed, no more."""
 
 
 class Decision:
