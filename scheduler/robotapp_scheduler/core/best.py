@@ -20,7 +20,7 @@ class Best:
     `hashes` are those of the node names, by position; at least one total must be that of a feasible row.
     """
 
-    __slots__ = ("_gone", "_hashes", "_positions", "_total", "top")
+    __slots__ = ("_asked", "_first", "_gone", "_hashes", "_positions", "_shown", "_total", "top")
 
     def __init__(self, total: IntArray, hashes: Hashes) -> None:
         self.top = int(total.max())
@@ -29,6 +29,11 @@ class Best:
         self._hashes = hashes[self._positions]
         self._gone: set[int] = set()
         """Of the positions, those whose total has fallen since."""
+        self._first: tuple[int, ...] = ()
+        """The last answer of `first`, true while it was asked for `_asked` positions."""
+        self._shown: frozenset[int] = frozenset()
+        """The same as a set: every change asks it."""
+        self._asked = -1
 
     def __repr__(self) -> str:
         return f"Best({len(self)} rows with {self.top})"
@@ -37,13 +42,16 @@ class Best:
         return len(self._positions) - len(self._gone)
 
     def changed(self, position: int, old: int, new: int) -> bool:
-        """A total is another now. False when this cannot be kept true any more: then it must be made anew."""
+        """A row was added up again. False when this cannot be kept true any more: then it must be made anew."""
+        if position in self._shown:
+            self._asked = -1
         if old == new:
             return True
         if new >= self.top:
             if new > self.top or position not in self._gone:
                 return False
             self._gone.discard(position)
+            self._asked = -1
         elif old == self.top:
             self._gone.add(position)
             return len(self) > 0
@@ -58,11 +66,14 @@ class Best:
             self._compact()
         return self._least(pod)
 
-    def first(self, count: int) -> list[int]:
-        """Up to `count` of the positions, lowest first."""
-        gone = self._gone
-        few = (each for each in self._positions[: count + len(gone)].tolist() if each not in gone)
-        return list(islice(few, count))
+    def first(self, count: int) -> tuple[int, ...]:
+        """Up to `count` of the positions, lowest first; the same object while none of them was added up again."""
+        if self._asked != count:
+            gone = self._gone
+            few = (each for each in self._positions[: count + len(gone)].tolist() if each not in gone)
+            self._first, self._asked = tuple(islice(few, count)), count
+            self._shown = frozenset(self._first)
+        return self._first
 
     def _least(self, pod: int) -> int:
         return self._positions.item(mixed(self._hashes, pod).argmin())

@@ -10,7 +10,7 @@ from robotapp_scheduler.core.decision import FAULTS, Decision, failed
 from robotapp_scheduler.core.devices import DeviceGrant
 from robotapp_scheduler.core.engine import Engine, Stopwatch, pod_hash
 from robotapp_scheduler.core.evaluation import Evaluation
-from robotapp_scheduler.core.explain import ExplainRing, Record
+from robotapp_scheduler.core.explain import ExplainRing, Record, finished
 from robotapp_scheduler.core.framework import Code, histogram
 from robotapp_scheduler.core.groups import (
     GROUP_EVENTS,
@@ -211,14 +211,14 @@ class SchedulerCore:
             self.cluster.assume(pod, decision.node, decision.grants)
             if decision.volumes is not None:
                 self.cluster.volumes.assume(pod.uid, decision.volumes)
-        self.explain.add(recorder.record(decision))
+        self.explain.add(recorder.record(decision), recorder.best)
         return decision
 
     def consider(self, pod: PodInfo, engine: Engine) -> tuple[Record, Evaluation | None]:
         """What `schedule_one` would say now, with this engine; nothing is assumed or kept. Raises nothing either."""
         recorder = Recorder(self.cluster, engine, at_s=self._clock(), seed=self._seed, attempt=0)
         decision = self._attempt(pod, engine, frozenset(), recorder)
-        return recorder.record(decision), recorder.evaluation
+        return finished(recorder.record(decision), recorder.best), recorder.evaluation
 
     def room(self, pod: PodInfo, *, name_up_to: int) -> tuple[int, tuple[str, ...]]:
         """How many nodes would take the pod now (-1: it cannot be tried at all), named when at most `name_up_to`."""

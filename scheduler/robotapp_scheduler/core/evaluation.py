@@ -1,18 +1,23 @@
 """All filters and scores of a profile for one pod class: first reason per row, weighted total per row."""
 
+from typing import Final
+
 import numpy as np
 import numpy.typing as npt
 
 from robotapp_scheduler.core.best import Best, Hashes
 from robotapp_scheduler.core.changes import NODE
 from robotapp_scheduler.core.columns import IntArray
-from robotapp_scheduler.core.explain import Refusal
+from robotapp_scheduler.core.explain import EXAMPLES, Refusal
 from robotapp_scheduler.core.filter_column import HOLE, Codes, FilterColumn, Reasons
+from robotapp_scheduler.core.front import NOTHING
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.repair import bring_up, view_of
 from robotapp_scheduler.core.score_column import ScoreColumn
 from robotapp_scheduler.core.totals import Totals, Verdicts
 from robotapp_scheduler.core.view import Nodes
+
+_NODE: Final = int(NODE)
 
 
 class Tally:
@@ -45,6 +50,10 @@ class Evaluation:
         """Grows whenever `reason` changes, so that what is derived from it can be kept."""
         self.refusals: tuple[int, tuple[Refusal, ...]] | None = None
         """Explain's view of the refusals and the revision it was made of."""
+        self.front = NOTHING
+        """Explain's view of the best rows, as some decision saw them last."""
+        self._examples: dict[int, tuple[int, ...]] = {}
+        """Positions by reason code, as far as somebody asked for them."""
         self.rows: npt.NDArray[np.intp] | None = None
         """The table rows in view, None = all."""
         self._live_filters = [column for column in filters if not column.skipped]
@@ -75,6 +84,8 @@ class Evaluation:
         rows: Nodes | None = None
         if epochs == self._epochs and len(self.reason) == full.n and news is not None:
             rows = view_of(news, self._interest, full.cluster)
+            if news.kinds & _NODE:
+                self.refusals = None  # a row may stand for another node now
         if rows is None:
             self._combine_all(full)
         elif rows.n:
@@ -94,6 +105,7 @@ class Evaluation:
             if not column.clean:
                 np.copyto(reason, column.codes, where=reason == 0)
         self.reason = reason
+        self._examples.clear()
         self._count_reasons()
         self.revision += 1
         self._combines += 1
@@ -110,8 +122,9 @@ class Evaluation:
             return
         self.reason[rows.rows] = codes
         self.revision += 1
-        for old, new in zip(before.tolist(), codes.tolist(), strict=True):
+        for row, old, new in zip(rows.row_list, before.tolist(), codes.tolist(), strict=True):
             if old != new:
+                self._unlearn(row, old, new)
                 self._counts[old] = self._counts.get(old, 0) - 1
                 self._counts[new] = self._counts.get(new, 0) + 1
                 self.feasible += (new == 0) - (old == 0)
@@ -121,6 +134,12 @@ class Evaluation:
         self.feasible = len(reason) - int(np.count_nonzero(reason))
         found = np.bincount(reason[reason > 0]).tolist() if self.feasible < len(reason) else ()
         self._counts = {code: count for code, count in enumerate(found) if count}
+
+    def _unlearn(self, position: int, old: int, new: int) -> None:
+        for code in (old, new):
+            known = self._examples.get(code)
+            if known is not None and (len(known) < EXAMPLES or position <= known[-1]):
+                del self._examples[code]
 
     # --- Scores --------------------------------------------------------------------------------------------------
 
@@ -144,6 +163,10 @@ class Evaluation:
     def scores_at(self, positions: npt.NDArray[np.intp]) -> dict[str, tuple[int, ...]]:
         """The same of every plugin that scores such pods."""
         return self._totals.scores_at(positions)
+
+    def apart(self, position: int) -> dict[str, int]:
+        """At one of them, of the plugins that do not score all rows alike."""
+        return self._totals.apart(position)
 
     def scored_by(self) -> tuple[dict[str, int], tuple[str, ...]]:
         """The weights of these plugins, and which of them are shadows."""
@@ -190,6 +213,13 @@ class Evaluation:
     def counts(self) -> dict[int, int]:
         """Rejected rows per reason code."""
         return {code: count for code, count in sorted(self._counts.items()) if count and code > 0}
+
+    def examples(self, code: int) -> tuple[int, ...]:
+        """The first positions with this reason."""
+        found = self._examples.get(code)
+        if found is None:
+            found = self._examples[code] = tuple((self.reason == code).nonzero()[0][:EXAMPLES].tolist())
+        return found
 
     def texts(self) -> dict[str, int]:
         """Rejected nodes per reason text; a node with several texts counts in each."""

@@ -1,7 +1,8 @@
 """Why a pod went where it went: one bounded record per pod, kept in a ring."""
 
 from collections import OrderedDict
-from typing import Any, Final
+from itertools import islice
+from typing import Any, Final, Protocol
 
 import msgspec
 
@@ -80,6 +81,25 @@ class Record(msgspec.Struct, gc=False, rename="camel"):
     """Tie-break seed: with pod uid and node names it reproduces the choice among equal totals."""
 
 
+class Best(Protocol):
+    """What a decision saw of the best nodes, to be written out when somebody asks."""
+
+    @property
+    def weight_bytes(self) -> int:
+        """What that takes, estimated from above."""
+
+    def top(self) -> Top:
+        """The best nodes of that moment."""
+
+
+def finished(record: Record, best: Best | None) -> Record:
+    """The record with its best nodes written out."""
+    if best is None:
+        return record
+    top = best.top()
+    return msgspec.structs.replace(record, top=top, runner_up=top.nodes[1] if len(top.nodes) > 1 else None)
+
+
 def weight_bytes(record: Record) -> int:
     """What a record keeps in memory, estimated from above: measuring it would cost more than making it."""
     top = record.top
@@ -99,9 +119,8 @@ class ExplainRing:
         self._kept = kept
         self._kept_bytes = kept_bytes
         self._bytes = 0
-        self._records: OrderedDict[str, tuple[Record, int]] = OrderedDict()
+        self._records: OrderedDict[str, tuple[Record, Best | None, int]] = OrderedDict()
         """By pod uid, with what each weighs."""
-        self._by_name: dict[tuple[str, str], str] = {}
 
     def __len__(self) -> int:
         return len(self._records)
@@ -114,18 +133,17 @@ class ExplainRing:
         """Memory the records may take, estimated from above."""
         return self._bytes
 
-    def add(self, record: Record) -> None:
-        """Keep a record in place of an older one of the same pod."""
-        _, freed = self._records.pop(record.uid, (None, 0))
-        weight = weight_bytes(record)
-        self._records[record.uid] = (record, weight)
-        self._bytes += weight - freed
-        self._by_name[record.namespace, record.name] = record.uid
-        while len(self._records) > self._kept or (self._bytes > self._kept_bytes and len(self._records) > 1):
-            _, (old, freed) = self._records.popitem(last=False)
-            self._bytes -= freed
-            if self._by_name.get((old.namespace, old.name)) == old.uid:
-                del self._by_name[old.namespace, old.name]
+    def add(self, record: Record, best: Best | None = None) -> None:
+        """Keep a record in place of an older one of the same pod. With `best` it gets its best nodes when it is read."""
+        records = self._records
+        older = records.pop(record.uid, None)
+        if older is not None:
+            self._bytes -= older[2]
+        weight = weight_bytes(record) + (best.weight_bytes if best is not None else 0)
+        records[record.uid] = (record, best, weight)
+        self._bytes += weight
+        while len(records) > self._kept or (self._bytes > self._kept_bytes and len(records) > 1):
+            self._bytes -= records.popitem(last=False)[1][2]
 
     def correct(self, uid: str, message: str) -> None:
         """The pod got no node after all: its group is placed whole or not at all."""
@@ -136,16 +154,19 @@ class ExplainRing:
     def get(self, uid: str) -> Record | None:
         """By pod uid."""
         found = self._records.get(uid)
-        return found[0] if found is not None else None
+        return finished(found[0], found[1]) if found is not None else None
 
     def find(self, namespace: str, name: str) -> Record | None:
         """By name: the pod of this name that was tried last."""
-        uid = self._by_name.get((namespace, name))
-        return self.get(uid) if uid is not None else None
+        for record, best, _ in reversed(self._records.values()):  # nobody asks often enough for an index
+            if record.name == name and record.namespace == namespace:
+                return finished(record, best)
+        return None
 
     def latest(self, count: int) -> list[Record]:
         """The newest records first."""
-        return [record for record, _ in reversed(self._records.values())][:count]
+        newest = islice(reversed(self._records.values()), count)
+        return [finished(record, best) for record, best, _ in newest]
 
 
 def as_json(record: Record) -> dict[str, Any]:

@@ -1,7 +1,8 @@
 """Turns one attempt into an explain record, cheaply: only what the record keeps is computed."""
 
+from math import isnan
+
 import numpy as np
-import numpy.typing as npt
 
 from robotapp_scheduler.core.best import Best
 from robotapp_scheduler.core.cluster import Cluster
@@ -9,11 +10,10 @@ from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.engine import Engine
 from robotapp_scheduler.core.evaluation import Evaluation
-from robotapp_scheduler.core.explain import EXAMPLES, MOST_REFUSALS, TOP, EdgeView, Example, Record, Refusal, Top
+from robotapp_scheduler.core.explain import MOST_REFUSALS, TOP, EdgeView, Example, Record, Refusal, Top
+from robotapp_scheduler.core.front import Finish, Front
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.ros import Endpoint
-
-Positions = npt.NDArray[np.intp]
 
 NO_TOP = Top()
 
@@ -21,7 +21,7 @@ NO_TOP = Top()
 class Recorder:
     """Collects what one attempt saw."""
 
-    __slots__ = ("_at_s", "_attempt", "_cluster", "_engine", "_planned", "_seed", "_shadows", "_top", "evaluation")
+    __slots__ = ("_at_s", "_attempt", "_cluster", "_engine", "_planned", "_seed", "_shadows", "best", "evaluation")
 
     def __init__(self, cluster: Cluster, engine: Engine, *, at_s: float, seed: int, attempt: int) -> None:
         self._cluster = cluster
@@ -30,7 +30,8 @@ class Recorder:
         self._seed = seed
         self._attempt = attempt
         self.evaluation: Evaluation | None = None
-        self._top = NO_TOP
+        self.best: Finish | None = None
+        """What goes with the record about the best nodes; None when there was nothing to choose from."""
         self._shadows: tuple[str, ...] = ()
         self._planned = ""
 
@@ -40,9 +41,21 @@ class Recorder:
 
     def scored(self, evaluation: Evaluation, chosen: int, best: Best) -> None:
         """The scores are in, and of the `best` rows `chosen` won."""
-        positions = _best_first(evaluation, chosen, best)
+        count = min(TOP, evaluation.feasible)
+        first = best.first(count) if len(best) >= count else _next_best(evaluation.total, best.top, count)
         weights, shadows = evaluation.scored_by()
-        self._top = Top(
+        front = evaluation.front
+        if front.positions is not first or front.weights is not weights:
+            front = evaluation.front = self._front(evaluation, first, weights, shadows)
+        node, total = self._engine.name_of(evaluation, chosen), evaluation.total.item(chosen)
+        self.best = Finish(front, front.weight_bytes, chosen, node, total, evaluation.apart(chosen))
+
+    def _front(
+        self, evaluation: Evaluation, first: tuple[int, ...], weights: dict[str, int], shadows: tuple[str, ...]
+    ) -> Front:
+        positions = np.array(first, dtype=np.intp)
+        return Front(
+            positions=first,
             nodes=tuple(self._engine.names_of(evaluation, positions)),
             totals=tuple(evaluation.total[positions].tolist()),
             weights=weights,
@@ -59,11 +72,9 @@ class Recorder:
         self._planned = why
 
     def record(self, decision: Decision) -> Record:
-        """The finished record."""
+        """The record but for the `best` nodes."""
         pod = decision.pod
-        top = self._top
-        if decision.node is not None and not top.nodes:
-            top = Top(nodes=(decision.node,), totals=(0,))
+        alone = self.best is None and decision.node is not None
         return Record(
             namespace=pod.namespace,
             name=pod.name,
@@ -77,8 +88,7 @@ class Recorder:
             nodes=decision.nodes,
             feasible=decision.feasible,
             refusals=self._refusals(),
-            top=top,
-            runner_up=top.nodes[1] if len(top.nodes) > 1 else None,
+            top=Top(nodes=(decision.node or "",), totals=(0,)) if alone else NO_TOP,
             edges=self._edges(pod, decision.node),
             devices=tuple(grant.device.id for grant in decision.grants),
             seed=self._seed,
@@ -91,23 +101,25 @@ class Recorder:
         if evaluation is None:
             return ()
         kept = evaluation.refusals
-        if kept is None or kept[0] != evaluation.revision:
-            commonest = evaluation.counts()
-            if len(commonest) > MOST_REFUSALS:
-                commonest = dict(sorted(commonest.items(), key=lambda entry: -entry[1])[:MOST_REFUSALS])
-            found = tuple(self._refusal(evaluation, code, count) for code, count in commonest.items())
-            kept = evaluation.refusals = (evaluation.revision, found)
-        return kept[1]
+        if kept is not None and kept[0] == evaluation.revision:
+            return kept[1]
+        commonest = evaluation.counts()
+        if len(commonest) > MOST_REFUSALS:
+            commonest = dict(sorted(commonest.items(), key=lambda entry: -entry[1])[:MOST_REFUSALS])
+        found = tuple(self._refusal(evaluation, code, count) for code, count in commonest.items())
+        if all(column.detail is None for column in evaluation.filters):  # numbers change without any verdict doing so
+            evaluation.refusals = (evaluation.revision, found)
+        return found
 
     def _refusal(self, evaluation: Evaluation, code: int, count: int) -> Refusal:
         reason = evaluation.reasons.values[code]
         column = next((c for c in evaluation.filters if c.plugin.name == reason.plugin), None)
         detail = column.detail if column is not None else None
         examples = []
-        for position in np.flatnonzero(evaluation.reason == code)[:EXAMPLES]:
+        for position in evaluation.examples(code):
             number = float(detail[position]) if detail is not None else float("nan")
-            name = self._engine.name_of(evaluation, int(position))
-            examples.append(Example(name, None if np.isnan(number) else number))
+            name = self._engine.name_of(evaluation, position)
+            examples.append(Example(name, None if isnan(number) else number))
         unit = column.detail_unit if column is not None else ""
         return Refusal(reason.plugin, ", ".join(reason.texts), count, unit, tuple(examples))
 
@@ -131,20 +143,11 @@ class Recorder:
         )
 
 
-def _best_first(evaluation: Evaluation, chosen: int, best: Best) -> Positions:
-    """Positions of the best TOP rows, the chosen one first."""
-    count = min(TOP, evaluation.feasible)
-    few = best.first(count) if len(best) >= count else _next_best(evaluation.total, best.top, count)
-    others = [position for position in few if position != chosen]
-    return np.array([chosen, *others[: count - 1]], dtype=np.intp)
-
-
-def _next_best(total: IntArray, top: int, count: int) -> list[int]:
+def _next_best(total: IntArray, top: int, count: int) -> tuple[int, ...]:
     """The best `count` feasible rows, better ones first: looked for further and further below the highest total."""
     depth = 1
     found = (total >= max(top - depth, 0)).nonzero()[0]
     while len(found) < count:
         depth *= 2
         found = (total >= max(top - depth, 0)).nonzero()[0]
-    positions: list[int] = found[np.argsort(-total[found], kind="stable")[:count]].tolist()
-    return positions
+    return tuple(found[np.argsort(-total[found], kind="stable")[:count]].tolist())

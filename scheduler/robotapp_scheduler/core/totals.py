@@ -162,6 +162,14 @@ class Totals:
         scores: list[int] = values[positions].tolist()
         return scores
 
+    def apart(self, position: int) -> dict[str, int]:
+        """Normalised scores at one feasible position of the plugins that do not score all rows alike."""
+        found = {column.plugin.name: column.raw.item(position) for column in self._parts.checked}
+        for column in self._parts.relative:
+            values = self._shares[column.plugin.name].values
+            found[column.plugin.name] = values if isinstance(values, int) else values.item(position)
+        return found
+
     def scored_by(self) -> tuple[dict[str, int], tuple[str, ...]]:
         """The weights of the plugins with an opinion, and which of them are shadows."""
         return self._parts.weights, self._parts.shadows

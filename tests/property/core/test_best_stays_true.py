@@ -28,5 +28,5 @@ def test_best_rows_that_are_told_of_every_change_equal_those_made_anew(
         fresh = np.flatnonzero(total == total.max())
         assert best.top == total.max()
         assert len(best) == len(fresh)
-        assert best.first(3) == fresh[:3].tolist()
+        assert best.first(3) == tuple(fresh[:3].tolist())
         assert best.choose(pod) == fresh[mixed(hashes[fresh], pod).argmin()]

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from tests.support.scheduling import (
     Clock,
     default_profiles,
@@ -20,6 +21,7 @@ from tests.support.scheduling import (
 from robotapp_api.model.names import SCHEDULER_NAME, Annotation, Label
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.engine import Engine
+from robotapp_scheduler.core.explain import Record, as_json
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.plugins.registry import KUBERNETES, catalogue
@@ -143,6 +145,37 @@ def test_cached_and_fresh_evaluations_agree_after_any_history(start: list[Any], 
         clock.forward(1.5)
         for pod in pods:
             compare(core, fresh, pod)
+
+
+def told(record: Record) -> Json:
+    """A record without what differs between two attempts; reasons are numbered by the engine that met them first."""
+    plain = as_json(record)
+    plain["refusals"].sort(key=lambda refusal: (refusal["plugin"], refusal["reason"]))
+    return {key: value for key, value in plain.items() if key not in {"atS", "attempt"}}
+
+
+@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+@given(st.lists(NODE_STEPS, min_size=2, max_size=5), st.lists(STEPS, max_size=10))
+def test_an_explanation_read_later_is_the_one_of_its_moment(start: list[Any], history: list[Any]) -> None:
+    clock = Clock()
+    cluster = make_cluster(*(make_node(f"m{i}", unschedulable=i == 5) for i in range(14)), clock=clock)
+    core = SchedulerCore(cluster, default_profiles([ProfileSpec(SCHEDULER_NAME)]), clock=clock)
+    fresh = Engine(core.engine(SCHEDULER_NAME).profile, cluster, caching=False)
+    then: dict[str, Json] = {}
+    for moment, step in enumerate([*start, *history]):
+        apply(core, clock, step)
+        clock.forward(1.5)
+        for kind in (*ros_pods(), *ros_pods()[-2:]):
+            pod = PodInfo(replace(kind.pod, metadata=replace(kind.pod.metadata, uid=f"{moment}-{len(then)}")))
+            then[pod.uid] = told(core.consider(pod, fresh)[0])
+            core.schedule_one(pod)
+            found = core.explain.get(pod.uid)
+            assert found is not None
+            assert told(found) == then[pod.uid]
+    for uid, expected in then.items():
+        found = core.explain.get(uid)
+        assert found is not None
+        assert told(found) == expected
 
 
 @settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
