@@ -12,12 +12,13 @@ from robotapp_scheduler.core.alike import Alike
 from robotapp_scheduler.core.apps import AppIndex
 from robotapp_scheduler.core.budgets import Budgets
 from robotapp_scheduler.core.changes import EVERY_ROW, Change, ChangeLog
-from robotapp_scheduler.core.columns import IntArray, sane
+from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.core.devices import DeviceGrant, DeviceIndex
 from robotapp_scheduler.core.name_index import NameIndex
 from robotapp_scheduler.core.node_table import SCORED_CPU, SCORED_MEMORY, NodeTable
 from robotapp_scheduler.core.nominations import Nominations
 from robotapp_scheduler.core.objects import Node, Owned, Pod
+from robotapp_scheduler.core.placed import Records
 from robotapp_scheduler.core.pod_groups import PodGroups, in_group
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo
 from robotapp_scheduler.core.ports import PortUsers
@@ -55,6 +56,7 @@ class Cluster:
         self.budgets = Budgets()
         self.by_priority = PriorityColumns()
         self._alike = Alike()
+        self._records = Records(self.nodes.resources, self._alike)
         self._seen: dict[str, Pod] = {}
         """Live pods without a node, by uid."""
         self._priorities: dict[int, int] = {}
@@ -286,7 +288,7 @@ class Cluster:
             self._touch(node)
             self._member(pod, node)
             return Change.POD_ADDED if confirmed else Change.NONE
-        record = self._record(pod, PodInfo(pod), node, assumed=False)
+        record = self._records.of(PodInfo(pod), node, assumed=False)
         if old is None:
             self._arrive(record, Change.POD_ADDED)
             return Change.POD_ADDED
@@ -308,34 +310,12 @@ class Cluster:
 
     def record(self, pod: PodInfo, node: str) -> PlacedPod:
         """What this pod would hold on a node."""
-        return self._record(pod.pod, pod, node, assumed=True)
+        return self._records.of(pod, node, assumed=True)
 
     def _touch(self, node: str) -> None:
         row = self.nodes.row_of.get(node)
         if row is not None:
             self.nodes.versions[row] += 1
-
-    def _record(self, pod: Pod, info: PodInfo, node: str, *, assumed: bool) -> PlacedPod:
-        requests = info.requests
-        return PlacedPod(
-            uid=info.uid,
-            name=info.name,
-            namespace=info.namespace,
-            node=node,
-            labels=info.labels,
-            priority=info.priority,
-            requested=self._alike.same(info.shape.held(self.nodes.resources)),
-            scored_cpu_milli=sane(requests.placed.get("cpu", 0)),
-            scored_memory_bytes=sane(requests.placed.get("memory", 0)),
-            ports=info.host_ports,
-            terminating=info.deleting,
-            assumed=assumed,
-            member=info.member,
-            volumes=info.volumes,
-            affinity=self._alike.same(info.affinity_key),
-            pod=pod,
-            shape=info.shape.number,
-        )
 
     def _arrive(self, record: PlacedPod, change: Change) -> None:
         self.put_on(record, change)

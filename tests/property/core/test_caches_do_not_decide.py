@@ -154,7 +154,7 @@ def told(record: Record) -> Json:
     return {key: value for key, value in plain.items() if key not in {"atS", "attempt"}}
 
 
-@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 @given(st.lists(NODE_STEPS, min_size=2, max_size=5), st.lists(STEPS, max_size=10))
 def test_an_explanation_read_later_is_the_one_of_its_moment(start: list[Any], history: list[Any]) -> None:
     clock = Clock()

@@ -1,0 +1,53 @@
+"""What pods hold once they are placed: worked out once per shape, copied for each replica."""
+
+from msgspec.structs import replace
+
+from robotapp_scheduler.core.alike import Alike
+from robotapp_scheduler.core.columns import ResourceColumns, sane
+from robotapp_scheduler.core.pods import PlacedPod, PodInfo
+
+
+class Records:
+    """Makes the record of a pod on a node."""
+
+    def __init__(self, resources: ResourceColumns, alike: Alike) -> None:
+        self._resources = resources
+        self._alike = alike
+
+    def __repr__(self) -> str:
+        return f"Records({self._resources!r})"
+
+    def of(self, info: PodInfo, node: str, *, assumed: bool) -> PlacedPod:
+        """What this pod holds on a node. Raises ValueError when a quantity cannot be read."""
+        shape = info.shape
+        blank: PlacedPod | None = shape.notes.get(self)
+        if blank is None:
+            blank = self._blank(info)
+            if self._resources in shape.notes:  # what it holds is settled
+                shape.notes[self] = blank
+        return replace(
+            blank, uid=info.uid, name=info.name, node=node, terminating=info.deleting, assumed=assumed, pod=info.pod
+        )
+
+    def _blank(self, info: PodInfo) -> PlacedPod:
+        """The record of any pod of this shape: all it says but uid, name, node and state follows from the shape."""
+        requests = info.requests
+        return PlacedPod(
+            uid="",
+            name="",
+            namespace=info.namespace,
+            node="",
+            labels=info.labels,
+            priority=info.priority,
+            requested=self._alike.same(info.shape.held(self._resources)),
+            scored_cpu_milli=sane(requests.placed.get("cpu", 0)),
+            scored_memory_bytes=sane(requests.placed.get("memory", 0)),
+            ports=info.host_ports,
+            terminating=False,
+            assumed=False,
+            member=info.member,
+            volumes=info.volumes,
+            pod=info.pod,
+            affinity=self._alike.same(info.affinity_key),
+            shape=info.shape.number,
+        )
