@@ -100,13 +100,16 @@ def finished(record: Record, best: Best | None) -> Record:
     return msgspec.structs.replace(record, top=top, runner_up=top.nodes[1] if len(top.nodes) > 1 else None)
 
 
+def top_bytes(plugins: int, nodes: int) -> int:
+    """What the best nodes take in memory, estimated from above."""
+    return (plugins + 1) * nodes * 32 + 100 * plugins
+
+
 def weight_bytes(record: Record) -> int:
     """What a record keeps in memory, estimated from above: measuring it would cost more than making it."""
     top = record.top
-    scores = (len(top.scores) + 1) * len(top.nodes) * 32
-    weight = (
-        1000 + scores + 100 * len(top.scores) + 2 * (len(record.message) + len(record.namespace) + len(record.name))
-    )
+    weight = 1000 + top_bytes(len(top.scores), len(top.nodes))
+    weight += 2 * (len(record.message) + len(record.namespace) + len(record.name))
     for refusal in record.refusals:
         weight += 200 + 2 * len(refusal.reason) + 150 * len(refusal.examples)
     return weight + 400 * len(record.edges) + 100 * len(record.devices)

@@ -18,26 +18,27 @@ class Front(NamedTuple):
     scores: dict[str, tuple[int, ...]]
     """Normalised, by plugin, in the order of `positions`."""
     shadow: tuple[str, ...]
-
-    @property
-    def weight_bytes(self) -> int:
-        """What a `Top` of it takes, estimated from above."""
-        return (len(self.scores) + 1) * len(self.positions) * 32 + 100 * len(self.scores)
+    weight_bytes: int
+    """What a `Top` of it takes, estimated from above."""
 
 
-NOTHING: Final = Front((), (), (), {}, {}, ())
+NOTHING: Final = Front((), (), (), {}, {}, (), 0)
 
 
 class Finish(msgspec.Struct, frozen=True, gc=False):
     """The row that won, beside those at the front when it did."""
 
     front: Front
-    weight_bytes: int
     position: int
     node: str
     total: int
     scores: dict[str, int]
     """Of the plugins that do not score all rows alike."""
+
+    @property
+    def weight_bytes(self) -> int:
+        """What its `top` takes, estimated from above."""
+        return self.front.weight_bytes
 
     def top(self) -> Top:
         """The winner first, then as many of the others as were at the front."""

@@ -1,6 +1,7 @@
 """Turns one attempt into an explain record, cheaply: only what the record keeps is computed."""
 
 from math import isnan
+from typing import Final
 
 import numpy as np
 
@@ -10,12 +11,12 @@ from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.engine import Engine
 from robotapp_scheduler.core.evaluation import Evaluation
-from robotapp_scheduler.core.explain import MOST_REFUSALS, TOP, EdgeView, Example, Record, Refusal, Top
+from robotapp_scheduler.core.explain import MOST_REFUSALS, TOP, EdgeView, Example, Record, Refusal, Top, top_bytes
 from robotapp_scheduler.core.front import Finish, Front
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.ros import Endpoint
 
-NO_TOP = Top()
+NO_TOP: Final = Top()
 
 
 class Recorder:
@@ -48,19 +49,21 @@ class Recorder:
         if front.positions is not first or front.weights is not weights:
             front = evaluation.front = self._front(evaluation, first, weights, shadows)
         node, total = self._engine.name_of(evaluation, chosen), evaluation.total.item(chosen)
-        self.best = Finish(front, front.weight_bytes, chosen, node, total, evaluation.apart(chosen))
+        self.best = Finish(front, chosen, node, total, evaluation.apart(chosen))
 
     def _front(
         self, evaluation: Evaluation, first: tuple[int, ...], weights: dict[str, int], shadows: tuple[str, ...]
     ) -> Front:
         positions = np.array(first, dtype=np.intp)
+        scores = evaluation.scores_at(positions)
         return Front(
             positions=first,
             nodes=tuple(self._engine.names_of(evaluation, positions)),
             totals=tuple(evaluation.total[positions].tolist()),
             weights=weights,
-            scores=evaluation.scores_at(positions),
+            scores=scores,
             shadow=shadows,
+            weight_bytes=top_bytes(len(scores), len(first)),
         )
 
     def shadowed(self, names: tuple[str, ...]) -> None:
@@ -73,28 +76,15 @@ class Recorder:
 
     def record(self, decision: Decision) -> Record:
         """The record but for the `best` nodes."""
-        pod = decision.pod
-        alone = self.best is None and decision.node is not None
+        pod, profile, node = decision.pod, self._engine.profile, decision.node
+        top = Top((node,), (0,)) if node is not None and self.best is None else NO_TOP
+        devices = tuple([grant.device.id for grant in decision.grants])
+        # By position, as there is one for every pod: so many keywords cost six times as much.
         return Record(
-            namespace=pod.namespace,
-            name=pod.name,
-            uid=pod.uid,
-            at_s=self._at_s,
-            profile=self._engine.profile.scheduler_name,
-            config_hash=self._engine.profile.config_hash,
-            attempt=self._attempt,
-            node=decision.node,
-            message=decision.message,
-            nodes=decision.nodes,
-            feasible=decision.feasible,
-            refusals=self._refusals(),
-            top=Top(nodes=(decision.node or "",), totals=(0,)) if alone else NO_TOP,
-            edges=self._edges(pod, decision.node),
-            devices=tuple(grant.device.id for grant in decision.grants),
-            seed=self._seed,
-            shadow_changes=self._shadows,
-            planned=self._planned,
-        )
+            pod.namespace, pod.name, pod.uid, self._at_s, profile.scheduler_name, profile.config_hash, self._attempt,
+            node, decision.message, decision.nodes, decision.feasible, self._refusals(), top, None,
+            self._edges(pod, node), devices, self._shadows, self._planned, self._seed,
+        )  # fmt: skip
 
     def _refusals(self) -> tuple[Refusal, ...]:
         evaluation = self.evaluation
