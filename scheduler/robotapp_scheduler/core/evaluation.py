@@ -12,7 +12,7 @@ from robotapp_scheduler.core.explain import EXAMPLES, Refusal
 from robotapp_scheduler.core.filter_column import HOLE, Codes, FilterColumn, Reasons
 from robotapp_scheduler.core.front import NOTHING
 from robotapp_scheduler.core.pods import PodInfo
-from robotapp_scheduler.core.repair import bring_up, view_of
+from robotapp_scheduler.core.repair import FEW_ROWS, bring_up, view_of
 from robotapp_scheduler.core.score_column import ScoreColumn
 from robotapp_scheduler.core.totals import Totals, Verdicts
 from robotapp_scheduler.core.view import Nodes
@@ -82,14 +82,16 @@ class Evaluation:
             self._live_filters = [column for column in self.filters if not column.skipped]
             epochs = sum(column.epoch for column in self._live_filters)
         rows: Nodes | None = None
+        same_nodes = False
         if epochs == self._epochs and len(self.reason) == full.n and news is not None:
             rows = view_of(news, self._interest, full.cluster)
-            if news.kinds & _NODE:
+            same_nodes = not news.kinds & _NODE
+            if not same_nodes:
                 self.refusals = None  # a row may stand for another node now
         if rows is None:
             self._combine_all(full)
         elif rows.n:
-            self._combine_rows(rows)
+            self._combine_rows(rows, same_nodes=same_nodes)
         self._position, self._epochs = head, epochs
 
     def compute_filters(self, pod: PodInfo, nodes: Nodes) -> None:
@@ -110,20 +112,25 @@ class Evaluation:
         self.revision += 1
         self._combines += 1
 
-    def _combine_rows(self, rows: Nodes) -> None:
+    def _combine_rows(self, rows: Nodes, *, same_nodes: bool) -> None:
         rejecting = [column.codes for column in self._live_filters if not column.clean]
-        if not rejecting and self.feasible == len(self.reason):
+        if not rejecting and same_nodes and self.feasible == len(self.reason):
             return
-        codes = np.where(rows.valid, np.int32(0), np.int32(HOLE))
-        for each in rejecting:
-            np.copyto(codes, each[rows.rows], where=codes == 0)
-        before = self.reason[rows.rows]
-        if (before == codes).all():
+        valid = rows.cluster.nodes.valid
+        if rows.n <= FEW_ROWS:
+            before = [*map(self.reason.item, rows.row_list)]
+            after = [_first(rejecting, row) if valid.item(row) else HOLE for row in rows.row_list]
+        else:
+            codes = np.where(rows.valid, np.int32(0), np.int32(HOLE))
+            for each in rejecting:
+                np.copyto(codes, each[rows.rows], where=codes == 0)
+            before, after = self.reason[rows.rows].tolist(), codes.tolist()
+        if before == after:
             return
-        self.reason[rows.rows] = codes
         self.revision += 1
-        for row, old, new in zip(rows.row_list, before.tolist(), codes.tolist(), strict=True):
+        for row, old, new in zip(rows.row_list, before, after, strict=True):
             if old != new:
+                self.reason[row] = new
                 self._unlearn(row, old, new)
                 self._counts[old] = self._counts.get(old, 0) - 1
                 self._counts[new] = self._counts.get(new, 0) + 1
@@ -228,3 +235,10 @@ class Evaluation:
             for text in self.reasons.values[code].texts:
                 result[text] = result.get(text, 0) + count
         return result
+
+
+def _first(rejecting: list[Codes], row: int) -> int:
+    for codes in rejecting:
+        if code := codes.item(row):
+            return code
+    return 0

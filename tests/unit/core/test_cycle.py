@@ -14,8 +14,9 @@ from tests.support.scheduling import (
 from robotapp_api.model.names import SCHEDULER_NAME, Annotation, PodReason
 from robotapp_scheduler.core.framework import Code
 from robotapp_scheduler.core.pods import PodInfo
-from robotapp_scheduler.core.profiles import PluginRef, PluginSet, ProfileSpec
+from robotapp_scheduler.core.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.core.queued import Rejection
+from robotapp_scheduler.plugins.registry import catalogue
 
 
 def test_pods_spread_over_equal_nodes_and_count_against_each_other() -> None:
@@ -45,6 +46,19 @@ def test_a_cluster_without_nodes_says_so() -> None:
     decision = make_core().schedule_one(make_info("p"))
     assert (decision.code, decision.message) == (Code.UNSCHEDULABLE, "no nodes available to schedule pods")
     assert decision.rejected_by == frozenset()
+
+
+def test_a_node_that_is_gone_takes_no_pod_even_where_no_filter_minds_amounts() -> None:
+    core = make_core(*(make_node(f"n{i}") for i in range(4)))
+    few = {"multiPoint": PluginSet(enabled=(PluginRef("TaintToleration"),), disabled=(PluginRef("*"),))}
+    few |= {"queueSort": PluginSet(enabled=(PluginRef("PrioritySort"),))}
+    few |= {"bind": PluginSet(enabled=(PluginRef("ROSBind"),))}
+    core.use(build_profiles([ProfileSpec(SCHEDULER_NAME, plugins=few)], catalogue()))
+    assert core.schedule_one(make_info("first")).node is not None
+    core.cluster.remove_node("n1")
+    decisions = [core.schedule_one(make_info(f"p{i}"), assume=False) for i in range(20)]
+    assert {decision.node for decision in decisions} == {"n0", "n2", "n3"}
+    assert {decision.feasible for decision in decisions} == {3}
 
 
 def test_a_pod_that_is_being_deleted_is_not_tried() -> None:
