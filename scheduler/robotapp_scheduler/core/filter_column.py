@@ -64,6 +64,8 @@ class FilterColumn:
         self.epoch = 0
         """Grows when the column was computed anew, so that combinations of it are too."""
         self._reasons = reasons
+        self._table: tuple[Sequence[tuple[str, ...]], tuple[bool, ...], Codes] | None = None
+        """The reasons the plugin named last, and their codes."""
         self._of_domains: tuple[tuple[int, int], Codes] | None = None
         """When `codes` follow from a label: its version and the number of rows, and the reason per code of the label."""
 
@@ -160,13 +162,21 @@ class FilterColumn:
             return codes[label.codes]
         return self.codes
 
+    def _numbered(self, texts: Sequence[tuple[str, ...]], resolvable: tuple[bool, ...]) -> Codes:
+        """The codes of these reasons. Most plugins name the same ones, in a constant, every time."""
+        known = self._table
+        if known is None or known[0] is not texts or known[1] is not resolvable or not isinstance(texts, tuple):
+            reasons = (Reason(self.plugin.name, text, kind) for text, kind in zip(texts, resolvable, strict=True))
+            codes: Codes = np.array([*map(self._reasons.code, reasons)], dtype=np.int32)
+            known = self._table = (texts, resolvable, codes)
+        return known[2]
+
     def _coded(self, verdict: Verdict, mask: BoolArray) -> Codes:
         plugin = self.plugin
         texts: Sequence[tuple[str, ...]] = verdict.reasons or ((plugin.reason,),)
         resolvable = plugin.resolvable if verdict.resolvable is None else verdict.resolvable
         if isinstance(resolvable, tuple) and verdict.codes is not None:
-            known = (Reason(plugin.name, text, kind) for text, kind in zip(texts, resolvable, strict=True))
-            codes: Codes = np.array([self._reasons.code(reason) for reason in known], dtype=np.int32)[verdict.codes]
+            codes: Codes = self._numbered(texts, resolvable)[verdict.codes]
             codes[mask] = 0
             return codes
         tables = [

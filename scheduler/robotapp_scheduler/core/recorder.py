@@ -1,6 +1,6 @@
 """Turns one attempt into an explain record, cheaply: only what the record keeps is computed."""
 
-from math import isnan
+from math import isnan, nan
 from typing import Final
 
 import numpy as np
@@ -12,6 +12,7 @@ from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.engine import Engine
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.explain import MOST_REFUSALS, TOP, EdgeView, Example, Record, Refusal, Top, top_bytes
+from robotapp_scheduler.core.filter_column import FilterColumn
 from robotapp_scheduler.core.front import Finish, Front
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.ros import Endpoint
@@ -96,18 +97,19 @@ class Recorder:
         commonest = evaluation.counts()
         if len(commonest) > MOST_REFUSALS:
             commonest = dict(sorted(commonest.items(), key=lambda entry: -entry[1])[:MOST_REFUSALS])
-        found = tuple(self._refusal(evaluation, code, count) for code, count in commonest.items())
-        if all(column.detail is None for column in evaluation.filters):  # numbers change without any verdict doing so
+        measuring = {c.plugin.name: c for c in evaluation.filters if c.detail is not None or c.detail_unit}
+        found = tuple([self._refusal(evaluation, measuring, code, count) for code, count in commonest.items()])
+        if not measuring:  # numbers change without any verdict doing so
             evaluation.refusals = (evaluation.revision, found)
         return found
 
-    def _refusal(self, evaluation: Evaluation, code: int, count: int) -> Refusal:
+    def _refusal(self, evaluation: Evaluation, measuring: dict[str, FilterColumn], code: int, count: int) -> Refusal:
         reason = evaluation.reasons.values[code]
-        column = next((c for c in evaluation.filters if c.plugin.name == reason.plugin), None)
+        column = measuring.get(reason.plugin)
         detail = column.detail if column is not None else None
         examples = []
         for position in evaluation.examples(code):
-            number = float(detail[position]) if detail is not None else float("nan")
+            number = float(detail[position]) if detail is not None else nan
             name = self._engine.name_of(evaluation, position)
             examples.append(Example(name, None if isnan(number) else number))
         unit = column.detail_unit if column is not None else ""

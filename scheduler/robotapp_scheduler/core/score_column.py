@@ -162,6 +162,9 @@ class ScoreColumn:
         rows = stale.rows
         raw = self._ask(pod, stale)
         if raw is None or isinstance(raw, int):
+            if stale.n <= FEW_ROWS:
+                self._store_rows(stale.row_list, [raw or 0] * stale.n)
+                return
             raw = np.full(stale.n, raw or 0, dtype=np.int64)
         elif isinstance(raw, PerDomain):
             raw = raw.values[raw.label.codes]

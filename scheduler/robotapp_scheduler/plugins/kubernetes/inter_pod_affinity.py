@@ -62,11 +62,22 @@ class InterPodAffinity:
         away = pull[Kind.KEEPS_AWAY]
         if not (terms.affinity or terms.anti_affinity or away):
             return True
+        disturbed = [
+            *[(totals.key, totals.values, _EXISTING) for totals in away],
+            *[
+                (each.topology_key, _values(nodes, each.topology_key, each), _ANTI_AFFINITY)
+                for each in terms.anti_affinity
+            ],
+        ]
         codes = np.zeros(nodes.n, dtype=np.int8)
-        for totals in away:
-            codes[(totals.values > 0)[nodes.label(totals.key).codes]] = _EXISTING
-        for term in terms.anti_affinity:
-            codes[(_values(nodes, term.topology_key, term) > 0)[nodes.label(term.topology_key).codes]] = _ANTI_AFFINITY
+        for key, values, verdict in disturbed:
+            if nodes.full:
+                codes[(values > 0)[nodes.label(key).codes]] = verdict
+                continue
+            where = nodes.cluster.nodes.labels.column(key)[0]
+            for i, row in enumerate(nodes.row_list):
+                if values.item(where.item(row)) > 0:
+                    codes[i] = verdict
         if terms.affinity:
             codes[~_accompanied(pod, nodes, terms)] = _AFFINITY
         return Verdict(codes == 0, codes=codes, reasons=REASONS, resolvable=RESOLVABLE)
