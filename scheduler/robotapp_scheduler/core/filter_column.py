@@ -66,8 +66,8 @@ class FilterColumn:
         self._reasons = reasons
         self._table: tuple[Sequence[tuple[str, ...]], tuple[bool, ...], Codes] | None = None
         """The reasons the plugin named last, and their codes."""
-        self._of_domains: tuple[tuple[int, int], Codes] | None = None
-        """When `codes` follow from a label: its version and the number of rows, and the reason per code of the label."""
+        self._said: tuple[object, ...] | None = None
+        """When `codes` follow from a label: what the plugin said per code of it, its version and the number of rows."""
 
     def mind(self, interest: int) -> None:
         """Look at rows after these changes only."""
@@ -97,21 +97,22 @@ class FilterColumn:
 
     def _store(self, nodes: Nodes, pod: PodInfo) -> None:
         found = self._ask(pod, nodes)
+        clean, self.clean = self.clean, found is None
         self.skipped = found is None
-        self.clean = found is None
         if found is EVERYWHERE:
             self.clean = True
             if len(self.codes) != nodes.n or self.codes.any():
                 self.codes = np.zeros(nodes.n, dtype=np.int32)
             self.detail = None
         elif found is not None:
-            self.codes, self.detail = found
-            self.clean = not self.codes.any()
+            codes, self.detail = found
+            self.clean = clean if codes is self.codes else not codes.any()
+            self.codes = codes
         if not isinstance(found, tuple):
-            self._of_domains = None
+            self._said = None
 
     def _patch(self, stale: Nodes, pod: PodInfo) -> None:
-        self._of_domains = None
+        self._said = None
         found = EVERYWHERE if self._passes(stale, pod) else self._ask(pod, stale)
         if not isinstance(found, tuple):
             if not self.clean:
@@ -144,23 +145,28 @@ class FilterColumn:
             self.detail_unit = verdict.detail_unit
         if verdict.label is not None:
             mask = checked_mask(plugin.name, verdict.mask, len(verdict.mask))
-            return EVERYWHERE if mask.all() else (self._spread(self._coded(verdict, mask), verdict.label, nodes), None)
+            return self._spread(verdict, mask, verdict.label, nodes)
         mask = checked_mask(plugin.name, verdict.mask, nodes.n)
         if mask.all():
             return EVERYWHERE
         detail = None if verdict.detail is None else np.array(verdict.detail, dtype=np.float64)
         return self._coded(verdict, mask), detail
 
-    def _spread(self, codes: Codes, label: LabelColumn, nodes: Nodes) -> Codes:
-        """Reason codes per row from those per code of a label; the array from before when it is still true."""
-        if not nodes.full:
-            return codes[label.codes]
-        known = self._of_domains
-        stamp = (label.version, nodes.n)
-        if known is None or known[0] != stamp or not np.array_equal(known[1], codes):
-            self._of_domains = (stamp, codes)
-            return codes[label.codes]
-        return self.codes
+    def _spread(
+        self, verdict: Verdict, mask: BoolArray, label: LabelColumn, nodes: Nodes
+    ) -> tuple[Codes, None] | Literal[True]:
+        """Reason codes per row from an answer per code of a label; the array from before when the answer is the same."""
+        said: tuple[object, ...] | None = None
+        if nodes.full and not isinstance(verdict.resolvable, np.ndarray):
+            which = b"" if verdict.codes is None else verdict.codes.tobytes()
+            said = (label.version, nodes.n, mask.tobytes(), which, verdict.reasons, verdict.resolvable)
+            if said == self._said:
+                return self.codes, None
+        if mask.all():
+            return EVERYWHERE
+        codes = self._coded(verdict, mask)[label.codes]
+        self._said = said
+        return codes, None
 
     def _numbered(self, texts: Sequence[tuple[str, ...]], resolvable: tuple[bool, ...]) -> Codes:
         """The codes of these reasons. Most plugins name the same ones, in a constant, every time."""

@@ -169,7 +169,7 @@ class Volumes:
 
     def key_of(self, pod: PodInfo) -> Hashable:
         """The part of a class key that stands for volumes: None for a pod without any."""
-        volumes = pod.volumes
+        volumes = pod.volumes if pod.pod.spec.volumes else None  # nearly every pod: not worth a property
         if volumes is None:
             return None
         own = pod.uid if any(use.ephemeral for use in volumes.claims) else ""

@@ -244,7 +244,7 @@ def _verdicts(constraint: Constraint, pod: PodInfo, nodes: Nodes, keys: tuple[st
     """What to say about a node, per code of its label: 0 fine, else an index of REASONS."""
     domains = constraint.counter(nodes).domains(constraint.key, scope_of(pod, nodes, constraint, keys))
     present = domains.present
-    lowest = int(domains.values[present].min()) if 0 < len(present) >= constraint.min_domains else 0
+    lowest = int(np.minimum.reduce(domains.values[present])) if 0 < len(present) >= constraint.min_domains else 0
     uneven = domains.values > constraint.max_skew - constraint.self_match + lowest
     found = uneven.astype(np.int8)  # _UNEVEN where True
     found[0] = _MISSING
