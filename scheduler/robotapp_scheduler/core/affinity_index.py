@@ -5,13 +5,14 @@ concern it, found once, and their counts per topology domain, kept true while po
 """
 
 from collections import OrderedDict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import Final
 
 import numpy as np
 
 from robotapp_scheduler.core.affinity_terms import Kind, Term, Terms
 from robotapp_scheduler.core.columns import CodeArray, IntArray, LabelColumns
+from robotapp_scheduler.core.label_sets import LabelSetKey
 from robotapp_scheduler.core.matchers import ByLabel
 from robotapp_scheduler.core.namespaces import Namespaces
 
@@ -126,7 +127,7 @@ class AffinityIndex:
         self._recent: list[Term] = []
         """Terms in the order they were first seen since `_before`."""
         self._before = 0
-        self._pulls: OrderedDict[tuple[str, frozenset[tuple[str, str]]], Pull] = OrderedDict()
+        self._pulls: OrderedDict[LabelSetKey, Pull] = OrderedDict()
         self._totals: dict[tuple[PlacedTerm, ...], TermTotals] = {}
         """By their terms (all of one kind and topology key): pods whose other labels differ share them."""
 
@@ -157,14 +158,13 @@ class AffinityIndex:
                 del self._terms[placed.term]
                 self._by_label.remove(placed, placed.term.requirements or ())
 
-    def pull(self, namespace: str, labels: Mapping[str, str]) -> Pull:
-        """What the placed pods' terms mean for a pod with these labels."""
-        key = (namespace, frozenset(labels.items()))
+    def pull(self, key: LabelSetKey) -> Pull:
+        """What the placed pods' terms mean for a pod of this namespace with these labels."""
         pull = self._pulls.get(key)
-        if pull is not None and self._still_whole(pull, namespace, labels):
+        if pull is not None and self._still_whole(pull, key):
             self._pulls.move_to_end(key)
             return pull
-        old, pull = pull, self._follow(namespace, labels)
+        old, pull = pull, self._follow(key)
         self._pulls[key] = pull
         if old is not None:
             self._close(old)
@@ -172,19 +172,21 @@ class AffinityIndex:
             self._close(self._pulls.popitem(last=False)[1])
         return pull
 
-    def _still_whole(self, pull: Pull, namespace: str, labels: Mapping[str, str]) -> bool:
+    def _still_whole(self, pull: Pull, key: LabelSetKey) -> bool:
         newest = self._before + len(self._recent)
         if pull.generation != self._namespaces.generation or pull.seen < self._before:
             return False
         if pull.seen == newest:
             return True
+        namespace, labels = key[0], dict(key[1])
         of_namespace = self._namespaces.labels_of(namespace)
         if any(term.concerns(namespace, labels, of_namespace) for term in self._recent[pull.seen - self._before :]):
             return False
         pull.seen = newest
         return True
 
-    def _follow(self, namespace: str, labels: Mapping[str, str]) -> Pull:
+    def _follow(self, key: LabelSetKey) -> Pull:
+        namespace, labels = key[0], dict(key[1])
         of_namespace = self._namespaces.labels_of(namespace)
         found: dict[Kind, dict[str, list[PlacedTerm]]] = {}
         for placed in self._by_label.candidates(labels):

@@ -1,11 +1,16 @@
 """Placed pods by namespace and labels: a selector is matched once per distinct label set, not once per pod."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from robotapp_scheduler.core.matchers import PodMatcher, handle
 
 LabelSetKey = tuple[str, frozenset[tuple[str, str]]]
+
+
+def label_key(namespace: str, labels: Mapping[str, str]) -> LabelSetKey:
+    """What pods of one namespace with the same labels have in common."""
+    return namespace, frozenset(labels.items())
 
 
 class LabelSet:
@@ -54,7 +59,7 @@ class LabelSets:
 
     def take(self, namespace: str, labels: dict[str, str]) -> tuple[LabelSet, bool]:
         """The label set of a pod that was placed, and whether it is new."""
-        key = (namespace, frozenset(labels.items()))
+        key = label_key(namespace, labels)
         found = self._by_key.get(key)
         new = found is None
         if found is None:
@@ -70,7 +75,7 @@ class LabelSets:
         label_set.pods -= 1
         if label_set.pods:
             return
-        del self._by_key[label_set.namespace, frozenset(label_set.labels.items())]
+        del self._by_key[label_key(label_set.namespace, label_set.labels)]
         for name, by_value in self._by_label.items():
             if (value := label_set.labels.get(name)) is not None:
                 del by_value[value][label_set]

@@ -10,6 +10,7 @@ from robotapp_api.values.requests import PodRequests, pod_requests
 from robotapp_scheduler.core.affinity_terms import affinity_key
 from robotapp_scheduler.core.columns import ResourceColumns
 from robotapp_scheduler.core.excess import excess
+from robotapp_scheduler.core.label_sets import LabelSetKey, label_key
 from robotapp_scheduler.core.lazy import Lazy
 from robotapp_scheduler.core.needs import needs_of
 from robotapp_scheduler.core.objects import Container, OwnerReference, Pod
@@ -62,6 +63,12 @@ class Shape:
     def affinity_key(self) -> bytes:
         """Pod affinity and anti-affinity as a key, b"" without any."""
         return affinity_key(self._pod.spec.affinity)
+
+    @Lazy
+    def label_key(self) -> LabelSetKey:
+        """Namespace and labels as a key."""
+        meta = self._pod.metadata
+        return label_key(meta.namespace, meta.labels or {})
 
     @Lazy
     def images(self) -> tuple[str, ...]:

@@ -85,7 +85,11 @@ class Topology:
 
     def terms_of(self, pod: PodInfo) -> Terms:
         """The pod's own affinity terms."""
-        return self._compiler.terms(pod.namespace, pod.affinity_key, pod.affinity)
+        shape = pod.shape
+        found: Terms | None = shape.notes.get(Terms)
+        if found is None:
+            found = shape.notes[Terms] = self._compiler.terms(pod.namespace, shape.affinity_key, pod.affinity)
+        return found
 
     def counter(self, wanted: Wanted) -> Counter:
         """Placed pods that a selector means, counted from now on."""

@@ -11,6 +11,7 @@ from robotapp_scheduler.core.affinity_terms import Kind
 from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.counts import Census, Wanted
+from robotapp_scheduler.core.label_sets import label_key
 from robotapp_scheduler.core.matchers import ByLabel, pods_of
 from robotapp_scheduler.core.objects import Namespace, NodeImage, Selecting
 from robotapp_scheduler.core.trial import Trial
@@ -92,7 +93,7 @@ def test_a_trial_is_counted_inside_and_undone_afterwards() -> None:
     info = make_info("p", labels={"app": "web"})
 
     def seen() -> tuple[list[int], list[int], list[list[int]], list[int]]:
-        pull = cluster.topology.affinity.pull("default", {"app": "web"})
+        pull = cluster.topology.affinity.pull(label_key("default", {"app": "web"}))
         away = [totals.values.tolist() for totals in pull[Kind.KEEPS_AWAY]]
         cpu = Nodes(cluster).requested("cpu").tolist()
         return per_zone(cluster, WEB, Census.SPREAD), per_zone(cluster, {}, Census.SPREAD), away, cpu
@@ -140,19 +141,19 @@ def test_dropped_counters_and_pulls_are_made_again_when_asked_for(monkeypatch: p
         assert sum(per_zone(cluster, WEB)) == i + 1
         assert sum(per_zone(cluster, {"matchLabels": {"app": "db"}})) == 0
         cluster.apply_pod(web(f"y{i}", "n2", affinity=anti(WEB)))
-        away = cluster.topology.affinity.pull("default", {"app": "web"})[Kind.KEEPS_AWAY]
+        away = cluster.topology.affinity.pull(label_key("default", {"app": "web"}))[Kind.KEEPS_AWAY]
         assert [totals.values.tolist() for totals in away] == [[0, 1, i + 1]]
-        assert cluster.topology.affinity.pull("default", {"app": "db"})[Kind.KEEPS_AWAY] == ()
+        assert cluster.topology.affinity.pull(label_key("default", {"app": "db"}))[Kind.KEEPS_AWAY] == ()
 
 
 def test_a_term_that_appears_later_reaches_pods_that_asked_before() -> None:
     cluster = zones()
-    asked = cluster.topology.affinity.pull("default", {"app": "web"})
+    asked = cluster.topology.affinity.pull(label_key("default", {"app": "web"}))
     assert asked[Kind.KEEPS_AWAY] == ()
     cluster.apply_pod(make_pod("strange", node="n0", affinity=anti({"matchLabels": {"app": "db"}})))
-    assert cluster.topology.affinity.pull("default", {"app": "web"}) is asked
+    assert cluster.topology.affinity.pull(label_key("default", {"app": "web"})) is asked
     cluster.apply_pod(make_pod("guard", node="n0", affinity=anti(WEB)))
-    assert cluster.topology.affinity.pull("default", {"app": "web"})[Kind.KEEPS_AWAY]
+    assert cluster.topology.affinity.pull(label_key("default", {"app": "web"}))[Kind.KEEPS_AWAY]
 
 
 def test_namespaces_are_selected_by_their_labels_of_the_moment() -> None:
@@ -164,12 +165,12 @@ def test_namespaces_are_selected_by_their_labels_of_the_moment() -> None:
 
     rule = anti(WEB, namespaceSelector={"matchLabels": {"team": "a"}})
     cluster.apply_pod(make_pod("guard", node="n0", namespace="elsewhere", affinity=rule))
-    assert topology.affinity.pull("default", {"app": "web"})[Kind.KEEPS_AWAY] == ()
+    assert topology.affinity.pull(label_key("default", {"app": "web"}))[Kind.KEEPS_AWAY] == ()
     assert topology.apply_namespace(namespace("a")) is Change.NAMESPACES
     assert topology.apply_namespace(namespace("a")) is Change.NONE
-    assert topology.affinity.pull("default", {"app": "web"})[Kind.KEEPS_AWAY]
+    assert topology.affinity.pull(label_key("default", {"app": "web"}))[Kind.KEEPS_AWAY]
     assert topology.remove_namespace(namespace("a")) is Change.NAMESPACES
-    assert topology.affinity.pull("default", {"app": "web"})[Kind.KEEPS_AWAY] == ()
+    assert topology.affinity.pull(label_key("default", {"app": "web"}))[Kind.KEEPS_AWAY] == ()
 
 
 def test_default_selectors_are_those_of_services_and_of_the_owner() -> None:

@@ -115,7 +115,7 @@ class InterPodAffinity:
         terms = topology.terms_of(pod)
         if terms.affinity or not topology.no_wide_terms_since(position):
             return False
-        return all(topology.single(term.topology_key) for term in (*terms.anti_affinity, *terms.preferred))
+        return all(map(topology.single, [term.topology_key for term in (*terms.anti_affinity, *terms.preferred)]))
 
     def touched_by(self, pod: PodInfo, other: PlacedPod) -> bool:
         """Does a required term of the pod mean the other one, or a required anti-affinity term of the other this pod?"""
@@ -174,13 +174,13 @@ class InterPodAffinity:
         terms = topology.terms_of(pod)
         if terms.broken:
             raise PluginError(self.name, f"the selector of {terms.broken} cannot be evaluated")
-        return terms, topology.affinity.pull(pod.namespace, pod.labels)
+        return terms, topology.affinity.pull(pod.shape.label_key)
 
 
 def _values(nodes: Nodes, key: str, *terms: Term) -> IntArray:
     """Placed pods that all these terms mean, per value of a node label; 0 for nodes without it."""
     topology = nodes.cluster.topology
-    matchers = tuple(term.matcher(topology.namespaces) for term in terms)
+    matchers = tuple([term.matcher(topology.namespaces) for term in terms])
     values = topology.counter(Wanted(matchers, Census.ALL)).domains(key).values
     values[0] = 0
     return values
