@@ -8,6 +8,7 @@ import numpy as np
 
 from robotapp_api.model.names import Label
 from robotapp_api.values.selector import Expression, label_requirements, matches_requirements
+from robotapp_scheduler.core.columns import BoolArray
 from robotapp_scheduler.core.counts import Census, Counter, Wanted
 from robotapp_scheduler.core.domains import Scope
 from robotapp_scheduler.core.framework import PluginError
@@ -93,7 +94,7 @@ def scope_of(pod: PodInfo, nodes: Nodes, constraint: Constraint, required_keys: 
     )
     stamp = (table.generation, table.taint_generation if constraint.honor_taints else 0)
 
-    def mask() -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    def mask() -> BoolArray:  # an expression here would be evaluated for every pod
         every = Nodes(nodes.cluster)
         found = every.valid.copy()
         for name in required_keys:

@@ -81,7 +81,7 @@ class PodTopologySpread:
         constraints = self._constraints(pod, nodes, HARD)
         if not constraints:
             return None if pod.pod.spec.topology_spread_constraints or HARD not in self._default_whens else True
-        keys = tuple(dict.fromkeys(constraint.key for constraint in constraints))
+        keys = _keys(constraints)
         found = [(_verdicts(each, pod, nodes, keys), nodes.label(each.key)) for each in constraints]
         if len(found) == 1:
             codes, label = found[0]
@@ -102,7 +102,7 @@ class PodTopologySpread:
     def beside(self, pod: PodInfo, nodes: Nodes) -> Beside:
         """Where the counts without those that go are even enough."""
         constraints = self._constraints(pod, nodes, HARD)
-        keys = tuple(dict.fromkeys(constraint.key for constraint in constraints))
+        keys = _keys(constraints)
         counted = [_Counted(each, nodes, scope_of(pod, nodes, each, keys)) for each in constraints]
 
         def takes(row: int, staying: Sequence[PlacedPod]) -> bool:
@@ -240,13 +240,18 @@ class _Counted:
         return found
 
 
+def _keys(constraints: Sequence[Constraint]) -> tuple[str, ...]:
+    """The labels they name, each once."""
+    return (constraints[0].key,) if len(constraints) == 1 else tuple(dict.fromkeys([each.key for each in constraints]))
+
+
 def _verdicts(constraint: Constraint, pod: PodInfo, nodes: Nodes, keys: tuple[str, ...]) -> npt.NDArray[np.int8]:
     """What to say about a node, per code of its label: 0 fine, else an index of REASONS."""
     domains = constraint.counter(nodes).domains(constraint.key, scope_of(pod, nodes, constraint, keys))
     present = domains.present
     lowest = int(np.minimum.reduce(domains.values[present])) if 0 < len(present) >= constraint.min_domains else 0
     uneven = domains.values > constraint.max_skew - constraint.self_match + lowest
-    found = uneven.astype(np.int8)  # _UNEVEN where True
+    found = uneven.view(np.int8)  # _UNEVEN where True
     found[0] = _MISSING
     return found
 
@@ -261,7 +266,7 @@ def _burden(constraint: Constraint, pod: PodInfo, nodes: Nodes, soft: _Soft, vie
         table = np.arange(most + 2, dtype=np.int64) * np.log(float(size + 2)) + float(constraint.max_skew - 1)
         table[most + 1] = 0.0  # for nodes without the label
         return _Burden(table, counts if view.codes.all() else np.where(view.codes == 0, most + 1, counts))
-    keys = tuple(dict.fromkeys(each.key for each in soft.constraints)) if soft.strict else ()
+    keys = _keys(soft.constraints) if soft.strict else ()
     values = counter.domains(constraint.key, scope_of(pod, nodes, constraint, keys)).values
     seen = np.bincount(view.codes if view.counted is None else view.codes[view.counted], minlength=len(values)) > 0
     size = int(np.count_nonzero(seen))
