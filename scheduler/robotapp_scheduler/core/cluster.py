@@ -6,6 +6,7 @@ results are repaired.
 """
 
 from collections.abc import Callable, Iterable, Mapping
+from typing import Final
 
 from robotapp_api.claims.objects import Claim
 from robotapp_scheduler.core.alike import Alike
@@ -29,6 +30,9 @@ from robotapp_scheduler.core.shapes import same_shape
 from robotapp_scheduler.core.telemetry import RttModel
 from robotapp_scheduler.core.topology import Topology
 from robotapp_scheduler.core.volumes import Volumes
+
+WITH_TERMS: Final = {each: each | Change.TERMS for each in (Change.POD_ADDED, Change.POD_REMOVED, Change.POD_UPDATED)}
+"""Joining two flags takes longer than counting the pod."""
 
 
 class Cluster:
@@ -331,7 +335,7 @@ class Cluster:
         row = self.nodes.row_of.get(record.node)
         if row is not None:
             self._count(record, row, +1)
-            self.log.add(row, change | Change.TERMS if record.terms else change)
+            self.log.add(row, WITH_TERMS[change] if record.terms else change)
 
     def take_off(self, uid: str) -> None:
         """Undo `put_on`."""
@@ -345,7 +349,7 @@ class Cluster:
         row = self.nodes.row_of.get(record.node)
         if row is not None:
             self._count(record, row, -1)
-            self.log.add(row, Change.POD_REMOVED | Change.TERMS if record.terms else Change.POD_REMOVED)
+            self.log.add(row, WITH_TERMS[Change.POD_REMOVED] if record.terms else Change.POD_REMOVED)
         self.topology.release(record)
 
     def _count(self, record: PlacedPod, row: int, sign: int) -> None:
