@@ -1,5 +1,6 @@
 """The rows with the highest total, and which of them a pod takes."""
 
+from collections.abc import Iterable
 from itertools import islice
 from typing import Final
 
@@ -55,6 +56,14 @@ class Best:
         elif old == self.top:
             self._gone.add(position)
             return len(self) > 0
+        return True
+
+    def all_changed(self, positions: Iterable[int], old: Iterable[int], new: Iterable[int]) -> bool:
+        """The same of several totals: False as soon as one of them is too much."""
+        top = self.top
+        for position, before, after in zip(positions, old, new, strict=True):
+            if (after >= top or before == top) and not self.changed(position, before, after):
+                return False
         return True
 
     def choose(self, pod: int) -> int:

@@ -7,6 +7,7 @@ One vocabulary serves three readers: the change log (which node rows a cached re
 from collections.abc import Iterable, Sequence
 from enum import IntFlag, auto
 from functools import cache
+from itertools import compress
 from typing import Any, Final
 
 import msgspec
@@ -182,15 +183,16 @@ def interest_of(node_reads: Iterable[str]) -> int:
 class News:
     """What a log says after some position. Made once for all readers that stand there."""
 
-    __slots__ = ("_entries", "_rows", "kinds", "views")
+    __slots__ = ("_changes", "_distinct", "_found", "_rows", "kinds", "views")
 
-    def __init__(self, entries: Sequence[tuple[int, int]]) -> None:
+    def __init__(self, rows: Sequence[int], changes: Sequence[int]) -> None:
         self.kinds = 0
         """All kinds of change that happened."""
-        for _, change in entries:
+        self._rows, self._changes = rows, changes
+        self._distinct = set(changes)
+        for change in self._distinct:
             self.kinds |= change
-        self._entries = entries
-        self._rows: dict[int, list[int] | None] = {}
+        self._found: dict[int, list[int] | None] = {}
         self.views: dict[int, Any] = {}
         """What readers made of the rows, by the kinds of change they asked for."""
 
@@ -202,10 +204,12 @@ class News:
         wanted = self.kinds & interest
         if not wanted:
             return []
-        if wanted not in self._rows:
-            rows = dict.fromkeys(row for row, change in self._entries if change & wanted)
-            self._rows[wanted] = None if EVERY_ROW in rows else list(rows)
-        return self._rows[wanted]
+        if wanted not in self._found:
+            rest = [change for change in self._distinct if not change & wanted]
+            rows = compress(self._rows, (change not in rest for change in self._changes)) if rest else self._rows
+            once = dict.fromkeys(rows)
+            self._found[wanted] = None if EVERY_ROW in once else list(once)
+        return self._found[wanted]
 
 
 class ChangeLog:
@@ -214,7 +218,7 @@ class ChangeLog:
     A row of EVERY_ROW means that all rows changed (a new RTT model, for example).
     """
 
-    __slots__ = ("_base", "_entries", "_limit", "_news", "position")
+    __slots__ = ("_base", "_changes", "_limit", "_news", "_rows", "position")
     _next_base = 0
 
     def __init__(self, limit: int = 8192) -> None:
@@ -223,20 +227,22 @@ class ChangeLog:
         self.position = 0
         """Where a reader that is up to date stands."""
         # Plain ints: an IntFlag costs ten times as much per operation, and this is read for every pod.
-        self._entries: list[tuple[int, int]] = []
+        self._rows: list[int] = []
+        self._changes: list[int] = []
         self._news: dict[int, News] = {}
 
     def __repr__(self) -> str:
-        return f"ChangeLog({self.position=}, kept={len(self._entries)})"
+        return f"ChangeLog({self.position=}, kept={len(self._rows)})"
 
     def add(self, row: int, change: Change) -> None:
         """Note that `row` changed."""
-        self._entries.append((row, int(change)))
+        self._rows.append(row)
+        self._changes.append(int(change))
         self.position += 1
         self._news.clear()
-        if len(self._entries) > self._limit:
+        if len(self._rows) > self._limit:
             drop = self._limit // 2
-            del self._entries[:drop]
+            del self._rows[:drop], self._changes[:drop]
             self._base += drop
 
     def apart(self) -> "ChangeLog":
@@ -249,11 +255,11 @@ class ChangeLog:
     def news(self, position: int, *, most: int) -> News | None:
         """What happened after `position`; None when the reader fell behind by more than `most` entries or read another log."""
         start = position - self._base
-        if start < 0 or not 0 <= len(self._entries) - start <= most:
+        if start < 0 or not 0 <= len(self._rows) - start <= most:
             return None
         found = self._news.get(position)
         if found is None:
-            found = self._news[position] = News(self._entries[start:])
+            found = self._news[position] = News(self._rows[start:], self._changes[start:])
         return found
 
     def since(self, position: int, interest: int, *, most: int) -> list[int] | None:

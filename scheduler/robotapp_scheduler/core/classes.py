@@ -75,6 +75,6 @@ class ColumnCache:
         scores: dict[int, ScoreColumn] = {}
         for readers in self._readers:
             found = readers.columns(pod, self._reasons)
-            filters.update(found.filters)
-            scores.update(found.scores)
-        return [filters[place] for place in self._filters], [scores[place] for place in self._scores]
+            filters |= found.filters
+            scores |= found.scores
+        return [*map(filters.__getitem__, self._filters)], [*map(scores.__getitem__, self._scores)]

@@ -13,10 +13,10 @@ from robotapp_scheduler.core.alike import Alike
 from robotapp_scheduler.core.apps import AppIndex
 from robotapp_scheduler.core.budgets import Budgets
 from robotapp_scheduler.core.changes import EVERY_ROW, Change, ChangeLog
-from robotapp_scheduler.core.columns import IntArray
+from robotapp_scheduler.core.columns import SCORED_CPU, SCORED_MEMORY, IntArray
 from robotapp_scheduler.core.devices import DeviceGrant, DeviceIndex
 from robotapp_scheduler.core.name_index import NameIndex
-from robotapp_scheduler.core.node_table import SCORED_CPU, SCORED_MEMORY, NodeTable
+from robotapp_scheduler.core.node_table import NodeTable
 from robotapp_scheduler.core.nominations import Nominations
 from robotapp_scheduler.core.objects import Node, Owned, Pod
 from robotapp_scheduler.core.placed import Records

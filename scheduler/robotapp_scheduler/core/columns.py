@@ -26,6 +26,13 @@ MOST_RESOURCES: Final = 1024
 """Different resources in a cluster: what comes after these is offered and held by nobody."""
 MOST_STRANGE: Final = 256
 """Resources that pods may bring in without any node offering them."""
+MOST_SPANS: Final = 256
+SCORED_CPU: Final = 0
+SCORED_MEMORY: Final = 1
+SCORED: Final = {"cpu": SCORED_CPU, "memory": SCORED_MEMORY}
+"""Rows of `ResourceColumns.scored`; other resources are scored by what is requested."""
+_ALLOWED: Final = len(SCORED)
+"""The ledger: what is scored; pods a node may have, and what it offers of every resource; pods it has, and what they ask for."""
 
 
 def sane(amount: int) -> int:
@@ -158,24 +165,65 @@ class Interned(Generic[T]):
 
 
 class ResourceColumns:
-    """int64 amounts per (resource, row): cpu in milli, everything else in whole units."""
+    """int64 amounts per (resource, row): cpu in milli, everything else in whole units.
 
-    __slots__ = ("_strange", "allocatable", "index", "names", "requested")
+    All stand in one array, the ledger, so that what there is about a few rows can be copied out in one piece.
+    """
+
+    __slots__ = (
+        "_spans", "_strange", "allocatable", "allowed_pods", "index", "ledger", "names", "pod_count", "requested", "scored"
+    )  # fmt: skip
 
     def __init__(self) -> None:
         self.names: list[str] = list(BASE_RESOURCES)
         self.index: dict[str, int] = {name: i for i, name in enumerate(self.names)}
-        self.allocatable: IntArray = np.zeros((len(self.names), START_ROWS), dtype=np.int64)
-        self.requested: IntArray = np.zeros((len(self.names), START_ROWS), dtype=np.int64)
+        self._spans: dict[tuple[str, tuple[str, ...]], slice] = {}
+        """Where amounts that were asked for together stand: until the ledger is laid out anew, a resource keeps its place."""
         self._strange = 0
+        self._lay_out(np.zeros((_ALLOWED + 2 + 2 * len(self.names), START_ROWS), dtype=np.int64))
 
     def __repr__(self) -> str:
         return f"ResourceColumns({self.names})"
 
+    def _lay_out(self, ledger: IntArray) -> None:
+        held = (_ALLOWED + len(ledger)) // 2
+        self.ledger: IntArray = ledger
+        self.scored: IntArray = ledger[:_ALLOWED]
+        """cpu milli and memory bytes with defaults for containers that ask for nothing (the Fit scorer's view)."""
+        self.allowed_pods: IntArray = ledger[_ALLOWED]
+        self.allocatable: IntArray = ledger[_ALLOWED + 1 : held]
+        self.pod_count: IntArray = ledger[held]
+        self.requested: IntArray = ledger[held + 1 :]
+        self._spans.clear()
+
     def grow(self, rows: int) -> None:
         """Make room for `rows` rows."""
-        self.allocatable = grown(self.allocatable, rows).astype(np.int64, copy=False)
-        self.requested = grown(self.requested, rows).astype(np.int64, copy=False)
+        self._lay_out(grown(self.ledger, rows).astype(np.int64, copy=False))
+
+    def place(self, kind: str, resource: str) -> int | None:
+        """Where in the ledger is what nodes have ("allocatable") or what their pods ask for ("requested", "scored")? None =
+        nobody has any.
+        """
+        if kind == "scored" and resource in SCORED:
+            return SCORED[resource]
+        code = -1 if resource == "pods" else self.index.get(resource)
+        if code is None:
+            return None
+        first = _ALLOWED + 1 if kind == "allocatable" else _ALLOWED + len(self.allocatable) + 2
+        return first + code
+
+    def span(self, kind: str, resources: tuple[str, ...]) -> slice | None:
+        """The places of all these, if they stand side by side in this order."""
+        found = self._spans.get((kind, resources))
+        if found is None:
+            places = [self.place(kind, resource) for resource in resources]
+            first = places[0] if places else None
+            if first is None or places != [*range(first, first + len(places))]:
+                return None
+            if len(self._spans) >= MOST_SPANS:
+                self._spans.clear()
+            found = self._spans[kind, resources] = slice(first, first + len(places))
+        return found
 
     def code(self, name: str) -> int:
         """Index of a resource, added at first sight."""
@@ -186,8 +234,8 @@ class ResourceColumns:
             self.index[name] = found
             if found >= len(self.allocatable):
                 empty = np.zeros_like(self.allocatable)
-                self.allocatable = np.concatenate([self.allocatable, empty])
-                self.requested = np.concatenate([self.requested, empty])
+                held = (_ALLOWED + len(self.ledger)) // 2
+                self._lay_out(np.concatenate([self.ledger[:held], empty, self.ledger[held:], empty]))
         return found
 
     def coded(self, amounts: dict[str, int]) -> tuple[tuple[int, int], ...]:

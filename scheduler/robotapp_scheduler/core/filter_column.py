@@ -10,7 +10,7 @@ from robotapp_scheduler.core.changes import NODE_COMES_OR_GOES, News
 from robotapp_scheduler.core.columns import BoolArray, FloatArray
 from robotapp_scheduler.core.framework import Loaded, Verdict, checked_mask
 from robotapp_scheduler.core.pods import PodInfo
-from robotapp_scheduler.core.repair import FEW_ROWS, stale_rows
+from robotapp_scheduler.core.repair import FEW_TO_ASK, stale_rows
 from robotapp_scheduler.core.view import LabelColumn, Nodes
 
 HOLE: Final = -1
@@ -130,14 +130,17 @@ class FilterColumn:
     def _passes(self, stale: Nodes, pod: PodInfo) -> bool:
         """Do these few rows surely pass?"""
         passes = self.plugin.filter_row
-        return passes is not None and stale.n <= FEW_ROWS and all(passes(pod, row) for row in stale.each)
+        return passes is not None and stale.n <= FEW_TO_ASK and all(passes(pod, row) for row in stale.each)
 
     def _ask(self, pod: PodInfo, nodes: Nodes) -> tuple[Codes, FloatArray | None] | Literal[True] | None:
         plugin = self.plugin
         if plugin.filter is None:
             return None
-        with np.errstate(all="ignore"):
+        if plugin.sound:
             answer = plugin.filter(pod, nodes)
+        else:
+            with np.errstate(all="ignore"):
+                answer = plugin.filter(pod, nodes)
         if answer is None or answer is EVERYWHERE:
             return answer
         verdict = answer if isinstance(answer, Verdict) else Verdict(answer)

@@ -36,7 +36,6 @@ Hooks, in the order of a cycle:
                                              retried after back-off
 `unreserve(pod, node, ctx)`                  after `reserve`, when the pod is not bound there; may come twice
 `post_bind(pod, node, ctx)`                  it is bound
-
 `plan(pod, nodes) -> VolumePlan | None`      what must be written about volumes before the bind; `nodes` is the one chosen
 
 `filter_row(pod, row) -> bool`, `score_row(pod, row) -> int`
@@ -171,6 +170,7 @@ FilterResult = BoolArray | Verdict | Literal[True] | None
 ScoreResult = npt.NDArray[Any] | PerDomain | Scores | int | None
 AmongResult = npt.NDArray[Any] | int | None
 Positions = npt.NDArray[np.intp]
+AmongHook = Callable[[PodInfo, Nodes, Positions], AmongResult]
 
 
 class Beside(NamedTuple):
@@ -205,6 +205,8 @@ class Loaded:
         self.shadow = shadow
         """Scored and recorded, but the choice does not look at it."""
         self.row_local: bool = getattr(plugin, "row_local", False)
+        self.sound: bool = getattr(plugin, "sound", False)
+        """One of ours that never divides by 0 and whose scores are int64 in 0…100: what it answers is not looked at."""
         self.reason: str = getattr(plugin, "reason", f"node(s) were rejected by {self.name}")
         self.resolvable: bool = getattr(plugin, "resolvable", True)
         self.normalize: str = getattr(plugin, "normalize", "none")
@@ -213,7 +215,6 @@ class Loaded:
         node_reads: tuple[str, ...] = tuple(getattr(plugin, "node_reads", READS))
         self.reads_live = any(name.startswith(LIVE) for name in self.reads)
         """Reads parts of "ros", or "volumes": its columns are found by what these are at this attempt."""
-        hint_reads: tuple[str, ...] = tuple(sorted(getattr(plugin, "hint_reads", self.reads)))
         self.interest = interest_of(node_reads)
         """Changes after which a row must be looked at again, as a plain int."""
         self.watches = self.interest | int(NODE)
@@ -222,9 +223,7 @@ class Loaded:
         """Changes after which `relevant` must be asked again."""
         self.filter: Callable[[PodInfo, Nodes], FilterResult] | None = getattr(plugin, "filter", None)
         self.score: Callable[[PodInfo, Nodes], ScoreResult] | None = getattr(plugin, "score", None)
-        self.score_among: Callable[[PodInfo, Nodes, Positions], AmongResult] | None = getattr(
-            plugin, "score_among", None
-        )
+        self.score_among: AmongHook | None = getattr(plugin, "score_among", None)
         self.relevant: Callable[[PodInfo, Nodes], bool] | None = getattr(plugin, "relevant", None)
         self.minds: Callable[[PodInfo], Iterable[str]] | None = getattr(plugin, "minds", None)
         self.confined: Callable[[PodInfo, Nodes, int], bool] | None = getattr(plugin, "confined", None)
@@ -237,6 +236,7 @@ class Loaded:
         self.touched_by: Callable[[PodInfo, PlacedPod], bool] | None = getattr(plugin, "touched_by", None)
         self.beside: Callable[[PodInfo, Nodes], Beside | None] | None = getattr(plugin, "beside", None)
         self.room: Callable[[PodInfo], Mapping[str, int]] | None = getattr(plugin, "room", None)
+        hint_reads = tuple(sorted(getattr(plugin, "hint_reads", self.reads)))
         hints = (getattr(plugin, "hint", None), hint_reads, getattr(plugin, "hint_of_each", None))
         self.waker = Waker(self.name, self.events, *hints)
         self.pre_enqueue: Callable[[PodInfo], Status | None] | None = getattr(plugin, "pre_enqueue", None)

@@ -40,6 +40,7 @@ def is_ours(plugin: object) -> bool:
 
 def guarded(loaded: Loaded) -> Loaded:
     """The same plugin with every hook watched."""
+    loaded.sound = False  # it may have inherited that from one of ours
     for hook, check in _CHECKS.items():
         function = getattr(loaded, hook)
         if function is not None:

@@ -1,7 +1,6 @@
 """Nodes as columns with stable rows."""
 
 from hashlib import blake2b
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -21,13 +20,6 @@ from robotapp_scheduler.core.columns import (
 )
 from robotapp_scheduler.core.objects import Node, Taint
 from robotapp_scheduler.core.rows import Rows
-
-SCORED_CPU: Final = 0
-SCORED_MEMORY: Final = 1
-SCORED: Final = {"cpu": SCORED_CPU, "memory": SCORED_MEMORY}
-"""Rows of `NodeTable.scored`; other resources are scored by what is requested."""
-
-MOST_SPANS: Final = 256
 
 
 class NodeTable:
@@ -51,10 +43,6 @@ class NodeTable:
         self.unschedulable: BoolArray = np.zeros(START_ROWS, dtype=np.bool_)
         self.draining: BoolArray = np.zeros(START_ROWS, dtype=np.bool_)
         """Node annotation graceful-shutdown is "true": no new ROS pods."""
-        self.allowed_pods: IntArray = np.zeros(START_ROWS, dtype=np.int64)
-        self.pod_count: IntArray = np.zeros(START_ROWS, dtype=np.int64)
-        self.scored: IntArray = np.zeros((2, START_ROWS), dtype=np.int64)
-        """cpu milli and memory bytes with defaults for containers that ask for nothing (the Fit scorer's view)."""
         self.name_hash: npt.NDArray[np.uint64] = np.zeros(START_ROWS, dtype=np.uint64)
         self.annotations: list[dict[str, str]] = []
         self.robots: dict[str, dict[str, None]] = {}
@@ -68,12 +56,25 @@ class NodeTable:
         self.versions: list[int] = []
         """Per row a number that grows when its node or one of its pods changes in any way."""
         self.rows = Rows(self)
-        self._spans: dict[tuple[str, tuple[str, ...]], slice] = {}
-        """Where blocks of columns that were asked for stand: a resource keeps its place."""
         self._free: list[int] = []
 
     def __repr__(self) -> str:
         return f"NodeTable({self.count} nodes in {self.size} rows)"
+
+    @property
+    def allowed_pods(self) -> IntArray:
+        """Pods that a node may have."""
+        return self.resources.allowed_pods
+
+    @property
+    def pod_count(self) -> IntArray:
+        """Pods that it has."""
+        return self.resources.pod_count
+
+    @property
+    def scored(self) -> IntArray:
+        """See `ResourceColumns.scored`."""
+        return self.resources.scored
 
     def apply(self, node: Node) -> tuple[int, Change]:
         """Add or update a node; answers its row and what is different. Raises ValueError for unreadable amounts."""
@@ -119,30 +120,8 @@ class NodeTable:
 
     def amounts(self, kind: str, resource: str) -> IntArray | None:
         """The column of what nodes have ("allocatable") or what their pods ask for ("requested", "scored"); None = nobody has any."""
-        if resource == "pods":
-            return self.allowed_pods if kind == "allocatable" else self.pod_count
-        column: IntArray | None = None
-        if kind == "scored" and (index := SCORED.get(resource)) is not None:
-            column = self.scored[index]
-        elif (code := self.resources.index.get(resource)) is not None:
-            column = (self.resources.allocatable if kind == "allocatable" else self.resources.requested)[code]
-        return column
-
-    def block(self, kind: str, resources: tuple[str, ...]) -> IntArray | None:
-        """The same columns, shape (resources, rows), if they stand side by side in this order."""
-        span = self._spans.get((kind, resources))
-        if span is None:
-            known = SCORED if kind == "scored" else self.resources.index
-            codes = [-1 if resource == "pods" else known.get(resource, -1) for resource in resources]
-            first = codes[0] if codes else -1
-            if first < 0 or codes != [*range(first, first + len(codes))]:
-                return None
-            if len(self._spans) >= MOST_SPANS:
-                self._spans.clear()
-            span = self._spans[kind, resources] = slice(first, first + len(codes))
-        if kind == "scored":
-            return self.scored[span]
-        return (self.resources.allocatable if kind == "allocatable" else self.resources.requested)[span]
+        place = self.resources.place(kind, resource)
+        return None if place is None else self.resources.ledger[place]
 
     def named(self, label: Label, value: str) -> tuple[str, ...]:
         """Names of the nodes with this label value, in row order."""
@@ -173,7 +152,7 @@ class NodeTable:
         return row
 
     def _grow(self, rows: int) -> None:
-        for name in ("valid", "unschedulable", "draining", "allowed_pods", "pod_count", "scored", "name_hash"):
+        for name in ("valid", "unschedulable", "draining", "name_hash"):
             setattr(self, name, grown(getattr(self, name), rows))
         self.resources.grow(rows)
         self.labels.grow(rows)

@@ -5,6 +5,7 @@ tens of thousands of running pods.
 """
 
 from collections.abc import Callable, Hashable
+from functools import cache
 from typing import Final, NamedTuple
 
 import msgspec
@@ -160,20 +161,19 @@ class PodInfo:
 
     def features(self, names: tuple[str, ...]) -> tuple[Hashable, ...]:
         """The values of some features as a key: two pods with equal keys are equal to every rule that reads these."""
-        key = self.shape.keys.get(names)
+        shape = self.shape
+        key = shape.keys.get(names)
         if key is None:
-            key = tuple([self._feature(name) for name in names])
-            if OWN_FEATURES.isdisjoint(names):
-                self.shape.keys[names] = key
+            facts = shape.facts
+            key = tuple([facts[name] if name in facts else self._feature(name) for name in names])
+            if _shared(names):
+                shape.keys[names] = key
         return key
 
     def _feature(self, name: str) -> Hashable:
-        facts = self.shape.facts
-        if name in facts:
-            return facts[name]
         value = FEATURES[name](self)
         if name not in OWN_FEATURES:
-            facts[name] = value
+            self.shape.facts[name] = value
         return value
 
     def live_features(self, names: tuple[str, ...]) -> tuple[Hashable, ...]:
@@ -183,8 +183,14 @@ class PodInfo:
         return NO_ROS if self.ros is None else tuple(FEATURES[name](self) for name in names)
 
 
+@cache
+def _shared(names: tuple[str, ...]) -> bool:
+    """Do pods of one shape share these features?"""
+    return OWN_FEATURES.isdisjoint(names)
+
+
 def _sorted_items(mapping: dict[str, str]) -> Hashable:
-    return tuple(sorted(mapping.items()))
+    return tuple(sorted(mapping.items())) if mapping else ()
 
 
 def _request_key(pod: PodInfo) -> Hashable:

@@ -1,6 +1,6 @@
 """Amounts of single nodes as plain integers: for a handful of rows they are quicker than columns."""
 
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from robotapp_scheduler.core.node_table import NodeTable
@@ -8,15 +8,9 @@ if TYPE_CHECKING:
 MOST_ROWS: Final = 1024
 
 
-class Amounts(NamedTuple):
-    """One resource of one node."""
-
-    allocatable: int
-    requested: int
-    scored: int
-
-
-NOTHING: Final = Amounts(0, 0, 0)
+KINDS: Final = ("allocatable", "requested", "scored")
+Amounts = tuple[int, int, int]
+"""One resource of one node, of each kind."""
 
 
 class Row:
@@ -33,10 +27,10 @@ class Row:
         self.pod_count = table.pod_count.item(row)
 
     def of(self, resources: tuple[str, ...]) -> tuple[Amounts, ...]:
-        """What the node has of these, in this order; zeros for a resource nobody has."""
+        """What the node offers of these, and has given away, in this order; zeros for a resource nobody has."""
         found = self._known.get(resources)
         if found is None:
-            found = self._known[resources] = (*map(self._amounts, resources),)
+            found = self._known[resources] = self._amounts(resources)
         return found
 
     @property
@@ -44,14 +38,18 @@ class Row:
         """Names of all resources any node or pod has named."""
         return self._table.resources.names
 
-    def _amounts(self, resource: str) -> Amounts:
-        amounts, row = self._table.amounts, self._row
-        allocatable, requested = amounts("allocatable", resource), amounts("requested", resource)
-        if allocatable is None or requested is None:
-            return NOTHING
-        scored = amounts("scored", resource)
-        held = requested.item(row)
-        return Amounts(allocatable.item(row), held, held if scored is None else scored.item(row))
+    def _amounts(self, names: tuple[str, ...]) -> tuple[Amounts, ...]:
+        resources = self._table.resources
+        there: list[int] = resources.ledger[:, self._row].tolist()
+        columns: list[list[int]] = []
+        for kind in KINDS:
+            span = resources.span(kind, names)
+            if span is not None:
+                columns.append(there[span])
+            else:
+                places = [resources.place(kind, name) for name in names]
+                columns.append([0 if place is None else there[place] for place in places])
+        return tuple(zip(*columns, strict=True))
 
 
 class Rows:

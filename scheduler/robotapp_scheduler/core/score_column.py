@@ -14,12 +14,13 @@ from robotapp_scheduler.core.framework import (
     Loaded,
     PerDomain,
     PluginError,
+    ScoreResult,
     Scores,
     checked_scores,
     normalized,
 )
 from robotapp_scheduler.core.pods import PodInfo
-from robotapp_scheduler.core.repair import FEW_ROWS, stale_rows
+from robotapp_scheduler.core.repair import FEW_ROWS, FEW_TO_ASK, stale_rows
 from robotapp_scheduler.core.view import Nodes
 
 log = logging.getLogger(__name__)
@@ -108,7 +109,7 @@ class ScoreColumn:
             self.constant = self._constant(raw.values)
         elif raw is not None:
             self._raw, self._domains = raw, None
-            self.constant = self._constant(raw[nodes.valid])
+            self.constant = self._constant(raw if nodes.no_holes else raw[nodes.valid])
 
     def _store_equal(self, score: int, rows: int) -> None:
         if len(self._raw) != rows or self._equal_raw != score or self.constant is None or self._domains is not None:
@@ -156,7 +157,7 @@ class ScoreColumn:
         score_row = self.plugin.score_row
         if self._domains is not None:
             self._raw, self._domains = self.raw, None
-        if score_row is not None and stale.n <= FEW_ROWS:
+        if score_row is not None and stale.n <= FEW_TO_ASK:
             self._store_rows(stale.row_list, [score_row(pod, row) for row in stale.each])
             return
         rows = stale.rows
@@ -168,11 +169,11 @@ class ScoreColumn:
             raw = np.full(stale.n, raw or 0, dtype=np.int64)
         elif isinstance(raw, PerDomain):
             raw = raw.values[raw.label.codes]
-        if self._raw.dtype.kind in "iu" and raw.dtype.kind == "f":
+        if raw.dtype.kind == "f" and self._raw.dtype.kind in "iu":
             self._raw = self._raw.astype(np.float64)
         self._raw[rows] = raw
         self.changes += 1
-        if self.constant is not None and (raw[stale.valid] != self._equal_raw).any():
+        if self.constant is not None and np.count_nonzero((raw != self._equal_raw) & stale.valid):
             self.constant = None
             self.epoch += 1
 
@@ -189,8 +190,14 @@ class ScoreColumn:
         plugin = self.plugin
         if plugin.score is None:
             return None
+        if plugin.sound and not isinstance(answer := plugin.score(pod, nodes), Scores):
+            return answer
         with np.errstate(all="ignore"):
             answer = plugin.score(pod, nodes)
+        return self._checked(answer, nodes)
+
+    def _checked(self, answer: ScoreResult, nodes: Nodes) -> npt.NDArray[Any] | PerDomain | int | None:
+        plugin = self.plugin
         if answer is None or isinstance(answer, int):
             return answer
         if isinstance(answer, PerDomain) and plugin.normalize != "none":
@@ -217,7 +224,7 @@ class ScoreColumn:
         return scores
 
     def _constant(self, raw: npt.NDArray[Any]) -> int | None:
-        if len(raw) == 0 or raw.min() != raw.max() or (self.bad and raw.min() == _BAD):
+        if len(raw) == 0 or raw[0] != raw[-1] or np.count_nonzero(raw != raw[0]) or (self.bad and raw[0] == _BAD):
             return None
         if raw.dtype.kind == "f" and not np.isfinite(raw[0]):
             return None

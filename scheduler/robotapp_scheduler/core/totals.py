@@ -129,7 +129,7 @@ class Totals:
         if rows is None or shared or not same_verdicts or (self._shares and rows.n):
             self._combine_all(verdicts)
         elif rows.n:
-            self._combine_rows(rows, verdicts.reason)
+            self._combine_rows(rows, verdicts)
         self._position, self._epochs = head, epochs
         self._revision, self._combines = verdicts.revision, verdicts.combines
 
@@ -196,10 +196,13 @@ class Totals:
                     total += column.plugin.weight * column.raw.item(row)
                 local[row] = total
             return
-        sums: IntArray = np.full(stale.n, self._parts.flat, dtype=np.int64)
+        rows = stale.rows
+        sums: IntArray | None = None
         for column in varying:
-            sums += column.plugin.weight * column.raw[stale.rows]
-        local[stale.rows] = sums
+            raw = column.raw[rows]
+            part = raw if column.plugin.weight == 1 else column.plugin.weight * raw
+            sums = part if sums is None else sums + part
+        local[rows] = self._parts.flat if sums is None else sums + self._parts.flat
 
     def _reject_bad(self, verdicts: Verdicts) -> None:
         for column in self._parts.checked:
@@ -242,11 +245,13 @@ class Totals:
             self._open = (verdicts.revision, np.flatnonzero(verdicts.reason == 0))
         return self._open[1]
 
-    def _combine_rows(self, stale: Nodes, reason: Codes) -> None:
-        total, local = self.total, self._local
+    def _combine_rows(self, stale: Nodes, verdicts: Verdicts) -> None:
+        total, local, reason = self.total, self._local, verdicts.reason
         if stale.n > FEW_ROWS:
             rows = stale.rows
-            sums = np.where(reason[rows] == 0, local[rows], INFEASIBLE)
+            sums = local[rows]
+            if verdicts.feasible < len(total):
+                sums[reason[rows] != 0] = INFEASIBLE
             before, after = total[rows].tolist(), sums.tolist()
             total[rows] = sums
         else:
@@ -255,7 +260,7 @@ class Totals:
             for row, value in zip(stale.row_list, after, strict=True):
                 total[row] = value
         best = self._best
-        if best is not None and not all(map(best.changed, stale.row_list, before, after)):
+        if best is not None and not best.all_changed(stale.row_list, before, after):
             self._best = None
 
     def _combine_all(self, verdicts: Verdicts) -> None:

@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Hashable, Mapping, Sequence
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,8 @@ from robotapp_scheduler.core.matchers import pods_of
 from robotapp_scheduler.core.objects import Taint
 from robotapp_scheduler.core.rows import Row
 from robotapp_scheduler.core.telemetry import RttRow
+
+NO_LEDGER: Final[IntArray] = np.zeros((0, 0), dtype=np.int64)
 
 
 class LabelColumn(NamedTuple):
@@ -45,6 +47,9 @@ class Nodes:
     Rows without a node (holes) have name "" and zeros everywhere; results for them are ignored.
     """
 
+    _as_counted: ClassVar = frozenset({"allocatable", "requested", "scored"})
+    """Amounts that are those of the ledger."""
+
     def __init__(self, cluster: Cluster, rows: Sequence[int] | npt.NDArray[np.intp] | None = None) -> None:
         self.cluster = cluster
         self._table = cluster.nodes
@@ -52,6 +57,9 @@ class Nodes:
         """All rows are in view."""
         self._kept: dict[tuple[str, Hashable], IntArray] = {}
         """Amounts that were asked for: several plugins read the same few columns."""
+        self._ledger: IntArray | None = None
+        """The ledger that `_copied` was taken from: it may be laid out anew."""
+        self._copied = NO_LEDGER
         self._each: list[Row] | None = None
         self._rows: npt.NDArray[np.intp] | slice | None = None
         self.row_list: Sequence[int] = ()
@@ -84,6 +92,11 @@ class Nodes:
     def valid(self) -> BoolArray:
         """Rows that are nodes."""
         return self._pick(self._table.valid)
+
+    @property
+    def no_holes(self) -> bool:
+        """Are all rows in view surely nodes?"""
+        return self._table.count == self._table.size
 
     def indices(self, names: Collection[str]) -> list[int]:
         """Positions in this view of nodes by name; names that are not in view are left out."""
@@ -186,29 +199,33 @@ class Nodes:
     def block(self, kind: str, resources: tuple[str, ...]) -> IntArray:
         """Shape (resources, n) of "allocatable", "requested", "free" or "scored" amounts: to reckon with all at once."""
         found = self._kept.get((kind, resources))
-        if found is None and kind == "free":
-            found = self._kept[kind, resources] = self.block("allocatable", resources) - self.block(
-                "requested", resources
-            )
-        elif found is None:
-            together = self._together(kind, resources)
-            if together is not None:
-                found = self._pick_of_each(together)
-            else:
-                found = np.empty((len(resources), self.n), dtype=np.int64)
-                for i, resource in enumerate(resources):
-                    found[i] = getattr(self, kind)(resource)
-            found.flags.writeable = False
-            self._kept[kind, resources] = found
+        if found is None:
+            found = self._kept[kind, resources] = self._block(kind, resources)
         return found
 
-    def _together(self, kind: str, resources: tuple[str, ...]) -> IntArray | None:
-        """The columns of these in one piece, if they stand in this order."""
-        return self._table.block(kind, resources)
+    def _block(self, kind: str, resources: tuple[str, ...]) -> IntArray:
+        if kind in self._as_counted:
+            span = self._table.resources.span(kind, resources)
+            if span is not None:
+                return self._counted(span)
+        if kind == "free":
+            found: IntArray = self._block("allocatable", resources) - self._block("requested", resources)
+        else:
+            found = np.empty((len(resources), self.n), dtype=np.int64)
+            for i, resource in enumerate(resources):
+                found[i] = getattr(self, kind)(resource)
+        found.setflags(write=False)
+        return found
 
-    def _pick_of_each(self, columns: IntArray) -> IntArray:
-        rows = self.rows
-        return columns[:, rows] if isinstance(rows, slice) else columns.take(rows, axis=1)
+    def _counted(self, place: int | slice) -> IntArray:
+        """The rows in view of some columns of the ledger. Of a few rows the whole ledger is copied, once."""
+        ledger = self._table.resources.ledger
+        if self._ledger is not ledger:
+            rows = self.rows
+            self._ledger = ledger
+            self._copied = ledger[:, rows] if isinstance(rows, slice) else ledger.take(rows, axis=1)
+            self._copied.setflags(write=False)
+        return self._copied[place]
 
     @property
     def each(self) -> list[Row]:
@@ -220,8 +237,8 @@ class Nodes:
     def _amounts_of(self, kind: str, resource: str) -> IntArray:
         found = self._kept.get((kind, resource))
         if found is None:
-            column = self._table.amounts(kind, resource)
-            found = np.zeros(self.n, dtype=np.int64) if column is None else self._pick(column)
+            place = self._table.resources.place(kind, resource)
+            found = np.zeros(self.n, dtype=np.int64) if place is None else self._counted(place)
             self._kept[kind, resource] = found
         return found
 
@@ -231,7 +248,7 @@ class Nodes:
 
     def _pick(self, column: npt.NDArray[Any]) -> npt.NDArray[Any]:
         picked = column[self.rows]
-        picked.flags.writeable = False
+        picked.setflags(write=False)
         return picked
 
 
@@ -240,6 +257,8 @@ class AdjustedNodes(Nodes):
 
     `amounts` has the shape of core.priorities: (1 + resources, rows in view), the number of pods first.
     """
+
+    _as_counted = frozenset({"allocatable"})
 
     def __init__(self, cluster: Cluster, rows: Sequence[int] | npt.NDArray[np.intp], amounts: IntArray) -> None:
         super().__init__(cluster, rows)
@@ -252,9 +271,6 @@ class AdjustedNodes(Nodes):
         if index or resource == "pods":
             held = held + self._amounts[index]
         return held
-
-    def _together(self, kind: str, resources: tuple[str, ...]) -> IntArray | None:
-        return super()._together(kind, resources) if kind == "allocatable" else None
 
     def scored(self, resource: str) -> IntArray:
         """Not known for such nodes. Raises NotImplementedError: a filter must not decide by it."""

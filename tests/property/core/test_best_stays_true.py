@@ -3,14 +3,37 @@
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_scheduler.core.best import Best, mixed
+from robotapp_scheduler.core.best import Best, Hashes, mixed
 
 HASHES: Final = np.array([(i * 0x9E3779B97F4A7C15) % 2**64 for i in range(12)], dtype=np.uint64)
 TOTALS: Final = st.lists(st.integers(0, 3), min_size=1, max_size=12)
 CHANGES: Final = st.lists(st.tuples(st.integers(0, 11), st.integers(-1, 4), st.integers(0, 2**64 - 1)), max_size=40)
+
+
+def truly_best(best: Best, total: npt.NDArray[np.int64], hashes: Hashes, pod: int) -> None:
+    fresh = np.flatnonzero(total == total.max())
+    assert best.top == total.max()
+    assert len(best) == len(fresh)
+    assert best.first(3) == tuple(fresh[:3].tolist())
+    assert best.choose(pod) == fresh[mixed(hashes[fresh], pod).argmin()]
+
+
+@given(totals=TOTALS, steps=st.lists(CHANGES, max_size=6))
+def test_it_may_be_told_of_several_changes_at_once(totals: list[int], steps: list[list[tuple[int, int, int]]]) -> None:
+    total = np.array(totals, dtype=np.int64)
+    hashes = HASHES[: len(totals)]
+    best = Best(total, hashes)
+    for step in steps:
+        after = {row % len(totals): value for row, value, _ in step}
+        before = [total.item(position) for position in after]
+        total[[*after]] = [*after.values()]
+        if not best.all_changed(after, before, after.values()):
+            best = Best(total, hashes)
+        truly_best(best, total, hashes, len(step))
 
 
 @given(totals=TOTALS, changes=CHANGES)
@@ -25,8 +48,4 @@ def test_best_rows_that_are_told_of_every_change_equal_those_made_anew(
         before, total[position] = total.item(position), value
         if not best.changed(position, before, value):
             best = Best(total, hashes)
-        fresh = np.flatnonzero(total == total.max())
-        assert best.top == total.max()
-        assert len(best) == len(fresh)
-        assert best.first(3) == tuple(fresh[:3].tolist())
-        assert best.choose(pod) == fresh[mixed(hashes[fresh], pod).argmin()]
+        truly_best(best, total, hashes, pod)

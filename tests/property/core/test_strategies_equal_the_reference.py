@@ -13,6 +13,7 @@ from tests.support.reference_scheduler import Config
 from tests.support.reference_scheduler.resources import balance_score, fit_score
 from tests.support.reference_scheduler.state import State
 
+from robotapp_scheduler.core.framework import MAX_SCORE
 from robotapp_scheduler.core.rows import Row
 from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.plugins.kubernetes.balanced_allocation import BalancedArgs, NodeResourcesBalancedAllocation
@@ -47,6 +48,9 @@ def found(case: Case, plugin: Any) -> list[int | None]:
     if columns is None:
         return [None] * count
     assert isinstance(columns, np.ndarray)
+    assert plugin.sound, "the framework believes it without looking"
+    assert columns.dtype == np.int64
+    assert all(0 <= score <= MAX_SCORE for score in columns.tolist())
     assert columns.tolist() == [plugin.score_row(info, Row(core.cluster.nodes, row)) for row in range(count)]
     return list(columns.tolist())
 

@@ -14,6 +14,7 @@ from robotapp_scheduler.core.guarded import guarded
 from robotapp_scheduler.core.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.core.queue import Rejection
 from robotapp_scheduler.core.view import Nodes
+from robotapp_scheduler.plugins.kubernetes.resources_fit import NodeResourcesFit
 from robotapp_scheduler.plugins.registry import catalogue
 
 STAR = PluginRef("*")
@@ -96,3 +97,19 @@ def test_scores_in_narrow_or_huge_integers_are_normalised_without_overflow(
     cluster = make_cluster(*(make_node(f"n{i}") for i in range(len(raw))))
     found: Any = loaded.score(make_info("p"), Nodes(cluster))
     assert normalized("P", normalize, found).tolist() == expected
+
+
+class Heir(NodeResourcesFit):
+    """Inherits that it is believed, and must not be."""
+
+    name = "Heir"
+    score_row = None  # type: ignore[assignment]  # so that `score` is asked
+
+    def score(self, pod: Any, nodes: Any) -> Any:  # noqa: ARG002 - the contract's signature
+        return np.full(nodes.n, 1000)
+
+
+def test_a_plugin_that_inherits_from_one_of_ours_is_not_believed_like_it() -> None:
+    decision = core_with(Heir).schedule_one(make_info("p"))
+    assert decision.reason == PodReason.SCHEDULER_ERROR
+    assert decision.message.startswith("plugin Heir: ")

@@ -1,7 +1,7 @@
 from typing import Any
 
 import pytest
-from tests.support.scheduling import make_cluster, make_node
+from tests.support.scheduling import make_cluster, make_node, make_pod
 
 from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.changes import Change
@@ -91,3 +91,18 @@ def test_amounts_nobody_can_read_are_refused_before_anything_changes() -> None:
     with pytest.raises(ValueError, match="plenty"):
         table.apply(make_node("n", cpu="plenty"))
     assert table.count == 0
+
+
+@pytest.mark.parametrize("rows", [None, [1, 0]])
+def test_a_view_stays_true_when_resources_get_columns_after_it_was_looked_at(rows: list[int] | None) -> None:
+    cluster = make_cluster(make_node("a", cpu="4"), make_node("b", cpu="2"))
+    cluster.apply_pod(make_pod(node="a", cpu="100m", memory="1Gi"))
+    view = Nodes(cluster, rows)
+    first = view.block("free", ("pods", "cpu")).tolist()
+    for i in range(20):
+        cluster.nodes.resources.code(f"x.io/r{i}")
+    whole = Nodes(cluster, rows)
+    assert view.block("requested", ("cpu", "memory")).tolist() == whole.block("requested", ("cpu", "memory")).tolist()
+    assert view.scored("memory").tolist() == whole.scored("memory").tolist()
+    assert view.requested("x.io/r19").tolist() == [0, 0]
+    assert first == whole.block("free", ("pods", "cpu")).tolist()

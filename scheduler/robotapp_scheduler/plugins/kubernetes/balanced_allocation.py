@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import msgspec
 import numpy as np
@@ -16,7 +16,15 @@ from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.plugins.kubernetes.compat import NEW, is_new
 from robotapp_scheduler.plugins.kubernetes.fit_strategies import ResourceWeight
 from robotapp_scheduler.plugins.kubernetes.resource_arguments import balance_problems, refuse
+from robotapp_scheduler.plugins.kubernetes.resource_math import FEW, all_positive
 from robotapp_scheduler.plugins.kubernetes.resources_fit import NATIVE
+
+# As arrays: see resource_math.
+_ALL: Final = np.array(1.0)
+_TWICE: Final = np.array(2.0)
+_HALF_TOP: Final = np.array(MAX_SCORE / 2)
+_RISE: Final = np.array(150, dtype=np.int64)
+_HALVED: Final = np.array(1, dtype=np.int64)
 
 
 class BalancedArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
@@ -36,6 +44,7 @@ class NodeResourcesBalancedAllocation:
     reads = ("requests",)
     node_reads = ("allocatable", "requested")
     row_local = True
+    sound = True
     events = Change.NONE
     Args = BalancedArgs
 
@@ -51,13 +60,13 @@ class NodeResourcesBalancedAllocation:
             return None
         capacity, requested = nodes.block("allocatable", wish.names), nodes.block("requested", wish.names)
         used = requested + (wish.steps if self._change else wish.steps[1:])
-        plain = len(wish.names) == 2 and nodes.n > 0 and capacity.min() > 0
+        plain = len(wish.names) == 2 and all_positive(capacity)
         balance: IntArray = _plain_pair(used, capacity) if plain else np.array([_balance(e, capacity) for e in used])
         after: IntArray = balance[-1]
         if self._change:
             after -= balance[0]
-            after += 150  # (50 + after - before) // 2 + 50
-            after >>= 1
+            after += _RISE  # (50 + after - before) // 2 + 50
+            after >>= _HALVED
         return after
 
     def score_row(self, pod: PodInfo, row: Row) -> int:
@@ -65,8 +74,7 @@ class NodeResourcesBalancedAllocation:
         wish = self._wish(pod)
         before: list[float] = []
         after: list[float] = []
-        for there, more in zip(row.of(wish.names), wish.amounts, strict=True) if wish is not None else ():
-            capacity, use = there.allocatable, there.requested
+        for (capacity, use, _), more in zip(row.of(wish.names), wish.amounts, strict=True) if wish is not None else ():
             if capacity:
                 before.append(min(use / capacity, 1.0))
                 after.append(min((use + more) / capacity, 1.0))
@@ -97,11 +105,14 @@ class _Wish(NamedTuple):
 def _plain_pair(used: IntArray, capacity: IntArray) -> IntArray:
     """As `_balance` for the usual case: two resources that every node offers. Shape (steps, resources, rows)."""
     fractions = used / capacity
-    if fractions.max() > 1.0:
-        fractions = np.minimum(fractions, 1.0)
-    spread: FloatArray = fractions[:, 0] - fractions[:, 1]
-    spread /= 2.0
-    return _score(np.abs(spread, out=spread))
+    if fractions.size <= FEW or fractions.max() > 1.0:  # of many it is quicker to look first
+        np.minimum(fractions, _ALL, out=fractions)
+    apart: FloatArray = fractions[:, 0] - fractions[:, 1]
+    np.abs(apart, out=apart)
+    # (1 - apart/2)·100, doubled and halved: powers of two change no rounding.
+    rest: FloatArray = _TWICE - apart
+    rest *= _HALF_TOP
+    return rest.astype(np.int64)
 
 
 def _balance(used: IntArray, capacity: IntArray) -> IntArray:
@@ -155,6 +166,6 @@ def _pair(fractions: FloatArray, offered: BoolArray) -> FloatArray:
 
 
 def _score(spread: FloatArray) -> IntArray:
-    rest: FloatArray = 1.0 - spread
+    rest: FloatArray = _ALL - spread
     rest *= float(MAX_SCORE)
     return rest.astype(np.int64)

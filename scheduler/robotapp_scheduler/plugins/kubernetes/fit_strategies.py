@@ -7,10 +7,23 @@ import msgspec
 import numpy as np
 
 from robotapp_scheduler.core.columns import IntArray
-from robotapp_scheduler.plugins.kubernetes.resource_math import half_away, percent, percent_of
+from robotapp_scheduler.plugins.kubernetes.resource_math import NOTHING, all_positive, half_away, percent, percent_of
 
 Amount = tuple[int, int, int]
 """(allocatable, requested with the pod, weight) of one resource on one node."""
+
+
+class Weights(NamedTuple):
+    """How much each resource counts, and all of them (as an array: see resource_math)."""
+
+    each: tuple[int, ...]
+    whole: IntArray
+
+    @classmethod
+    def of(cls, each: Iterable[int]) -> "Weights":
+        """These, one per resource."""
+        found = tuple(each)
+        return cls(found, np.array(sum(found), dtype=np.int64))
 
 
 class Strategy(NamedTuple):
@@ -20,7 +33,7 @@ class Strategy(NamedTuple):
     (resources, rows).
     """
 
-    columns: Callable[[IntArray, IntArray, Sequence[int]], IntArray]
+    columns: Callable[[IntArray, IntArray, Weights], IntArray]
     row: Callable[[Iterable[Amount]], int]
 
 
@@ -42,12 +55,13 @@ class ShapePoint(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     score: int
 
 
-def least_allocated(capacity: IntArray, used: IntArray, weights: Sequence[int]) -> IntArray:
+def least_allocated(capacity: IntArray, used: IntArray, weights: Weights) -> IntArray:
     """Weighted mean of the free share; 0 for a resource that would be overdrawn."""
-    return _mean(np.maximum(capacity - used, 0), capacity, weights)
+    left = capacity - used
+    return _mean(np.maximum(left, NOTHING, out=left), capacity, weights)
 
 
-def most_allocated(capacity: IntArray, used: IntArray, weights: Sequence[int]) -> IntArray:
+def most_allocated(capacity: IntArray, used: IntArray, weights: Weights) -> IntArray:
     """Weighted mean of the used share, at most all of it."""
     return _mean(np.minimum(capacity, used), capacity, weights)
 
@@ -57,7 +71,7 @@ def ratio_function(shape: Sequence[ShapePoint]) -> Strategy:
     points = interpolated(shape)
     table = np.array(points, dtype=np.int64)
 
-    def columns(capacity: IntArray, used: IntArray, weights: Sequence[int]) -> IntArray:
+    def columns(capacity: IntArray, used: IntArray, weights: Weights) -> IntArray:
         utilization = np.where(used > capacity, 100, percent(np.minimum(used, capacity), capacity))
         # A resource that scores 0 leaves the mean, so does one the node does not offer.
         scores = np.where(capacity > 0, table[utilization], 0)
@@ -99,20 +113,23 @@ STRATEGIES: Final[dict[str, Strategy]] = {
 }
 
 
-def _mean(parts: IntArray, capacity: IntArray, weights: Sequence[int]) -> IntArray:
+def _mean(parts: IntArray, capacity: IntArray, weights: Weights) -> IntArray:
     """sum(weight·percent) // sum(weight) over the resources a node offers."""
-    if capacity.size and capacity.min() > 0:
-        return _weighted(percent_of(parts, capacity), weights) // sum(weights)
+    if all_positive(capacity):
+        return _weighted(percent_of(parts, capacity), weights) // weights.whole
     offered = (capacity > 0).astype(np.int64)
     return _weighted(percent(parts, capacity), weights) // np.maximum(_weighted(offered, weights), 1)
 
 
-def _weighted(values: IntArray, weights: Sequence[int]) -> IntArray:
-    total: IntArray | None = None
-    for value, weight in zip(values, weights, strict=True):
-        share = value if weight == 1 else weight * value
-        total = share if total is None else total + share
-    return np.zeros(values.shape[1], dtype=np.int64) if total is None else total
+def _weighted(values: IntArray, weights: Weights) -> IntArray:
+    if not weights.each:
+        return np.zeros(values.shape[1], dtype=np.int64)
+    total: IntArray = values[0]
+    if weights.each[0] != 1:
+        total = weights.each[0] * total
+    for i, weight in enumerate(weights.each[1:], 1):
+        total = total + (values[i] if weight == 1 else weight * values[i])
+    return total
 
 
 def interpolated(shape: Sequence[ShapePoint]) -> list[int]:

@@ -6,6 +6,9 @@ import numpy as np
 
 from robotapp_scheduler.core.columns import FloatArray, IntArray
 
+NOTHING: Final = np.array(0, dtype=np.int64)
+HUNDRED: Final = np.array(100, dtype=np.int64)
+"""Numbers as arrays: to turn a plain one into an array costs NumPy more than to add twenty elements."""
 EXACT_IN_FLOAT: Final = 2**46
 """Below this a float64 quotient up to a few hundred, cut to an integer, equals the integer quotient."""
 
@@ -24,8 +27,13 @@ def percent(part: IntArray, whole: IntArray) -> IntArray:
 def percent_of(part: IntArray, whole: IntArray) -> IntArray:
     """The same where no whole is 0."""
     if whole.size > FEW and int(whole.max()) < EXACT_IN_FLOAT:
-        return (100 * part / whole).astype(np.int64)
-    return 100 * part // whole
+        return (HUNDRED * part / whole).astype(np.int64)
+    return HUNDRED * part // whole
+
+
+def all_positive(amounts: IntArray) -> bool:
+    """Is there any amount at all, and none that is 0? They are never negative."""
+    return amounts.size > 0 and np.count_nonzero(amounts) == amounts.size
 
 
 def half_away(values: FloatArray) -> IntArray:

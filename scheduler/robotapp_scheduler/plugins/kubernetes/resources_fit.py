@@ -20,13 +20,14 @@ from robotapp_scheduler.plugins.kubernetes.fit_strategies import (
     ResourceWeight,
     ShapePoint,
     Strategy,
+    Weights,
     ratio_function,
 )
 from robotapp_scheduler.plugins.kubernetes.resource_arguments import fit_problems, refuse
 
 TOO_MANY: Final = "Too many pods"
 NATIVE: Final = ("cpu", "memory", "ephemeral-storage")
-MOST_WISHES: Final = 60
+MOST_WISHES: Final = 61
 """Bits of an int64 that name the resources a node lacks."""
 
 
@@ -62,6 +63,7 @@ class NodeResourcesFit:
     reads = ("requests",)
     node_reads = ("allocatable", "requested")
     row_local = True
+    sound = True
     events = Change.NODE_ADDED | Change.ALLOCATABLE | Change.POD_REMOVED | Change.POD_UPDATED | Change.NOMINATED
     Args = FitArgs
 
@@ -75,12 +77,10 @@ class NodeResourcesFit:
     def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
         """True where one more pod and all its requests fit; every lacking resource is reported."""
         wish = self._wish(pod)
-        full = nodes.requested("pods") >= nodes.allocatable("pods")
-        missing = nodes.block("free", wish.names) < wish.column
-        if not (full.any() or missing.any()):
+        short = nodes.block("free", wish.places) < wish.column
+        if not np.count_nonzero(short):
             return True
-        mask = ~(full | np.logical_or.reduce(missing, axis=0))
-        return _verdict(nodes, mask, full, _Missing(wish.names, wish.column, missing))
+        return _verdict(nodes, wish, short)
 
     def room(self, pod: PodInfo) -> Mapping[str, int]:
         """Amounts that must be free, beside a place for one more pod."""
@@ -102,16 +102,18 @@ class NodeResourcesFit:
         if row.pod_count >= row.allowed_pods:
             return False
         wish = self._wish(pod)
-        for there, amount in zip(row.of(wish.names), wish.amounts, strict=True):
-            if there.allocatable - there.requested < amount:
+        for (allocatable, requested, _), amount in zip(row.of(wish.names), wish.amounts, strict=True):
+            if allocatable - requested < amount:
                 return False
         return True
 
     def score_row(self, pod: PodInfo, row: Row) -> int:
         """The score of one node."""
         wish = self._wish(pod).scored
-        found = zip(row.of(wish.names), wish.amounts, wish.weights, strict=True)
-        return self._strategy.row([(each.allocatable, each.scored + more, weight) for each, more, weight in found])
+        found = zip(row.of(wish.names), wish.amounts, wish.weights.each, strict=True)
+        return self._strategy.row(
+            [(allocatable, scored + more, weight) for (allocatable, _, scored), more, weight in found]
+        )
 
     def score(self, pod: PodInfo, nodes: Nodes) -> ScoreResult:
         """0…100 by the configured strategy, over the resources of the configuration."""
@@ -125,9 +127,15 @@ class NodeResourcesFit:
             wanted = pod.requests.scored
             scored = [each for each in self._resources if each.name in NATIVE or wanted.get(each.name, 0)]
             amounts = {each.name: wanted.get(each.name, 0) for each in scored}
-            weights = tuple(each.weight or 1 for each in scored)
+            weights = Weights.of(each.weight or 1 for each in scored)
             room = self.room(pod)
-            found = pod.shape.notes[self] = _Wish(*_in_order(room), _Scored(*_in_order(amounts), weights))
+            found = pod.shape.notes[self] = _Wish(
+                tuple(room),
+                tuple(room.values()),
+                ("pods", *room),
+                _column([1, *room.values()]),
+                _Scored(tuple(amounts), tuple(amounts.values()), _column([*amounts.values()]), weights),
+            )
         return found
 
     def _counts(self, name: str) -> bool:
@@ -168,41 +176,37 @@ class _Scored(NamedTuple):
     names: tuple[str, ...]
     amounts: tuple[int, ...]
     column: IntArray
-    weights: tuple[int, ...]
+    weights: Weights
 
 
 class _Wish(NamedTuple):
-    """What must be free, and what is scored."""
+    """What must be free, and what is scored. `places` and `column` are the same with a place for one more pod before."""
 
     names: tuple[str, ...]
     amounts: tuple[int, ...]
+    places: tuple[str, ...]
     column: IntArray
     scored: _Scored
 
 
-def _in_order(amounts: Mapping[str, int]) -> tuple[tuple[str, ...], tuple[int, ...], IntArray]:
-    return tuple(amounts), tuple(amounts.values()), np.array([*amounts.values()], dtype=np.int64).reshape(-1, 1)
+def _column(amounts: list[int]) -> IntArray:
+    return np.array(amounts, dtype=np.int64).reshape(-1, 1)
 
 
-class _Missing(NamedTuple):
-    """Which resources are short, shape (resources, rows), with what is asked for."""
-
-    names: tuple[str, ...]
-    amounts: IntArray
-    short: BoolArray
-
-
-def _verdict(nodes: Nodes, mask: BoolArray, full: BoolArray, missing: _Missing) -> Verdict:
-    bits = full.astype(np.int64)
-    for i, short in enumerate(missing.short[:MOST_WISHES]):
-        bits |= short.astype(np.int64) << (i + 1)
-    beyond = missing.amounts > nodes.block("allocatable", missing.names)
-    never: BoolArray = np.logical_or.reduce(missing.short & beyond, axis=0)
-    free = nodes.block("free", missing.names)
+def _verdict(nodes: Nodes, wish: _Wish, short: BoolArray) -> Verdict:
+    """`short`: what each row lacks, shape (places, rows)."""
+    bits = np.zeros(nodes.n, dtype=np.int64)
+    for i, lacks in enumerate(short[:MOST_WISHES]):
+        bits |= lacks.astype(np.int64) << i
+    # No node offers too few places for pods for ever: others may go.
+    beyond = wish.column[1:] > nodes.block("allocatable", wish.names)
+    never: BoolArray = np.logical_or.reduce(short[1:] & beyond, axis=0)
+    free = nodes.block("free", wish.places)
     detail = np.full(nodes.n, np.nan)
-    for i in range(len(missing.names)):
-        np.copyto(detail, free[i], where=missing.short[i] & np.isnan(detail))
+    for i in range(1, len(short)):
+        np.copyto(detail, free[i], where=short[i] & np.isnan(detail))
     found, codes = np.unique(bits, return_inverse=True)
-    texts = (TOO_MANY, *(f"Insufficient {name}" for name in missing.names))
+    texts = (TOO_MANY, *(f"Insufficient {name}" for name in wish.names))
     reasons = tuple(tuple(text for i, text in enumerate(texts) if value >> i & 1) for value in found.tolist())
+    mask = ~np.logical_or.reduce(short, axis=0)
     return Verdict(mask, codes, reasons, detail=detail, detail_unit="free", resolvable=~never)

@@ -67,9 +67,9 @@ class LoadBalanceScore:
         taken = weight_sum = 0.0
         for weight, names in zip(WEIGHTS.get(ros.qos_class, DEFAULT), (("cpu",), ("memory",), gpus), strict=True):
             there = row.of(names)
-            offered = sum(each.allocatable for each in there)
+            offered = sum(allocatable for allocatable, _, _ in there)
             if offered > 0:
-                taken += weight * (sum(each.requested for each in there) / offered)
+                taken += weight * (sum(requested for _, requested, _ in there) / offered)
                 weight_sum += weight
         used = taken / weight_sum if weight_sum > 0.0 else 0.0
         return int(min(max(float(np.round(100.0 * (1.0 - used), 6)), 0.0), 100.0))
