@@ -92,8 +92,20 @@ class Flights:
             flight.since -= past
 
     def _fold(self) -> None:
-        for uid, flight in self._flying.items():
-            for event in self._seen(uid, flight):
-                flight.folded |= int(event.change)
+        """From the newest change back: each is looked at once, not once for each of those that fly."""
+        at, everybody = len(self._log), 0
+        others: dict[str, int] = {}
+        """Uid → kinds that concern all but this pod."""
+        for uid, flight in sorted(self._flying.items(), key=lambda item: item[1].since, reverse=True):
+            for event, but in reversed(self._log[flight.since : at]):
+                if but:
+                    others[but] = others.get(but, 0) | int(event.change)
+                else:
+                    everybody |= int(event.change)
+            at = flight.since
+            flight.folded |= everybody
+            for but, changes in others.items():
+                if but != uid:
+                    flight.folded |= changes
             flight.since = 0
         self._log.clear()
