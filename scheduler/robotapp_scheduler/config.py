@@ -286,6 +286,8 @@ def _shape_problems(error: ValidationError) -> list[str]:
             problems.append(f'strict decoding error: unknown field "{path}"')
         elif found["type"] == "missing":
             problems.append(f"{path}: Required value")
+        elif found["type"] == "model_type":  # its own text names a class of ours
+            problems.append(config_checks.invalid(path, found["input"], "Input should be a mapping"))
         else:
             problems.append(config_checks.invalid(path, found["input"], found["msg"]))
     return problems

@@ -9,6 +9,8 @@ from typing import Any, Final
 import yaml
 
 MOST_VALUES: Final = 100_000
+_MERGE: Final = "tag:yaml.org,2002:merge"
+"""Refused: a few lines of it make more keys than fit in memory, before they could be counted."""
 
 
 class StrictLoader(yaml.SafeLoader):
@@ -17,9 +19,11 @@ class StrictLoader(yaml.SafeLoader):
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         seen: set[object] = set()
         for key_node, _ in node.value:
+            line = key_node.start_mark.line + 1
+            if key_node.tag == _MERGE:
+                raise yaml.YAMLError(f'line {line}: "<<" is not read here: write the fields out')
             key = self.construct_object(key_node, deep=True)
             if isinstance(key, Hashable) and key in seen:
-                line = key_node.start_mark.line + 1
                 raise yaml.YAMLError(f'line {line}: key "{key}" already set in map')
             seen.add(key if isinstance(key, Hashable) else str(key))
         return super().construct_mapping(node, deep)

@@ -72,6 +72,8 @@ class Reader:
 
     def add(self, content: bytes, where: str) -> None:
         """One document: a List of any kinds, a list of one kind, or a single object. Raises `DumpError`."""
+        if not content.strip():
+            raise DumpError(f"{where}: nothing in it; a dump is JSON of Kubernetes objects, written with -o json")
         try:
             document = self._document.decode(content)
         except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:

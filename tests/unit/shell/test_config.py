@@ -214,8 +214,9 @@ def test_profiles_must_share_the_queue_sort_plugin() -> None:
         ("a: [", "strict decoding error: yaml"),
         (f"apiVersion: {API_VERSION}\nkind: {KIND}\nkind: {KIND}\n", 'key "kind" already set in map'),
         ("kind: Deployment\napiVersion: apps/v1\n", "apiVersion: Invalid value"),
-        ("[]", "configuration: Invalid value"),
-        ("", "configuration: Invalid value"),
+        ("[]", "configuration: Invalid value: []: Input should be a mapping"),
+        ("", "configuration: Invalid value: None: Input should be a mapping"),
+        ("a: &a {b: 1}\nc:\n  <<: *a\n", 'line 3: "<<" is not read here: write the fields out'),
     ],
 )
 def test_a_file_that_is_no_configuration_is_refused(tmp_path: Path, text: str, expected: str) -> None:

@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -61,6 +62,20 @@ def test_mistakes_end_with_2_and_a_sentence(dump: Path, tmp_path: Path, capsys: 
     assert "No such file" in capsys.readouterr().err
 
 
+def test_a_pipe_whose_other_end_had_nothing_to_say_is_told_from_one_that_is_no_json(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert run("-", stdin=b"\n")[0] == 2
+    assert capsys.readouterr().err.startswith("error: -: nothing in it; a dump is JSON of Kubernetes objects")
+
+
+@pytest.mark.parametrize("number", ["some", "-3", "1.5", "²", "9" * 5000])
+def test_a_number_that_is_none_is_explained(dump: Path, number: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        run(dump, "--replay", number)
+    assert "is not a number from 0 to 999999999" in capsys.readouterr().err
+
+
 def test_more_than_allowed_is_not_read(dump: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(dump, "-", "--max-mib", "1", stdin=b" " * (1 << 20))[0] == 2
     assert "more than 1 MiB in all" in capsys.readouterr().err
@@ -69,6 +84,31 @@ def test_more_than_allowed_is_not_read(dump: Path, capsys: pytest.CaptureFixture
 def test_words_that_are_no_tool_start_the_scheduler() -> None:
     assert tools.run([]) is None
     assert tools.run(["--config", "x"]) is None
+
+
+@pytest.mark.parametrize(
+    ("output", "status", "said"),
+    [("/dev/full", 2, "error: standard output: No space left on device\n"), ("nobody reads", 141, "")],
+)
+def test_output_that_nobody_takes_ends_a_tool_without_a_stack(dump: Path, output: str, status: int, said: str) -> None:
+    argv = [sys.executable, "-m", "robotapp_scheduler", "simulate", str(dump)]
+    if output == "/dev/full":
+        target = os.open(output, os.O_WRONLY)
+    else:
+        reader, target = os.pipe()
+        os.close(reader)
+    with os.fdopen(target, "wb") as stdout:
+        done = subprocess.run(argv, stdout=stdout, stderr=subprocess.PIPE, text=True, check=False, timeout=60)
+    assert (done.returncode, done.stderr) == (status, said)
+
+
+def test_an_interrupted_tool_ends_without_a_stack(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(command, "main", interrupted)
+    monkeypatch.setattr(tools, "_say_no_more", lambda status: status)
+    assert tools.run(["simulate", "-"]) == 130
 
 
 def test_the_program_itself_simulates(dump: Path) -> None:
