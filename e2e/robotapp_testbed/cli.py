@@ -35,7 +35,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # `… | head`: nobody wants the rest
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141
-    except TestbedError as error:
+    except (TestbedError, OSError) as error:  # such as: no space left on device
         print(error, file=sys.stderr)
         return 1
     except KeyboardInterrupt:

@@ -92,7 +92,7 @@ def plane(arguments: argparse.Namespace, assets: Assets) -> RealNodes:
 def check(arguments: argparse.Namespace) -> None:
     """TestbedError for what cannot be started as it was asked for, before anything is downloaded or compiled."""
     if arguments.nodes:
-        cluster.check(arguments.nodes, [pair for pair, _ in arguments.delay])
+        cluster.check(arguments.nodes, arguments.delay)
         prerequisites.require()
         return
     idle = [option for option, given in (("--delay", arguments.delay), ("--image", arguments.image)) if given]

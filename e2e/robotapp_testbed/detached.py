@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TextIO
+from typing import Self, TextIO
 
 from robotapp_testbed import guard
 from robotapp_testbed.cache import cache_home
@@ -31,19 +31,34 @@ _LOG_TAIL_LINES = 12
 
 
 @dataclass(frozen=True, slots=True)
+class Holder:
+    """The process that owns a cluster; its pid alone could be another process by now."""
+
+    pid: int
+    start: str
+
+    @classmethod
+    def this(cls) -> Self:
+        return cls(os.getpid(), guard.start_time(os.getpid()) or "")
+
+    @property
+    def lives(self) -> bool:
+        return guard.start_time(self.pid) == self.start
+
+    def send(self, number: signal.Signals) -> None:
+        with suppress(ProcessLookupError):
+            if self.lives:
+                os.kill(self.pid, number)
+
+
+@dataclass(frozen=True, slots=True)
 class State:
     """What the commands need to know about a running cluster."""
 
     holder_pid: int
-    holder_start: str
     server_url: str
     run_dir: str
     processes: dict[str, int]
-
-    @property
-    def is_held(self) -> bool:
-        """The holder lives (its pid alone could be another process by now)."""
-        return guard.start_time(self.holder_pid) == self.holder_start
 
     def kubeconfig(self, identity: str) -> Path:
         return Path(self.run_dir, "kubeconfigs", f"{identity}.yaml")
@@ -70,6 +85,13 @@ class Cluster:
         except FileNotFoundError:
             return None
 
+    def holder(self) -> Holder | None:
+        """Who holds it, from the lock's file; None when nobody does."""
+        with suppress(FileNotFoundError, ValueError, TypeError):  # no file, or nothing in it yet
+            holder = Holder(**json.loads(self._lock.read_text()))
+            return holder if self._is_held() else None
+        return None
+
     def up(self, arguments: Sequence[str]) -> State:
         """Start the holder (`python -m robotapp_testbed up --hold …`) unless one runs, wait until the cluster serves."""
         self._root.mkdir(parents=True, exist_ok=True)
@@ -84,13 +106,17 @@ class Cluster:
                 stderr=log,
                 start_new_session=True,
             )
-        # A holder that lost a race against another `up` ends; then the other one's cluster is waited for.
-        wait_until(
-            lambda: self.state() is not None or (holder.poll() is not None and not self._is_held()), timeout_s=_UP_S
-        )
+        try:
+            # A holder that lost a race against another `up` ends; then the other one's cluster is waited for.
+            wait_until(
+                lambda: self.state() is not None or (holder.poll() is not None and not self._is_held()), timeout_s=_UP_S
+            )
+        except BaseException:  # Ctrl-C: else a cluster that nobody expects would come up a moment later
+            _end(holder)
+            raise
         state = self.state()
         if state is None:
-            holder.kill()
+            _end(holder)
             tail = "\n".join(self.log_path.read_text(errors="replace").splitlines()[-_LOG_TAIL_LINES:])
             raise TestbedError(
                 f"{tail}\nthe cluster {self.name!r} did not start: the whole story is in {self.log_path}"
@@ -101,33 +127,39 @@ class Cluster:
     def hold(
         self, plane: AbstractContextManager[ControlPlane], *, prepare: Callable[[ControlPlane, ExitStack], None]
     ) -> None:
-        """Run `plane`, `prepare` it (the stack ends what that started), publish it and keep it until SIGTERM or SIGINT."""
+        """Run `plane`, `prepare` it (the stack ends what that started), publish it and keep it until SIGTERM or SIGINT.
+
+        One that comes while the cluster starts is a KeyboardInterrupt, which ends in order what has been started.
+        """
         ended = threading.Event()
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
         with self._holding(), plane as cp, ExitStack() as stack:
             prepare(cp, stack)
-            for number in (signal.SIGTERM, signal.SIGINT):  # before this, SIGTERM just kills us and the guard cleans up
+            for number in (signal.SIGTERM, signal.SIGINT):
                 signal.signal(number, lambda *_: ended.set())
             self._publish(cp)
             stack.callback(self._file.unlink, missing_ok=True)
             ended.wait()
 
     def down(self, *, within_s: float = _DOWN_S) -> bool:
-        """End it and wait until nothing of it is left; False when it did not run. It is killed after `within_s`."""
-        state = self.state()
-        if state is None:
+        """End it, also while it starts, and wait until nothing of it is left; False when it did not run.
+
+        It is killed after `within_s`.
+        """
+        holder, state = self.holder(), self.state()
+        if holder is None:
             return False
-        _signal(state, signal.SIGTERM)
-        if not wait_until(lambda: not state.is_held, timeout_s=within_s):
-            _signal(state, signal.SIGKILL)  # its guard cleans up
-        run_dir = Path(state.run_dir)
-        if not wait_until(lambda: not state.is_held and not run_dir.exists(), timeout_s=_DOWN_S):
-            raise TestbedError(f"{run_dir} could not be removed: look there, then remove it")
+        holder.send(signal.SIGTERM)
+        if not wait_until(lambda: not holder.lives, timeout_s=within_s):
+            holder.send(signal.SIGKILL)  # its guard cleans up
+        run_dir = Path(state.run_dir) if state else None
+        if not wait_until(lambda: not (holder.lives or (run_dir and run_dir.exists())), timeout_s=_DOWN_S):
+            raise TestbedError(f"{run_dir or holder} could not be removed: look there, then remove it")
         return True
 
     def _publish(self, cp: ControlPlane) -> None:
         state = State(
             holder_pid=os.getpid(),
-            holder_start=guard.start_time(os.getpid()) or "",
             server_url=cp.server_url,
             run_dir=str(cp.run_dir),
             processes=cp.pids(),
@@ -151,17 +183,24 @@ class Cluster:
     @contextmanager
     def _holding(self) -> Iterator[None]:
         self._root.mkdir(parents=True, exist_ok=True)
-        with self._lock.open("w") as file:
+        with self._lock.open("a+") as file:  # what is in it is the holder's until we are that
             if not wait_until(lambda: _try_lock(file), timeout_s=_LOOKED_AT_S):
                 raise TestbedError(f"the cluster {self.name!r} runs already")
+            file.truncate(0)
+            file.write(json.dumps(asdict(Holder.this())))
+            file.flush()
             self._file.unlink(missing_ok=True)  # of an earlier holder that was killed
             yield
 
 
-def _signal(state: State, number: signal.Signals) -> None:
-    with suppress(ProcessLookupError):
-        if state.is_held:
-            os.kill(state.holder_pid, number)
+def _end(holder: "subprocess.Popen[bytes]") -> None:
+    """In order if it can: what it had started goes with it either way."""
+    holder.terminate()
+    try:
+        holder.wait(_DOWN_S)
+    except subprocess.TimeoutExpired:
+        holder.kill()
+        holder.wait()
 
 
 def _try_lock(file: TextIO) -> bool:

@@ -5,6 +5,7 @@ is left out: their numbers are locked, and their processes descend from owners t
 """
 
 import os
+import re
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, fields
@@ -27,16 +28,10 @@ OURS = (
 )
 """In the command lines of what runs in or for a cluster."""
 # Figures and random numbers that change by themselves; what belongs to a link is counted with the links.
-_ALIVE_SETTINGS = (
-    "fs/",
-    "kernel/random/",
-    "kernel/ns_last_pid",
-    "kernel/pty/nr",
-    "net/",
-    "vm/stat",
-    "kernel/sched_domain",
+_ALIVE_SETTINGS = re.compile(
+    r"fs/(aio-nr|dentry-state|file-nr|inode-|quota/|binfmt_misc/)|kernel/(random/|ns_last_pid|pty/nr|sched_domain)|vm/stat"
+    r"|net/netfilter/nf_conntrack_count|net/\w+/(conf|neigh)/(?!all/|default/)"
 )
-_FATES = ("net/ipv4/ip_forward", "net/bridge/", "net/ipv4/conf/all/", "net/ipv4/conf/default/")
 _NAMESPACES = ("net", "mnt", "uts", "ipc", "pid", "cgroup")
 
 
@@ -50,8 +45,11 @@ class Census:
     settings: frozenset[tuple[str, str]]
 
     def new_since(self, before: "Census") -> dict[str, list[str]]:
-        """By kind, what is there now and was not before; a changed setting is its new value."""
+        """By kind, what is there now and was not before; a changed setting is its new value. Settings that came with a module
+        of the kernel, which the kernel loads when it is first asked for, have not changed."""
         news = {each.name: getattr(self, each.name) - getattr(before, each.name) for each in fields(self)}
+        had = {name for name, _ in before.settings}
+        news["settings"] = {(name, value) for name, value in news["settings"] if name in had}
         return {kind: sorted(map(str, found)) for kind, found in news.items() if found}
 
 
@@ -149,7 +147,7 @@ def _settings() -> Iterator[tuple[str, str]]:
         for name in names:
             path = Path(folder, name)
             setting = str(path.relative_to(root))
-            if setting.startswith(_ALIVE_SETTINGS) and not setting.startswith(_FATES):
+            if _ALIVE_SETTINGS.match(setting):
                 continue
             with suppress(OSError):
                 yield setting, path.read_text()

@@ -30,6 +30,7 @@ from robotapp_testbed.real.box import Box, Plan
 from robotapp_testbed.real.node import Description, RealNode, Surroundings
 from robotapp_testbed.servers import Program, answers
 from robotapp_testbed.switch import LatencySwitch
+from robotapp_testbed.switch.links import problem_of
 
 NAME: Final = re.compile(r"[a-z0-9]([a-z0-9-]{0,38}[a-z0-9])?")
 """Of a node: part of a host name, of folders and of control groups."""
@@ -64,7 +65,7 @@ class RealNodes(ControlPlane):
     ) -> None:
         self._descriptions = [_description(each) for each in nodes]
         names = [each.name for each in self._descriptions]
-        check(names, delays or {})
+        check(names, (delays or {}).items())
         own = {_identity_of(name): Identity(f"system:node:{name}", ("system:nodes",)) for name in names}
         own |= {"kube-proxy": Identity(services.PROXY_USER), "coredns": Identity(services.DNS_USER)}
         super().__init__(
@@ -128,15 +129,15 @@ class RealNodes(ControlPlane):
         return {**super().pids(), **inside}
 
     def ready_nodes(self) -> set[str]:
-        return {item["metadata"]["name"] for item in self.api.get("/api/v1/nodes")["items"] if _is_ready(item)}
+        return {name for name, problems in self._problems().items() if not problems}
 
     def wait_nodes(self, *, timeout_s: float = _READY_S) -> None:
         """Until all nodes are Ready and take pods."""
         if not wait_until(lambda: self.ready_nodes() >= self._nodes.keys(), timeout_s=timeout_s, poll_s=0.1):
-            late = sorted(self._nodes.keys() - self.ready_nodes())
-            raise TestbedError(
-                f"{', '.join(late)} not Ready after {timeout_s:.0f} s: see kubelet@*.log in {self.logs_dir}"
-            )
+            found = self._problems()
+            late = {name: found.get(name, ["it never registered"]) for name in sorted(self._nodes)}
+            told = "; ".join(f"{name} ({', '.join(problems)})" for name, problems in late.items() if problems)
+            raise TestbedError(f"not Ready after {timeout_s:.0f} s: {told}. See kubelet@*.log in {self.logs_dir}")
 
     # --- life -------------------------------------------------------------------------------------------------
 
@@ -172,6 +173,10 @@ class RealNodes(ControlPlane):
 
     # --- inside -----------------------------------------------------------------------------------------------
 
+    def _problems(self) -> dict[str, list[str]]:
+        """By node that has registered, what keeps it from taking pods."""
+        return {item["metadata"]["name"]: _problems(item) for item in self.api.get("/api/v1/nodes")["items"]}
+
     def _node_programs(self) -> dict[str, Any]:
         return {name: program for node in self._nodes.values() for name, program in node.programs().items()}
 
@@ -200,7 +205,7 @@ class RealNodes(ControlPlane):
 
     def _start_servers(self, layout: components.Layout, binaries: Mapping[str, Path]) -> None:
         hub = self._start_hub(layout)
-        archives = [images.archive(name) for name in self._images]
+        archives = {images.reference(name): images.archive(name) for name in self._images}
         if self._delays is not None:
             self._switch = LatencySwitch(run_dir=layout.run_dir)
             self.add_process(self._switch.process)
@@ -241,7 +246,7 @@ class RealNodes(ControlPlane):
         return hub
 
     def _surroundings(
-        self, layout: components.Layout, binaries: Mapping[str, Path], hub: Box, name: str, archives: Sequence[Path]
+        self, layout: components.Layout, binaries: Mapping[str, Path], hub: Box, name: str, archives: Mapping[str, Path]
     ) -> Surroundings:
         serving = layout.run_dir / "serving" / name
         return Surroundings(
@@ -277,8 +282,8 @@ class RealNodes(ControlPlane):
         self.add_process(process).start()
 
 
-def check(names: Sequence[str], delays: Iterable[tuple[str, str]]) -> None:
-    """TestbedError when no cluster can have nodes of these names, or delays between these pairs of them. Pure."""
+def check(names: Sequence[str], delays: Iterable[tuple[tuple[str, str], float]]) -> None:
+    """TestbedError when no cluster can have nodes of these names, or these delays between pairs of them. Pure."""
     if not 1 <= len(names) <= NODES:
         raise TestbedError(f"a cluster has 1 to {NODES} real nodes, not {len(names)}")
     wrong = [name for name in names if not NAME.fullmatch(name)]
@@ -287,12 +292,23 @@ def check(names: Sequence[str], delays: Iterable[tuple[str, str]]) -> None:
     twice = sorted(name for name, count in Counter(names).items() if count > 1)
     if twice:
         raise TestbedError(f"nodes need different names: {', '.join(twice)} is there twice")
-    for one, other in delays:
+    _check_delays(names, delays)
+
+
+def _check_delays(names: Sequence[str], delays: Iterable[tuple[tuple[str, str], float]]) -> None:
+    seen: set[frozenset[str]] = set()
+    for (one, other), delay_ms in delays:
+        pair = frozenset((one, other))
         if one == other:
             raise TestbedError(f"a delay is between two nodes, not from {one} to itself")
         unknown = [name for name in (one, other) if name not in names]
         if unknown:
             raise TestbedError(f"a delay names {', '.join(unknown)}, but the nodes are {', '.join(names)}")
+        if problem := problem_of("delay_ms", delay_ms):
+            raise TestbedError(f"the delay between {one} and {other}: {problem}")
+        if pair in seen:
+            raise TestbedError(f"the delay between {one} and {other} is there twice: it is that of both ways")
+        seen.add(pair)
 
 
 def _identity_of(node: str) -> str:
@@ -326,8 +342,9 @@ def _merged(own: Mapping[str, Sequence[str]], given: Mapping[str, Sequence[str]]
     return {name: [*own.get(name, ()), *given.get(name, ())] for name in {*own, *given}}
 
 
-def _is_ready(node: Mapping[str, Any]) -> bool:
-    conditions = node.get("status", {}).get("conditions", [])
-    taints = node["spec"].get("taints", [])
-    unready = any(taint["key"].startswith("node.kubernetes.io/") for taint in taints)
-    return not unready and any(each["type"] == "Ready" and each["status"] == "True" for each in conditions)
+def _problems(node: Mapping[str, Any]) -> list[str]:
+    """Why a node takes no pods; empty when it does."""
+    conditions = {each["type"]: each for each in node.get("status", {}).get("conditions", [])}
+    ready = conditions.get("Ready", {"status": "Unknown"})
+    taints = [each["key"] for each in node["spec"].get("taints", []) if each["key"].startswith("node.kubernetes.io/")]
+    return taints + ([] if ready["status"] == "True" else [ready.get("message") or "it has not said that it is Ready"])

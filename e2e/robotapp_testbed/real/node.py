@@ -35,7 +35,8 @@ class Surroundings:
     certificate: Path
     key: Path
     client_ca: Path
-    images: Sequence[Path]
+    images: Mapping[str, Path]
+    """Archives by the name pods call them."""
     plain_data: bool
     """Pods' frames go through the plain bridge of the hub; else somebody plugs the switch in."""
 
@@ -265,8 +266,8 @@ class RealNode:
     def _import_images(self) -> None:
         """Only what is not there: a node that comes back has kept its disk."""
         present = self.ctr("images", "list", "--quiet").split()
-        if not present:
-            for archive in self._around.images:
+        for reference, archive in self._around.images.items():
+            if reference not in present:
                 self.ctr("images", "import", str(archive))
 
     def _start(self, name: str, argv: Sequence[str]) -> None:

@@ -1,14 +1,19 @@
 """Real nodes by hand: `up --nodes`, `link`, `status`, `down`."""
 
+import random
 import secrets
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 
 import pytest
 from tests.support import machine_census
 
+from robotapp_testbed import wait_until
 from robotapp_testbed.detached import Cluster
+from robotapp_testbed.real import slots
 
 pytestmark = pytest.mark.live
 
@@ -48,6 +53,18 @@ def test_a_cluster_of_real_nodes_by_hand(name: str) -> None:
 
     assert run("down", "--name", name).returncode == 0
     assert run("down", "--name", name).returncode == 0, "once more is no harm"
+    assert machine_census.left_since(before) == {}
+
+
+@pytest.mark.usefixtures("real_machine")
+def test_an_interrupted_start_leaves_nothing(name: str) -> None:
+    before, others = machine_census.take(), slots.in_use()
+    command = [sys.executable, "-m", "robotapp_testbed", "up", "--name", name, "--nodes", "robot-1,edge-1"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as up:
+        assert wait_until(lambda: slots.in_use() != others, timeout_s=60)
+        time.sleep(random.uniform(0, 2))
+        up.send_signal(signal.SIGINT)
+        assert up.wait(60) == 130
     assert machine_census.left_since(before) == {}
 
 

@@ -60,6 +60,14 @@ def test_both_run_as_the_charts_accounts_and_users_under_restricted_pod_security
         assert identity.strip() == "65532"
 
 
+def test_their_namespace_refuses_pods_that_are_not_restricted(cluster: RealNodes) -> None:
+    said = cluster.kubectl(
+        *("run", "free", "-n", SYSTEM_NAMESPACE, "--image=localhost/robotapp-tools:testbed", "--privileged"),
+        check=False,
+    )
+    assert 'violates PodSecurity "restricted:latest": privileged' in said
+
+
 def test_an_app_is_planned_bound_and_started_by_them(cluster: RealNodes) -> None:
     with created(cluster, "app-by-pods") as namespace:
         cluster.kubectl("apply", "-n", namespace, "-f", "-", stdin=APP)

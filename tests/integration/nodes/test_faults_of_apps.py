@@ -139,6 +139,25 @@ def test_it_outlives_a_long_cut_between_the_nodes(app: Tenant, plane: RealNodes)
     survives(app, cut, lambda: plane.switch.set_node("robot-1", down=False), seen=False)
 
 
+def test_it_outlives_a_switch_that_dies(app: Tenant, plane: RealNodes) -> None:
+    switch = plane.process("latency-switch")
+
+    def away() -> None:
+        switch.kill()
+        time.sleep(CUT_S)
+        assert loss_percent() == 100
+
+    def again() -> None:
+        switch.start().wait_ready()
+        plane.plug_switch()
+
+    def loss_percent() -> float:
+        return MeasuredTelemetry(plane).measure()["robot-1", "edge-1"].loss_percent
+
+    survives(app, away, again, seen=False)
+    assert loss_percent() == 0
+
+
 def test_a_container_that_dies_is_started_again_with_the_same_domain(app: Tenant, plane: RealNodes) -> None:
     before, held = containers(app)["driver"], claims(app)
     plane.node("robot-1").kill_container(before[0])

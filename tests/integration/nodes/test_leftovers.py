@@ -61,6 +61,21 @@ def test_links_and_cgroups_that_stay_are_counted(box: Box) -> None:
     assert machine_census.left_since(before) == {}
 
 
+@pytest.mark.parametrize("setting", ["net/core/netdev_budget", "kernel/panic", "fs/inotify/max_user_instances"])
+def test_settings_that_stay_changed_are_counted(real_machine: type[RealNodes], setting: str) -> None:
+    assert real_machine is RealNodes
+    before = machine_census.take()
+    file = Path("/proc/sys", setting)
+    was = file.read_text()
+    file.write_text(str(int(was) + 1))
+    try:
+        left = machine_census.take().new_since(before)
+    finally:
+        file.write_text(was)
+    assert str((setting, f"{int(was) + 1}\n")) in left["settings"]
+    assert "settings" not in machine_census.left_since(before)
+
+
 @pytest.mark.usefixtures("real_machine")
 def test_a_cluster_whose_guard_was_killed_with_its_owner_is_swept_by_the_next_one() -> None:
     with subprocess.Popen([sys.executable, "-c", OWNER], stdout=subprocess.PIPE, text=True) as owner:

@@ -26,7 +26,10 @@ class Shell:
         binaries.mkdir()
         for name, path in Assets().resolve().items():
             (binaries / name).symlink_to(path)
-        self.env = {**os.environ, "XDG_CACHE_HOME": str(folder), "ROBOTAPP_ASSETS": str(binaries)}
+        self.temporary = folder / "tmp"
+        self.temporary.mkdir()
+        own = {"XDG_CACHE_HOME": str(folder), "ROBOTAPP_ASSETS": str(binaries), "TMPDIR": str(self.temporary)}
+        self.env = {**os.environ, **own}
 
     def run(self, *args: str) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, "-m", "robotapp_testbed", *args]
@@ -94,6 +97,33 @@ def test_a_killed_holder_leaves_nothing_and_up_starts_anew(shell: Shell) -> None
     assert not any(guard.start_time(pid) for pid in state.processes.values())
     assert shell.cluster("second").state() is None
     assert shell.run("up", "--name", "second").returncode == 0
+
+
+@pytest.fixture
+def starting(shell: Shell) -> Iterator[subprocess.Popen[str]]:
+    """`up` while its cluster starts: the holder has begun, nothing serves yet."""
+    command = [sys.executable, "-m", "robotapp_testbed", "up"]
+    with subprocess.Popen(command, env=shell.env, stderr=subprocess.PIPE, text=True) as up:
+        assert wait_until(lambda: bool(list(shell.temporary.iterdir())), timeout_s=60, poll_s=0.01)
+        assert shell.cluster().state() is None
+        yield up
+
+
+def test_an_interrupted_up_takes_the_cluster_it_started_with_it(shell: Shell, starting: subprocess.Popen[str]) -> None:
+    holder = shell.cluster().holder()
+    starting.send_signal(signal.SIGINT)
+    assert starting.wait(30) == 130
+    assert holder is not None
+    assert not holder.lives
+    assert list(shell.temporary.iterdir()) == []
+
+
+def test_down_ends_a_cluster_that_still_starts(shell: Shell, starting: subprocess.Popen[str]) -> None:
+    starting.kill()  # nobody waits for it any more; it goes on
+    down = shell.run("down")
+    assert (down.returncode, down.stderr) == (0, "")
+    assert shell.cluster().holder() is None
+    assert list(shell.temporary.iterdir()) == []
 
 
 def test_two_ups_at_once_start_one_cluster(shell: Shell) -> None:

@@ -86,6 +86,17 @@ def test_a_failure_is_one_message_without_a_traceback(
     )
 
 
+def test_a_full_disk_is_one_message_without_a_traceback(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(_: Assets) -> None:
+        raise OSError(28, "No space left on device", "/tmp/x")  # noqa: S108 - a name in a text
+
+    monkeypatch.setattr(Assets, "resolve", full)
+    assert cli.main(["build"]) == 1
+    assert capsys.readouterr().err == "[Errno 28] No space left on device: '/tmp/x'\n"
+
+
 def test_an_interrupt_says_that_nothing_is_lost(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

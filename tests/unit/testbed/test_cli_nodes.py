@@ -56,6 +56,10 @@ def test_the_holder_gets_the_same_options() -> None:
     ("options", "reason"),
     [
         (["--nodes", "a,b", "--delay", "a,c=5"], "a delay names c, but the nodes are a, b"),
+        (
+            ["--nodes", "a,b", "--delay", "a,b=5", "--delay", "a,b=6"],
+            "the delay between a and b is there twice: it is that of both ways",
+        ),
         (["--nodes", "a,a"], "nodes need different names: a is there twice"),
         (["--nodes", "999"], "a cluster has 1 to 200 real nodes, not 999"),
         (["--delay", "a,b=5"], "--delay without real nodes: say which with --nodes"),
@@ -78,7 +82,7 @@ def test_what_cannot_start_is_refused_at_once(
 def test_a_cluster_that_runs_stays_as_it_is(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    state = State(1, "", "https://198.18.0.1:1", str(tmp_path), {})
+    state = State(1, "https://198.18.0.1:1", str(tmp_path), {})
     monkeypatch.setattr(Cluster, "state", lambda _: state)
     assert cli.main(["up", "--nodes", "4"]) == 0
     said = capsys.readouterr()
@@ -118,7 +122,7 @@ class Links:
     def __init__(self, monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
         self.asked: list[object] = []
         (folder / "switch.sock").touch()
-        self.state = State(1, "", "https://198.18.0.1:1", str(folder), {})
+        self.state = State(1, "https://198.18.0.1:1", str(folder), {})
         links = {("a", "b"): Link(delay_ms=5, loss=0.1), ("b", "a"): Link(down=True), ("a", "c"): Link(mbit_s=8)}
         monkeypatch.setattr(Control, "links", lambda _: links)
         monkeypatch.setattr(Control, "known", lambda _: ["a", "b", "c"])

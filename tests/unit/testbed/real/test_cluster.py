@@ -15,6 +15,13 @@ from robotapp_testbed.real import RealNodes
         (["a", "b", "a"], {}, "nodes need different names: a is there twice"),
         (["a", "b"], {("a", "a"): 5}, "a delay is between two nodes, not from a to itself"),
         (["a", "b"], {("a", "c"): 5}, "a delay names c, but the nodes are a, b"),
+        (["a", "b"], {("a", "b"): -5}, "the delay between a and b: -5 is not between 0 and 60000"),
+        (["a", "b"], {("a", "b"): float("nan")}, "the delay between a and b: nan is not between 0 and 60000"),
+        (
+            ["a", "b"],
+            {("a", "b"): 5, ("b", "a"): 6},
+            "the delay between b and a is there twice: it is that of both ways",
+        ),
     ],
 )
 def test_names_are_checked_before_anything_starts(
