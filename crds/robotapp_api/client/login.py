@@ -58,7 +58,9 @@ def load(
         return _from_kubeconfig(files, context)
     if (service_account / "token").is_file() and environ.get("KUBERNETES_SERVICE_HOST"):
         return _in_cluster(service_account, environ)
-    raise LoginError("no API server: not running in a pod, and no kubeconfig was given (use --kubeconfig FILE)")
+    named = environ.get("KUBECONFIG")
+    lost = f"; $KUBECONFIG names {named}, where no file is" if named and not default_kubeconfigs(environ) else ""
+    raise LoginError(f"no API server: not running in a pod, and no kubeconfig was given (use --kubeconfig FILE){lost}")
 
 
 def _in_cluster(folder: Path, environ: Mapping[str, str]) -> Endpoint:
@@ -85,9 +87,8 @@ def _from_kubeconfig(files: Sequence[Path], context: str | None) -> Endpoint:
     server = str(cluster.get("server", "")).rstrip("/")
     if not server.startswith(("https://", "http://")):
         raise LoginError(f"{where}: the cluster's server {server!r} is no http(s) URL")
-    for key in ("proxy-url",):
-        if cluster.get(key):
-            raise LoginError(f"{where}: {key} is not supported")
+    if cluster.get("proxy-url"):
+        raise LoginError(f"{where}: proxy-url is not supported")
     for key in ("auth-provider", "username", "as"):
         if user.get(key):
             cure = "use an exec plug-in (for OIDC: kubelogin)" if key == "auth-provider" else "remove it"

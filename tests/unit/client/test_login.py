@@ -166,6 +166,12 @@ def test_nobody_guesses_a_cluster(tmp_path: Path) -> None:
         load(None, service_account=tmp_path, environ={"HOME": str(tmp_path)})
 
 
+def test_a_kubeconfig_variable_that_leads_nowhere_is_named(tmp_path: Path) -> None:
+    environ = {"HOME": str(tmp_path), "KUBECONFIG": "/no/such"}
+    with pytest.raises(LoginError, match=r"\$KUBECONFIG names /no/such, where no file is"):
+        load(default_kubeconfigs(environ), service_account=tmp_path, environ=environ)
+
+
 async def test_in_a_pod_the_service_account_is_read_again_when_due(tmp_path: Path, pair: tuple[Path, Path]) -> None:
     (tmp_path / "token").write_text("one\n")
     (tmp_path / "namespace").write_text("robots\n")
