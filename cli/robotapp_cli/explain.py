@@ -1,6 +1,7 @@
 """`explain`: where each component runs, why there, and which nodes were refused."""
 
 from collections import defaultdict
+from collections.abc import Collection
 from dataclasses import asdict, dataclass, field
 
 from robotapp_api.client.resources import PODS, ROBOTAPPS
@@ -96,28 +97,39 @@ def _robots(app: Json, pods: list[Json], question: Question) -> list[str]:
 
 async def _instance(app: Json, pods: list[Json], *, robot: str, question: Question, link: Link) -> InstanceView:
     observed: Json = next((item for item in status(app).get("instances") or [] if item.get("robot", "") == robot), {})
-    by_component = defaultdict(list)
-    for pod in pods:
-        if label(pod, Label.INSTANCE) == robot:
-            by_component[label(pod, Label.COMPONENT) or _infrastructure(pod)].append(pod)
-    nodes = {name: found[0]["spec"].get("nodeName", "") for name, found in by_component.items()}
+    own = _by_component(pods, robot)
+    nodes = {name: found[0]["spec"].get("nodeName", "") for name, found in own.items()}
     messages = {item["name"]: item.get("message", "") for item in observed.get("components") or []}
     rows: list[Row] = []
-    names = [item["name"] for item in app["spec"]["components"]]
-    if question.component and question.component not in names:
-        raise CliError(
-            f"{question.name} has no component {question.component}; it has: {', '.join(names)}", code=Exit.NOT_FOUND
-        )
-    for name in [question.component] if question.component else [*names, *sorted(set(by_component) - set(names))]:
+    for name in _components(app, own, question):
         peers = budgets(app, name, instance=robot, nodes=nodes)
-        own = sorted(by_component.get(name, []), key=lambda pod: str(meta(pod)["name"]))
-        for pod in own:
+        for pod in own.get(name, []):
             record = await link.fetch(meta(pod)["namespace"], meta(pod)["name"])
             rows.append(_row(name, pod, record, refusals(record, peers) if record else []))
-        if not own:
+        if name not in own:
             rows.append(Row(name, reasons=[messages.get(name) or "no pod yet"]))
     edges = [edge for edge in observed.get("edges") or [] if question.component in (None, edge["from"], edge["to"])]
     return InstanceView(robot, observed.get("domain"), rows, edges)
+
+
+def _by_component(pods: list[Json], robot: str) -> dict[str, list[Json]]:
+    """The pods of one instance in the order of their names; those of no component under a name of their own."""
+    found = defaultdict(list)
+    for pod in sorted(pods, key=lambda pod: str(meta(pod)["name"])):
+        if label(pod, Label.INSTANCE) == robot:
+            found[label(pod, Label.COMPONENT) or _infrastructure(pod)].append(pod)
+    return dict(found)
+
+
+def _components(app: Json, own: Collection[str], question: Question) -> list[str]:
+    """Which to show: the one that was asked for, else those of the app, then what else it runs."""
+    names = [item["name"] for item in app["spec"]["components"]]
+    if not question.component:
+        return [*names, *sorted(set(own) - set(names))]
+    if question.component in names:
+        return [question.component]
+    text = f"{question.name} has no component {question.component}; it has: {', '.join(names)}"
+    raise CliError(text, code=Exit.NOT_FOUND)
 
 
 def _infrastructure(pod: Json) -> str:

@@ -50,31 +50,35 @@ def allocated(facts: AppFacts) -> Verdict:
         return Verdict("False", Reason.CLAIM_CONFLICT, facts.conflict)
     if facts.problems:
         return _not_accepted()
+    return _domains_missing(facts) or _devices_missing(facts) or _all_allocated(facts)
+
+
+def _domains_missing(facts: AppFacts) -> Verdict | None:
     for instance in facts.instances:
         if instance.refusal:
             return Verdict("False", instance.refusal[0], _named(instance, instance.refusal[1]))
     without = [instance for instance in facts.instances if instance.needs_domain and instance.domain is None]
-    if without or not facts.instances:
-        return Verdict(
-            "Unknown", Reason.PENDING, f"{len(without)} of {len(facts.instances)} instances wait for a domain"
-        )
-    wanted = sum(instance.devices_wanted for instance in facts.instances)
-    held = sum(instance.devices_held for instance in facts.instances)
+    if facts.instances and not without:
+        return None
+    return Verdict("Unknown", Reason.PENDING, f"{len(without)} of {len(facts.instances)} instances wait for a domain")
+
+
+def _devices_missing(facts: AppFacts) -> Verdict | None:
+    held, wanted = _devices(facts)
     if wanted and not facts.app.our_scheduler:
-        return Verdict(
-            "Unknown",
-            Reason.NOT_OUR_SCHEDULER,
-            f"{facts.app.spec.scheduler_name} claims no devices; leave schedulerName out",
-        )
-    if held < wanted and not facts.app.spec.suspend:
-        for instance in facts.instances:
-            if instance.busy:
-                return Verdict("False", Reason.DEVICE_BUSY, _named(instance, instance.busy))
-        return Verdict(
-            "False",
-            Reason.WAITING_FOR_DEVICES,
-            f"{held} of {wanted} devices are claimed; kubectl robotapp devices shows who holds them",
-        )
+        text = f"{facts.app.spec.scheduler_name} claims no devices; leave schedulerName out"
+        return Verdict("Unknown", Reason.NOT_OUR_SCHEDULER, text)
+    if held >= wanted or facts.app.spec.suspend:
+        return None
+    for instance in facts.instances:
+        if instance.busy:
+            return Verdict("False", Reason.DEVICE_BUSY, _named(instance, instance.busy))
+    text = f"{held} of {wanted} devices are claimed; kubectl robotapp devices shows who holds them"
+    return Verdict("False", Reason.WAITING_FOR_DEVICES, text)
+
+
+def _all_allocated(facts: AppFacts) -> Verdict:
+    held, wanted = _devices(facts)
     domains = sorted({instance.domain for instance in facts.instances if instance.domain is not None})
     if not domains and not wanted:
         return Verdict("True", Reason.NOTHING_TO_ALLOCATE, "the app needs neither a domain nor devices")
@@ -84,6 +88,14 @@ def allocated(facts: AppFacts) -> Verdict:
     if asked is not None and facts.app.share_with and domains != [asked]:
         parts.append(f"spec.dds.domain {asked} is not used, dds.shareWith decides; remove one of the two")
     return Verdict("True", Reason.ALLOCATED, "; ".join(parts))
+
+
+def _devices(facts: AppFacts) -> tuple[int, int]:
+    """Held, and wanted."""
+    return (
+        sum(instance.devices_held for instance in facts.instances),
+        sum(instance.devices_wanted for instance in facts.instances),
+    )
 
 
 def placed(facts: AppFacts) -> Verdict:

@@ -19,42 +19,47 @@ _REFUSED = frozenset({Reason.DOMAIN_EXHAUSTED, Reason.DOMAIN_TAKEN, Reason.QUOTA
 _FAILED = frozenset({Reason.FAILED_CREATE, Reason.QUOTA_REFUSED, Reason.IMAGE_PULL, Reason.CRASH_LOOP})
 
 
+class _Turn(NamedTuple):
+    """A condition that has turned to this status, or to one of these reasons, is worth an event with its message."""
+
+    kind: Condition
+    event: EventReason
+    warning: bool = True
+    status: str = ""
+    reasons: frozenset[Reason] = frozenset()
+
+
+_TURNS = (
+    _Turn(Condition.ACCEPTED, EventReason.INVALID_SPEC, status="False"),
+    _Turn(Condition.ALLOCATED, EventReason.DOMAIN_EXHAUSTED, reasons=_REFUSED),
+    _Turn(Condition.ALLOCATED, EventReason.CLAIM_CONFLICT, reasons=frozenset({Reason.CLAIM_CONFLICT})),
+    _Turn(Condition.ALLOCATED, EventReason.DEVICE_BUSY, reasons=frozenset({Reason.DEVICE_BUSY})),
+    _Turn(Condition.READY, EventReason.CHILD_FAILED, reasons=_FAILED),
+    _Turn(Condition.PLACED, EventReason.PLACED, warning=False, status="True"),
+    _Turn(Condition.PLACED, EventReason.NODE_REJECTED, reasons=frozenset({Reason.UNSCHEDULABLE})),
+    _Turn(Condition.BUDGET_MET, EventReason.BUDGET_EXCEEDED, reasons=frozenset({Reason.BUDGET_EXCEEDED})),
+)
+
+
 def news_of(before: Mapping[str, Any], after: Mapping[str, Any], *, new_domains: Mapping[str, int]) -> list[News]:
     """Compare two statuses of one app. `new_domains`: instance -> id that was claimed since."""
-    old, new = _reasons(before), _reasons(after)
     news = [
         News(EventReason.DOMAIN_ALLOCATED, f"{f'robot {robot}: ' if robot else ''}domain {number}", warning=False)
         for robot, number in sorted(new_domains.items())
     ]
-
-    def turned(kind: Condition) -> tuple[str, str, str] | None:
-        """(status, reason, message) when the condition says something else than before."""
-        now = new.get(kind.value)
-        then = old.get(kind.value)
-        return now if now and (then is None or then[:2] != now[:2]) else None
-
-    accepted = turned(Condition.ACCEPTED)
-    if accepted and accepted[0] == "False":
-        news.append(News(EventReason.INVALID_SPEC, accepted[2], warning=True))
-    allocated = turned(Condition.ALLOCATED)
-    if allocated and allocated[1] in _REFUSED:
-        news.append(News(EventReason.DOMAIN_EXHAUSTED, allocated[2], warning=True))
-    if allocated and allocated[1] == Reason.CLAIM_CONFLICT:
-        news.append(News(EventReason.CLAIM_CONFLICT, allocated[2], warning=True))
-    if allocated and allocated[1] == Reason.DEVICE_BUSY:
-        news.append(News(EventReason.DEVICE_BUSY, allocated[2], warning=True))
-    ready = turned(Condition.READY)
-    if ready and ready[1] in _FAILED:
-        news.append(News(EventReason.CHILD_FAILED, ready[2], warning=True))
-    placed = turned(Condition.PLACED)
-    if placed and placed[0] == "True":
-        news.append(News(EventReason.PLACED, placed[2], warning=False))
-    if placed and placed[1] == Reason.UNSCHEDULABLE:
-        news.append(News(EventReason.NODE_REJECTED, placed[2], warning=True))
-    budget = turned(Condition.BUDGET_MET)
-    if budget and budget[1] == Reason.BUDGET_EXCEEDED:
-        news.append(News(EventReason.BUDGET_EXCEEDED, budget[2], warning=True))
+    turned = _turned(_reasons(before), _reasons(after))
+    for turn in _TURNS:
+        status, reason, message = turned.get(turn.kind.value, ("", "", ""))
+        if status and (status == turn.status or reason in turn.reasons):
+            news.append(News(turn.event, message, turn.warning))
     return news
+
+
+def _turned(
+    old: Mapping[str, tuple[str, str, str]], new: Mapping[str, tuple[str, str, str]]
+) -> dict[str, tuple[str, str, str]]:
+    """Conditions with another status or reason than before."""
+    return {kind: now for kind, now in new.items() if old.get(kind, ())[:2] != now[:2]}
 
 
 def end_of_life(app: App, before: Mapping[str, Any], today: date) -> News | None:
