@@ -16,8 +16,9 @@ import yaml
 from pydantic import ValidationError
 
 from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME
+from robotapp_api.values import strict_yaml
 from robotapp_api.values.duration import parse_us
-from robotapp_scheduler import config_checks, config_yaml
+from robotapp_scheduler import config_checks
 from robotapp_scheduler.config_model import (
     API_VERSION,
     KIND,
@@ -124,7 +125,7 @@ def parse_text(text: str, *, catalogue: Catalogue) -> SchedulerConfig:
     if len(text) > MOST_TEXT:
         raise ConfigError([f"strict decoding error: {len(text)} characters; at most {MOST_TEXT} are read"])
     try:
-        document = config_yaml.loads(text)
+        document = strict_yaml.loads(text)
     except yaml.YAMLError as error:
         raise ConfigError([f"strict decoding error: yaml: {error}"]) from error
     return parse(document, catalogue=catalogue)

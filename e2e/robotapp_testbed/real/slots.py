@@ -43,7 +43,8 @@ class Slot:
 
 
 def take(folder: Path = FOLDER, *, cgroups: Path = sweep.CGROUPS, links: Path = sweep.LINKS) -> Slot:
-    """The lowest free number; what a killed holder left under it is removed first."""
+    """The lowest free number; what a killed holder left under it is removed first. Where that cannot be, or somebody else
+    has a link or control group of that name, the next one is taken."""
     folder.mkdir(parents=True, exist_ok=True)
     for number in range(CLUSTERS):
         file = _locked(folder / f"{number}.lock")
@@ -51,8 +52,10 @@ def take(folder: Path = FOLDER, *, cgroups: Path = sweep.CGROUPS, links: Path = 
             continue
         slot = Slot(number, file)
         ours = slot.addresses
-        sweep.sweep(run_dir=_left_folder(file), cgroup=ours.cgroup, host_link=ours.host_link, root=cgroups, links=links)
-        return slot
+        left = _left_folder(file)
+        if sweep.sweep(run_dir=left, cgroup=ours.cgroup, host_link=ours.host_link, root=cgroups, links=links):
+            return slot
+        file.close()
     raise TestbedError(
         f"{CLUSTERS} clusters of real nodes run already: end some with `python -m robotapp_testbed down`"
     )
@@ -82,5 +85,11 @@ def _locked(path: Path) -> TextIO | None:
 
 def _left_folder(file: TextIO) -> Path | None:
     file.seek(0)
-    text = file.read()
-    return Path(json.loads(text)["run_dir"]) if text else None
+    try:
+        return Path(json.load(file)["run_dir"])
+    except (
+        ValueError,
+        TypeError,
+        KeyError,
+    ):  # nothing in it yet, or not written to its end: a number is free all the same
+        return None

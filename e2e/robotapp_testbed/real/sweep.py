@@ -54,11 +54,12 @@ def await_no_link(name: str, *, links: Path = LINKS, patience_s: float = _PATIEN
     return not (links / name).exists()
 
 
-def sweep(*, run_dir: Path | None, cgroup: str, host_link: str, root: Path = CGROUPS, links: Path = LINKS) -> None:
-    remove_cgroups(cgroup, root=root)
-    await_no_link(host_link, links=links)
+def sweep(*, run_dir: Path | None, cgroup: str, host_link: str, root: Path = CGROUPS, links: Path = LINKS) -> bool:
+    """Whether nothing is left that is in a next cluster's way. A folder is in nobody's."""
+    clear = not remove_cgroups(cgroup, root=root) and await_no_link(host_link, links=links)
     if run_dir:
         remove_folder(run_dir)
+    return clear
 
 
 def _removed(cgroup: Path) -> bool:

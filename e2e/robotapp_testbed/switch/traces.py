@@ -20,9 +20,11 @@ from typing import Any, Self
 
 import yaml
 
+from robotapp_api.values import strict_yaml
 from robotapp_testbed.failures import TestbedError
 from robotapp_testbed.switch.links import FIELDS, LinkChange, problem_of
 
+_LONGEST_S = 1e9
 _SELECTORS = ("between", "from", "to", "node")
 
 
@@ -55,7 +57,7 @@ class Trace:
     @classmethod
     def parse(cls, text: str) -> Self:
         try:
-            tree = yaml.safe_load(text)
+            tree = strict_yaml.loads(text)
         except yaml.YAMLError as error:
             raise TraceError("", f"this is not YAML: {error}") from error
         return cls.from_tree(tree)
@@ -138,8 +140,8 @@ def _sequence(tree: object, path: str) -> list[object]:
 
 
 def _number(tree: object, path: str) -> float:
-    if isinstance(tree, bool) or not isinstance(tree, int | float) or not 0 <= tree < float("inf"):
-        raise TraceError(path, f"{tree!r} is not a number of seconds from 0")
+    if isinstance(tree, bool) or not isinstance(tree, int | float) or not 0 <= tree <= _LONGEST_S:
+        raise TraceError(path, f"{tree!r:.40} is not a number of seconds from 0 to {_LONGEST_S:g}")
     return float(tree)
 
 

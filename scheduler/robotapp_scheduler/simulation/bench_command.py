@@ -11,7 +11,7 @@ from typing import Any, Final, TextIO
 import yaml
 
 from robotapp_api.model.names import SCHEDULER_NAME
-from robotapp_scheduler import config_yaml
+from robotapp_api.values import strict_yaml
 from robotapp_scheduler.core.profiles import Catalogue, ConfigError, PluginRef, PluginSet, ProfileSpec
 from robotapp_scheduler.core.profiles import build_profiles as checked
 from robotapp_scheduler.plugin_catalog import with_third_party
@@ -29,7 +29,7 @@ def main(argv: Sequence[str], *, out: TextIO | None = None) -> int:
     if problems:
         return _failed(problems[found.plugin])
     try:
-        arguments = config_yaml.loads(found.args) or {}
+        arguments = strict_yaml.loads(found.args) or {}
     except yaml.YAMLError as error:
         return _failed(f"--args: {error}")
     if not isinstance(arguments, dict):

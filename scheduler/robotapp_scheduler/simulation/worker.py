@@ -12,8 +12,8 @@ from typing import Any, BinaryIO, Final
 
 import msgspec
 
+from robotapp_api.values import strict_yaml
 from robotapp_scheduler import config as configuration
-from robotapp_scheduler import config_yaml
 from robotapp_scheduler.config import ConfigError, SchedulerConfig
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.simulation.dump import DumpError, Reader
@@ -75,7 +75,7 @@ def _config(order: Order, content: bytes) -> SchedulerConfig:
         return configuration.parse(brought, catalogue=known, third_party=order.third_party)
     if not order.config:
         return configuration.built_in(known)
-    return configuration.parse(config_yaml.loads(order.config), catalogue=known)
+    return configuration.parse(strict_yaml.loads(order.config), catalogue=known)
 
 
 if __name__ == "__main__":

@@ -51,6 +51,24 @@ def test_what_a_killed_cluster_left_is_removed_by_the_next_one(tmp_path: Path, c
     assert list((cgroups / "cpu").iterdir()) == []
 
 
+@pytest.mark.parametrize("note", ["", "{", "[]", "{}", '{"run_dir": null}'])
+def test_a_note_that_cannot_be_read_is_in_nobodys_way(tmp_path: Path, cgroups: Path, note: str) -> None:
+    (tmp_path / "0.lock").write_text(note)
+    slot = take(tmp_path, cgroups)
+    assert slot.addresses.cluster == 0
+    slot.release()
+
+
+def test_a_number_whose_link_somebody_else_has_is_left_alone(
+    tmp_path: Path, cgroups: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sweep, "await_no_link", lambda name, **_: name != "robotapp0")
+    slot = take(tmp_path / "locks", cgroups)
+    assert slot.addresses.cluster == 1
+    slot.release()
+    assert slots.in_use(tmp_path / "locks") == []
+
+
 def test_cgroups_are_removed_from_the_leaves_up(cgroups: Path) -> None:
     (cgroups / "memory" / "mine" / "pod" / "container").mkdir(parents=True)
     (cgroups / "memory" / "other").mkdir()

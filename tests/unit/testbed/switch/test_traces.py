@@ -45,6 +45,10 @@ def test_a_file_is_read(tmp_path: Path) -> None:
     ("text", "path", "problem"),
     [
         ("steps: [", "", "this is not YAML"),
+        ("at_s: 2026-13-45", "", "this is not YAML: month must be in 1..12"),
+        ("[" * 100_000, "", "this is not YAML"),
+        ("steps: []\nsteps: []", "", 'line 2: key "steps" already set in map'),
+        (f"steps: [{{at_s: 1{'0' * 400}, links: [{{node: a, down: true}}]}}]", "steps[0].at_s", "a number of seconds"),
         ("[]", "", "not nothing"),
         ("{}", "steps", "not nothing"),
         ("steps: []", "steps", "at least one entry"),
