@@ -79,6 +79,7 @@ def problems_of_trio(cp: ControlPlane, namespace: str, *, seconds: float, deadli
             "commands are missing": told.sent < seconds * TRIO_HZ * 0.8,
             "it heard another app": told.foreign > 0,
             "more than 5 % of the round trips were late": told.missed_share > 0.05,
+            "nothing was answered for longer than 5 s": told.longest_gap_us > 5_000_000,
             "camera images are missing": told.frames < seconds * TRIO_CAMERA[0] * 0.5,
             "a container was restarted": restarts > 0,
         }
