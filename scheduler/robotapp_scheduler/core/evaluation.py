@@ -102,10 +102,13 @@ class Evaluation:
 
     def _combine_all(self, nodes: Nodes) -> None:
         self.rows = None if isinstance(nodes.rows, slice) else nodes.rows
-        reason = np.where(nodes.valid, np.int32(0), np.int32(HOLE))
-        for column in self.filters:
-            if not column.clean:
-                np.copyto(reason, column.codes, where=reason == 0)
+        rejecting = [column.codes for column in self.filters if not column.clean]
+        reason: Codes = rejecting[0].copy() if rejecting else np.zeros(nodes.n, dtype=np.int32)
+        for codes in rejecting[1:]:
+            np.copyto(reason, codes, where=reason == 0)
+        valid = nodes.valid
+        if not valid.all():
+            reason[~valid] = HOLE
         self.reason = reason
         self._examples.clear()
         self._count_reasons()
@@ -137,10 +140,9 @@ class Evaluation:
                 self.feasible += (new == 0) - (old == 0)
 
     def _count_reasons(self) -> None:
-        reason = self.reason
-        self.feasible = len(reason) - int(np.count_nonzero(reason))
-        found = np.bincount(reason[reason > 0]).tolist() if self.feasible < len(reason) else ()
-        self._counts = {code: count for code, count in enumerate(found) if count}
+        found = np.bincount(self.reason - HOLE, minlength=1 - HOLE).tolist()
+        self._counts = {code: count for code, count in enumerate(found, start=HOLE) if count and code > 0}
+        self.feasible = found[-HOLE]
 
     def _unlearn(self, position: int, old: int, new: int) -> None:
         for code in (old, new):

@@ -264,13 +264,13 @@ class Totals:
             self._best = None
 
     def _combine_all(self, verdicts: Verdicts) -> None:
-        total = self._local.copy()
+        total = self._local
         for column in self._parts.relative:
             if not column.plugin.shadow:
-                total += column.plugin.weight * self._shares[column.plugin.name].values
+                total = total + column.plugin.weight * self._shares[column.plugin.name].values
         if verdicts.feasible < len(total):
-            total[verdicts.reason != 0] = INFEASIBLE
-        self.total = total
+            total = np.where(verdicts.reason == 0, total, np.int64(INFEASIBLE))
+        self.total = total.copy() if total is self._local else total
         self._best = None
 
     def _forgive(self, column: ScoreColumn) -> None:
