@@ -1,21 +1,28 @@
 """Heaps of waiting pods with cheap removal, and upstream's back-off arithmetic."""
 
 import heapq
+from collections import deque
 from collections.abc import Callable
 from itertools import count
 from math import floor
 from typing import Any
 
 Key = tuple[Any, ...]
+Entry = tuple[Key, int, str]
 
 
 class Heap:
-    """A priority queue of ids. Removal marks the entry; dead entries are dropped when they surface."""
+    """A priority queue of ids. Removal marks the entry; dead entries are dropped when they surface.
 
-    __slots__ = ("_entries", "_live", "_order")
+    Who comes in the order of leaving (pods of one priority do) stands in a line instead: no sifting of thousands.
+    """
+
+    __slots__ = ("_entries", "_line", "_live", "_order")
 
     def __init__(self) -> None:
-        self._entries: list[tuple[Key, int, str]] = []
+        self._line: deque[Entry] = deque()
+        self._entries: list[Entry] = []
+        """Those that had to go before the end of the line."""
         self._live: dict[str, int] = {}
         self._order = count()
 
@@ -26,38 +33,55 @@ class Heap:
         return uid in self._live
 
     def __repr__(self) -> str:
-        return f"Heap({len(self._live)} live, {len(self._entries)} entries)"
+        return f"Heap({len(self._live)} live, {len(self._line) + len(self._entries)} entries)"
 
     def push(self, uid: str, key: Key) -> None:
         """Add, or move to another place. Equal keys leave in order of arrival."""
         order = next(self._order)
         self._live[uid] = order
-        heapq.heappush(self._entries, (key, order, uid))
+        entry = (key, order, uid)
+        if not self._line or self._line[-1] < entry:
+            self._line.append(entry)
+        else:
+            heapq.heappush(self._entries, entry)
 
     def discard(self, uid: str) -> None:
         """Take out, wherever it is."""
         self._live.pop(uid, None)
-        if len(self._entries) > 64 and len(self._entries) > 4 * len(self._live):
-            self._entries = [entry for entry in self._entries if self._live.get(entry[2]) == entry[1]]
+        entries = len(self._line) + len(self._entries)
+        if entries > 64 and entries > 4 * len(self._live):
+            self._line = deque(filter(self._lives, self._line))
+            self._entries = list(filter(self._lives, self._entries))
             heapq.heapify(self._entries)
 
     def peek(self) -> tuple[Key, str] | None:
         """First (key, id), or None."""
-        while self._entries:
-            key, order, uid = self._entries[0]
-            if self._live.get(uid) == order:
-                return key, uid
-            heapq.heappop(self._entries)
-        return None
+        found = self._first()
+        return None if found is None else (found[0], found[2])
 
     def pop(self) -> str | None:
         """Take the first id out."""
-        first = self.peek()
-        if first is None:
+        found = self._first()
+        if found is None:
             return None
-        heapq.heappop(self._entries)
-        del self._live[first[1]]
-        return first[1]
+        if self._line and self._line[0] is found:
+            self._line.popleft()
+        else:
+            heapq.heappop(self._entries)
+        del self._live[found[2]]
+        return found[2]
+
+    def _first(self) -> Entry | None:
+        while self._line and not self._lives(self._line[0]):
+            self._line.popleft()
+        while self._entries and not self._lives(self._entries[0]):
+            heapq.heappop(self._entries)
+        if self._line and self._entries:
+            return min(self._line[0], self._entries[0])
+        return self._line[0] if self._line else self._entries[0] if self._entries else None
+
+    def _lives(self, entry: Entry) -> bool:
+        return self._live.get(entry[2]) == entry[1]
 
     def ids(self) -> list[str]:
         """All live ids, in no order."""

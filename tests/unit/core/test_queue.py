@@ -1,4 +1,6 @@
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from tests.support.scheduling import Clock, make_info, make_pod
 
 from robotapp_scheduler.core.backoff import Backoff, Heap
@@ -212,6 +214,34 @@ def test_a_heap_forgets_what_was_taken_out_and_keeps_order() -> None:
     assert len(heap) == 97
     assert "5" in heap
     assert "4" not in heap
+
+
+STEPS = st.lists(
+    st.tuples(st.sampled_from(["push", "push", "push", "discard", "pop"]), st.integers(0, 9), st.integers(0, 4)),
+    max_size=400,
+)
+
+
+@given(steps=STEPS, in_order=st.booleans())
+def test_who_leaves_a_heap_has_the_least_key_and_among_equals_came_first(
+    steps: list[tuple[str, int, int]], in_order: bool
+) -> None:
+    heap, expected = Heap(), dict[str, tuple[tuple[int], int]]()
+    for at, (step, number, key) in enumerate(steps):
+        uid = str(number)
+        first = min(expected, key=expected.__getitem__, default=None)
+        assert heap.peek() == (None if first is None else (expected[first][0], first))
+        if step == "push":
+            wanted = (at if in_order else key,)
+            heap.push(uid, wanted)
+            expected[uid] = (wanted, at)
+        elif step == "discard":
+            heap.discard(uid)
+            expected.pop(uid, None)
+        else:
+            assert heap.pop() == first
+            expected.pop(first or "", None)
+        assert sorted(heap.ids()) == sorted(expected)
 
 
 def test_what_entered_which_queue_is_counted_for_the_metrics() -> None:
