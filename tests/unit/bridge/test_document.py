@@ -28,10 +28,10 @@ def test_every_value_knows_its_line_and_path() -> None:
 
 def test_an_alias_chain_is_refused_before_anything_is_built() -> None:
     levels = "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]\n" for n in range(1, 9))
-    started = time.perf_counter()
+    started = time.process_time()
     error = failure("a0: &a0 [x]\n" + levels)
     assert str(error) == "Rigelfile:2: alias *a0 is not allowed: write the value out"
-    assert time.perf_counter() - started < 1
+    assert time.process_time() - started < 1
 
 
 def test_deep_nesting_is_refused() -> None:
