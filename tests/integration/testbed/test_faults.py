@@ -32,6 +32,14 @@ def runs(plane: ControlPlane, name: str, *, timeout_s: float = 20) -> bool:
     return wait_until(lambda: phase(plane, name) == "Running", timeout_s=timeout_s)
 
 
+def known_of(plane: ControlPlane, name: str) -> str:
+    """What the cluster knows about a pod that does not run."""
+    pod = plane.api.get(f"/api/v1/namespaces/default/pods/{name}")
+    nodes = plane.api.get("/api/v1/nodes")["items"]
+    taints = {node["metadata"]["name"]: node["spec"].get("taints", []) for node in nodes}
+    return f"{pod['spec'].get('nodeName')} {pod['status']} of {taints}, running are {sorted(plane.pids())}"
+
+
 def test_it_serves_after_at_most_five_seconds_of_work() -> None:
     # CPU time, because other work on this machine must not decide; on an idle one the wall clock shows less.
     with ControlPlane() as plane:
@@ -41,21 +49,21 @@ def test_it_serves_after_at_most_five_seconds_of_work() -> None:
 
 def test_kube_scheduler_places_pods(plane: ControlPlane) -> None:
     create_pod(plane, "placed")
-    assert runs(plane, "placed")
+    assert runs(plane, "placed"), known_of(plane, "placed")
     assert plane.api.get("/api/v1/namespaces/default/pods/placed")["spec"]["nodeName"] == "edge-1"
 
 
 @pytest.mark.parametrize("name", ["etcd", "kube-apiserver", "kube-controller-manager", "kwok", "kube-scheduler"])
 def test_after_kill_and_restart_pods_run_again_and_nothing_is_lost(name: str, plane: ControlPlane) -> None:
     create_pod(plane, f"before-{name}")
-    assert runs(plane, f"before-{name}")
+    assert runs(plane, f"before-{name}"), known_of(plane, f"before-{name}")
     plane.process(name).kill()
     assert not plane.process(name).running
     plane.process(name).start().wait_ready()
     assert wait_until(plane.api.is_ready, timeout_s=20)
     assert phase(plane, f"before-{name}") == "Running"
     create_pod(plane, f"after-{name}")
-    assert runs(plane, f"after-{name}", timeout_s=60)
+    assert runs(plane, f"after-{name}", timeout_s=60), known_of(plane, f"after-{name}")
 
 
 def test_without_kube_apiserver_requests_fail_until_it_is_back(plane: ControlPlane) -> None:
@@ -72,7 +80,7 @@ def test_a_paused_program_does_nothing_until_it_is_resumed(name: str, plane: Con
     create_pod(plane, f"paused-{name}")
     assert not runs(plane, f"paused-{name}", timeout_s=0.5)
     plane.process(name).resume()
-    assert runs(plane, f"paused-{name}")
+    assert runs(plane, f"paused-{name}"), known_of(plane, f"paused-{name}")
 
 
 def test_cpu_and_memory_of_each_process_can_be_read(plane: ControlPlane) -> None:
@@ -83,7 +91,7 @@ def test_cpu_and_memory_of_each_process_can_be_read(plane: ControlPlane) -> None
 
 def test_the_audit_log_tells_who_wrote_what(plane: ControlPlane) -> None:
     create_pod(plane, "audited")
-    assert runs(plane, "audited")
+    assert runs(plane, "audited"), known_of(plane, "audited")
 
     def writers() -> list[tuple[str, str, str]]:
         found = audit.writes(plane.audit(), resource="pods")
