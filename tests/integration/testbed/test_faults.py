@@ -68,18 +68,22 @@ def test_after_kill_and_restart_pods_run_again_and_nothing_is_lost(name: str, pl
 
 def test_without_kube_apiserver_requests_fail_until_it_is_back(plane: ControlPlane) -> None:
     plane.process("kube-apiserver").kill()
-    with pytest.raises(OSError, match=r"refused|reset|closed"):
-        plane.api.get("/api/v1/nodes")
-    plane.process("kube-apiserver").start().wait_ready()
+    try:
+        with pytest.raises(OSError, match=r"refused|reset|closed"):
+            plane.api.get("/api/v1/nodes")
+    finally:
+        plane.process("kube-apiserver").start().wait_ready()
     assert plane.api.get("/api/v1/nodes")["items"]
 
 
 @pytest.mark.parametrize("name", ["kube-scheduler", "kwok"])
 def test_a_paused_program_does_nothing_until_it_is_resumed(name: str, plane: ControlPlane) -> None:
     plane.process(name).pause()
-    create_pod(plane, f"paused-{name}")
-    assert not runs(plane, f"paused-{name}", timeout_s=0.5)
-    plane.process(name).resume()
+    try:
+        create_pod(plane, f"paused-{name}")
+        assert not runs(plane, f"paused-{name}", timeout_s=0.5)
+    finally:  # or every test after this one would fail with it
+        plane.process(name).resume()
     assert runs(plane, f"paused-{name}"), known_of(plane, f"paused-{name}")
 
 
