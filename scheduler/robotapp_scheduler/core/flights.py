@@ -6,6 +6,8 @@ from typing import Any, Final
 from robotapp_scheduler.core.changes import Change, Event
 
 MOST_LOGGED: Final = 4096
+OFTEN: Final = 256
+"""From so many changes on we look whether some can go: objects nobody else has any more are freed while they are few."""
 
 
 class Flight:
@@ -33,6 +35,8 @@ class Flights:
         self._flying: dict[str, Flight] = {}
         self._log: list[tuple[Event, str]] = []
         """(event, uid of who takes no notice) since the first pod now in flight left."""
+        self._most = min(OFTEN, MOST_LOGGED)
+        """With more changes it is time to look again."""
 
     def __repr__(self) -> str:
         return f"Flights({len(self._flying)} in flight)"
@@ -55,8 +59,9 @@ class Flights:
         """Something changed; the pod `but` takes no notice."""
         if self._flying:
             self._log.append((event, but))
-            if len(self._log) > MOST_LOGGED:
+            if len(self._log) > self._most:
                 self._shorten()
+                self._most = min(MOST_LOGGED, max(OFTEN, 2 * len(self._log)))
 
     def note_own(self, uid: str, event: Event) -> None:
         """The pod itself changed while it was in flight."""
@@ -84,12 +89,12 @@ class Flights:
     def _shorten(self) -> None:
         """Drop what all that fly now have not lived through; when one flies for long, fold it for everybody."""
         past = next(iter(self._flying.values())).since  # they are in the order of their start
-        if past <= MOST_LOGGED // 2:
+        if past > len(self._log) // 2:
+            del self._log[:past]
+            for flight in self._flying.values():
+                flight.since -= past
+        elif len(self._log) > MOST_LOGGED:
             self._fold()
-            return
-        del self._log[:past]
-        for flight in self._flying.values():
-            flight.since -= past
 
     def _fold(self) -> None:
         """From the newest change back: each is looked at once, not once for each of those that fly."""
