@@ -30,6 +30,10 @@ _INTERNAL_IDENTITIES = {
 }
 
 
+_ROOM_MB = 160
+"""etcd alone makes two files of 64 MB before it stores anything."""
+
+
 class ControlPlane:
     """etcd and kube-apiserver, and as asked: kube-controller-manager, kwok (simulated kubelets), kube-scheduler.
 
@@ -160,6 +164,7 @@ class ControlPlane:
     def start(self) -> Self:
         """Start everything and wait until it serves (2 to 4 s). On failure nothing is left behind."""
         binaries = self._assets.resolve([*self._wanted, *self._tools])
+        _require_room(Path(tempfile.gettempdir()), self._room_mb())
         self._run_dir = Path(tempfile.mkdtemp(prefix="robotapp-testbed-"))
         try:
             self._guard = self._start_guard(self._run_dir)
@@ -220,6 +225,9 @@ class ControlPlane:
             raise TestbedError("the control plane is not started")
         return self._commands.run(program, args, kubeconfig=self.kubeconfig(name), stdin=stdin, check=check)
 
+    def _room_mb(self) -> int:
+        return _ROOM_MB
+
     def _start_guard(self, run_dir: Path) -> subprocess.Popen[bytes]:
         return start_guard(run_dir)
 
@@ -245,7 +253,7 @@ class ControlPlane:
         )
         build = servers.Builder(layout, settings, binaries, self._api)
         self._processes |= build.store_and_api()
-        self._processes[Program.API].wait_ready()
+        self._processes[Program.API].wait_ready(needs=[self._processes[Program.ETCD]])
         layout.ca_file.write_text(identity.last_certificate(layout.serving_certificate.read_text()))
         for name, each in self._identities.items():
             text = identity.kubeconfig(each, server_url=layout.server_url, ca_file=layout.ca_file)
@@ -256,6 +264,15 @@ class ControlPlane:
         )
         for process in self._processes.values():
             process.wait_ready()
+
+
+def _require_room(folder: Path, needed_mb: int) -> None:
+    """A program that meets a full disk ends without a word: its log is on that disk, too."""
+    free_mb = shutil.disk_usage(folder).free >> 20
+    if free_mb < needed_mb:
+        raise TestbedError(
+            f"{folder} has {free_mb} MB left, this cluster needs {needed_mb} MB: free some, or name another folder in TMPDIR"
+        )
 
 
 def start_guard(run_dir: Path, *, afterwards: Sequence[str] = (), keeps: Sequence[int] = ()) -> subprocess.Popen[bytes]:

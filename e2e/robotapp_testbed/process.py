@@ -143,14 +143,20 @@ class Process:
             self._popen = spawn(self.argv, run_dir=self._run_dir, log=log.fileno(), env=self._env)
         return self
 
-    def wait_ready(self, timeout_s: float | None = None) -> Self:
-        """Block until the program serves; TestbedError with the log's end when it ends or is late."""
+    def wait_ready(self, timeout_s: float | None = None, *, needs: Sequence["Process"] = ()) -> Self:
+        """Block until the program serves; TestbedError with the log's end when it, or one that it `needs`, ends or it is late."""
         allowed_s = timeout_s or self._ready_timeout_s
-        in_time = wait_until(lambda: not self.running or self._ready is None or self._ready(), timeout_s=allowed_s)
-        if not self.running:
-            raise TestbedError(f"{self.name} ended with {self.returncode} while starting. {self._log_tail()}")
+        everyone = (*needs, self)
+
+        def settled() -> bool:
+            return not all(each.running for each in everyone) or self._ready is None or self._ready()
+
+        in_time = wait_until(settled, timeout_s=allowed_s)
+        for each in everyone:
+            if not each.running:
+                raise TestbedError(f"{each.name} ended with {each.returncode} while starting. {each.log_tail()}")
         if not in_time:
-            raise TestbedError(f"{self.name} was not ready after {allowed_s:.0f} s. {self._log_tail()}")
+            raise TestbedError(f"{self.name} was not ready after {allowed_s:.0f} s. {self.log_tail()}")
         return self
 
     def kill(self) -> None:
@@ -204,6 +210,7 @@ class Process:
             return self.log_path.read_text(errors="replace")
         return ""
 
-    def _log_tail(self) -> str:
+    def log_tail(self) -> str:
+        """What it said last, as the end of a sentence."""
         tail = "\n".join(self.log_text().splitlines()[-_LOG_TAIL_LINES:])
         return f"The end of {self.log_path}:\n{tail}"

@@ -36,6 +36,7 @@ NAME: Final = re.compile(r"[a-z0-9]([a-z0-9-]{0,38}[a-z0-9])?")
 """Of a node: part of a host name, of folders and of control groups."""
 _READY_S = 60.0
 _PARALLEL = 4
+_ROOM_PER_NODE_MB = 40
 _TAP = "lat0"
 _KUBELET_CLIENT = Identity(user="kube-apiserver-kubelet-client", groups=("system:masters",))
 _OF_THE_MACHINE = {Label.SIMULATED, Label.HOSTNAME, "kubernetes.io/os", "kubernetes.io/arch"}
@@ -179,6 +180,9 @@ class RealNodes(ControlPlane):
 
     def _node_programs(self) -> dict[str, Any]:
         return {name: program for node in self._nodes.values() for name, program in node.programs().items()}
+
+    def _room_mb(self) -> int:
+        return super()._room_mb() + _ROOM_PER_NODE_MB * len(self._descriptions)
 
     def _start_guard(self, run_dir: Path) -> Popen[bytes]:
         if self._slot is None:

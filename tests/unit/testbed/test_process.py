@@ -124,6 +124,14 @@ def test_a_program_that_ends_while_starting_is_reported_with_its_last_words(stag
         process.wait_ready()
 
 
+def test_who_waits_for_a_program_hears_at_once_of_the_end_of_one_that_it_needs(stage: Stage) -> None:
+    needed = stage.process("echo no space left; exit 4").start()
+    process = stage.process("exec sleep 60", ready=lambda: False).start()
+    with pytest.raises(TestbedError, match=r"(?s)sleeper ended with 4 while starting.*no space left"):
+        process.wait_ready(needs=[needed])
+    assert process.running
+
+
 def test_a_program_that_is_late_is_reported(stage: Stage) -> None:
     process = stage.process("exec sleep 60", ready=lambda: False).start()
     with pytest.raises(TestbedError, match="not ready after 0 s"):
