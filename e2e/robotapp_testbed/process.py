@@ -146,7 +146,7 @@ class Process:
     def wait_ready(self, timeout_s: float | None = None, *, needs: Sequence["Process"] = ()) -> Self:
         """Block until the program serves; TestbedError with the log's end when it, or one that it `needs`, ends or it is late."""
         allowed_s = timeout_s or self._ready_timeout_s
-        everyone = (*needs, self)
+        everyone: list[Process] = [*needs, self]
 
         def settled() -> bool:
             return not all(each.running for each in everyone) or self._ready is None or self._ready()
