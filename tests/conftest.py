@@ -1,11 +1,17 @@
 """Settings of every test."""
 
+import signal
+
 import pytest
 from hypothesis import settings
 
 # How long an example takes says something about the machine's other work, not about the rule under test.
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
+
+# A shell's background jobs ignore Ctrl-C, and so would every program they start: some tests send it to theirs.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
