@@ -106,9 +106,8 @@ class Evaluation:
         reason: Codes = rejecting[0].copy() if rejecting else np.zeros(nodes.n, dtype=np.int32)
         for codes in rejecting[1:]:
             np.copyto(reason, codes, where=reason == 0)
-        valid = nodes.valid
-        if not valid.all():
-            reason[~valid] = HOLE
+        if not nodes.no_holes:
+            reason[~nodes.valid] = HOLE
         self.reason = reason
         self._examples.clear()
         self._count_reasons()

@@ -229,6 +229,8 @@ class ScoreColumn:
         if raw.dtype.kind == "f" and not np.isfinite(raw[0]):
             return None
         self._equal_raw = raw[0]
+        if self.plugin.sound:
+            return int(raw[0])
         return int(normalized(self.plugin.name, self.normalize, raw[:1])[0])
 
 
