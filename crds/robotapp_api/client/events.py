@@ -351,6 +351,8 @@ _Key = tuple[str, str, str, str, str]
 
 
 def _fit(note: str) -> str:
+    if 4 * len(note) <= NOTE_BYTES:  # whatever its characters are
+        return note
     encoded = note.encode()
     if len(encoded) <= NOTE_BYTES:
         return note

@@ -1,6 +1,6 @@
 """The API resources we talk to and their URL paths."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 from robotapp_api.model.names import GROUP, VERSION
@@ -15,15 +15,14 @@ class Resource:
     plural: str
     kind: str
     namespaced: bool
+    api_version: str = field(init=False, repr=False, compare=False)
+    root: str = field(init=False, repr=False, compare=False)
+    """Path of the group and version, without a trailing slash."""
 
-    @property
-    def api_version(self) -> str:
-        return f"{self.group}/{self.version}" if self.group else self.version
-
-    @property
-    def root(self) -> str:
-        """Path of the group and version, without a trailing slash."""
-        return f"/apis/{self.group}/{self.version}" if self.group else f"/api/{self.version}"
+    def __post_init__(self) -> None:
+        version = f"{self.group}/{self.version}" if self.group else self.version
+        object.__setattr__(self, "api_version", version)
+        object.__setattr__(self, "root", f"/apis/{version}" if self.group else f"/api/{version}")
 
     def path(self, namespace: str | None = None, name: str | None = None, subresource: str = "") -> str:
         """URL path of a collection, an object or its subresource.

@@ -98,19 +98,19 @@ class Metrics:
             labels=["result"],
             buckets=doubling(0.01, 2, 20),
         )
-        self._ended: dict[tuple[AttemptResult, str], Tally] = {}
+        self._scheduled: dict[str, Tally] = {}
         self._bound: dict[int, Tally] = {}
 
     def attempted(self, result: AttemptResult, profile: str, seconds: float) -> None:
         """An attempt has ended."""
-        ended = self._ended.get((result, profile))
-        if ended is None:
-            ended = self._ended[result, profile] = self.attempt_s.labels(result, profile)
-        ended.observe(seconds)
+        self.attempt_s.labels(result, profile).observe(seconds)
 
     def bound(self, queued: QueuedPod, profile: str, *, started_s: float, now_s: float) -> None:
         """A pod got its node."""
-        self.attempted(AttemptResult.SCHEDULED, profile, now_s - started_s)
+        scheduled = self._scheduled.get(profile)
+        if scheduled is None:
+            scheduled = self._scheduled[profile] = self.attempt_s.labels(AttemptResult.SCHEDULED, profile)
+        scheduled.observe(now_s - started_s)
         attempts = min(queued.attempts, MOST_ATTEMPTS)
         sli_s = self._bound.get(attempts)
         if sli_s is None:
