@@ -17,6 +17,7 @@ from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.posing import Posed
 from robotapp_scheduler.core.queued import QueuedPod, Rejection
 from robotapp_scheduler.core.together import Advice
+from robotapp_scheduler.shell.gathering import Gathering
 from robotapp_scheduler.shell.group_report import GroupReporter
 from robotapp_scheduler.shell.metrics import Metrics
 from robotapp_scheduler.shell.placing import Placer
@@ -63,6 +64,8 @@ class SchedulerLoop:
         self._woken = asyncio.Event()
         self._slots = in_flight
         """Free ones: each batch takes one, until it is bound or waits for something that may take long."""
+        self._freed = 0
+        self._gathering = Gathering(lambda: self._slots < in_flight // 2, lambda: self._freed)
         self._tasks: set[asyncio.Task[None]] = set()
         self._sent = 0
         self._landed = asyncio.Event()
@@ -93,6 +96,7 @@ class SchedulerLoop:
                     decided, began_s = 0, self._clock()
                     continue
                 self._slots -= 1
+                self._gathering.begin()
                 posed = self._posed(batch)
                 if posed is None:
                     self._decide(batch)
@@ -209,6 +213,7 @@ class SchedulerLoop:
 
     def _free(self) -> None:
         self._slots += 1
+        self._freed += 1
         self._woken.set()
 
     async def _carry_out(self, placed: Sequence[Decision], started_s: float) -> None:
