@@ -73,42 +73,38 @@ def _recent_ms(cp: RealNodes, place: str) -> float:
     return recent[len(recent) // 2] / 1000
 
 
-def test_a_loop_that_was_cut_for_longer_than_its_lease_goes_on(cluster: RealNodes, place: str) -> None:
-    wanted = teleop.app("pair", nodes={"operator": "edge-1", "robot": "robot-1"})
-    teleop.first_trip_s(cluster, place, wanted)
-    cluster.switch.set_link("robot-1", "edge-1", down=True)
-    try:
-        time.sleep(12)  # DDS gives a participant up after 10 s
-        count = len(teleop.trips(cluster, place, "pair"))
-    finally:
-        cluster.switch.set_link("robot-1", "edge-1", down=False)
-    assert wait_until(lambda: len(teleop.trips(cluster, place, "pair")) > count + 50, timeout_s=45, poll_s=0.5)
-    pods = teleop.pods(cluster, place, "pair").values()
-    assert all(status["restartCount"] == 0 for pod in pods for status in pod["status"]["containerStatuses"])
-
-
-def test_pods_that_start_while_their_link_is_cut_find_each_other_when_it_is_mended(
+def test_a_long_cut_ends_neither_the_app_that_ran_before_nor_the_one_that_starts_in_it(
     cluster: RealNodes, place: str
 ) -> None:
-    wanted = teleop.app("pair", nodes={"operator": "edge-1", "robot": "robot-1"})
+    """DDS gives a participant up after 10 s of silence."""
+    nodes = {"operator": "edge-1", "robot": "robot-1"}
+    teleop.first_trip_s(cluster, place, teleop.app("before", nodes=nodes))
     cluster.switch.set_link("robot-1", "edge-1", down=True)
     try:
-        teleop.apply(cluster, place, [wanted])
-        assert wait_until(lambda: _running(cluster, place) == 2, timeout_s=30, poll_s=0.5)
+        teleop.apply(cluster, place, [teleop.app("within", nodes=nodes)])
+        assert wait_until(lambda: len(_restarts(cluster, place, "within")) == 2, timeout_s=30, poll_s=0.5)
         time.sleep(GIVEN_UP_S)
-        assert teleop.trips(cluster, place, "pair") == []
+        assert teleop.trips(cluster, place, "within") == []
+        count = len(teleop.trips(cluster, place, "before"))
     finally:
         cluster.switch.set_link("robot-1", "edge-1", down=False)
-    assert wait_until(lambda: len(teleop.trips(cluster, place, "pair")) > 50, timeout_s=45, poll_s=0.5)
+    for name, answered in (("within", 0), ("before", count)):
+        assert _goes_on(cluster, place, name, after=answered)
+        assert _restarts(cluster, place, name) == [0, 0]
 
 
-def _running(cp: RealNodes, place: str) -> int:
-    """Containers of the app that run: the init steps are over."""
-    return sum(
-        "running" in status["state"]
-        for pod in teleop.pods(cp, place, "pair").values()
+def _goes_on(cp: RealNodes, place: str, app: str, *, after: int) -> bool:
+    return wait_until(lambda: len(teleop.trips(cp, place, app)) > after + 50, timeout_s=45, poll_s=0.5)
+
+
+def _restarts(cp: RealNodes, place: str, app: str) -> list[int]:
+    """Of each container that runs; there is none before its pod's init steps are over."""
+    return [
+        status["restartCount"]
+        for pod in teleop.pods(cp, place, app).values()
         for status in pod["status"].get("containerStatuses", ())
-    )
+        if "running" in status["state"]
+    ]
 
 
 def test_two_apps_that_shout_by_multicast_never_hear_each_other(cluster: RealNodes, place: str) -> None:
