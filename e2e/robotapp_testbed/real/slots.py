@@ -87,9 +87,5 @@ def _left_folder(file: TextIO) -> Path | None:
     file.seek(0)
     try:
         return Path(json.load(file)["run_dir"])
-    except (
-        ValueError,
-        TypeError,
-        KeyError,
-    ):  # nothing in it yet, or not written to its end: a number is free all the same
-        return None
+    except (ValueError, TypeError, KeyError):
+        return None  # nothing in it yet, or not written to its end: a number is free all the same

@@ -171,7 +171,7 @@ class ResourceColumns:
     """
 
     __slots__ = (
-        "_spans", "_strange", "allocatable", "allowed_pods", "index", "ledger", "names", "pod_count", "requested", "scored"
+        "_held", "_spans", "_strange", "allocatable", "allowed_pods", "index", "ledger", "names", "pod_count", "requested", "scored"
     )  # fmt: skip
 
     def __init__(self) -> None:
@@ -186,7 +186,7 @@ class ResourceColumns:
         return f"ResourceColumns({self.names})"
 
     def _lay_out(self, ledger: IntArray) -> None:
-        held = (_ALLOWED + len(ledger)) // 2
+        held = self._held = (_ALLOWED + len(ledger)) // 2  # where what pods hold begins
         self.ledger: IntArray = ledger
         self.scored: IntArray = ledger[:_ALLOWED]
         """cpu milli and memory bytes with defaults for containers that ask for nothing (the Fit scorer's view)."""
@@ -209,8 +209,7 @@ class ResourceColumns:
         code = -1 if resource == "pods" else self.index.get(resource)
         if code is None:
             return None
-        first = _ALLOWED + 1 if kind == "allocatable" else _ALLOWED + len(self.allocatable) + 2
-        return first + code
+        return (_ALLOWED if kind == "allocatable" else self._held) + 1 + code
 
     def span(self, kind: str, resources: tuple[str, ...]) -> slice | None:
         """The places of all these, if they stand side by side in this order."""
@@ -234,8 +233,7 @@ class ResourceColumns:
             self.index[name] = found
             if found >= len(self.allocatable):
                 empty = np.zeros_like(self.allocatable)
-                held = (_ALLOWED + len(self.ledger)) // 2
-                self._lay_out(np.concatenate([self.ledger[:held], empty, self.ledger[held:], empty]))
+                self._lay_out(np.concatenate([self.ledger[: self._held], empty, self.ledger[self._held :], empty]))
         return found
 
     def coded(self, amounts: dict[str, int]) -> tuple[tuple[int, int], ...]:
