@@ -16,7 +16,7 @@ _ODD: Final = np.uint64(0xBF58476D1CE4E5B9)
 
 
 class Best:
-    """All positions with the highest total, in order. True while it is told of every total that changes (`changed`).
+    """All positions with the highest total, in order. True while it is told of every total that changes (`all_changed`).
 
     `hashes` are those of the node names, by position; at least one total must be that of a feasible row.
     """
@@ -42,29 +42,22 @@ class Best:
     def __len__(self) -> int:
         return len(self._positions) - len(self._gone)
 
-    def changed(self, position: int, old: int, new: int) -> bool:
-        """A row was added up again. False when this cannot be kept true any more: then it must be made anew."""
-        if position in self._shown:
-            self._asked = -1
-        if old == new:
-            return True
-        if new >= self.top:
-            if new > self.top or position not in self._gone:
-                return False
-            self._gone.discard(position)
-            self._asked = -1
-        elif old == self.top:
-            self._gone.add(position)
-            return len(self) > 0
-        return True
-
     def all_changed(self, positions: Iterable[int], old: Iterable[int], new: Iterable[int]) -> bool:
-        """The same of several totals: False as soon as one of them is too much."""
-        top = self.top
+        """The same of several totals, each position once: False as soon as one of them is too much."""
+        top, fallen = self.top, []
         for position, before, after in zip(positions, old, new, strict=True):
-            if (after >= top or before == top) and not self.changed(position, before, after):
-                return False
-        return True
+            if after >= top:
+                if not self._stays(position, before, after):
+                    return False
+            elif before == top:
+                fallen.append(position)
+        if not fallen:
+            return True
+        # Where several classes take turns, every row that others took leaves the top: all of them go at once.
+        self._gone.update(fallen)
+        if not self._shown.isdisjoint(fallen):
+            self._asked = -1
+        return len(self) > 0
 
     def choose(self, pod: int) -> int:
         """One of the positions, by node name and a hash of the pod: the same inputs choose the same node."""
@@ -83,6 +76,18 @@ class Best:
             self._first, self._asked = tuple(islice(few, count)), count
             self._shown = frozenset(self._first)
         return self._first
+
+    def _stays(self, position: int, old: int, new: int) -> bool:
+        """A total is among the highest: was it among them, now or once?"""
+        if position in self._shown:
+            self._asked = -1
+        if old == new:
+            return True
+        if new > self.top or position not in self._gone:
+            return False
+        self._gone.discard(position)
+        self._asked = -1
+        return True
 
     def _least(self, pod: int) -> int:
         return self._positions.item(mixed(self._hashes, pod).argmin())

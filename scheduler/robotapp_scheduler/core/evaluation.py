@@ -110,7 +110,10 @@ class Evaluation:
             reason[~nodes.valid] = HOLE
         self.reason = reason
         self._examples.clear()
-        self._count_reasons()
+        if rejecting or not nodes.no_holes:
+            self._count_reasons()
+        else:
+            self._counts, self.feasible = {}, nodes.n
         self.revision += 1
         self._combines += 1
 

@@ -183,9 +183,8 @@ class Totals:
     # --- Inside --------------------------------------------------------------------------------------------------
 
     def _add_up_all(self, rows: int) -> None:
-        self._local = np.full(rows, self._parts.flat, dtype=np.int64)
-        for column in self._parts.varying:
-            self._local += column.plugin.weight * column.raw
+        sums = self._sums(EVERY)
+        self._local = np.full(rows, self._parts.flat, dtype=np.int64) if sums is None else sums
 
     def _add_up_rows(self, stale: Nodes) -> None:
         varying, local = self._parts.varying, self._local
@@ -196,13 +195,17 @@ class Totals:
                     total += column.plugin.weight * column.raw.item(row)
                 local[row] = total
             return
-        rows = stale.rows
+        sums = self._sums(stale.rows)
+        local[stale.rows] = self._parts.flat if sums is None else sums
+
+    def _sums(self, rows: npt.NDArray[np.intp] | slice) -> IntArray | None:
+        """A new array of what these rows score, None when every row scores `flat`."""
         sums: IntArray | None = None
-        for column in varying:
+        for column in self._parts.varying:
             raw = column.raw[rows]
             part = raw if column.plugin.weight == 1 else column.plugin.weight * raw
-            sums = part if sums is None else sums + part
-        local[rows] = self._parts.flat if sums is None else sums + self._parts.flat
+            sums = part + self._parts.flat if sums is None else sums + part
+        return sums
 
     def _reject_bad(self, verdicts: Verdicts) -> None:
         for column in self._parts.checked:

@@ -46,6 +46,6 @@ def test_best_rows_that_are_told_of_every_change_equal_those_made_anew(
     for row, value, pod in changes:
         position = row % len(totals)
         before, total[position] = total.item(position), value
-        if not best.changed(position, before, value):
+        if not best.all_changed([position], [before], [value]):
             best = Best(total, hashes)
         truly_best(best, total, hashes, pod)
