@@ -14,6 +14,10 @@ MOST_BYTES: Final = 64 << 20
 MOST_OBJECTS: Final = 500_000
 MOST_PROBLEMS: Final = 20
 """Bad objects that are named; the rest is counted."""
+ALLOWED: Final = (
+    "a dump is a List of Kubernetes objects or one of them, in JSON, as `kubectl get nodes,pods -A -o json` and"
+    " `python -m robotapp_scheduler export` write it"
+)
 
 
 class DumpError(ValueError):
@@ -73,12 +77,11 @@ class Reader:
     def add(self, content: bytes, where: str) -> None:
         """One document: a List of any kinds, a list of one kind, or a single object. Raises `DumpError`."""
         if not content.strip():
-            raise DumpError(f"{where}: nothing in it; a dump is JSON of Kubernetes objects, written with -o json")
+            raise DumpError(f"{where}: nothing in it; {ALLOWED}")
         try:
             document = self._document.decode(content)
         except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
-            hint = "; write it with -o json" if content.lstrip()[:1] not in b"{[" else ""
-            raise DumpError(f"{where}: no JSON of Kubernetes objects: {error}{hint}") from error
+            raise DumpError(f"{where}: no JSON of Kubernetes objects ({error}); {ALLOWED}") from error
         if document.items is None:
             self._take(content, document.kind, where)
             return

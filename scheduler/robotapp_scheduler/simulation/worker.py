@@ -24,6 +24,7 @@ from robotapp_scheduler.simulation.run import simulate
 MOST_MEMORY: Final = 768 << 20
 MOST_CPU_S: Final = 60
 NICE: Final = 10
+BODY: Final = "body of the request"
 
 
 class Order(msgspec.Struct):
@@ -52,24 +53,24 @@ def answer(source: BinaryIO) -> dict[str, Any]:
     order = msgspec.json.decode(source.readline(), type=Order)
     content = source.read()
     try:
-        config = _config(order, content)
         reader = Reader(kinds())
-        reader.add(content, "body")
+        reader.add(content, BODY)
+        config = _config(order, content)
         del content
         return as_json(simulate(reader.dump, config, replay=order.replay))
     except ConfigError as error:
         return {"error": "the configuration cannot be used", "problems": list(error.problems)}
     except DumpError as error:
         return {"error": str(error)}
+    except RecursionError:
+        return {"error": f"{BODY}: config: nested too deep; nothing in a configuration needs more than a dozen levels"}
     except MemoryError:
         return {"error": f"this takes more than the {MOST_MEMORY >> 20} MiB a simulation may use"}
 
 
 def _config(order: Order, content: bytes) -> SchedulerConfig:
-    try:
-        brought = msgspec.json.decode(content, type=_Brought).config
-    except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
-        raise DumpError(f"body: no JSON of Kubernetes objects: {error}") from error
+    """The one the dump brings, else that of the order. The reader has been through it: it is JSON."""
+    brought = msgspec.json.decode(content, type=_Brought).config
     known = catalogue()
     if brought is not None:
         return configuration.parse(brought, catalogue=known, third_party=order.third_party)

@@ -4,6 +4,8 @@ import json
 import secrets
 import subprocess
 import sys
+import urllib.error
+import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,7 @@ from robotapp_testbed import ControlPlane
 from robotapp_testbed.nodes import SimulatedNode, edge
 from robotapp_testbed.process import Process
 from robotapp_testbed.product import start_scheduler
+from robotapp_testbed.servers import unverified
 
 pytestmark = pytest.mark.live
 
@@ -108,6 +111,21 @@ def test_the_running_scheduler_simulates_pods_of_a_file_and_places_none(
         found = placements(done.stdout, stage)
         assert found["wanted"]["node"] == {"try-1": "try-2", "try-2": "try-1"}[taken]
         assert [item["metadata"]["name"] for item in stage.pods()] == ["runs"]
+
+
+@pytest.mark.parametrize("body", [b"", b"kind: Pod"])
+def test_a_body_that_is_no_dump_is_answered_with_how_to_make_one(
+    installed_plane: ControlPlane, guarded: Process, body: bytes
+) -> None:
+    config = yaml.safe_load(installed_plane.kubeconfig("admin").read_text())
+    headers = {"Authorization": f"Bearer {config['users'][0]['user']['token']}"}
+    request = urllib.request.Request(f"{guarded.health_url}/simulate", data=body, headers=headers, method="POST")  # noqa: S310 - our own
+    with pytest.raises(urllib.error.HTTPError) as refused:
+        urllib.request.urlopen(request, context=unverified())  # noqa: S310 - our own
+    assert refused.value.code == 400
+    told = json.load(refused.value)["error"]
+    assert told.startswith("body of the request: no")
+    assert "kubectl get nodes,pods -A -o json" in told
 
 
 def test_a_tenant_may_not_simulate(installed_plane: ControlPlane, guarded: Process) -> None:

@@ -66,7 +66,7 @@ def test_a_pipe_whose_other_end_had_nothing_to_say_is_told_from_one_that_is_no_j
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert run("-", stdin=b"\n")[0] == 2
-    assert capsys.readouterr().err.startswith("error: -: nothing in it; a dump is JSON of Kubernetes objects")
+    assert capsys.readouterr().err.startswith("error: -: nothing in it; a dump is a List of Kubernetes objects")
 
 
 @pytest.mark.parametrize("number", ["some", "-3", "1.5", "²", "9" * 5000])

@@ -69,7 +69,7 @@ def test_thousands_of_bad_objects_are_counted_and_some_named() -> None:
         (b'{"items": 3}', "no JSON of Kubernetes objects"),
         (b"[" * 100_000, "no JSON of Kubernetes objects"),
         (b'{"a":' * 100_000, "no JSON of Kubernetes objects"),
-        (b"\xff\xfe", "no JSON"),
+        (b"\xff\xfe", "-o json"),
     ],
 )
 def test_what_is_no_dump_is_refused_with_what_is_allowed(content: bytes, hint: str) -> None:

@@ -5,6 +5,7 @@ import json
 from typing import Any
 
 import msgspec
+import pytest
 from tests.support.scheduling import node_json, pod_json
 
 from robotapp_scheduler.simulation.worker import Order, answer
@@ -44,6 +45,25 @@ def test_what_the_caller_did_wrong_is_an_error_with_the_reason() -> None:
     assert ask(cluster(config={"typo": 1}))["error"] == "the configuration cannot be used"
     assert "no JSON" in ask(b"kind: Pod")["error"]
     assert "no JSON" in ask(b"[" * 100_000)["error"]
+
+
+@pytest.mark.parametrize("body", [b"", b" \n"])
+def test_an_empty_body_is_told_what_is_expected_and_how_to_make_it(body: bytes) -> None:
+    error = ask(body)["error"]
+    assert error.startswith("body of the request: nothing in it; a dump is a List of Kubernetes objects")
+    assert "kubectl get nodes,pods -A -o json" in error
+
+
+@pytest.mark.parametrize("body", [b"kind: Pod", b'{"kind": "List", "items": [', b"[]", b"3", b"\xff\xfe", b'{"config": '])
+def test_a_body_that_is_no_dump_is_told_what_is_expected_and_how_to_make_it(body: bytes) -> None:
+    error = ask(body)["error"]
+    assert error.startswith("body of the request: no JSON of Kubernetes objects (")
+    assert "kubectl get nodes,pods -A -o json" in error
+
+
+@pytest.mark.parametrize("depth", [100, *range(200, 1200, 50), 5000])
+def test_a_configuration_of_any_depth_in_a_dump_is_an_answer(depth: int) -> None:
+    assert "error" in ask(b'{"items": [], "config": ' + b'{"a":' * depth + b"1" + b"}" * depth + b"}")
 
 
 def test_replay_is_passed_on() -> None:
