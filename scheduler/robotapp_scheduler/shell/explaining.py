@@ -1,12 +1,14 @@
 """Answers of /explain: the record of the decision as it was made, or, marked so, one made again now."""
 
 from collections.abc import Callable, Iterable, Mapping
+from datetime import timedelta
 from typing import Any, Final
 
 import msgspec
 
+from robotapp_api.client.times import Now, micro_time, utc_now
 from robotapp_scheduler.core.cycle import SchedulerCore
-from robotapp_scheduler.core.explain import as_json
+from robotapp_scheduler.core.explain import Record, as_json
 from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.reconsider import reconsider
 
@@ -17,8 +19,19 @@ NO_NODES: Final = "the table names nodes: it takes the right to get nodes"
 class Explainer:
     """Looks in the ring first; a pod it no longer knows (or never did: we were restarted) is decided again."""
 
-    def __init__(self, core: SchedulerCore, *, waiting: Callable[[], Iterable[Pod]], digest: Callable[[], str]) -> None:
+    def __init__(
+        self,
+        core: SchedulerCore,
+        *,
+        waiting: Callable[[], Iterable[Pod]],
+        digest: Callable[[], str],
+        clock: Callable[[], float],
+        now: Now = utc_now,
+    ) -> None:
+        """`clock` is the core's own; its times are told as what `now` said at that moment."""
         self._core = core
+        self._clock = clock
+        self._now = now
         self._waiting = waiting
         self._digest = digest
 
@@ -29,12 +42,12 @@ class Explainer:
         """The explanation as JSON, None for a pod that is not ours or not known."""
         record = self._core.explain.find(namespace, name)
         if record is not None and not full:
-            found = as_json(record) | {"recomputed": False}
+            found = self._told(record) | {"recomputed": False}
         else:
             pod = self._pod(namespace, name)
             if pod is None:
                 return None
-            found = self._again(pod, recorded=None if record is None else as_json(record), full=full and with_nodes)
+            found = self._again(pod, recorded=None if record is None else self._told(record), full=full and with_nodes)
             if full and not with_nodes:
                 found["note"] = NO_NODES
         found["config"] = self._digest()
@@ -42,7 +55,7 @@ class Explainer:
 
     def _again(self, pod: Pod, *, recorded: dict[str, Any] | None, full: bool) -> dict[str, Any]:
         made = reconsider(self._core, pod)
-        now = as_json(made.record)
+        now = self._told(made.record)
         found = recorded | {"recomputed": False} if recorded else now | {"recomputed": True, "note": RECOMPUTED}
         if not recorded:
             found |= {"node": pod.spec.node_name or None, "chosenNow": now["node"]}
@@ -51,6 +64,12 @@ class Explainer:
             found["full"] = {"recomputed": True, "note": RECOMPUTED, "node": now["node"], "message": now["message"]}
             found["full"]["table"] = table
         return found
+
+    def _told(self, record: Record) -> dict[str, Any]:
+        """A record with the time of day it was made at: the core's clock means nothing to anybody else."""
+        plain = as_json(record)
+        ago = timedelta(seconds=self._clock() - plain.pop("atS"))
+        return plain | {"at": micro_time(self._now() - ago)}
 
     def _pod(self, namespace: str, name: str) -> Pod | None:
         """The newest known version of a pod of ours, placed or waiting; assumed ones count as placed."""

@@ -94,7 +94,7 @@ class Scheduler:
             on_conflicts=self.events.conflicts,
         )
         self._explainer = Explainer(
-            self.core, waiting=self.intake.waiting.values, digest=lambda: self.running.config.digest
+            self.core, waiting=self.intake.waiting.values, digest=lambda: self.running.config.digest, clock=CLOCK
         )
         self._reloader = Reloader(
             running, self._source, catalogue=catalogue(), swap=self._swap, tell=self._tell, last_good=last_good

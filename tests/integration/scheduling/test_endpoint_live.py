@@ -5,6 +5,7 @@ import ssl
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -85,6 +86,7 @@ def test_a_tenant_sees_reasons_without_names_of_nodes_and_an_admin_sees_all(
         for name in ("edge-1", "edge-2"):  # bound there: the scheduler knows both
             stage.create_pod(pod(f"on-{name}", nodeSelector={"kubernetes.io/hostname": name}))
             stage.wait_bound(f"on-{name}")
+        created = datetime.now(UTC)
         stage.create_pod(pod("asked"))
         chosen = stage.wait_bound("asked")
         other = {"edge-1": "edge-2", "edge-2": "edge-1"}[chosen]
@@ -95,6 +97,7 @@ def test_a_tenant_sees_reasons_without_names_of_nodes_and_an_admin_sees_all(
         status, found = get(guarded, path, bearer=token(installed_plane, "tenant"))
         assert (status, found["node"], found["recomputed"]) == (200, chosen, False)
         assert other not in json.dumps(found)
+        assert created <= datetime.fromisoformat(found["at"]) <= datetime.now(UTC)
         status, found = get(guarded, f"{path}?full=1", bearer=token(installed_plane, "admin"))
         assert (status, found["runnerUp"]) == (200, other)
         assert {chosen, other} <= set(found["full"]["table"]["nodes"])

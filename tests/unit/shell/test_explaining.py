@@ -1,5 +1,6 @@
 """What /explain answers: the record as it was made, or one made again and marked so."""
 
+from datetime import UTC, datetime
 from typing import Any
 
 import msgspec
@@ -10,9 +11,31 @@ from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.shell.explaining import Explainer, without_nodes
 
+NOON = datetime(2026, 1, 2, 12, tzinfo=UTC)
 
-def explainer(core: SchedulerCore, *waiting: Pod) -> Explainer:
-    return Explainer(core, waiting=lambda: waiting, digest=lambda: "d1")
+
+def explainer(core: SchedulerCore, *waiting: Pod, clock: Clock | None = None) -> Explainer:
+    return Explainer(core, waiting=lambda: waiting, digest=lambda: "d1", clock=clock or Clock(), now=lambda: NOON)
+
+
+def test_the_time_of_a_decision_is_the_time_of_day_whenever_it_is_asked_for() -> None:
+    clock = Clock()
+    core = make_core(make_node("n1"), clock=clock)
+    core.schedule_one(PodInfo(make_pod("p")))
+    clock.forward(90.5)
+    found = explainer(core, clock=clock)("default", "p", with_nodes=False, full=False)
+    assert found is not None
+    assert found["at"] == "2026-01-02T11:58:29.500000Z"
+    assert "atS" not in found
+
+
+def test_an_answer_that_is_made_again_bears_the_time_it_was_made_at() -> None:
+    clock = Clock()
+    core = make_core(make_node("n1"), clock=clock)
+    clock.forward(90.5)
+    found = explainer(core, make_pod("p"), clock=clock)("default", "p", with_nodes=True, full=True)
+    assert found is not None
+    assert (found["recomputed"], found["at"]) == (True, "2026-01-02T12:00:00.000000Z")
 
 
 def bound(name: str, node: str, **fields: Any) -> Pod:

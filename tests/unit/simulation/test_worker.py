@@ -54,7 +54,9 @@ def test_an_empty_body_is_told_what_is_expected_and_how_to_make_it(body: bytes) 
     assert "kubectl get nodes,pods -A -o json" in error
 
 
-@pytest.mark.parametrize("body", [b"kind: Pod", b'{"kind": "List", "items": [', b"[]", b"3", b"\xff\xfe", b'{"config": '])
+@pytest.mark.parametrize(
+    "body", [b"kind: Pod", b'{"kind": "List", "items": [', b"[]", b"3", b"\xff\xfe", b'{"config": ']
+)
 def test_a_body_that_is_no_dump_is_told_what_is_expected_and_how_to_make_it(body: bytes) -> None:
     error = ask(body)["error"]
     assert error.startswith("body of the request: no JSON of Kubernetes objects (")
