@@ -6,7 +6,7 @@ from typing import Any, Final
 from robotapp_api.model.names import PodReason
 from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.cluster import Cluster
-from robotapp_scheduler.core.decision import FAULTS, Decision, failed
+from robotapp_scheduler.core.decision import FAULTS, Decision, failed, skipped_deleting
 from robotapp_scheduler.core.devices import DeviceGrant
 from robotapp_scheduler.core.engine import Engine, Stopwatch, pod_hash
 from robotapp_scheduler.core.evaluation import Evaluation
@@ -260,7 +260,7 @@ class SchedulerCore:
     def prepare(self, pod: PodInfo) -> Decision | None:
         """Resolve the pod's ROS wishes; a decision when it cannot be tried at all."""
         if pod.deleting:
-            return failed(pod, f"skip schedule deleting pod: {pod.key}")
+            return failed(pod, skipped_deleting(pod.key))
         if pod.excess:
             return excessive(pod, self.cluster.nodes.count)
         engine = self._engines[pod.scheduler_name]

@@ -77,3 +77,8 @@ class Decision:
 def failed(pod: PodInfo, message: str, *, nodes: int = 0) -> Decision:
     """Something broke: SchedulerError, retried after back-off."""
     return Decision(pod=pod, code=Code.ERROR, message=message, reason=PodReason.SCHEDULER_ERROR, nodes=nodes)
+
+
+def skipped_deleting(key: str) -> str:
+    """What a pod that is being deleted is refused with, and what its event says; `key` is namespace/name."""
+    return f"skip schedule deleting pod: {key}"

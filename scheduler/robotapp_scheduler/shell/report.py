@@ -19,6 +19,7 @@ from robotapp_api.client.apply import STRATEGIC
 from robotapp_api.client.errors import ApiError, ClientError, Conflict, NotFound
 from robotapp_api.client.resources import PODS
 from robotapp_api.model.names import EventReason
+from robotapp_scheduler.core.decision import skipped_deleting
 from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.shell import texts
 from robotapp_scheduler.shell.newest import Newest
@@ -135,7 +136,7 @@ class Reporter:
 
     def deleting(self, pod: Pod) -> None:
         """The pod was deleted while it waited: one Warning, no condition."""
-        note = texts.skipped_deleting(pod)
+        note = skipped_deleting(pod.key)
         if self._said.get(pod.metadata.uid) == ("", note, None):
             return
         self._remember(pod.metadata.uid, ("", note, None))

@@ -14,10 +14,6 @@ def assigned(pod: Pod, node: str) -> str:
     return f"Successfully assigned {pod.key} to {node}"
 
 
-def skipped_deleting(pod: Pod) -> str:
-    return f"skip schedule deleting pod: {pod.key}"
-
-
 def device_busy(device: str, node: str, *, holder: str, holder_namespace: str, namespace: str) -> str:
     """Who keeps a device from a pod in `namespace`; tenants do not see each other's names."""
     who = f"{holder_namespace}/{holder}" if holder_namespace == namespace else "another namespace"
