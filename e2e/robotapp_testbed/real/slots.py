@@ -15,6 +15,7 @@ from robotapp_testbed.real import sweep
 from robotapp_testbed.real.addresses import CLUSTERS, Addresses
 
 FOLDER = Path("/run/robotapp-nodes")
+_NAMED = 3
 
 
 class Slot:
@@ -46,6 +47,7 @@ def take(folder: Path = FOLDER, *, cgroups: Path = sweep.CGROUPS, links: Path = 
     """The lowest free number; what a killed holder left under it is removed first. Where that cannot be, or somebody else
     has a link or control group of that name, the next one is taken."""
     folder.mkdir(parents=True, exist_ok=True)
+    foreign: list[str] = []
     for number in range(CLUSTERS):
         file = _locked(folder / f"{number}.lock")
         if file is None:
@@ -53,12 +55,30 @@ def take(folder: Path = FOLDER, *, cgroups: Path = sweep.CGROUPS, links: Path = 
         slot = Slot(number, file)
         ours = slot.addresses
         left = _left_folder(file)
-        if sweep.sweep(run_dir=left, cgroup=ours.cgroup, host_link=ours.host_link, root=cgroups, links=links):
+        in_the_way = sweep.sweep(
+            run_dir=left,
+            cgroup=ours.cgroup,
+            host_link=ours.host_link,
+            root=cgroups,
+            links=links,
+            patience_s=sweep.PATIENCE_S if left else 0,  # where nobody was killed nothing is about to go
+        )
+        if not in_the_way:
             return slot
         file.close()
-    raise TestbedError(
-        f"{CLUSTERS} clusters of real nodes run already: end some with `python -m robotapp_testbed down`"
-    )
+        foreign.append(" and ".join(in_the_way))
+    raise TestbedError(_none_free(foreign))
+
+
+def _none_free(foreign: list[str]) -> str:
+    """What keeps all numbers: clusters, and what somebody else has given one of their names."""
+    running = f"{CLUSTERS - len(foreign)} clusters of real nodes run, end some with `python -m robotapp_testbed down`"
+    if not foreign:
+        return f"{running}; this machine can have no more"
+    names = ", ".join(foreign[:_NAMED]) + (f" and {len(foreign) - _NAMED} more" if len(foreign) > _NAMED else "")
+    others = f"{len(foreign)} names for clusters belong to something else, remove it: {names}"
+    kept = others if len(foreign) == CLUSTERS else f"{others}; {running}"
+    return f"none of the {CLUSTERS} numbers for clusters of real nodes is free: {kept}"
 
 
 def in_use(folder: Path = FOLDER) -> list[int]:

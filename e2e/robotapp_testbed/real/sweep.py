@@ -15,7 +15,7 @@ from pathlib import Path
 
 CGROUPS = Path("/sys/fs/cgroup")
 LINKS = Path("/sys/class/net")
-_PATIENCE_S = 10.0
+PATIENCE_S = 10.0
 _PAUSE_S = 0.02
 
 
@@ -26,7 +26,7 @@ def hierarchies(root: Path = CGROUPS) -> list[Path]:
     return sorted(path for path in root.iterdir() if path.is_dir() and not path.is_symlink())
 
 
-def remove_cgroups(name: str, *, root: Path = CGROUPS, patience_s: float = _PATIENCE_S) -> list[Path]:
+def remove_cgroups(name: str, *, root: Path = CGROUPS, patience_s: float = PATIENCE_S) -> list[Path]:
     """Remove the cgroup `name` with all below it, everywhere; what is still there when patience ends."""
     deadline_s = time.monotonic() + patience_s
     while True:
@@ -36,7 +36,7 @@ def remove_cgroups(name: str, *, root: Path = CGROUPS, patience_s: float = _PATI
         time.sleep(_PAUSE_S)  # the processes in it are killed but not reaped yet
 
 
-def remove_folder(folder: Path, *, patience_s: float = _PATIENCE_S) -> bool:
+def remove_folder(folder: Path, *, patience_s: float = PATIENCE_S) -> bool:
     """Whether it is gone: a program that is just dying may still write into it."""
     deadline_s = time.monotonic() + patience_s
     while folder.exists() and time.monotonic() < deadline_s:
@@ -46,7 +46,7 @@ def remove_folder(folder: Path, *, patience_s: float = _PATIENCE_S) -> bool:
     return not folder.exists()
 
 
-def await_no_link(name: str, *, links: Path = LINKS, patience_s: float = _PATIENCE_S) -> bool:
+def await_no_link(name: str, *, links: Path = LINKS, patience_s: float = PATIENCE_S) -> bool:
     """Whether the host's end of a link is gone: it goes with the namespace of its other end, a moment after that."""
     deadline_s = time.monotonic() + patience_s
     while (links / name).exists() and time.monotonic() < deadline_s:
@@ -54,12 +54,22 @@ def await_no_link(name: str, *, links: Path = LINKS, patience_s: float = _PATIEN
     return not (links / name).exists()
 
 
-def sweep(*, run_dir: Path | None, cgroup: str, host_link: str, root: Path = CGROUPS, links: Path = LINKS) -> bool:
-    """Whether nothing is left that is in a next cluster's way. A folder is in nobody's."""
-    clear = not remove_cgroups(cgroup, root=root) and await_no_link(host_link, links=links)
+def sweep(
+    *,
+    run_dir: Path | None,
+    cgroup: str,
+    host_link: str,
+    root: Path = CGROUPS,
+    links: Path = LINKS,
+    patience_s: float = PATIENCE_S,
+) -> list[str]:
+    """What is still in a next cluster's way, in words. A folder is in nobody's."""
+    left = [f"control group {path}" for path in remove_cgroups(cgroup, root=root, patience_s=patience_s)]
+    if not await_no_link(host_link, links=links, patience_s=patience_s):
+        left.append(f"link {host_link}")
     if run_dir:
         remove_folder(run_dir)
-    return clear
+    return left
 
 
 def _removed(cgroup: Path) -> bool:

@@ -1,10 +1,13 @@
 import json
 import os
+import time
 from pathlib import Path
 
 import pytest
 
+from robotapp_testbed.failures import TestbedError
 from robotapp_testbed.real import slots, sweep
+from robotapp_testbed.real.addresses import CLUSTERS
 
 
 @pytest.fixture
@@ -67,6 +70,41 @@ def test_a_number_whose_link_somebody_else_has_is_left_alone(
     assert slot.addresses.cluster == 1
     slot.release()
     assert slots.in_use(tmp_path / "locks") == []
+
+
+def test_links_of_somebody_else_that_keep_all_numbers_are_named_at_once(tmp_path: Path, cgroups: Path) -> None:
+    links = tmp_path / "net"
+    links.mkdir()
+    for number in range(CLUSTERS):
+        (links / f"robotapp{number}").touch()
+    began_s = time.monotonic()
+    with pytest.raises(TestbedError) as told:
+        slots.take(tmp_path / "locks", cgroups=cgroups, links=links)
+    assert time.monotonic() - began_s < sweep.PATIENCE_S / 2
+    assert str(told.value) == (
+        "none of the 250 numbers for clusters of real nodes is free: 250 names for clusters belong to something else,"
+        " remove it: link robotapp0, link robotapp1, link robotapp2 and 247 more"
+    )
+
+
+def test_clusters_and_somebody_elses_control_group_that_keep_all_numbers_are_told_apart(
+    tmp_path: Path, cgroups: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(slots, "CLUSTERS", 2)
+    busy = cgroups / "cpu" / "robotapp-nodes-1"
+    busy.mkdir()
+    (busy / "tasks").touch()  # rmdir(2) refuses, as with a process in it
+    one = take(tmp_path / "locks", cgroups)
+    with pytest.raises(TestbedError, match=f"is free: 1 names .* remove it: control group {busy}; 1 clusters .* run"):
+        take(tmp_path / "locks", cgroups)
+    busy.joinpath("tasks").unlink()
+    two = take(tmp_path / "locks", cgroups)
+    with pytest.raises(
+        TestbedError, match=r"^2 clusters of real nodes run, end some with .*; this machine can have no"
+    ):
+        take(tmp_path / "locks", cgroups)
+    one.release()
+    two.release()
 
 
 def test_cgroups_are_removed_from_the_leaves_up(cgroups: Path) -> None:
