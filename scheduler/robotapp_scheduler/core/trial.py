@@ -30,6 +30,7 @@ class Trial:
         self._log = self._cluster.log
         self._cluster.log = self._log.apart()
         self._cluster.topology.counts.begin_trial()
+        self._cluster.volumes.users.begin_trial()
         return self
 
     def __exit__(
@@ -40,6 +41,7 @@ class Trial:
             self._cluster.reorder(node, uids)
         self._cluster.log = self._log
         self._cluster.topology.counts.end_trial()
+        self._cluster.volumes.users.end_trial()
 
     @property
     def depth(self) -> int:

@@ -1,6 +1,6 @@
 """Which volumes the pods of each node use. Only pods with claims or old inline disks are ever counted here."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from itertools import chain
 from typing import NamedTuple, TypeVar
 
@@ -35,7 +35,9 @@ class VolumeUsers:
         self._claims: dict[str, dict[ClaimKey, int]] = {}
         self._where: dict[ClaimKey, dict[str, int]] = {}
         self._mounted: dict[ClaimKey, int] = {}
-        """Placed pods per claim that mount it by name (ephemeral volumes are made for one pod)."""
+        """Mounts by name of placed pods per claim (ephemeral volumes are made for one pod)."""
+        self._moved: dict[ClaimKey, int] | None = None
+        """In a trial: how the mounts changed since it began."""
         self._disks: dict[str, dict[str, tuple[Disk, ...]]] = {}
         self._drives: dict[str, dict[str, tuple[Identity, ...]]] = {}
         """Inline disks that a CSI driver attaches, by node and pod."""
@@ -57,6 +59,8 @@ class VolumeUsers:
                 del self._where[key]
             if not use.ephemeral:
                 _add(self._mounted, key, sign)
+                if self._moved is not None:
+                    _add(self._moved, key, sign)
         if not self._claims.get(node, True):
             del self._claims[node]
         drives = tuple((drive.driver, drive.handle) for drive in volumes.drives if drive.handle)
@@ -64,9 +68,26 @@ class VolumeUsers:
         _keep(self._drives, node, uid, drives, sign)
         self._uses.pop(node, None)
 
-    def mounted(self, claim: ClaimKey) -> bool:
-        """Does a placed pod use this claim?"""
-        return claim in self._mounted
+    def begin_trial(self) -> None:
+        """Pods are taken off and put on only to see what would be."""
+        self._moved = {}
+
+    def end_trial(self) -> None:
+        """Everything is as it was."""
+        self._moved = None
+
+    def in_use(self, claims: Collection[ClaimKey], *, promised: bool) -> bool:
+        """Is a claim of one pod in use, as kube-scheduler counts in a dry run?
+
+        Each claim that was in use at its start stands for one mount, however many pods have it, and what was moved since
+        is counted by mounts: of two pods that share a claim only one has to go before the other is told to. Where none was
+        in use the mounts of pods that may come count only with `promised`.
+        """
+        moved = self._moved or {}
+        before = sum(self._mounted.get(claim, 0) > moved.get(claim, 0) for claim in claims)
+        if not before and not promised:
+            return False
+        return before + sum(moved.get(claim, 0) for claim in claims) > 0
 
     def disks(self) -> Iterable[tuple[str, Iterable[tuple[Disk, ...]]]]:
         """Nodes with inline disks, and the disks per pod."""

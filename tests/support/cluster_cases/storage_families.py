@@ -70,9 +70,10 @@ def bound(scene: Scene, name: str, *, namespace: str, mode: str = "ReadWriteOnce
 
 
 def exclusive_claims(choices: Choices, scene: Scene) -> None:
-    """ReadWriteOncePod: one claim or two, each in use by nobody or by one other pod.
+    """ReadWriteOncePod: one claim or two, each in use by nobody, by one other pod or by several.
 
-    Where there are two, no pod of another namespace has a claim of that name: in dry runs upstream counts names alone.
+    A pod of another namespace has a claim of that name only where there is no other user: in dry runs upstream counts
+    names alone.
     """
     namespace = scene.pod["metadata"]["namespace"]
     modes = ("ReadWriteOncePod", "ReadWriteOncePod", "ReadWriteMany")
@@ -80,12 +81,15 @@ def exclusive_claims(choices: Choices, scene: Scene) -> None:
     for name in names:
         bound(scene, name, namespace=namespace, mode=choices.pick(modes))
         mount(scene.pod, name)
-        users = [pod for pod in scene.placed if len(names) == 1 or pod["metadata"]["namespace"] == namespace]
-        if users and choices.chance(70):
-            user = choices.pick(users)
-            if user["metadata"]["namespace"] != namespace:
-                bound(scene, name, namespace=user["metadata"]["namespace"], mode="ReadWriteOncePod")
+        neighbours = [pod for pod in scene.placed if pod["metadata"]["namespace"] == namespace]
+        strangers = [pod for pod in scene.placed if pod["metadata"]["namespace"] != namespace]
+        if strangers and len(names) == 1 and choices.chance(20):
+            user = choices.pick(strangers)
+            bound(scene, name, namespace=user["metadata"]["namespace"], mode="ReadWriteOncePod")
             mount(user, name)
+        elif neighbours and choices.chance(70):
+            for at in choices.some(range(len(neighbours)), least=1, most=choices.pick((1, 1, 2, 3))):
+                mount(neighbours[at], name)
 
 
 def inline_disks(choices: Choices, scene: Scene) -> None:

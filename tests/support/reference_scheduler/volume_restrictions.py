@@ -29,17 +29,31 @@ def volume_restrictions(state: State, node: Json) -> Rejection | None:
 
 
 def _exclusive_in_use(state: State) -> bool:
-    """Anywhere in the cluster, so the answer is the same for every node."""
+    """Anywhere in the cluster, so the answer is the same for every node.
+
+    A claim in use at PreFilter counts once, however many pods have it; each mount that a trial takes away or adds counts
+    for itself. Nothing is asked again in a trial where nothing was in use and no disk is inline.
+    """
     exclusive = {
         mount.claim_name
         for mount in _plain(state, state.pod)
         if mount.claim and "ReadWriteOncePod" in (mount.claim["spec"].get("accessModes") or [])
     }
-    return any(
-        namespace_of(other) == namespace_of(state.pod) and mount.claim_name in exclusive
-        for other, _ in state.everyone()
+    at_start = [name for pods in state.at_start.values() for name in _exclusive_mounts(state, pods, exclusive)]
+    now = [name for pods in state.placed.values() for name in _exclusive_mounts(state, pods, exclusive)]
+    count = len(set(at_start))
+    inline = any(kind in volume for volume in state.pod["spec"].get("volumes") or [] for kind in _SAME)
+    return (count > 0 or inline) and count + len(now) - len(at_start) > 0
+
+
+def _exclusive_mounts(state: State, pods: list[Json], exclusive: set[str]) -> list[str]:
+    return [
+        mount.claim_name
+        for other in pods
+        if namespace_of(other) == namespace_of(state.pod)
         for mount in _plain(state, other)
-    )
+        if mount.claim_name in exclusive
+    ]
 
 
 def _disks_conflict(pod: Json, other: Json) -> bool:

@@ -69,10 +69,42 @@ def test_who_has_to_go_is_found_anew_when_the_claim_is_free_for_others() -> None
     assert [victim.name for victim in plan.victims] == [f"lesser-{plan.node}"]
 
 
-def test_a_claim_promised_on_one_node_does_not_count_on_another_that_is_promised_too() -> None:
+def test_a_claim_promised_on_one_node_is_free_until_its_pod_comes() -> None:
     core = core_with_claims("once")
     for node, volumes in (("n0", [claimed("once")]), ("n1", [])):
         guest = make_info(f"guest-{node}", cpu="1", priority=20, volumes=volumes)
         core.cluster.nominations.nominate(guest, node)
     decision = core.schedule_one(make_info("vip", cpu="1", priority=10, volumes=[claimed("once")]))
+    assert decision.feasible == 2
+
+
+def test_a_claim_promised_on_one_node_counts_there_for_a_pod_with_an_inline_disk_as_well() -> None:
+    core = core_with_claims("once")
+    for node, volumes in (("n0", [claimed("once")]), ("n1", [])):
+        guest = make_info(f"guest-{node}", cpu="1", priority=20, volumes=volumes)
+        core.cluster.nominations.nominate(guest, node)
+    decision = core.schedule_one(make_info("vip", cpu="1", priority=10, volumes=[claimed("once"), DISK]))
     assert decision.node == "n1"
+
+
+def victims_of_shared_claim(*holders: str) -> list[tuple[str, str]]:
+    """Who goes where when these nodes have a pod each with the claim, one after the other until the pod has its node."""
+    core = core_with_claims("once")
+    for at, node in enumerate(holders):
+        core.cluster.apply_pod(make_pod(f"holder-{at}", node=node, priority=-at, volumes=[claimed("once")]))
+    vip = make_info("vip", cpu="1", priority=10, volumes=[claimed("once")])
+    gone = []
+    while (plan := core.schedule_one(vip, assume=False).plan) is not None:
+        for victim in plan.victims:
+            gone.append((plan.node, victim.name))
+            core.cluster.remove_pod(victim.pod)
+    assert core.schedule_one(vip, assume=False).placed
+    return gone
+
+
+def test_of_two_pods_that_share_a_claim_the_lesser_goes_first_and_then_the_other() -> None:
+    assert victims_of_shared_claim("n1", "n1") == [("n1", "holder-1"), ("n1", "holder-0")]
+
+
+def test_pods_that_share_a_claim_across_nodes_go_one_after_the_other() -> None:
+    assert victims_of_shared_claim("n0", "n1") == [("n1", "holder-1"), ("n0", "holder-0")]

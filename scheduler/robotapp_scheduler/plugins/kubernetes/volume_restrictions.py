@@ -45,10 +45,12 @@ class VolumeRestrictions:
         if pod.volumes is None:
             return None
         users = nodes.cluster.volumes.users
-        in_use = any(
-            claim is not None and ONE_POD in claim.spec.access_modes and users.mounted(claim.key)
+        own = {
+            claim.key
             for _, claim in named_claims(pod, nodes.cluster.volumes)
-        )
+            if claim is not None and ONE_POD in claim.spec.access_modes
+        }
+        in_use = users.in_use(own, promised=bool(pod.volumes.disks))  # upstream skips the plugin where neither decides
         mask = np.full(nodes.n, not in_use, dtype=np.bool_)
         clash = np.zeros(nodes.n, dtype=np.bool_)
         if pod.volumes.disks:
