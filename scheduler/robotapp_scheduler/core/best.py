@@ -1,103 +1,124 @@
-"""The rows with the highest total, and which of them a pod takes."""
+"""The rows with the highest totals, and which of them a pod takes."""
 
+from bisect import insort
 from collections.abc import Iterable
-from itertools import islice
+from operator import attrgetter
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from robotapp_scheduler.core.columns import IntArray
+from robotapp_scheduler.core.level import Hashes, Level
 
-Positions = npt.NDArray[np.intp]
-Hashes = npt.NDArray[np.uint64]
-
-_ODD: Final = np.uint64(0xBF58476D1CE4E5B9)
+_VALUE: Final = attrgetter("value")
+NOWHERE: Final = (1, 0)
+"""After the place of every row, in the order of `first`."""
 
 
 class Best:
-    """All positions with the highest total, in order. True while it is told of every total that changes (`all_changed`).
+    """All positions from some total on, by total. True while it is told of every total that changes (`all_changed`).
+
+    The highest total alone is looked for at first, the next ones when somebody asks for more rows than have it. A row
+    that changes moves from one total to another: a pod that makes its node better or worse than all others costs no
+    new look at all of them.
 
     `hashes` are those of the node names, by position; at least one total must be that of a feasible row.
     """
 
-    __slots__ = ("_asked", "_first", "_gone", "_hashes", "_positions", "_shown", "_total", "top")
+    __slots__ = ("_asked", "_by_value", "_first", "_floor", "_hashes", "_last", "_levels", "_shown", "_total")
 
     def __init__(self, total: IntArray, hashes: Hashes) -> None:
-        self.top = int(total.max())
-        self._total = total
-        self._positions: Positions = (total == self.top).nonzero()[0]
-        self._hashes = hashes[self._positions]
-        self._gone: set[int] = set()
-        """Of the positions, those whose total has fallen since."""
+        self._total, self._hashes = total, hashes
+        self._by_value: dict[int, Level] = {}
+        self._levels: list[Level] = []
+        """None of them empty, the highest one last."""
+        self._floor = int(total.max())
+        """All positions with this total or more are in a level."""
+        self._add(Level(self._floor, total, hashes, (total == self._floor).nonzero()[0]))
         self._first: tuple[int, ...] = ()
         """The last answer of `first`, true while it was asked for `_asked` positions."""
+        self._asked = -1
         self._shown: frozenset[int] = frozenset()
         """The same as a set: every change asks it."""
-        self._asked = -1
+        self._last = NOWHERE
 
     def __repr__(self) -> str:
         return f"Best({len(self)} rows with {self.top})"
 
     def __len__(self) -> int:
-        return len(self._positions) - len(self._gone)
+        return len(self._levels[-1])
+
+    @property
+    def top(self) -> int:
+        """The highest total."""
+        return self._levels[-1].value
 
     def all_changed(self, positions: Iterable[int], old: Iterable[int], new: Iterable[int]) -> bool:
-        """The same of several totals, each position once: False as soon as one of them is too much."""
-        top, fallen = self.top, []
+        """Rows were added up again, each position once. False when no row is known any more: then this must be made anew."""
+        floor, top, fallen = self._floor, self._levels[-1], []
         for position, before, after in zip(positions, old, new, strict=True):
-            if after >= top:
-                if not self._stays(position, before, after):
-                    return False
-            elif before == top:
-                fallen.append(position)
-        if not fallen:
-            return True
-        # Where several classes take turns, every row that others took leaves the top: all of them go at once.
-        self._gone.update(fallen)
-        if not self._shown.isdisjoint(fallen):
-            self._asked = -1
-        return len(self) > 0
+            if after >= floor or before >= floor:
+                if position in self._shown or (-after, position) < self._last:
+                    self._asked = -1
+                if after < floor and before == top.value:
+                    fallen.append(position)
+                elif after != before:
+                    self._move(position, before, after)
+        if fallen:
+            # Where several classes take turns, every row that others took leaves the top: all of them go at once.
+            top.leave(fallen)
+            self._drop_if_empty(top)
+        return bool(self._levels)
 
     def choose(self, pod: int) -> int:
-        """One of the positions, by node name and a hash of the pod: the same inputs choose the same node."""
-        if len(self._positions) > 1:
-            position = self._least(pod)
-            if position not in self._gone:
-                return position
-            self._compact()
-        return self._least(pod)
+        """One of those with the highest total, by node name and a hash of the pod: the same inputs choose the same node."""
+        return self._levels[-1].least(pod)
 
     def first(self, count: int) -> tuple[int, ...]:
-        """Up to `count` of the positions, lowest first; the same object while none of them was added up again."""
+        """Up to `count` positions, better ones first, lowest first among equals; the same object while none of them was
+        added up again. So many rows must be feasible.
+        """
         if self._asked != count:
-            gone = self._gone
-            few = (each for each in self._positions[: count + len(gone)].tolist() if each not in gone)
-            self._first, self._asked = tuple(islice(few, count)), count
-            self._shown = frozenset(self._first)
+            while len(found := self._known(count)) < count and self._floor > 0:
+                self._look_below()
+            self._first, self._asked, self._shown = tuple(found), count, frozenset(found)
+            self._last = (-self._total.item(found[-1]), found[-1])
         return self._first
 
-    def _stays(self, position: int, old: int, new: int) -> bool:
-        """A total is among the highest: was it among them, now or once?"""
-        if position in self._shown:
-            self._asked = -1
-        if old == new:
-            return True
-        if new > self.top or position not in self._gone:
-            return False
-        self._gone.discard(position)
-        self._asked = -1
-        return True
+    def _known(self, count: int) -> list[int]:
+        found: list[int] = []
+        for level in reversed(self._levels):
+            found += level.first(count - len(found))
+            if len(found) == count:
+                break
+        return found
 
-    def _least(self, pod: int) -> int:
-        return self._positions.item(mixed(self._hashes, pod).argmin())
+    def _look_below(self) -> None:
+        """Take in rows with lower totals: twice as deep as before."""
+        total, floor = self._total, self._floor
+        self._floor = max(2 * floor - self._levels[-1].value - 1, 0)
+        found = ((total >= self._floor) & (total < floor)).nonzero()[0]
+        above = total[found] - self._floor
+        for step in np.bincount(above).nonzero()[0].tolist():
+            self._add(Level(self._floor + step, total, self._hashes, found[above == step]))
 
-    def _compact(self) -> None:
-        stay = self._total[self._positions] == self.top
-        self._positions, self._hashes = self._positions[stay], self._hashes[stay]
-        self._gone.clear()
+    def _move(self, position: int, old: int, new: int) -> None:
+        if new >= self._floor:
+            level = self._by_value.get(new)
+            if level is None:
+                level = self._add(Level(new, self._total, self._hashes))
+            level.join(position)
+        if old >= self._floor:
+            level = self._by_value[old]
+            level.leave((position,))
+            self._drop_if_empty(level)
 
+    def _drop_if_empty(self, level: Level) -> None:
+        if not len(level):
+            del self._by_value[level.value]
+            self._levels.remove(level)
 
-def mixed(names: Hashes, pod: int) -> Hashes:
-    """64-bit values from node name hashes and one pod hash: for many pods, each name has the least one equally often."""
-    return (names ^ np.uint64(pod)) * _ODD
+    def _add(self, level: Level) -> Level:
+        self._by_value[level.value] = level
+        insort(self._levels, level, key=_VALUE)
+        return level

@@ -5,12 +5,13 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.best import Best, Hashes
+from robotapp_scheduler.core.best import Best
 from robotapp_scheduler.core.changes import NODE
 from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.core.explain import EXAMPLES, Refusal
 from robotapp_scheduler.core.filter_column import HOLE, Codes, FilterColumn, Reasons
 from robotapp_scheduler.core.front import NOTHING
+from robotapp_scheduler.core.level import Hashes
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.repair import FEW_ROWS, bring_up, view_of
 from robotapp_scheduler.core.score_column import ScoreColumn

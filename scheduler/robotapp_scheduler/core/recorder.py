@@ -7,7 +7,6 @@ import numpy as np
 
 from robotapp_scheduler.core.best import Best
 from robotapp_scheduler.core.cluster import Cluster
-from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.engine import Engine
 from robotapp_scheduler.core.evaluation import Evaluation
@@ -44,7 +43,7 @@ class Recorder:
     def scored(self, evaluation: Evaluation, chosen: int, best: Best) -> None:
         """The scores are in, and of the `best` rows `chosen` won."""
         count = min(TOP, evaluation.feasible)
-        first = best.first(count) if len(best) >= count else _next_best(evaluation.total, best.top, count)
+        first = best.first(count)
         weights, shadows = evaluation.scored_by()
         front = evaluation.front
         if front.positions is not first or front.weights is not weights:
@@ -133,13 +132,3 @@ class Recorder:
             source=source,
             met=None if rtt_us is None or budget_us is None else rtt_us <= budget_us,
         )
-
-
-def _next_best(total: IntArray, top: int, count: int) -> tuple[int, ...]:
-    """The best `count` feasible rows, better ones first: looked for further and further below the highest total."""
-    depth = 1
-    found = (total >= max(top - depth, 0)).nonzero()[0]
-    while len(found) < count:
-        depth *= 2
-        found = (total >= max(top - depth, 0)).nonzero()[0]
-    return tuple(found[np.argsort(-total[found], kind="stable")[:count]].tolist())
