@@ -14,7 +14,16 @@ _MERGE: Final = "tag:yaml.org,2002:merge"
 
 
 class StrictLoader(yaml.SafeLoader):
-    """SafeLoader that refuses duplicate keys."""
+    """SafeLoader that refuses duplicate keys and what is no text."""
+
+    def construct_scalar(self, node: yaml.ScalarNode | yaml.MappingNode) -> Any:
+        value = super().construct_scalar(node)
+        try:
+            value.encode()
+        except UnicodeEncodeError as error:  # "\ud800" may be written, but nothing can be made of it: no JSON, no digest
+            line = node.start_mark.line + 1
+            raise yaml.YAMLError(f"line {line}: {ascii(value[error.start])} is half a character") from error
+        return value
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         seen: set[object] = set()

@@ -21,7 +21,7 @@ from robotapp_scheduler.core.nominations import Nominations
 from robotapp_scheduler.core.objects import Node, Owned, Pod
 from robotapp_scheduler.core.placed import Records
 from robotapp_scheduler.core.pod_groups import PodGroups, in_group
-from robotapp_scheduler.core.pods import PlacedPod, PodInfo
+from robotapp_scheduler.core.pods import PlacedPod, PodInfo, same_groups
 from robotapp_scheduler.core.ports import PortUsers
 from robotapp_scheduler.core.priorities import PriorityColumns
 from robotapp_scheduler.core.resource_claims import ResourceClaims
@@ -48,6 +48,8 @@ class Cluster:
         self.devices = DeviceIndex()
         self.volumes = Volumes()
         self.pod_groups = PodGroups()
+        self._grouped: dict[str, Pod] = {}
+        """Pods of apps and PodGroups as they are counted there: labels change."""
         self.rtt = RttModel(self.nodes, clock)
         self.log = ChangeLog()
         self.topology = Topology(self.nodes, self.log)
@@ -254,13 +256,15 @@ class Cluster:
 
     def _member(self, pod: Pod, node: str | None) -> None:
         """Count a pod of an app or PodGroup where it is; None = it is gone."""
-        if not in_group(pod):
+        counted = self._grouped.pop(pod.metadata.uid, None)
+        if counted is not None and (node is None or not same_groups(counted, pod)):
+            self.apps.drop(counted)
+            self.pod_groups.drop(counted)
+        if node is None or not in_group(pod):
             return
-        for index in (self.apps, self.pod_groups):
-            if node is not None:
-                index.place(pod, node)
-            else:
-                index.drop(pod)
+        self._grouped[pod.metadata.uid] = pod
+        self.apps.place(pod, node)
+        self.pod_groups.place(pod, node)
 
     def _note(self, row: int, change: Change) -> None:
         if change:

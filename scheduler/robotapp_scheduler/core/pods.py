@@ -279,6 +279,12 @@ def member_of(labels: dict[str, str]) -> Member | None:
     return Member(uid, labels.get(Label.INSTANCE, ""), labels.get(Label.COMPONENT, ""))
 
 
+def same_groups(one: Pod, other: Pod) -> bool:
+    """Do two versions of a pod belong to the same RobotApp or PodGroup, or both to none?"""
+    labels, others = one.metadata.labels or {}, other.metadata.labels or {}
+    return labels == others or (member_of(labels), group_ref_of(one)) == (member_of(others), group_ref_of(other))
+
+
 def spread_key(pod: Pod) -> bytes:
     """The topology spread constraints as a key, b"" without any."""
     constraints = pod.spec.topology_spread_constraints

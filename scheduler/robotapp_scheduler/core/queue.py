@@ -93,10 +93,9 @@ class SchedulingQueue:
         if info.uid in self._pods:
             self.update(info)
             return
-        queued = QueuedPod(info, self._clock(), self._group(info))
+        queued = QueuedPod(info, self._clock())
         self._pods[info.uid] = queued
-        if queued.group is not None:
-            self._groups.setdefault(queued.group, {})[info.uid] = None
+        self._regroup(queued)
         self._to_active(queued, "UnscheduledPodAdd")
 
     def update(self, pod: Pod | PodInfo) -> None:
@@ -109,6 +108,7 @@ class SchedulingQueue:
         event = Event("pods", Change.SELF, queued.info.pod, info.pod)
         relevant = _relevant(queued.info.pod, info.pod)
         queued.info = info
+        self._regroup(queued)
         if info.uid in self._flying:
             if relevant:
                 self._flying.note_own(info.uid, event)
@@ -167,12 +167,17 @@ class SchedulingQueue:
         Every pod is tried again once its back-off is over; one in flight that comes back is tried at once.
         """
         self._backoff_rule = Backoff(initial_s=initial_backoff_s, most_s=max_backoff_s, clock=self._clock)
-        for uid, queued in list(self._pods.items()):
+        waiting = []
+        for uid, queued in self._pods.items():
             flight = self._flying.get(uid)
             if flight is not None:
                 flight.activated = True
                 continue
             self._take_out(queued)
+            waiting.append(queued)
+        # Entries that were taken out may still stand in a heap, and keys of two orders need not compare.
+        self._active, self._backoff, self._error_backoff = Heap(), Heap(), Heap()
+        for queued in waiting:
             self._requeue_from_wait(queued, "ConfigReloaded", immediate=False)
 
     def reopen(self, uid: str) -> None:
@@ -244,8 +249,7 @@ class SchedulingQueue:
         if uid in self._pods and flight is None:
             return  # it came back by the watch meanwhile
         self._pods[uid] = queued
-        if queued.group is not None:
-            self._groups.setdefault(queued.group, {})[uid] = None
+        self._regroup(queued)
         queued.timestamp_s = self._clock()
         queued.rejection = rejection
         if rejection.plugins:
@@ -346,6 +350,18 @@ class SchedulingQueue:
 
     def _drop(self, queued: QueuedPod) -> None:
         self._pods.pop(queued.info.uid, None)
+        self._leave_group(queued)
+
+    def _regroup(self, queued: QueuedPod) -> None:
+        """Among the pods of its group, which is another one when its labels say so now."""
+        group = self._group(queued.info)
+        if group != queued.group:
+            self._leave_group(queued)
+            queued.group = group
+        if group is not None:
+            self._groups.setdefault(group, {})[queued.info.uid] = None
+
+    def _leave_group(self, queued: QueuedPod) -> None:
         members = self._groups.get(queued.group) if queued.group is not None else None
         if members is not None:
             members.pop(queued.info.uid, None)

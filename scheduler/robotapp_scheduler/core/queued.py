@@ -39,9 +39,9 @@ class QueuedPod:
         "attempts", "errors", "first_seen_s", "gate", "group", "info", "rejection", "rejections", "timestamp_s",
     )  # fmt: skip
 
-    def __init__(self, info: PodInfo, now_s: float, group: Hashable | None) -> None:
+    def __init__(self, info: PodInfo, now_s: float) -> None:
         self.info = info
-        self.group = group
+        self.group: Hashable | None = None
         self.first_seen_s = now_s
         self.timestamp_s = now_s
         """First arrival, renewed each time the pod comes back from a failed attempt."""

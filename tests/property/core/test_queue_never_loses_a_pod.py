@@ -78,11 +78,11 @@ class QueueMachine(RuleBasedStateMachine):
             self.known.discard(uid)
             self.closed.discard(uid)
 
-    @rule(uid=names, value=st.sampled_from(("x", "y")))
-    def update(self, uid: str, value: str) -> None:
+    @rule(uid=names, value=st.sampled_from(("x", "y")), group=st.sampled_from(("", "g")))
+    def update(self, uid: str, value: str, group: str) -> None:
         if uid in self.known and uid not in self.deleted_in_flight:
             known = self.queue.get(uid) or self.flying[uid]
-            labels = {**known.info.labels, "value": value}
+            labels = {"group": group, "value": value}
             self.queue.update(make_info(known.info.name, priority=known.info.priority, labels=labels))
 
     @rule(uid=names)

@@ -2,6 +2,8 @@
 
 from typing import Any
 
+import msgspec
+
 from tests.support.pod_groups import (
     announce,
     arrive,
@@ -10,6 +12,7 @@ from tests.support.pod_groups import (
     pod_group,
     run,
     team_pod,
+    tell,
     workload_group,
     workload_pod,
 )
@@ -20,7 +23,7 @@ from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.groups import groups_of
 from robotapp_scheduler.core.objects import Pod
-from robotapp_scheduler.core.pod_groups import COSCHEDULING, POD_GROUP_LABEL, WORKLOADS, group_ref_of
+from robotapp_scheduler.core.pod_groups import COSCHEDULING, POD_GROUP_LABEL, WORKLOADS, GroupRef, group_ref_of
 
 
 def team(count: int, *, first: int = 0, **fields: Any) -> list[Pod]:
@@ -239,3 +242,57 @@ def test_a_group_of_a_dump_counts_for_its_own_api_only() -> None:
     assert known.apply(group, WORKLOADS) == Change.NONE
     assert known.apply(group, COSCHEDULING) == Change.POD_GROUPS
     assert known.apply(group, COSCHEDULING) == Change.NONE
+
+
+def relabelled(core: SchedulerCore, pod: Pod, *, group: str | None) -> Pod:
+    """The watch shows the pod with another group's label, or with none."""
+    labels = {POD_GROUP_LABEL: group} if group else {}
+    new = msgspec.structs.replace(pod, metadata=msgspec.structs.replace(pod.metadata, labels=labels))
+    change = core.cluster.apply_pod(new)
+    core.queue.update(new)
+    tell(core, Event("pods", change, pod, new))
+    return new
+
+
+def test_a_pod_that_changes_its_group_while_it_waits_is_placed_with_the_new_one() -> None:
+    core = small_nodes(6)
+    announce(core, pod_group("team", min_member=3))
+    announce(core, pod_group("other", min_member=2))
+    first, second = team(2)
+    arrive(core, first, second, team_pod("q", group="other", cpu="1"))
+    assert run(core) == {}
+    relabelled(core, first, group="other")
+    assert set(run(core)) == {"p0", "q"}
+    core.queue.invariant()
+    arrive(core, *team(1, first=5))
+    assert run(core) == {}, "only two of three are left"
+    arrive(core, *team(1, first=6))
+    assert set(run(core)) == {"p1", "p5", "p6"}
+
+
+def test_a_pod_that_leaves_its_group_while_it_waits_is_placed_alone_and_counts_no_more() -> None:
+    core = small_nodes(5)
+    announce(core, pod_group("team", min_member=3))
+    first, second = team(2)
+    arrive(core, first, second)
+    alone = relabelled(core, first, group=None)
+    assert set(run(core)) == {"p0"}
+    confirm(core, [alone])
+    arrive(core, *team(1, first=5))
+    assert run(core) == {}
+    assert core.cluster.pod_groups.ready(GroupRef(COSCHEDULING, "default", "team")) == 2
+
+
+def test_a_pod_that_joins_a_group_after_it_was_refused_alone_is_placed_with_it() -> None:
+    core = small_nodes(1)
+    announce(core, pod_group("team", min_member=2))
+    alone = make_pod("p0", cpu="4")
+    arrive(core, alone)
+    assert run(core) == {}
+    arrive(core, *team(1, first=1))
+    relabelled(core, alone, group="team")
+    assert run(core) == {}, "only one of two fits"
+    large = make_node("large", cpu="8")
+    tell(core, Event("nodes", core.cluster.apply_node(large), None, large))
+    assert set(run(core)) == {"p0", "p1"}
+    core.queue.invariant()

@@ -281,3 +281,19 @@ def test_under_other_rules_every_pod_is_tried_again_in_the_new_order_and_no_soon
     assert [names(queue.pop()) for _ in range(4)] == [["high"], ["gated"], ["refused"], ["low"]]
     queue.requeue(flying, FIT)
     assert names(queue.pop()) == ["flying"], "what it was refused by may decide no more"
+
+
+def test_keys_of_another_ordering_plugin_need_not_compare_with_those_of_the_one_before() -> None:
+    """What was taken out of a heap may still stand in it, with a key of the old order."""
+    clock, before = Clock(), [True]
+    queue = SchedulingQueue(clock=clock, key=lambda _, queued_s: (0, queued_s) if before else (0, (1, "text")))
+    for name in ("a", "b", "c"):
+        queue.add(make_info(name))
+    for _ in range(2):
+        queue.requeue(only(queue), Rejection())
+    before.clear()
+    queue.rules_changed(initial_backoff_s=1.0, max_backoff_s=10.0)
+    queue.invariant()
+    clock.forward(30)
+    queue.tick()
+    assert sorted(name for _ in range(3) for name in names(queue.pop())) == ["a", "b", "c"]

@@ -30,6 +30,10 @@ def terms(**expression: Any) -> dict[str, Any]:
     [
         (weight(1 << 31), "profiles[0].plugins.score.enabled[0].weight: Invalid value: 2147483648"),
         ({"podMaxBackoffSeconds": 10**400}, "podMaxBackoffSeconds: Invalid value: 1000"),
+        (
+            configurations.args("VolumeBinding", bindTimeoutSeconds=1 << 63),
+            "profiles[0].pluginConfig[VolumeBinding].args: bindTimeoutSeconds: more than the format can hold",
+        ),
         ({"clientConnection": {"qps": "5"}}, 'clientConnection.qps: Invalid value: "5"'),
         ({"profiles": [{"schedulerName": ""}, {"schedulerName": "b"}]}, "profiles[0].schedulerName: Required value"),
     ],

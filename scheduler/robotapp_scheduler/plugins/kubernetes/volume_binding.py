@@ -49,6 +49,8 @@ class VolumeBinding:
         args = args or VolumeBindingArgs()
         if args.bind_timeout_seconds < 0:
             raise ValueError("bindTimeoutSeconds: invalid BindTimeoutSeconds, should not be a negative value")
+        if args.bind_timeout_seconds >= 1 << 63:
+            raise ValueError("bindTimeoutSeconds: more than the format can hold")
         self._timeout_s = float(args.bind_timeout_seconds)
         self._points = interpolated(args.shape)
         self._scores = is_new(args.compat_version)
