@@ -135,6 +135,7 @@ _LABELS: Final = (
     (Change.TAINTS, "NodeTaintChange"),
     (Change.ANNOTATIONS, "NodeAnnotationChange"),
     (Change.FEATURES, "NodeDeclaredFeatureChange"),
+    (Change.NAMESPACES, "NamespaceLabelChange"),
     (Change.POD_ADDED, "AssignedPodAdd"),
     (Change.POD_REMOVED, "AssignedPodDelete"),
     (Change.POD_UPDATED, "AssignedPodUpdate"),

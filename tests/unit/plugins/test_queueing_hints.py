@@ -7,6 +7,7 @@ from tests.support.scheduling import make_info, make_node, make_pod
 
 from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.framework import Loaded
+from robotapp_scheduler.core.objects import Metadata, Namespace
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.plugins.registry import catalogue
 
@@ -46,6 +47,14 @@ def itself(before: dict[str, Any], after: dict[str, Any]) -> Event:
 
 def placed(**fields: Any) -> Event:
     return Event("pods", Change.POD_ADDED, make_pod("other", **fields), make_pod("other", node="n", **fields))
+
+
+def relabelled(name: str, before: dict[str, str] | None, after: dict[str, str] | None) -> Event:
+    """A namespace comes, goes or has other labels."""
+    old, new = (
+        None if labels is None else Namespace(metadata=Metadata(name=name, labels=labels)) for labels in (before, after)
+    )
+    return Event("namespaces", Change.NAMESPACES, old, new)
 
 
 def spread(**fields: Any) -> dict[str, Any]:
@@ -129,15 +138,14 @@ SPREAD: list[tuple[dict[str, Any], Event, bool]] = [
     ({}, placed(), True),
 ]
 NEAR, AWAY = company("podAffinity"), company("podAntiAffinity")
+NEAR_B, AWAY_B = (
+    company(side, namespaceSelector={"matchLabels": {"a": "b"}}) for side in ("podAffinity", "podAntiAffinity")
+)
 COMPANY: list[tuple[dict[str, Any], Event, bool]] = [
     (NEAR, placed(labels=WEB), True),
     (NEAR, placed(labels={"app": "db"}), False),
     (NEAR, placed(labels=WEB, namespace="elsewhere"), False),
-    (
-        company("podAffinity", namespaceSelector={"matchLabels": {"a": "b"}}),
-        placed(labels=WEB, namespace="other"),
-        True,
-    ),
+    (NEAR_B, placed(labels=WEB, namespace="other"), True),
     (AWAY, placed(labels=WEB), False),
     (AWAY, gone(labels=WEB), True),
     (AWAY, gone(), False),
@@ -156,6 +164,14 @@ COMPANY: list[tuple[dict[str, Any], Event, bool]] = [
     (NEAR, changed(Change.LABELS, {}, {"labels": ZONE}), True),
     ({}, itself({}, {"labels": WEB}), True),
     ({}, itself({}, {"tolerations": TOLERATION}), False),
+    (NEAR, relabelled("other", {}, {"a": "b"}), False),
+    (NEAR_B, relabelled("other", {}, {"a": "b"}), True),
+    (AWAY_B, relabelled("other", {"a": "b"}, {}), True),
+    (AWAY_B, relabelled("other", {"a": "b"}, {"a": "b", "x": "y"}), False),
+    (NEAR_B, relabelled("other", None, {"a": "b"}), True),
+    (NEAR_B, relabelled("other", {"a": "b"}, None), False),
+    ({}, relabelled("default", {"a": "b"}, {}), True),
+    ({}, relabelled("default", None, {}), False),
 ]
 
 

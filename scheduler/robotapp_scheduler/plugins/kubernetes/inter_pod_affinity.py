@@ -14,7 +14,8 @@ from robotapp_scheduler.core.changes import PLACED, Change, Event
 from robotapp_scheduler.core.columns import BoolArray, IntArray
 from robotapp_scheduler.core.counts import Census, Wanted
 from robotapp_scheduler.core.framework import Beside, FilterResult, PerDomain, PluginError, ScoreResult, Verdict
-from robotapp_scheduler.core.objects import Affinity, Node, PodAffinityTerm
+from robotapp_scheduler.core.matchers import Requirements
+from robotapp_scheduler.core.objects import Affinity, Namespace, Node, PodAffinityTerm
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo
 from robotapp_scheduler.core.view import Nodes
 
@@ -47,7 +48,7 @@ class InterPodAffinity:
     reads = ("labels", "namespace", "pod_affinity")
     node_reads = ("labels", "namespaces", "pods")
     hint_reads = ("namespace", "pod_affinity")
-    events = PLACED | Change.NODE_ADDED | Change.LABELS | Change.NOMINATED
+    events = PLACED | Change.NODE_ADDED | Change.LABELS | Change.NOMINATED | Change.NAMESPACES
     normalize = "minmax"
     Args = AffinityArgs
 
@@ -148,12 +149,14 @@ class InterPodAffinity:
         return Beside(takes)
 
     def hint(self, pod: PodInfo, event: Event) -> bool:
-        """A pod came that is wanted, one went that is in the way, or nodes changed a topology key."""
+        """A pod came that is wanted, one went that is in the way, nodes changed a topology key, or namespaces their labels."""
         if event.change & Change.SELF:
             return bool((event.old.metadata.labels or {}) != (event.new.metadata.labels or {}))
         terms = _readable(pod)
         if event.resource == "nodes":
             return _node_matters(event.old, event.new, terms)
+        if event.resource == "namespaces":
+            return _namespace_matters(event.old, event.new, pod, terms)
         old = PodInfo(event.old) if event.old is not None else None
         new = PodInfo(event.new) if event.new is not None else None
         if event.change & (Change.POD_REMOVED | Change.NOMINATED) and old is not None and _in_the_way(pod, terms, old):
@@ -236,6 +239,20 @@ def _in_the_way(pod: PodInfo, terms: Terms, other: PodInfo) -> bool:
     """Did the other pod keep the pod away, or the pod's own terms it?"""
     theirs = _readable(other).anti_affinity
     return any(_may_mean(term, other) for term in terms.anti_affinity) or any(_may_mean(term, pod) for term in theirs)
+
+
+def _namespace_matters(old: Namespace | None, new: Namespace | None, pod: PodInfo, terms: Terms) -> bool:
+    """Is it selected now and was not, or the other way round? Terms of others may not mean the pod's own any more."""
+    if new is None:
+        return False
+    if old is not None and new.metadata.name == pod.namespace:
+        return True
+    wanted = [term.namespace_requirements for term in (*terms.affinity, *terms.anti_affinity)]
+    return any(each and (old is not None and _meets(each, old)) != _meets(each, new) for each in wanted)
+
+
+def _meets(wanted: Requirements, namespace: Namespace) -> bool:
+    return matches_requirements(wanted, namespace.metadata.labels or {})
 
 
 def _node_matters(old: Node | None, new: Node | None, terms: Terms) -> bool:
