@@ -20,9 +20,11 @@ class StrictLoader(yaml.SafeLoader):
         value = super().construct_scalar(node)
         try:
             value.encode()
-        except UnicodeEncodeError as error:  # "\ud800" may be written, but nothing can be made of it: no JSON, no digest
+        except (
+            UnicodeEncodeError
+        ) as error:  # "\ud800" may be written, but nothing can be made of it: no JSON, no digest
             line = node.start_mark.line + 1
-            raise yaml.YAMLError(f"line {line}: {ascii(value[error.start])} is half a character") from error
+            raise yaml.YAMLError(f"line {line}: {value[error.start]!a} is half a character") from error
         return value
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:

@@ -3,7 +3,6 @@
 from typing import Any
 
 import msgspec
-
 from tests.support.pod_groups import (
     announce,
     arrive,
