@@ -171,7 +171,8 @@ class ResourceColumns:
     """
 
     __slots__ = (
-        "_held", "_spans", "_strange", "allocatable", "allowed_pods", "index", "ledger", "names", "pod_count", "requested", "scored"
+        "_held", "_spans", "_strange", "allocatable", "allowed_pods", "index", "ledger", "names", "offered", "pod_count",
+        "requested", "scored", "taken",
     )  # fmt: skip
 
     def __init__(self) -> None:
@@ -190,6 +191,10 @@ class ResourceColumns:
         self.ledger: IntArray = ledger
         self.scored: IntArray = ledger[:_ALLOWED]
         """cpu milli and memory bytes with defaults for containers that ask for nothing (the Fit scorer's view)."""
+        self.offered: IntArray = ledger[_ALLOWED:held]
+        """Pods a node may have, then what it offers of every resource."""
+        self.taken: IntArray = ledger[held:]
+        """Pods it has, then what they ask for: in the order of `offered`."""
         self.allowed_pods: IntArray = ledger[_ALLOWED]
         self.allocatable: IntArray = ledger[_ALLOWED + 1 : held]
         self.pod_count: IntArray = ledger[held]

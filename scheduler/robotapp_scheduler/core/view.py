@@ -11,6 +11,7 @@ from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.columns import BoolArray, CodeArray, FloatArray, IntArray, Vocabulary
 from robotapp_scheduler.core.counts import Census, Wanted
 from robotapp_scheduler.core.matchers import pods_of
+from robotapp_scheduler.core.mirror import Plain
 from robotapp_scheduler.core.objects import Taint
 from robotapp_scheduler.core.rows import Row
 from robotapp_scheduler.core.telemetry import RttRow
@@ -203,13 +204,23 @@ class Nodes:
             found = self._kept[kind, resources] = self._block(kind, resources)
         return found
 
+    def plain(self, resources: tuple[str, ...]) -> Plain | None:
+        """These amounts in float64, when all rows are in view and that makes no difference; else None."""
+        if not self.full or not self.cluster.mirror.refresh(self.cluster.log):
+            return None
+        return self.cluster.mirror.plain(resources)
+
     def _block(self, kind: str, resources: tuple[str, ...]) -> IntArray:
         if kind in self._as_counted:
             span = self._table.resources.span(kind, resources)
             if span is not None:
                 return self._counted(span)
         if kind == "free":
-            found: IntArray = self._block("allocatable", resources) - self._block("requested", resources)
+            mirror = self.cluster.mirror
+            if self.full and mirror.refresh(self.cluster.log) and (free := mirror.free(resources)) is not None:
+                found: IntArray = free.view()
+            else:
+                found = self._block("allocatable", resources) - self._block("requested", resources)
         else:
             found = np.empty((len(resources), self.n), dtype=np.int64)
             for i, resource in enumerate(resources):

@@ -58,16 +58,25 @@ class NodeResourcesBalancedAllocation:
         wish = self._wish(pod)
         if wish is None:
             return None
-        capacity, requested = nodes.block("allocatable", wish.names), nodes.block("requested", wish.names)
-        used = requested + (wish.steps if self._change else wish.steps[1:])
-        plain = len(wish.names) == 2 and all_positive(capacity)
-        balance: IntArray = _plain_pair(used, capacity) if plain else np.array([_balance(e, capacity) for e in used])
+        balance = self._balances(wish, nodes)
         after: IntArray = balance[-1]
         if self._change:
             after -= balance[0]
             after += _RISE  # (50 + after - before) // 2 + 50
             after >>= _HALVED
         return after
+
+    def _balances(self, wish: "_Wish", nodes: Nodes) -> IntArray:
+        """Without the pod (when that counts) and with it, shape (steps, rows)."""
+        first = 0 if self._change else 1
+        plain = nodes.plain(wish.names) if len(wish.names) == 2 else None
+        if plain is not None:
+            return _plain_pair(plain.requested + wish.floats[first:], plain.allocatable)
+        capacity = nodes.block("allocatable", wish.names)
+        used = nodes.block("requested", wish.names) + wish.steps[first:]
+        if len(wish.names) == 2 and all_positive(capacity):
+            return _plain_pair(used, capacity)
+        return np.array([_balance(each, capacity) for each in used])
 
     def score_row(self, pod: PodInfo, row: Row) -> int:
         """The score of one node."""
@@ -89,7 +98,7 @@ class NodeResourcesBalancedAllocation:
             names = tuple(name for name in self._names if name in NATIVE or wanted.get(name, 0))
             amounts = tuple(wanted.get(name, 0) for name in names)
             steps = np.array([[0] * len(names), amounts], dtype=np.int64)[:, :, None]
-            notes[self] = _Wish(names, amounts, steps) if any(amounts) else None
+            notes[self] = _Wish(names, amounts, steps, steps.astype(np.float64)) if any(amounts) else None
         found: _Wish | None = notes[self]
         return found
 
@@ -100,11 +109,15 @@ class _Wish(NamedTuple):
     names: tuple[str, ...]
     amounts: tuple[int, ...]
     steps: IntArray
+    floats: FloatArray
+    """`steps` in float64."""
 
 
-def _plain_pair(used: IntArray, capacity: IntArray) -> IntArray:
-    """As `_balance` for the usual case: two resources that every node offers. Shape (steps, resources, rows)."""
-    fractions = used / capacity
+def _plain_pair(used: IntArray | FloatArray, capacity: IntArray | FloatArray) -> IntArray:
+    """As `_balance` for the usual case: two resources that every node offers. Shape (steps, resources, rows); `used` may
+    be overwritten.
+    """
+    fractions = np.divide(used, capacity, out=used if used.dtype.kind == "f" else None)
     if fractions.size <= FEW or fractions.max() > 1.0:  # of many it is quicker to look first
         np.minimum(fractions, _ALL, out=fractions)
     apart: FloatArray = fractions[:, 0] - fractions[:, 1]

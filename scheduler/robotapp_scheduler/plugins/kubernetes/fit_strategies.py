@@ -1,16 +1,26 @@
 """The three scoring strategies of NodeResourcesFit, with Go's integer arithmetic."""
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import msgspec
 import numpy as np
+import numpy.typing as npt
 
 from robotapp_scheduler.core.columns import IntArray
-from robotapp_scheduler.plugins.kubernetes.resource_math import NOTHING, all_positive, half_away, percent, percent_of
+from robotapp_scheduler.plugins.kubernetes.resource_math import (
+    HUNDRED,
+    NOTHING,
+    all_positive,
+    half_away,
+    percent,
+    percent_of,
+)
 
 Amount = tuple[int, int, int]
 """(allocatable, requested with the pod, weight) of one resource on one node."""
+Amounts = npt.NDArray[Any]
+"""int64; or float64 where every node offers all of it and core.mirror vouches that nothing is lost."""
 
 
 class Weights(NamedTuple):
@@ -30,11 +40,13 @@ class Strategy(NamedTuple):
     """The same function twice: over columns, and for one node with plain integers.
 
     `columns(allocatable, requested with the pod, weights)` answers 0…100 per row; the amounts have the shape
-    (resources, rows).
+    (resources, rows), and the second ones are overwritten.
     """
 
-    columns: Callable[[IntArray, IntArray, Weights], IntArray]
+    columns: Callable[[Amounts, Amounts, Weights], IntArray]
     row: Callable[[Iterable[Amount]], int]
+    floats: bool = True
+    """`columns` takes amounts in float64, too."""
 
 
 _SCALE: Final = 10
@@ -55,15 +67,15 @@ class ShapePoint(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     score: int
 
 
-def least_allocated(capacity: IntArray, used: IntArray, weights: Weights) -> IntArray:
+def least_allocated(capacity: Amounts, used: Amounts, weights: Weights) -> IntArray:
     """Weighted mean of the free share; 0 for a resource that would be overdrawn."""
-    left = capacity - used
+    left = np.subtract(capacity, used, out=used)
     return _mean(np.maximum(left, NOTHING, out=left), capacity, weights)
 
 
-def most_allocated(capacity: IntArray, used: IntArray, weights: Weights) -> IntArray:
+def most_allocated(capacity: Amounts, used: Amounts, weights: Weights) -> IntArray:
     """Weighted mean of the used share, at most all of it."""
-    return _mean(np.minimum(capacity, used), capacity, weights)
+    return _mean(np.minimum(capacity, used, out=used), capacity, weights)
 
 
 def ratio_function(shape: Sequence[ShapePoint]) -> Strategy:
@@ -71,7 +83,7 @@ def ratio_function(shape: Sequence[ShapePoint]) -> Strategy:
     points = interpolated(shape)
     table = np.array(points, dtype=np.int64)
 
-    def columns(capacity: IntArray, used: IntArray, weights: Weights) -> IntArray:
+    def columns(capacity: Amounts, used: Amounts, weights: Weights) -> IntArray:
         utilization = np.where(used > capacity, 100, percent(np.minimum(used, capacity), capacity))
         # A resource that scores 0 leaves the mean, so does one the node does not offer.
         scores = np.where(capacity > 0, table[utilization], 0)
@@ -86,7 +98,7 @@ def ratio_function(shape: Sequence[ShapePoint]) -> Strategy:
             share += weight * (score > 0)
         return int(total / max(share, 1) + 0.5)
 
-    return Strategy(columns, row)
+    return Strategy(columns, row, floats=False)
 
 
 def _least_row(amounts: Iterable[Amount]) -> int:
@@ -113,18 +125,23 @@ STRATEGIES: Final[dict[str, Strategy]] = {
 }
 
 
-def _mean(parts: IntArray, capacity: IntArray, weights: Weights) -> IntArray:
-    """sum(weight·percent) // sum(weight) over the resources a node offers."""
+def _mean(parts: Amounts, capacity: Amounts, weights: Weights) -> IntArray:
+    """sum(weight·percent) // sum(weight) over the resources a node offers; `parts` is overwritten."""
+    if parts.dtype.kind == "f":
+        parts *= HUNDRED
+        parts /= capacity
+        total = _weighted(np.floor(parts, out=parts), weights)
+        return (total / weights.whole).astype(np.int64)
     if all_positive(capacity):
         return _weighted(percent_of(parts, capacity), weights) // weights.whole
     offered = (capacity > 0).astype(np.int64)
     return _weighted(percent(parts, capacity), weights) // np.maximum(_weighted(offered, weights), 1)
 
 
-def _weighted(values: IntArray, weights: Weights) -> IntArray:
+def _weighted(values: Amounts, weights: Weights) -> Amounts:
     if not weights.each:
         return np.zeros(values.shape[1], dtype=np.int64)
-    total: IntArray = values[0]
+    total: Amounts = values[0]
     if weights.each[0] != 1:
         total = weights.each[0] * total
     for i, weight in enumerate(weights.each[1:], 1):

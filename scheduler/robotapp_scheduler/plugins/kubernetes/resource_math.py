@@ -5,12 +5,11 @@ from typing import Final
 import numpy as np
 
 from robotapp_scheduler.core.columns import FloatArray, IntArray
+from robotapp_scheduler.core.mirror import EXACT_IN_FLOAT
 
 NOTHING: Final = np.array(0, dtype=np.int64)
 HUNDRED: Final = np.array(100, dtype=np.int64)
 """Numbers as arrays: to turn a plain one into an array costs NumPy more than to add twenty elements."""
-EXACT_IN_FLOAT: Final = 2**46
-"""Below this a float64 quotient up to a few hundred, cut to an integer, equals the integer quotient."""
 
 
 FEW: Final = 256

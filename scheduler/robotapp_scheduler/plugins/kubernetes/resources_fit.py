@@ -8,7 +8,7 @@ import numpy as np
 
 from robotapp_api.values.requests import amounts
 from robotapp_scheduler.core.changes import Change, Event
-from robotapp_scheduler.core.columns import BoolArray, IntArray
+from robotapp_scheduler.core.columns import BoolArray, FloatArray, IntArray
 from robotapp_scheduler.core.framework import FilterResult, ScoreResult, Verdict
 from robotapp_scheduler.core.objects import Node, Pod
 from robotapp_scheduler.core.pods import PodInfo
@@ -118,6 +118,9 @@ class NodeResourcesFit:
     def score(self, pod: PodInfo, nodes: Nodes) -> ScoreResult:
         """0…100 by the configured strategy, over the resources of the configuration."""
         wish = self._wish(pod).scored
+        plain = nodes.plain(wish.names) if self._strategy.floats else None
+        if plain is not None:
+            return self._strategy.columns(plain.allocatable, plain.scored + wish.floats, wish.weights)
         used = nodes.block("scored", wish.names) + wish.column
         return self._strategy.columns(nodes.block("allocatable", wish.names), used, wish.weights)
 
@@ -134,7 +137,7 @@ class NodeResourcesFit:
                 tuple(room.values()),
                 ("pods", *room),
                 _column([1, *room.values()]),
-                _Scored(tuple(amounts), tuple(amounts.values()), _column([*amounts.values()]), weights),
+                _scored(amounts, weights),
             )
         return found
 
@@ -171,11 +174,12 @@ def _strategy(args: ScoringStrategy) -> Strategy:
 
 
 class _Scored(NamedTuple):
-    """What the score reckons with: amounts of the pod by resource (as a column, too), and how much each counts."""
+    """What the score reckons with: amounts of the pod by resource (as columns, too), and how much each counts."""
 
     names: tuple[str, ...]
     amounts: tuple[int, ...]
     column: IntArray
+    floats: FloatArray
     weights: Weights
 
 
@@ -187,6 +191,11 @@ class _Wish(NamedTuple):
     places: tuple[str, ...]
     column: IntArray
     scored: _Scored
+
+
+def _scored(amounts: Mapping[str, int], weights: Weights) -> _Scored:
+    column = _column([*amounts.values()])
+    return _Scored(tuple(amounts), tuple(amounts.values()), column, column.astype(np.float64), weights)
 
 
 def _column(amounts: list[int]) -> IntArray:

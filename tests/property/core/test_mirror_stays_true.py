@@ -1,0 +1,96 @@
+"""What nodes offer and hold, kept in float64 while things change, is what the ledger says."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tests.support.scheduling import make_cluster, make_info, make_node, make_pod
+
+from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.mirror import EXACT_IN_FLOAT
+from robotapp_scheduler.core.trial import Trial
+from robotapp_scheduler.core.view import Nodes
+from robotapp_scheduler.plugins.kubernetes.balanced_allocation import NodeResourcesBalancedAllocation
+from robotapp_scheduler.plugins.kubernetes.resources_fit import NodeResourcesFit
+
+NAMES = ("cpu", "memory")
+LARGE = ("1", "4", str(EXACT_IN_FLOAT // 1000 - 1), str(EXACT_IN_FLOAT // 500))
+
+
+@dataclass(frozen=True)
+class Step:
+    """Something happens to a node or to a pod on it."""
+
+    kind: str
+    node: int
+    pod: int
+    amount: str
+
+    def on(self, cluster: Cluster) -> None:
+        """Let it happen."""
+        name, pod = f"n{self.node}", f"p{self.pod}"
+        if self.kind == "node":
+            cluster.apply_node(make_node(name, cpu=self.amount, memory="8Gi"))
+        elif self.kind == "strange":
+            cluster.apply_node(make_node(name, cpu="4", **{f"x.io/{self.pod}": self.amount}))
+        elif self.kind == "gone":
+            cluster.remove_node(name)
+        elif self.kind == "placed":
+            cluster.apply_pod(make_pod(pod, node=name, cpu=self.amount, memory="1Gi"))
+        else:
+            cluster.remove_pod(make_pod(pod, node=name))
+
+
+STEPS = st.lists(
+    st.builds(
+        Step,
+        kind=st.sampled_from(("node", "strange", "gone", "placed", "placed", "placed", "removed")),
+        node=st.integers(0, 4),
+        pod=st.integers(0, 9),
+        amount=st.sampled_from(LARGE),
+    ),
+    max_size=12,
+)
+
+
+def agrees(cluster: Cluster) -> None:
+    """Compare what is kept with the ledger, and scores of all rows at once with those of rows named one by one."""
+    every, ledger = Nodes(cluster), cluster.nodes.resources.ledger[:, : cluster.nodes.size]
+    valid, plain = every.valid, every.plain(NAMES)
+    some = Nodes(cluster, np.flatnonzero(valid))
+    offered = some.block("allocatable", NAMES)
+    fits = bool(offered.size) and offered.min() > 0 and offered.max() < EXACT_IN_FLOAT
+    assert (plain is not None) == fits
+    if plain is not None:
+        for kind, found in plain._asdict().items():
+            span = cluster.nodes.resources.span(kind, NAMES)
+            assert np.array_equal(found[:, valid], ledger[span][:, valid].astype(np.float64))
+    places = ("pods", *NAMES)
+    assert np.array_equal(every.block("free", places)[:, valid], some.block("free", places))
+    pod: Any = make_info("one-more", cpu="500m", memory="512Mi")
+    for plugin in (NodeResourcesFit(), NodeResourcesBalancedAllocation()):
+        whole, few = plugin.score(pod, every), plugin.score(pod, some)
+        assert isinstance(whole, np.ndarray)
+        assert isinstance(few, np.ndarray)
+        assert whole.dtype == few.dtype == np.int64
+        assert whole[valid].tolist() == few.tolist()
+
+
+@settings(deadline=None)
+@given(st.lists(STEPS, max_size=4), STEPS)
+def test_whole_columns_are_those_of_the_ledger_whatever_happens(rounds: list[list[Step]], tried: list[Step]) -> None:
+    cluster = make_cluster(*(make_node(f"n{i}", cpu="8", memory="8Gi") for i in range(3)))
+    agrees(cluster)
+    for steps in rounds:
+        for step in steps:
+            step.on(cluster)
+        agrees(cluster)
+    with Trial(cluster) as trial:
+        for step in tried:
+            record = cluster.placed.get(make_pod(f"p{step.pod}").metadata.uid)
+            if record is not None:
+                trial.take(record)
+                agrees(cluster)
+    agrees(cluster)
