@@ -8,6 +8,7 @@ import msgspec
 
 from robotapp_api.client.api import ListMeta, Page
 from robotapp_api.client.errors import Status, Unreachable, error_from_status
+from robotapp_api.client.versions import SPEC, Versions
 
 T = TypeVar("T")
 
@@ -24,7 +25,6 @@ MAX_LINE_BYTES: Final = 32 * 2**20
 MOST_BEFORE_BYTES: Final = 4096
 """Behind so much else of an object `managedFields` is not looked for: searching costs as well."""
 _MANAGED: Final = b'"managedFields":['
-_MANAGED_END: Final = b']},"spec":{'
 INITIAL_EVENTS_END: Final = "k8s.io/initial-events-end"
 
 
@@ -104,17 +104,17 @@ def shallow(body: bytes, *, most: int = MOST_NESTED) -> bytes:
     return b"".join([*parts, body[kept:]])
 
 
-def unmanaged(line: bytes) -> bytes:
-    """A watch line without the contents of metadata.managedFields where they are easily found: nearly half of a pod.
+def managed(line: bytes) -> tuple[int, int] | None:
+    """Where in a watch line the contents of metadata.managedFields are, if they are easily found: nearly half of a pod.
 
-    Nothing else of valid JSON is taken out. A quote inside a string is escaped, so what looks like the two keys here are
+    Nothing else of valid JSON is found. A quote inside a string is escaped, so what looks like the two keys here are
     keys, and the bracket before the second is none of a string; as it is the first one, it ends this very list.
     """
     start = line.find(_MANAGED, 0, MOST_BEFORE_BYTES) + len(_MANAGED)
     if start < len(_MANAGED):
-        return line
+        return None
     end = line.find(b"]", start)
-    return line[:start] + line[end:] if line.startswith(_MANAGED_END, end) else line
+    return (start, end) if line.startswith(SPEC, end) else None
 
 
 class Lines:
@@ -186,9 +186,15 @@ Read = tuple[T | None, Identity, str]
 class WatchDecoder(Generic[T]):
     """Decodes list pages and watch lines of objects of `as_type`; one that does not fit never stops the others."""
 
-    def __init__(self, as_type: type[T], *, namespaced: bool, fixed_keys: bool = False) -> None:
-        """`fixed_keys`: in nothing that `as_type` reads can a user have named something "managedFields"."""
-        self._brief = unmanaged if fixed_keys else bytes
+    def __init__(
+        self, as_type: type[T], *, namespaced: bool, fixed_keys: bool = False, known_specs: bool = False
+    ) -> None:
+        """`fixed_keys`: in nothing that `as_type` reads can a user have named something "managedFields".
+
+        `known_specs` is for pods besides: an update's spec is decoded only where it has changed (`Versions`).
+        """
+        self._fixed_keys = fixed_keys
+        self._versions: Versions[T] | None = Versions(as_type) if known_specs else None
         self.identify = identify_with(as_type, namespaced=namespaced)
         # The types are made at run time, which no checker can follow.
         typed: msgspec.json.Decoder[Any] = msgspec.json.Decoder(_Typed[as_type])  # type: ignore[valid-type]
@@ -213,16 +219,31 @@ class WatchDecoder(Generic[T]):
     def event(self, line: bytes) -> WatchEvent:
         """One line. Raises Unreachable when it is no watch event, the ApiError of an ERROR event."""
         try:  # one pass over the bytes; whatever is unusual pays for a second
-            event = self._typed(self._brief(line))
-            if event.type in _USUAL:
-                obj = event.object
-                return WatchEvent(event.type, obj, self.identify(obj))
+            kind, obj = self._read(line)
+            if kind in _USUAL:
+                return WatchEvent(kind, obj, self.identify(obj))
         except (msgspec.DecodeError, UnicodeDecodeError, KeyError, TypeError, RecursionError):
             pass
         try:
             return self._unusual(line)
         except RecursionError:
             return self._unusual(shallow(line))
+
+    def _read(self, line: bytes) -> tuple[str, T]:
+        where = managed(line) if self._fixed_keys else None
+        if where is None:
+            event = self._typed(line)
+            return event.type, event.object
+        start, end = where
+        versions = self._versions
+        if versions is not None:
+            obj = versions.again(line, start, end)
+            if obj is not None:
+                return MODIFIED, obj
+        event = self._typed(line[:start] + line[end:])
+        if versions is not None:
+            versions.take(event.type, line, end, event.object)
+        return event.type, event.object
 
     def _unusual(self, line: bytes) -> WatchEvent:
         try:

@@ -36,8 +36,8 @@ class Alike:
     def __repr__(self) -> str:
         return f"Alike({len(self._models)} owners, {len(self._values)} values)"
 
-    def share(self, pod: Pod) -> None:
-        """Replace the parts of a placed pod that its last sibling has as well."""
+    def share(self, pod: Pod, old: Pod | None = None) -> None:
+        """Replace the parts of a placed pod that its last sibling has as well; `old` is what it was when this was done last."""
         owner = controller_of(pod.metadata.owner_references)
         key = owner.uid if owner is not None else pod.metadata.namespace
         model = self._models.get(key)
@@ -46,7 +46,8 @@ class Alike:
                 self._models.clear()
             model = self._models[key] = {}
         _share(pod.metadata, METADATA, model)
-        self._share_spec(pod, model)
+        if old is None or pod.spec is not old.spec:
+            self._share_spec(pod, model)
         known = model.get("status")
         if pod.status == known:
             pod.status = known
@@ -58,14 +59,15 @@ class Alike:
     def _share_spec(pod: Pod, model: dict[str, Any]) -> None:
         """Replicas differ in nothing but the node: one comparison, and a copy that has all its parts in common."""
         spec, node = pod.spec, intern(pod.spec.node_name)
-        spec.node_name = ""
         known: PodSpec | None = model.get("spec")
-        if known is not None and spec == known:
-            pod.spec = replace(known, node_name=node)
-            return
+        if known is not None:
+            known.node_name = node  # nobody else has it: other versions of this pod may have `spec`
+            if spec == known:
+                pod.spec = replace(known)
+                return
         _share(spec, SPEC, model)
-        model["spec"] = replace(spec)
         spec.node_name = node
+        model["spec"] = replace(spec)
 
     def same(self, value: T) -> T:
         """An equal value that was seen before, else this one: for small immutable values many pods have."""

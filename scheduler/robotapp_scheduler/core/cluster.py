@@ -290,7 +290,7 @@ class Cluster:
         uid = pod.metadata.uid
         self._seen.pop(uid, None)
         old = self.placed.get(uid)
-        self._alike.share(pod)
+        self._alike.share(pod, old.pod if old is not None else None)
         node, deleting = pod.spec.node_name, pod.metadata.deletion_timestamp is not None
         if old is not None and (old.node, old.terminating) == (node, deleting) and same_shape(old.pod, pod):
             # Most news by far: an assumption is confirmed, or the status changed.

@@ -71,7 +71,15 @@ class Feed:
         self._metrics = metrics
         self.synced = asyncio.Event()
         self._reflectors: list[Reflector[Any]] = []
-        pods = Route(PODS, Pod, lambda _: Change.NONE, lambda _: Change.NONE, field_selector=LIVE_PODS, fixed_keys=True)
+        pods = Route(
+            PODS,
+            Pod,
+            lambda _: Change.NONE,
+            lambda _: Change.NONE,
+            field_selector=LIVE_PODS,
+            fixed_keys=True,
+            known_specs=True,
+        )
         self._core = (
             (pods, on_pod),
             *self._routed(*plain_routes(cluster)),
@@ -142,6 +150,7 @@ class Feed:
             label_selector=route.label_selector,
             field_selector=route.field_selector,
             fixed_keys=route.fixed_keys,
+            known_specs=route.known_specs,
         )
         self._reflectors.append(reflector)
         group.create_task(reflector.run(), name=f"watch {route.resource.plural}")

@@ -19,4 +19,5 @@ class Route:
     label_selector: str = ""
     field_selector: str = ""
     fixed_keys: bool = False
-    """See `WatchDecoder`."""
+    known_specs: bool = False
+    """See `WatchDecoder`, for both."""

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from tests.support.scripted import bookmark, error_event, event, item
 
 from robotapp_api.client.errors import Gone, ServerError, Unreachable
-from robotapp_api.client.watch import BOOKMARK, Identity, Lines, WatchDecoder, shallow, unmanaged
+from robotapp_api.client.watch import BOOKMARK, Identity, Lines, WatchDecoder, managed, shallow
 
 
 def split(pieces: list[bytes], *, at_once: int = 1, **settings: int) -> list[list[bytes]]:
@@ -197,11 +197,11 @@ def shuffled(mapping: dict[str, Any], order: random.Random) -> dict[str, Any]:
     return dict(order.sample(list(mapping.items()), len(mapping)))
 
 
-def test_managed_fields_are_left_out_as_the_api_server_writes_them() -> None:
-    managed = [{"manager": "kubelet", "fieldsV1": {"f:status": {'k:{"type":"Ready"}': {}}}}]
+def test_managed_fields_are_found_as_the_api_server_writes_them() -> None:
+    fields = [{"manager": "kubelet", "fieldsV1": {"f:status": {'k:{"type":"Ready"}': {}}}}]
     start, end = b'{"metadata":{"ownerReferences":[],"managedFields":[', b']},"spec":{}}'
-    sent = line({"metadata": {"ownerReferences": [], "managedFields": managed}, "spec": {}})
-    assert unmanaged(sent) == start + end
-    assert unmanaged(start + b"[1]" + end) == start + b"[1]" + end
-    assert unmanaged(b" " * 5000 + sent) == b" " * 5000 + sent
-    assert unmanaged(b"{}") == b"{}"
+    sent = line({"metadata": {"ownerReferences": [], "managedFields": fields}, "spec": {}})
+    assert managed(sent) == (len(start), len(sent) - len(end))
+    assert managed(start + b"[1]" + end) is None
+    assert managed(b" " * 5000 + sent) is None
+    assert managed(b"{}") is None

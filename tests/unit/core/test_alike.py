@@ -50,3 +50,15 @@ def test_replicas_in_the_same_state_hold_one_status_and_nodes_of_their_own() -> 
     assert [pod.spec.node_name for pod in (first, second, third)] == ["n0", "n1", "n2"]
     assert [pod.spec.priority for pod in (first, second, third)] == [0, 0, 1]
     assert third.spec.containers is first.spec.containers
+
+
+def test_a_pod_whose_spec_is_that_of_its_last_version_keeps_it() -> None:
+    alike = Alike()
+    sibling, bound, running = (make_pod(name, node=node, owner=REPLICA) for name, node in ("am", "bn", "bn"))
+    alike.share(bound)
+    alike.share(sibling)
+    running.spec = bound.spec
+    alike.share(running, bound)
+    assert running.spec is bound.spec
+    alike.share(sibling)
+    assert [pod.spec.node_name for pod in (sibling, bound, running)] == ["m", "n", "n"]
