@@ -12,6 +12,7 @@ from robotapp_scheduler.config import ConfigError
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.simulation.dump import MOST_BYTES, Dump, DumpError, Reader
 from robotapp_scheduler.simulation.kinds import kinds
+from robotapp_scheduler.simulation.progress import Progress
 from robotapp_scheduler.simulation.report import as_json, as_table
 from robotapp_scheduler.simulation.run import simulate
 
@@ -31,7 +32,11 @@ def main(argv: Sequence[str], *, stdin: BinaryIO | None = None, out: TextIO | No
         return _failed(str(error))
     except OSError as error:
         return _failed(f"{error.filename}: {error.strerror}")
-    outcome = simulate(dump, config, replay=found.replay)
+    progress = Progress(sys.stderr)
+    try:
+        outcome = simulate(dump, config, replay=found.replay, progress=progress)
+    finally:
+        progress.end()
     target = out or sys.stdout
     if found.json:
         json.dump(as_json(outcome), target, indent=2)

@@ -26,6 +26,8 @@ ROUNDS: Final = 10
 SETTLED: Final = Rejection(frozenset({"Simulation"}))
 """Parks a refused pod: no event wakes it, the next round does."""
 _NO_TIME = 0.0
+Told = Callable[[int, int], None]
+"""Told how far we are: decisions so far, pods that waited at first."""
 PLANNING: Final = Limits(steps=20)
 """A group is planned for so many steps, not for some time: the same dump has the same outcome on any machine."""
 
@@ -71,17 +73,19 @@ class Outcome:
         return sum(1 for placement in self.placements if placement.was and placement.was != placement.node)
 
 
-def simulate(dump: Dump, config: SchedulerConfig, *, replay: int = 0) -> Outcome:
+def simulate(dump: Dump, config: SchedulerConfig, *, replay: int = 0, progress: Told = lambda *_: None) -> Outcome:
     """Place every waiting pod of our profiles; with `replay` the latest so many bound ones again, too."""
-    world = _World(dump, config)
+    world = _World(dump, config, progress)
     world.fill(replay)
     world.place()
     return world.outcome
 
 
 class _World:
-    def __init__(self, dump: Dump, config: SchedulerConfig) -> None:
+    def __init__(self, dump: Dump, config: SchedulerConfig, progress: Told) -> None:
         self._dump = dump
+        self._progress = progress
+        self._decided = 0
         self._names = frozenset(config.scheduler_names)
         self.cluster = Cluster(clock=lambda: _NO_TIME)
         self.core = SchedulerCore(self.cluster, config.build(), clock=lambda: _NO_TIME)
@@ -115,8 +119,9 @@ class _World:
 
     def place(self) -> None:
         """Decide until nobody finds a node any more."""
+        waiting = len(self.core.queue)
         for _ in range(ROUNDS):
-            if not self._round() or not self._refused:
+            if not self._round(waiting) or not self._refused:
                 break
             self.core.queue.activate(list(self._refused))
         for uid, decision in self._refused.items():
@@ -127,10 +132,12 @@ class _World:
             text = f"held: {gate.reason}" if gate is not None else "held"
             self.outcome.placements.append(Placement(pod.namespace, pod.name, pod.scheduler_name, None, text))
 
-    def _round(self) -> bool:
-        """One pass over the queue; True when a pod found a node."""
+    def _round(self, waiting: int) -> bool:
+        """One pass over the queue, in which so many stood at first; True when a pod found a node."""
         found = False
         while batch := self.core.queue.pop():
+            self._decided += len(batch)
+            self._progress(self._decided, waiting)
             posed = self.core.pose(batch)
             advice = advice_of(posed, solve(posed.problem, PLANNING, lambda: _NO_TIME)) if posed is not None else None
             for decision in self.core.schedule(batch, advice=advice):
