@@ -184,14 +184,13 @@ def interest_of(node_reads: Iterable[str]) -> int:
 class News:
     """What a log says after some position. Made once for all readers that stand there."""
 
-    __slots__ = ("_changes", "_distinct", "_found", "_rows", "kinds", "views")
+    __slots__ = ("_changes", "_found", "_rows", "kinds", "views")
 
     def __init__(self, rows: Sequence[int], changes: Sequence[int]) -> None:
+        self._rows, self._changes = rows, changes
         self.kinds = 0
         """All kinds of change that happened."""
-        self._rows, self._changes = rows, changes
-        self._distinct = set(changes)
-        for change in self._distinct:
+        for change in changes if len(changes) == 1 else set(changes):
             self.kinds |= change
         self._found: dict[int, list[int] | None] = {}
         self.views: dict[int, Any] = {}
@@ -206,10 +205,11 @@ class News:
         if not wanted:
             return []
         if wanted not in self._found:
-            rest = [change for change in self._distinct if not change & wanted]
-            rows = compress(self._rows, (change not in rest for change in self._changes)) if rest else self._rows
-            once = dict.fromkeys(rows)
-            self._found[wanted] = None if EVERY_ROW in once else list(once)
+            rows: Iterable[int] = self._rows
+            if wanted != self.kinds:
+                rows = compress(rows, map(wanted.__and__, self._changes))
+            once = [*rows] if len(self._rows) == 1 else [*dict.fromkeys(rows)]
+            self._found[wanted] = None if EVERY_ROW in once else once
         return self._found[wanted]
 
 

@@ -13,7 +13,7 @@ from robotapp_scheduler.core.alike import Alike
 from robotapp_scheduler.core.apps import AppIndex
 from robotapp_scheduler.core.budgets import Budgets
 from robotapp_scheduler.core.changes import EVERY_ROW, Change, ChangeLog
-from robotapp_scheduler.core.columns import SCORED_CPU, SCORED_MEMORY, IntArray
+from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.core.devices import DeviceGrant, DeviceIndex
 from robotapp_scheduler.core.mirror import Mirror
 from robotapp_scheduler.core.name_index import NameIndex
@@ -360,10 +360,8 @@ class Cluster:
 
     def _count(self, record: PlacedPod, row: int, sign: int) -> None:
         table = self.nodes
-        table.resources.add(row, record.requested, sign)
-        table.scored[SCORED_CPU, row] += sign * record.scored_cpu_milli
-        table.scored[SCORED_MEMORY, row] += sign * record.scored_memory_bytes
-        table.pod_count[row] += sign
+        scored = (record.scored_cpu_milli, record.scored_memory_bytes)
+        table.resources.count(row, record.requested, scored, sign)
         table.versions[row] += 1
         self.by_priority.count(row, record, sign)
         if record.ports:

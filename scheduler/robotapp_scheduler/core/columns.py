@@ -16,6 +16,8 @@ CodeArray = npt.NDArray[np.int32]
 FloatArray = npt.NDArray[np.float64]
 
 T = TypeVar("T")
+Amounts = tuple[tuple[int, int], ...]
+"""(index of a resource, amount) pairs."""
 
 START_ROWS: Final = 64
 CPU: Final = 0
@@ -27,6 +29,7 @@ MOST_RESOURCES: Final = 1024
 MOST_STRANGE: Final = 256
 """Resources that pods may bring in without any node offering them."""
 MOST_SPANS: Final = 256
+MOST_STEPS: Final = 256
 SCORED_CPU: Final = 0
 SCORED_MEMORY: Final = 1
 SCORED: Final = {"cpu": SCORED_CPU, "memory": SCORED_MEMORY}
@@ -171,8 +174,8 @@ class ResourceColumns:
     """
 
     __slots__ = (
-        "_held", "_spans", "_strange", "allocatable", "allowed_pods", "index", "ledger", "names", "offered", "pod_count",
-        "requested", "scored", "taken",
+        "_held", "_spans", "_steps", "_strange", "allocatable", "allowed_pods", "index", "ledger", "names", "offered",
+        "pod_count", "requested", "scored", "taken",
     )  # fmt: skip
 
     def __init__(self) -> None:
@@ -180,6 +183,8 @@ class ResourceColumns:
         self.index: dict[str, int] = {name: i for i, name in enumerate(self.names)}
         self._spans: dict[tuple[str, tuple[str, ...]], slice] = {}
         """Where amounts that were asked for together stand: until the ledger is laid out anew, a resource keeps its place."""
+        self._steps: dict[tuple[Amounts, tuple[int, int]], IntArray] = {}
+        """What pods add to a row of nodes that have them: most pods are one of many replicas."""
         self._strange = 0
         self._lay_out(np.zeros((_ALLOWED + 2 + 2 * len(self.names), START_ROWS), dtype=np.int64))
 
@@ -200,6 +205,7 @@ class ResourceColumns:
         self.pod_count: IntArray = ledger[held]
         self.requested: IntArray = ledger[held + 1 :]
         self._spans.clear()
+        self._steps.clear()
 
     def grow(self, rows: int) -> None:
         """Make room for `rows` rows."""
@@ -270,8 +276,25 @@ class ResourceColumns:
         for code, value in amounts:
             self.allocatable[code, row] = value
 
-    def add(self, row: int, amounts: Iterable[tuple[int, int]], sign: int) -> None:
-        """Count a pod in (+1) or out (-1)."""
-        requested = self.requested
-        for code, value in amounts:
-            requested[code, row] += sign * value
+    def count(self, row: int, requested: Amounts, scored: tuple[int, int], sign: int) -> None:
+        """Count a pod in (+1) or out (-1). `scored` are its cpu milli and memory bytes in the Fit scorer's view."""
+        step = self._steps.get((requested, scored))
+        if step is None:
+            step = self._step(requested, scored)
+        there = self.ledger[:, row]
+        if sign > 0:
+            there += step
+        else:
+            there -= step
+
+    def _step(self, requested: Amounts, scored: tuple[int, int]) -> IntArray:
+        """What such a pod adds to each row of the ledger."""
+        step: IntArray = np.zeros(len(self.ledger), dtype=np.int64)
+        step[SCORED_CPU], step[SCORED_MEMORY] = scored
+        step[self._held] = 1
+        for code, value in requested:
+            step[self._held + 1 + code] = value
+        if len(self._steps) >= MOST_STEPS:
+            self._steps.clear()
+        self._steps[requested, scored] = step
+        return step

@@ -2,6 +2,8 @@
 
 from typing import TYPE_CHECKING, Final
 
+import msgspec
+
 from robotapp_api.model.names import PodReason
 from robotapp_scheduler.core.devices import DeviceGrant
 from robotapp_scheduler.core.framework import Code, PluginError
@@ -16,7 +18,7 @@ FAULTS: Final = (PluginError, ValueError, OverflowError)
 """What an attempt raises for a pod that cannot be read or a plugin's answer that cannot be used: it failed, no more."""
 
 
-class Decision:
+class Decision(msgspec.Struct, kw_only=True, eq=False):
     """A node, or why there is none.
 
     With `node` the pod is already assumed there; the claims in `grants` must be made before the bind.
@@ -24,46 +26,26 @@ class Decision:
     `rejected_by` the plugins whose events may help (empty = an error: retried after back-off).
     """
 
-    __slots__ = (
-        "code", "feasible", "grants", "message", "node", "nodes", "nominate", "plan", "pod", "post_filtered", "queued",
-        "reason", "rejected_by", "total", "volumes",
-    )  # fmt: skip
-
-    def __init__(
-        self,
-        *,
-        pod: PodInfo,
-        code: Code,
-        node: str | None = None,
-        message: str = "",
-        reason: PodReason = PodReason.UNSCHEDULABLE,
-        rejected_by: frozenset[str] = frozenset(),
-        grants: tuple[DeviceGrant, ...] = (),
-        nodes: int = 0,
-        feasible: int = 0,
-        total: int = 0,
-        volumes: VolumePlan | None = None,
-    ) -> None:
-        self.pod = pod
-        self.code = code
-        self.node = node
-        self.message = message
-        self.reason = reason
-        self.rejected_by = rejected_by
-        self.grants = grants
-        self.nodes = nodes
-        self.feasible = feasible
-        self.total = total
-        """Weighted total of the chosen node; 0 when only one node was feasible and nothing was scored."""
-        self.volumes = volumes
-        """What has to be written before the bind; None when every volume is bound."""
-        self.nominate: str | None = None
-        """The node the refused pod is to wait for; "" = none any more, None = as before."""
-        self.plan: Plan | None = None
-        """Who has to be evicted from that node."""
-        self.post_filtered = False
-        """Was preemption tried?"""
-        self.queued: QueuedPod | None = None
+    pod: PodInfo
+    code: Code
+    node: str | None = None
+    message: str = ""
+    reason: PodReason = PodReason.UNSCHEDULABLE
+    rejected_by: frozenset[str] = frozenset()
+    grants: tuple[DeviceGrant, ...] = ()
+    nodes: int = 0
+    feasible: int = 0
+    total: int = 0
+    """Weighted total of the chosen node; 0 when only one node was feasible and nothing was scored."""
+    volumes: VolumePlan | None = None
+    """What has to be written before the bind; None when every volume is bound."""
+    nominate: str | None = None
+    """The node the refused pod is to wait for; "" = none any more, None = as before."""
+    plan: "Plan | None" = None
+    """Who has to be evicted from that node."""
+    post_filtered: bool = False
+    """Was preemption tried?"""
+    queued: "QueuedPod | None" = None
 
     def __repr__(self) -> str:
         return f"Decision({self.pod.key}: {self.node or self.message!r})"

@@ -3,6 +3,7 @@
 import logging
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator
+from functools import cache
 from hashlib import blake2b
 from typing import Any, Final, NamedTuple, Protocol, TypeVar
 
@@ -15,7 +16,7 @@ from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.filter_column import FilterColumn, Reasons
 from robotapp_scheduler.core.framework import Code, Loaded, Status
-from robotapp_scheduler.core.pods import LIVE, OWN_FEATURES, PodInfo
+from robotapp_scheduler.core.pods import FEATURES, LIVE, OWN_FEATURES, PodInfo
 from robotapp_scheduler.core.profiles import Profile
 from robotapp_scheduler.core.repair import bring_up
 from robotapp_scheduler.core.score_column import score_column
@@ -73,7 +74,7 @@ class Engine:
         self._classes: OrderedDict[Hashable, Evaluation] = OrderedDict()
         static = [name for name in profile.reads if not name.startswith(LIVE)]
         self._shape_reads = tuple(name for name in static if name not in OWN_FEATURES)
-        self._own_reads = tuple(name for name in static if name in OWN_FEATURES)
+        self._own_reads = tuple(FEATURES[name] for name in static if name in OWN_FEATURES)
         self._remembered: OrderedDict[Hashable, dict[Any, Any]] = OrderedDict()
         self._full: tuple[int, Nodes] | None = None
         """A view of all nodes, and where the log stood."""
@@ -270,7 +271,7 @@ class Engine:
                 self._generation += MOST_CLASS_IDS + 1
             number = self._class_ids.setdefault(key, self._generation + len(self._class_ids))
             pod.shape.set_class_number(self, number)
-        return (number, pod.features(self._own_reads), pod.ros, pod.volume_key)
+        return (number, *[feature(pod) for feature in self._own_reads], pod.ros, pod.volume_key)
 
     def _most_classes(self) -> int:
         size = max(self._cluster.nodes.size, 1)
@@ -342,4 +343,14 @@ def _nothing_left(plugins: list[str]) -> Status:
 
 def pod_hash(uid: str, seed: int) -> int:
     """64 bits of a pod uid and the tie-break seed."""
-    return int.from_bytes(blake2b(f"{seed}/{uid}".encode(), digest_size=8).digest(), "little")
+    found = _begun(seed).copy()
+    found.update(uid.encode())
+    return _number(found.digest(), "little")
+
+
+@cache
+def _begun(seed: int) -> blake2b:
+    return blake2b(f"{seed}/".encode(), digest_size=8)
+
+
+_number: Final = int.from_bytes

@@ -251,7 +251,12 @@ class Totals:
 
     def _combine_rows(self, stale: Nodes, verdicts: Verdicts) -> None:
         total, local, reason = self.total, self._local, verdicts.reason
-        if stale.n > FEW_ROWS:
+        if stale.n == 1:
+            row = stale.row_list[0]
+            old, new = total.item(row), local.item(row) if reason.item(row) == 0 else INFEASIBLE
+            total[row] = new
+            before, after = [old], [new]
+        elif stale.n > FEW_ROWS:
             rows = stale.rows
             sums = local[rows]
             if verdicts.feasible < len(total):

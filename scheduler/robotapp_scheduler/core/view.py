@@ -50,22 +50,24 @@ class Nodes:
 
     _as_counted: ClassVar = frozenset({"allocatable", "requested", "scored"})
     """Amounts that are those of the ledger."""
+    # What most views never have costs them nothing: one is made for every decision.
+    full = False
+    """All rows are in view."""
+    row_list: Sequence[int] = ()
+    """The rows in view as plain integers, when they are not all."""
+    _rows: npt.NDArray[np.intp] | slice | None = None
+    _each: list[Row] | None = None
+    _ledger: IntArray | None = None
+    """The ledger that `_copied` was taken from: it may be laid out anew."""
+    _copied: IntArray = NO_LEDGER
 
     def __init__(self, cluster: Cluster, rows: Sequence[int] | npt.NDArray[np.intp] | None = None) -> None:
         self.cluster = cluster
         self._table = cluster.nodes
-        self.full = rows is None
-        """All rows are in view."""
         self._kept: dict[tuple[str, Hashable], IntArray] = {}
         """Amounts that were asked for: several plugins read the same few columns."""
-        self._ledger: IntArray | None = None
-        """The ledger that `_copied` was taken from: it may be laid out anew."""
-        self._copied = NO_LEDGER
-        self._each: list[Row] | None = None
-        self._rows: npt.NDArray[np.intp] | slice | None = None
-        self.row_list: Sequence[int] = ()
-        """The rows in view as plain integers, when they are not all."""
         if rows is None:
+            self.full = True
             self._rows = slice(0, self._table.size)
             self.n = self._table.size
         else:
