@@ -108,12 +108,20 @@ def pod_requests(spec: PodSpecLike, status: PodStatusLike | None = None) -> PodR
     overhead = amounts(spec.overhead)
     level = _pod_level(spec, status)
     exact = _plus({**_held(spec, status, {}), **level}, overhead)
+    if not level and status is None and _all_named(spec):
+        return PodRequests(exact, exact, exact)
     scored = _plus(_aggregate(spec, _with(DEFAULTS)), overhead)
     if not level and status is None:
         return PodRequests(exact, scored, scored)
     lacking = {name: value for name, value in DEFAULTS.items() if not level or name not in exact}
     placed = _plus({**_held(spec, status, lacking), **level}, overhead)
     return PodRequests(exact, scored, placed)
+
+
+def _all_named(spec: PodSpecLike) -> bool:
+    """Does every container say what it asks for of all that has a default?"""
+    asked = [container.resources.requests for container in (*spec.containers, *(spec.init_containers or ()))]
+    return all(raw is not None and DEFAULTS.keys() <= raw.keys() for raw in asked)
 
 
 def _pod_level(spec: PodSpecLike, status: PodStatusLike | None) -> Amounts:

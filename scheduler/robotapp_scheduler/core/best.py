@@ -57,15 +57,20 @@ class Best:
         """Rows were added up again, each position once. False when no row is known any more: then this must be made anew."""
         floor, top, fallen = self._floor, self._levels[-1], []
         for position, before, after in zip(positions, old, new, strict=True):
-            if after >= floor or before >= floor:
-                if position in self._shown or (-after, position) < self._last:
-                    self._asked = -1
-                if after < floor and before == top.value:
+            if after < floor:
+                if before == top.value:
                     fallen.append(position)
-                elif after != before:
+                elif before >= floor:
+                    self._unsure(position, after)
+                    self._move(position, before, after)
+            else:
+                self._unsure(position, after)
+                if after != before:
                     self._move(position, before, after)
         if fallen:
             # Where several classes take turns, every row that others took leaves the top: all of them go at once.
+            if not self._shown.isdisjoint(fallen):
+                self._asked = -1
             top.leave(fallen)
             self._drop_if_empty(top)
         return bool(self._levels)
@@ -84,6 +89,11 @@ class Best:
             self._first, self._asked, self._shown = tuple(found), count, frozenset(found)
             self._last = (-self._total.item(found[-1]), found[-1])
         return self._first
+
+    def _unsure(self, position: int, total: int) -> None:
+        """A row was added up again: is it one of those shown, or better than the last of them?"""
+        if position in self._shown or (-total, position) < self._last:
+            self._asked = -1
 
     def _known(self, count: int) -> list[int]:
         found: list[int] = []

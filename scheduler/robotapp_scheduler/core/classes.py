@@ -11,10 +11,12 @@ from typing import Final, NamedTuple
 
 from robotapp_scheduler.core.filter_column import FilterColumn, Reasons
 from robotapp_scheduler.core.framework import Loaded
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods import OWN_FEATURES, VOLUME_FEATURE, PodInfo
 from robotapp_scheduler.core.score_column import ScoreColumn, score_column
 
 COLUMNS_PER_PLUGIN: Final = 32
+VARIED: Final = frozenset({"requests", "labels", "controller", "images", *OWN_FEATURES}) - {"node_name"}
+"""In these the pods of one workload differ from those of the next; in the others most pods of a cluster are equal."""
 
 
 class _Columns(NamedTuple):
@@ -30,12 +32,12 @@ class _Readers:
     def __init__(self, first: Loaded) -> None:
         self.filters: dict[int, Loaded] = {}
         self.scores: dict[int, Loaded] = {}
-        self._reads, self._live = first.reads, first.reads_live
+        self.reads, self.live = first.reads, first.reads_live
         self._columns: OrderedDict[Hashable, _Columns] = OrderedDict()
 
     def columns(self, pod: PodInfo, reasons: Reasons) -> _Columns:
         """The columns for pods like this one."""
-        key = pod.live_features(self._reads) if self._live else pod.features(self._reads)
+        key = pod.live_features(self.reads) if self.live else pod.features(self.reads)
         found = self._columns.get(key)
         if found is not None:
             self._columns.move_to_end(key)
@@ -53,6 +55,33 @@ class _Readers:
         return found
 
 
+class _Alike:
+    """Readers of what most pods have in common: a new class usually finds all their columns in one look."""
+
+    def __init__(self, readers: Sequence[_Readers]) -> None:
+        self._readers = readers
+        self._static = tuple(sorted({name for each in readers if not each.live for name in each.reads}))
+        self._ros = tuple(sorted({name for each in readers if each.live for name in each.reads} - {VOLUME_FEATURE}))
+        self._known: OrderedDict[Hashable, _Columns] = OrderedDict()
+
+    def columns(self, pod: PodInfo, reasons: Reasons) -> _Columns:
+        """Their columns for pods like this one."""
+        key = (pod.features(self._static), pod.live_features(self._ros), pod.volume_key)
+        known = self._known.get(key)
+        if known is not None:
+            self._known.move_to_end(key)
+            return known
+        known = _Columns({}, {})
+        for readers in self._readers:
+            found = readers.columns(pod, reasons)
+            known.filters.update(found.filters)
+            known.scores.update(found.scores)
+        self._known[key] = known
+        if len(self._known) > COLUMNS_PER_PLUGIN:
+            self._known.popitem(last=False)
+        return known
+
+
 class ColumnCache:
     """Columns of plugins, found by what these read of a pod: once for all that read the same."""
 
@@ -67,13 +96,14 @@ class ColumnCache:
             readers[plugin.reads].filters[place] = plugin
         for place, plugin in enumerate(scores):
             readers[plugin.reads].scores[place] = plugin
-        self._readers = list(readers.values())
+        self._apart = [each for each in readers.values() if not VARIED.isdisjoint(each.reads)]
+        self._alike = _Alike([each for each in readers.values() if VARIED.isdisjoint(each.reads)])
 
     def of(self, pod: PodInfo) -> tuple[list[FilterColumn], list[ScoreColumn]]:
         """The columns of all filters and of all scores for pods like this one, in the order of the plugins."""
-        filters: dict[int, FilterColumn] = {}
-        scores: dict[int, ScoreColumn] = {}
-        for readers in self._readers:
+        alike = self._alike.columns(pod, self._reasons)
+        filters, scores = dict(alike.filters), dict(alike.scores)
+        for readers in self._apart:
             found = readers.columns(pod, self._reasons)
             filters |= found.filters
             scores |= found.scores

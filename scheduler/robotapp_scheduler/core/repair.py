@@ -13,7 +13,7 @@ MOST_REPAIRED: Final = 256
 """With more log entries than this a column is computed anew."""
 FEW_ROWS: Final = 8
 """Up to here plain integers beat arrays in a sum."""
-FEW_TO_ASK: Final = 4
+FEW_TO_ASK: Final = 6
 """Up to here they beat them in the formula of a plugin."""
 ANYTHING: Final = int(Change.ALL)
 _PLACED: Final = int(PLACED | Change.TERMS)

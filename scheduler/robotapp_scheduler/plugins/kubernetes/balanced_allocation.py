@@ -1,7 +1,7 @@
 """NodeResourcesBalancedAllocation: prefer nodes whose resources are used evenly."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Final, NamedTuple
 
 import msgspec
@@ -11,7 +11,7 @@ from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.columns import BoolArray, FloatArray, IntArray
 from robotapp_scheduler.core.framework import MAX_SCORE, ScoreResult
 from robotapp_scheduler.core.pods import PodInfo
-from robotapp_scheduler.core.rows import Row
+from robotapp_scheduler.core.rows import Amounts, Row
 from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.plugins.kubernetes.compat import NEW, is_new
 from robotapp_scheduler.plugins.kubernetes.fit_strategies import ResourceWeight
@@ -81,14 +81,11 @@ class NodeResourcesBalancedAllocation:
     def score_row(self, pod: PodInfo, row: Row) -> int:
         """The score of one node."""
         wish = self._wish(pod)
-        before: list[float] = []
-        after: list[float] = []
-        for (capacity, use, _), more in zip(row.of(wish.names), wish.amounts, strict=True) if wish is not None else ():
-            if capacity:
-                before.append(min(use / capacity, 1.0))
-                after.append(min((use + more) / capacity, 1.0))
-        balance = _balance_row(after)
-        return 50 + (50 + balance - _balance_row(before)) // 2 if self._change else balance
+        if wish is None:
+            return 0
+        there = row.of(wish.names)
+        balance = _balance_row(there, wish.amounts)
+        return 50 + (50 + balance - _balance_row(there, wish.nothing)) // 2 if self._change else balance
 
     def _wish(self, pod: PodInfo) -> "_Wish | None":
         """None when the pod asks for none of the resources."""
@@ -96,21 +93,29 @@ class NodeResourcesBalancedAllocation:
         if self not in notes:
             wanted = pod.requests.exact
             names = tuple(name for name in self._names if name in NATIVE or wanted.get(name, 0))
-            amounts = tuple(wanted.get(name, 0) for name in names)
-            steps = np.array([[0] * len(names), amounts], dtype=np.int64)[:, :, None]
-            notes[self] = _Wish(names, amounts, steps, steps.astype(np.float64)) if any(amounts) else None
+            amounts = [wanted.get(name, 0) for name in names]
+            notes[self] = _wish(names, amounts) if any(amounts) else None
         found: _Wish | None = notes[self]
         return found
 
 
 class _Wish(NamedTuple):
-    """Amounts by resource; `steps` has the shape (2, resources, 1): nothing, and what the pod adds."""
+    """(place, amount) by resource, and the same of no pod; `steps` has the shape (2, resources, 1): nothing, and what the
+    pod adds.
+    """
 
     names: tuple[str, ...]
-    amounts: tuple[int, ...]
+    amounts: tuple[tuple[int, int], ...]
+    nothing: tuple[tuple[int, int], ...]
     steps: IntArray
     floats: FloatArray
     """`steps` in float64."""
+
+
+def _wish(names: tuple[str, ...], amounts: list[int]) -> _Wish:
+    nothing = [0] * len(names)
+    steps = np.array([nothing, amounts], dtype=np.int64)[:, :, None]
+    return _Wish(names, tuple(enumerate(amounts)), tuple(enumerate(nothing)), steps, steps.astype(np.float64))
 
 
 def _plain_pair(used: IntArray | FloatArray, capacity: IntArray | FloatArray) -> IntArray:
@@ -146,7 +151,14 @@ def _balance(used: IntArray, capacity: IntArray) -> IntArray:
     return _score(np.where(count > 2, spread, np.where(count == 2, _pair(fractions, offered), 0.0)))
 
 
-def _balance_row(fractions: Sequence[float]) -> int:
+def _balance_row(there: Sequence[Amounts], more: Iterable[tuple[int, int]]) -> int:
+    """The same of one node."""
+    fractions: list[float] = []
+    for place, amount in more:
+        capacity, use, _ = there[place]
+        if capacity:
+            fraction = (use + amount) / capacity
+            fractions.append(min(1.0, fraction))
     count = len(fractions)
     spread = 0.0
     if count == 2:

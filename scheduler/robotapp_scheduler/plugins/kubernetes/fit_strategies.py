@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from robotapp_scheduler.core.columns import IntArray
+from robotapp_scheduler.core.rows import Amounts as NodeAmounts
 from robotapp_scheduler.plugins.kubernetes.resource_math import (
     HUNDRED,
     NOTHING,
@@ -17,8 +18,8 @@ from robotapp_scheduler.plugins.kubernetes.resource_math import (
     percent_of,
 )
 
-Amount = tuple[int, int, int]
-"""(allocatable, requested with the pod, weight) of one resource on one node."""
+Wanted = tuple[tuple[int, int, int], ...]
+"""(place, amount of the pod, weight) per resource; at this place stand its amounts among those of a node."""
 Amounts = npt.NDArray[Any]
 """int64; or float64 where every node offers all of it and core.mirror vouches that nothing is lost."""
 
@@ -44,7 +45,7 @@ class Strategy(NamedTuple):
     """
 
     columns: Callable[[Amounts, Amounts, Weights], IntArray]
-    row: Callable[[Iterable[Amount]], int]
+    row: Callable[[Sequence[NodeAmounts], Wanted], int]
     floats: bool = True
     """`columns` takes amounts in float64, too."""
 
@@ -90,9 +91,11 @@ def ratio_function(shape: Sequence[ShapePoint]) -> Strategy:
         share = _weighted((scores > 0).astype(np.int64), weights)
         return half_away(_weighted(scores, weights) / np.maximum(share, 1))
 
-    def row(amounts: Iterable[Amount]) -> int:
+    def row(there: Sequence[NodeAmounts], wanted: Wanted) -> int:
         total = share = 0
-        for capacity, use, weight in amounts:
+        for place, more, weight in wanted:
+            capacity, _, use = there[place]
+            use += more
             score = points[100 if use > capacity else use * 100 // capacity] if capacity else 0
             total += weight * score
             share += weight * (score > 0)
@@ -101,22 +104,26 @@ def ratio_function(shape: Sequence[ShapePoint]) -> Strategy:
     return Strategy(columns, row, floats=False)
 
 
-def _least_row(amounts: Iterable[Amount]) -> int:
+def _least_row(there: Sequence[NodeAmounts], wanted: Wanted) -> int:
     total = share = 0
-    for capacity, use, weight in amounts:
+    for place, more, weight in wanted:
+        capacity, _, use = there[place]
         if capacity:
-            total += weight * ((capacity - use) * 100 // capacity if use <= capacity else 0)
+            left = capacity - use - more
+            if left > 0:
+                total += weight * (left * 100 // capacity)
             share += weight
-    return total // max(share, 1)
+    return total // (share or 1)
 
 
-def _most_row(amounts: Iterable[Amount]) -> int:
+def _most_row(there: Sequence[NodeAmounts], wanted: Wanted) -> int:
     total = share = 0
-    for capacity, use, weight in amounts:
+    for place, more, weight in wanted:
+        capacity, _, use = there[place]
         if capacity:
-            total += weight * (min(use, capacity) * 100 // capacity)
+            total += weight * (min(use + more, capacity) * 100 // capacity)
             share += weight
-    return total // max(share, 1)
+    return total // (share or 1)
 
 
 STRATEGIES: Final[dict[str, Strategy]] = {

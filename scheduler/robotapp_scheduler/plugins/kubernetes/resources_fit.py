@@ -20,6 +20,7 @@ from robotapp_scheduler.plugins.kubernetes.fit_strategies import (
     ResourceWeight,
     ShapePoint,
     Strategy,
+    Wanted,
     Weights,
     ratio_function,
 )
@@ -102,7 +103,9 @@ class NodeResourcesFit:
         if row.pod_count >= row.allowed_pods:
             return False
         wish = self._wish(pod)
-        for (allocatable, requested, _), amount in zip(row.of(wish.names), wish.amounts, strict=True):
+        there = row.of(wish.names)
+        for place, amount in wish.amounts:
+            allocatable, requested, _ = there[place]
             if allocatable - requested < amount:
                 return False
         return True
@@ -110,10 +113,7 @@ class NodeResourcesFit:
     def score_row(self, pod: PodInfo, row: Row) -> int:
         """The score of one node."""
         wish = self._wish(pod).scored
-        found = zip(row.of(wish.names), wish.amounts, wish.weights.each, strict=True)
-        return self._strategy.row(
-            [(allocatable, scored + more, weight) for (allocatable, _, scored), more, weight in found]
-        )
+        return self._strategy.row(row.of(wish.names), wish.amounts)
 
     def score(self, pod: PodInfo, nodes: Nodes) -> ScoreResult:
         """0…100 by the configured strategy, over the resources of the configuration."""
@@ -134,7 +134,7 @@ class NodeResourcesFit:
             room = self.room(pod)
             found = pod.shape.notes[self] = _Wish(
                 tuple(room),
-                tuple(room.values()),
+                tuple(enumerate(room.values())),
                 ("pods", *room),
                 _column([1, *room.values()]),
                 _scored(amounts, weights),
@@ -177,7 +177,7 @@ class _Scored(NamedTuple):
     """What the score reckons with: amounts of the pod by resource (as columns, too), and how much each counts."""
 
     names: tuple[str, ...]
-    amounts: tuple[int, ...]
+    amounts: Wanted
     column: IntArray
     floats: FloatArray
     weights: Weights
@@ -187,7 +187,8 @@ class _Wish(NamedTuple):
     """What must be free, and what is scored. `places` and `column` are the same with a place for one more pod before."""
 
     names: tuple[str, ...]
-    amounts: tuple[int, ...]
+    amounts: tuple[tuple[int, int], ...]
+    """(place among the names, amount)."""
     places: tuple[str, ...]
     column: IntArray
     scored: _Scored
@@ -195,7 +196,8 @@ class _Wish(NamedTuple):
 
 def _scored(amounts: Mapping[str, int], weights: Weights) -> _Scored:
     column = _column([*amounts.values()])
-    return _Scored(tuple(amounts), tuple(amounts.values()), column, column.astype(np.float64), weights)
+    wanted = tuple((i, *each) for i, each in enumerate(zip(amounts.values(), weights.each, strict=True)))
+    return _Scored(tuple(amounts), wanted, column, column.astype(np.float64), weights)
 
 
 def _column(amounts: list[int]) -> IntArray:
