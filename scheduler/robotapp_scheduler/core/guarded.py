@@ -25,6 +25,7 @@ from robotapp_scheduler.core.framework import (
     Verdict,
     checked_scores,
 )
+from robotapp_scheduler.core.overdue import Overdue
 
 log = logging.getLogger(__name__)
 
@@ -59,6 +60,8 @@ def _watched(plugin: str, hook: str, function: Callable[..., Any], check: "_Chec
             return check(plugin, hook, function(*args), *args)
         except (PluginError, KeyboardInterrupt):
             raise
+        except Overdue as error:  # the watchdog has told where
+            raise PluginError(plugin, f"{hook} {error}") from error
         except BaseException as error:  # somebody else's code, sys.exit included: its pod is told, the others go on
             log.exception("%s of plugin %s failed", hook, plugin)
             raise PluginError(plugin, f"{hook} raised {type(error).__name__}: {error}") from error

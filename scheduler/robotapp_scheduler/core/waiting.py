@@ -9,6 +9,7 @@ from collections.abc import Callable, Hashable, Iterator
 from typing import Final, NamedTuple
 
 from robotapp_scheduler.core.changes import Change, Event
+from robotapp_scheduler.core.overdue import Overdue
 from robotapp_scheduler.core.pods import LIVE, PodInfo
 from robotapp_scheduler.core.queued import QueuedPod, Rejection
 
@@ -42,7 +43,7 @@ class Waker(NamedTuple):
             return True
         try:
             return bool(self.hint(pod, event))
-        except Exception:  # a plugin's mistake must not lose a pod; the log has the stack
+        except (Exception, Overdue):  # a plugin's mistake must not lose a pod; the log has the stack
             log.exception("queueing hint of %s failed for %s on %s", self.plugin, pod.key, event.label)
             return True
 

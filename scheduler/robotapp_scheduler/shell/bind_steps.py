@@ -15,6 +15,7 @@ from robotapp_api.model.names import GRANTED_PREFIX, PodReason
 from robotapp_scheduler.core.bind_context import BindContext
 from robotapp_scheduler.core.framework import Code, Loaded, Status, histogram
 from robotapp_scheduler.core.objects import Pod
+from robotapp_scheduler.core.overdue import Overdue
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.profiles import Profile
 from robotapp_scheduler.core.queued import Rejection
@@ -107,21 +108,25 @@ class BindSteps:
 
     async def _ask(self, loaded: Loaded, point: str, hook: str) -> Status:
         """The plugin's answer, timed; what it raises is an Error."""
-        started_s = self._timer.clock()
+        started_s, pod = self._timer.clock(), self._pod
         try:
-            answer: Any = getattr(loaded.plugin, hook)(self._pod, self._node, self.context)
+            answer: Any = getattr(loaded.plugin, hook)(pod, self._node, self.context)
             if inspect.isawaitable(answer):
                 await self._say_where(hook)
                 async with asyncio.timeout(HOOK_S):
                     answer = await answer
             status = _status(answer)
         except TimeoutError as error:
-            log.warning("%s of plugin %s for %s: %r", hook, loaded.name, self._pod.key, error)
+            log.warning("%s of plugin %s for %s: %r", hook, loaded.name, pod.key, error)
             status = Status(
                 Code.ERROR, f"no answer within {HOOK_S:.0f} s" if not str(error) else f"TimeoutError: {error}"
             )
-        except (Exception, SystemExit) as error:  # a plugin of somebody else's: its pod is told, the others go on
-            log.exception("%s of plugin %s failed for %s", hook, loaded.name, self._pod.key)
+        except (
+            Exception,
+            SystemExit,
+            Overdue,
+        ) as error:  # a plugin of somebody else's: its pod is told, the others go on
+            log.exception("%s of plugin %s failed for %s", hook, loaded.name, pod.key)
             status = Status(Code.ERROR, f"{type(error).__name__}: {error}")
         self._timer.plugin(loaded.name, point, status.code, started_s)
         return status

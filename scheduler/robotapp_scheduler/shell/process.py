@@ -51,6 +51,7 @@ from robotapp_scheduler.shell.simulating import Simulator
 from robotapp_scheduler.shell.timing import Stopwatch, time_plugins
 from robotapp_scheduler.shell.tls import TlsPort, loaded
 from robotapp_scheduler.shell.volume_writes import INTERESTING, VolumeWriter
+from robotapp_scheduler.shell.watchdog import Watchdog
 
 log = logging.getLogger(__name__)
 
@@ -199,6 +200,7 @@ class Scheduler:
                     group.create_task(self.group_reporter.run(), name="conditions of groups"),
                     group.create_task(self._reloader.run(), name="configuration"),
                     group.create_task(collector.run(), name="garbage"),
+                    group.create_task(Watchdog().run(), name="watchdog"),
                 ]
                 work = group.create_task(self._lead(), name="lead")
                 await self._first(work, self._stop)

@@ -1,7 +1,10 @@
-"""A plugin of a user's own, in a file of its own: what it reserves travels in the Binding, what it refuses waits."""
+"""A plugin of a user's own, in a file of its own: what it reserves travels in the Binding, what it refuses waits, and one
+that does not come back holds up nobody else for long.
+"""
 
 import secrets
-from collections.abc import Iterator
+import urllib.request
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -12,6 +15,7 @@ from robotapp_testbed import ControlPlane
 from robotapp_testbed.nodes import edge
 from robotapp_testbed.process import Process
 from robotapp_testbed.product import start_scheduler
+from robotapp_testbed.servers import unverified
 
 pytestmark = pytest.mark.live
 
@@ -48,33 +52,69 @@ class Docks:
 '''
 
 
+WAITS = '''
+import numpy as np
+
+
+class Waits:
+    """For an answer that never comes; or, worse, whatever is tried against it."""
+
+    name = "Waits"
+    reads = ("labels",)
+
+    def filter(self, pod, nodes):
+        while pod.labels.get("patience"):
+            try:
+                while True:
+                    pass
+            except BaseException:
+                if pod.labels["patience"] != "endless":
+                    raise
+        return np.ones(nodes.n, dtype=bool)
+'''
+
+
 @pytest.fixture
-def docked(installed_plane: ControlPlane, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Process]:
-    """A scheduler with the plugin, its Lease given back quickly."""
-    module = f"lab_{secrets.token_hex(3)}"
-    (tmp_path / f"{module}.py").write_text(SOURCE)
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    config = {
-        "apiVersion": "kubescheduler.config.k8s.io/v1",
-        "kind": "KubeSchedulerConfiguration",
-        "leaderElection": {"leaseDuration": "3s", "renewDeadline": "2s", "retryPeriod": "500ms"},
-        "profiles": [
-            {
-                "schedulerName": "ros-aware-scheduler",
-                "plugins": {"multiPoint": {"enabled": [{"name": f"{module}:Docks"}]}},
-            }
-        ],
-    }
-    path = tmp_path / "scheduler.yaml"
-    path.write_text(yaml.safe_dump(config))
-    process = start_scheduler(installed_plane, path, name=f"docked-{module}", log_format="text", insecure_explain=True)
-    yield process
-    process.stop()
+def start(
+    installed_plane: ControlPlane, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Callable[..., Process]]:
+    """Starts a scheduler with a plugin of this source and name, its Lease of these seconds."""
+    started = []
+
+    def started_with(source: str, plugin: str, *, lease_s: int = 3) -> Process:
+        module = f"lab_{secrets.token_hex(3)}"
+        (tmp_path / f"{module}.py").write_text(source)
+        monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+        config = {
+            "apiVersion": "kubescheduler.config.k8s.io/v1",
+            "kind": "KubeSchedulerConfiguration",
+            "leaderElection": {
+                "leaseDuration": f"{lease_s}s",
+                "renewDeadline": f"{lease_s - 1}s",
+                "retryPeriod": "500ms",
+            },
+            "profiles": [
+                {
+                    "schedulerName": "ros-aware-scheduler",
+                    "plugins": {"multiPoint": {"enabled": [{"name": f"{module}:{plugin}"}]}},
+                }
+            ],
+        }
+        path = tmp_path / f"{module}.yaml"
+        path.write_text(yaml.safe_dump(config))
+        process = start_scheduler(installed_plane, path, name=module, log_format="text", insecure_explain=True)
+        started.append(process)
+        return process
+
+    yield started_with
+    for process in started:
+        process.stop()
 
 
 def test_what_a_plugin_reserves_travels_in_the_binding_and_what_it_refuses_waits(
-    installed_plane: ControlPlane, stage: Stage, docked: Process
+    installed_plane: ControlPlane, stage: Stage, start: Callable[..., Process]
 ) -> None:
+    docked = start(SOURCE, "Docks")
     with nodes(installed_plane, edge("edge-1")):
         stage.create_pod(pod("forbidden", labels={"forbidden": "yes"}))
         text = stage.wait_refused("forbidden", reason="Unschedulable")
@@ -86,3 +126,41 @@ def test_what_a_plugin_reserves_travels_in_the_binding_and_what_it_refuses_waits
         stage.create_pod(pod("second"))
         assert "1 no dock is free." in stage.wait_refused("second", reason="Unschedulable")
         assert stage.node_of("second") == ""
+
+
+def alive(process: Process) -> bool:
+    try:
+        with urllib.request.urlopen(f"{process.health_url}/livez", timeout=2, context=unverified()) as answer:  # noqa: S310 - our own
+            return bool(answer.status == 200)
+    except OSError:
+        return False
+
+
+def test_a_plugin_that_does_not_come_back_for_a_pod_is_broken_off_and_others_are_bound(
+    installed_plane: ControlPlane, stage: Stage, start: Callable[..., Process]
+) -> None:
+    process = start(WAITS, "Waits", lease_s=15)
+    with nodes(installed_plane, edge("edge-1")):
+        stage.create_pod(pod("waits", labels={"patience": "some"}))
+        stage.create_pod(pod("healthy"))
+        stage.wait_bound("healthy", timeout_s=60)
+        text = stage.wait_refused("waits", reason="SchedulerError")
+        assert text == "plugin Waits: filter did not answer within 5 s and was broken off"
+        said = f"filter of plugin Waits has not answered for 5 s about pod {stage.namespace}/waits: it is broken off"
+        assert said in process.log_text()
+        stage.wait(lambda: alive(process), what=process.log_text)
+        stage.delete_pod("waits")  # the next scheduler is not to meet it
+
+
+def test_a_plugin_that_cannot_be_broken_off_is_named_with_the_pod_before_the_liveness_probe_ends_the_process(
+    installed_plane: ControlPlane, stage: Stage, start: Callable[..., Process]
+) -> None:
+    process = start(WAITS, "Waits", lease_s=15)
+    with nodes(installed_plane, edge("edge-1")):
+        assert alive(process)
+        stage.create_pod(pod("waits", labels={"patience": "endless"}))
+        said = f"filter of plugin Waits has not answered for 5 s about pod {stage.namespace}/waits"
+        stage.wait(lambda: said in process.log_text(), what=process.log_text, timeout_s=60)
+        assert not alive(process)
+        process.kill()
+        stage.delete_pod("waits")
