@@ -4,7 +4,8 @@ Per row (--workload, repeatable, default all) and round the contestants take tur
 - drain: all pods exist and the caches are warm before the clock starts; it runs from a scheduler's first write to one of them
   until the last one is bound and its Event written. CPU is counted over the same time, of the scheduler's own processes.
 - latency: pods are created at a fixed rate; each is timed from sending its creation until a watch shows it bound.
-The bare client does the same writes without deciding anything: it is what this machine and API server allow.
+The bare client does the same writes without deciding anything, as the same user: it is what this machine and API server allow.
+(A cluster admin's requests skip the API server's rules of access, which are a twentieth of its instructions per pod.)
 
 The contestants see the same cluster with these differences: each has its own schedulerName; kube-scheduler gets fewer pods
 where it is an order of magnitude slower (--vs-pods); where pods wait, each contestant gets its own waiters, has refused them

@@ -37,8 +37,10 @@ class Contestant:
 
 OURS = Contestant("robotapp", "ros-aware-scheduler", "robotapp-scheduler", "robotapp-system")
 KUBE_SCHEDULER = Contestant("kube-scheduler", "default-scheduler", "kube-scheduler", "kube-system")
-BARE = Contestant("bare", "bench-bare", "bench-bare", "kube-system", decides=False)
-BARE_NO_EVENTS = Contestant("bare-no-events", "bench-quiet", "bench-quiet", "kube-system", decides=False, events=False)
+BARE = Contestant("bare", "bench-bare", OURS.lease, OURS.lease_namespace, decides=False)
+BARE_NO_EVENTS = Contestant(
+    "bare-no-events", "bench-quiet", OURS.lease, OURS.lease_namespace, decides=False, events=False
+)
 CONTESTANTS: Mapping[str, Contestant] = {each.name: each for each in (OURS, KUBE_SCHEDULER, BARE, BARE_NO_EVENTS)}
 
 
@@ -80,8 +82,12 @@ def start(cp: ControlPlane, contestant: Contestant, workload: Workload, *, leade
 
 
 def _start_bare(cp: ControlPlane, contestant: Contestant, workload: Workload, *, leader_elect: bool) -> Process:
-    argv = [sys.executable, "-m", "tests.bench.speed.bare"]
-    argv += [f"--kubeconfig={cp.kubeconfig('admin')}", f"--scheduler-name={contestant.scheduler_name}"]
+    argv = [
+        sys.executable,
+        "-m",
+        "tests.bench.speed.bare",
+    ]  # as our scheduler: an admin would skip the checks of its rights
+    argv += [f"--kubeconfig={cp.kubeconfig('scheduler')}", f"--scheduler-name={contestant.scheduler_name}"]
     argv += [f"--victims={workload.victims}", *([] if contestant.events else ["--no-events"])]
     argv += [f"--lease={contestant.lease_namespace}/{contestant.lease}"] if leader_elect else []
     return _adopt(cp, "bench-bare", argv)
