@@ -29,7 +29,7 @@ from robotapp_scheduler.core.profiles import Profile
 from robotapp_scheduler.core.queue import SchedulingQueue
 from robotapp_scheduler.core.queued import Gate, QueuedPod
 from robotapp_scheduler.core.recorder import Recorder
-from robotapp_scheduler.core.refusal import EXCESS, Refusals, closed, excessive
+from robotapp_scheduler.core.refusal import EXCESS, Refusals, closed, excessive, held
 from robotapp_scheduler.core.resolve import qos_fields, resolve
 from robotapp_scheduler.core.ros import InvalidAnnotation
 from robotapp_scheduler.core.together import NO_WISH, Advice, Wish, only_one_plan, plan_together
@@ -172,7 +172,7 @@ class SchedulerCore:
         `exclude` names nodes that were refused at reserve: the next best is tried in the same cycle. `advice` is what
         became of the problem that `pose` made of this batch.
         """
-        pods = list(batch)
+        pods = batch if isinstance(batch, list) else list(batch)
         if len(pods) == 1 and (exclude or pods[0].info.pod_group is None):
             decision = self.schedule_one(pods[0].info, exclude=exclude, attempt=pods[0].attempts)
             decision.queued = pods[0]
@@ -266,7 +266,7 @@ class SchedulerCore:
         engine = self._engines[pod.scheduler_name]
         pod.ros = None
         pod.volume_key = self.cluster.volumes.key_of(pod)
-        if not engine.profile.uses_ros:
+        if pod.plain or not engine.profile.uses_ros:
             return None
         request = pod.ros_request if pod.member is None else None
         if isinstance(request, InvalidAnnotation):
@@ -280,7 +280,7 @@ class SchedulerCore:
             )
         gate = self.groups.gate(pod)
         if gate is not None:
-            return _held(pod, gate)
+            return held(pod, gate)
         pod.ros = resolve(pod, self.cluster)
         return None
 
@@ -305,17 +305,20 @@ class SchedulerCore:
         names = narrowed.names
         if names is not None and not any(name in self.cluster.nodes.row_of for name in names):
             names = frozenset()
-        promised = self._where_promised(pod, engine, exclude)
-        evaluation = promised or with_nominated(self.cluster, pod, engine.evaluate(pod, names))
-        recorder.filtered(evaluation)
+        evaluation = self._where_promised(pod, engine, exclude) if self.cluster.nominations else None
+        if evaluation is None:
+            evaluation = with_nominated(self.cluster, pod, engine.evaluate(pod, names))
+        recorder.evaluation = evaluation
         if evaluation.feasible == 0:
             return self._refusals(engine).nowhere(pod, evaluation, narrowed, names)
-        blocked = [row for name in exclude if (row := self.cluster.nodes.row_of.get(name)) is not None]
+        blocked = (
+            [row for name in exclude if (row := self.cluster.nodes.row_of.get(name)) is not None] if exclude else ()
+        )
         if blocked:
             evaluation = evaluation.without(blocked)
             if evaluation.feasible == 0:
                 return self._refusals(engine).lost_all(pod, evaluation, len(blocked))
-        recorder.planned(wish.why)
+        recorder.planned = wish.why
         return self._choose(pod, engine, evaluation, recorder, wish.node)
 
     def _refusals(self, engine: Engine) -> Refusals:
@@ -339,12 +342,14 @@ class SchedulerCore:
             position = engine.position_of(evaluation, wished) if wished else None
             if position is None:
                 position = best.choose(pod_hash(pod.uid, self._seed))
-            total = int(evaluation.total[position])
-            recorder.scored(evaluation, position, best)
+            chosen = engine.sight(evaluation, position)
+            node, total = chosen.node, chosen.total
+            recorder.scored(evaluation, chosen, best)
         else:
             position = int((evaluation.reason == 0).argmax())
-        recorder.shadowed(engine.watch_shadows(pod, evaluation, position))
-        node = engine.name_of(evaluation, position)
+            node = engine.name_of(evaluation, position)
+        if engine.profile.has_shadows:
+            recorder.shadows = engine.watch_shadows(pod, evaluation, position)
         return Decision(
             pod=pod,
             code=Code.SUCCESS,
@@ -388,13 +393,3 @@ class SchedulerCore:
             if status is not None and status.code is not Code.SUCCESS:
                 return closed(loaded, status)
         return self.groups.gate(pod) if engine.profile.uses_ros else self.groups.pod_group_gate(pod)
-
-
-def _held(pod: PodInfo, gate: Gate) -> Decision:
-    return Decision(
-        pod=pod,
-        code=Code.PENDING,
-        message=gate.reason,
-        reason=PodReason(gate.code),
-        rejected_by=frozenset({gate.plugin}),
-    )

@@ -2,13 +2,12 @@
 
 import logging
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable
 from functools import cache
 from hashlib import blake2b
 from typing import Any, Final, NamedTuple, Protocol, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
 from robotapp_scheduler.core.best import Best
 from robotapp_scheduler.core.classes import ColumnCache
@@ -16,6 +15,7 @@ from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.filter_column import FilterColumn, Reasons
 from robotapp_scheduler.core.framework import Code, Loaded, Status
+from robotapp_scheduler.core.front import Sight
 from robotapp_scheduler.core.pods import FEATURES, LIVE, OWN_FEATURES, PodInfo
 from robotapp_scheduler.core.profiles import Profile
 from robotapp_scheduler.core.repair import bring_up
@@ -219,10 +219,9 @@ class Engine:
         row = position if evaluation.rows is None else int(evaluation.rows[position])
         return self._cluster.nodes.names[row]
 
-    def names_of(self, evaluation: Evaluation, positions: npt.NDArray[np.intp]) -> Iterator[str]:
-        """Node names at some positions."""
-        rows = positions if evaluation.rows is None else evaluation.rows[positions]
-        return map(self._cluster.nodes.names.__getitem__, rows.tolist())
+    def sight(self, evaluation: Evaluation, position: int) -> Sight:
+        """What there is to say about a feasible position, after the scores were made."""
+        return evaluation.sight(position, self._cluster.nodes.names)
 
     def position_of(self, evaluation: Evaluation, name: str) -> int | None:
         """Position of a node by name, if it takes the pod."""

@@ -1,5 +1,6 @@
 """All filters and scores of a profile for one pod class: first reason per row, weighted total per row."""
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -10,7 +11,7 @@ from robotapp_scheduler.core.changes import NODE
 from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.core.explain import EXAMPLES, Refusal
 from robotapp_scheduler.core.filter_column import HOLE, Codes, FilterColumn, Reasons
-from robotapp_scheduler.core.front import NOTHING
+from robotapp_scheduler.core.front import NOTHING, Scorers, Sight
 from robotapp_scheduler.core.level import Hashes
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.repair import FEW_ROWS, bring_up, view_of
@@ -172,17 +173,15 @@ class Evaluation:
         """Normalised scores of one plugin at feasible positions, after the scores were made."""
         return self._totals.score_of(column, positions)
 
-    def scores_at(self, positions: npt.NDArray[np.intp]) -> dict[str, tuple[int, ...]]:
-        """The same of every plugin that scores such pods."""
-        return self._totals.scores_at(positions)
+    @property
+    def scorers(self) -> Scorers:
+        """The plugins that score such pods, after the scores were made."""
+        return self._totals.scorers
 
-    def apart(self, position: int) -> dict[str, int]:
-        """At one of them, of the plugins that do not score all rows alike."""
-        return self._totals.apart(position)
-
-    def scored_by(self) -> tuple[dict[str, int], tuple[str, ...]]:
-        """The weights of these plugins, and which of them are shadows."""
-        return self._totals.scored_by()
+    def sight(self, position: int, names: Sequence[str]) -> Sight:
+        """What there is to say about one feasible position. `names` are those of the nodes, by table row."""
+        row = position if self.rows is None else self.rows.item(position)
+        return self._totals.sight(position, names[row])
 
     def _verdicts(self) -> Verdicts:
         return Verdicts(self.reason, self.feasible, self.revision, self._combines)

@@ -108,11 +108,14 @@ def top_bytes(plugins: int, nodes: int) -> int:
 def weight_bytes(record: Record) -> int:
     """What a record keeps in memory, estimated from above: measuring it would cost more than making it."""
     top = record.top
-    weight = 1000 + top_bytes(len(top.scores), len(top.nodes))
-    weight += 2 * (len(record.message) + len(record.namespace) + len(record.name))
+    weight = 1000 + 2 * (len(record.message) + len(record.namespace) + len(record.name))
+    if top.nodes:
+        weight += top_bytes(len(top.scores), len(top.nodes))
     for refusal in record.refusals:
         weight += 200 + 2 * len(refusal.reason) + 150 * len(refusal.examples)
-    return weight + 400 * len(record.edges) + 100 * len(record.devices)
+    if record.edges or record.devices:
+        weight += 400 * len(record.edges) + 100 * len(record.devices)
+    return weight
 
 
 class ExplainRing:
@@ -138,12 +141,11 @@ class ExplainRing:
 
     def add(self, record: Record, best: Best | None = None) -> None:
         """Keep a record in place of an older one of the same pod. With `best` it gets its best nodes when it is read."""
-        records = self._records
-        older = records.pop(record.uid, None)
-        if older is not None:
-            self._bytes -= older[2]
+        records, uid = self._records, record.uid
+        if uid in records:
+            self._bytes -= records.pop(uid)[2]
         weight = weight_bytes(record) + (best.weight_bytes if best is not None else 0)
-        records[record.uid] = (record, best, weight)
+        records[uid] = (record, best, weight)
         self._bytes += weight
         while len(records) > self._kept or (self._bytes > self._kept_bytes and len(records) > 1):
             self._bytes -= records.popitem(last=False)[1][2]

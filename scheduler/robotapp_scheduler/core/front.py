@@ -7,33 +7,45 @@ import msgspec
 from robotapp_scheduler.core.explain import Top
 
 
+class Scorers(NamedTuple):
+    """The plugins that score such pods. The same object as long as the same plugins do."""
+
+    weights: dict[str, int]
+    """By plugin, in the order of the profile."""
+    shadows: tuple[str, ...]
+    alike: dict[str, int]
+    """What those say that score all rows alike."""
+    apart: tuple[str, ...]
+    """The others."""
+
+
+class Sight(msgspec.Struct, frozen=True, gc=False):
+    """One row: its node, its total, and the normalised scores of `Scorers.apart`, in that order."""
+
+    position: int
+    node: str
+    total: int
+    scores: tuple[int, ...]
+
+
 class Front(NamedTuple):
     """Up to TOP rows, none better than the first. Never changed: decisions that saw the same rows share it."""
 
     positions: tuple[int, ...]
-    nodes: tuple[str, ...]
-    totals: tuple[int, ...]
-    weights: dict[str, int]
-    """By plugin; of the same sums as long as it is the same object."""
-    scores: dict[str, tuple[int, ...]]
-    """Normalised, by plugin, in the order of `positions`."""
-    shadow: tuple[str, ...]
+    sights: tuple[Sight, ...]
+    scorers: Scorers
     weight_bytes: int
     """What a `Top` of it takes, estimated from above."""
 
 
-NOTHING: Final = Front((), (), (), {}, {}, (), 0)
+NOTHING: Final = Front((), (), Scorers({}, (), {}, ()), 0)
 
 
 class Finish(msgspec.Struct, frozen=True, gc=False):
     """The row that won, beside those at the front when it did."""
 
     front: Front
-    position: int
-    node: str
-    total: int
-    scores: dict[str, int]
-    """Of the plugins that do not score all rows alike."""
+    chosen: Sight
 
     @property
     def weight_bytes(self) -> int:
@@ -42,16 +54,17 @@ class Finish(msgspec.Struct, frozen=True, gc=False):
 
     def top(self) -> Top:
         """The winner first, then as many of the others as were at the front."""
-        front = self.front
-        others = [i for i, position in enumerate(front.positions) if position != self.position]
-        del others[max(len(front.positions) - 1, 0) :]
+        sights, scorers = self.front.sights, self.front.scorers
+        others = [sight for sight in sights if sight.position != self.chosen.position]
+        shown = [self.chosen, *others[: max(len(sights) - 1, 0)]]
+        apart = dict(zip(scorers.apart, zip(*(sight.scores for sight in shown), strict=True), strict=False))
         return Top(
-            nodes=(self.node, *(front.nodes[i] for i in others)),
-            totals=(self.total, *(front.totals[i] for i in others)),
-            weights=front.weights,
+            nodes=tuple(sight.node for sight in shown),
+            totals=tuple(sight.total for sight in shown),
+            weights=scorers.weights,
             scores={
-                plugin: (self.scores.get(plugin, values[0]), *(values[i] for i in others))
-                for plugin, values in front.scores.items()
+                plugin: apart[plugin] if plugin in apart else (scorers.alike[plugin],) * len(shown)
+                for plugin in scorers.weights
             },
-            shadow=front.shadow,
+            shadow=scorers.shadows,
         )

@@ -64,14 +64,12 @@ class Level:
         """The position with the least hash of node name and pod."""
         if len(self._late) > FEW:
             self._settle()
-        late = [(mixed_one(self._hashes.item(position), pod), position) for position in self._late]
+        late = [(mixed_one(self._hashes.item(each), pod), each) for each in self._late] if self._late else []
         if len(self._positions) == len(self._gone):
             return min(late)[1]
         place = self._place(pod)
-        if late:
-            late.append((mixed_one(self._names.item(place), pod), self._positions.item(place)))
-            return min(late)[1]
-        return self._positions.item(place)
+        found = self._positions.item(place)
+        return min(*late, (mixed_one(self._names.item(place), pod), found))[1] if late else found
 
     def first(self, count: int) -> list[int]:
         """Up to `count` of the positions, lowest first."""

@@ -154,6 +154,11 @@ class PodInfo:
         """The owner that manages this pod."""
         return controller_of(self.pod.metadata.owner_references)
 
+    @property
+    def plain(self) -> bool:
+        """Surely neither part of a group nor a pod with ROS fields."""
+        return self.member is None and self.pod_group is None and not self.annotations
+
     @Lazy
     def ros_request(self) -> RosRequest | InvalidAnnotation | None:
         """What the scheduler.robotics.io annotations ask for; None without any."""

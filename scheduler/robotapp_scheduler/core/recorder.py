@@ -3,8 +3,6 @@
 from math import isnan, nan
 from typing import Final
 
-import numpy as np
-
 from robotapp_scheduler.core.best import Best
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.decision import Decision
@@ -12,7 +10,7 @@ from robotapp_scheduler.core.engine import Engine
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.explain import MOST_REFUSALS, TOP, EdgeView, Example, Record, Refusal, Top, top_bytes
 from robotapp_scheduler.core.filter_column import FilterColumn
-from robotapp_scheduler.core.front import Finish, Front
+from robotapp_scheduler.core.front import Finish, Front, Sight
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.ros import Endpoint
 
@@ -22,7 +20,7 @@ NO_TOP: Final = Top()
 class Recorder:
     """Collects what one attempt saw."""
 
-    __slots__ = ("_at_s", "_attempt", "_cluster", "_engine", "_planned", "_seed", "_shadows", "best", "evaluation")
+    __slots__ = ("_at_s", "_attempt", "_cluster", "_engine", "_seed", "best", "evaluation", "planned", "shadows")
 
     def __init__(self, cluster: Cluster, engine: Engine, *, at_s: float, seed: int, attempt: int) -> None:
         self._cluster = cluster
@@ -31,59 +29,33 @@ class Recorder:
         self._seed = seed
         self._attempt = attempt
         self.evaluation: Evaluation | None = None
+        """What the filters said, once they have run."""
         self.best: Finish | None = None
         """What goes with the record about the best nodes; None when there was nothing to choose from."""
-        self._shadows: tuple[str, ...] = ()
-        self._planned = ""
-
-    def filtered(self, evaluation: Evaluation) -> None:
-        """The filters have run."""
-        self.evaluation = evaluation
-
-    def scored(self, evaluation: Evaluation, chosen: int, best: Best) -> None:
-        """The scores are in, and of the `best` rows `chosen` won."""
-        count = min(TOP, evaluation.feasible)
-        first = best.first(count)
-        weights, shadows = evaluation.scored_by()
-        front = evaluation.front
-        if front.positions is not first or front.weights is not weights:
-            front = evaluation.front = self._front(evaluation, first, weights, shadows)
-        node, total = self._engine.name_of(evaluation, chosen), evaluation.total.item(chosen)
-        self.best = Finish(front, chosen, node, total, evaluation.apart(chosen))
-
-    def _front(
-        self, evaluation: Evaluation, first: tuple[int, ...], weights: dict[str, int], shadows: tuple[str, ...]
-    ) -> Front:
-        positions = np.array(first, dtype=np.intp)
-        scores = evaluation.scores_at(positions)
-        return Front(
-            positions=first,
-            nodes=tuple(self._engine.names_of(evaluation, positions)),
-            totals=tuple(evaluation.total[positions].tolist()),
-            weights=weights,
-            scores=scores,
-            shadow=shadows,
-            weight_bytes=top_bytes(len(scores), len(first)),
-        )
-
-    def shadowed(self, names: tuple[str, ...]) -> None:
-        """These shadow plugins would have changed the choice."""
-        self._shadows = names
-
-    def planned(self, why: str) -> None:
+        self.shadows: tuple[str, ...] = ()
+        """Shadow plugins that would have changed the choice."""
+        self.planned = ""
         """How the pod's place was found together with those of its group."""
-        self._planned = why
+
+    def scored(self, evaluation: Evaluation, chosen: Sight, best: Best) -> None:
+        """The scores are in, and of the `best` rows `chosen` won."""
+        first = best.first(min(TOP, evaluation.feasible))
+        front, scorers = evaluation.front, evaluation.scorers
+        if front.positions is not first or front.scorers is not scorers:
+            sights = tuple([self._engine.sight(evaluation, position) for position in first])
+            front = evaluation.front = Front(first, sights, scorers, top_bytes(len(scorers.weights), len(first)))
+        self.best = Finish(front, chosen)
 
     def record(self, decision: Decision) -> Record:
         """The record but for the `best` nodes."""
         pod, profile, node = decision.pod, self._engine.profile, decision.node
         top = Top((node,), (0,)) if node is not None and self.best is None else NO_TOP
-        devices = tuple([grant.device.id for grant in decision.grants])
+        devices = tuple([grant.device.id for grant in decision.grants]) if decision.grants else ()
         # By position, as there is one for every pod: so many keywords cost six times as much.
         return Record(
             pod.namespace, pod.name, pod.uid, self._at_s, profile.scheduler_name, profile.config_hash, self._attempt,
             node, decision.message, decision.nodes, decision.feasible, self._refusals(), top, None,
-            self._edges(pod, node), devices, self._shadows, self._planned, self._seed,
+            self._edges(pod, node), devices, self.shadows, self.planned, self._seed,
         )  # fmt: skip
 
     def _refusals(self) -> tuple[Refusal, ...]:

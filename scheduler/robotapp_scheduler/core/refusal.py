@@ -31,6 +31,17 @@ def excessive(pod: PodInfo, nodes: int) -> Decision:
     )
 
 
+def held(pod: PodInfo, gate: Gate) -> Decision:
+    """The pod has to wait for others."""
+    return Decision(
+        pod=pod,
+        code=Code.PENDING,
+        message=gate.reason,
+        reason=PodReason(gate.code),
+        rejected_by=frozenset({gate.plugin}),
+    )
+
+
 def closed(loaded: Loaded, status: Status) -> Gate:
     """The gate of a plugin; no condition is written for it, as upstream, but when the plugin is broken."""
     if status.code is Code.ERROR:

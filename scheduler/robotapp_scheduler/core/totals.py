@@ -14,6 +14,7 @@ from robotapp_scheduler.core.changes import NODE
 from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.core.filter_column import Codes
 from robotapp_scheduler.core.framework import PluginError
+from robotapp_scheduler.core.front import Scorers, Sight
 from robotapp_scheduler.core.level import Hashes
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.repair import FEW_ROWS, bring_up, view_of
@@ -21,6 +22,7 @@ from robotapp_scheduler.core.score_column import Feasible, ScoreColumn
 from robotapp_scheduler.core.view import Nodes
 
 EVERY: Final = slice(None)
+MOST_SIGHTS: Final = 64
 INFEASIBLE: Final = -1
 """Total of rows that cannot be chosen."""
 _NODE: Final = int(NODE)
@@ -47,13 +49,11 @@ class _Share(NamedTuple):
 class _Parts(NamedTuple):
     """The columns with an opinion, by how they go into the total. Another epoch of one of them makes this out of date."""
 
-    live: list[ScoreColumn]
-    weights: dict[str, int]
-    shadows: tuple[str, ...]
+    scorers: Scorers
     flat: int
     """What plugins add that score all rows alike."""
-    varying: list[ScoreColumn]
-    """Those that count, and score a row by that row alone."""
+    weighted: list[tuple[int, ScoreColumn]]
+    """Those that count, and score a row by that row alone, each with its weight."""
     checked: list[ScoreColumn]
     """The same with the shadows."""
     relative: list[ScoreColumn]
@@ -64,14 +64,18 @@ class _Parts(NamedTuple):
         live = [column for column in columns if not column.skipped]
         counted = [column for column in live if not column.plugin.shadow]
         checked = [column for column in live if column.local and column.constant is None]
+        relative = [column for column in live if not column.local]
         return cls(
-            live=live,
-            weights={column.plugin.name: column.plugin.weight for column in live},
-            shadows=tuple(column.plugin.name for column in live if column.plugin.shadow),
+            scorers=Scorers(
+                weights={column.plugin.name: column.plugin.weight for column in live},
+                shadows=tuple(column.plugin.name for column in live if column.plugin.shadow),
+                alike={column.plugin.name: column.constant for column in live if column.constant is not None},
+                apart=tuple(column.plugin.name for column in (*checked, *relative)),
+            ),
             flat=sum(column.plugin.weight * column.constant for column in counted if column.constant is not None),
-            varying=[column for column in checked if not column.plugin.shadow],
+            weighted=[(column.plugin.weight, column) for column in checked if not column.plugin.shadow],
             checked=checked,
-            relative=[column for column in live if not column.local],
+            relative=relative,
         )
 
 
@@ -96,6 +100,8 @@ class Totals:
         self._revision = -1
         self._combines = -1
         self._best: Best | None = None
+        self._sights: dict[int, Sight] = {}
+        """Of positions that somebody asked for, until they are added up again."""
         self._interest = interest
         for column in columns:
             self._interest |= column.plugin.interest
@@ -118,19 +124,20 @@ class Totals:
             rows = view_of(news, self._interest, full.cluster)
             if news.kinds & _NODE:
                 self._best = None  # a row may stand for another node now
+                self._sights.clear()
         if rows is None:
             self._parts = _Parts.of(self._live)
             self._add_up_all(full.n)
-        elif rows.n:
-            self._add_up_rows(rows)
         if rows is None or rows.n or verdicts.revision != self._revision:
             self._reject_bad(verdicts)
         shared = self._share(pod, full, verdicts)
         same_verdicts = verdicts.combines == self._combines and len(self.total) == full.n
         if rows is None or shared or not same_verdicts or (self._shares and rows.n):
+            if rows is not None and rows.n:
+                self._add_up_rows(rows)
             self._combine_all(verdicts)
         elif rows.n:
-            self._combine_rows(rows, verdicts)
+            self._mend_rows(rows, verdicts)
         self._position, self._epochs = head, epochs
         self._revision, self._combines = verdicts.revision, verdicts.combines
 
@@ -144,15 +151,6 @@ class Totals:
         self._share(pod, nodes, verdicts)
         self._combine_all(verdicts)
 
-    def scores_at(self, positions: npt.NDArray[np.intp]) -> dict[str, tuple[int, ...]]:
-        """Normalised scores at feasible positions of every plugin with an opinion."""
-        return {
-            column.plugin.name: (column.constant,) * len(positions)
-            if column.constant is not None
-            else tuple(self.score_of(column, positions))
-            for column in self._parts.live
-        }
-
     def score_of(self, column: ScoreColumn, positions: npt.NDArray[np.intp]) -> list[int]:
         """Normalised scores of one plugin at feasible positions."""
         if column.constant is not None:
@@ -163,17 +161,23 @@ class Totals:
         scores: list[int] = values[positions].tolist()
         return scores
 
-    def apart(self, position: int) -> dict[str, int]:
-        """Normalised scores at one feasible position of the plugins that do not score all rows alike."""
-        found = {column.plugin.name: column.raw.item(position) for column in self._parts.checked}
-        for column in self._parts.relative:
-            values = self._shares[column.plugin.name].values
-            found[column.plugin.name] = values if isinstance(values, int) else values.item(position)
-        return found
+    @property
+    def scorers(self) -> Scorers:
+        """The plugins with an opinion."""
+        return self._parts.scorers
 
-    def scored_by(self) -> tuple[dict[str, int], tuple[str, ...]]:
-        """The weights of the plugins with an opinion, and which of them are shadows."""
-        return self._parts.weights, self._parts.shadows
+    def sight(self, position: int, node: str) -> Sight:
+        """What there is to say about one feasible position, which stands for this node."""
+        found = self._sights.get(position)
+        if found is None:
+            scores = [column.raw.item(position) for column in self._parts.checked]
+            for column in self._parts.relative:
+                values = self._shares[column.plugin.name].values
+                scores.append(values if isinstance(values, int) else values.item(position))
+            if len(self._sights) >= MOST_SIGHTS:
+                self._sights.clear()
+            found = self._sights[position] = Sight(position, node, self.total.item(position), tuple(scores))
+        return found
 
     def best(self, hashes: Hashes) -> Best:
         """The rows with the highest total, by `hashes` of the node names. One row must be feasible."""
@@ -188,23 +192,27 @@ class Totals:
         self._local = np.full(rows, self._parts.flat, dtype=np.int64) if sums is None else sums
 
     def _add_up_rows(self, stale: Nodes) -> None:
-        varying, local = self._parts.varying, self._local
+        local = self._local
         if stale.n <= FEW_ROWS:
             for row in stale.row_list:
-                total = self._parts.flat
-                for column in varying:
-                    total += column.plugin.weight * column.raw.item(row)
-                local[row] = total
+                local[row] = self._sum_of(row)
             return
         sums = self._sums(stale.rows)
         local[stale.rows] = self._parts.flat if sums is None else sums
 
+    def _sum_of(self, row: int) -> int:
+        parts = self._parts
+        total = parts.flat
+        for weight, column in parts.weighted:
+            total += weight * column.raw.item(row)
+        return total
+
     def _sums(self, rows: npt.NDArray[np.intp] | slice) -> IntArray | None:
         """A new array of what these rows score, None when every row scores `flat`."""
         sums: IntArray | None = None
-        for column in self._parts.varying:
+        for weight, column in self._parts.weighted:
             raw = column.raw[rows]
-            part = raw if column.plugin.weight == 1 else column.plugin.weight * raw
+            part = raw if weight == 1 else weight * raw
             sums = part + self._parts.flat if sums is None else sums + part
         return sums
 
@@ -219,6 +227,8 @@ class Totals:
     def _share(self, pod: PodInfo, nodes: Nodes, verdicts: Verdicts) -> bool:
         """Work out the shares that are not true any more; was there any?"""
         relative = self._parts.relative
+        if not relative and not self._shares:
+            return False
         found = len(relative) != len(self._shares)
         if found:
             self._shares = {}
@@ -249,27 +259,29 @@ class Totals:
             self._open = (verdicts.revision, np.flatnonzero(verdicts.reason == 0))
         return self._open[1]
 
-    def _combine_rows(self, stale: Nodes, verdicts: Verdicts) -> None:
-        total, local, reason = self.total, self._local, verdicts.reason
-        if stale.n == 1:
-            row = stale.row_list[0]
-            old, new = total.item(row), local.item(row) if reason.item(row) == 0 else INFEASIBLE
-            total[row] = new
-            before, after = [old], [new]
-        elif stale.n > FEW_ROWS:
-            rows = stale.rows
-            sums = local[rows]
+    def _mend_rows(self, stale: Nodes, verdicts: Verdicts) -> None:
+        """Add these rows up again, and nothing is shared: no other row has another total."""
+        total, reason, rows = self.total, verdicts.reason, stale.row_list
+        if stale.n > FEW_ROWS:
+            self._add_up_rows(stale)
+            sums = self._local[stale.rows]
             if verdicts.feasible < len(total):
-                sums[reason[rows] != 0] = INFEASIBLE
-            before, after = total[rows].tolist(), sums.tolist()
-            total[rows] = sums
+                sums[reason[stale.rows] != 0] = INFEASIBLE
+            before, after = total[stale.rows].tolist(), sums.tolist()
+            total[stale.rows] = sums
         else:
-            before = [total.item(row) for row in stale.row_list]
-            after = [local.item(row) if reason.item(row) == 0 else INFEASIBLE for row in stale.row_list]
-            for row, value in zip(stale.row_list, after, strict=True):
+            before, after = [], []
+            for row in rows:
+                value = self._local[row] = self._sum_of(row)
+                if reason.item(row) != 0:
+                    value = INFEASIBLE
+                before.append(total.item(row))
+                after.append(value)
                 total[row] = value
+        for row in rows if self._sights else ():
+            self._sights.pop(row, None)
         best = self._best
-        if best is not None and not best.all_changed(stale.row_list, before, after):
+        if best is not None and not best.all_changed(rows, before, after):
             self._best = None
 
     def _combine_all(self, verdicts: Verdicts) -> None:
@@ -281,6 +293,7 @@ class Totals:
             total = np.where(verdicts.reason == 0, total, np.int64(INFEASIBLE))
         self.total = total.copy() if total is self._local else total
         self._best = None
+        self._sights.clear()
 
     def _forgive(self, column: ScoreColumn) -> None:
         """Called while a PluginError is handled: it is one unless the plugin is a shadow, which says nothing from then on."""
@@ -288,3 +301,4 @@ class Totals:
             raise  # noqa: PLE0704 - the error that is being handled
         column.fail()
         self._parts = _Parts.of(self._live)
+        self._sights.clear()
