@@ -1,5 +1,7 @@
 """Files a person names: YAML or JSON documents, and every mistake in them as one sentence."""
 
+import json
+import re
 import sys
 from pathlib import Path
 from typing import Any, ClassVar, Final
@@ -13,6 +15,8 @@ _DEEPEST: Final = 200
 """Levels of nesting: libyaml's composer calls itself per level and ends the process where the stack does."""
 
 
+_HALF: Final = re.compile(r"\\u[dD][89a-fA-F]")
+"""Half a character, whose other half may be missing: the JSON parser does not mind."""
 _FOREIGN: Final = frozenset(f"{_TAG}{name}" for name in ("timestamp", "binary", "set", "omap", "pairs"))
 
 
@@ -40,15 +44,43 @@ def documents(path: Path, *, most_bytes: int) -> list[Any]:
         raise CliError(f"{path} cannot be read: {error.strerror}", code=Exit.USAGE) from error
     except UnicodeDecodeError as error:
         raise CliError(f"{path} is not UTF-8 text", code=Exit.USAGE) from error
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError) as error:  # a number of thousands of digits is a ValueError
         raise CliError(f"{path} is neither YAML nor JSON: {error}", code=Exit.USAGE) from error
     except RecursionError as error:
         raise CliError(f"{path} is nested deeper than {_DEEPEST} levels", code=Exit.USAGE) from error
 
 
 def _parsed(text: str) -> list[Any]:
+    if text.lstrip().startswith(("{", "[")):
+        try:
+            return [_from_json(text)]
+        except ValueError:
+            pass  # YAML may begin so, too
     _check_depth(text)
     return [found for found in yaml.load_all(text, _Loader) if found is not None]
+
+
+def _from_json(text: str) -> Any:
+    """A dump of a cluster would take the YAML parser minutes. Raises ValueError."""
+    document = json.loads(text, parse_constant=_no_number)
+    if _HALF.search(text):
+        json.dumps(document, ensure_ascii=False).encode()
+    return _shallow(document)
+
+
+def _no_number(name: str) -> None:
+    raise ValueError(f"{name} is no JSON")
+
+
+def _shallow(document: Any) -> Any:
+    """The document as it is. Raises RecursionError when it is nested too deep."""
+    level = [document]
+    for _ in range(_DEEPEST):
+        inner = [each.values() if isinstance(each, dict) else each for each in level]
+        level = [value for values in inner for value in values if isinstance(value, dict | list)]
+        if not level:
+            return document
+    raise RecursionError
 
 
 def _check_depth(text: str) -> None:

@@ -237,10 +237,26 @@ class TestRender:
             ("kind: RobotApp\nmetadata: {name: a, namespace: b/c}\n", "metadata.namespace: 'b/c' is not a name"),
             ("[" * 100_000 + "]" * 100_000, "is nested deeper than 200 levels"),
             ("a: !!set {b}", "is neither YAML nor JSON"),
+            ('{"a": "\\ud800"}', "is neither YAML nor JSON"),
+            ("a: " + "1" * 5000, "is neither YAML nor JSON"),
+            ('{"kind": "Pod", "a": ' + "[" * 300 + "]" * 300 + "}", "is nested deeper than 200 levels"),
             ("#" * 1_048_577, "is larger than 1 MiB"),
             ("\xff", "is not UTF-8 text"),
         ],
-        ids=["pod", "yaml", "nameless", "name", "namespace", "deep", "set", "large", "latin-1"],
+        ids=[
+            "pod",
+            "yaml",
+            "nameless",
+            "name",
+            "namespace",
+            "deep",
+            "set",
+            "half",
+            "digits",
+            "deep-json",
+            "large",
+            "latin-1",
+        ],
     )
     def test_a_file_that_holds_no_robotapp_is_refused(self, stage: Stage, content: str, message: str) -> None:
         path = stage.kubeconfig.with_name("app.yaml")

@@ -142,3 +142,14 @@ def test_a_file_that_is_not_there_and_two_configurations_are_wrong_usage(cluster
     assert cluster.run("simulate", str(tmp_path / "none"), *url(cluster)).exit_code == 2
     (tmp_path / "two.yaml").write_text("a: 1\n---\nb: 2\n")
     assert cluster.run("simulate", "--config", str(tmp_path / "two.yaml"), *url(cluster)).exit_code == 2
+
+
+def test_a_dump_of_thousands_of_objects_is_read_as_json_and_not_by_the_yaml_parser(
+    cluster: Stage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dump = tmp_path / "cluster.json"
+    items = [{"kind": "Node", "metadata": {"name": "robot \U0001f916"}}, {"kind": "Pod", "metadata": {"name": "p"}}]
+    dump.write_text(json.dumps({"apiVersion": "v1", "kind": "List", "items": items}))
+    monkeypatch.delattr(yaml, "load_all")
+    cluster.text("simulate", "--offline", str(dump), *url(cluster))
+    assert [item["metadata"]["name"] for item in sent(cluster)["items"]] == ["robot \U0001f916", "p"]
