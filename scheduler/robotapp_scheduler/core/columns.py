@@ -34,7 +34,7 @@ SCORED_CPU: Final = 0
 SCORED_MEMORY: Final = 1
 SCORED: Final = {"cpu": SCORED_CPU, "memory": SCORED_MEMORY}
 """Rows of `ResourceColumns.scored`; other resources are scored by what is requested."""
-_ALLOWED: Final = len(SCORED)
+ALLOWED: Final = len(SCORED)
 """The ledger: what is scored; pods a node may have, and what it offers of every resource; pods it has, and what they ask for."""
 
 
@@ -174,8 +174,8 @@ class ResourceColumns:
     """
 
     __slots__ = (
-        "_held", "_spans", "_steps", "_strange", "allocatable", "allowed_pods", "index", "ledger", "names", "offered",
-        "pod_count", "requested", "scored", "taken",
+        "_places", "_spans", "_steps", "_strange", "allocatable", "allowed_pods", "held_from", "index", "layout", "ledger",
+        "names", "offered", "pod_count", "requested", "scored", "taken",
     )  # fmt: skip
 
     def __init__(self) -> None:
@@ -185,27 +185,33 @@ class ResourceColumns:
         """Where amounts that were asked for together stand: until the ledger is laid out anew, a resource keeps its place."""
         self._steps: dict[tuple[Amounts, tuple[int, int]], IntArray] = {}
         """What pods add to a row of nodes that have them: most pods are one of many replicas."""
+        self._places: dict[tuple[str, ...], tuple[tuple[int, int, int], ...]] = {}
+        self.layout = 0
+        """Grows when the ledger is laid out anew."""
         self._strange = 0
-        self._lay_out(np.zeros((_ALLOWED + 2 + 2 * len(self.names), START_ROWS), dtype=np.int64))
+        self._lay_out(np.zeros((ALLOWED + 2 + 2 * len(self.names), START_ROWS), dtype=np.int64))
 
     def __repr__(self) -> str:
         return f"ResourceColumns({self.names})"
 
     def _lay_out(self, ledger: IntArray) -> None:
-        held = self._held = (_ALLOWED + len(ledger)) // 2  # where what pods hold begins
+        held = self.held_from = (ALLOWED + len(ledger)) // 2
+        """Where what pods hold begins, their number first."""
+        self.layout += 1
         self.ledger: IntArray = ledger
-        self.scored: IntArray = ledger[:_ALLOWED]
+        self.scored: IntArray = ledger[:ALLOWED]
         """cpu milli and memory bytes with defaults for containers that ask for nothing (the Fit scorer's view)."""
-        self.offered: IntArray = ledger[_ALLOWED:held]
+        self.offered: IntArray = ledger[ALLOWED:held]
         """Pods a node may have, then what it offers of every resource."""
         self.taken: IntArray = ledger[held:]
         """Pods it has, then what they ask for: in the order of `offered`."""
-        self.allowed_pods: IntArray = ledger[_ALLOWED]
-        self.allocatable: IntArray = ledger[_ALLOWED + 1 : held]
+        self.allowed_pods: IntArray = ledger[ALLOWED]
+        self.allocatable: IntArray = ledger[ALLOWED + 1 : held]
         self.pod_count: IntArray = ledger[held]
         self.requested: IntArray = ledger[held + 1 :]
         self._spans.clear()
         self._steps.clear()
+        self._places.clear()
 
     def grow(self, rows: int) -> None:
         """Make room for `rows` rows."""
@@ -220,7 +226,7 @@ class ResourceColumns:
         code = -1 if resource == "pods" else self.index.get(resource)
         if code is None:
             return None
-        return (_ALLOWED if kind == "allocatable" else self._held) + 1 + code
+        return (ALLOWED if kind == "allocatable" else self.held_from) + 1 + code
 
     def span(self, kind: str, resources: tuple[str, ...]) -> slice | None:
         """The places of all these, if they stand side by side in this order."""
@@ -235,6 +241,30 @@ class ResourceColumns:
             found = self._spans[kind, resources] = slice(first, first + len(places))
         return found
 
+    def places(self, resources: tuple[str, ...]) -> tuple[tuple[int, int, int], ...]:
+        """Where in a `copied` row each of these is allocatable, requested and scored."""
+        found = self._places.get(resources)
+        if found is None:
+            if len(self._places) >= MOST_SPANS:
+                self._places.clear()
+            found = self._places[resources] = tuple(
+                [
+                    (self._at("allocatable", name), self._at("requested", name), self._at("scored", name))
+                    for name in resources
+                ]
+            )
+        return found
+
+    def _at(self, kind: str, resource: str) -> int:
+        place = self.place(kind, resource)
+        return -1 if place is None else place
+
+    def copied(self, row: int) -> list[int]:
+        """One row of the ledger, and a zero for what nobody has."""
+        found: list[int] = self.ledger[:, row].tolist()
+        found.append(0)
+        return found
+
     def code(self, name: str) -> int:
         """Index of a resource, added at first sight."""
         found = self.index.get(name)
@@ -242,9 +272,12 @@ class ResourceColumns:
             found = len(self.names)
             self.names.append(name)
             self.index[name] = found
+            self._places.clear()
             if found >= len(self.allocatable):
                 empty = np.zeros_like(self.allocatable)
-                self._lay_out(np.concatenate([self.ledger[: self._held], empty, self.ledger[self._held :], empty]))
+                self._lay_out(
+                    np.concatenate([self.ledger[: self.held_from], empty, self.ledger[self.held_from :], empty])
+                )
         return found
 
     def coded(self, amounts: dict[str, int]) -> tuple[tuple[int, int], ...]:
@@ -291,9 +324,9 @@ class ResourceColumns:
         """What such a pod adds to each row of the ledger."""
         step: IntArray = np.zeros(len(self.ledger), dtype=np.int64)
         step[SCORED_CPU], step[SCORED_MEMORY] = scored
-        step[self._held] = 1
+        step[self.held_from] = 1
         for code, value in requested:
-            step[self._held + 1 + code] = value
+            step[self.held_from + 1 + code] = value
         if len(self._steps) >= MOST_STEPS:
             self._steps.clear()
         self._steps[requested, scored] = step

@@ -355,7 +355,7 @@ class SchedulerCore:
             code=Code.SUCCESS,
             node=node,
             grants=self._grants(pod, node),
-            volumes=engine.volume_plan(pod, node) if pod.volumes is not None else None,
+            volumes=engine.volume_plan(pod, node) if pod.volume_key is not None else None,
             nodes=self.cluster.nodes.count,
             feasible=evaluation.feasible,
             total=total,

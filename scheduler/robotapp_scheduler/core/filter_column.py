@@ -130,7 +130,12 @@ class FilterColumn:
     def _passes(self, stale: Nodes, pod: PodInfo) -> bool:
         """Do these few rows surely pass?"""
         passes = self.plugin.filter_row
-        return passes is not None and stale.n <= FEW_TO_ASK and all(passes(pod, row) for row in stale.each)
+        if passes is None or stale.n > FEW_TO_ASK:
+            return False
+        for row in stale.each:  # noqa: SIM110 - a generator for one row costs more than the row
+            if not passes(pod, row):
+                return False
+        return True
 
     def _ask(self, pod: PodInfo, nodes: Nodes) -> tuple[Codes, FloatArray | None] | Literal[True] | None:
         plugin = self.plugin

@@ -44,10 +44,11 @@ class LabelSet:
 class LabelSets:
     """All label sets in use."""
 
-    __slots__ = ("_by_key", "_by_label")
+    __slots__ = ("_by_key", "_by_label", "_latest")
 
     def __init__(self) -> None:
         self._by_key: dict[LabelSetKey, LabelSet] = {}
+        self._latest = LabelSet("", {})
         self._by_label: dict[str, dict[str, dict[LabelSet, None]]] = {}
         """Label key → value → label sets, for keys a selector has asked for."""
 
@@ -59,6 +60,12 @@ class LabelSets:
 
     def take(self, namespace: str, labels: dict[str, str]) -> tuple[LabelSet, bool]:
         """The label set of a pod that was placed, and whether it is new."""
+        latest = self._latest
+        if (
+            latest.pods and latest.namespace == namespace and latest.labels == labels
+        ):  # replicas come one after the other
+            latest.pods += 1
+            return latest, False
         key = label_key(namespace, labels)
         found = self._by_key.get(key)
         new = found is None
@@ -68,6 +75,7 @@ class LabelSets:
                 if (value := labels.get(name)) is not None:
                     by_value.setdefault(value, {})[found] = None
         found.pods += 1
+        self._latest = found
         return found, new
 
     def release(self, label_set: LabelSet) -> None:

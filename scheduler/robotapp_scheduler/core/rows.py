@@ -2,54 +2,48 @@
 
 from typing import TYPE_CHECKING, Final
 
+from robotapp_scheduler.core.columns import ALLOWED
+
 if TYPE_CHECKING:
     from robotapp_scheduler.core.node_table import NodeTable
 
 MOST_ROWS: Final = 1024
 
 
-KINDS: Final = ("allocatable", "requested", "scored")
 Amounts = tuple[int, int, int]
-"""One resource of one node, of each kind."""
+"""One resource of one node: what it offers, what its pods ask for, and that as the Fit scorer sees it."""
 
 
 class Row:
     """Amounts of one node as plain integers, as they are now: for the row form of a rule."""
 
-    __slots__ = ("_known", "_row", "_table", "allowed_pods", "pod_count", "version")
+    __slots__ = ("_known", "_layout", "_row", "_table", "_there", "allowed_pods", "pod_count", "version")
 
     def __init__(self, table: "NodeTable", row: int) -> None:
         self._table = table
         self._row = row
         self._known: dict[tuple[str, ...], tuple[Amounts, ...]] = {}
         self.version = table.versions[row]
-        self.allowed_pods = table.allowed_pods.item(row)
-        self.pod_count = table.pod_count.item(row)
+        resources = table.resources
+        self._there, self._layout = resources.copied(row), resources.layout
+        self.allowed_pods, self.pod_count = self._there[ALLOWED], self._there[resources.held_from]
 
     def of(self, resources: tuple[str, ...]) -> tuple[Amounts, ...]:
         """What the node offers of these, and has given away, in this order; zeros for a resource nobody has."""
         found = self._known.get(resources)
         if found is None:
-            found = self._known[resources] = self._amounts(resources)
+            columns = self._table.resources
+            if self._layout != columns.layout:
+                self._there, self._layout = columns.copied(self._row), columns.layout
+            there = self._there
+            found = tuple([(there[a], there[b], there[c]) for a, b, c in columns.places(resources)])
+            self._known[resources] = found
         return found
 
     @property
     def resources(self) -> list[str]:
         """Names of all resources any node or pod has named."""
         return self._table.resources.names
-
-    def _amounts(self, names: tuple[str, ...]) -> tuple[Amounts, ...]:
-        resources = self._table.resources
-        there: list[int] = resources.ledger[:, self._row].tolist()
-        columns: list[list[int]] = []
-        for kind in KINDS:
-            span = resources.span(kind, names)
-            if span is not None:
-                columns.append(there[span])
-            else:
-                places = [resources.place(kind, name) for name in names]
-                columns.append([0 if place is None else there[place] for place in places])
-        return tuple(zip(*columns, strict=True))
 
 
 class Rows:

@@ -1,7 +1,6 @@
 """A score plugin's raw value per row, kept per value of what it reads and repaired from the change log."""
 
 import logging
-from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -158,13 +157,15 @@ class ScoreColumn:
         if self._domains is not None:
             self._raw, self._domains = self.raw, None
         if score_row is not None and stale.n <= FEW_TO_ASK:
-            self._store_rows(stale.row_list, [score_row(pod, row) for row in stale.each])
+            for position, row in zip(stale.row_list, stale.each):  # noqa: B905 - the same rows
+                self._store_row(position, score_row(pod, row))
             return
         rows = stale.rows
         raw = self._ask(pod, stale)
         if raw is None or isinstance(raw, int):
             if stale.n <= FEW_ROWS:
-                self._store_rows(stale.row_list, [raw or 0] * stale.n)
+                for position in stale.row_list:
+                    self._store_row(position, raw or 0)
                 return
             raw = np.full(stale.n, raw or 0, dtype=np.int64)
         elif isinstance(raw, PerDomain):
@@ -177,14 +178,12 @@ class ScoreColumn:
             self.constant = None
             self.epoch += 1
 
-    def _store_rows(self, rows: Sequence[int], scores: Sequence[int]) -> None:
+    def _store_row(self, row: int, score: int) -> None:
         self.changes += 1
-        raw = self._raw
-        for row, score in zip(rows, scores, strict=True):
-            raw[row] = score
-            if self.constant is not None and score != self._equal_raw:
-                self.constant = None
-                self.epoch += 1
+        self._raw[row] = score
+        if self.constant is not None and score != self._equal_raw:
+            self.constant = None
+            self.epoch += 1
 
     def _ask(self, pod: PodInfo, nodes: Nodes) -> npt.NDArray[Any] | PerDomain | int | None:
         plugin = self.plugin
