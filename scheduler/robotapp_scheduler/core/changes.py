@@ -263,6 +263,10 @@ class ChangeLog:
             found = self._news[position] = News(self._rows[start:], self._changes[start:])
         return found
 
+    def only(self, position: int) -> tuple[int, int] | None:
+        """Row and change of what happened after `position`, when that is one change."""
+        return (self._rows[-1], self._changes[-1]) if self._rows and position + 1 == self.position else None
+
     def since(self, position: int, interest: int, *, most: int) -> list[int] | None:
         """Rows with a change of interest after `position`, each once; None: look at all rows."""
         news = self.news(position, most=most)

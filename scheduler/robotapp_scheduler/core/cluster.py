@@ -15,6 +15,7 @@ from robotapp_scheduler.core.budgets import Budgets
 from robotapp_scheduler.core.changes import EVERY_ROW, Change, ChangeLog
 from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.core.devices import DeviceGrant, DeviceIndex
+from robotapp_scheduler.core.least import Least
 from robotapp_scheduler.core.mirror import Mirror
 from robotapp_scheduler.core.name_index import NameIndex
 from robotapp_scheduler.core.node_table import NodeTable
@@ -45,6 +46,7 @@ class Cluster:
     def __init__(self, *, clock: Callable[[], float]) -> None:
         self.nodes = NodeTable()
         self.mirror = Mirror(self.nodes)
+        self.least_free = Least(self.nodes)
         self.ports = PortUsers()
         self.apps = AppIndex()
         self.devices = DeviceIndex()

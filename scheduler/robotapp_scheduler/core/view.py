@@ -206,6 +206,10 @@ class Nodes:
             found = self._kept[kind, resources] = self._block(kind, resources)
         return found
 
+    def surely_free(self, wanted: tuple[tuple[str, int], ...]) -> bool:
+        """Is so much of each ("pods": places for pods) free on every node? False: look at the rows."""
+        return self.cluster.least_free.suffices(self.cluster.log, wanted)
+
     def plain(self, resources: tuple[str, ...]) -> Plain | None:
         """These amounts in float64, when all rows are in view and that makes no difference; else None."""
         if not self.full or not self.cluster.mirror.refresh(self.cluster.log):
@@ -284,6 +288,10 @@ class AdjustedNodes(Nodes):
         if index or resource == "pods":
             held = held + self._amounts[index]
         return held
+
+    def surely_free(self, wanted: tuple[tuple[str, int], ...]) -> bool:  # noqa: ARG002 - of nodes that are so
+        """Look at the rows."""
+        return False
 
     def scored(self, resource: str) -> IntArray:
         """Not known for such nodes. Raises NotImplementedError: a filter must not decide by it."""

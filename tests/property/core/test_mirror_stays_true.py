@@ -1,4 +1,4 @@
-"""What nodes offer and hold, kept in float64 while things change, is what the ledger says."""
+"""What is kept beside the ledger while things change, amounts in float64 and the least that is free, is what the ledger says."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from tests.support.scheduling import make_cluster, make_info, make_node, make_pod
 
 from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.least import MOST_MISSES, Least
 from robotapp_scheduler.core.mirror import EXACT_IN_FLOAT
 from robotapp_scheduler.core.trial import Trial
 from robotapp_scheduler.core.view import Nodes
@@ -61,14 +62,20 @@ def agrees(cluster: Cluster) -> None:
     valid, plain = every.valid, every.plain(NAMES)
     some = Nodes(cluster, np.flatnonzero(valid))
     offered = some.block("allocatable", NAMES)
-    fits = bool(offered.size) and offered.min() > 0 and offered.max() < EXACT_IN_FLOAT
-    assert (plain is not None) == fits
+    if offered.size:
+        assert (plain is not None) == (offered.min() > 0 and offered.max() < EXACT_IN_FLOAT)
     if plain is not None:
         for kind, found in plain._asdict().items():
             span = cluster.nodes.resources.span(kind, NAMES)
             assert np.array_equal(found[:, valid], ledger[span][:, valid].astype(np.float64))
     places = ("pods", *NAMES)
-    assert np.array_equal(every.block("free", places)[:, valid], some.block("free", places))
+    free = some.block("free", places)
+    assert np.array_equal(every.block("free", places)[:, valid], free)
+    for cpu_milli in (0, 500, 3000, 7999):
+        wanted = (("pods", 1), ("cpu", cpu_milli), ("memory", 2**30))
+        fits_everywhere = bool((free >= np.array([[amount] for _, amount in wanted])).all())
+        assert fits_everywhere or not some.surely_free(wanted) or not free.size
+        assert Least(cluster.nodes).suffices(cluster.log, wanted) == (fits_everywhere and free.size > 0)
     pod: Any = make_info("one-more", cpu="500m", memory="512Mi")
     for plugin in (NodeResourcesFit(), NodeResourcesBalancedAllocation()):
         whole, few = plugin.score(pod, every), plugin.score(pod, some)
@@ -94,3 +101,18 @@ def test_whole_columns_are_those_of_the_ledger_whatever_happens(rounds: list[lis
                 trial.take(record)
                 agrees(cluster)
     agrees(cluster)
+
+
+def test_what_is_free_again_is_noticed_after_some_pods_that_need_it() -> None:
+    cluster = make_cluster(make_node("n", cpu="4"), make_node("m", cpu="4"))
+    cluster.apply_pod(make_pod("large", node="n", cpu="4"))
+    nodes, wanted = Nodes(cluster), (("pods", 1), ("cpu", 1000))
+    assert not nodes.surely_free(wanted)
+    cluster.remove_pod(make_pod("large", node="n"))
+    found = []
+    for i in range(MOST_MISSES + 1):
+        cluster.apply_pod(make_pod(f"p{i}", node="m", cpu="0", memory="0"))
+        cluster.remove_pod(make_pod(f"p{i}", node="m"))
+        found.append(nodes.surely_free(wanted))
+    assert not found[0]
+    assert found[-1]

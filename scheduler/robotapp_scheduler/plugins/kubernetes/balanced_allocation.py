@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import Final, NamedTuple
+from typing import Final
 
 import msgspec
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.columns import BoolArray, FloatArray, IntArray
 from robotapp_scheduler.core.framework import MAX_SCORE, ScoreResult
+from robotapp_scheduler.core.lazy import Lazy
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.rows import Amounts, Row
 from robotapp_scheduler.core.view import Nodes
@@ -94,28 +95,30 @@ class NodeResourcesBalancedAllocation:
             wanted = pod.requests.exact
             names = tuple(name for name in self._names if name in NATIVE or wanted.get(name, 0))
             amounts = [wanted.get(name, 0) for name in names]
-            notes[self] = _wish(names, amounts) if any(amounts) else None
+            notes[self] = _Wish(names, amounts) if any(amounts) else None
         found: _Wish | None = notes[self]
         return found
 
 
-class _Wish(NamedTuple):
-    """(place, amount) by resource, and the same of no pod; `steps` has the shape (2, resources, 1): nothing, and what the
-    pod adds.
-    """
+class _Wish:
+    """Amounts by resource."""
 
-    names: tuple[str, ...]
-    amounts: tuple[tuple[int, int], ...]
-    nothing: tuple[tuple[int, int], ...]
-    steps: IntArray
-    floats: FloatArray
-    """`steps` in float64."""
+    def __init__(self, names: tuple[str, ...], amounts: Sequence[int]) -> None:
+        self.names = names
+        self.amounts = tuple(enumerate(amounts))
+        """(place among the names, amount)."""
+        self.nothing = tuple([(place, 0) for place in range(len(names))])
+        """The same of no pod."""
 
+    @Lazy
+    def steps(self) -> IntArray:
+        """Shape (2, resources, 1): nothing, and what the pod adds."""
+        return np.array([(0, amount) for _, amount in self.amounts], dtype=np.int64).T[:, :, None]
 
-def _wish(names: tuple[str, ...], amounts: list[int]) -> _Wish:
-    nothing = [0] * len(names)
-    steps = np.array([nothing, amounts], dtype=np.int64)[:, :, None]
-    return _Wish(names, tuple(enumerate(amounts)), tuple(enumerate(nothing)), steps, steps.astype(np.float64))
+    @Lazy
+    def floats(self) -> FloatArray:
+        """The same in float64."""
+        return self.steps.astype(np.float64)
 
 
 def _plain_pair(used: IntArray | FloatArray, capacity: IntArray | FloatArray) -> IntArray:

@@ -1,7 +1,7 @@
 """NodeResourcesFit: room for the pod's requests, and how full the node would be."""
 
-from collections.abc import Mapping
-from typing import Final, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Final
 
 import msgspec
 import numpy as np
@@ -10,6 +10,7 @@ from robotapp_api.values.requests import amounts
 from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.columns import BoolArray, FloatArray, IntArray
 from robotapp_scheduler.core.framework import FilterResult, ScoreResult, Verdict
+from robotapp_scheduler.core.lazy import Lazy
 from robotapp_scheduler.core.objects import Node, Pod
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.rows import Row
@@ -74,10 +75,14 @@ class NodeResourcesFit:
         self._ignored_groups = frozenset(args.ignored_resource_groups)
         self._resources = args.scoring_strategy.resources
         self._strategy = _strategy(args.scoring_strategy)
+        self._weights: dict[tuple[str, ...], Weights] = {}
+        """By the resources that a pod is scored by."""
 
     def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
         """True where one more pod and all its requests fit; every lacking resource is reported."""
         wish = self._wish(pod)
+        if nodes.surely_free(wish.free):
+            return True
         short = nodes.block("free", wish.places) < wish.column
         if not np.count_nonzero(short):
             return True
@@ -130,15 +135,14 @@ class NodeResourcesFit:
             wanted = pod.requests.scored
             scored = [each for each in self._resources if each.name in NATIVE or wanted.get(each.name, 0)]
             amounts = {each.name: wanted.get(each.name, 0) for each in scored}
-            weights = Weights.of(each.weight or 1 for each in scored)
-            room = self.room(pod)
-            found = pod.shape.notes[self] = _Wish(
-                tuple(room),
-                tuple(enumerate(room.values())),
-                ("pods", *room),
-                _column([1, *room.values()]),
-                _scored(amounts, weights),
-            )
+            found = pod.shape.notes[self] = _Wish(self.room(pod), _Scored(amounts, self._weights_of(scored)))
+        return found
+
+    def _weights_of(self, scored: Sequence[ResourceWeight]) -> Weights:
+        names = tuple([each.name for each in scored])
+        found = self._weights.get(names)
+        if found is None:
+            found = self._weights[names] = Weights.of(each.weight or 1 for each in scored)
         return found
 
     def _counts(self, name: str) -> bool:
@@ -173,31 +177,45 @@ def _strategy(args: ScoringStrategy) -> Strategy:
     return strategy
 
 
-class _Scored(NamedTuple):
-    """What the score reckons with: amounts of the pod by resource (as columns, too), and how much each counts."""
+class _Scored:
+    """What the score reckons with. Most pods need but one of the columns, and some of them are the only ones of their kind."""
 
-    names: tuple[str, ...]
-    amounts: Wanted
-    column: IntArray
-    floats: FloatArray
-    weights: Weights
+    def __init__(self, amounts: Mapping[str, int], weights: Weights) -> None:
+        self.names = tuple(amounts)
+        self.weights = weights
+        self.amounts: Wanted = tuple(zip(range(len(amounts)), amounts.values(), weights.each, strict=True))
 
+    @Lazy
+    def column(self) -> IntArray:
+        """What the pod asks for, shape (resources, 1)."""
+        return _column([amount for _, amount, _ in self.amounts])
 
-class _Wish(NamedTuple):
-    """What must be free, and what is scored. `places` and `column` are the same with a place for one more pod before."""
-
-    names: tuple[str, ...]
-    amounts: tuple[tuple[int, int], ...]
-    """(place among the names, amount)."""
-    places: tuple[str, ...]
-    column: IntArray
-    scored: _Scored
+    @Lazy
+    def floats(self) -> FloatArray:
+        """The same in float64."""
+        return self.column.astype(np.float64)
 
 
-def _scored(amounts: Mapping[str, int], weights: Weights) -> _Scored:
-    column = _column([*amounts.values()])
-    wanted = tuple((i, *each) for i, each in enumerate(zip(amounts.values(), weights.each, strict=True)))
-    return _Scored(tuple(amounts), wanted, column, column.astype(np.float64), weights)
+class _Wish:
+    """What must be free, and what is scored."""
+
+    def __init__(self, room: Mapping[str, int], scored: _Scored) -> None:
+        self.names = tuple(room)
+        self.amounts = tuple(enumerate(room.values()))
+        """(place among the names, amount)."""
+        self.free = (("pods", 1), *room.items())
+        """The same by name, with a place for one more pod before."""
+        self.scored = scored
+
+    @Lazy
+    def places(self) -> tuple[str, ...]:
+        """The names in `free`."""
+        return ("pods", *self.names)
+
+    @Lazy
+    def column(self) -> IntArray:
+        """The amounts in `free`, shape (places, 1)."""
+        return _column([amount for _, amount in self.free])
 
 
 def _column(amounts: list[int]) -> IntArray:
