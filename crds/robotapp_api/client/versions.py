@@ -1,8 +1,8 @@
-"""News of an object whose spec is the one it had: recognised by its bytes, which are not decoded again.
+"""News of a pod that is nearly what it was: recognised by its bytes, and only what is new in them is decoded.
 
-A pod is told of three times on its way (made, bound, running), and its spec is the larger part of each. The second time
-it has got a node, the third a status. So the bytes of its spec are kept, in the two parts between which the name of the
-node comes to stand.
+A pod is told of three times on its way (made, bound, running). The second time it has got a node, the third a status;
+its metadata and its spec are the larger part of each. So their bytes are kept, but for the version of the object,
+`managedFields`, and the name of the node, which comes to stand inside the spec.
 """
 
 from typing import Any, Final, Generic, TypeVar, get_type_hints
@@ -15,9 +15,16 @@ M = TypeVar("M")
 
 MOST_BYTES: Final = 32 * 2**20
 """Specs of ten thousand pods and more; those kept longest go first."""
-SPEC: Final = b']},"spec":{'
+MOST_BEFORE_BYTES: Final = 4096
+"""Behind so much else of an object `managedFields` is not looked for: searching costs as well."""
+_MANAGED: Final = b'"managedFields":['
+_SPEC: Final = b']},"spec":{'
 """What stands between the contents of managedFields and those of the spec."""
-_UPDATE: Final = b'{"type":"MODIFIED"'
+_UPDATE: Final = b'{"type":"MODIFIED","object":'
+_AROUND_KIND: Final = len(b'{"type":"","object":')
+_UID: Final = b'"uid":"'
+_UID_BYTES: Final = 36
+_VERSION: Final = b'","resourceVersion":"'
 _STATUS: Final = b',"status":{'
 _NODE: Final = b'"nodeName":"'
 _BEHIND: Final = b'"securityContext":{'
@@ -33,12 +40,18 @@ class _Head(msgspec.Struct, Generic[M], gc=False):
 
 
 class _Kept(msgspec.Struct, gc=False):
-    """The last version of an object. Its spec had the bytes `before` and `behind`, and perhaps a node between them."""
+    """The last version of an object as it was written.
 
+    `named`, the version, `rest` up to the contents of managedFields, these, `before`, perhaps a node, `behind` up to
+    those of the status.
+    """
+
+    named: bytes
+    rest: bytes
     before: bytes
     behind: bytes
     node: str
-    """Which node the spec names when nothing stands between the two."""
+    """Which node the spec names when nothing stands between `before` and `behind`."""
     size: int
     obj: Any
 
@@ -46,7 +59,7 @@ class _Kept(msgspec.Struct, gc=False):
 class Versions(Generic[T]):
     """The last versions of pods: structs with `metadata`, `spec` (which has a `node_name`) and `status`.
 
-    `start` and `end` in a watch line are where the contents of managedFields are (`watch.managed`).
+    `start` and `end` in a watch line are where the contents of managedFields are, if they are easily found (`managed`).
     """
 
     def __init__(self, as_type: type[T], *, most_bytes: int = MOST_BYTES) -> None:
@@ -59,56 +72,96 @@ class Versions(Generic[T]):
         self._make: Any = as_type
         self._most_bytes = most_bytes
         self._bytes = 0
-        self._kept: dict[str, _Kept] = {}
+        self._kept: dict[bytes, _Kept] = {}
 
     def __repr__(self) -> str:
         return f"<Versions of {len(self._kept)} objects, {self._bytes} bytes>"
 
-    def again(self, line: bytes, start: int, end: int) -> T | None:
+    def again(self, line: bytes) -> T | None:
         """The object of an update, if its spec is the one it had, but for the node. Raises DecodeError, ValidationError."""
-        if not line.startswith(_UPDATE):
+        first = line.find(_UID, 0, MOST_BEFORE_BYTES) + len(_UID)
+        known = self._kept.get(line[first : first + _UID_BYTES])
+        if known is None or not line.startswith(known.named):
             return None
-        metadata = self._head(line[:start] + b"]}}}").object.metadata
-        known = self._kept.get(metadata.uid)
-        if known is None:
+        metadata, end = self._metadata(known, line)
+        spec, status = _spec(known, line, end)
+        if not status:
             return None
-        begin = end + len(SPEC)
-        if not line.startswith(known.before, begin):
-            return None
-        at, node = begin + len(known.before), known.node
-        if line.startswith(_NODE, at):
-            first = at + len(_NODE)
-            last = line.find(b'"', first)
-            node, at = line[first:last].decode(), last + 2
-        if not line.startswith(known.behind, at) or "\\" in node:
-            return None
-        spec = known.obj.spec
-        if spec.node_name != node:
-            spec = replace(spec, node_name=node)
-        status = self._status(line[at + len(known.behind) - 1 : -2])
-        obj: T = self._make(metadata=metadata, spec=spec, status=status)
+        obj: T = self._make(metadata=metadata, spec=spec, status=self._status(line[status:-2]))
         known.obj = obj
         return obj
 
-    def take(self, kind: str, line: bytes, end: int, obj: Any) -> None:
-        """Of a line that was decoded whole: the next version may have its spec."""
-        uid = obj.metadata.uid
+    def _metadata(self, known: _Kept, line: bytes) -> tuple[Any, int]:
+        """Metadata, decoded where more than the version is new, and where the contents of managedFields end."""
+        at = len(known.named)
+        last = line.find(b'"', at)
+        if line.startswith(known.rest, last):
+            version = line[at:last].decode()
+            return replace(known.obj.metadata, resource_version=version), line.find(b"]", last + len(known.rest))
+        where = managed(line)
+        if where is None:
+            return None, len(line)
+        start, end = where
+        metadata = self._head(line[:start] + b"]}}}").object.metadata
+        known.rest = line[last:start]
+        known.obj = self._make(metadata=metadata, spec=known.obj.spec, status=known.obj.status)
+        return metadata, end
+
+    def take(self, kind: str, line: bytes, where: tuple[int, int], obj: Any) -> None:
+        """Of a line that was decoded whole: the next version may be nearly the same."""
+        start, end = where
+        first, status = line.find(_UID, 0, start) + len(_UID), line.rfind(_STATUS)
+        at = first + _UID_BYTES
+        uid = line[first:at]
         if uid in self._kept:
-            self._drop(uid)
-        begin, status = end + len(SPEC), line.rfind(_STATUS)
-        if not uid or kind == "DELETED" or status < begin:
+            self._bytes -= self._kept.pop(uid).size
+        if kind == "DELETED" or not line.startswith(_VERSION, at) or status < end:
             return
-        at = line.rfind(_BEHIND, begin, status)
-        at = status if at < 0 else at
-        before, node, size = line[begin:at], obj.spec.node_name, status - begin
-        if node:
-            named = b'%b%b",' % (_NODE, node.encode())
-            if before.endswith(named):
-                before, node = before[: -len(named)], ""
-        self._kept[uid] = _Kept(before, line[at : status + len(_STATUS)], node, size, obj)
+        at += len(_VERSION)
+        named = _UPDATE + line[len(kind) + _AROUND_KIND : at]
+        before, behind, node = _around_node(line, end, status, obj.spec.node_name)
+        size = start + status - end
+        self._kept[uid] = _Kept(named, line[line.find(b'"', at) : start], before, behind, node, size, obj)
         self._bytes += size
         while self._bytes > self._most_bytes:
-            self._drop(next(iter(self._kept)))
+            self._bytes -= self._kept.pop(next(iter(self._kept))).size
 
-    def _drop(self, uid: str) -> None:
-        self._bytes -= self._kept.pop(uid).size
+
+def managed(line: bytes) -> tuple[int, int] | None:
+    """Where in a watch line the contents of metadata.managedFields are, if they are easily found: nearly half of a pod.
+
+    Nothing else of valid JSON is found. A quote inside a string is escaped, so what looks like the two keys here are
+    keys, and the bracket before the second is none of a string; as it is the first one, it ends this very list.
+    """
+    start = line.find(_MANAGED, 0, MOST_BEFORE_BYTES) + len(_MANAGED)
+    if start < len(_MANAGED):
+        return None
+    end = line.find(b"]", start)
+    return (start, end) if line.startswith(_SPEC, end) else None
+
+
+def _around_node(line: bytes, end: int, status: int, node: str) -> tuple[bytes, bytes, str]:
+    """Where the spec can get a node: what is before and behind, and which it names without one there."""
+    at = line.rfind(_BEHIND, end, status)
+    at = status if at < 0 else at
+    before = line[end:at]
+    if node:
+        named = b'%b%b",' % (_NODE, node.encode())
+        if before.endswith(named):
+            before, node = before[: -len(named)], ""
+    return before, line[at : status + len(_STATUS)], node
+
+
+def _spec(known: _Kept, line: bytes, end: int) -> tuple[Any, int]:
+    """The spec that begins there and where the status does; 0 when more than the node is new."""
+    if not line.startswith(known.before, end):
+        return None, 0
+    at, node = end + len(known.before), known.node
+    if line.startswith(_NODE, at):
+        first = at + len(_NODE)
+        last = line.find(b'"', first)
+        node, at = line[first:last].decode(), last + 2
+    if not line.startswith(known.behind, at) or "\\" in node:
+        return None, 0
+    spec = known.obj.spec
+    return spec if spec.node_name == node else replace(spec, node_name=node), at + len(known.behind) - 1

@@ -8,7 +8,7 @@ import msgspec
 
 from robotapp_api.client.api import ListMeta, Page
 from robotapp_api.client.errors import Status, Unreachable, error_from_status
-from robotapp_api.client.versions import SPEC, Versions
+from robotapp_api.client.versions import Versions, managed
 
 T = TypeVar("T")
 
@@ -22,9 +22,6 @@ MOST_NESTED: Final = 200
 """The decoder gives up at about a thousand levels, also in parts it skips."""
 MAX_LINE_BYTES: Final = 32 * 2**20
 """etcd refuses objects above 1.5 MiB; a longer line means we lost the thread."""
-MOST_BEFORE_BYTES: Final = 4096
-"""Behind so much else of an object `managedFields` is not looked for: searching costs as well."""
-_MANAGED: Final = b'"managedFields":['
 INITIAL_EVENTS_END: Final = "k8s.io/initial-events-end"
 
 
@@ -104,19 +101,6 @@ def shallow(body: bytes, *, most: int = MOST_NESTED) -> bytes:
     return b"".join([*parts, body[kept:]])
 
 
-def managed(line: bytes) -> tuple[int, int] | None:
-    """Where in a watch line the contents of metadata.managedFields are, if they are easily found: nearly half of a pod.
-
-    Nothing else of valid JSON is found. A quote inside a string is escaped, so what looks like the two keys here are
-    keys, and the bracket before the second is none of a string; as it is the first one, it ends this very list.
-    """
-    start = line.find(_MANAGED, 0, MOST_BEFORE_BYTES) + len(_MANAGED)
-    if start < len(_MANAGED):
-        return None
-    end = line.find(b"]", start)
-    return (start, end) if line.startswith(SPEC, end) else None
-
-
 class Lines:
     """Complete lines of pieces as they arrive. A last line without its newline was cut off and is never given."""
 
@@ -191,7 +175,7 @@ class WatchDecoder(Generic[T]):
     ) -> None:
         """`fixed_keys`: in nothing that `as_type` reads can a user have named something "managedFields".
 
-        `known_specs` is for pods besides: an update's spec is decoded only where it has changed (`Versions`).
+        `known_specs` is for pods besides: of an update only what has changed is decoded (`Versions`).
         """
         self._fixed_keys = fixed_keys
         self._versions: Versions[T] | None = Versions(as_type) if known_specs else None
@@ -230,19 +214,18 @@ class WatchDecoder(Generic[T]):
             return self._unusual(shallow(line))
 
     def _read(self, line: bytes) -> tuple[str, T]:
+        versions = self._versions
+        if versions is not None:
+            obj = versions.again(line)
+            if obj is not None:
+                return MODIFIED, obj
         where = managed(line) if self._fixed_keys else None
         if where is None:
             event = self._typed(line)
             return event.type, event.object
-        start, end = where
-        versions = self._versions
+        event = self._typed(line[: where[0]] + line[where[1] :])
         if versions is not None:
-            obj = versions.again(line, start, end)
-            if obj is not None:
-                return MODIFIED, obj
-        event = self._typed(line[:start] + line[end:])
-        if versions is not None:
-            versions.take(event.type, line, end, event.object)
+            versions.take(event.type, line, where, event.object)
         return event.type, event.object
 
     def _unusual(self, line: bytes) -> WatchEvent:

@@ -7,9 +7,9 @@ who uses which connection when (`connections`). Nothing is ever sent twice.
 import asyncio
 import contextlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import NamedTuple
 
 import httptools
+import msgspec
 
 from robotapp_api.client.dialing import NotSentError, Speaker
 
@@ -21,7 +21,7 @@ def always() -> bool:
     return True
 
 
-class Answer(NamedTuple):
+class Answer(msgspec.Struct, frozen=True):
     """A complete answer of any status; `headers` is case-insensitive."""
 
     status: int
@@ -85,29 +85,18 @@ class _Reading:
 Outcome = Answer | NotSentError | BrokenError
 
 
-class Exchange:
+class Exchange(msgspec.Struct, eq=False):
     """One request, and who is told its end: `done` is called once, and must not raise.
 
     `dropped`: nobody waits for the end any more.
     """
 
-    __slots__ = ("deadline_s", "done", "dropped", "permitted", "request", "timeout_s")
-
-    def __init__(
-        self,
-        request: bytes,
-        done: Callable[[Outcome], None],
-        *,
-        timeout_s: float,
-        deadline_s: float,
-        permitted: Permitted = always,
-    ) -> None:
-        self.request = request
-        self.done = done
-        self.timeout_s = timeout_s
-        self.deadline_s = deadline_s
-        self.permitted = permitted
-        self.dropped = False
+    request: bytes
+    done: Callable[[Outcome], None]
+    timeout_s: float
+    deadline_s: float
+    permitted: Permitted = always
+    dropped: bool = False
 
     def __repr__(self) -> str:
         return f"<Exchange {self.request[:40]!r}{', dropped' if self.dropped else ''}>"

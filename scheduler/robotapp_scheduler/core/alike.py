@@ -10,7 +10,7 @@ from typing import Any, Final, TypeVar
 
 from msgspec.structs import replace
 
-from robotapp_scheduler.core.objects import Pod, PodSpec
+from robotapp_scheduler.core.objects import Metadata, Pod, PodSpec
 from robotapp_scheduler.core.shapes import controller_of
 
 T = TypeVar("T", bound=Hashable)
@@ -45,9 +45,11 @@ class Alike:
             if len(self._models) >= MOST_MODELS:
                 self._models.clear()
             model = self._models[key] = {}
-        _share(pod.metadata, METADATA, model)
         if old is None or pod.spec is not old.spec:
+            _share(pod.metadata, METADATA, model)
             self._share_spec(pod, model)
+        elif not _same_parts(pod.metadata, old.metadata):
+            _share(pod.metadata, METADATA, model)
         known = model.get("status")
         if pod.status == known:
             pod.status = known
@@ -75,6 +77,14 @@ class Alike:
             self._values.clear()
         found: T = self._values.setdefault(value, value)
         return found
+
+
+def _same_parts(one: Metadata, other: Metadata) -> bool:
+    return (
+        one.labels is other.labels
+        and one.annotations is other.annotations
+        and one.owner_references is other.owner_references
+    )
 
 
 def _share(part: object, fields: tuple[str, ...], model: dict[str, Any]) -> None:

@@ -8,7 +8,7 @@ import msgspec
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robotapp_api.client.versions import Versions
+from robotapp_api.client.versions import Versions, managed
 from robotapp_api.client.watch import ADDED, DELETED, MODIFIED, WatchDecoder
 
 TEXTS = st.sampled_from(
@@ -75,7 +75,7 @@ SPECS = st.fixed_dictionaries(
 )
 TWINS = st.sampled_from([{}, {}, {"tolerations": ["a"]}, {"tolerations": ["b"]}])
 STATUSES = st.fixed_dictionaries({}, optional={"phase": TEXTS, "more": st.lists(TEXTS, max_size=2)})
-METADATA = st.fixed_dictionaries({}, optional={"labels": st.dictionaries(TEXTS, TEXTS, max_size=2)})
+LABELS = st.sampled_from([{"a": "a"}, {"a": "a"}, {"a": "b"}]) | st.dictionaries(TEXTS, TEXTS, max_size=2)
 
 
 RARELY = st.sampled_from([False] * 7 + [True])
@@ -101,9 +101,9 @@ def _pod(draw: st.DrawFn, number: int, spec: dict[str, Any]) -> dict[str, Any]:
     managed = draw(st.sampled_from([[], [["]"]]])) if draw(RARELY) else [{"f:spec": {}}]
     metadata = {
         "name": "n" + uid,
-        "uid": uid,
+        "uid": uid * 36,
         "resourceVersion": str(number),
-        **draw(METADATA),
+        "labels": draw(LABELS) if draw(RARELY) else {"a": "a"},
         "managedFields": managed,
     }
     pod = {"metadata": metadata, "spec": spec | node | behind, "status": draw(STATUSES)}
@@ -124,8 +124,8 @@ def test_skipping_known_specs_changes_nothing_that_is_read(lines: list[bytes]) -
 def _news(node: str = "", phase: str = "Pending", kind: str = MODIFIED, uid: str = "1") -> bytes:
     named = f'"nodeName":"{node}",' if node else ""
     return (
-        f'{{"type":"{kind}","object":{{"metadata":{{"name":"n","uid":"{uid}","managedFields":[]}},'
-        f'"spec":{{"containers":[],{named}"securityContext":{{}}}},"status":{{"phase":"{phase}"}}}}}}'
+        f'{{"type":"{kind}","object":{{"metadata":{{"name":"n","uid":"{uid * 36}","resourceVersion":"1",'
+        f'"labels":{{}},"managedFields":[]}},"spec":{{"containers":[],{named}"securityContext":{{}}}},"status":{{"phase":"{phase}"}}}}}}'
     ).encode()
 
 
@@ -137,17 +137,18 @@ def test_a_pod_that_got_a_node_and_then_a_status_is_decoded_once() -> None:
     assert bound.spec.containers is made.spec.containers
     assert (made.spec.node_name, bound.spec.node_name, running.status.phase) == ("", "a", "Running")
     assert running.spec is bound.spec
+    assert running.metadata.labels is made.metadata.labels is not None
 
 
 def test_what_is_kept_is_bounded_and_ends_with_the_pod() -> None:
-    versions = Versions(Podlike, most_bytes=100)
+    versions = Versions(Podlike, most_bytes=500)
     decoder = WatchDecoder(Podlike, namespaced=True, fixed_keys=True)
     for uid in "123":
         line = _news(kind=ADDED, uid=uid)
-        versions.take(ADDED, line, line.index(b"]"), decoder.event(line).obj)
-    assert repr(versions) == "<Versions of 2 objects, 74 bytes>"
+        versions.take(ADDED, line, managed(line) or (0, 0), decoder.event(line).obj)
+    assert repr(versions) == "<Versions of 2 objects, 386 bytes>"
     gone = _news(kind=DELETED, uid="3")
-    versions.take(DELETED, gone, gone.index(b"]"), decoder.event(gone).obj)
-    assert repr(versions) == "<Versions of 1 objects, 37 bytes>"
-    news = _news()
-    assert versions.again(news, news.index(b"[") + 1, news.index(b"]")) is None
+    versions.take(DELETED, gone, managed(gone) or (0, 0), decoder.event(gone).obj)
+    assert repr(versions) == "<Versions of 1 objects, 193 bytes>"
+    assert versions.again(_news()) is None
+    assert versions.again(_news(uid="2")) is not None

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from tests.support.scripted import bookmark, error_event, event, item
 
 from robotapp_api.client.errors import Gone, ServerError, Unreachable
-from robotapp_api.client.watch import BOOKMARK, Identity, Lines, WatchDecoder, managed, shallow
+from robotapp_api.client.versions import managed
+from robotapp_api.client.watch import BOOKMARK, Identity, Lines, WatchDecoder, shallow
 
 
 def split(pieces: list[bytes], *, at_once: int = 1, **settings: int) -> list[list[bytes]]:
