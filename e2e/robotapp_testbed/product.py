@@ -76,7 +76,7 @@ def _wait_established(cp: ControlPlane, names: Sequence[str]) -> None:
 
 def start_operator(cp: ControlPlane, *, name: str = "operator", wait: bool = True, **flags: object) -> Process:
     """`python -m robotapp_operator` as the operator's identity. `sweep_seconds=1` becomes `--sweep-seconds 1`, True a bare flag."""
-    return _start(cp, "robotapp_operator", identity="operator", name=name, wait=wait, flags=flags, scheme="http")
+    return _start(cp, "robotapp_operator", identity="operator", name=name, wait=wait, flags=flags)
 
 
 def start_scheduler(
@@ -91,9 +91,7 @@ def start_scheduler(
     """`python -m robotapp_scheduler` as the scheduler's identity; `env` comes on top of ours."""
     extra = {"config": config} if config else {}
     given = {**extra, **flags}
-    return _start(
-        cp, "robotapp_scheduler", identity="scheduler", name=name, wait=wait, flags=given, scheme="https", env=env
-    )
+    return _start(cp, "robotapp_scheduler", identity="scheduler", name=name, wait=wait, flags=given, env=env)
 
 
 def arguments(flags: Mapping[str, object]) -> list[str]:
@@ -116,12 +114,11 @@ def _start(
     name: str,
     wait: bool,
     flags: Mapping[str, object],
-    scheme: str,
     env: Mapping[str, str] | None = None,
 ) -> Process:
     (port,) = ports.free_ports(1)
     own = {"kubeconfig": cp.kubeconfig(identity), "health_port": port}
-    url = f"{scheme}://127.0.0.1:{port}"
+    url = f"https://127.0.0.1:{port}"
     process = Process(
         name,
         [sys.executable, "-m", module, *arguments({**own, **flags})],

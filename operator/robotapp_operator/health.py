@@ -1,9 +1,15 @@
-"""Health and metrics over HTTP. A probe that only says "the process exists" would keep a stuck operator alive."""
+"""Health for everybody, metrics for who may get them, over HTTPS.
 
+A probe that only says "the process exists" would keep a stuck operator alive.
+"""
+
+import ssl
 from collections.abc import Callable
 from typing import Final
 
 from aiohttp import web
+
+from robotapp_api.serving.pages import PathGate, refused
 
 SILENCE_LIMIT_S: Final = 180.0
 """Bookmarks come every minute: nothing for three minutes means that we look at an old picture."""
@@ -25,14 +31,16 @@ class Health:
         overdue_s: Callable[[], float],
         synced: Callable[[], bool],
         metrics: Callable[[], bytes],
+        gate: PathGate,
     ) -> None:
         self._silence_s = silence_s
         self._overdue_s = overdue_s
         self._synced = synced
         self._metrics = metrics
+        self._gate = gate
         self._runner: web.AppRunner | None = None
 
-    async def start(self, port: int) -> None:
+    async def start(self, port: int, tls: ssl.SSLContext) -> None:
         if not port:
             return
         app = web.Application()
@@ -45,7 +53,7 @@ class Health:
         )
         self._runner = web.AppRunner(app, access_log=None)
         await self._runner.setup()
-        await web.TCPSite(self._runner, port=port).start()
+        await web.TCPSite(self._runner, port=port, ssl_context=tls).start()
 
     async def stop(self) -> None:
         if self._runner:
@@ -63,5 +71,8 @@ class Health:
     async def _readyz(self, _: web.Request) -> web.Response:
         return web.Response(text="ok\n") if self._synced() else web.Response(status=503, text="caches are filling\n")
 
-    async def _metrics_page(self, _: web.Request) -> web.Response:
-        return web.Response(body=self._metrics(), headers={"Content-Type": "text/plain; version=0.0.4; charset=utf-8"})
+    async def _metrics_page(self, request: web.Request) -> web.Response:
+        refusal = await refused(self._gate, request, "get", "/metrics")
+        return refusal or web.Response(
+            body=self._metrics(), headers={"Content-Type": "text/plain; version=0.0.4; charset=utf-8"}
+        )

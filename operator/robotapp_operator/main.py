@@ -21,6 +21,8 @@ from robotapp_api.client.lease import LeaderElection, candidate_identity
 from robotapp_api.client.resources import ROBOTAPPS
 from robotapp_api.client.sweep import Sweeper
 from robotapp_api.model.names import OPERATOR_MANAGER, SYSTEM_NAMESPACE
+from robotapp_api.serving.access import Gatekeeper
+from robotapp_api.serving.tls import TlsPort, loaded
 from robotapp_operator import __version__, logs
 from robotapp_operator.cache import Cache
 from robotapp_operator.children import Children
@@ -196,8 +198,13 @@ async def run(settings: Settings, endpoint: Endpoint) -> int:
             overdue_s=lambda: operator.queue.overdue_s,
             synced=operator.ready,
             metrics=operator.metrics.render,
+            gate=Gatekeeper(client),
         )
-        await health.start(settings.health_port)
+        tls = TlsPort(settings.tls_cert_file, settings.tls_private_key_file)
+        if settings.health_port:
+            await loaded(tls)
+        following = _supervised(tls.run(client), stop)
+        await health.start(settings.health_port, tls.context)
         try:
             async with operator.caches(stop):
                 if settings.leader_election:
@@ -207,6 +214,7 @@ async def run(settings: Settings, endpoint: Endpoint) -> int:
                     await operator.work(stop)
         finally:
             await health.stop()
+            await _ended(following)
     return 1 if stop.failed else 0
 
 
@@ -261,11 +269,10 @@ def main(argv: list[str] | None = None) -> int:
     settings = parse(sys.argv[1:] if argv is None else argv, os.environ)
     logs.configure(settings.log_format)
     try:
-        endpoint = load(settings.kubeconfig)
+        return asyncio.run(run(settings, load(settings.kubeconfig)))
     except LoginError as error:
         sys.stderr.write(f"{error}\n")
         return 2
-    return asyncio.run(run(settings, endpoint))
 
 
 if __name__ == "__main__":

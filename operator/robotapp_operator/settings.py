@@ -24,6 +24,9 @@ class Settings:
     """How long a device waits for the successor of the pod that had it."""
     health_port: int = 8080
     """Port of /healthz, /readyz and /metrics; 0 for none."""
+    tls_cert_file: Path | None = None
+    """Certificate of that port (PEM); without one it is made at the start."""
+    tls_private_key_file: Path | None = None
     lease_namespace: str = ""
     """Namespace of the election Lease; empty means the pod's own, or robotapp-system outside of a cluster."""
     leader_election: bool = True
@@ -44,6 +47,8 @@ _KINDS: Final[Mapping[str, Callable[[str], Any]]] = {
     "sweep_seconds": arguments.seconds,
     "handover_seconds": arguments.seconds,
     "health_port": arguments.port,
+    "tls_cert_file": Path,
+    "tls_private_key_file": Path,
     "lease_namespace": arguments.name,
     "log_format": _log_format,
 }
@@ -53,6 +58,8 @@ _HELP: Final = {
     "sweep_seconds": "period of the claim sweep; events wake it earlier",
     "handover_seconds": "how long a device waits for the next pod of its component",
     "health_port": "port of /healthz, /readyz and /metrics; 0 for none",
+    "tls_cert_file": "certificate of that port (PEM); default: made at the start",
+    "tls_private_key_file": "key of that certificate (PEM)",
     "lease_namespace": "namespace of the election Lease",
     "log_format": "text or json",
 }
@@ -70,5 +77,7 @@ def parse(argv: Sequence[str], environ: Mapping[str, str]) -> Settings:
     off = environ.get(f"{PREFIX}NO_LEADER_ELECTION", "") in ("1", "true", "yes")
     parser.add_argument("--no-leader-election", action="store_true", default=off, help="work without holding the Lease")
     found = vars(parser.parse_args(argv))
+    if (found["tls_cert_file"] is None) != (found["tls_private_key_file"] is None):
+        parser.error("--tls-cert-file and --tls-private-key-file belong together")
     election = not found.pop("no_leader_election")
     return Settings(leader_election=election, **{name: value for name, value in found.items() if value is not None})

@@ -139,20 +139,22 @@ def test_the_operator_changes_no_config_maps_but_the_fleet_view(rendered: list[O
     assert found == [(["get", "list", "watch"], None), (["create"], None), (["update", "delete"], names)]
 
 
-def test_the_schedulers_port_is_probed_and_scraped_over_tls(rendered: list[Object]) -> None:
-    (container,) = pod_spec(rendered, "scheduler")["containers"]
+@pytest.mark.parametrize("component", ["operator", "scheduler"])
+def test_a_port_is_probed_and_scraped_over_tls(rendered: list[Object], component: str) -> None:
+    (container,) = pod_spec(rendered, component)["containers"]
     for probe in ("livenessProbe", "readinessProbe"):
         assert container[probe]["httpGet"]["scheme"] == "HTTPS"
     for kind, field in (("PodMonitor", "podMetricsEndpoints"), ("ServiceMonitor", "endpoints")):
-        assert named(rendered, kind, "robotapp-scheduler")["spec"][field][0]["scheme"] == "https"
-        assert "scheme" not in named(rendered, kind, "robotapp-operator")["spec"][field][0]
+        assert named(rendered, kind, f"robotapp-{component}")["spec"][field][0]["scheme"] == "https"
 
 
-def test_the_scheduler_is_scraped_with_a_token_that_may_get_metrics_and_nothing_else(rendered: list[Object]) -> None:
+@pytest.mark.parametrize("component", ["operator", "scheduler"])
+def test_a_port_is_scraped_with_a_token_that_may_get_metrics_and_nothing_else(
+    rendered: list[Object], component: str
+) -> None:
     for kind, field in (("PodMonitor", "podMetricsEndpoints"), ("ServiceMonitor", "endpoints")):
-        shown = named(rendered, kind, "robotapp-scheduler")["spec"][field][0]["authorization"]["credentials"]
+        shown = named(rendered, kind, f"robotapp-{component}")["spec"][field][0]["authorization"]["credentials"]
         assert shown == {"name": "robotapp-metrics-token", "key": "token"}
-        assert "authorization" not in named(rendered, kind, "robotapp-operator")["spec"][field][0]
     secret = named(rendered, "Secret", "robotapp-metrics-token")
     assert secret["metadata"]["annotations"] == {"kubernetes.io/service-account.name": "robotapp-metrics"}
     bound = [
@@ -171,18 +173,20 @@ def test_without_monitors_there_is_no_token(chart: Chart) -> None:
     assert "robotapp-metrics" not in {item["metadata"]["name"] for item in of_kind(objects, "ServiceAccount")}
 
 
-def test_a_given_certificate_is_mounted_and_served(chart: Chart) -> None:
-    spec = pod_spec(chart.render({"scheduler.tls.secretName": "cert"}), "scheduler")
+@pytest.mark.parametrize("component", ["operator", "scheduler"])
+def test_a_given_certificate_is_mounted_and_served(chart: Chart, component: str) -> None:
+    spec = pod_spec(chart.render({f"{component}.tls.secretName": "cert"}), component)
     assert "--tls-cert-file=/etc/robotapp-tls/tls.crt" in spec["containers"][0]["args"]
     assert {"name": "tls", "secret": {"secretName": "cert"}} in spec["volumes"]
 
 
-def test_the_scheduler_may_read_which_authority_signs_client_certificates_and_nothing_else_there(
+def test_components_may_read_which_authority_signs_client_certificates_and_nothing_else_there(
     rendered: list[Object],
 ) -> None:
     outside = [item for item in rendered if item["metadata"].get("namespace") == "kube-system"]
-    assert [(item["kind"], item["roleRef"]["name"]) for item in outside] == [
-        ("RoleBinding", "extension-apiserver-authentication-reader")
+    assert [(item["kind"], item["roleRef"]["name"], item["subjects"][0]["name"]) for item in outside] == [
+        ("RoleBinding", "extension-apiserver-authentication-reader", f"robotapp-{component}")
+        for component in ("operator", "scheduler")
     ]
 
 

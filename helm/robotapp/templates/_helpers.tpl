@@ -97,3 +97,20 @@ securityContext:
 {{- end -}}
 {{- end -}}
 {{- end -}}
+
+{{/* Flags for a certificate of its own, and what follows a container of that; argument: the component's values. */}}
+{{- define "robotapp.tlsArguments" -}}
+{{- if .tls.secretName -}}
+- --tls-cert-file=/etc/robotapp-tls/tls.crt
+- --tls-private-key-file=/etc/robotapp-tls/tls.key
+{{- end }}
+{{- end -}}
+{{- define "robotapp.tlsVolumes" -}}
+{{- with .tls.secretName }}
+  volumeMounts:
+  - {name: tls, mountPath: /etc/robotapp-tls, readOnly: true}
+volumes:
+- name: tls
+  secret: {secretName: {{ . }}}
+{{- end }}
+{{- end -}}

@@ -8,6 +8,16 @@
   verbs: [update]
 {{- end -}}
 
+{{/* Who asks for a page that is not for everybody, and may they see it? */}}
+{{- define "robotapp.callerRules" -}}
+- apiGroups: [authentication.k8s.io]
+  resources: [tokenreviews]
+  verbs: [create]
+- apiGroups: [authorization.k8s.io]
+  resources: [subjectaccessreviews]
+  verbs: [create]
+{{- end -}}
+
 {{/* Rules of the operator inside a namespace it serves: a Role in each, or one ClusterRole. */}}
 {{- define "robotapp.operatorNamespacedRules" -}}
 - apiGroups: [robotics.io]
@@ -72,6 +82,7 @@
 - apiGroups: [""]
   resources: [nodes]
   verbs: [get, list, watch]
+{{ include "robotapp.callerRules" . }}
 {{- end -}}
 
 {{- define "robotapp.schedulerRules" -}}
@@ -128,13 +139,7 @@
 - apiGroups: [events.k8s.io]
   resources: [events]
   verbs: [create, patch]
-# Who asks for /explain, and may that person see the pod?
-- apiGroups: [authentication.k8s.io]
-  resources: [tokenreviews]
-  verbs: [create]
-- apiGroups: [authorization.k8s.io]
-  resources: [subjectaccessreviews]
-  verbs: [create]
+{{ include "robotapp.callerRules" . }}
 {{- end -}}
 
 {{/* A binding of a role to a component's ServiceAccount; argument: root, component. */}}

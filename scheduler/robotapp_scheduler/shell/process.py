@@ -15,6 +15,8 @@ from robotapp_api.client.lease import LeaderElection, candidate_identity
 from robotapp_api.client.login import load as login
 from robotapp_api.client.sweep import PENDING_S, Sweeper
 from robotapp_api.model.names import SCHEDULER_MANAGER
+from robotapp_api.serving.access import Gatekeeper
+from robotapp_api.serving.tls import TlsPort, loaded
 from robotapp_scheduler import config as configuration
 from robotapp_scheduler.config import ConfigError, SchedulerConfig
 from robotapp_scheduler.core.changes import Change, Event
@@ -25,7 +27,6 @@ from robotapp_scheduler.core.profiles import Catalogue, Profile
 from robotapp_scheduler.options import Options
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.shell import collector, health
-from robotapp_scheduler.shell.access import Gatekeeper
 from robotapp_scheduler.shell.answers import Answers, Everything
 from robotapp_scheduler.shell.binder import Binder
 from robotapp_scheduler.shell.claim_users import ClaimUsers
@@ -49,7 +50,6 @@ from robotapp_scheduler.shell.report import Reporter
 from robotapp_scheduler.shell.reserve import Reserver, granted_pods
 from robotapp_scheduler.shell.simulating import Simulator
 from robotapp_scheduler.shell.timing import Stopwatch, time_plugins
-from robotapp_scheduler.shell.tls import TlsPort, loaded
 from robotapp_scheduler.shell.volume_writes import INTERESTING, VolumeWriter
 from robotapp_scheduler.shell.watchdog import Watchdog
 

@@ -2,16 +2,14 @@
 
 import json
 import ssl
-import urllib.error
-import urllib.request
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 from tests.support.certificates import Authority
+from tests.support.ports import ask, token
 from tests.support.stage import Stage, nodes, pod
 
 from robotapp_testbed import ControlPlane
@@ -49,19 +47,9 @@ def guarded(installed_plane: ControlPlane, authority: Authority) -> Iterator[Pro
     process.stop()
 
 
-def token(cp: ControlPlane, identity: str) -> str:
-    config = yaml.safe_load(cp.kubeconfig(identity).read_text())
-    return str(config["users"][0]["user"]["token"])
-
-
 def get(scheduler: Process, path: str, *, bearer: str = "", context: ssl.SSLContext | None = None) -> tuple[int, Any]:
-    headers = {"Authorization": f"Bearer {bearer}"} if bearer else {}
-    request = urllib.request.Request(f"{scheduler.health_url}{path}", headers=headers)  # noqa: S310 - our own
-    try:
-        with urllib.request.urlopen(request, context=context or unverified()) as answer:  # noqa: S310 - our own
-            return answer.status, json.load(answer)
-    except urllib.error.HTTPError as error:
-        return error.code, json.load(error)
+    status, text = ask(f"{scheduler.health_url}{path}", bearer=bearer, context=context)
+    return status, json.loads(text)
 
 
 def allow(stage: Stage, user: str) -> None:
@@ -145,13 +133,7 @@ READER = "robotapp-metrics-reader"
 
 
 def scrape(scheduler: Process, bearer: str = "") -> tuple[int, str]:
-    headers = {"Authorization": f"Bearer {bearer}"} if bearer else {}
-    request = urllib.request.Request(f"{scheduler.health_url}/metrics", headers=headers)  # noqa: S310 - our own
-    try:
-        with urllib.request.urlopen(request, context=unverified()) as answer:  # noqa: S310 - our own
-            return answer.status, answer.read().decode()
-    except urllib.error.HTTPError as error:
-        return error.code, error.read().decode()
+    return ask(f"{scheduler.health_url}/metrics", bearer=bearer)
 
 
 def test_metrics_are_for_who_may_get_them_and_health_is_for_everybody(
@@ -163,8 +145,7 @@ def test_metrics_are_for_who_may_get_them_and_health_is_for_everybody(
     status, text = scrape(guarded, token(cp, "tenant"))
     assert (status, "scheduler_" in text) == (403, False)
     for path in ("/livez", "/healthz", "/readyz"):
-        with urllib.request.urlopen(f"{guarded.health_url}{path}", context=unverified()) as answer:  # noqa: S310 - our own
-            assert answer.status == 200
+        assert ask(f"{guarded.health_url}{path}")[0] == 200
     account = f"/api/v1/namespaces/{stage.namespace}/serviceaccounts"
     cp.api.create(account, {"metadata": {"name": name}})
     group = "rbac.authorization.k8s.io"

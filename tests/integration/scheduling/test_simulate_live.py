@@ -4,21 +4,19 @@ import json
 import secrets
 import subprocess
 import sys
-import urllib.error
-import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+from tests.support.ports import ask, token
 from tests.support.stage import Stage, nodes, pod
 
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.nodes import SimulatedNode, edge
 from robotapp_testbed.process import Process
 from robotapp_testbed.product import start_scheduler
-from robotapp_testbed.servers import unverified
 
 pytestmark = pytest.mark.live
 
@@ -117,13 +115,9 @@ def test_the_running_scheduler_simulates_pods_of_a_file_and_places_none(
 def test_a_body_that_is_no_dump_is_answered_with_how_to_make_one(
     installed_plane: ControlPlane, guarded: Process, body: bytes
 ) -> None:
-    config = yaml.safe_load(installed_plane.kubeconfig("admin").read_text())
-    headers = {"Authorization": f"Bearer {config['users'][0]['user']['token']}"}
-    request = urllib.request.Request(f"{guarded.health_url}/simulate", data=body, headers=headers, method="POST")  # noqa: S310 - our own
-    with pytest.raises(urllib.error.HTTPError) as refused:
-        urllib.request.urlopen(request, context=unverified())  # noqa: S310 - our own
-    assert refused.value.code == 400
-    told = json.load(refused.value)["error"]
+    status, text = ask(f"{guarded.health_url}/simulate", bearer=token(installed_plane, "admin"), body=body)
+    assert status == 400
+    told = json.loads(text)["error"]
     assert told.startswith("body of the request: no")
     assert "kubectl get nodes,pods -A -o json" in told
 

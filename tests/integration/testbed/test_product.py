@@ -7,6 +7,7 @@ import pytest
 from tests.support.quiet import refused_since
 
 from robotapp_testbed import ApiStatusError, ControlPlane, guard, product, wait_until
+from robotapp_testbed.servers import unverified
 
 pytestmark = pytest.mark.live
 
@@ -83,7 +84,7 @@ def test_a_local_operator_serves_and_ends_with_its_control_plane() -> None:
     with ControlPlane(kwok=False) as plane:
         product.install(plane)
         operator = product.start_operator(plane, sweep_seconds=1)
-        with urllib.request.urlopen(f"{operator.health_url}/readyz", timeout=5) as answer:  # noqa: S310 - our own loopback URL
+        with urllib.request.urlopen(f"{operator.health_url}/readyz", timeout=5, context=unverified()) as answer:  # noqa: S310 - our own loopback URL
             assert answer.status == 200
         assert operator.log_path.parent == plane.logs_dir
         second = product.start_operator(plane, name="operator-2", wait=False)

@@ -14,6 +14,8 @@ from robotapp_api.claims.objects import Pool
 from robotapp_api.client import ApiClient, NotFound
 from robotapp_api.client.resources import CONFIGMAPS, DOMAINPOOLS, NODETELEMETRIES, PODS, ROBOTCLAIMS
 from robotapp_api.model.names import FLEET_CONFIG_MAP, SCHEDULING_GATE, Label
+from robotapp_api.serving.access import Access, Caller
+from robotapp_api.serving.tls import TlsPort, loaded
 from robotapp_operator.cache import Cache
 from robotapp_operator.fleet_view import FleetView
 from robotapp_operator.gates import Gates
@@ -208,20 +210,34 @@ async def test_a_pod_that_is_gone_or_another_needs_no_gate(world: World) -> None
     assert await Gates(world.client, world.cache).open("uid-1", "another instance")
 
 
-async def page(port: int, path: str) -> tuple[int, str]:
-    async with aiohttp.ClientSession() as session, session.get(f"http://127.0.0.1:{port}{path}") as answer:
+async def page(port: int, path: str, token: str = "") -> tuple[int, str]:
+    headers = {"Authorization": f"Bearer {token}"} if token else {}
+    async with (
+        aiohttp.ClientSession(headers=headers) as session,
+        session.get(f"https://127.0.0.1:{port}{path}", ssl=False) as answer,
+    ):
         return answer.status, await answer.text()
 
 
-async def test_health_tells_silence_and_filling_caches(unused_tcp_port: int) -> None:
+class Door:
+    """Lets one token in."""
+
+    async def path(self, caller: Caller, verb: str, path: str) -> Access:
+        if caller.token not in {"reader", "other"}:
+            return Access.UNKNOWN_CALLER
+        return Access.ALL if (caller.token, verb, path) == ("reader", "get", "/metrics") else Access.FORBIDDEN
+
+
+async def test_health_is_told_to_everybody_and_metrics_to_who_may_get_them(unused_tcp_port: int) -> None:
     state = {"silence": 0.0, "overdue": 0.0, "synced": False}
     health = Health(
         silence_s=lambda: float(state["silence"]),
         overdue_s=lambda: float(state["overdue"]),
         synced=lambda: bool(state["synced"]),
         metrics=lambda: b"m 1\n",
+        gate=Door(),
     )
-    await health.start(unused_tcp_port)
+    await health.start(unused_tcp_port, (await loaded(TlsPort())).context)
     try:
         assert (await page(unused_tcp_port, "/healthz"))[0] == 200
         assert (await page(unused_tcp_port, "/readyz"))[0] == 503
@@ -230,14 +246,16 @@ async def test_health_tells_silence_and_filling_caches(unused_tcp_port: int) -> 
         state.update(silence=0.0, overdue=181.0)
         assert await page(unused_tcp_port, "/healthz") == (503, "work has been due for 181 s\n")
         assert (await page(unused_tcp_port, "/readyz"))[0] == 200
-        assert await page(unused_tcp_port, "/metrics") == (200, "m 1\n")
+        assert await page(unused_tcp_port, "/metrics", "reader") == (200, "m 1\n")
+        assert (await page(unused_tcp_port, "/metrics", "other"))[0] == 403
+        assert (await page(unused_tcp_port, "/metrics"))[0] == 401
     finally:
         await health.stop()
 
 
 async def test_port_zero_serves_nothing() -> None:
-    health = Health(silence_s=lambda: 0.0, overdue_s=lambda: 0.0, synced=lambda: True, metrics=lambda: b"")
-    await health.start(0)
+    health = Health(silence_s=float, overdue_s=float, synced=lambda: True, metrics=bytes, gate=Door())
+    await health.start(0, TlsPort().context)
     await health.stop()
 
 

@@ -6,9 +6,9 @@ import pytest
 from prometheus_client import CollectorRegistry
 
 from robotapp_api.client.errors import Unreachable
+from robotapp_api.serving.access import Access, Caller
 from robotapp_scheduler.config import built_in
 from robotapp_scheduler.plugins.registry import catalogue
-from robotapp_scheduler.shell.access import Access, Caller
 from robotapp_scheduler.shell.answers import Answers
 from robotapp_scheduler.shell.health import Pages, serve
 from robotapp_scheduler.shell.metrics import Metrics

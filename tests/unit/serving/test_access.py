@@ -4,7 +4,7 @@ import pytest
 from tests.support.scripted_client import ScriptedClient
 
 from robotapp_api.client.errors import Unreachable
-from robotapp_scheduler.shell.access import REMEMBER_S, Access, Caller, Gatekeeper, User, certified
+from robotapp_api.serving.access import REMEMBER_S, Access, Caller, Gatekeeper, User, certified
 
 USER = {"username": "eve", "uid": "1", "groups": ["devs"], "extra": {"k": ["v"]}}
 KNOWN = {"status": {"authenticated": True, "user": USER}}

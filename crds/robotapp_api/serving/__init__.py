@@ -1,0 +1,1 @@
+"""What a component of ours serves over HTTPS, and to whom."""

@@ -1,0 +1,54 @@
+"""Pages that are not for everybody: who asks is settled first, then what they may see; every refusal says what would help."""
+
+from collections.abc import Awaitable
+from typing import Any, Final, Protocol
+
+import msgspec
+from aiohttp import web
+
+from robotapp_api.client.errors import ClientError
+from robotapp_api.serving.access import Access, Caller, certified
+
+WHO_ARE_YOU: Final = "send a bearer token of the cluster (Authorization: Bearer $(kubectl create token ...)) or a client certificate of it"
+
+
+class PathGate(Protocol):
+    """Says whether a caller may use a path that belongs to no namespace; see `access.Gatekeeper`."""
+
+    async def path(self, caller: Caller, verb: str, path: str) -> Access: ...
+
+
+async def refused(gate: PathGate, request: web.Request, verb: str, path: str) -> web.Response | None:
+    """Why the caller may not use this path of ours; None when it may."""
+    access = await asked(gate.path(caller(request), verb, path))
+    if not isinstance(access, Access):
+        return access
+    if access is Access.UNKNOWN_CALLER:
+        return problem(401, WHO_ARE_YOU)
+    return None if access is Access.ALL else problem(403, f"you may not {verb} {path}")
+
+
+async def asked(answer: Awaitable[Access]) -> Access | web.Response:
+    """What the gate says, or the answer to a caller it cannot be asked about."""
+    try:
+        return await answer
+    except ClientError as error:
+        return problem(503, f"the API server cannot say who you are: {error}")
+
+
+def caller(request: web.Request) -> Caller:
+    """What the request brings to be known by; a certificate wins over a token, as in the API server's own order."""
+    certificate = request.transport.get_extra_info("peercert") if request.transport else None
+    user = certified(certificate.get("subject")) if certificate else None
+    if user is not None:
+        return Caller(user=user)
+    scheme, _, token = request.headers.get("Authorization", "").partition(" ")
+    return Caller(token=token.strip() if scheme.lower() == "bearer" else "")
+
+
+def as_json(value: Any, status: int = 200) -> web.Response:
+    return web.Response(status=status, body=msgspec.json.encode(value), content_type="application/json")
+
+
+def problem(status: int, text: str) -> web.Response:
+    return as_json({"error": text}, status)
