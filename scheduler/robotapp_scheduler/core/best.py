@@ -71,8 +71,8 @@ class Best:
             # Where several classes take turns, every row that others took leaves the top: all of them go at once.
             if not self._shown.isdisjoint(fallen):
                 self._asked = -1
-            top.leave(fallen)
-            self._drop_if_empty(top)
+            if not top.leave(fallen):
+                self._drop(top)
         return bool(self._levels)
 
     def choose(self, pod: int) -> int:
@@ -120,13 +120,12 @@ class Best:
             level.join(position)
         if old >= self._floor:
             level = self._by_value[old]
-            level.leave((position,))
-            self._drop_if_empty(level)
+            if not level.leave((position,)):
+                self._drop(level)
 
-    def _drop_if_empty(self, level: Level) -> None:
-        if not len(level):
-            del self._by_value[level.value]
-            self._levels.remove(level)
+    def _drop(self, level: Level) -> None:
+        del self._by_value[level.value]
+        self._levels.remove(level)
 
     def _add(self, level: Level) -> Level:
         self._by_value[level.value] = level

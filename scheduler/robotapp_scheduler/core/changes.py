@@ -184,14 +184,16 @@ def interest_of(node_reads: Iterable[str]) -> int:
 class News:
     """What a log says after some position. Made once for all readers that stand there."""
 
-    __slots__ = ("_changes", "_found", "_rows", "kinds", "views")
+    __slots__ = ("_changes", "_found", "_rows", "entries", "kinds", "views")
 
     def __init__(self, rows: Sequence[int], changes: Sequence[int]) -> None:
         self._rows, self._changes = rows, changes
-        self.kinds = 0
-        """All kinds of change that happened."""
+        self.entries = len(rows)
+        kinds = 0
         for change in changes if len(changes) == 1 else set(changes):
-            self.kinds |= change
+            kinds |= change
+        self.kinds = kinds
+        """All kinds of change that happened."""
         self._found: dict[int, list[int] | None] = {}
         self.views: dict[int, Any] = {}
         """What readers made of the rows, by the kinds of change they asked for."""
@@ -208,7 +210,7 @@ class News:
             rows: Iterable[int] = self._rows
             if wanted != self.kinds:
                 rows = compress(rows, map(wanted.__and__, self._changes))
-            once = [*rows] if len(self._rows) == 1 else [*dict.fromkeys(rows)]
+            once = [*rows] if self.entries == 1 else [*dict.fromkeys(rows)]
             self._found[wanted] = None if EVERY_ROW in once else once
         return self._found[wanted]
 
@@ -255,13 +257,13 @@ class ChangeLog:
 
     def news(self, position: int, *, most: int) -> News | None:
         """What happened after `position`; None when the reader fell behind by more than `most` entries or read another log."""
-        start = position - self._base
-        if start < 0 or not 0 <= len(self._rows) - start <= most:
-            return None
         found = self._news.get(position)
         if found is None:
+            start = position - self._base
+            if start < 0 or not 0 <= len(self._rows) - start <= most:
+                return None
             found = self._news[position] = News(self._rows[start:], self._changes[start:])
-        return found
+        return found if found.entries <= most else None
 
     def only(self, position: int) -> tuple[int, int] | None:
         """Row and change of what happened after `position`, when that is one change."""

@@ -342,7 +342,7 @@ class SchedulerCore:
             position = engine.position_of(evaluation, wished) if wished else None
             if position is None:
                 position = best.choose(pod_hash(pod.uid, self._seed))
-            chosen = engine.sight(evaluation, position)
+            chosen = evaluation.sight(position, self.cluster.nodes.names)
             node, total = chosen.node, chosen.total
             recorder.scored(evaluation, chosen, best)
         else:

@@ -15,7 +15,6 @@ from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.filter_column import FilterColumn, Reasons
 from robotapp_scheduler.core.framework import Code, Loaded, Status
-from robotapp_scheduler.core.front import Sight
 from robotapp_scheduler.core.pods import FEATURES, LIVE, OWN_FEATURES, PodInfo
 from robotapp_scheduler.core.profiles import Profile
 from robotapp_scheduler.core.repair import bring_up
@@ -218,10 +217,6 @@ class Engine:
         """Node name at a position of an evaluation."""
         row = position if evaluation.rows is None else int(evaluation.rows[position])
         return self._cluster.nodes.names[row]
-
-    def sight(self, evaluation: Evaluation, position: int) -> Sight:
-        """What there is to say about a feasible position, after the scores were made."""
-        return evaluation.sight(position, self._cluster.nodes.names)
 
     def position_of(self, evaluation: Evaluation, name: str) -> int | None:
         """Position of a node by name, if it takes the pod."""

@@ -183,6 +183,11 @@ class Evaluation:
         row = position if self.rows is None else self.rows.item(position)
         return self._totals.sight(position, names[row])
 
+    def sights(self, positions: Sequence[int], names: Sequence[str]) -> tuple[Sight, ...]:
+        """The same of several."""
+        known = self._totals.sights
+        return tuple([known.get(position) or self.sight(position, names) for position in positions])
+
     def _verdicts(self) -> Verdicts:
         return Verdicts(self.reason, self.feasible, self.revision, self._combines)
 

@@ -51,14 +51,15 @@ class Level:
         else:
             self._late.add(position)
 
-    def leave(self, positions: Iterable[int]) -> None:
-        """Rows had this total."""
+    def leave(self, positions: Iterable[int]) -> bool:
+        """Rows had this total. Does any other have it?"""
         if self._late:
             positions = [*positions]
             self._gone.update(position for position in positions if position not in self._late)
             self._late.difference_update(positions)
         else:
             self._gone.update(positions)
+        return len(self._gone) < len(self._positions) or bool(self._late)
 
     def least(self, pod: int) -> int:
         """The position with the least hash of node name and pod."""
@@ -77,7 +78,7 @@ class Level:
             self._settle()
         gone = self._gone
         few = [each for each in self._positions[: count + len(gone)].tolist() if each not in gone]
-        return sorted((*few[:count], *self._late))[:count]
+        return sorted((*few[:count], *self._late))[:count] if self._late else few[:count]
 
     def _place(self, pod: int) -> int:
         """Where among the positions the least of those still here stands; there is one."""

@@ -11,8 +11,7 @@ from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.explain import MOST_REFUSALS, TOP, EdgeView, Example, Record, Refusal, Top, top_bytes
 from robotapp_scheduler.core.filter_column import FilterColumn
 from robotapp_scheduler.core.front import Finish, Front, Sight
-from robotapp_scheduler.core.pods import PodInfo
-from robotapp_scheduler.core.ros import Endpoint
+from robotapp_scheduler.core.ros import Endpoint, RosContext
 
 NO_TOP: Final = Top()
 
@@ -42,7 +41,7 @@ class Recorder:
         first = best.first(min(TOP, evaluation.feasible))
         front, scorers = evaluation.front, evaluation.scorers
         if front.positions is not first or front.scorers is not scorers:
-            sights = tuple([self._engine.sight(evaluation, position) for position in first])
+            sights = evaluation.sights(first, self._cluster.nodes.names)
             front = evaluation.front = Front(first, sights, scorers, top_bytes(len(scorers.weights), len(first)))
         self.best = Finish(front, chosen)
 
@@ -55,7 +54,7 @@ class Recorder:
         return Record(
             pod.namespace, pod.name, pod.uid, self._at_s, profile.scheduler_name, profile.config_hash, self._attempt,
             node, decision.message, decision.nodes, decision.feasible, self._refusals(), top, None,
-            self._edges(pod, node), devices, self.shadows, self.planned, self._seed,
+            () if pod.ros is None or node is None else self._edges(pod.ros, node), devices, self.shadows, self.planned, self._seed,
         )  # fmt: skip
 
     def _refusals(self) -> tuple[Refusal, ...]:
@@ -86,10 +85,8 @@ class Recorder:
         unit = column.detail_unit if column is not None else ""
         return Refusal(reason.plugin, ", ".join(reason.texts), count, unit, tuple(examples))
 
-    def _edges(self, pod: PodInfo, node: str | None) -> tuple[EdgeView, ...]:
-        if pod.ros is None or node is None:
-            return ()
-        return tuple(self._edge(endpoint, node) for endpoint in pod.ros.endpoints)
+    def _edges(self, ros: RosContext, node: str) -> tuple[EdgeView, ...]:
+        return tuple(self._edge(endpoint, node) for endpoint in ros.endpoints)
 
     def _edge(self, endpoint: Endpoint, node: str) -> EdgeView:
         found = [(self._cluster.rtt.between(peer, node, endpoint.percentile), peer) for peer in endpoint.nodes]

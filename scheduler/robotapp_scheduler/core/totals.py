@@ -100,7 +100,7 @@ class Totals:
         self._revision = -1
         self._combines = -1
         self._best: Best | None = None
-        self._sights: dict[int, Sight] = {}
+        self.sights: dict[int, Sight] = {}
         """Of positions that somebody asked for, until they are added up again."""
         self._interest = interest
         for column in columns:
@@ -124,7 +124,7 @@ class Totals:
             rows = view_of(news, self._interest, full.cluster)
             if news.kinds & _NODE:
                 self._best = None  # a row may stand for another node now
-                self._sights.clear()
+                self.sights.clear()
         if rows is None:
             self._parts = _Parts.of(self._live)
             self._add_up_all(full.n)
@@ -168,15 +168,15 @@ class Totals:
 
     def sight(self, position: int, node: str) -> Sight:
         """What there is to say about one feasible position, which stands for this node."""
-        found = self._sights.get(position)
+        found = self.sights.get(position)
         if found is None:
             scores = [column.raw.item(position) for column in self._parts.checked]
             for column in self._parts.relative:
                 values = self._shares[column.plugin.name].values
                 scores.append(values if isinstance(values, int) else values.item(position))
-            if len(self._sights) >= MOST_SIGHTS:
-                self._sights.clear()
-            found = self._sights[position] = Sight(position, node, self.total.item(position), tuple(scores))
+            if len(self.sights) >= MOST_SIGHTS:
+                self.sights.clear()
+            found = self.sights[position] = Sight(position, node, self.total.item(position), tuple(scores))
         return found
 
     def best(self, hashes: Hashes) -> Best:
@@ -278,8 +278,8 @@ class Totals:
                 before.append(total.item(row))
                 after.append(value)
                 total[row] = value
-        for row in rows if self._sights else ():
-            self._sights.pop(row, None)
+        for row in rows if self.sights else ():
+            self.sights.pop(row, None)
         best = self._best
         if best is not None and not best.all_changed(rows, before, after):
             self._best = None
@@ -293,7 +293,7 @@ class Totals:
             total = np.where(verdicts.reason == 0, total, np.int64(INFEASIBLE))
         self.total = total.copy() if total is self._local else total
         self._best = None
-        self._sights.clear()
+        self.sights.clear()
 
     def _forgive(self, column: ScoreColumn) -> None:
         """Called while a PluginError is handled: it is one unless the plugin is a shadow, which says nothing from then on."""
@@ -301,4 +301,4 @@ class Totals:
             raise  # noqa: PLE0704 - the error that is being handled
         column.fail()
         self._parts = _Parts.of(self._live)
-        self._sights.clear()
+        self.sights.clear()
