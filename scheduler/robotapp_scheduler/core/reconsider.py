@@ -11,6 +11,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.engine import Engine
@@ -75,12 +76,17 @@ def _waiting(cluster: Cluster, pod: Pod) -> Iterator[Pod]:
         yield pod
         return
     waiting = msgspec.structs.replace(pod, spec=msgspec.structs.replace(pod.spec, node_name=""))
-    cluster.remove_pod(pod)
-    cluster.apply_pod(waiting)
+    # Not removed and applied again: its group would be one that was never placed, and it the last among equals on its node.
+    record = cluster.placed[pod.metadata.uid]
+    order = [each.uid for each in cluster.pods_on(record.node)]
+    cluster.take_off(record.uid)
+    cluster.apps.place(waiting, "")
     try:
         yield waiting
     finally:
-        cluster.apply_pod(pod)
+        cluster.apps.place(pod, record.node)
+        cluster.put_on(record, Change.POD_ADDED)
+        cluster.reorder(record.node, order)
 
 
 def _table(pod: PodInfo, engine: Engine, evaluation: Evaluation) -> Table:

@@ -4,6 +4,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 import msgspec
+from tests.support.pod_groups import announce, arrive, pod_group, run, team_pod
 from tests.support.scheduling import Clock, make_core, make_node, make_pod
 
 from robotapp_scheduler.core.cycle import SchedulerCore
@@ -71,6 +72,20 @@ def test_a_bound_pod_nobody_remembers_is_decided_again_as_if_it_did_not_run_and_
     assert (found["recomputed"], found["node"], found["feasible"]) == (True, "n1", 2)
     assert "not the decision that placed the pod" in found["note"]
     assert snapshot(core) == before
+
+
+def test_whoever_asks_about_a_bound_pod_changes_neither_its_group_nor_the_order_of_victims() -> None:
+    core = make_core(make_node("n1", cpu="4"))
+    announce(core, pod_group(min_member=2))
+    first, second = (team_pod(name, node="n1", cpu="1") for name in ("a", "b"))
+    for pod in (first, second, bound("c", "n1")):
+        core.cluster.apply_pod(pod)
+    core.cluster.remove_pod(second)
+    before = [record.uid for record in core.cluster.pods_on("n1")]
+    assert explainer(core)("default", "a", with_nodes=True, full=True) is not None
+    assert [record.uid for record in core.cluster.pods_on("n1")] == before
+    arrive(core, team_pod("late", cpu="1"))
+    assert run(core) == {"late": "n1"}, "the group was placed once: who comes later goes alone"
 
 
 def test_a_waiting_pod_nobody_remembers_is_decided_again() -> None:
