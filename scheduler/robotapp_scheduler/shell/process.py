@@ -26,7 +26,7 @@ from robotapp_scheduler.core.groups import groups_of
 from robotapp_scheduler.core.profiles import Catalogue, Profile
 from robotapp_scheduler.options import Options
 from robotapp_scheduler.plugins.registry import catalogue
-from robotapp_scheduler.shell import collector, health
+from robotapp_scheduler.shell import collector, health, huge_pages
 from robotapp_scheduler.shell.answers import Answers, Everything
 from robotapp_scheduler.shell.binder import Binder
 from robotapp_scheduler.shell.claim_users import ClaimUsers
@@ -200,6 +200,7 @@ class Scheduler:
                     group.create_task(self.group_reporter.run(), name="conditions of groups"),
                     group.create_task(self._reloader.run(), name="configuration"),
                     group.create_task(collector.run(), name="garbage"),
+                    group.create_task(huge_pages.run(self.feed.synced), name="huge pages"),
                     group.create_task(Watchdog().run(), name="watchdog"),
                 ]
                 work = group.create_task(self._lead(), name="lead")
