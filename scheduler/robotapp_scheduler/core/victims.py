@@ -7,11 +7,13 @@ eviction would break a disruption budget, more important ones first, and those t
 from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from functools import lru_cache
+from operator import add, sub
 from typing import Final, NamedTuple
 
 from robotapp_scheduler.core.budgets import Split
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.influence import Influence
+from robotapp_scheduler.core.node_table import NodeTable
 from robotapp_scheduler.core.pods import PlacedPod
 from robotapp_scheduler.core.trial import Trial
 from robotapp_scheduler.core.view import Nodes
@@ -59,16 +61,12 @@ def by_amounts(
     if len(codes) < len(wishes):
         return None  # nobody offers it
     needs = {pod.uid: _of(pod, codes) for pod in lower}
-    left = [
-        int(table.resources.allocatable[code, row]) - int(table.resources.requested[code, row]) - amount
-        for code, amount in codes.items()
-    ]
-    for pod in lower:
-        left = [amount + need for amount, need in zip(left, needs[pod.uid], strict=True)]
+    left = _left(table, row, codes)
+    for need in needs.values():
+        left = list(map(add, left, need))
     for pod in promised:
-        left = [amount - need for amount, need in zip(left, _of(pod, codes), strict=True)]
-    slots = int(table.allowed_pods[row] - table.pod_count[row]) + len(lower) - len(promised) - 1
-    if slots < 0 or any(amount < 0 for amount in left):
+        left = list(map(sub, left, _of(pod, codes)))
+    if min(left) < 0:
         return None
     going = {pod.uid for pod in lower}
     staying = [pod for pod in cluster.pods_on(table.names[row]) if pod.uid not in going]
@@ -76,14 +74,14 @@ def by_amounts(
         return None
 
     def stays(pod: PlacedPod) -> bool:
-        nonlocal slots, left
-        after = [amount - need for amount, need in zip(left, needs[pod.uid], strict=True)]
-        if slots < 1 or any(amount < 0 for amount in after):
+        nonlocal left
+        after = list(map(sub, left, needs[pod.uid]))
+        if min(after) < 0:
             return False
         if fits is not None and not fits([*staying, pod]):
             return False
         staying.append(pod)
-        slots, left = slots - 1, after
+        left = after
         return True
 
     return _reprieved(row, cluster.budgets.split(lower), stays)
@@ -124,9 +122,17 @@ def _reason(cluster: Cluster, influence: Influence, row: int, promised: Sequence
     return reason
 
 
+def _left(table: NodeTable, row: int, codes: Mapping[int, int]) -> list[int]:
+    """Pods and amounts that would still fit beside a pod that wants these; negative where it does not fit itself."""
+    pods, resources = int(table.allowed_pods[row]) - int(table.pod_count[row]) - 1, table.resources
+    amounts = (int(resources.allocatable[code, row]) - int(resources.requested[code, row]) for code in codes)
+    return [pods, *map(sub, amounts, codes.values())]
+
+
 def _of(pod: PlacedPod, codes: Mapping[int, int]) -> list[int]:
+    """What a pod takes of that."""
     held = dict(pod.requested)
-    return [held.get(code, 0) for code in codes]
+    return [1, *(held.get(code, 0) for code in codes)]
 
 
 def _reprieved(row: int, split: Split, stays: Callable[[PlacedPod], bool]) -> Candidate | None:

@@ -35,6 +35,7 @@ def exposed(metrics: Metrics) -> str:
 def test_upstreams_names_types_and_buckets_are_there_before_anything_happened() -> None:
     metrics = Metrics(CollectorRegistry())
     text = exposed(metrics)
+    assert "_created" not in text
     families = {family.name: family for family in metrics.registry.collect()}
     for name, (kind, buckets) in UPSTREAM.items():
         assert f"# TYPE scheduler_{name} {kind}" in text, name

@@ -157,16 +157,7 @@ class InterPodAffinity:
             return _node_matters(event.old, event.new, terms)
         if event.resource == "namespaces":
             return _namespace_matters(event.old, event.new, pod, terms)
-        old = PodInfo(event.old) if event.old is not None else None
-        new = PodInfo(event.new) if event.new is not None else None
-        if event.change & (Change.POD_REMOVED | Change.NOMINATED) and old is not None and _in_the_way(pod, terms, old):
-            return True
-        if event.change & Change.POD_ADDED:
-            return new is not None and _wanted(terms, new)
-        if new is None or old is None or old.labels == new.labels:
-            return False
-        freed = any(_may_mean(term, old) and not _may_mean(term, new) for term in terms.anti_affinity)
-        return freed or (_wanted(terms, new) and not _wanted(terms, old))
+        return _company_matters(event, pod, terms)
 
     def hint_of_each(self, event: Event) -> bool:
         """A pod went that may have kept others away by their labels."""
@@ -239,6 +230,20 @@ def _in_the_way(pod: PodInfo, terms: Terms, other: PodInfo) -> bool:
     """Did the other pod keep the pod away, or the pod's own terms it?"""
     theirs = _readable(other).anti_affinity
     return any(_may_mean(term, other) for term in terms.anti_affinity) or any(_may_mean(term, pod) for term in theirs)
+
+
+def _company_matters(event: Event, pod: PodInfo, terms: Terms) -> bool:
+    """Did a pod go, come or change its labels so that it is not in the way any more, or wanted now?"""
+    old = PodInfo(event.old) if event.old is not None else None
+    new = PodInfo(event.new) if event.new is not None else None
+    if event.change & (Change.POD_REMOVED | Change.NOMINATED) and old is not None and _in_the_way(pod, terms, old):
+        return True
+    if event.change & Change.POD_ADDED:
+        return new is not None and _wanted(terms, new)
+    if new is None or old is None or old.labels == new.labels:
+        return False
+    freed = any(_may_mean(term, old) and not _may_mean(term, new) for term in terms.anti_affinity)
+    return freed or (_wanted(terms, new) and not _wanted(terms, old))
 
 
 def _namespace_matters(old: Namespace | None, new: Namespace | None, pod: PodInfo, terms: Terms) -> bool:
