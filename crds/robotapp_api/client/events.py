@@ -100,7 +100,9 @@ def reference(
         "uid": uid,
         "resourceVersion": resource_version,
     }
-    return parts if all(parts.values()) else {key: value for key, value in parts.items() if value}
+    if namespace and uid and resource_version:  # nearly always: about a pod
+        return parts
+    return {key: value for key, value in parts.items() if value}
 
 
 class EventRecorder:

@@ -29,6 +29,9 @@ class Resource:
 
         A namespaced resource without `namespace` is the collection over all namespaces; it has no objects by name.
         """
+        if namespace and name and self.namespaced:  # nearly always
+            path = f"{self.root}/namespaces/{namespace}/{self.plural}/{name}"
+            return f"{path}/{subresource}" if subresource else path
         if self.namespaced:
             if name is not None and not namespace:
                 raise ValueError(f"{self.plural} {name!r} needs a namespace")

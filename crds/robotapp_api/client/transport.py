@@ -176,9 +176,12 @@ class HttpTransport:
         connections = self._open()
         if " " in path or not path.isprintable():
             raise ValueError(f"{path!r} is not an escaped path")
-        size = "" if body is None else f"Content-Length: {len(body)}\r\n"
-        line = f"{method} {connections.prefix}{path} HTTP/1.1\r\n{size}"
-        return line.encode() + self._request_headers(content_type, connections.host_header) + (body or b"")
+        line = f"{method} {connections.prefix}{path} HTTP/1.1\r\n"
+        key = (content_type, self._endpoint.credentials.authorization)
+        headers = self._headers.get(key) or self._request_headers(key, connections.host_header)
+        if body is None:
+            return line.encode() + headers
+        return b"".join((f"{line}Content-Length: {len(body)}\r\n".encode(), headers, body))
 
     def _open(self) -> Connections:
         if self._connections is None:
@@ -212,18 +215,16 @@ class HttpTransport:
         authorization = self._endpoint.credentials.authorization
         return headers if authorization is None else headers | {"Authorization": authorization}
 
-    def _request_headers(self, content_type: str, host: str) -> bytes:
+    def _request_headers(self, key: tuple[str, str | None], host: str) -> bytes:
         """The constant end of a request's head, built once per content type and token."""
-        key = (content_type, self._endpoint.credentials.authorization)
-        block = self._headers.get(key)
-        if block is None:
-            headers = {"Host": host, **self._watch_headers()} | ({"Content-Type": content_type} if content_type else {})
-            lines = [f"{name}: {value}\r\n" for name, value in headers.items()]
-            if any("\r" in line[:-2] or "\n" in line[:-2] for line in lines):
-                raise ValueError("a header of the request contains a line break")
-            if len(self._headers) > 16:  # tokens rotate; old ones must not pile up
-                self._headers.clear()
-            block = self._headers[key] = "".join([*lines, "\r\n"]).encode("latin-1")
+        content_type = {"Content-Type": key[0]} if key[0] else {}
+        headers = {"Host": host, **self._watch_headers()} | content_type
+        lines = [f"{name}: {value}\r\n" for name, value in headers.items()]
+        if any("\r" in line[:-2] or "\n" in line[:-2] for line in lines):
+            raise ValueError("a header of the request contains a line break")
+        if len(self._headers) > 16:  # tokens rotate; old ones must not pile up
+            self._headers.clear()
+        block = self._headers[key] = "".join([*lines, "\r\n"]).encode("latin-1")
         return block
 
 

@@ -292,9 +292,10 @@ class Cluster:
         uid = pod.metadata.uid
         self._seen.pop(uid, None)
         old = self.placed.get(uid)
+        known = old is not None and same_shape(old.pod, pod)  # as long as they share parts: most are compared at once
         self._alike.share(pod, old.pod if old is not None else None)
         node, deleting = pod.spec.node_name, pod.metadata.deletion_timestamp is not None
-        if old is not None and (old.node, old.terminating) == (node, deleting) and same_shape(old.pod, pod):
+        if old is not None and known and (old.node, old.terminating) == (node, deleting):
             # Most news by far: an assumption is confirmed, or the status changed.
             confirmed, old.assumed, old.pod = old.assumed, False, pod
             self._touch(node)

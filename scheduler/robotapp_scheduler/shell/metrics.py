@@ -58,6 +58,7 @@ class Metrics:
         self.pod_attempts = self._histogram(
             "pod_scheduling_attempts", "Attempts until a pod was bound", buckets=doubling(1, 2, 5)
         )
+        self._attempts = self.pod_attempts.labels()
         self._points()
         self._preemption()
         self.node_rejections = self._counter(
@@ -118,7 +119,7 @@ class Metrics:
         if sli_s is None:
             sli_s = self._bound[attempts] = self.sli_s.labels(str(attempts))
         sli_s.observe(now_s - queued.first_seen_s)
-        self.pod_attempts.observe(queued.attempts)
+        self._attempts.observe(queued.attempts)
 
     def preempted(self, victims: int, *, violations: int) -> None:
         """A preemption was decided."""

@@ -135,7 +135,7 @@ class Placer:
     def sent(self, decision: Decision, *, started_s: float, began_s: float | None) -> None:
         """That Binding was accepted."""
         self._timer.end("Bind", decision.pod.scheduler_name, began_s)
-        self._settle(decision, BindOutcome(BindResult.BOUND, node=str(decision.node)), started_s)
+        self._bound(decision, str(decision.node), started_s)
 
     async def insist(
         self, decision: Decision, refused: ClientError, *, started_s: float, began_s: float | None
@@ -235,15 +235,10 @@ class Placer:
         return decision, reserved
 
     def _settle(self, decision: Decision, outcome: BindOutcome, started_s: float) -> None:
-        queued, pod = _queued(decision), decision.pod
-        profile = pod.scheduler_name
         if outcome.result is BindResult.BOUND:
-            self._core.queue.done(pod.uid)
-            if decision.volumes is not None:
-                self._core.cluster.volumes.forget(pod.uid)  # the claims themselves say it now
-            self._reporter.scheduled(pod.pod, outcome.node)
-            self._metrics.bound(queued, profile, started_s=started_s, now_s=self._clock())
+            self._bound(decision, outcome.node, started_s)
             return
+        queued, pod = _queued(decision), decision.pod
         if outcome.result is BindResult.DEPOSED:
             self._forget(pod)
             self._core.queue.requeue(queued, Rejection())  # whoever leads now places it and speaks about it
@@ -256,6 +251,14 @@ class Placer:
             return
         message = f'binding rejected: running Bind plugin "ROSBind": {outcome.message}'
         self._reject(decision, Refused(Rejection(), PodReason.SCHEDULER_ERROR, message), started_s)
+
+    def _bound(self, decision: Decision, node: str, started_s: float) -> None:
+        pod = decision.pod
+        self._core.queue.done(pod.uid)
+        if decision.volumes is not None:
+            self._core.cluster.volumes.forget(pod.uid)  # the claims themselves say it now
+        self._reporter.scheduled(pod.pod, node)
+        self._metrics.bound(_queued(decision), pod.scheduler_name, started_s=started_s, now_s=self._clock())
 
     def _reject(self, decision: Decision, refused: Refused, started_s: float) -> None:
         """Not to this node after all: the room is free again, and the pod waits for what its refusal says."""
