@@ -293,7 +293,7 @@ class Placer:
             return
         if newest is not queued.info.pod:
             queued.info = PodInfo(newest)
-            self._core.cluster.apply_pod(newest)  # news of an assumed pod was left aside
+        self._core.cluster.apply_pod(newest)  # news of an assumed pod was left aside
         self._core.cluster.nominations.nominate(queued.info, "")
         self._core.queue.requeue(queued, rejection)
         self._reporter.unscheduled(newest, reason=reason, message=message, nominate="")

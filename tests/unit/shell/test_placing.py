@@ -3,9 +3,11 @@ from typing import Any
 
 import pytest
 from tests.support.placing import OURS, Rig
+from tests.support.pod_groups import pod_group
 
 from robotapp_api.model.names import Label, PodReason
 from robotapp_scheduler.core.objects import ClaimReference
+from robotapp_scheduler.core.pod_groups import COSCHEDULING, POD_GROUP_LABEL, GroupRef
 from robotapp_scheduler.shell.binder import BindOutcome, BindResult
 from robotapp_scheduler.shell.loop import IN_FLIGHT, SLICE_S
 from robotapp_scheduler.shell.reserve import Readiness, Reserved
@@ -86,6 +88,24 @@ async def test_a_pod_deleted_while_its_bind_failed_does_not_come_back() -> None:
     await rig.turn()
     assert len(rig.core.queue) == 0
     assert rig.said.lines == []
+
+
+async def test_a_pod_that_changed_its_group_while_its_bind_failed_belongs_to_the_new_one() -> None:
+    """News of an assumed pod is left aside until it is known what became of it."""
+    rig = Rig()
+    rig.core.cluster.pod_groups.apply(pod_group("team", min_member=1), COSCHEDULING)
+
+    def relabelled() -> BindOutcome:
+        rig.show(labels={POD_GROUP_LABEL: "team"})
+        return BindOutcome(BindResult.FAILED, "boom")
+
+    rig.io.binds.append(relabelled)
+    rig.show()
+    await rig.turn()
+    team = GroupRef(COSCHEDULING, "a", "team")
+    queued = rig.core.queue.get("uid-p")
+    assert queued is not None
+    assert (queued.group, rig.core.cluster.pod_groups.ready(team)) == (team, 1)
 
 
 async def test_a_bug_on_the_way_never_leaves_a_pod_assumed() -> None:
