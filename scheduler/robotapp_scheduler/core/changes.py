@@ -170,7 +170,10 @@ READS: Final[dict[str, Change]] = {
 OWN_COLUMN: Final = "column:"
 """`node_reads` of a plugin-owned column, as in "column:noise"."""
 EVERY_ROW: Final = -1
+MOST_PLACED: Final = 64
 _APART: Final = 1 << 48
+_PLACED: Final = int(PLACED)
+_OFFERED: Final = int(NODE | Change.ALLOCATABLE)
 
 
 def interest_of(node_reads: Iterable[str]) -> int:
@@ -265,9 +268,15 @@ class ChangeLog:
             found = self._news[position] = News(self._rows[start:], self._changes[start:])
         return found if found.entries <= most else None
 
-    def only(self, position: int) -> tuple[int, int] | None:
-        """Row and change of what happened after `position`, when that is one change."""
-        return (self._rows[-1], self._changes[-1]) if self._rows and position + 1 == self.position else None
+    def placed_since(self, position: int) -> list[int] | None:
+        """Rows where pods came or went after `position`; None when nodes changed what they offer, or too much happened."""
+        if position + 1 == self.position and self._rows:  # the usual case, without any news object
+            row, change = self._rows[-1], self._changes[-1]
+            if change & _PLACED and row != EVERY_ROW:
+                return [row]
+            return None if change & (_OFFERED | _PLACED) else []
+        news = self.news(position, most=MOST_PLACED)
+        return news.rows(_PLACED) if news is not None and not news.kinds & _OFFERED else None
 
     def since(self, position: int, interest: int, *, most: int) -> list[int] | None:
         """Rows with a change of interest after `position`, each once; None: look at all rows."""

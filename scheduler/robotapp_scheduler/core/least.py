@@ -5,15 +5,12 @@ from typing import Final
 
 import numpy as np
 
-from robotapp_scheduler.core.changes import EVERY_ROW, NODE, PLACED, Change, ChangeLog
+from robotapp_scheduler.core.changes import ChangeLog
 from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.core.node_table import NodeTable
 
-MOST_ROWS: Final = 64
 MOST_MISSES: Final = 256
 """Pods that need more than is known to be free, until it is looked at anew: it only falls while pods come and go."""
-_REMADE: Final = int(NODE | Change.ALLOCATABLE)
-_PLACED: Final = int(PLACED)
 
 
 class Least:
@@ -44,7 +41,7 @@ class Least:
     def _refresh(self, log: ChangeLog) -> None:
         resources = self._table.resources
         same = self._ledger is resources.ledger and self._misses < MOST_MISSES
-        rows = _placed(log, self._position) if same else None
+        rows = log.placed_since(self._position) if same else None
         if rows is None:
             free = (resources.offered - resources.taken)[:, self._table.valid]
             least = free.min(axis=1).tolist() if free.shape[1] else []
@@ -61,15 +58,3 @@ class Least:
         for name in least:
             if (free := next(left)) < least[name]:
                 least[name] = free
-
-
-def _placed(log: ChangeLog, position: int) -> list[int] | None:
-    """Rows where pods came or went; None when more than that happened, or too much."""
-    one = log.only(position)
-    if one is not None:
-        row, change = one
-        if change & _PLACED and row != EVERY_ROW:
-            return [row]
-        return None if change & (_REMADE | _PLACED) else []
-    news = log.news(position, most=MOST_ROWS)
-    return news.rows(_PLACED) if news is not None and not news.kinds & _REMADE else None

@@ -8,17 +8,14 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from robotapp_scheduler.core.changes import NODE, PLACED, Change, ChangeLog
+from robotapp_scheduler.core.changes import ChangeLog
 from robotapp_scheduler.core.columns import FloatArray, IntArray
 from robotapp_scheduler.core.node_table import NodeTable
 
 MOST_PLACES: Final = 64
 """Rows of a ledger that is mirrored: a larger one is seldom read as a whole."""
-MOST_ROWS: Final = 256
 EXACT_IN_FLOAT: Final = 2**46
 """Below this a float64 quotient up to a few hundred, cut to an integer, equals the integer quotient."""
-_REMADE: Final = int(NODE | Change.ALLOCATABLE)
-_PLACED: Final = int(PLACED)
 
 
 class Plain(NamedTuple):
@@ -53,8 +50,7 @@ class Mirror:
             return True
         if len(resources.ledger) > MOST_PLACES:
             return False
-        news = log.news(self._position, most=MOST_ROWS)
-        rows = news.rows(_PLACED) if same and news is not None and not news.kinds & _REMADE else None
+        rows = log.placed_since(self._position) if same else None
         if rows is None:
             self._make()
         elif rows:

@@ -131,7 +131,7 @@ def _plain_pair(used: IntArray | FloatArray, capacity: IntArray | FloatArray) ->
     apart: FloatArray = fractions[:, 0] - fractions[:, 1]
     np.abs(apart, out=apart)
     # (1 - apart/2)·100, doubled and halved: powers of two change no rounding.
-    rest: FloatArray = _TWICE - apart
+    rest: FloatArray = np.subtract(_TWICE, apart, out=apart)
     rest *= _HALF_TOP
     return rest.astype(np.int64)
 
