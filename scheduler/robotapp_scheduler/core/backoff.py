@@ -72,13 +72,14 @@ class Heap:
         return found[2]
 
     def _first(self) -> Entry | None:
-        while self._line and not self._lives(self._line[0]):
-            self._line.popleft()
-        while self._entries and not self._lives(self._entries[0]):
-            heapq.heappop(self._entries)
-        if self._line and self._entries:
-            return min(self._line[0], self._entries[0])
-        return self._line[0] if self._line else self._entries[0] if self._entries else None
+        line, entries = self._line, self._entries
+        while line and not self._lives(line[0]):
+            line.popleft()
+        while entries and not self._lives(entries[0]):
+            heapq.heappop(entries)
+        if line and entries:
+            return min(line[0], entries[0])
+        return line[0] if line else entries[0] if entries else None
 
     def _lives(self, entry: Entry) -> bool:
         return self._live.get(entry[2]) == entry[1]

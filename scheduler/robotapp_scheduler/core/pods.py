@@ -139,9 +139,13 @@ class PodInfo:
         """Ports the pod takes on its node, each once."""
         return self.shape.host_ports
 
-    @Lazy
+    @property
     def volumes(self) -> PodVolumes | None:
         """Claims and inline disks; None for a pod whose volumes decide nothing."""
+        return self._volumes if self.pod.spec.volumes else None
+
+    @Lazy
+    def _volumes(self) -> PodVolumes | None:
         return volumes_of(self.pod)
 
     @property
@@ -159,9 +163,13 @@ class PodInfo:
         """Surely neither part of a group nor a pod with ROS fields."""
         return self.member is None and self.pod_group is None and not self.annotations
 
-    @Lazy
+    @property
     def ros_request(self) -> RosRequest | InvalidAnnotation | None:
         """What the scheduler.robotics.io annotations ask for; None without any."""
+        return self._ros_request if self.annotations else None
+
+    @Lazy
+    def _ros_request(self) -> RosRequest | InvalidAnnotation | None:
         return parse_annotations(self.annotations)
 
     def features(self, names: tuple[str, ...]) -> tuple[Hashable, ...]:
