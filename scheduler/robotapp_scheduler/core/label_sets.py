@@ -36,7 +36,10 @@ class LabelSet:
 
     def count(self, row: int, sign: int, *, ending: bool) -> None:
         """Count a pod in (+1) or out (-1)."""
-        _add(self.rows, row, sign)
+        rows = self.rows
+        count = rows[row] = rows.get(row, 0) + sign
+        if not count:
+            del rows[row]
         if ending:
             _add(self.ending, row, sign)
 

@@ -20,6 +20,7 @@ from robotapp_scheduler.plugins.kubernetes.resource_arguments import balance_pro
 from robotapp_scheduler.plugins.kubernetes.resource_math import FEW, all_positive
 from robotapp_scheduler.plugins.kubernetes.resources_fit import NATIVE
 
+_TOP: Final = float(MAX_SCORE)
 # As arrays: see resource_math.
 _ALL: Final = np.array(1.0)
 _TWICE: Final = np.array(2.0)
@@ -161,7 +162,7 @@ def _balance_row(there: Sequence[Amounts], more: Iterable[tuple[int, int]]) -> i
         capacity, use, _ = there[place]
         if capacity:
             fraction = (use + amount) / capacity
-            fractions.append(min(1.0, fraction))
+            fractions.append(min(1.0, fraction))  # min() takes longer than the division
     count = len(fractions)
     spread = 0.0
     if count == 2:
@@ -169,7 +170,7 @@ def _balance_row(there: Sequence[Amounts], more: Iterable[tuple[int, int]]) -> i
     elif count > 2:
         mean = _added(fractions) / count
         spread = math.sqrt(_added([(fraction - mean) * (fraction - mean) for fraction in fractions]) / count)
-    return int((1.0 - spread) * float(MAX_SCORE))
+    return int((1.0 - spread) * _TOP)
 
 
 def _added(values: Sequence[float]) -> float:
