@@ -29,7 +29,7 @@ def main(argv: Sequence[str], *, out: TextIO | None = None) -> int:
     if problems:
         return _failed(problems[found.plugin])
     try:
-        arguments = strict_yaml.loads(found.args) or {}
+        arguments = strict_yaml.loads(found.args or "{}")
     except yaml.YAMLError as error:
         return _failed(f"--args: {error}")
     if not isinstance(arguments, dict):

@@ -148,6 +148,7 @@ def test_the_table_names_nodes_load_and_share() -> None:
         (["no.such.module:Plugin"], "cannot be loaded"),
         (["tests.support.third_party_plugin:PreferQuietNodes", "--args", "{quiet: 3}"], "args"),
         (["tests.support.third_party_plugin:PreferQuietNodes", "--args", "[1]"], "must be a mapping"),
+        (["tests.support.third_party_plugin:PreferQuietNodes", "--args", "[]"], "must be a mapping"),
         (["tests.support.third_party_plugin:PreferQuietNodes", "--args", "{quiet"], "--args: "),
         (["tests.support.broken_plugins:CannotStart"], "no route to the laboratory"),
         (["ROSQueueSort"], "orders the queue"),

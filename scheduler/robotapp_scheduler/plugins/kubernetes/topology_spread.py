@@ -319,13 +319,18 @@ def _taken(column: npt.NDArray[Any], positions: Positions) -> npt.NDArray[Any]:
 
 
 def _nodes_matter(old: Node | None, new: Node | None, constraints: Sequence[Constraint]) -> bool:
-    labels = [(node.metadata.labels or {}) if node is not None else None for node in (old, new)]
-    matching = [found is not None and all(c.key in found for c in constraints) for found in labels]
-    if old is None or new is None:
-        return any(matching)
-    before, after = labels[0] or {}, labels[1] or {}
-    changed = any(before.get(c.key) != after.get(c.key) for c in constraints)
-    return matching[0] != matching[1] or (matching[1] and (changed or old.spec.taints != new.spec.taints))
+    """Did a node with all keys come or go, or change its domains or its taints?"""
+    before, after = _domains(old, constraints), _domains(new, constraints)
+    if old is None or new is None or before is None or after is None:
+        return before != after
+    return before != after or old.spec.taints != new.spec.taints
+
+
+def _domains(node: Node | None, constraints: Sequence[Constraint]) -> list[str] | None:
+    """The node's domain per constraint; None for one that is not there or lacks a key."""
+    labels = (node.metadata.labels or {}) if node is not None else {}
+    found = [labels[c.key] for c in constraints if c.key in labels]
+    return found if node is not None and len(found) == len(constraints) else None
 
 
 def _problems(args: SpreadArgs) -> list[str]:
