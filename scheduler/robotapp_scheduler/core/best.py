@@ -85,7 +85,7 @@ class Best:
         """
         if self._asked != count:
             while len(found := self._known(count)) < count and self._floor > 0:
-                self._look_below()
+                self._look_below(count)
             self._first, self._asked, self._shown = tuple(found), count, frozenset(found)
             self._last = (-self._total.item(found[-1]), found[-1])
         return self._first
@@ -103,10 +103,11 @@ class Best:
                 break
         return found
 
-    def _look_below(self) -> None:
-        """Take in rows with lower totals: twice as deep as before."""
+    def _look_below(self, count: int) -> None:
+        """Take in rows with lower totals: twice as deep as before, or so deep that `count` are known."""
         total, floor = self._total, self._floor
-        self._floor = max(2 * floor - self._levels[-1].value - 1, 0)
+        deep = np.partition(total, -count).item(-count)
+        self._floor = max(min(2 * floor - self._levels[-1].value - 1, deep), 0)
         found = ((total >= self._floor) & (total < floor)).nonzero()[0]
         above = total[found] - self._floor
         for step in np.bincount(above).nonzero()[0].tolist():
