@@ -29,6 +29,7 @@ from robotapp_scheduler.core.priorities import PriorityColumns
 from robotapp_scheduler.core.resource_claims import ResourceClaims
 from robotapp_scheduler.core.robotics import NodeTelemetry, RobotApp
 from robotapp_scheduler.core.shapes import same_shape
+from robotapp_scheduler.core.stamps import Stamps
 from robotapp_scheduler.core.telemetry import RttModel
 from robotapp_scheduler.core.topology import Topology
 from robotapp_scheduler.core.volumes import Volumes
@@ -67,6 +68,7 @@ class Cluster:
         self.by_priority = PriorityColumns()
         self._alike = Alike()
         self._records = Records(self.nodes.resources, self._alike)
+        self._stamps = Stamps(self.nodes.labels)
         self._seen: dict[str, Pod] = {}
         """Live pods without a node, by uid."""
         self._priorities: dict[int, int] = {}
@@ -147,7 +149,8 @@ class Cluster:
             raise ValueError(f"{pod.key} is already counted on {self.placed[pod.uid].node}")
         self._seen.pop(pod.uid, None)
         self.nominations.discard(pod.uid)
-        self._arrive(self.record(pod, node), Change.POD_ADDED)
+        stamp = self._stamps.of(self.nodes.row_of.get(node))
+        self._arrive(self._records.of(pod, node, assumed=True, stamp=stamp), Change.POD_ADDED)
         self.devices.promise(pod.uid, grants)
 
     def forget(self, uid: str) -> Change:
@@ -292,7 +295,8 @@ class Cluster:
         uid = pod.metadata.uid
         self._seen.pop(uid, None)
         old = self.placed.get(uid)
-        known = old is not None and same_shape(old.pod, pod)  # as long as they share parts: most are compared at once
+        # As long as they share parts: most are compared at once.
+        known = old is not None and same_shape(old.pod, old.labels, pod)
         self._alike.share(pod, old.pod if old is not None else None)
         node, deleting = pod.spec.node_name, pod.metadata.deletion_timestamp is not None
         if old is not None and known and (old.node, old.terminating) == (node, deleting):
@@ -302,6 +306,8 @@ class Cluster:
             self._member(pod, node)
             return Change.POD_ADDED if confirmed else Change.NONE
         record = self._records.of(PodInfo(pod), node, assumed=False)
+        if old is not None and old.assumed:
+            self._stamps.learn(self.nodes.row_of.get(node), pod)
         if old is None:
             self._arrive(record, Change.POD_ADDED)
             return Change.POD_ADDED

@@ -5,6 +5,7 @@ from msgspec.structs import replace
 from robotapp_scheduler.core.alike import Alike
 from robotapp_scheduler.core.columns import ResourceColumns, sane
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo
+from robotapp_scheduler.core.stamps import Stamp
 
 
 class Records:
@@ -17,19 +18,20 @@ class Records:
     def __repr__(self) -> str:
         return f"Records({self._resources!r})"
 
-    def of(self, info: PodInfo, node: str, *, assumed: bool) -> PlacedPod:
-        """What this pod holds on a node. Raises ValueError when a quantity cannot be read."""
+    def of(self, info: PodInfo, node: str, *, assumed: bool, stamp: Stamp = ()) -> PlacedPod:
+        """What this pod holds on a node, with the labels it will have there. Raises ValueError when a quantity cannot be read."""
         shape = info.shape
-        blank: PlacedPod | None = shape.notes.get(self)
+        key = (self, stamp)
+        blank: PlacedPod | None = shape.notes.get(key)
         if blank is None:
-            blank = self._blank(info)
+            blank = self._blank(info, stamp)
             if self._resources in shape.notes:  # what it holds is settled
-                shape.notes[self] = blank
+                shape.notes[key] = blank
         return replace(
             blank, uid=info.uid, name=info.name, node=node, terminating=info.deleting, assumed=assumed, pod=info.pod
         )
 
-    def _blank(self, info: PodInfo) -> PlacedPod:
+    def _blank(self, info: PodInfo, stamp: Stamp) -> PlacedPod:
         """The record of any pod of this shape: all it says but uid, name, node and state follows from the shape."""
         requests = info.requests
         return PlacedPod(
@@ -37,7 +39,7 @@ class Records:
             name="",
             namespace=info.namespace,
             node="",
-            labels=info.labels,
+            labels=dict(stamp) | info.labels if stamp else info.labels,
             priority=info.priority,
             requested=self._alike.same(info.shape.held(self._resources)),
             scored_cpu_milli=sane(requests.placed.get("cpu", 0)),

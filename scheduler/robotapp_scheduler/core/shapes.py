@@ -1,6 +1,6 @@
 """What pods with the same spec, labels and owner have in common, worked out once: 2,000 replicas are one shape."""
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Mapping
 from itertools import count
 from typing import Any, Final, NamedTuple
 
@@ -125,12 +125,12 @@ def shape_of(pod: Pod) -> Shape:
     return shape
 
 
-def same_shape(old: Pod, new: Pod) -> bool:
-    """Has a pod still the shape it had? Compares what `shape_of` encodes, and says False in doubt."""
+def same_shape(old: Pod, labels: Mapping[str, str], new: Pod) -> bool:
+    """Has a pod still the shape it had with these labels? Compares what `shape_of` encodes, and says False in doubt."""
     if old.status.resizes or new.status.resizes:
         return False
     before, now = old.metadata, new.metadata
-    if before.labels != now.labels or before.owner_references != now.owner_references:
+    if labels != (now.labels or {}) or before.owner_references != now.owner_references:
         return False
     if new.spec.resource_claims and old.status.resource_claim_statuses != new.status.resource_claim_statuses:
         return False

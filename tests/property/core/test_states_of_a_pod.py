@@ -53,7 +53,9 @@ def _pod(fields: dict[str, Any]) -> Pod:
 def test_a_pod_that_is_recognised_again_has_the_shape_it_had(pair: tuple[Pod, Pod]) -> None:
     before, after = pair
     resized = before.status.resizes or after.status.resizes
-    assert same_shape(before, after) == (not resized and shape_of(before) is shape_of(after))
+    assert same_shape(before, before.metadata.labels or {}, after) == (
+        not resized and shape_of(before) is shape_of(after)
+    )
 
 
 @given(st.lists(states(), min_size=1, max_size=4))
