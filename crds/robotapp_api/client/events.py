@@ -24,8 +24,7 @@ log = logging.getLogger(__name__)
 
 QUEUE: Final = 1000
 IN_FLIGHT: Final = 16
-"""Writes at once. Fewer left the API server idle after a burst of placements; the other half of a client's connections
-is for writes that somebody waits for."""
+"""Writes at once; the other half of a client's connections is for writes that somebody waits for."""
 REMEMBERED: Final = 4096
 SERIES_FLUSH_S: Final = 300.0
 """A repeated event is written again at most this often: counts may lag, the API server may not."""
@@ -119,6 +118,7 @@ class EventRecorder:
         controller: str,
         instance: str,
         queue: int = QUEUE,
+        in_flight: int = IN_FLIGHT,
         burst: int = BURST,
         refill_s: float = REFILL_S,
         flush_s: float = SERIES_FLUSH_S,
@@ -134,6 +134,7 @@ class EventRecorder:
         self._now = now
         self._unique = unique or _counter()
         self._most = queue
+        self._at_once = in_flight
         self._queue: deque[tuple[_Key, _Series]] = deque()
         self._running = False
         self._writing = 0
@@ -256,10 +257,10 @@ class EventRecorder:
                 if at - series.seen_at >= SERIES_END_S and series.count == series.written:
                     del self._series[key]
 
-    # --- Writing: at most IN_FLIGHT at once, each told its end by the client; only a failure costs a task -----------
+    # --- Writing: at most `in_flight` at once, each told its end by the client; only a failure costs a task -----------
 
     def _next(self) -> None:
-        while self._running and self._queue and self._writing < IN_FLIGHT:
+        while self._running and self._queue and self._writing < self._at_once:
             key, series = self._queue.popleft()
             self._writing += 1
             if series.patching:

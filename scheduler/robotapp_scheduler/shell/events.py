@@ -12,6 +12,8 @@ from robotapp_scheduler.core.objects import Pod
 
 QUEUE = 20_000
 """Deep enough for the events of a burst of placements, so that none is dropped while the API server catches up."""
+IN_FLIGHT = 32
+"""Writes at once: half as many as there are binds, so that Events do not trail behind them."""
 
 
 class PodEvents:
@@ -20,7 +22,7 @@ class PodEvents:
     def __init__(self, client: ApiClient, scheduler_names: Iterable[str], *, host: str | None = None) -> None:
         host = host or socket.gethostname()
         self._recorders = {
-            name: EventRecorder(client, controller=name, instance=f"{name}-{host}", queue=QUEUE)
+            name: EventRecorder(client, controller=name, instance=f"{name}-{host}", queue=QUEUE, in_flight=IN_FLIGHT)
             for name in scheduler_names
         }
 
