@@ -302,6 +302,7 @@ class Cluster:
         if old is not None and known and (old.node, old.terminating) == (node, deleting):
             # Most news by far: an assumption is confirmed, or the status changed.
             confirmed, old.assumed, old.pod = old.assumed, False, pod
+            pod.metadata.labels = old.labels  # equal, and one for all who have them
             self._touch(node)
             self._member(pod, node)
             return Change.POD_ADDED if confirmed else Change.NONE
@@ -344,6 +345,8 @@ class Cluster:
         """Count a pod on its node in every column and index. For this class and for trials."""
         self.placed[record.uid] = record
         self.topology.take(record)
+        if not record.assumed:
+            record.pod.metadata.labels = record.labels  # likewise
         self._rank(record.priority, +1)
         self._by_node.setdefault(record.node, {})[record.uid] = record
         self.names.add(record)

@@ -13,6 +13,8 @@ NAMESPACE: Final = "bench"
 SCHEDULER: Final = "ros-aware-scheduler"
 WHEN: Final = "2026-01-01T00:00:00Z"
 MEMORY_KI: Final = 102_400
+PLACE: Final = {"topology.kubernetes.io/region": "region-1", "topology.kubernetes.io/zone": "@zone@"}
+"""Labels of a node, which the API server copies to the pods bound to it."""
 
 
 def fill(template: bytes, **marks: object) -> bytes:
@@ -36,13 +38,17 @@ def node_name(index: int) -> str:
 
 def pod(template: bytes, index: int, *, version: int, node: str = "", shape: int = 0) -> bytes:
     """Pod `index`; pods of another `shape` request another amount of memory, which makes them another class."""
-    return fill(
-        template, name=pod_name(index), number=f"{index:012}", version=version, node=node, memory=MEMORY_KI + shape
-    )
+    known = {"name": pod_name(index), "number": f"{index:012}", "version": version, "memory": MEMORY_KI + shape}
+    return fill(template, **known, node=node, zone=zone_of(node)) if node else fill(template, **known)
 
 
 def node(index: int) -> bytes:
-    return fill(NODE, name=node_name(index), number=f"{index:012}", version=index + 1, zone=f"zone-{index % ZONES}")
+    name = node_name(index)
+    return fill(NODE, name=name, number=f"{index:012}", version=index + 1, zone=zone_of(name))
+
+
+def zone_of(node: str) -> str:
+    return f"zone-{int(node.removeprefix('node-')) % ZONES}"
 
 
 def _encoded(obj: Json) -> bytes:
@@ -145,7 +151,7 @@ def _pod(*, bound: bool, status: Json, managed: int) -> bytes:
         namespace=NAMESPACE,
         generation=1,
         generateName="driver-7d9c9c-",
-        labels={"app": "driver", "pod-template-hash": "7d9c9c", "team": "fleet"},
+        labels={"app": "driver", "pod-template-hash": "7d9c9c", "team": "fleet"} | (PLACE if bound else {}),
         annotations={"prometheus.io/scrape": "true", "prometheus.io/port": "8080"},
         ownerReferences=[owner],
         managedFields=[_managed("kubelet", managed)],
@@ -185,8 +191,7 @@ def _node() -> bytes:
         "kubernetes.io/arch": "amd64",
         "kubernetes.io/os": "linux",
         "node.kubernetes.io/instance-type": "c8.xlarge",
-        "topology.kubernetes.io/region": "region-1",
-        "topology.kubernetes.io/zone": "@zone@",
+        **PLACE,
     }
     capacity = {"cpu": "32", "memory": "256Gi", "pods": "110", "ephemeral-storage": "500Gi", "hugepages-2Mi": "0"}
     image = "registry.example.com/fleet/image-{0}"
