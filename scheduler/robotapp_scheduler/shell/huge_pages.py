@@ -38,12 +38,11 @@ async def run(filled: asyncio.Event) -> None:
 
 def collapse() -> int:
     """Put private memory of this process in huge pages, where the machine's settings allow them. How many there are now."""
-    if not allowed(SETTING):
-        return 0
+    maps = _read(MAPS) if allowed(SETTING) else ""
     advise = ctypes.CDLL(None, use_errno=True).madvise
     advise.argtypes = (ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int)
     made = 0
-    for begin, end in whole_pages(MAPS.read_text().splitlines()):
+    for begin, end in whole_pages(maps.splitlines()):
         advise(begin, end - begin, mmap.MADV_HUGEPAGE)
         for page in range(begin, end, SIZE):
             if advise(page, SIZE, COLLAPSE) == 0:  # refused where nothing was ever written, such as unused stacks
@@ -54,10 +53,8 @@ def collapse() -> int:
 
 def allowed(setting: Path) -> bool:
     """Whether the machine has huge pages and its owner has not said `never`."""
-    try:
-        return "[never]" not in setting.read_text()
-    except OSError:
-        return False
+    said = _read(setting)
+    return bool(said) and "[never]" not in said
 
 
 def whole_pages(maps: Iterable[str]) -> Iterator[tuple[int, int]]:
@@ -68,3 +65,11 @@ def whole_pages(maps: Iterable[str]) -> Iterator[tuple[int, int]]:
         begin, end = -(-begin // SIZE) * SIZE, end // SIZE * SIZE
         if rights == "rw-p" and inode == "0" and "[stack]" not in line and begin < end:
             yield begin, end
+
+
+def _read(path: Path) -> str:
+    """Nothing when it is not there or not for us: what this is for is never worth an error."""
+    try:
+        return path.read_text()
+    except OSError:
+        return ""

@@ -53,6 +53,13 @@ def test_who_has_forbidden_huge_pages_or_has_none_is_not_asked(tmp_path: Path) -
     assert huge_pages.allowed(setting)
 
 
+def test_a_machine_that_does_not_tell_where_our_memory_is_is_no_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(huge_pages, "MAPS", tmp_path / "maps")
+    assert huge_pages.collapse() == 0
+
+
 def test_written_memory_comes_to_lie_in_huge_pages() -> None:
     """On a kernel that refuses (older than 6.1, or none to be had) nothing happens, and what was written is still there."""
     with mmap.mmap(-1, 8 * SIZE, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS) as memory:
