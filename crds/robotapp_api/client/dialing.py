@@ -8,6 +8,7 @@ from typing import Final, TypeVar, cast
 from urllib.parse import urlsplit
 
 from robotapp_api.client.login import Endpoint
+from robotapp_api.client.resuming import Resuming
 
 CONNECT_TIMEOUT_S: Final = 5.0
 CLOSE_S: Final = 1.0
@@ -92,6 +93,7 @@ class Dialer:
         nobody cancels: its socket is shut down, which ends it.
         """
         tls = self._endpoint.tls
+        self._remember_session()
         name = (self._endpoint.server_hostname or self._host) if tls else None
         made = loop.create_task(loop.create_connection(speaker, sock=sock, ssl=tls, server_hostname=name))
         try:
@@ -103,6 +105,15 @@ class Dialer:
             if made.done() and not made.exception():
                 made.result()[1].end()
             raise
+
+    def _remember_session(self) -> None:
+        """Of any open connection: a ticket comes some time after the handshake."""
+        for speaker in self.open:
+            if speaker.transport is not None:
+                spoken = speaker.transport.get_extra_info("ssl_object")
+                if isinstance(spoken, Resuming):
+                    spoken.remember()
+                return
 
 
 async def _connected_socket(loop: asyncio.AbstractEventLoop, host: str, port: int) -> socket.socket:

@@ -17,6 +17,7 @@ import yaml
 
 from robotapp_api.client.credentials import Credentials, ExecPlugin, file_source, load_pair
 from robotapp_api.client.errors import LoginError
+from robotapp_api.client.resuming import resuming
 
 SERVICE_ACCOUNT = Path("/var/run/secrets/kubernetes.io/serviceaccount")
 
@@ -69,7 +70,7 @@ def _in_cluster(folder: Path, environ: Mapping[str, str]) -> Endpoint:
     namespace = folder / "namespace"
     return Endpoint(
         server=f"https://{host}:{port}",
-        tls=_trusting(cafile=str(folder / "ca.crt")),
+        tls=resuming(_trusting(cafile=str(folder / "ca.crt"))),
         credentials=Credentials(file_source(folder / "token")),
         namespace=namespace.read_text().strip() if namespace.is_file() else "default",
     )
@@ -94,8 +95,8 @@ def _from_kubeconfig(files: Sequence[Path], context: str | None) -> Endpoint:
             cure = "use an exec plug-in (for OIDC: kubelogin)" if key == "auth-provider" else "remove it"
             raise LoginError(f"{where}: the user's {key!r} is not supported; {cure}")
     tls = _tls(cluster) if server.startswith("https://") else None
-    if tls is not None:
-        _client_certificate(tls, user)
+    if tls is not None and not _client_certificate(tls, user) and not user.get("exec"):
+        resuming(tls)
     return Endpoint(
         server=server,
         tls=tls,
@@ -189,7 +190,8 @@ def _decode(data: str, key: str) -> bytes:
         raise LoginError(f"the kubeconfig's {key} is not base64") from error
 
 
-def _client_certificate(tls: ssl.SSLContext, user: Mapping[str, Any]) -> None:
+def _client_certificate(tls: ssl.SSLContext, user: Mapping[str, Any]) -> bool:
+    """Load the user's, if there is one."""
     pair = []
     for key in ("client-certificate", "client-key"):
         if data := user.get(f"{key}-data"):
@@ -203,6 +205,7 @@ def _client_certificate(tls: ssl.SSLContext, user: Mapping[str, Any]) -> None:
         raise LoginError("the kubeconfig's user has a client certificate without its key, or the reverse")
     if pair:
         load_pair(tls, pair[0], pair[1])
+    return bool(pair)
 
 
 def _credentials(user: Mapping[str, Any], cluster: Mapping[str, Any], tls: ssl.SSLContext | None) -> Credentials:

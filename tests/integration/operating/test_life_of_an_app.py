@@ -8,6 +8,7 @@ import pytest
 from tests.support.live import HandBinder, Tenant, eventually, part, pool
 
 from robotapp_api.model.names import FLEET_CONFIG_MAP
+from robotapp_api.serving.tls import AUTHENTICATION
 from robotapp_testbed import ControlPlane, namespaces, product, topology
 
 pytestmark = pytest.mark.usefixtures("operator")
@@ -186,6 +187,7 @@ def test_another_parameters_file_rolls_the_pods(tenant: Tenant, ids: str) -> Non
         ("watch", "configmaps", True),
         ("create", "configmaps", False),
         *((verb, FLEET_CONFIG_MAP, False) for verb in ("get", "update", "delete")),
+        ("get", AUTHENTICATION[1], False),  # whose client certificates are good at its own port
     }, "it looks at ConfigMaps that apps name, one by one, and writes the fleet view"
 
 

@@ -17,6 +17,7 @@ from tests.support.clients import FakeTime
 from robotapp_api.client.credentials import Credentials, ExecPlugin, Token, file_source
 from robotapp_api.client.errors import LoginError
 from robotapp_api.client.login import default_kubeconfigs, load
+from robotapp_api.client.resuming import Resuming
 
 
 @pytest.fixture(scope="module")
@@ -69,6 +70,23 @@ def test_another_context_may_be_named(tmp_path: Path) -> None:
     assert load(write(tmp_path / "k"), "y").namespace == "default"
     with pytest.raises(LoginError, match="no context 'z'; it has: x, y"):
         load(write(tmp_path / "k"), "z")
+
+
+def test_sessions_are_taken_up_unless_a_certificate_says_who_we_are(tmp_path: Path, pair: tuple[Path, Path]) -> None:
+    """One that is renewed would not be shown again."""
+    certificate, key = pair
+    users: dict[bool, list[dict[str, Any]]] = {
+        True: [{"token": "secret"}],
+        False: [
+            {"client-certificate": str(certificate), "client-key": str(key)},
+            {"exec": {"command": "login", "apiVersion": "client.authentication.k8s.io/v1"}},
+        ],
+    }
+    for taken_up, described in users.items():
+        for user in described:
+            context = load(write(tmp_path / "k", user=user)).tls
+            assert context is not None
+            assert (context.sslobject_class is Resuming) is taken_up
 
 
 def test_plain_http_has_no_tls(tmp_path: Path) -> None:

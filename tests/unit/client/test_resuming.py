@@ -1,0 +1,96 @@
+"""A second connection to the same server takes up the TLS session of the first."""
+
+import asyncio
+import ssl
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+from tests.support.certificates import Authority
+from tests.support.clients import until
+
+from robotapp_api.client import Endpoint
+from robotapp_api.client.dialing import Dialer
+from robotapp_api.client.resuming import resuming
+from robotapp_api.client.wire import Answer, Connection, Exchange, Outcome
+
+ANSWER = b"HTTP/1.1 200 OK\r\nContent-Length: 0\r\n\r\n"
+
+
+@asynccontextmanager
+async def tls_server(folder: Path, authority: Authority, port: int = 0) -> AsyncIterator[int]:
+    """Answers every request; gives its port."""
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        while await reader.read(65536):
+            writer.write(ANSWER)
+        writer.close()
+
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(*authority.server(folder, "localhost"))
+    server = await asyncio.start_server(serve, "127.0.0.1", port, ssl=context)
+    async with server:
+        yield server.sockets[0].getsockname()[1]
+
+
+async def connected(dialer: Dialer) -> Connection:
+    """A connection that has carried a request."""
+    loop = asyncio.get_running_loop()
+    connection = await dialer.connect(lambda: Connection(loop, lambda _: None), timeout_s=5)
+    ended: list[Outcome] = []
+    request = b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n"
+    connection.begin(Exchange(request, ended.append, timeout_s=5, deadline_s=loop.time() + 5))
+    await until(lambda: bool(ended), what="the answer")
+    assert isinstance(ended[0], Answer)
+    return connection
+
+
+def reused(connection: Connection) -> bool:
+    assert connection.transport is not None
+    return bool(connection.transport.get_extra_info("ssl_object").session_reused)
+
+
+@pytest.fixture
+def authority() -> Authority:
+    return Authority()
+
+
+@pytest.mark.parametrize(("taken_up", "expected"), [(True, [False, True, True]), (False, [False, False, False])])
+async def test_who_was_spoken_to_before_is_not_proved_again(
+    tmp_path: Path, authority: Authority, *, taken_up: bool, expected: list[bool]
+) -> None:
+    context = ssl.create_default_context(cadata=authority.pem)
+    async with tls_server(tmp_path, authority) as port:
+        dialer = Dialer(Endpoint(f"https://localhost:{port}", resuming(context) if taken_up else context))
+        assert [reused(await connected(dialer)) for _ in range(3)] == expected
+        await dialer.close()
+
+
+async def test_a_server_that_has_forgotten_the_session_is_asked_to_prove_itself(
+    tmp_path: Path, authority: Authority
+) -> None:
+    context = resuming(ssl.create_default_context(cadata=authority.pem))
+    async with tls_server(tmp_path, authority) as port:
+        dialer = Dialer(Endpoint(f"https://localhost:{port}", context))
+        await connected(dialer)
+        assert reused(await connected(dialer))
+        await dialer.close()
+    async with tls_server(tmp_path, authority, port):
+        dialer = Dialer(Endpoint(f"https://localhost:{port}", context))
+        assert not reused(await connected(dialer))
+        await dialer.close()
+
+
+async def test_a_stranger_who_takes_the_place_of_the_server_is_refused(tmp_path: Path, authority: Authority) -> None:
+    context = resuming(ssl.create_default_context(cadata=authority.pem))
+    async with tls_server(tmp_path, authority) as port:
+        dialer = Dialer(Endpoint(f"https://localhost:{port}", context))
+        await connected(dialer)
+        assert reused(await connected(dialer))
+        await dialer.close()
+    async with tls_server(tmp_path, Authority(), port):
+        dialer = Dialer(Endpoint(f"https://localhost:{port}", context))
+        with pytest.raises(Exception, match="certificate verify failed"):
+            await connected(dialer)
+        await dialer.close()
