@@ -26,7 +26,7 @@ from robotapp_scheduler.core.groups import groups_of
 from robotapp_scheduler.core.profiles import Catalogue, Profile
 from robotapp_scheduler.options import Options
 from robotapp_scheduler.plugins.registry import catalogue
-from robotapp_scheduler.shell import collector, events, health, huge_pages
+from robotapp_scheduler.shell import collector, health, huge_pages
 from robotapp_scheduler.shell.answers import Answers, Everything
 from robotapp_scheduler.shell.binder import Binder
 from robotapp_scheduler.shell.claim_users import ClaimUsers
@@ -40,7 +40,7 @@ from robotapp_scheduler.shell.group_report import GroupReporter
 from robotapp_scheduler.shell.intake import Intake
 from robotapp_scheduler.shell.kubelet_refusals import KubeletRefusals
 from robotapp_scheduler.shell.logs import without_broken_off
-from robotapp_scheduler.shell.loop import IN_FLIGHT, SchedulerLoop
+from robotapp_scheduler.shell.loop import SchedulerLoop
 from robotapp_scheduler.shell.metrics import Metrics
 from robotapp_scheduler.shell.placing import Placer
 from robotapp_scheduler.shell.planner import Planner
@@ -57,8 +57,8 @@ log = logging.getLogger(__name__)
 
 CLOCK = time.monotonic
 STOP_TIMEOUT_S = 5.0
-CONNECTIONS = IN_FLIGHT + events.IN_FLIGHT + 8
-"""Opened as they are needed: one for each bind and Event on its way. Those in line would keep the API server waiting."""
+CONNECTIONS = 64
+"""Opened as they are needed. With half as many the API server gets too little at once; more cost more to open than they bring."""
 STALLED_S = 30.0
 """A loop that has not turned for this long is not alive."""
 SWEEP_CHANGES = int(Change.POD_REMOVED | Change.POD_SEEN | Change.CLAIMS | Change.APPS | Change.OWNERS)
