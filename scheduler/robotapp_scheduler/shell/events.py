@@ -12,8 +12,8 @@ from robotapp_scheduler.core.objects import Pod
 
 QUEUE = 20_000
 """Deep enough for the events of a burst of placements, so that none is dropped while the API server catches up."""
-IN_FLIGHT = 32
-"""Writes at once: half as many as there are binds, so that Events do not trail behind them."""
+IN_FLIGHT = 48
+"""Writes at once: as many as bring Events to an end soon after the binds."""
 
 
 class PodEvents:

@@ -11,10 +11,10 @@ import time
 from collections.abc import Callable
 from typing import Final
 
-TOGETHER: Final = 24
+TOGETHER: Final = 48
 """So many answers are to gather: few enough that the API server always has others to work on."""
 LEAST_S: Final = 0.0005
-MOST_S: Final = 0.02
+MOST_S: Final = 0.03
 TURNS: Final = 4
 """What one turn of the event loop reads wakes who decides and writes in the next ones: only then there is nothing to do."""
 

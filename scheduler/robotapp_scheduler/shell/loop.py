@@ -27,8 +27,8 @@ from robotapp_scheduler.shell.reserve import READY, Reserved
 
 log = logging.getLogger(__name__)
 
-IN_FLIGHT = 64
-"""Pods between decision and answered bind; more only makes the API server queue them."""
+IN_FLIGHT = 128
+"""Pods between decision and answered bind: enough that the API server is busy while answers gather."""
 SLICE = 32
 SLICE_S = 0.002
 """Decisions before what has arrived meanwhile is taken: so many, or as many as take so long."""
