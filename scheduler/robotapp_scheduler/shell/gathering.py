@@ -7,7 +7,7 @@ they are taken there is no rest at all.
 """
 
 import asyncio
-import time
+import select
 from collections.abc import Callable
 from typing import Final
 
@@ -26,11 +26,11 @@ class Gathering:
     """
 
     def __init__(
-        self, busy: Callable[[], bool], taken: Callable[[], int], *, rest: Callable[[float], None] = time.sleep
+        self, busy: Callable[[], bool], taken: Callable[[], int], *, rest: Callable[[float], object] | None = None
     ) -> None:
         self._busy = busy
         self._taken = taken
-        self._rest = rest
+        self._rest = rest or _rest
         self._begun = False
         self._seen = self._rested_at = 0
         self._empty_turns = 0
@@ -64,3 +64,8 @@ class Gathering:
         self._rested_at = self._seen
         self._empty_turns = 0
         self._rest(self._rest_s)
+
+
+def _rest(seconds: float) -> None:
+    """A sleep by a duration: `time.sleep` sleeps until a time, which fails when somebody moves the clocks of the process."""
+    select.select((), (), (), seconds)

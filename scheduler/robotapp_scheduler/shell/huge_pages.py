@@ -9,7 +9,6 @@ import asyncio
 import ctypes
 import logging
 import mmap
-import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Final
@@ -23,8 +22,6 @@ COLLAPSE: Final = 25
 MAPS: Final = Path("/proc/self/maps")
 SETTING: Final = Path("/sys/kernel/mm/transparent_hugepage/enabled")
 PERIOD_S: Final = 3600.0
-PAUSE_S: Final = 0.001
-"""Between two pages: while one is made no other thread can get memory."""
 
 
 async def run(filled: asyncio.Event) -> None:
@@ -47,7 +44,6 @@ def collapse() -> int:
         for page in range(begin, end, SIZE):
             if advise(page, SIZE, COLLAPSE) == 0:  # refused where nothing was ever written, such as unused stacks
                 made += 1
-                time.sleep(PAUSE_S)
     return made
 
 
