@@ -70,7 +70,7 @@ class Mirror:
         span = resources.span("requested", names)
         if span is None:
             return None
-        held = len(resources.ledger) - len(self._free)
+        held = resources.held_from
         return self._free[span.start - held : span.stop - held]
 
     def _make(self) -> None:

@@ -19,6 +19,11 @@ TURNS: Final = 4
 """What one turn of the event loop reads wakes who decides and writes in the next ones: only then there is nothing to do."""
 
 
+def _rest(seconds: float) -> None:
+    """A sleep by a duration: `time.sleep` sleeps until a time, which fails when somebody moves the clocks of the process."""
+    select.select((), (), (), seconds)
+
+
 class Gathering:
     """`begin` when there may be load; from then on the event loop rests whenever it has nothing to do, until there is none.
 
@@ -26,11 +31,11 @@ class Gathering:
     """
 
     def __init__(
-        self, busy: Callable[[], bool], taken: Callable[[], int], *, rest: Callable[[float], object] | None = None
+        self, busy: Callable[[], bool], taken: Callable[[], int], *, rest: Callable[[float], None] = _rest
     ) -> None:
         self._busy = busy
         self._taken = taken
-        self._rest = rest or _rest
+        self._rest = rest
         self._begun = False
         self._seen = self._rested_at = 0
         self._empty_turns = 0
@@ -64,8 +69,3 @@ class Gathering:
         self._rested_at = self._seen
         self._empty_turns = 0
         self._rest(self._rest_s)
-
-
-def _rest(seconds: float) -> None:
-    """A sleep by a duration: `time.sleep` sleeps until a time, which fails when somebody moves the clocks of the process."""
-    select.select((), (), (), seconds)

@@ -51,6 +51,16 @@ def reused(connection: Connection) -> bool:
     return bool(connection.transport.get_extra_info("ssl_object").session_reused)
 
 
+async def spoken_to(folder: Path, authority: Authority, context: ssl.SSLContext) -> int:
+    """The port of a server that is gone again, whose session `context` remembers."""
+    async with tls_server(folder, authority) as port:
+        dialer = Dialer(Endpoint(f"https://localhost:{port}", context))
+        await connected(dialer)
+        assert reused(await connected(dialer))
+        await dialer.close()
+    return port
+
+
 @pytest.fixture
 def authority() -> Authority:
     return Authority()
@@ -71,11 +81,7 @@ async def test_a_server_that_has_forgotten_the_session_is_asked_to_prove_itself(
     tmp_path: Path, authority: Authority
 ) -> None:
     context = resuming(ssl.create_default_context(cadata=authority.pem))
-    async with tls_server(tmp_path, authority) as port:
-        dialer = Dialer(Endpoint(f"https://localhost:{port}", context))
-        await connected(dialer)
-        assert reused(await connected(dialer))
-        await dialer.close()
+    port = await spoken_to(tmp_path, authority, context)
     async with tls_server(tmp_path, authority, port):
         dialer = Dialer(Endpoint(f"https://localhost:{port}", context))
         assert not reused(await connected(dialer))
@@ -84,11 +90,7 @@ async def test_a_server_that_has_forgotten_the_session_is_asked_to_prove_itself(
 
 async def test_a_stranger_who_takes_the_place_of_the_server_is_refused(tmp_path: Path, authority: Authority) -> None:
     context = resuming(ssl.create_default_context(cadata=authority.pem))
-    async with tls_server(tmp_path, authority) as port:
-        dialer = Dialer(Endpoint(f"https://localhost:{port}", context))
-        await connected(dialer)
-        assert reused(await connected(dialer))
-        await dialer.close()
+    port = await spoken_to(tmp_path, authority, context)
     async with tls_server(tmp_path, Authority(), port):
         dialer = Dialer(Endpoint(f"https://localhost:{port}", context))
         with pytest.raises(Exception, match="certificate verify failed"):
