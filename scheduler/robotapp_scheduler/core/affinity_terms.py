@@ -43,6 +43,12 @@ class Term(NamedTuple):
                 return False
         return matches_requirements(self.requirements, labels)
 
+    def may_concern(self, namespace: str, labels: Mapping[str, str]) -> bool:
+        """Does it mean this pod, if the pod's namespace has the labels it asks for?"""
+        if self.requirements is None or (namespace not in self.namespaces and self.namespace_requirements is None):
+            return False
+        return matches_requirements(self.requirements, labels)
+
     def matcher(self, namespaces: Namespaces) -> PodMatcher:
         """Which placed pods the term of a pod that is to be placed means."""
         wanted = self.namespace_requirements
@@ -132,6 +138,12 @@ def compiled(namespace: str, affinity: Affinity) -> Terms:
         (*preferred(towards, 1, "podAffinity"), *preferred(away, -1, "podAntiAffinity")),
         ", ".join(broken),
     )
+
+
+def attracts_itself(namespace: str, labels: Mapping[str, str], affinity: Affinity | None) -> bool:
+    """Do all required affinity terms of a pod mean the pod itself? Then it may go anywhere where there is nobody they mean."""
+    required = compiled(namespace, affinity).affinity if affinity is not None else ()
+    return bool(required) and all(term.may_concern(namespace, labels) for term in required)
 
 
 def _readable(selector: Mapping[str, object] | None) -> bool:

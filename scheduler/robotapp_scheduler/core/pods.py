@@ -13,6 +13,7 @@ import msgspec
 from robotapp_api.model.names import Label
 from robotapp_api.values.requests import PodRequests
 from robotapp_scheduler.core.affinity_index import PlacedTerm
+from robotapp_scheduler.core.affinity_terms import attracts_itself
 from robotapp_scheduler.core.annotations import parse_annotations
 from robotapp_scheduler.core.label_sets import LabelSet
 from robotapp_scheduler.core.lazy import Lazy
@@ -224,6 +225,7 @@ FEATURES: Final[dict[str, Callable[[PodInfo], Hashable]]] = {
     "node_affinity": lambda pod: pod.node_affinity,
     "affinity": lambda pod: msgspec.json.encode(pod.affinity) if pod.affinity else b"",
     "pod_affinity": lambda pod: pod.affinity_key,
+    "self_affinity": lambda pod: attracts_itself(pod.namespace, pod.labels, pod.affinity),
     "controller": lambda pod: (owner.api_version, owner.kind, owner.name) if (owner := pod.controller) else None,
     "images": lambda pod: pod.images,
     "tolerations": lambda pod: pod.tolerations,

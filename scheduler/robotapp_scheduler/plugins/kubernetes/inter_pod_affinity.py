@@ -27,6 +27,7 @@ RESOLVABLE: Final = (True, False, True, True)
 _AFFINITY: Final = 1
 _ANTI_AFFINITY: Final = 2
 _EXISTING: Final = 3
+_SELF_AFFINITY: Final = ("self_affinity",)
 
 
 class AffinityArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
@@ -47,7 +48,7 @@ class InterPodAffinity:
     name = "InterPodAffinity"
     reads = ("labels", "namespace", "pod_affinity")
     node_reads = ("labels", "namespaces", "pods")
-    hint_reads = ("namespace", "pod_affinity")
+    hint_reads = ("namespace", "pod_affinity", "self_affinity")
     events = PLACED | Change.NODE_ADDED | Change.LABELS | Change.NOMINATED | Change.NAMESPACES
     normalize = "minmax"
     Args = AffinityArgs
@@ -149,12 +150,16 @@ class InterPodAffinity:
         return Beside(takes)
 
     def hint(self, pod: PodInfo, event: Event) -> bool:
-        """A pod came that is wanted, one went that is in the way, nodes changed a topology key, or namespaces their labels."""
+        """A pod came that is wanted, one went that is in the way, nodes changed a topology key, or namespaces their labels.
+
+        And a pod went that is wanted, if this one is of its kind: it may have been the last, and the first of a kind may
+        go anywhere. kube-scheduler 1.37.1 lets such a pod wait five minutes (kubernetes/kubernetes#141354).
+        """
         if event.change & Change.SELF:
             return bool((event.old.metadata.labels or {}) != (event.new.metadata.labels or {}))
         terms = _readable(pod)
         if event.resource == "nodes":
-            return _node_matters(event.old, event.new, terms)
+            return _node_matters(event.old, event.new, pod, terms)
         if event.resource == "namespaces":
             return _namespace_matters(event.old, event.new, pod, terms)
         return _company_matters(event, pod, terms)
@@ -215,11 +220,11 @@ def _away(affinity: Affinity | None) -> tuple[PodAffinityTerm, ...]:
 
 def _may_mean(term: Term, pod: PodInfo | PlacedPod) -> bool:
     """Does the term mean the pod, if its namespace has the labels it asks for?"""
-    return term.concerns(pod.namespace, pod.labels, {}) or (
-        term.namespace_requirements is not None
-        and term.requirements is not None
-        and matches_requirements(term.requirements, pod.labels)
-    )
+    return term.may_concern(pod.namespace, pod.labels)
+
+
+def _may_be_first(pod: PodInfo) -> bool:
+    return bool(pod.features(_SELF_AFFINITY)[0])
 
 
 def _wanted(terms: Terms, other: PodInfo) -> bool:
@@ -227,9 +232,11 @@ def _wanted(terms: Terms, other: PodInfo) -> bool:
 
 
 def _in_the_way(pod: PodInfo, terms: Terms, other: PodInfo) -> bool:
-    """Did the other pod keep the pod away, or the pod's own terms it?"""
+    """Did the other pod keep the pod away, or the pod's own terms it, or was there one of its kind elsewhere?"""
     theirs = _readable(other).anti_affinity
-    return any(_may_mean(term, other) for term in terms.anti_affinity) or any(_may_mean(term, pod) for term in theirs)
+    if any(_may_mean(term, other) for term in terms.anti_affinity) or any(_may_mean(term, pod) for term in theirs):
+        return True
+    return _may_be_first(pod) and _wanted(terms, other)
 
 
 def _company_matters(event: Event, pod: PodInfo, terms: Terms) -> bool:
@@ -243,7 +250,8 @@ def _company_matters(event: Event, pod: PodInfo, terms: Terms) -> bool:
     if new is None or old is None or old.labels == new.labels:
         return False
     freed = any(_may_mean(term, old) and not _may_mean(term, new) for term in terms.anti_affinity)
-    return freed or (_wanted(terms, new) and not _wanted(terms, old))
+    before, after = _wanted(terms, old), _wanted(terms, new)
+    return freed or (before != after and (after or _may_be_first(pod)))
 
 
 def _namespace_matters(old: Namespace | None, new: Namespace | None, pod: PodInfo, terms: Terms) -> bool:
@@ -260,7 +268,7 @@ def _meets(wanted: Requirements, namespace: Namespace) -> bool:
     return matches_requirements(wanted, namespace.metadata.labels or {})
 
 
-def _node_matters(old: Node | None, new: Node | None, terms: Terms) -> bool:
+def _node_matters(old: Node | None, new: Node | None, pod: PodInfo, terms: Terms) -> bool:
     if new is None:
         return False
     if old is None and terms.anti_affinity:
@@ -268,5 +276,6 @@ def _node_matters(old: Node | None, new: Node | None, terms: Terms) -> bool:
     before = (old.metadata.labels or {}) if old is not None else {}
     after = new.metadata.labels or {}
     joins = any(after.get(t.topology_key) not in {None, before.get(t.topology_key)} for t in terms.affinity)
-    leaves = any(before.get(t.topology_key) not in {None, after.get(t.topology_key)} for t in terms.anti_affinity)
+    left = (*terms.anti_affinity, *(terms.affinity if _may_be_first(pod) else ()))
+    leaves = any(before.get(t.topology_key) not in {None, after.get(t.topology_key)} for t in left)
     return joins or leaves
