@@ -282,12 +282,20 @@ def test_the_default_pool_is_the_one_of_the_design(chart: Chart) -> None:
         ("domainPool.sharedIds=7\\,3", 'domainPool.sharedIds: "3" in "7,3"'),
         ("scheduler.logFormat=xml", "/scheduler/logFormat"),
         ("scheduler.config.kind=Other", "/scheduler/config/kind"),
+        ("operator.tls.secretName=My_Certificate", "/operator/tls/secretName"),
+        ("scheduler=null", "missing property 'scheduler'"),
+        ("operator.tls=null", "at '/operator': missing property 'tls'"),
     ],
 )
 def test_wrong_values_are_refused_with_their_place(chart: Chart, value: str, where: str) -> None:
     key, _, text = value.partition("=")
     with pytest.raises(CommandError, match=re.escape(where)):
         chart.render({key: text})
+
+
+def test_values_that_may_be_empty_may_be_left_without_a_value(chart: Chart) -> None:
+    empty = ("domainPool.sharedIds", "imagePullSecrets", "operator.tls.secretName", "scheduler.affinity")
+    assert chart.render(dict.fromkeys(empty, "null")) == chart.render()
 
 
 def test_policies_name_the_account_of_this_release(chart: Chart) -> None:

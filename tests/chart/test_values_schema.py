@@ -18,6 +18,8 @@ PASSED_ON = {
     *(f"{part}.{key}" for part in ("operator", "scheduler") for key in ("resources", "affinity")),
     "scheduler.config",
 }
+# What a person may take away with null: the container then has neither requests nor limits.
+REMOVABLE = {f"{part}.resources" for part in ("operator", "scheduler")}
 KINDS: dict[str, tuple[type, ...]] = {
     "object": (dict,),
     "array": (list,),
@@ -78,3 +80,11 @@ def test_every_default_is_described() -> None:
                 yield from keys(child, where)
 
     assert set(keys(VALUES)) <= set(DESCRIBED)
+
+
+def test_a_value_whose_default_says_something_is_not_emptied() -> None:
+    """A key with nothing behind it takes the default away; templates would stop in the middle, or leave out what it says."""
+    needed = {path for path in DESCRIBED if path not in {"global", *REMOVABLE} and default_of(path)}
+    objects = {"": SCHEMA} | {path: schema for path, schema in DESCRIBED.items() if path not in PASSED_ON}
+    required = {f"{path}.{key}".lstrip(".") for path, schema in objects.items() for key in schema.get("required", ())}
+    assert required == needed
