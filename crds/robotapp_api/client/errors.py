@@ -24,6 +24,10 @@ class Unreachable(ClientError):
         self.maybe_applied = maybe_applied
 
 
+class Silent(Unreachable):
+    """An answer had begun, and nothing more of it was heard for as long as we listen."""
+
+
 class LoginError(ClientError):
     """No usable credentials; the text names the file or plug-in and the cure."""
 

@@ -21,6 +21,7 @@ from robotapp_api.client.errors import (
     ClientError,
     Gone,
     Invalid,
+    Silent,
     TooManyRequests,
     describe,
     error_from_response,
@@ -42,7 +43,12 @@ T = TypeVar("T")
 log = logging.getLogger(__name__)
 
 INACTIVITY_S: Final = 75.0
-"""Bookmarks come once a minute, so silence beyond that means a dead connection, not a quiet cluster."""
+"""Bookmarks come once a minute, so in longer silence we ask: the watch is opened anew where it stands.
+
+Either the connection is dead, or all is quiet: an API server sends no bookmark before its cache has moved past the
+version the watch began at, and the cache of a resource in which nothing happens moves as seldom as etcd tells of its
+progress (every ten minutes by default; kube-apiserver 1.37, cacheWatcher.process; two minutes of silence seen live).
+"""
 SERVER_TIMEOUT_S: Final = (300.0, 600.0)
 STEADY_S: Final = 5.0
 """A watch that lived this long was a good one even if nothing happened in it."""
@@ -70,6 +76,7 @@ class ReflectorStats:
     events: int = 0
     gone: int = 0
     failures: int = 0
+    silences: int = 0
     undecodable: int = 0
     callback_failures: int = 0
 
@@ -157,6 +164,11 @@ class Reflector(Generic[T]):
             self._answered = True
             at_once = self._fruitless == 0
             self._list_again("history is gone", error)
+        except Silent as error:
+            self.stats.silences += 1
+            at_once = True
+            level = logging.DEBUG if self._initial is None else logging.WARNING  # in the midst of a list it is no rest
+            log.log(level, "%s: %s, asking again", self, error)
         except ClientError as error:
             self.stats.failures += 1
             wish_s = error.retry_after_s if isinstance(error, ApiError) else None

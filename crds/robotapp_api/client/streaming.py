@@ -12,7 +12,7 @@ from typing import Final
 import httptools
 
 from robotapp_api.client.dialing import CONNECT_TIMEOUT_S, GRAIN_S, Dialer, NotSentError, Speaker
-from robotapp_api.client.errors import Unreachable
+from robotapp_api.client.errors import Silent, Unreachable
 from robotapp_api.client.wire import Headers
 
 FULL_BYTES: Final = 8 * 2**20
@@ -23,7 +23,7 @@ class Streaming(Speaker):
     """One connection with one answer. Methods named on_… are called by the parser; `where` is for messages.
 
     Whatever arrived before the end is handed on first; then a complete answer ends, and one that broke off raises
-    Unreachable: after `silence_s` without a byte, when the connection is lost, or when it is no HTTP.
+    Unreachable: when the connection is lost, when it is no HTTP, or Silent after `silence_s` without a byte.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop, *, where: str, silence_s: float) -> None:
@@ -42,8 +42,7 @@ class Streaming(Speaker):
         self._size = 0
         self._take: Callable[[list[bytes]], None] | None = None
         self._refusal: Exception | None = None
-        self._paused = False
-        self._complete = False
+        self._paused = self._complete = self._silent = False
         self._problem = ""
         self._news: asyncio.Future[None] | None = None
 
@@ -102,7 +101,8 @@ class Streaming(Speaker):
             self._news = None
 
     def _broken(self) -> Unreachable:
-        return Unreachable(f"{self._where}: {self._problem or 'the connection is closed'}", maybe_applied=False)
+        kind = Silent if self._silent else Unreachable
+        return kind(f"{self._where}: {self._problem or 'the connection is closed'}", maybe_applied=False)
 
     def fail(self, what: str) -> None:
         self._problem = self._problem or what
@@ -129,6 +129,7 @@ class Streaming(Speaker):
         now_s = self._loop.time()
         due_s = (now_s if self._paused else self._heard_s) + self._silence_s
         if now_s >= due_s - GRAIN_S:
+            self._silent = self.status != 0
             self.fail(f"nothing was heard for {self._silence_s:g} s")
         else:
             self._listener = self._loop.call_at(due_s, self._listen)

@@ -102,6 +102,19 @@ async def test_a_mirror_and_a_client_survive_the_death_of_the_server(plane: Cont
         assert "default/later" in watcher.mirror.store
 
 
+async def test_a_watch_in_which_nothing_happens_is_opened_anew_in_silence(
+    client: ApiClient, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Nobody sends bookmarks of an empty resource as long as the server's cache stands where the watch began."""
+    async with watching(client, inactivity_s=0.3) as watcher:
+        stats = watcher.mirror.stats
+        await until(lambda: stats.silences >= 2)
+        assert (stats.failures, stats.lists) == (0, 1)
+        await client.create(CONFIGMAPS, marked("at-last"))
+        await until(lambda: watcher.told == ["ADDED at-last"])
+    assert not caplog.records
+
+
 async def test_a_paused_server_is_noticed_by_its_silence(plane: ControlPlane, client: ApiClient) -> None:
     hasty = client_for(load(plane.kubeconfig("admin")), timeout_s=2.0)
     async with hasty, watching(client, inactivity_s=0.4) as watcher:

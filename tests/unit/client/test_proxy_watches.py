@@ -110,7 +110,7 @@ async def test_a_stalled_watch_is_given_up(proxy: FaultProxy, api: FakeApiServer
     async with mirrored(proxy, api, inactivity_s=0.1) as mirror:
         put(api, "a")
         await until(lambda: "default/a" in mirror.store)
-        assert mirror.stats.failures == 1
+        assert (mirror.stats.silences, mirror.stats.failures) == (1, 0)
 
 
 async def test_open_watches_can_be_cut(proxy: FaultProxy, api: FakeApiServer) -> None:

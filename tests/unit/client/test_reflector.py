@@ -234,21 +234,6 @@ async def test_an_event_resets_the_pauses() -> None:
     assert seen.paused == [1, 2, 1]
 
 
-async def test_silence_beyond_the_bookmarks_is_a_dead_connection() -> None:
-    async with mirror(listing(9), watch(then="hang"), watch(then="hang"), inactivity_s=0.05) as seen:
-        await seen.asked(3)
-    assert seen.queries[2]["resourceVersion"] == "9"
-    assert seen.reflector.stats.failures >= 1
-
-
-async def test_bookmarks_keep_a_quiet_watch_alive() -> None:
-    async with mirror(listing(9), watch(bookmark(10), then="hang")) as seen:
-        assert seen.reflector.last_contact_s == float("inf")
-        await until(lambda: seen.reflector.resource_version == "10")
-        assert seen.reflector.last_contact_s < 5
-        assert seen.told == []
-
-
 async def test_a_failing_list_is_tried_again_and_again() -> None:
     async with mirror(*[refusal(403, "Forbidden")] * 3, listing(9), watch(then="hang")) as seen:
         await seen.asked(5)
