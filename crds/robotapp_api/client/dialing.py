@@ -57,6 +57,8 @@ class Dialer:
         self.host_header = parts.netloc.rpartition("@")[2]
         self.prefix = parts.path.rstrip("/")
         self.open: set[Speaker] = set()
+        self._proved: Resuming | None = None
+        """Before whom the server has proved itself last; None when that session is remembered."""
         self._endpoint = endpoint
         self._host = parts.hostname or ""
         self._port = parts.port or (443 if parts.scheme == "https" else 80)
@@ -93,11 +95,12 @@ class Dialer:
         nobody cancels: its socket is shut down, which ends it.
         """
         tls = self._endpoint.tls
-        self._remember_session()
+        if self._proved is not None and self._proved.remember():
+            self._proved = None
         name = (self._endpoint.server_hostname or self._host) if tls else None
         made = loop.create_task(loop.create_connection(speaker, sock=sock, ssl=tls, server_hostname=name))
         try:
-            return (await asyncio.shield(made))[1]
+            transport, speaking = await asyncio.shield(made)
         except asyncio.CancelledError:
             with contextlib.suppress(OSError):
                 sock.shutdown(socket.SHUT_RDWR)
@@ -105,15 +108,10 @@ class Dialer:
             if made.done() and not made.exception():
                 made.result()[1].end()
             raise
-
-    def _remember_session(self) -> None:
-        """Of any open connection: a ticket comes some time after the handshake."""
-        for speaker in self.open:
-            if speaker.transport is not None:
-                spoken = speaker.transport.get_extra_info("ssl_object")
-                if isinstance(spoken, Resuming):
-                    spoken.remember()
-                return
+        spoken = transport.get_extra_info("ssl_object")
+        if isinstance(spoken, Resuming) and not spoken.session_reused:
+            self._proved = spoken
+        return speaking
 
 
 async def _connected_socket(loop: asyncio.AbstractEventLoop, host: str, port: int) -> socket.socket:

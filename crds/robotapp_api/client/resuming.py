@@ -34,8 +34,14 @@ class Resuming(ssl.SSLObject):
                 self.session = known
         super().do_handshake()
 
-    def remember(self) -> None:
-        """The next connections take this session up, if the server has given a ticket for it by now."""
+    def remember(self) -> bool:
+        """The next connections take this session up, if the server has given a ticket for it by now: whether it has.
+
+        Asking OpenSSL for a session decodes the server's certificate anew: of a connection that has itself taken one up
+        that is a quarter of all it costs, and for nothing.
+        """
         session = self.session
-        if session is not None and session.has_ticket:
-            _sessions[self.context] = session
+        if session is None or not session.has_ticket:
+            return False
+        _sessions[self.context] = session
+        return True

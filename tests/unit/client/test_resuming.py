@@ -12,7 +12,7 @@ from tests.support.clients import until
 
 from robotapp_api.client import Endpoint
 from robotapp_api.client.dialing import Dialer
-from robotapp_api.client.resuming import resuming
+from robotapp_api.client.resuming import Resuming, resuming
 from robotapp_api.client.wire import Answer, Connection, Exchange, Outcome
 
 ANSWER = b"HTTP/1.1 200 OK\r\nContent-Length: 0\r\n\r\n"
@@ -74,6 +74,20 @@ async def test_who_was_spoken_to_before_is_not_proved_again(
     async with tls_server(tmp_path, authority) as port:
         dialer = Dialer(Endpoint(f"https://localhost:{port}", resuming(context) if taken_up else context))
         assert [reused(await connected(dialer)) for _ in range(3)] == expected
+        await dialer.close()
+
+
+async def test_a_connection_that_has_taken_a_session_up_is_not_asked_for_its_own(
+    tmp_path: Path, authority: Authority, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[Resuming] = []
+    remember = Resuming.remember
+    monkeypatch.setattr(Resuming, "remember", lambda spoken: (asked.append(spoken), remember(spoken))[1])
+    async with tls_server(tmp_path, authority) as port:
+        context = resuming(ssl.create_default_context(cadata=authority.pem))
+        dialer = Dialer(Endpoint(f"https://localhost:{port}", context))
+        assert [reused(await connected(dialer)) for _ in range(4)] == [False, True, True, True]
+        assert [spoken.session_reused for spoken in asked] == [False]
         await dialer.close()
 
 
