@@ -13,7 +13,7 @@ _CLAIMS_GONE_S = 30.0
 
 
 def survive_kills(stage: Stage, world: World) -> None:
-    stage.step("6", f"kill -9 of operator and scheduler in the middle of {_APPS} applications")
+    stage.step(f"kill -9 of operator and scheduler in the middle of {_APPS} applications")
     names = [f"burst-{number:02}" for number in range(_APPS)]
     began_s = time.monotonic()
     world.apply(*(_app(name) for name in names))

@@ -32,7 +32,7 @@ class Leg:
 
 
 def compare_with_kube_scheduler(stage: Stage, world: World) -> None:
-    stage.step("3", f"The same application {_COPIES} times under each scheduler")
+    stage.step(f"The same application {_COPIES} times under each scheduler")
     counts = {}
     for scheduler in ("default-scheduler", "ros-aware-scheduler"):
         with created(world.cluster, f"{NAMESPACE}-{scheduler.partition('-')[0]}") as namespace:

@@ -46,6 +46,7 @@ _CLUSTER = Cluster("demo")
 _STORY_LIMIT_S = 900.0
 _DOWN_LIMIT_S = 180.0
 """A guest removes its namespaces from the user's cluster, which takes as long as that cluster likes."""
+_INTERRUPTED = "\nEnded; nothing is left running."
 
 
 def main() -> int:
@@ -59,6 +60,9 @@ def main() -> int:
     except TestbedError as failure:
         print(f"The demo cannot run: {failure}", file=sys.stderr)
         return 1
+    except KeyboardInterrupt:  # also what --down makes of a story that is being told
+        print(_INTERRUPTED)
+        return 130
 
 
 def _down(kubeconfig: Path | None) -> int:
@@ -123,16 +127,16 @@ def _topology(*, guests: bool = False) -> Topology:
     return Topology(replace(node, taints=[guest.TAINT], labels={guest.GUEST_LABEL: "true"}) for node in nodes)
 
 
-def _tell_on(stage: Stage, cluster: ControlPlane, stack: ExitStack) -> None:
+def _tell_on(stage: Stage, cluster: ControlPlane, stack: ExitStack) -> World:
     world = _set_up(stage, cluster, stack)
     for step in STORY:
         step(stage, world)
     stage.close()
+    return world
 
 
 def _tell_and_stay(stage: Stage, cluster: ControlPlane, stack: ExitStack) -> None:
-    _tell_on(stage, cluster, stack)
-    _how_to_go_on(stage, cluster)
+    how_to_go_on(stage, _tell_on(stage, cluster, stack))
     _leave_terminal()
 
 
@@ -160,12 +164,14 @@ def _set_up(stage: Stage, cluster: ControlPlane, stack: ExitStack) -> World:
     return World(cluster=cluster, operator=operator, scheduler=scheduler, topology=topology, confined=confined)
 
 
-def _how_to_go_on(stage: Stage, cluster: ControlPlane) -> None:
+def how_to_go_on(stage: Stage, world: World) -> None:
+    """Lines to paste: our kubectl comes last on the PATH, for those who have none; the scheduler is no pod to be found."""
+    cluster = world.cluster
     stage.say("\nThe cluster stays up. To play with it, paste:")
-    stage.say(f"  export KUBECONFIG={cluster.kubeconfig()} PATH={ROOT / '.venv/bin'}:$PATH")
-    stage.say(
-        f"  kubectl get ra -n {NAMESPACE};  kubectl robotapp info teleop -n {NAMESPACE};  kubectl explain robotapp.spec"
-    )
+    stage.say(f"  export KUBECONFIG={cluster.kubeconfig()} ROBOTAPP_SCHEDULER_URL={world.scheduler.health_url}")
+    stage.say(f"  export PATH={ROOT / '.venv/bin'}:$PATH:{cluster.run_dir / 'bin'}")
+    stage.say(f"  kubectl get ra -n {NAMESPACE};  kubectl robotapp info teleop -n {NAMESPACE}")
+    stage.say(f"  kubectl robotapp explain teleop -n {NAMESPACE} -o wide;  kubectl explain robotapp.spec")
     stage.say("and end it with  scripts/demo --down")
 
 
@@ -190,7 +196,7 @@ def _start_holder(kubeconfig: Path | None) -> int:
         wait_until(lambda: holder.poll() is not None or _CLUSTER.state() is not None, timeout_s=_STORY_LIMIT_S)
     except KeyboardInterrupt:
         holder.send_signal(signal.SIGKILL)  # the testbed's guard cleans up after it
-        print("\nEnded; nothing is left running.")
+        print(_INTERRUPTED)
         return 130
     holder.returncode = holder.poll() or 0  # it is meant to go on without us
     return holder.returncode

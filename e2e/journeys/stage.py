@@ -19,10 +19,11 @@ class FalseClaimError(AssertionError):
 
 @dataclass
 class Stage:
-    """Where the story is told; counts what was claimed so that the last line can say so."""
+    """Where the story is told; counts its steps, and what was claimed so that the last line can say so."""
 
     console: Console = field(default_factory=lambda: Console(highlight=False, soft_wrap=True, record=True))
     held: int = 0
+    told: int = 0
     started_s: float = field(default_factory=time.monotonic)
 
     def save_svg(self, path: Path) -> None:
@@ -31,9 +32,10 @@ class Stage:
         self.console.width = max(map(cell_len, said), default=self.console.width)
         path.write_text(self.console.export_svg(title="scripts/demo --once", unique_id="demo"))
 
-    def step(self, number: str, title: str) -> None:
+    def step(self, title: str) -> None:
+        self.told += 1
         self.console.print()
-        self.console.rule(f"[bold]{number}  {title}", align="left")
+        self.console.rule(f"[bold]{self.told}  {title}", align="left")
 
     def say(self, text: str) -> None:
         self.console.print(text)

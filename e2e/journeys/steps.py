@@ -13,7 +13,7 @@ _READY_LIMIT_S = 2.0
 
 
 def apply_teleop(stage: Stage, world: World) -> None:
-    stage.step("1", "One object for a robot application")
+    stage.step("One object for a robot application")
     began_s = time.monotonic()
     stage.shell("kubectl apply -f examples/teleop.yaml", world.apply_file("examples/teleop.yaml"))
     app, _ = wait_for("teleop Ready", lambda: _if_ready(world, "teleop"), within_s=30)
@@ -35,14 +35,14 @@ def apply_teleop(stage: Stage, world: World) -> None:
 
 
 def explain_teleop(stage: Stage, world: World) -> None:
-    stage.step("2", "Why there? The scheduler explains every node it refused")
+    stage.step("Why there? The scheduler explains every node it refused")
     text = world.robotapp("explain", "teleop", "--scheduler-url", world.scheduler.health_url)
     stage.shell("kubectl robotapp explain teleop", text)
     stage.claim("the cloud node was refused for its measured latency", "cloud-1: " in text and "ms" in text, text)
 
 
 def share_a_can_bus(stage: Stage, world: World) -> None:
-    stage.step("4", "Two applications, one CAN bus")
+    stage.step("Two applications, one CAN bus")
     stage.shell("kubectl apply -f examples/can-holder.yaml", world.apply_file("examples/can-holder.yaml"))
     wait_for("can-holder Ready", lambda: _if_ready(world, "can-holder"), within_s=30)
     stage.shell("kubectl apply -f examples/can-rival.yaml", world.apply_file("examples/can-rival.yaml"))
@@ -58,7 +58,7 @@ def share_a_can_bus(stage: Stage, world: World) -> None:
 
 
 def render_from_rigel(stage: Stage, world: World) -> None:
-    stage.step("7", "From a Rigelfile to a running application")
+    stage.step("From a Rigelfile to a running application")
     rendered = world.run("rigel-bridge", "render", "examples/rigel/teleop/Rigelfile")
     applied = world.apply(*yaml.safe_load_all(rendered))
     stage.shell("rigel-bridge render examples/rigel/teleop/Rigelfile | kubectl apply -f -", applied)

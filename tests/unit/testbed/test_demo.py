@@ -1,0 +1,47 @@
+"""What `scripts/demo` says around its story; the story itself checks what it says."""
+
+import io
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from rich.console import Console
+
+from journeys import demo
+from journeys.stage import Stage
+
+
+def stage_on_paper() -> tuple[Stage, io.StringIO]:
+    paper = io.StringIO()
+    return Stage(console=Console(file=paper, width=100, soft_wrap=True, highlight=False)), paper
+
+
+def test_steps_are_numbered_as_they_are_told() -> None:
+    stage, paper = stage_on_paper()
+    for title in ("One", "Another"):
+        stage.step(title)
+    assert [line.rstrip("─ ") for line in paper.getvalue().splitlines() if line] == ["1  One", "2  Another"]
+
+
+def test_whoever_goes_on_can_ask_the_scheduler_and_has_a_kubectl() -> None:
+    stage, paper = stage_on_paper()
+    cluster = SimpleNamespace(kubeconfig=lambda: Path("/run/x/admin.yaml"), run_dir=Path("/run/x"))
+    scheduler = SimpleNamespace(health_url="https://127.0.0.1:20001")
+    demo.how_to_go_on(stage, SimpleNamespace(cluster=cluster, scheduler=scheduler))  # type: ignore[arg-type] # all it looks at
+    said = paper.getvalue()
+    assert "export KUBECONFIG=/run/x/admin.yaml ROBOTAPP_SCHEDULER_URL=https://127.0.0.1:20001\n" in said
+    assert "/.venv/bin:$PATH:/run/x/bin\n" in said
+    assert "kubectl robotapp explain teleop -n demo" in said
+
+
+def test_an_interrupted_story_ends_with_a_sentence(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(**_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(demo, "ControlPlane", interrupted)
+    monkeypatch.setattr(sys, "argv", ["demo", "--once"])
+    assert demo.main() == 130
+    assert capsys.readouterr().out == "\nEnded; nothing is left running.\n"
