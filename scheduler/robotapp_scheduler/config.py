@@ -27,10 +27,19 @@ from robotapp_scheduler.config_model import (
     ProfileModel,
 )
 from robotapp_scheduler.config_model import PluginSet as PluginSetModel
-from robotapp_scheduler.core.profiles import Catalogue, PluginRef, PluginSet, Profile, ProfileSpec, build_profiles
+from robotapp_scheduler.core.profiles import (
+    POINTS,
+    Catalogue,
+    PluginRef,
+    PluginSet,
+    Profile,
+    ProfileSpec,
+    build_profiles,
+)
 from robotapp_scheduler.core.profiles import ConfigError as ProfileError
 from robotapp_scheduler.plugin_catalog import with_third_party
 
+KUBE_SCHEDULERS_LEASE = ("kube-system", "kube-scheduler")
 MOST_TEXT = 1 << 20
 """What a ConfigMap may hold."""
 
@@ -200,7 +209,7 @@ def _spec(profile: ProfileModel, catalogue: Catalogue, compat_version: str) -> P
     points = {
         str(info.alias): _plugin_set(getattr(profile.plugins, name))
         for name, info in type(profile.plugins).model_fields.items()
-        if name in profile.plugins.model_fields_set
+        if name in profile.plugins.model_fields_set and info.alias in {"multiPoint", *POINTS}
     }
     return ProfileSpec(
         scheduler_name=profile.scheduler_name or SCHEDULER_NAME,
@@ -263,6 +272,18 @@ def _warnings(model: ConfigurationModel) -> list[str]:
         found.append("parallelism is accepted and ignored: one event loop evaluates all nodes at once")
     if model.client_connection.model_fields_set & {"qps", "burst"}:
         found.append("clientConnection.qps and burst are accepted and ignored: the API server's own fairness limits us")
+    found += [
+        f"clientConnection.{path} is accepted and ignored: application/json is what this client speaks"
+        for path, value in (
+            ("contentType", model.client_connection.content_type),
+            ("acceptContentTypes", model.client_connection.accept_content_types),
+        )
+        if value not in ("", "application/json")
+    ]
+    election = model.leader_election
+    if election.leader_elect and (election.resource_namespace, election.resource_name) == KUBE_SCHEDULERS_LEASE:
+        text = "is kube-scheduler's own Lease: while it leads, this scheduler places nothing, and the other way round"
+        found.append(f"leaderElection: {'/'.join(KUBE_SCHEDULERS_LEASE)} {text}")
     sampled = {"percentageOfNodesToScore": model.percentage_of_nodes_to_score}
     for index, profile in enumerate(model.profiles):
         sampled[f"profiles[{index}].percentageOfNodesToScore"] = profile.percentage_of_nodes_to_score

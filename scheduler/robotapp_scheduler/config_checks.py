@@ -13,6 +13,7 @@ from robotapp_scheduler.config_model import (
     LeaderElectionModel,
     ProfileModel,
 )
+from robotapp_scheduler.core.profiles import POINTS
 
 COMPAT_VERSIONS = ("1.35", "1.37")
 
@@ -82,10 +83,10 @@ def _percentage(path: str, value: int | None) -> Iterator[str]:
 
 
 def _leader_election(model: LeaderElectionModel) -> Iterator[str]:
-    if model.resource_lock != "leases":
-        yield invalid("leaderElection.resourceLock", model.resource_lock, 'resourceLock value must be "leases"')
     if not model.leader_elect:
         return
+    if model.resource_lock != "leases":
+        yield invalid("leaderElection.resourceLock", model.resource_lock, 'resourceLock value must be "leases"')
     if not model.resource_name:
         yield "leaderElection.resourceName: Required value: resourceName is required"
     seconds: dict[str, int] = {}
@@ -102,16 +103,15 @@ def _leader_election(model: LeaderElectionModel) -> Iterator[str]:
             continue
         if seconds[name] <= 0:
             yield invalid(f"leaderElection.{name}", text, "must be greater than zero")
-    if len(seconds) == 3 and not seconds["leaseDuration"] > seconds["renewDeadline"] > seconds["retryPeriod"]:
-        text = "must be greater than renewDeadline, which must be greater than retryPeriod"
-        yield invalid("leaderElection.leaseDuration", model.lease_duration, text)
+    if len(seconds) < 3:
+        return
+    if seconds["leaseDuration"] <= seconds["renewDeadline"]:
+        yield invalid("leaderElection.leaseDuration", model.lease_duration, "must be greater than `RenewDeadline`")
+    if seconds["renewDeadline"] <= seconds["retryPeriod"]:
+        yield invalid("leaderElection.renewDeadline", model.renew_deadline, "must be greater than `RetryPeriod`")
 
 
 def _client(model: ClientConnectionModel) -> Iterator[str]:
-    if model.content_type not in ("", "application/json"):
-        yield unsupported("clientConnection.contentType", "application/json is what this client speaks")
-    if model.accept_content_types not in ("", "application/json"):
-        yield unsupported("clientConnection.acceptContentTypes", "application/json is what this client speaks")
     if model.burst < 0:
         yield invalid("clientConnection.burst", model.burst, "must be non-negative")
 
@@ -129,7 +129,10 @@ def _profile_names(profiles: list[ProfileModel]) -> Iterator[str]:
 
 def _profile(profile: ProfileModel, path: str) -> Iterator[str]:
     for name, info in type(profile.plugins).model_fields.items():
-        for index, ref in enumerate(getattr(profile.plugins, name).enabled):
+        enabled = getattr(profile.plugins, name).enabled
+        if enabled and info.alias not in POINTS and name != "multi_point":
+            yield unsupported(f"{path}.plugins.{info.alias}", "the pods of a group are planned whole without it")
+        for index, ref in enumerate(enabled):
             if ref.weight < 0:
                 at = f"{path}.plugins.{info.alias}.enabled[{index}].weight"
                 yield invalid(at, ref.weight, "should be an integer value greater than or equal to zero")

@@ -51,6 +51,9 @@ class Plugins(Strict):
     pre_bind: PluginSet = Field(default_factory=PluginSet)
     bind: PluginSet = Field(default_factory=PluginSet)
     post_bind: PluginSet = Field(default_factory=PluginSet)
+    placement_generate: PluginSet = Field(default_factory=PluginSet)
+    placement_score: PluginSet = Field(default_factory=PluginSet)
+    pod_group_post_filter: PluginSet = Field(default_factory=PluginSet)
     multi_point: PluginSet = Field(default_factory=PluginSet)
 
 

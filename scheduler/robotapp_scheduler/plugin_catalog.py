@@ -8,6 +8,8 @@ import importlib
 import importlib.metadata
 from collections.abc import Collection, Iterable
 
+import msgspec
+
 from robotapp_scheduler.core.profiles import OTHER_FORMS, POINTS, Catalogue
 
 ENTRY_POINTS = "robotapp_scheduler.plugins"
@@ -47,7 +49,7 @@ def with_third_party(
             classes[name] = load_class(name)
         except UnknownPluginError as error:
             problems[name] = str(error)
-    return Catalogue(classes=classes, defaults=catalogue.defaults), problems
+    return msgspec.structs.replace(catalogue, classes=classes), problems
 
 
 def load_class(name: str) -> type:

@@ -9,6 +9,7 @@ from robotapp_scheduler.config_model import API_VERSION, KIND
 from robotapp_scheduler.core.profiles import Catalogue
 
 Json = dict[str, Any]
+PROTOBUF: Final = "application/vnd.kubernetes.protobuf"
 REQUIRED: Final = "requiredDuringSchedulingIgnoredDuringExecution"
 PREFERRED: Final = "preferredDuringSchedulingIgnoredDuringExecution"
 
@@ -62,23 +63,35 @@ ACCEPTED: Final[dict[str, Json]] = {
     "back-off": {"podInitialBackoffSeconds": 2, "podMaxBackoffSeconds": 20},
     "equal back-offs": {"podInitialBackoffSeconds": 5, "podMaxBackoffSeconds": 5},
     "client limits": {"clientConnection": {"qps": 200.5, "burst": 400}},
+    "protobuf": {"clientConnection": {"contentType": PROTOBUF, "acceptContentTypes": f"{PROTOBUF},application/json"}},
     "profiling": {"enableProfiling": True, "enableContentionProfiling": False},
     "election": {"leaderElection": {"leaseDuration": "30s", "renewDeadline": "20s", "retryPeriod": "2s"}},
+    "no election, another lock": {"leaderElection": {"leaderElect": False, "resourceLock": "endpoints"}},
     "standby caches": {"delayCacheUntilActive": False},
     "weights": plugins("score", {"name": "ImageLocality", "weight": 7}, {"name": "NodeAffinity"}),
     "everything disabled but one score": plugins("score", {"name": "TaintToleration"}, disabled=("*",)),
     "a plugin taken out": plugins("multiPoint", disabled=("PodTopologySpread",)),
+    "upstream's queue sort": plugins("multiPoint", {"name": "PrioritySort"}),
+    "upstream's queue sort, at its point": plugins("queueSort", {"name": "PrioritySort"}),
+    "upstream's binder": plugins("bind", {"name": "DefaultBinder"}, disabled=("*",)),
+    "nothing but two plugins": plugins("multiPoint", {"name": "PrioritySort"}, {"name": "DefaultBinder"}, disabled=("*",)),
+    "points for groups that say nothing": profile(plugins={"placementGenerate": {}, "placementScore": {}, "podGroupPostFilter": {}}),
     "fit, least": strategy(resources=[{"name": "cpu", "weight": 3}, {"name": "example.com/gpu", "weight": 100}]),
+    "fit, no resources": strategy(resources=[]),
     "fit, most": strategy("MostAllocated"),
     "fit, weight left out": strategy(resources=[{"name": "cpu"}, {"name": "cpu", "weight": 0}]),
     "fit, ratio": ratio((0, 0), (50, 10), (100, 0)),
     "fit, ignored": args("NodeResourcesFit", ignoredResources=["example.com/a"], ignoredResourceGroups=["example.com"]),
     "balance": args("NodeResourcesBalancedAllocation", resources=[{"name": "cpu", "weight": 1}]),
+    "balance, no resources": args("NodeResourcesBalancedAllocation", resources=[]),
     "added affinity": args("NodeAffinity", addedAffinity={REQUIRED: {"nodeSelectorTerms": [term("In")]}}),
     "added affinity, preferred": args("NodeAffinity", addedAffinity={PREFERRED: [{"weight": 5, "preference": term("NotIn")}]}),
     "affinity": args("InterPodAffinity", hardPodAffinityWeight=100, ignorePreferredTermsOfExistingPods=True),
     "spread, list": args("PodTopologySpread", defaultingType="List", defaultConstraints=[
         {"maxSkew": 1, "topologyKey": "rack", "whenUnsatisfiable": "ScheduleAnyway"}]),
+    "spread, type left empty": args("PodTopologySpread", defaultingType=""),
+    "volumes, no shape": args("VolumeBinding", shape=[]),
+    "device time-outs as they are": args("DynamicResources", filterTimeout="10s", bindingTimeout="10m0s"),
     "volumes": args("VolumeBinding", bindTimeoutSeconds=0, shape=[{"utilization": 0, "score": 0}, {"utilization": 100, "score": 10}]),
     "preemption": args("DefaultPreemption", minCandidateNodesPercentage=0, minCandidateNodesAbsolute=1),
 }  # fmt: skip
@@ -91,7 +104,7 @@ REFUSED: Final[dict[str, tuple[Json, str]]] = {
     "no first back-off": ({"podInitialBackoffSeconds": 0}, "must be greater than 0"),
     "falling back-off": ({"podInitialBackoffSeconds": 3, "podMaxBackoffSeconds": 2}, "greater than or equal to PodInitialBackoffSeconds"),
     "another lock": ({"leaderElection": {"resourceLock": "endpoints"}}, 'resourceLock value must be "leases"'),
-    "a lease too short": ({"leaderElection": {"leaseDuration": "1s"}}, "leaderElection.leaseDuration"),
+    "a lease too short": ({"leaderElection": {"leaseDuration": "1s"}}, "must be greater than `RenewDeadline`"),
     "negative burst": ({"clientConnection": {"burst": -1}}, "clientConnection.burst"),
     "one name twice": ({"profiles": [{"schedulerName": "a"}, {"schedulerName": "a"}]}, "Duplicate value"),
     "two profiles, one nameless": ({"profiles": [{"schedulerName": "a"}, {}]}, "profiles[1].schedulerName"),
@@ -100,8 +113,20 @@ REFUSED: Final[dict[str, tuple[Json, str]]] = {
     "enabled twice": (plugins("score", {"name": "NodeAffinity"}, {"name": "NodeAffinity"}), "NodeAffinity"),
     "at the wrong point": (plugins("score", {"name": "NodeName"}), "NodeName"),
     "no bind plugin": (plugins("bind", disabled=("*",)), "bind"),
+    "upstream's binder taken out": (plugins("multiPoint", disabled=("DefaultBinder",)), "at least one bind plugin is needed"),
+    "upstream's queue sort taken out": (plugins("multiPoint", disabled=("PrioritySort",)), "only one queue sort plugin"),
+    "two queue sorts": (plugins("queueSort", {"name": "PrioritySort"}, {"name": "ROSQueueSort"}), "only one queue sort plugin can be enabled"),
     "a weight below zero": (plugins("score", {"name": "ImageLocality", "weight": -3}), ""),
-    "fit, no such strategy": (strategy("Random"), "scoringStrategy.type"),
+    "fit, no such strategy": (
+        strategy("Random"),
+        'scoringStrategy.type: Unsupported value: "Random": supported values: "LeastAllocated", "MostAllocated", "RequestedToCapacityRatio"'),
+    "fit, no strategy": (args("NodeResourcesFit", scoringStrategy={}), 'scoringStrategy.type: Unsupported value: ""'),
+    "fit, a shape for nothing": (
+        strategy(requestedToCapacityRatio={"shape": []}),
+        "scoringStrategy.requestedToCapacityRatio: Forbidden: must be nil when type is not RequestedToCapacityRatio"),
+    "fit, ratio of nothing": (
+        strategy("RequestedToCapacityRatio"),
+        "scoringStrategy.requestedToCapacityRatio: Required value: must be specified when type is RequestedToCapacityRatio"),
     "fit, weight too large": (strategy(resources=[{"name": "cpu", "weight": 101}]), "resource weight of cpu not in valid range (0, 100]"),
     "fit, weight below zero": (strategy(resources=[{"name": "cpu", "weight": -1}]), "resource weight of cpu not in valid range (0, 100]"),
     "fit, no shape": (ratio(), "at least one point must be specified"),
@@ -109,6 +134,8 @@ REFUSED: Final[dict[str, tuple[Json, str]]] = {
     "fit, shape too wide": (ratio((0, 1), (101, 2)), "utilization"),
     "fit, shape too high": (ratio((0, 11)), "score"),
     "fit, ignored name": (args("NodeResourcesFit", ignoredResources=["-bad-"]), 'ignoredResources[0]: Invalid value: "-bad-"'),
+    "fit, ignored group, no name": (
+        args("NodeResourcesFit", ignoredResourceGroups=["A_B!"]), 'ignoredResourceGroups[0]: Invalid value: "A_B!"'),
     "fit, ignored group": (args("NodeResourcesFit", ignoredResourceGroups=["a/b"]), "resource group name can't contain '/'"),
     "fit, a field nobody knows": (args("NodeResourcesFit", scoring={}), "scoring"),
     "balance, weight": (args("NodeResourcesBalancedAllocation", resources=[{"name": "cpu", "weight": 2}]), "Invalid value: 2: must be 1"),
@@ -128,6 +155,10 @@ REFUSED: Final[dict[str, tuple[Json, str]]] = {
         args("PodTopologySpread", defaultingType="List", defaultConstraints=[
             {"maxSkew": 0, "topologyKey": "rack", "whenUnsatisfiable": "ScheduleAnyway"}]),
         "maxSkew"),
+    "spread, key": (
+        args("PodTopologySpread", defaultingType="List", defaultConstraints=[
+            {"maxSkew": 1, "topologyKey": "a b", "whenUnsatisfiable": "ScheduleAnyway"}]),
+        'defaultConstraints[0].topologyKey: Invalid value: "a b"'),
     "volumes, time-out": (args("VolumeBinding", bindTimeoutSeconds=-1), "bindTimeoutSeconds"),
     "preemption, no candidates": (
         args("DefaultPreemption", minCandidateNodesPercentage=0, minCandidateNodesAbsolute=0), "cannot be zero at the same time as"),
@@ -139,9 +170,7 @@ REFUSED: Final[dict[str, tuple[Json, str]]] = {
 OURS_ALONE: Final[dict[str, tuple[Json, str]]] = {
     "extenders": ({"extenders": [{"urlPrefix": "http://127.0.0.1:1"}]}, "extenders: not supported here"),
     "cold standby": ({"delayCacheUntilActive": True}, "delayCacheUntilActive: not supported here"),
-    "protobuf": (
-        {"clientConnection": {"contentType": "application/vnd.kubernetes.protobuf"}}, "clientConnection.contentType: not supported here"),
     "gangs": (plugins("multiPoint", {"name": "GangScheduling"}), 'not supported here: plugin "GangScheduling"'),
-    "devices": (args("DynamicResources", filterTimeout="10s"), "filterTimeout: not supported here"),
+    "devices": (args("DynamicResources", filterTimeout="20s"), "filterTimeout: not supported here"),
 }  # fmt: skip
 """kube-scheduler takes them, we refuse them with the reason."""

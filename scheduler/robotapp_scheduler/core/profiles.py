@@ -73,6 +73,17 @@ class Catalogue(msgspec.Struct, frozen=True):
 
     classes: Mapping[str, type]
     defaults: tuple[PluginRef, ...]
+    stand_ins: Mapping[str, str] = {}
+    """Defaults of ours and the upstream default each takes the place of, until a configuration names that one."""
+
+    def defaults_for(self, plugins: Mapping[str, PluginSet]) -> tuple[PluginRef, ...]:
+        """The default multiPoint list for a profile that says this.
+
+        A file written for kube-scheduler that names an upstream default, to enable or to disable it, finds it there.
+        """
+        named = {ref.name for found in plugins.values() for ref in (*found.enabled, *found.disabled)}
+        meant = {ours: theirs for ours, theirs in self.stand_ins.items() if theirs in named}
+        return tuple(PluginRef(meant[ref.name], ref.weight) if ref.name in meant else ref for ref in self.defaults)
 
 
 class Profile:
@@ -177,7 +188,10 @@ def _build(spec: ProfileSpec, catalogue: Catalogue, path: str, problems: list[st
         if ref.name in shadows
     )
     if len(points["queueSort"]) != 1:
-        problems.append(f"{path}.plugins.queueSort: only one queue sort plugin can be enabled")
+        found = ", ".join(ref.name for ref in points["queueSort"]) or "none"
+        problems.append(
+            f"{path}.plugins.queueSort: only one queue sort plugin can be enabled, and one must be: {found}"
+        )
     if not points["bind"]:
         problems.append(f"{path}.plugins.bind: at least one bind plugin is needed")
     if len(problems) > before:
@@ -263,7 +277,7 @@ def expand(
 
     The profile's list is appended to the defaults, the same name replaces in place, `disabled` removes. At each point
     come first the plugins named in both lists (in the point's order), then the other multiPoint ones, then those
-    named only at the point.
+    named only at the point: also those that it disables for multiPoint. The point's weight counts, 1 where it has none.
     """
     known = {"multiPoint", *POINTS}
     problems.extend(
@@ -271,23 +285,18 @@ def expand(
         for point in plugins
         if point not in known
     )
-    multi = _merged(catalogue.defaults, plugins.get("multiPoint", PluginSet()), f"{path}.plugins.multiPoint", problems)
+    custom = plugins.get("multiPoint", PluginSet())
+    multi = _merged(catalogue.defaults_for(plugins), custom, f"{path}.plugins.multiPoint", problems)
     result: dict[str, list[PluginRef]] = {}
     for point in POINTS:
         own = plugins.get(point, PluginSet())
         _no_duplicates(own.enabled, f"{path}.plugins.{point}", problems)
         removed = {ref.name for ref in own.disabled}
-        named = {ref.name: ref for ref in own.enabled}
-        spread = [
-            ref
-            for ref in multi
-            if _takes_part(catalogue, ref.name, point) and (ref.name in named or not removed & {ref.name, "*"})
-        ]
-        in_both = [ref for ref in own.enabled if any(other.name == ref.name for other in spread)]
-        weights = {ref.name: ref.weight for ref in spread}
-        both = [PluginRef(ref.name, ref.weight or weights[ref.name]) for ref in in_both]
+        named = {ref.name for ref in own.enabled}
+        spread = [ref for ref in multi if not removed & {ref.name, "*"} and _takes_part(catalogue, ref.name, point)]
+        both = [ref for ref in own.enabled if any(other.name == ref.name for other in spread)]
         rest = [ref for ref in spread if ref.name not in named]
-        only = [ref for ref in own.enabled if ref not in in_both]
+        only = [ref for ref in own.enabled if ref not in both]
         problems.extend(
             f"{path}.plugins.{point}: plugin {ref.name!r} does not take part at this point"
             for ref in only

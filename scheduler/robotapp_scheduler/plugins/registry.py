@@ -80,4 +80,5 @@ ROS: Final = (
 def catalogue(extra: Mapping[str, type] | None = None) -> Catalogue:
     """Built-in plugin classes, with third-party ones added; the default multiPoint list."""
     classes: dict[str, type] = {str(cls.name): cls for cls in BUILT_IN}  # type: ignore[attr-defined]  # every plugin class has a name
-    return Catalogue(classes={**classes, **(extra or {})}, defaults=(*KUBERNETES, *ROS))
+    stand_ins = {"ROSQueueSort": "PrioritySort", "ROSBind": "DefaultBinder"}
+    return Catalogue(classes={**classes, **(extra or {})}, defaults=(*KUBERNETES, *ROS), stand_ins=stand_ins)

@@ -54,6 +54,32 @@ def test_plugins_named_at_a_point_come_first_in_its_order() -> None:
     assert [plugin.name for plugin in profile.filters][:3] == ["NodeResourcesFit", "NodeName", "NodeUnschedulable"]
 
 
+def test_the_weight_of_a_point_counts_and_is_1_where_it_is_left_out() -> None:
+    profile = build({"multiPoint": on("NodeAffinity", weight=7), "score": on("NodeAffinity", "PodTopologySpread")})
+    weights = {plugin.name: plugin.weight for plugin in profile.scores}
+    assert (weights["NodeAffinity"], weights["PodTopologySpread"], weights["InterPodAffinity"]) == (1, 1, 2)
+
+
+def test_what_a_point_disables_and_names_all_the_same_comes_last() -> None:
+    both = PluginSet(enabled=on("NodeName", "NodePorts").enabled, disabled=off("NodeName").disabled)
+    names = [plugin.name for plugin in build({"filter": both}).filters]
+    assert (names[0], names[-1], names.count("NodeName")) == ("NodePorts", "NodeName", 1)
+
+
+@pytest.mark.parametrize("point", ["multiPoint", "queueSort"])
+def test_upstreams_queue_sort_takes_the_place_of_ours_where_it_is_named(point: str) -> None:
+    profile = build({point: on("PrioritySort")})
+    assert profile.queue_sort.name == "PrioritySort"
+    assert "ROSBind" in profile.all
+
+
+def test_who_takes_upstreams_default_out_means_ours() -> None:
+    profile = build({"queueSort": PluginSet(enabled=on("ROSQueueSort").enabled, disabled=off("PrioritySort").disabled)})
+    assert profile.queue_sort.name == "ROSQueueSort"
+    with pytest.raises(ConfigError, match="only one queue sort plugin can be enabled, and one must be: none"):
+        build({"multiPoint": off("PrioritySort")})
+
+
 def test_a_star_removes_all_defaults() -> None:
     plugins = {"multiPoint": off("*"), "queueSort": on("PrioritySort"), "bind": on("ROSBind"), "filter": on("NodeName")}
     profile = build(plugins)
@@ -67,7 +93,7 @@ def test_a_star_removes_all_defaults() -> None:
     [
         ({"multiPoint": on("Nope")}, {}, "unknown plugin 'Nope'"),
         ({"multiPoint": on("NodeName", "NodeName")}, {}, "plugin 'NodeName' is enabled twice"),
-        ({"queueSort": on("PrioritySort")}, {}, "only one queue sort plugin can be enabled"),
+        ({"queueSort": on("PrioritySort", "ROSQueueSort")}, {}, "only one queue sort plugin can be enabled"),
         ({"multiPoint": off("ROSBind")}, {}, "at least one bind plugin"),
         ({"score": on("NodeName")}, {}, "does not take part at this point"),
         ({"sorting": on("NodeName")}, {}, "unknown extension point"),
@@ -79,7 +105,7 @@ def test_a_star_removes_all_defaults() -> None:
         ({}, {"LoadBalanceScore": {"source": "Guess"}}, "write Requests or Telemetry"),
         ({}, {"ROSQueueSort": {"order": "Random"}}, "write Priority or Thesis"),
         ({}, {"ROSQueueSort": {"shadow": "yes"}}, "expected true or false"),
-        ({}, {"NodeResourcesFit": {"scoringStrategy": {"type": "Most"}}}, "allowed: LeastAllocated"),
+        ({}, {"NodeResourcesFit": {"scoringStrategy": {"type": "Most"}}}, 'supported values: "LeastAllocated"'),
         ({}, {"NodeResourcesBalancedAllocation": {"compatVersion": "1.0"}}, "allowed: 1.35, 1.37"),
         ({}, {"Stranger": {}}, "'Stranger' is not an enabled plugin"),
     ],

@@ -151,7 +151,7 @@ profiles:
         ),
         (
             profile(plugins={"multiPoint": {"enabled": [{"name": "PrioritySort"}]}}),
-            "profiles[0].plugins.queueSort: only one queue sort plugin can be enabled",
+            "profiles[0].plugins.queueSort: only one queue sort plugin can be enabled, and one must be: ROSQueueSort, PrioritySort",
         ),
         (
             profile(plugins={"filter": {"enabled": [{"name": "DefaultBinder"}]}}),
@@ -257,6 +257,16 @@ def test_equal_files_have_equal_digests_and_a_weight_changes_it() -> None:
         ({"clientConnection": {"qps": 5}}, "clientConnection.qps", "fairness"),
         ({"percentageOfNodesToScore": 50}, "percentageOfNodesToScore", "all nodes are always filtered and scored"),
         (profile(percentageOfNodesToScore=1), "profiles[0].percentageOfNodesToScore", "all nodes"),
+        (
+            {"clientConnection": {"contentType": configurations.PROTOBUF}},
+            "clientConnection.contentType",
+            "what this client speaks",
+        ),
+        (
+            {"leaderElection": {"resourceName": "kube-scheduler", "resourceNamespace": "kube-system"}},
+            "leaderElection",
+            "own Lease",
+        ),
         ({"enableProfiling": True}, "enableProfiling", "no profiles"),
         ({"enableContentionProfiling": True}, "enableContentionProfiling", "no profiles"),
     ],
@@ -267,6 +277,25 @@ def test_what_has_no_effect_is_accepted_with_a_warning_that_names_it(
     (warning,) = config(**fields).warnings
     assert warning.startswith(path)
     assert why in warning
+
+
+@pytest.mark.parametrize("point", ["placementGenerate", "placementScore", "podGroupPostFilter"])
+def test_points_we_do_not_have_are_refused_only_where_something_is_enabled(point: str) -> None:
+    assert config(**profile(plugins={point: {"disabled": [{"name": "*"}]}})).build()
+    assert problems(**profile(plugins={point: {"enabled": [{"name": "NodeName"}]}})) == [
+        f"profiles[0].plugins.{point}: not supported here: the pods of a group are planned whole without it"
+    ]
+
+
+def test_no_resources_and_no_shape_mean_the_usual_ones() -> None:
+    def told(plugin: str, **fields: Any) -> Any:
+        return real(**configurations.args(plugin, **fields)).build()["mine"].all[plugin].plugin
+
+    empty = told("NodeResourcesFit", scoringStrategy={"type": "LeastAllocated", "resources": []})
+    assert empty._resources == told("NodeResourcesFit")._resources
+    assert len(empty._resources) == 2
+    assert told("NodeResourcesBalancedAllocation", resources=[])._names == ("cpu", "memory")
+    assert told("VolumeBinding", shape=[])._points[:2] == [100, 99]
 
 
 def test_values_that_change_nothing_give_no_warning() -> None:

@@ -30,9 +30,11 @@ _HALVED: Final = np.array(1, dtype=np.int64)
 
 
 class BalancedArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
-    """Arguments as upstream; compatVersion "1.35" scores the balance itself, "1.37" the change in balance."""
+    """Arguments as upstream, no resources meaning cpu and memory; compatVersion "1.35" scores the balance itself, "1.37"
+    the change in balance.
+    """
 
-    resources: tuple[ResourceWeight, ...] = (ResourceWeight("cpu"), ResourceWeight("memory"))
+    resources: tuple[ResourceWeight, ...] = ()
     compat_version: str = NEW
 
     def __post_init__(self) -> None:
@@ -52,7 +54,7 @@ class NodeResourcesBalancedAllocation:
 
     def __init__(self, args: BalancedArgs | None = None) -> None:
         args = args or BalancedArgs()
-        self._names = tuple(resource.name for resource in args.resources)
+        self._names = tuple(resource.name for resource in args.resources) or ("cpu", "memory")
         self._change = is_new(args.compat_version)
 
     def score(self, pod: PodInfo, nodes: Nodes) -> ScoreResult:

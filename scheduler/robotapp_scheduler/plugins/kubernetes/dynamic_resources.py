@@ -17,14 +17,15 @@ ELSEWHERE: Final = "resourceclaim not available on the node"
 
 
 class DynamicResourcesArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
-    """Upstream's limits of an allocation, known so that they are refused with the reason."""
+    """Upstream's limits of an allocation: there are none to limit, so anything but its defaults is refused."""
 
     filter_timeout: str | None = None
     binding_timeout: str | None = None
 
     def __post_init__(self) -> None:
-        for name, value in (("filterTimeout", self.filter_timeout), ("bindingTimeout", self.binding_timeout)):
-            if value is not None:
+        given = (("filterTimeout", self.filter_timeout, "10s"), ("bindingTimeout", self.binding_timeout, "10m0s"))
+        for name, value, usual in given:
+            if value not in (None, usual):
                 raise ValueError(f"{name}: not supported here: devices of resource claims are not allocated")
 
 

@@ -32,6 +32,8 @@ def fit_problems(resources: Sequence[Weighed], ignored: Sequence[str], groups: S
     for i, group in enumerate(groups):
         if "/" in group:
             yield f"ignoredResourceGroups[{i}]: Invalid value: \"{group}\": resource group name can't contain '/'"
+        elif QUALIFIED.fullmatch(group) is None:
+            yield f'ignoredResourceGroups[{i}]: Invalid value: "{group}": must be a name such as example.com'
     for i, resource in enumerate(resources):
         if not 0 <= resource.weight <= MOST_WEIGHT:
             text = f"resource weight of {resource.name} not in valid range (0, 100]"

@@ -28,6 +28,7 @@ from robotapp_scheduler.plugins.kubernetes.fit_strategies import (
 from robotapp_scheduler.plugins.kubernetes.resource_arguments import fit_problems, refuse
 
 TOO_MANY: Final = "Too many pods"
+RATIO: Final = "RequestedToCapacityRatio"
 NATIVE: Final = ("cpu", "memory", "ephemeral-storage")
 MOST_WISHES: Final = 61
 """Bits of an int64 that name the resources a node lacks."""
@@ -40,10 +41,10 @@ class RequestedToCapacityRatioParam(msgspec.Struct, frozen=True, forbid_unknown_
 
 
 class ScoringStrategy(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
-    """How fullness becomes a score."""
+    """How fullness becomes a score. Of no resources: of cpu and memory, as upstream defaults it."""
 
-    type: str = "LeastAllocated"
-    resources: tuple[ResourceWeight, ...] = (ResourceWeight("cpu"), ResourceWeight("memory"))
+    type: str = ""
+    resources: tuple[ResourceWeight, ...] = ()
     requested_to_capacity_ratio: RequestedToCapacityRatioParam | None = None
 
 
@@ -52,7 +53,7 @@ class FitArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="c
 
     ignored_resources: tuple[str, ...] = ()
     ignored_resource_groups: tuple[str, ...] = ()
-    scoring_strategy: ScoringStrategy = ScoringStrategy()
+    scoring_strategy: ScoringStrategy = ScoringStrategy("LeastAllocated")
 
     def __post_init__(self) -> None:
         refuse(fit_problems(self.scoring_strategy.resources, self.ignored_resources, self.ignored_resource_groups))
@@ -73,7 +74,7 @@ class NodeResourcesFit:
         args = args or FitArgs()
         self._ignored = frozenset(args.ignored_resources)
         self._ignored_groups = frozenset(args.ignored_resource_groups)
-        self._resources = args.scoring_strategy.resources
+        self._resources = args.scoring_strategy.resources or (ResourceWeight("cpu"), ResourceWeight("memory"))
         self._strategy = _strategy(args.scoring_strategy)
         self._weights: dict[tuple[str, ...], Weights] = {}
         """By the resources that a pod is scored by."""
@@ -167,13 +168,17 @@ def _smaller(old: Pod, new: Pod, wishes: Mapping[str, int] | None) -> bool:
 
 
 def _strategy(args: ScoringStrategy) -> Strategy:
-    if args.type == "RequestedToCapacityRatio":
-        shape = args.requested_to_capacity_ratio.shape if args.requested_to_capacity_ratio else ()
-        return ratio_function(shape)
+    ratio, path = args.requested_to_capacity_ratio, "scoringStrategy.requestedToCapacityRatio"
+    if args.type == RATIO:
+        if ratio is None:
+            raise ValueError(f"{path}: Required value: must be specified when type is {RATIO}")
+        return ratio_function(ratio.shape)
     strategy = STRATEGIES.get(args.type)
     if strategy is None:
-        known = ", ".join((*STRATEGIES, "RequestedToCapacityRatio"))
-        raise ValueError(f"scoringStrategy.type: {args.type!r} is unknown; allowed: {known}")
+        known = ", ".join(f'"{name}"' for name in (*STRATEGIES, RATIO))
+        raise ValueError(f'scoringStrategy.type: Unsupported value: "{args.type}": supported values: {known}')
+    if ratio is not None:
+        raise ValueError(f"{path}: Forbidden: must be nil when type is not {RATIO}")
     return strategy
 
 

@@ -15,6 +15,7 @@ from robotapp_scheduler.core.label_sets import LabelSet
 from robotapp_scheduler.core.objects import Node, Pod
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo
 from robotapp_scheduler.core.view import Nodes
+from robotapp_scheduler.plugins.kubernetes.resource_arguments import QUALIFIED
 from robotapp_scheduler.plugins.kubernetes.spread_constraints import (
     HARD,
     HOSTNAME,
@@ -28,6 +29,8 @@ from robotapp_scheduler.plugins.kubernetes.spread_constraints import (
     scope_of,
 )
 
+SYSTEM: Final = ("System", "")
+"""Ways to ask for the system's default constraints."""
 UNEVEN: Final = "node(s) didn't match pod topology spread constraints"
 REASONS: Final = ((UNEVEN,), (UNEVEN,), (f"{UNEVEN} (missing required label)",))
 RESOLVABLE: Final = (True, True, False)
@@ -69,7 +72,7 @@ class PodTopologySpread:
 
     def __init__(self, args: SpreadArgs | None = None) -> None:
         args = args or SpreadArgs()
-        self._system = args.defaulting_type == "System"
+        self._system = args.defaulting_type in SYSTEM
         self._defaults: Sequence[DefaultConstraint] = SYSTEM_DEFAULTS if self._system else args.default_constraints
         self._default_whens = {default.when_unsatisfiable for default in self._defaults}
         self._known: dict[tuple[object, ...], tuple[Constraint, ...]] = {}
@@ -336,9 +339,9 @@ def _domains(node: Node | None, constraints: Sequence[Constraint]) -> list[str] 
 def _problems(args: SpreadArgs) -> list[str]:
     """What upstream's validation would say."""
     found = []
-    if args.defaulting_type not in {"System", "List"}:
-        found.append(f'defaultingType: Unsupported value: "{args.defaulting_type}": supported values: "List", "System"')
-    elif args.defaulting_type == "System" and args.default_constraints:
+    if args.defaulting_type not in (*SYSTEM, "List"):
+        found.append(f'defaultingType: Unsupported value: "{args.defaulting_type}": supported values: "System", "List"')
+    elif args.defaulting_type in SYSTEM and args.default_constraints:
         found.append('defaultingType: Invalid value: "System": when .defaultConstraints are not empty')
     seen: set[tuple[str, str]] = set()
     for i, constraint in enumerate(args.default_constraints):
@@ -346,15 +349,18 @@ def _problems(args: SpreadArgs) -> list[str]:
         when = constraint.when_unsatisfiable
         if constraint.max_skew <= 0:
             found.append(f"{path}.maxSkew: Invalid value: {constraint.max_skew}: not in valid range (0, inf)")
-        if not constraint.topology_key:
+        key = constraint.topology_key
+        if not key:
             found.append(f"{path}.topologyKey: Required value: can not be empty")
+        elif QUALIFIED.fullmatch(key) is None:
+            found.append(f'{path}.topologyKey: Invalid value: "{key}": must be a label name such as example.com/rack')
         if when not in {HARD, SOFT}:
             wrong = f'Unsupported value: "{when}": supported values: "{HARD}", "{SOFT}"'
             found.append(f"{path}.whenUnsatisfiable: {wrong if when else 'Required value: can not be empty'}")
         if constraint.label_selector is not None:
             text = "constraint must not define a selector, as they deduced for each pod"
             found.append(f"{path}.labelSelector: Forbidden: {text}")
-        if (constraint.topology_key, when) in seen:
-            found.append(f'{path}: Duplicate value: "{{{constraint.topology_key}, {when}}}"')
-        seen.add((constraint.topology_key, when))
+        if (key, when) in seen:
+            found.append(f'{path}: Duplicate value: "{{{key}, {when}}}"')
+        seen.add((key, when))
     return found

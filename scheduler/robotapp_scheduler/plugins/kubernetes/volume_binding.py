@@ -19,6 +19,7 @@ from robotapp_scheduler.plugins.kubernetes.volume_reach import Reach
 from robotapp_scheduler.plugins.kubernetes.volume_score import score
 
 UNBOUND = "pod has unbound immediate PersistentVolumeClaims"
+USUAL_SHAPE = (ShapePoint(0, 10), ShapePoint(100, 0))
 TEXTS = tuple(tuple(text for i, text in enumerate(REASONS) if bits >> i & 1) for bits in range(1 << len(REASONS)))
 
 
@@ -26,7 +27,8 @@ class VolumeBindingArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     """Arguments as upstream: how long a claim may take to be bound, and the score per used percent (0 to 10)."""
 
     bind_timeout_seconds: int = 600
-    shape: tuple[ShapePoint, ...] = (ShapePoint(0, 10), ShapePoint(100, 0))
+    shape: tuple[ShapePoint, ...] = ()
+    """None: `USUAL_SHAPE`."""
     compat_version: str = NEW
 
 
@@ -52,7 +54,7 @@ class VolumeBinding:
         if args.bind_timeout_seconds >= 1 << 63:
             raise ValueError("bindTimeoutSeconds: more than the format can hold")
         self._timeout_s = float(args.bind_timeout_seconds)
-        self._points = interpolated(args.shape)
+        self._points = interpolated(args.shape or USUAL_SHAPE)
         self._scores = is_new(args.compat_version)
         self._reach = Reach()
         self._last: tuple[Hashable, Match | None] = (None, None)
