@@ -10,6 +10,7 @@ from typing import Final
 from aiohttp import web
 
 from robotapp_api.serving.pages import PathGate, refused
+from robotapp_api.serving.port import opened
 
 SILENCE_LIMIT_S: Final = 180.0
 """Bookmarks come every minute: nothing for three minutes means that we look at an old picture."""
@@ -41,8 +42,7 @@ class Health:
         self._runner: web.AppRunner | None = None
 
     async def start(self, port: int, tls: ssl.SSLContext) -> None:
-        if not port:
-            return
+        """Raises `PortError` when the port cannot be opened."""
         app = web.Application()
         app.add_routes(
             [
@@ -51,9 +51,7 @@ class Health:
                 web.get("/metrics", self._metrics_page),
             ]
         )
-        self._runner = web.AppRunner(app, access_log=None)
-        await self._runner.setup()
-        await web.TCPSite(self._runner, port=port, ssl_context=tls).start()
+        self._runner = await opened(app, host=None, port=port, tls=tls)
 
     async def stop(self) -> None:
         if self._runner:

@@ -22,6 +22,7 @@ from robotapp_api.client.resources import ROBOTAPPS
 from robotapp_api.client.sweep import Sweeper
 from robotapp_api.model.names import OPERATOR_MANAGER, SYSTEM_NAMESPACE
 from robotapp_api.serving.access import Gatekeeper
+from robotapp_api.serving.port import PortError
 from robotapp_api.serving.tls import TlsPort, loaded
 from robotapp_operator import __version__, logs
 from robotapp_operator.cache import Cache
@@ -193,29 +194,37 @@ async def run(settings: Settings, endpoint: Endpoint) -> int:
     agent = f"{OPERATOR_MANAGER}/{__version__}"
     async with ApiClient(endpoint, user_agent=agent, field_manager=OPERATOR_MANAGER) as client:
         operator = Operator(settings, client)
-        health = Health(
-            silence_s=operator.silence_s,
-            overdue_s=lambda: operator.queue.overdue_s,
-            synced=operator.ready,
-            metrics=operator.metrics.render,
-            gate=Gatekeeper(client),
-        )
-        tls = TlsPort(settings.tls_cert_file, settings.tls_private_key_file)
-        if settings.health_port:
-            await loaded(tls)
-        following = _supervised(tls.run(client), stop)
-        await health.start(settings.health_port, tls.context)
-        try:
-            async with operator.caches(stop):
-                if settings.leader_election:
-                    home = SYSTEM_NAMESPACE if settings.kubeconfig else endpoint.namespace
-                    await _elected(operator, client, settings.lease_namespace or home, stop)
-                elif not stop.is_set():
-                    await operator.work(stop)
-        finally:
-            await health.stop()
-            await _ended(following)
+        async with _port(operator, stop), operator.caches(stop):
+            if settings.leader_election:
+                home = SYSTEM_NAMESPACE if settings.kubeconfig else endpoint.namespace
+                await _elected(operator, client, settings.lease_namespace or home, stop)
+            elif not stop.is_set():
+                await operator.work(stop)
     return 1 if stop.failed else 0
+
+
+@contextlib.asynccontextmanager
+async def _port(operator: Operator, stop: Stop) -> AsyncIterator[None]:
+    """Serve health and metrics meanwhile, unless there is to be no port. Raises `LoginError`, `PortError`."""
+    settings = operator.settings
+    if not settings.health_port:
+        yield
+        return
+    health = Health(
+        silence_s=operator.silence_s,
+        overdue_s=lambda: operator.queue.overdue_s,
+        synced=operator.ready,
+        metrics=operator.metrics.render,
+        gate=Gatekeeper(operator.client),
+    )
+    tls = await loaded(TlsPort(settings.tls_cert_file, settings.tls_private_key_file))
+    await health.start(settings.health_port, tls.context)
+    following = _supervised(tls.run(operator.client), stop)
+    try:
+        yield
+    finally:
+        await health.stop()
+        await _ended(following)
 
 
 async def _elected(operator: Operator, client: ApiClient, namespace: str, stop: Stop) -> None:
@@ -270,7 +279,7 @@ def main(argv: list[str] | None = None) -> int:
     logs.configure(settings.log_format)
     try:
         return asyncio.run(run(settings, load(settings.kubeconfig)))
-    except LoginError as error:
+    except (LoginError, PortError) as error:
         sys.stderr.write(f"{error}\n")
         return 2
 

@@ -253,12 +253,6 @@ async def test_health_is_told_to_everybody_and_metrics_to_who_may_get_them(unuse
         await health.stop()
 
 
-async def test_port_zero_serves_nothing() -> None:
-    health = Health(silence_s=float, overdue_s=float, synced=lambda: True, metrics=bytes, gate=Door())
-    await health.start(0, TlsPort().context)
-    await health.stop()
-
-
 async def test_metrics_carry_controller_runtimes_names(world: World) -> None:
     metrics = Metrics()
     metrics.watch(Queue(clock=lambda: 0.0, jitter=lambda: 0.0), world.cache, world.client)
