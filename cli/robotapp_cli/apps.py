@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from robotapp_api.client.resources import EVENTS, ROBOTAPPS
 from robotapp_api.model.names import Condition
-from robotapp_cli.fields import Json, age, meta, milliseconds, short_ms, status
+from robotapp_cli.fields import Json, age, meta, milliseconds, plain, short_ms, status
 from robotapp_cli.output import Column, Output, arrow, bar, blank_line, console, print_table, write_structured
 from robotapp_cli.session import Session
 
@@ -19,7 +19,7 @@ async def show_list(session: Session) -> None:
     apps = sorted(listing.items, key=lambda app: (meta(app)["namespace"], meta(app)["name"]))
     output = session.options.output
     if output.structured:
-        write_structured({"apiVersion": "v1", "kind": "List", "items": apps}, output)
+        write_structured({"apiVersion": "v1", "kind": "List", "items": [plain(app) for app in apps]}, output)
         return
     if not apps:
         where = f"namespace {session.namespace}" if session.namespace else "any namespace"
@@ -57,7 +57,7 @@ async def show_info(session: Session, name: str) -> None:
     """One RobotApp: conditions, instances, edges, what happened."""
     app = await session.client.get(ROBOTAPPS, name, namespace=session.home)
     if session.options.output.structured:
-        write_structured(app, session.options.output)
+        write_structured(plain(app), session.options.output)
         return
     listing = await session.client.list(
         EVENTS, namespace=session.home, field_selector=f"regarding.uid={meta(app)['uid']}"

@@ -6,7 +6,7 @@ from robotapp_api.claims.fullness import fullness
 from robotapp_api.claims.identity import device_label
 from robotapp_api.claims.objects import Claim, Pool
 from robotapp_api.client.resources import DOMAINPOOLS, NODETELEMETRIES, ROBOTCLAIMS
-from robotapp_cli.fields import Json, age, meta, status
+from robotapp_cli.fields import Json, age, meta, plain, status
 from robotapp_cli.output import Column, Output, blank_line, console, print_table, write_structured
 from robotapp_cli.session import Session
 
@@ -18,7 +18,8 @@ async def show_domains(session: Session) -> None:
     claims.sort(key=lambda claim: (claim["spec"]["domain"]["pool"], claim["spec"]["domain"]["id"]))
     shown = [claim for claim in claims if _of_namespace(claim, session.options.namespace)]
     if session.options.output.structured:
-        write_structured({"pools": pools, "claims": shown}, session.options.output)
+        found = {"pools": [plain(pool) for pool in pools], "claims": [plain(claim) for claim in shown]}
+        write_structured(found, session.options.output)
         return
     wide = session.options.output is Output.WIDE
     print_table(["POOL", "SCOPE", "CLAIMED", "FREE AGAIN SOON", "IDS"], [_pool_row(pool, claims) for pool in pools])

@@ -29,6 +29,11 @@ def condition(obj: Json, kind: str) -> Json:
     return next(found, {})
 
 
+def plain(obj: Json) -> Json:
+    """The object as kubectl shows it: without who wrote which field."""
+    return obj | {"metadata": {key: value for key, value in meta(obj).items() if key != "managedFields"}}
+
+
 def age(timestamp: str | None, now: datetime | None = None) -> str:
     """`5s`, `3m`, `4h`, `12d`, as kubectl shows ages."""
     if not timestamp:

@@ -15,7 +15,7 @@ from robotapp_cli.output import Output
 from robotapp_cli.rendering import show_children, show_file
 from robotapp_cli.session import Options, run
 from robotapp_cli.simulate import Wish, show_simulation
-from robotapp_cli.written import object_name
+from robotapp_cli.written import address, object_name
 
 _EPILOG = """\
 Exit codes: 0 done; 1 refused by the API server; 2 wrong usage or unreadable file; 3 API server not reached or not signed in; 4 not found.
@@ -77,7 +77,9 @@ def info_command(
 SchedulerUrl = Annotated[
     str | None,
     typer.Option(
-        envvar="ROBOTAPP_SCHEDULER_URL", help="Where the scheduler listens (default: kubectl port-forward to its pod)."
+        envvar="ROBOTAPP_SCHEDULER_URL",
+        help="Where the scheduler listens (default: kubectl port-forward to its pod).",
+        callback=address,
     ),
 ]
 SchedulerNamespace = Annotated[str, typer.Option(help="Namespace of the scheduler's pod.", callback=object_name)]

@@ -60,6 +60,10 @@ class Link:
         """The answer to a body. Raises `NoAnswerError`."""
         return self._needed(path, await self._ask("POST", path, body, patience_s=_LONG_PATIENCE_S))
 
+    @property
+    def _hint(self) -> str:
+        return "; a scheduler speaks https://" if self.base.startswith("http:") else ""
+
     def _needed(self, path: str, found: Json | None) -> Json:
         if found is None:
             raise NoAnswerError(f"{self.base} knows no {path}: an older scheduler?")
@@ -80,11 +84,20 @@ class Link:
                     return None
                 found = await answer.json(content_type=None)
         except (aiohttp.ClientError, TimeoutError, ValueError) as error:
-            raise NoAnswerError(f"{self.base} does not answer: {error or type(error).__name__}") from error
+            raise NoAnswerError(f"{self.base} does not answer: {_why(error)}{self._hint}") from error
         if not isinstance(found, dict) or answer.status != 200:
             text = "; ".join([found.get("error", ""), *found.get("problems", ())]) if isinstance(found, dict) else ""
             raise NoAnswerError(f"{self.base} answers {answer.status} {text}".rstrip())
         return found
+
+
+def _why(error: Exception) -> str:
+    """In words; aiohttp's own name the object that holds our certificates."""
+    if isinstance(error, aiohttp.ClientConnectorCertificateError):
+        return str(error.certificate_error)
+    if isinstance(error, aiohttp.ClientConnectorError):
+        return error.os_error.strerror or str(error.os_error)
+    return str(error) or type(error).__name__
 
 
 @asynccontextmanager

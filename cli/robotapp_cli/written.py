@@ -1,4 +1,6 @@
-"""Names as a person wrote them: checked before they become part of a URL, where `/` would address something else."""
+"""What a person wrote: names, checked before they become part of a URL, where `/` would address something else; addresses."""
+
+from urllib.parse import urlsplit
 
 import typer
 
@@ -10,3 +12,18 @@ def object_name(text: str | None) -> str | None:
     if text is not None and not is_name(text):
         raise typer.BadParameter(not_a_name(text))
     return text
+
+
+def address(text: str | None) -> str | None:
+    """A callback of typer that refuses what no server can be asked at; None (not given) stays None."""
+    if text is not None and not _is_address(text):
+        raise typer.BadParameter(f"{text!r} is no URL such as https://127.0.0.1:10259")
+    return text
+
+
+def _is_address(text: str) -> bool:
+    try:
+        parts = urlsplit(text)
+        return parts.scheme in {"https", "http"} and bool(parts.hostname) and parts.port != 0
+    except ValueError:  # such as a port above 65535
+        return False

@@ -93,6 +93,20 @@ class TestList:
         found = load(stage.text("list", "-o", output))
         assert (found["kind"], found["items"][0]["status"]["summary"]) == ("List", SUMMARY)
 
+    @pytest.mark.parametrize("command", [["list"], ["info", "teleop"], ["domains"]])
+    def test_structured_output_leaves_out_who_wrote_which_field_as_kubectl_does(
+        self, stage: Stage, command: list[str]
+    ) -> None:
+        for resource, obj in (
+            (ROBOTAPPS, robotapp(status=STATUS)),
+            ("robotics.io/domainpools", {"metadata": {"name": "default"}}),
+        ):
+            obj["metadata"]["managedFields"] = [{"manager": "helm"}]
+            stage.add(resource, obj)
+        text = stage.text(*command, "-o", "json")
+        assert '"name": "default"' in text or '"name": "teleop"' in text
+        assert "managedFields" not in text
+
     def test_nothing_is_coloured_outside_a_terminal(self, stage: Stage) -> None:
         stage.add(ROBOTAPPS, robotapp(status=STATUS))
         assert "\x1b" not in stage.text("list") + stage.text("info", "teleop")

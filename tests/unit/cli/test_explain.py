@@ -119,7 +119,9 @@ def test_a_token_is_not_sent_without_encryption_to_another_machine(placed: Stage
 
 def test_another_machines_certificate_must_be_signed_by_somebody_known(placed: Stage) -> None:
     elsewhere = placed.scheduler.tls_url.replace("127.0.0.1", "0.0.0.0")  # noqa: S104 - an address that is not loopback's
-    assert "does not answer" in placed.text("explain", "teleop", "--scheduler-url", elsewhere)
+    assert "does not answer: [SSL: CERTIFICATE_VERIFY_FAILED]" in placed.text(
+        "explain", "teleop", "--scheduler-url", elsewhere
+    )
     assert placed.scheduler.authorizations == []
 
 
@@ -152,9 +154,24 @@ def test_a_scheduler_that_refuses_is_named_and_conditions_are_shown(placed: Stag
 
 
 def test_a_scheduler_that_does_not_answer_is_asked_once(placed: Stage) -> None:
-    output = placed.text("explain", "teleop", "--scheduler-url", "http://127.0.0.1:1")
-    assert "http://127.0.0.1:1 does not answer" in output
+    output = placed.text("explain", "teleop", "--scheduler-url", "https://127.0.0.1:1")
+    assert "https://127.0.0.1:1 does not answer: Connect call failed" in output
+    assert "SSLContext" not in output
     assert "amr-07" in output
+
+
+def test_whoever_asks_without_encryption_is_told_that_a_scheduler_speaks_https(placed: Stage) -> None:
+    plain = placed.scheduler.tls_url.replace("https:", "http:")
+    assert "does not answer: Server disconnected; a scheduler speaks https://" in placed.text(
+        "explain", "teleop", "--scheduler-url", plain
+    )
+
+
+@pytest.mark.parametrize("url", ["127.0.0.1:10259", "scheduler", "ftp://scheduler", "https://", "https://x:70000", ""])
+def test_what_is_no_address_is_wrong_usage(placed: Stage, url: str) -> None:
+    result = placed.run("explain", "teleop", "--scheduler-url", url)
+    assert result.exit_code == 2
+    assert f"{url!r} is no URL such as https://127.0.0.1:10259" in result.output
 
 
 def test_without_a_scheduler_pod_the_condition_of_a_waiting_pod_is_shown(stage: Stage) -> None:
