@@ -82,11 +82,8 @@ def start(cp: ControlPlane, contestant: Contestant, workload: Workload, *, leade
 
 
 def _start_bare(cp: ControlPlane, contestant: Contestant, workload: Workload, *, leader_elect: bool) -> Process:
-    argv = [
-        sys.executable,
-        "-m",
-        "tests.bench.speed.bare",
-    ]  # as our scheduler: an admin would skip the checks of its rights
+    """As our scheduler's user: an admin would skip the checks of its rights."""
+    argv = [sys.executable, "-m", "tests.bench.speed.bare"]
     argv += [f"--kubeconfig={cp.kubeconfig('scheduler')}", f"--scheduler-name={contestant.scheduler_name}"]
     argv += [f"--victims={workload.victims}", *([] if contestant.events else ["--no-events"])]
     argv += [f"--lease={contestant.lease_namespace}/{contestant.lease}"] if leader_elect else []
