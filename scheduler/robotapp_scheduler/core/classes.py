@@ -42,7 +42,7 @@ class _Readers:
         if found is not None:
             self._columns.move_to_end(key)
             return found
-        found = self._columns[key] = _Columns(
+        found = _Columns(
             {place: FilterColumn(plugin, reasons) for place, plugin in self.filters.items()},
             {place: score_column(plugin) for place, plugin in self.scores.items()},
         )
@@ -50,6 +50,7 @@ class _Readers:
             verdicts.mind(verdicts.plugin.interest_for(pod))
         for scores in found.scores.values():
             scores.mind(scores.plugin.interest_for(pod))
+        self._columns[key] = found  # last: a plugin that cannot say what it minds is asked again
         if len(self._columns) > COLUMNS_PER_PLUGIN:
             self._columns.popitem(last=False)
         return found

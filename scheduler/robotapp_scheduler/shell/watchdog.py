@@ -4,6 +4,7 @@ While the loop turns an alarm is put off once a second, so it never rings. When 
 thread there is, in the middle of what holds the loop: it sees which hook is asked about which pod, and may raise there.
 It does so only between two lines of the plugin: what is ours is never left half done.
 
+A hook that swallows even that, again and again, cannot be ended without the process: that ends, and says why.
 What never returns to Python (a regular expression without end) hears no alarm. Then the interpreter writes the stack on
 its own, and the process is ended from outside: nobody answers the liveness probe any more.
 """
@@ -11,6 +12,7 @@ its own, and the process is ended from outside: nobody answers the liveness prob
 import asyncio
 import faulthandler
 import logging
+import os
 import signal
 import sys
 import threading
@@ -29,6 +31,8 @@ PATIENCE_S: Final = 4.0
 """Shorter than a lease is renewed in (10 s): a leader that asked such a plugin still leads."""
 AGAIN_S: Final = 1.0
 """The alarm rings on. Only what holds the loop for that long more is told: we may have been stopped ourselves."""
+MOST_SWALLOWED: Final = 3
+"""How often a hook is broken off in vain before the process ends."""
 DUMP_S: Final = 30.0
 DUMP_BEATS: Final = 5
 OURS: Final = frozenset({"robotapp_scheduler", "robotapp_api"})
@@ -57,9 +61,18 @@ ASKING: Final[Mapping[tuple[str, str], Callable[[Mapping[str, Any]], Asked]]] = 
 class Watchdog:
     """`run` it in the loop that is to be watched, in the main thread: nowhere else are alarms heard."""
 
-    def __init__(self, *, patience_s: float = PATIENCE_S, again_s: float = AGAIN_S) -> None:
+    def __init__(
+        self,
+        *,
+        patience_s: float = PATIENCE_S,
+        again_s: float = AGAIN_S,
+        end: Callable[[int], object] = os._exit,
+    ) -> None:
         self._patience_s = patience_s
         self._again_s = again_s
+        self._end = end
+        self._raised = 0
+        """How often in the call that `_held` is."""
         self._held: FrameType | None = None
         """Who asked the plugin when the alarm rang last."""
         self._rung = 0
@@ -76,7 +89,7 @@ class Watchdog:
         beats = 0
         try:
             while True:
-                self._rung, self._held = 0, None
+                self._rung, self._raised, self._held = 0, 0, None
                 signal.setitimer(signal.ITIMER_REAL, self._patience_s, self._again_s)
                 if beats % DUMP_BEATS == 0 and sys.__stderr__ is not None:
                     faulthandler.dump_traceback_later(DUMP_S, file=sys.__stderr__)
@@ -98,8 +111,22 @@ class Watchdog:
         asked = _asked(asking)
         if self._rung == 2:
             log.error("%s\n%s", _told(asked, frame, waited_s), "".join(traceback.format_stack(frame)))
+        self._raised = self._raised if same else 0
         if same and asked is not None:
+            if self._raised == MOST_SWALLOWED:
+                self._give_up(asked)
+            self._raised += 1
             raise Overdue(f"did not answer within {waited_s:g} s and was broken off")
+
+    def _give_up(self, asked: Asked) -> None:
+        """`sys.exit` would be swallowed too. Whoever leads next meets the same pod: only the user can help."""
+        about = f" about pod {asked.pod}" if asked.pod else ""
+        log.critical(
+            "%s of plugin %s cannot be broken off%s, it catches BaseException: the process ends. Take the plugin out of the "
+            "configuration%s",
+            *(asked.hook, asked.plugin, about, ", or delete the pod" if asked.pod else ""),
+        )
+        self._end(os.EX_SOFTWARE)
 
 
 def _asking(frame: FrameType | None) -> FrameType | None:

@@ -48,6 +48,12 @@ def test_a_hook_that_breaks_fails_its_pod_with_the_name_of_the_plugin(hook: str,
     assert core.explain.latest(1)[0].message == decisions[-1].message
 
 
+def test_a_plugin_that_cannot_say_what_it_minds_fails_every_pod_not_only_the_first_of_its_kind() -> None:
+    core = core_with(breaking("minds", RuntimeError("boom")))
+    decisions = [core.schedule_one(make_info(f"p{i}")) for i in range(3)]
+    assert {decision.message for decision in decisions} == {"plugin BreaksMinds: minds raised RuntimeError: boom"}
+
+
 def test_a_gate_that_cannot_be_asked_stays_closed_and_says_why_at_once() -> None:
     core = core_with(breaking("pre_enqueue", RuntimeError("boom")))
     core.queue.add(make_info("p"))

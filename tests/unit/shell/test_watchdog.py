@@ -1,7 +1,9 @@
 """What holds the event loop is told, and a plugin that does not come back is broken off; real time, a tenth of a second."""
 
 import asyncio
+import contextlib
 import logging
+import os
 import signal
 import sys
 import time
@@ -65,8 +67,8 @@ def core_with(plugin: type) -> SchedulerCore:
 
 
 @asynccontextmanager
-async def watched() -> AsyncIterator[None]:
-    task = asyncio.create_task(Watchdog(patience_s=0.05, again_s=0.05).run())
+async def watched(**settings: Any) -> AsyncIterator[None]:
+    task = asyncio.create_task(Watchdog(patience_s=0.05, again_s=0.05, **settings).run())
     await asyncio.sleep(0)
     try:
         yield
@@ -89,6 +91,33 @@ async def test_a_filter_without_end_is_broken_off_and_its_pod_told_with_the_name
     assert told.startswith("filter of plugin Loops has not answered for 0.1 s about pod default/bad: it is broken off")
     assert "in turn" in told
     assert core.schedule_one(make_info("good")).placed
+
+
+async def test_a_filter_that_swallows_whatever_it_is_told_ends_the_process_with_both_names(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    ended: list[int] = []
+
+    class Swallows(Loops):
+        name = "Swallows"
+
+        def filter(self, _pod: Any, nodes: Any) -> Any:
+            while not ended:
+                with contextlib.suppress(BaseException):
+                    turn(LONG_S / 2)
+            return np.ones(nodes.n, dtype=np.bool_)
+
+    core = core_with(Swallows)
+    async with watched(end=ended.append):
+        began_s = time.monotonic()
+        core.schedule_one(make_info("bad"))
+        assert time.monotonic() - began_s < LONG_S / 2
+    assert ended == [os.EX_SOFTWARE]
+    (told,) = [record.getMessage() for record in caplog.records if record.levelno == logging.CRITICAL]
+    assert told == (
+        "filter of plugin Swallows cannot be broken off about pod default/bad, it catches BaseException: the process ends. "
+        "Take the plugin out of the configuration, or delete the pod"
+    )
 
 
 async def test_a_hook_on_the_way_to_the_node_is_broken_off_too() -> None:
