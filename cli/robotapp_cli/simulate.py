@@ -23,6 +23,10 @@ from robotapp_cli.session import Session
 _MOST_BYTES: Final = 64 << 20
 _PRIVATE: Final = ("env", "envFrom", "command", "args", "volumeMounts", "lifecycle")
 """What no rule reads of a container, and nobody wants to send around."""
+_OWNERS: Final = frozenset(
+    {"RobotApp", "Deployment", "ReplicaSet", "StatefulSet", "DaemonSet", "ReplicationController", "Job", "CronJob"}
+)
+"""What somebody may take for the pods it becomes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +63,7 @@ async def show_simulation(session: Session, wish: Wish) -> None:
     if session.options.output.structured:
         write_structured(found, session.options.output)
     else:
-        _print(found)
+        _print(found, extra)
 
 
 async def _cluster(session: Session, link: Link) -> list[Json]:
@@ -114,17 +118,12 @@ def _documents(path: Path) -> Iterator[Json]:
         yield found
 
 
-def _print(found: Json) -> None:
+def _print(found: Json, extra: Sequence[Json]) -> None:
     again = any(each["was"] for each in found["placements"])
-    columns = [Column("NAMESPACE"), Column("POD"), Column("NODE"), *([Column("WAS")] if again else [])]
-    rows = []
-    for each in found["placements"]:
-        could = each["feasible"]
-        why = each["message"] or (
-            f"score {each['score']}, {could} nodes could" if could > 1 else "the only node that could"
-        )
-        rows.append([each["namespace"], each["name"], each["node"] or "-", *([each["was"]] if again else []), why])
-    print_table([*columns, Column("WHY", wraps=True)], rows)
+    if found["placements"]:
+        _print_placements(found["placements"], again=again)
+    else:
+        console().print(_nothing(extra), soft_wrap=True)
     blank_line()
     total = found["placed"] + found["refused"]
     lines = [f"{found['placed']} of {total} pods placed on {found['nodes']} nodes, configuration {found['config']}"]
@@ -133,3 +132,24 @@ def _print(found: Json) -> None:
     lines += [f"{count} pods wait for scheduler {name}" for name, count in found["otherSchedulers"].items()]
     for line in [*lines, *found["problems"], found["note"]]:
         console().print(line, soft_wrap=True)
+
+
+def _nothing(extra: Sequence[Json]) -> str:
+    """Why nothing was placed; `extra` are the objects of the user's files."""
+    kinds = {str(obj.get("kind")) for obj in extra}
+    if "Pod" in kinds or not kinds & _OWNERS:
+        return "No pod waits for this scheduler."
+    named = " or ".join(sorted(kinds & _OWNERS))
+    return f"No pod waits for this scheduler, and the files hold none: a {named} becomes pods in a cluster only."
+
+
+def _print_placements(placements: Sequence[Json], *, again: bool) -> None:
+    columns = [Column("NAMESPACE"), Column("POD"), Column("NODE"), *([Column("WAS")] if again else [])]
+    rows = []
+    for each in placements:
+        could = each["feasible"]
+        why = each["message"] or (
+            f"score {each['score']}, {could} nodes could" if could > 1 else "the only node that could"
+        )
+        rows.append([each["namespace"], each["name"], each["node"] or "-", *([each["was"]] if again else []), why])
+    print_table([*columns, Column("WHY", wraps=True)], rows)

@@ -72,6 +72,25 @@ def test_pods_are_shown_with_their_node_or_why_they_have_none(cluster: Stage) ->
     assert "3 pods wait for scheduler default-scheduler" in lines
 
 
+NONE = {**ANSWER, "placed": 0, "refused": 0, "placements": [], "otherSchedulers": {}}
+
+
+def test_where_no_pod_waits_that_is_said(cluster: Stage) -> None:
+    cluster.scheduler.outcome = NONE
+    assert cluster.text("simulate", *url(cluster)).startswith("No pod waits for this scheduler.\n")
+
+
+def test_a_file_that_holds_what_is_no_pod_yet_is_told_so(cluster: Stage, tmp_path: Path) -> None:
+    cluster.scheduler.outcome = NONE
+    app = tmp_path / "app.yaml"
+    app.write_text("{kind: RobotApp, metadata: {name: teleop}}")
+    text = cluster.text("simulate", str(app), *url(cluster))
+    assert "the files hold none: a RobotApp becomes pods in a cluster only." in text
+    for kind in ("Pod", "Node"):
+        app.write_text(f"{{kind: {kind}, metadata: {{name: other}}}}")
+        assert cluster.text("simulate", str(app), *url(cluster)).startswith("No pod waits for this scheduler.\n")
+
+
 def test_the_cluster_is_sent_without_what_no_rule_reads(cluster: Stage) -> None:
     cluster.text("simulate", *url(cluster))
     body = sent(cluster)
