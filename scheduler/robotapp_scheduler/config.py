@@ -7,7 +7,7 @@ two profiles with the same plugins: `ros-aware-scheduler` and `kubernetes-schedu
 import copy
 import hashlib
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -94,17 +94,6 @@ class SchedulerConfig:
     def build(self) -> dict[str, Profile]:
         """Fresh plugin instances for every profile, by schedulerName."""
         return build_profiles(self.profiles, self.catalogue)
-
-    def as_json(self) -> dict[str, Any]:
-        """Plain JSON for `/configz`."""
-        return {
-            "profiles": list(msgspec.to_builtins(self.profiles)),
-            "leaderElection": asdict(self.leader_election),
-            "podInitialBackoffSeconds": self.initial_backoff_s,
-            "podMaxBackoffSeconds": self.max_backoff_s,
-            "compatVersion": self.compat_version,
-            "digest": self.digest,
-        }
 
     @property
     def digest(self) -> str:

@@ -81,6 +81,7 @@ NODE: Final = Change.NODE_ADDED | Change.NODE_REMOVED
 NODE_COMES_OR_GOES: Final = int(NODE)
 """As a plain int."""
 PLACED: Final = Change.POD_ADDED | Change.POD_REMOVED | Change.POD_UPDATED
+_OF_ONE_POD: Final = int(Change.POD_UPDATED | Change.SELF)
 
 
 class Event(msgspec.Struct, frozen=True, gc=False):
@@ -105,7 +106,19 @@ class Event(msgspec.Struct, frozen=True, gc=False):
     @property
     def label(self) -> str:
         """Upstream's name of the event where it has one, for scheduler_queue_incoming_pods_total."""
+        if int(self.change) & _OF_ONE_POD and self.old is not None and self.new is not None:
+            whose = "TargetPod" if self.change & Change.SELF else "AssignedPod"
+            return f"{whose}Update{_changed(self.old, self.new)}"
         return _label(self.change, self.action)
+
+
+def _changed(old: Any, new: Any) -> str:
+    """What upstream calls the difference between two states of a pod, where it has a name of its own."""
+    if old.spec.scheduling_gates and not new.spec.scheduling_gates:
+        return "PodSchedulingGatesEliminated"
+    if old.metadata.labels != new.metadata.labels:
+        return "PodLabel"
+    return "PodToleration" if old.spec.tolerations != new.spec.tolerations else ""
 
 
 @cache
@@ -120,26 +133,26 @@ def _label(found: Change, action: str) -> str:
 _STORAGE: Final = (
     (Change.PVC, "PersistentVolumeClaim"),
     (Change.PV, "PersistentVolume"),
-    (Change.STORAGE_CLASS, "StorageClass"),
-    (Change.CSI_NODE, "CSINode"),
-    (Change.CSI_DRIVER, "CSIDriver"),
-    (Change.CAPACITY, "CSIStorageCapacity"),
-    (Change.ATTACHMENT, "VolumeAttachment"),
-    (Change.RESOURCE_CLAIMS, "ResourceClaim"),
+    (Change.STORAGE_CLASS, "storage.k8s.io/StorageClass"),
+    (Change.CSI_NODE, "storage.k8s.io/CSINode"),
+    (Change.CSI_DRIVER, "storage.k8s.io/CSIDriver"),
+    (Change.CAPACITY, "storage.k8s.io/CSIStorageCapacity"),
+    (Change.ATTACHMENT, "storage.k8s.io/VolumeAttachment"),
+    (Change.RESOURCE_CLAIMS, "resource.k8s.io/ResourceClaim"),
 )
 _LABELS: Final = (
     (Change.NODE_ADDED, "NodeAdd"),
     (Change.NODE_REMOVED, "NodeDelete"),
-    (Change.ALLOCATABLE, "NodeAllocatableChange"),
-    (Change.LABELS, "NodeLabelChange"),
-    (Change.TAINTS, "NodeTaintChange"),
-    (Change.ANNOTATIONS, "NodeAnnotationChange"),
-    (Change.FEATURES, "NodeDeclaredFeatureChange"),
+    (Change.ALLOCATABLE, "NodeUpdateNodeAllocatable"),
+    (Change.LABELS, "NodeUpdateNodeLabel"),
+    (Change.TAINTS, "NodeUpdateNodeTaint"),
+    (Change.ANNOTATIONS, "NodeUpdateNodeAnnotation"),
+    (Change.FEATURES, "NodeUpdateNodeDeclaredFeature"),
     (Change.NAMESPACES, "NamespaceLabelChange"),
     (Change.POD_ADDED, "AssignedPodAdd"),
     (Change.POD_REMOVED, "AssignedPodDelete"),
     (Change.POD_UPDATED, "AssignedPodUpdate"),
-    (Change.SELF, "UnscheduledPodUpdate"),
+    (Change.SELF, "TargetPodUpdate"),
     (Change.NOMINATED, "UnscheduledPodDelete"),
 )
 

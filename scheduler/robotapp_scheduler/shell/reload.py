@@ -14,6 +14,7 @@ from typing import Any, Final
 from robotapp_api.model.names import EventReason
 from robotapp_scheduler import config as configuration
 from robotapp_scheduler.config import ConfigError, SchedulerConfig
+from robotapp_scheduler.config_page import document
 from robotapp_scheduler.core.profiles import Catalogue, Profile
 from robotapp_scheduler.shell.config_source import Given, LastGood, NoSource, Source
 
@@ -54,7 +55,7 @@ class Running:
 
     def as_json(self) -> dict[str, Any]:
         """For /configz."""
-        return self.config.as_json() | {"refused": list(self.refused)}
+        return document(self.config) | {"digest": self.config.digest, "refused": list(self.refused)}
 
 
 class Reloader:

@@ -1,4 +1,7 @@
-from robotapp_scheduler.core.changes import EVERY_ROW, Change, ChangeLog
+import pytest
+from tests.support.scheduling import make_pod
+
+from robotapp_scheduler.core.changes import EVERY_ROW, Change, ChangeLog, Event
 
 POD = int(Change.POD_ADDED | Change.POD_REMOVED)
 
@@ -54,3 +57,21 @@ def test_a_reader_of_another_log_looks_at_everything() -> None:
     log.add(3, Change.POD_ADDED)
     assert log.apart().news(log.position, most=10) is None
     assert log.news(log.apart().position, most=10) is None
+
+
+@pytest.mark.parametrize(
+    ("change", "old", "new", "label"),
+    [
+        (Change.LABELS, "a", "b", "NodeUpdateNodeLabel"),
+        (Change.STORAGE_CLASS, None, "a", "storage.k8s.io/StorageClassAdd"),
+        (Change.POD_UPDATED, make_pod(), make_pod(labels={"app": "x"}), "AssignedPodUpdatePodLabel"),
+        (Change.POD_UPDATED, make_pod(), make_pod(cpu="50m"), "AssignedPodUpdate"),
+        (Change.SELF, make_pod(schedulingGates=[{"name": "a.b/c"}]), make_pod(), "TargetPodUpdatePodSchedulingGatesEliminated"),
+        (Change.SELF, make_pod(), make_pod(tolerations=[{"operator": "Exists"}]), "TargetPodUpdatePodToleration"),
+        (Change.SELF, None, None, "TargetPodUpdate"),
+    ],
+)  # fmt: skip
+def test_events_have_the_names_kube_scheduler_counts_them_by(
+    change: Change, old: object, new: object, label: str
+) -> None:
+    assert Event("", change, old, new).label == label

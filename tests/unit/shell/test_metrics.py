@@ -20,11 +20,16 @@ UPSTREAM: dict[str, tuple[str, list[float]]] = {
     "pod_scheduling_sli_duration_seconds": ("histogram", [0.01 * 2**step for step in range(20)]),
     "pod_scheduling_attempts": ("histogram", [1, 2, 4, 8, 16]),
     "framework_extension_point_duration_seconds": ("histogram", [0.0001 * 2**step for step in range(12)]),
-    "plugin_execution_duration_seconds": ("histogram", [0.00001 * 1.5**step for step in range(20)]),
+    "plugin_execution_duration_seconds": ("histogram", [
+        1e-05, 1.5000000000000002e-05, 2.2500000000000005e-05, 3.375000000000001e-05, 5.062500000000001e-05, 7.593750000000002e-05,
+        0.00011390625000000003, 0.00017085937500000006, 0.0002562890625000001, 0.00038443359375000017, 0.0005766503906250003,
+        0.0008649755859375004, 0.0012974633789062506, 0.0019461950683593758, 0.0029192926025390638, 0.004378938903808595,
+        0.006568408355712893, 0.009852612533569338, 0.014778918800354007, 0.02216837820053101,
+    ]),
     "permit_wait_duration_seconds": ("histogram", SECONDS),
     "preemption_victims": ("histogram", [1, 2, 4, 8, 16, 32, 64]),
     "preemption_attempts_total": ("counter", []),
-}
+}  # fmt: skip
 """Names, types and buckets of kube-scheduler 1.37.1; those read from the core are tested with it."""
 
 
