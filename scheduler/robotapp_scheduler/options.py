@@ -10,6 +10,17 @@ from robotapp_api.client.sweep import PERIOD_S
 from robotapp_api.values import arguments
 
 PREFIX = "ROBOTAPP_SCHEDULER_"
+EPILOG = """\
+examples:
+  robotapp-scheduler --kubeconfig ~/.kube/config --config scheduler.yaml
+  robotapp-scheduler --config-map robotapp-system/robotapp-scheduler --lease-namespace robotapp-system
+
+other commands, each with --help:
+  robotapp-scheduler simulate        places the waiting pods of a cluster dump, without a cluster
+  robotapp-scheduler export          writes such a dump
+  robotapp-scheduler bench-plugin    measures what a plugin costs
+
+Every flag may be given as ROBOTAPP_SCHEDULER_<FLAG>, e.g. ROBOTAPP_SCHEDULER_LOG_LEVEL=debug."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +46,10 @@ class Options:
 def parse(argv: Sequence[str] | None = None, environment: Mapping[str, str] | None = None) -> Options:
     """Flags win over the environment. Exits with a usage text on a mistake, as argparse does."""
     parser = _parser(os.environ if environment is None else environment)
-    found = parser.parse_args(argv)
+    found, rest = parser.parse_known_args(argv)
+    if rest:
+        commands = "" if rest[0].startswith("-") else "; other commands are simulate, export and bench-plugin"
+        parser.error(f"unrecognized arguments: {' '.join(rest)}{commands}")
     if (found.tls_cert_file is None) != (found.tls_private_key_file is None):
         parser.error("--tls-cert-file and --tls-private-key-file belong together")
     if found.config is not None and found.config_map:
@@ -60,8 +74,9 @@ def parse(argv: Sequence[str] | None = None, environment: Mapping[str, str] | No
 def _parser(environment: Mapping[str, str]) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="robotapp-scheduler",
-        description="Places the pods of robot applications by ROS rules, all others by kube-scheduler's basic ones.",
-        epilog="example: robotapp-scheduler --kubeconfig ~/.kube/config --config scheduler.yaml; tools: simulate, export, bench-plugin (each with --help)",
+        description="Places the pods of robot applications by ROS rules, all others as kube-scheduler 1.37 does.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
 
     def given(flag: str, default: str) -> str:

@@ -1,4 +1,7 @@
-"""Tells the user what became of a pod: the PodScheduled condition and an Event, written only when they say something new.
+"""Tells the user what became of a pod: the PodScheduled condition and an Event, written when they say something new.
+
+What stays true is said again every few minutes: the recorder counts it on the Event that is there, which else were forgotten
+by the API server after an hour while the pod still waits.
 
 Nothing here delays a decision. Condition writes wait in a queue that keeps the latest text per pod, so a storm of
 attempts costs one write; one that fails is repeated at the next attempt, because the pod's condition still differs.
@@ -28,6 +31,8 @@ log = logging.getLogger(__name__)
 
 REMEMBERED = 20_000
 """Last text per pod; the oldest are forgotten beyond this and at worst written once more."""
+AGAIN_S = 300.0
+"""How often at most the same is said again about a pod; the queue tries one that nothing helped as seldom."""
 WRITERS = 4
 TRIES = 3
 
@@ -69,6 +74,8 @@ class Reporter:
         self._permitted = permitted
         self._now = now
         self._said: OrderedDict[str, tuple[str, str, str | None]] = OrderedDict()
+        self._told_s: dict[str, float] = {}
+        """When the Event of what was said was last recorded; of the same pods."""
         self._waiting: Newest[str, _Text] = Newest()
         self._promised: dict[str, str] = {}
         """Pods on the way to a node they were promised to."""
@@ -92,7 +99,7 @@ class Reporter:
         nominate: str | None = None,
         event: str = EventReason.FAILED_SCHEDULING,
     ) -> None:
-        """An attempt failed. Writes condition and event unless exactly this was the last thing said about the pod.
+        """An attempt failed. Writes condition and event; the event alone, and seldom, if this was the last thing said about it.
 
         `nominate` is the node the pod waits for from now on, "" for none any more, None when that stays as it is.
         """
@@ -103,11 +110,13 @@ class Reporter:
             status = msgspec.structs.replace(pod.status, nominated_node_name=promised)
             pod = msgspec.structs.replace(pod, status=status)
         said = self._said.get(uid)
+        now_s = self._client.clock()
+        if said is None or said[:2] != (reason, message) or now_s - self._told_s.get(uid, now_s) >= AGAIN_S:
+            self._told_s[uid] = now_s
+            self._events.pod_event(pod, warning=True, reason=event, action="Scheduling", note=texts.note(message))
         if said == (reason, message, nominate) and texts.nominated(pod, nominate):
             return
         self._remember(uid, (reason, message, nominate))
-        if said is None or said[:2] != (reason, message):
-            self._events.pod_event(pod, warning=True, reason=event, action="Scheduling", note=texts.note(message))
         if texts.says_already(pod, reason=reason, message=message, nominate=nominate):
             return
         waiting = self._waiting.get(uid)
@@ -145,6 +154,7 @@ class Reporter:
     def forget(self, uid: str) -> None:
         """The pod is bound or gone: nothing more will be said about it."""
         self._said.pop(uid, None)
+        self._told_s.pop(uid, None)
         self._waiting.drop(uid)
         self._promised.pop(uid, None)
 
@@ -198,4 +208,5 @@ class Reporter:
         self._said[uid] = said
         self._said.move_to_end(uid)
         if len(self._said) > REMEMBERED:
-            self._said.popitem(last=False)
+            oldest, _ = self._said.popitem(last=False)
+            self._told_s.pop(oldest, None)

@@ -97,7 +97,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="robotapp-scheduler bench-plugin",
         description="Measures what a plugin costs per pod on made-up clusters.",
-        epilog="example: robotapp-scheduler bench-plugin mylab.quiet:PreferQuietNodes --nodes 1000,5000",
+        epilog="example: robotapp-scheduler bench-plugin mylab.quiet:QuietNodes --nodes 1000,5000",
     )
     parser.add_argument("plugin", metavar="PLUGIN", help="module:Class, an entry point, or a built-in plugin's name")
     parser.add_argument("--args", default="", metavar="YAML", help="its arguments, e.g. '{quiet: very}'")

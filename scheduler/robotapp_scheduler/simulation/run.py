@@ -98,7 +98,10 @@ class _World:
         for route in routes(self.cluster):
             for obj in self._dump.of(route.resource.kind):
                 self._guarded(route.resource.kind, obj, route.apply)
-        pods = [_identified(pod) for pod in self._dump.of("Pod")]
+        identified = map(_identified, self._dump.of("Pod"))
+        pods = list(
+            {pod.metadata.uid: pod for pod in identified}.values()
+        )  # files may repeat each other: the last is meant
         again = {pod.metadata.uid for pod in latest_bound(pods, self._names, replay)}
         waiting = []
         for given in pods:

@@ -37,6 +37,7 @@ def test_every_flag_is_also_a_variable_and_the_flag_wins() -> None:
         ["--lease-namespace", "a/b"],
         ["--log-format", "xml"],
         ["--what"],
+        ["simulat", "dump.json"],
     ],
 )
 def test_a_mistake_ends_with_a_usage_text(argv: list[str], capsys: pytest.CaptureFixture[str]) -> None:

@@ -110,6 +110,18 @@ async def test_an_unschedulable_pod_gets_one_condition_and_one_event() -> None:
     ]
 
 
+async def test_what_stays_true_is_said_again_after_five_minutes_without_a_second_condition() -> None:
+    desk = Desk()
+    for passed_s in (0.0, 100.0, 199.0, 1.0, 299.0, 1.0):
+        desk.client.now_s += passed_s
+        desk.reporter.unscheduled(pod(), reason="Unschedulable", message="0/1 nodes are available.")
+    assert len(desk.events.notes) == 3
+    assert len(set(desk.events.notes)) == 1
+    assert len(await desk.settle()) == 1
+    desk.reporter.forget("u1")
+    assert not desk.reporter._told_s
+
+
 async def test_another_text_is_written_without_moving_the_transition_time() -> None:
     desk = Desk()
     desk.reporter.unscheduled(pod(refused()), reason="Unschedulable", message="other")

@@ -74,6 +74,13 @@ def test_refused_and_held_pods_say_why_and_pods_of_others_are_counted() -> None:
     assert found.placed == 0
 
 
+def test_an_object_that_several_files_hold_counts_once_and_the_last_one_is_meant() -> None:
+    old, new = pod("p", cpu="9"), pod("p", cpu="1")
+    foreign = pod("q", schedulerName="default-scheduler")
+    found = outcome(node("a"), old, foreign, new, foreign)
+    assert (nodes_of(found), found.others) == ({"p": "a"}, {"default-scheduler": 1})
+
+
 def test_pods_that_run_take_room_whoever_placed_them() -> None:
     running = pod("theirs", scheduler="default-scheduler", node="a", cpu="3500m")
     assert nodes_of(outcome(node("a"), node("b", cpu="1"), running, pod("p", cpu="1"))) == {"p": "b"}
