@@ -132,7 +132,7 @@ class MemoryTransport:
 
 
 def _answer(status: int, obj: Any) -> Response:
-    return Response(status, {}, json.dumps(obj).encode())
+    return Response(status, json.dumps(obj).encode(), [])
 
 
 def memory_client(transport: MemoryTransport, time: ManualTime, **overrides: Any) -> ApiClient:

@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from types import TracebackType
 from typing import Any, Final, Generic, Self, TypeVar, overload
 from urllib.parse import urlencode
@@ -295,17 +295,17 @@ class ApiClient:
         `told` gets None when the write was accepted, else what `post_raw` would have raised; perhaps before this
         returns. It must not raise. There is no way to cancel but closing the client.
         """
-
-        def ended(outcome: Response | ClientError) -> None:
-            if not isinstance(outcome, ClientError):
-                self.requests["POST", outcome.status] += 1
-                told(None if outcome.status < 300 else self.refusal(outcome))
-                return
-            if isinstance(outcome, Unreachable):
-                self.requests["POST", 0] += 1
-            told(outcome)
-
+        ended = partial(self._posted, told)
         self._transport.post(path, body, ended, content_type=JSON, timeout_s=self._timeout_s, permitted=permitted)
+
+    def _posted(self, told: Callable[[ClientError | None], None], outcome: Response | ClientError) -> None:
+        if not isinstance(outcome, ClientError):
+            self.requests["POST", outcome.status] += 1
+            told(None if outcome.status < 300 else self.refusal(outcome))
+            return
+        if isinstance(outcome, Unreachable):
+            self.requests["POST", 0] += 1
+        told(outcome)
 
     # The wire
 

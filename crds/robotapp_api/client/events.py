@@ -18,7 +18,7 @@ from robotapp_api.client.apply import encode
 from robotapp_api.client.backoff import Backoff
 from robotapp_api.client.errors import AlreadyExists, ApiError, ClientError, NotFound, ServerError, TooManyRequests
 from robotapp_api.client.resources import EVENTS
-from robotapp_api.client.times import Now, micro_time, utc_now
+from robotapp_api.client.times import Now, as_micro_time, micro_time, utc_now
 
 log = logging.getLogger(__name__)
 
@@ -56,7 +56,7 @@ class _Body(msgspec.Struct, rename="camel", omit_defaults=True, gc=False, tag_fi
     """An Event as it is created."""
 
     metadata: _Metadata
-    event_time: str
+    event_time: datetime | str
     reporting_controller: str
     reporting_instance: str
     action: str
@@ -179,7 +179,7 @@ class EventRecorder:
         seen = self._now()
         body = _Body(
             metadata=_Metadata(name, namespace),
-            event_time=micro_time(seen),
+            event_time=as_micro_time(seen),
             reporting_controller=self._controller,
             reporting_instance=self._instance,
             action=action,

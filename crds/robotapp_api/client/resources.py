@@ -32,6 +32,8 @@ class Resource:
         if namespace and name and self.namespaced:  # nearly always
             path = f"{self.root}/namespaces/{namespace}/{self.plural}/{name}"
             return f"{path}/{subresource}" if subresource else path
+        if namespace and name is None and self.namespaced and not subresource:
+            return f"{self.root}/namespaces/{namespace}/{self.plural}"
         if self.namespaced:
             if name is not None and not namespace:
                 raise ValueError(f"{self.plural} {name!r} needs a namespace")

@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from functools import partial
 from types import TracebackType
 from typing import Final, NamedTuple, Protocol, Self
 
@@ -138,20 +139,20 @@ class HttpTransport:
         if self._connections is None or credentials.due:
             self._follow(self._request(_Call("POST", path, body, content_type, timeout_s, permitted)), told)
             return
-        generation = credentials.generation
-
-        def ended(outcome: Outcome) -> None:
-            if isinstance(outcome, Answer) and outcome.status != 401:
-                told(outcome)
-                return
-            call = _Call("POST", path, body, content_type, timeout_s, permitted)
-            if isinstance(outcome, Answer):
-                self._follow(self._renewed(call, outcome, generation), told)
-            else:
-                told(_without_answer(call, outcome))
-
         data = self._bytes("POST", path, body, content_type)
+        sent = (path, body, content_type, timeout_s, permitted)  # of what a closure keeps each part has a cell of its own
+        ended = partial(self._posted, told, sent, credentials.generation)
         self._connections.send(data, ended, timeout_s=timeout_s, permitted=permitted)
+
+    def _posted(
+        self, told: Told, sent: tuple[str, bytes, str, float, Permitted], generation: int, outcome: Outcome
+    ) -> None:
+        if not isinstance(outcome, Answer):
+            told(_without_answer(_Call("POST", *sent), outcome))
+        elif outcome.status == 401:
+            self._follow(self._renewed(_Call("POST", *sent), outcome, generation), told)
+        else:
+            told(outcome)
 
     def _follow(self, work: Awaitable[Response], told: Told) -> None:
         task = asyncio.ensure_future(tell(work, told))
@@ -176,12 +177,12 @@ class HttpTransport:
         connections = self._open()
         if " " in path or not path.isprintable():
             raise ValueError(f"{path!r} is not an escaped path")
-        line = f"{method} {connections.prefix}{path} HTTP/1.1\r\n"
         key = (content_type, self._endpoint.credentials.authorization)
         headers = self._headers.get(key) or self._request_headers(key, connections.host_header)
         if body is None:
-            return line.encode() + headers
-        return b"".join((f"{line}Content-Length: {len(body)}\r\n".encode(), headers, body))
+            return f"{method} {connections.prefix}{path} HTTP/1.1\r\n".encode() + headers
+        start = f"{method} {connections.prefix}{path} HTTP/1.1\r\nContent-Length: {len(body)}\r\n"
+        return b"".join((start.encode(), headers, body))
 
     def _open(self) -> Connections:
         if self._connections is None:

@@ -21,14 +21,6 @@ def always() -> bool:
     return True
 
 
-class Answer(msgspec.Struct, frozen=True):
-    """A complete answer of any status; `headers` is case-insensitive."""
-
-    status: int
-    headers: Mapping[str, str]
-    body: bytes
-
-
 class BrokenError(Exception):
     """There is no complete answer; whether the request was executed is unknown."""
 
@@ -58,6 +50,19 @@ class Headers(Mapping[str, str]):
 
     def __len__(self) -> int:
         return len(self._all())
+
+
+class Answer(msgspec.Struct, frozen=True):
+    """A complete answer of any status; `start` is what arrived up to its first bytes."""
+
+    status: int
+    body: bytes
+    start: list[bytes]
+
+    @property
+    def headers(self) -> Headers:
+        """Case-insensitive."""
+        return Headers(lambda: _Reading(self.start).found)
 
 
 class _Reading:
@@ -190,4 +195,4 @@ class Connection(Speaker):
         if not self._parser.should_keep_alive():
             self.reusable = False
         if self._answer is None:
-            self._answer = Answer(status, Headers(lambda: _Reading(start).found), b"".join(body))
+            self._answer = Answer(status, b"".join(body), start)
