@@ -114,20 +114,21 @@ class Lines:
 
     def ended(self, pieces: Sequence[bytes]) -> list[bytes]:
         """The lines that end in these pieces. Raises Unreachable when one has become too long."""
+        # All at once: an API server cuts pieces where its buffer is full, which is seldom between two lines.
+        data = pieces[0] if len(pieces) == 1 else b"".join(pieces)
         complete: list[bytes] = []
-        for piece in pieces:
-            end = piece.find(b"\n")
-            if end < 0:
-                self._parts.append(piece)
-                self._size += len(piece)
-                if self._size > self._limit:
-                    raise Unreachable(f"a watch line is longer than {self._limit} bytes", maybe_applied=False)
-            elif end == len(piece) - 1 and not self._parts:  # nearly always: the server sends line by line
-                complete.append(piece[:-1])
-            else:
-                *ended, rest = b"".join([*self._parts, piece]).split(b"\n")
-                complete += ended
-                self._parts, self._size = [rest] if rest else [], len(rest)
+        start, end = 0, data.find(b"\n")
+        while end >= 0:  # `split` looks at byte after byte: a tenth of what a pod's event costs
+            complete.append(data[start:end])
+            start, end = end + 1, data.find(b"\n", end + 1)
+        if complete:
+            complete[0] = b"".join([*self._parts, complete[0]])
+            self._parts, self._size = [], 0
+        if start < len(data):
+            self._parts.append(data[start:])
+            self._size += len(data) - start
+            if self._size > self._limit:
+                raise Unreachable(f"a watch line is longer than {self._limit} bytes", maybe_applied=False)
         return complete
 
 
