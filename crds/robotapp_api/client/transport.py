@@ -140,7 +140,8 @@ class HttpTransport:
             self._follow(self._request(_Call("POST", path, body, content_type, timeout_s, permitted)), told)
             return
         data = self._bytes("POST", path, body, content_type)
-        sent = (path, body, content_type, timeout_s, permitted)  # of what a closure keeps each part has a cell of its own
+        # No closure: of what that keeps each part would have a cell of its own.
+        sent = (path, body, content_type, timeout_s, permitted)
         ended = partial(self._posted, told, sent, credentials.generation)
         self._connections.send(data, ended, timeout_s=timeout_s, permitted=permitted)
 
