@@ -18,7 +18,10 @@ from robotapp_scheduler.core.groups import (
     POD_GROUP_EVENTS,
     POD_GROUP_PLUGIN,
     PREDECESSOR_PLUGIN,
+    WHOLE_PLUGIN,
+    WHOLE_READS,
     Groups,
+    asks_otherwise,
     group_key,
 )
 from robotapp_scheduler.core.latency_export import LatencyExport
@@ -46,7 +49,7 @@ WAKERS: Final = {
         (PREDECESSOR_PLUGIN, GROUP_EVENTS),
         (POD_GROUP_PLUGIN, POD_GROUP_EVENTS),
     )
-}
+} | {WHOLE_PLUGIN: Waker(WHOLE_PLUGIN, Change.APPS | Change.POD_GROUPS, asks_otherwise, WHOLE_READS)}
 """What may help where no plugin of a profile rejected the pod."""
 PREEMPTING: Final = Gate(
     plugin="DefaultPreemption",

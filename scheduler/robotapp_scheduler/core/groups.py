@@ -16,6 +16,9 @@ from robotapp_scheduler.core.robotics import Component
 GROUP_PLUGIN: Final = "RobotAppGroup"
 POD_GROUP_PLUGIN: Final = "PodGroup"
 PREDECESSOR_PLUGIN: Final = "RobotAppPredecessor"
+WHOLE_PLUGIN: Final = "PlacedWhole"
+"""Beside the plugins that refused a part of a group: the group itself may ask for less."""
+WHOLE_READS: Final = ("group",)
 GROUP_EVENTS: Final = Change.APPS | Change.OWNERS | Change.POD_SEEN | PLACED
 POD_GROUP_EVENTS: Final = Change.POD_GROUPS | Change.POD_SEEN | PLACED
 UNREACHABLE: Final = frozenset({"node.kubernetes.io/unreachable", "node.kubernetes.io/not-ready"})
@@ -50,6 +53,12 @@ def groups_around(pod: PodInfo) -> tuple[str, ...]:
     if pod.member is not None:
         return (pod.member.app_uid,)
     return (pod.pod_group.key,) if pod.pod_group is not None else ()
+
+
+def asks_otherwise(pod: PodInfo, seen: Event) -> bool:
+    """Queueing hint of WHOLE_PLUGIN: did the pod's own RobotApp or PodGroup change what it asks for?"""
+    same = seen.old is not None and seen.new is not None and seen.old.spec == seen.new.spec
+    return not same and not set(groups_around(pod)).isdisjoint(groups_of(seen))
 
 
 class Groups:

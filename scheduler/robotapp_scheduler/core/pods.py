@@ -227,6 +227,7 @@ FEATURES: Final[dict[str, Callable[[PodInfo], Hashable]]] = {
     "pod_affinity": lambda pod: pod.affinity_key,
     "self_affinity": lambda pod: attracts_itself(pod.namespace, pod.labels, pod.affinity),
     "controller": lambda pod: (owner.api_version, owner.kind, owner.name) if (owner := pod.controller) else None,
+    "group": lambda pod: pod.member if pod.member is not None else pod.pod_group,
     "images": lambda pod: pod.images,
     "tolerations": lambda pod: pod.tolerations,
     "host_ports": lambda pod: pod.host_ports,

@@ -14,7 +14,7 @@ from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.explain import ExplainRing
 from robotapp_scheduler.core.framework import Code
-from robotapp_scheduler.core.groups import POD_GROUP_PLUGIN
+from robotapp_scheduler.core.groups import POD_GROUP_PLUGIN, WHOLE_PLUGIN
 from robotapp_scheduler.core.pod_groups import GroupRef
 from robotapp_scheduler.core.pods import Member, PlacedPod, PodInfo
 
@@ -147,8 +147,12 @@ def _taken_back(
     failures: Sequence[Decision],
     concerns: Callable[[PodInfo], bool],
 ) -> list[Decision]:
-    """The placed ones that are concerned as refused with this text; what may help the failures may help them."""
+    """The placed ones that are concerned as refused with this text; what may help the failures may help them.
+
+    So may a group that asks for less: who is tried again brings the others along.
+    """
     plugins = frozenset().union(*(failure.rejected_by for failure in failures)) or frozenset({POD_GROUP_PLUGIN})
+    plugins |= {WHOLE_PLUGIN}
     result = []
     for decision in decisions:
         if not decision.placed or not concerns(decision.pod):

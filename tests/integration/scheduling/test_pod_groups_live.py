@@ -113,6 +113,23 @@ def test_five_where_four_fit_get_no_node_and_all_of_them_once_there_is_room(
             assert len({stage.wait_bound(name) for name in names}) == 5
 
 
+@pytest.mark.usefixtures("served")
+def test_a_group_that_waits_for_room_is_placed_as_soon_as_it_asks_for_less(
+    installed_plane: ControlPlane, stage: Stage
+) -> None:
+    with nodes(installed_plane, *whole(stage, 0, 1)):
+        create_group(stage, "three", 3)
+        names = members(stage, "three", 3)
+        for name in names:
+            stage.wait_refused(name, reason="Unschedulable")
+        path = f"/apis/{GROUP}/v1alpha1/namespaces/{stage.namespace}/podgroups/three"
+        installed_plane.api.patch(path, {"spec": {"minMember": 2}})
+        stage.wait(
+            lambda: sum(bool(stage.node_of(name)) for name in names) == 2,
+            what=lambda: str([stage.refusal(name) for name in names]),
+        )
+
+
 def test_after_a_kill_between_its_bindings_the_rest_of_a_group_follows(
     installed_plane: ControlPlane, stage: Stage, served: tuple[Process, FaultProxy]
 ) -> None:

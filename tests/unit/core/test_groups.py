@@ -15,6 +15,7 @@ from tests.support.scheduling import (
 from robotapp_api.model.names import Label, PodReason
 from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.groups import WHOLE_PLUGIN
 from robotapp_scheduler.core.objects import Node, Owned
 from robotapp_scheduler.core.queued import Rejection
 from robotapp_scheduler.core.robotics import RobotApp
@@ -182,7 +183,18 @@ def test_all_or_nothing_places_nobody_when_one_cannot_be_placed() -> None:
         "the app is placed whole or not at all, and component planner cannot be placed: 0/3 nodes are available: "
         "3 Insufficient cpu."
     )
-    assert decisions["driver"].rejected_by == {"NodeResourcesFit"}
+    assert decisions["driver"].rejected_by == {"NodeResourcesFit", WHOLE_PLUGIN}
+
+
+def test_an_app_that_no_longer_asks_for_all_is_tried_again_at_once() -> None:
+    core = make_core(*three_nodes())
+    teleop(core, "driver", "planner")
+    arrive(core, member_pod("driver"), member_pod("planner", cpu="64"))
+    assert run(core) == {}
+    old = app_object({"name": "driver"}, {"name": "planner"})
+    new = app_object({"name": "driver"}, {"name": "planner"}, placement={"allOrNothing": False}, generation=2)
+    tell(core, Event("robotapps", core.cluster.apply_app(new), old, new))
+    assert set(run(core)) == {"driver"}
 
 
 def test_without_all_or_nothing_and_for_late_members_the_rest_is_placed() -> None:

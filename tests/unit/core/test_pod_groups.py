@@ -20,7 +20,7 @@ from tests.support.scheduling import Clock, app_object, make_core, make_node, ma
 from robotapp_api.model.names import Label, PodReason
 from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.cycle import SchedulerCore
-from robotapp_scheduler.core.groups import groups_of
+from robotapp_scheduler.core.groups import WHOLE_PLUGIN, groups_of
 from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.pod_groups import COSCHEDULING, POD_GROUP_LABEL, WORKLOADS, GroupRef, group_ref_of
 
@@ -64,7 +64,7 @@ def test_none_is_placed_where_only_four_of_five_fit_and_all_once_there_is_room()
         f"pod group is unschedulable, minCount (5) cannot be satisfied: 4 scheduled, 0 remaining; {stuck}: {texts[0]}"
     }
     fitted = next(decision for decision in decisions.values() if decision.message != texts[0])
-    assert fitted.rejected_by == {"NodeResourcesFit"}
+    assert fitted.rejected_by == {"NodeResourcesFit", WHOLE_PLUGIN}
     record = core.explain.get(fitted.pod.uid)
     assert record is not None
     assert (record.node, record.message) == (None, fitted.message)
@@ -78,6 +78,19 @@ def test_room_brings_the_whole_group_back() -> None:
     node = make_node("n4", cpu="1500m")
     core.queue.move(Event("nodes", core.cluster.apply_node(node), None, node))
     assert len(run(core)) == 5
+
+
+def test_a_group_that_asks_for_less_is_tried_again_at_once_and_another_one_is_not() -> None:
+    core = small_nodes(2)
+    for name in ("team", "other"):
+        announce(core, pod_group(name, min_member=3))
+        arrive(core, *(team_pod(f"{name}-{i}", group=name, cpu="1") for i in range(3)))
+    assert run(core) == {}
+    announce(core, pod_group(min_member=3))
+    assert core.queue.pending()["unschedulable"] == 6, "nothing has changed"
+    announce(core, pod_group(min_member=2))
+    assert sorted(name.partition("-")[0] for name in run(core)) == ["team", "team"]
+    assert core.queue.pending()["unschedulable"] == 4
 
 
 def test_members_beyond_the_minimum_do_not_hold_the_others() -> None:
