@@ -15,12 +15,12 @@ from robotapp_testbed import pins
 
 @dataclass
 class ReleaseServer:
-    """`files` by path. `trickle_s` sleeps after each byte sent; `requests` are the paths asked for."""
+    """`files` by path, and how long to sleep after each byte of it that is sent; `requests` are the paths asked for."""
 
     url: str
     files: dict[str, bytes] = field(default_factory=dict)
     requests: list[str] = field(default_factory=list)
-    trickle_s: float = 0.0
+    trickle_s: dict[str, float] = field(default_factory=dict)
     silent: bool = False
     stop: threading.Event = field(default_factory=threading.Event)
 
@@ -75,11 +75,12 @@ def serving() -> Iterator[ReleaseServer]:
 
         def _send(self, data: bytes) -> None:
             try:
-                for start in range(0, len(data), 1 if server.trickle_s else len(data)):
-                    self.wfile.write(data[start : start + 1] if server.trickle_s else data)
+                pause_s = server.trickle_s.get(self.path, 0)
+                for start in range(0, len(data), 1 if pause_s else len(data)):
+                    self.wfile.write(data[start : start + 1] if pause_s else data)
                     if server.stop.is_set():
                         return
-                    time.sleep(server.trickle_s)
+                    time.sleep(pause_s)
             except (BrokenPipeError, ConnectionResetError):
                 pass  # the client gave up, which is what the test is about
 

@@ -98,16 +98,11 @@ def test_a_source_that_accepts_but_never_answers_is_given_up(server: ReleaseServ
     assert time.monotonic() - started < 2
 
 
-def test_a_download_slower_than_compiling_is_given_up(
-    server: ReleaseServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(release, "_JUDGE_AFTER_S", 0.1)
+def test_a_download_slower_than_compiling_is_given_up(server: ReleaseServer, tmp_path: Path) -> None:
     server.publish(KUBECTL, b"x" * 100_000)
-    path = next(path for path in server.files if path.endswith("/kubectl"))
-    downloader = Downloader(server.base_urls())
-    digest = server.files[f"{path}.sha256"]
-    server.trickle_s = 0.0005
-    server.files[f"{path}.sha256"] = digest
+    server.trickle_s = {path: 0.0005 for path in server.files if path.endswith("/kubectl")}
+    arriving = tmp_path / "target.download"
+    downloader = Downloader(server.base_urls(), clock=lambda: 3600.0 if arriving.exists() else 0.0)
     started = time.monotonic()
     with pytest.raises(ReleaseProblem, match="slower than compiling"):
         downloader.fetch(KUBECTL, tmp_path / "target")
@@ -120,7 +115,7 @@ def test_a_checksum_file_that_trickles_in_is_given_up(
 ) -> None:
     monkeypatch.setattr(release, "_JUDGE_AFTER_S", 0.1)
     server.publish(KUBECTL, b"x")
-    server.trickle_s = 0.02
+    server.trickle_s = dict.fromkeys(server.files, 0.02)
     with pytest.raises(ReleaseProblem, match="trickles in"):
         Downloader(server.base_urls()).fetch(KUBECTL, tmp_path / "target")
 
