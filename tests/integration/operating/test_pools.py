@@ -32,7 +32,7 @@ def test_kubectl_shows_how_full_a_pool_is_and_nothing_is_written_at_rest(
     eventually(lambda: used() == "10/119", what=used)
     assert status_writes(before) <= 2, "a burst is one write, or two when it falls apart"
     before = len(installed_plane.audit())
-    time.sleep(11)  # two of the rests between writes
+    time.sleep(6)  # longer than the rest between two writes
     assert status_writes(before) == 0
     for number in range(10):
         tenant.delete(f"app-{number}")
