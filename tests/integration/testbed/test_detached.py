@@ -62,6 +62,9 @@ def test_a_cluster_stays_until_it_is_taken_down(shell: Shell) -> None:
     script = f"{lines}\nkubectl auth whoami -o jsonpath='{{.status.userInfo.username}}'"
     whoami = subprocess.run(["/bin/sh", "-c", script], capture_output=True, text=True, check=False)
     assert whoami.stdout == "tenant"
+    unknown = shell.run("env", "--identity", "nobody")
+    assert unknown.returncode == 1
+    assert "there are admin, kube-controller-manager" in unknown.stderr
     shown = subprocess.run(
         ["/bin/sh", "-c", f"{up.stdout}\nexport PATH={state.run_dir}/bin\nkubectl get nodes,ntel"],
         capture_output=True,
@@ -79,13 +82,6 @@ def test_a_cluster_stays_until_it_is_taken_down(shell: Shell) -> None:
     assert not Path(state.run_dir).exists()
     assert not any(guard.start_time(pid) for pid in [state.holder_pid, *state.processes.values()])
     assert shell.run("status").returncode == 3
-
-
-def test_an_unknown_identity_is_answered_with_the_known_ones(shell: Shell) -> None:
-    shell.run("up")
-    answer = shell.run("env", "--identity", "nobody")
-    assert answer.returncode == 1
-    assert "there are admin, kube-controller-manager" in answer.stderr
 
 
 def test_a_killed_holder_leaves_nothing_and_up_starts_anew(shell: Shell) -> None:
