@@ -50,8 +50,38 @@ PROFILES: Final[Mapping[str, Json]] = {
     "-shaped": {
         "VolumeBinding": {"shape": [{"utilization": at, "score": score} for at, score in ((0, 1), (50, 8), (100, 4))]}
     },
+    "-listed": {
+        "PodTopologySpread": {
+            "defaultingType": "List",
+            "defaultConstraints": [
+                {"topologyKey": "topology.kubernetes.io/zone", "whenUnsatisfiable": "DoNotSchedule", "maxSkew": 1},
+                {"topologyKey": "kubernetes.io/hostname", "whenUnsatisfiable": "ScheduleAnyway", "maxSkew": 2},
+            ],
+        }
+    },
+    "-social": {"InterPodAffinity": {"hardPodAffinityWeight": 37, "ignorePreferredTermsOfExistingPods": True}},
+    "-reserved": {"InterPodAffinity": {"hardPodAffinityWeight": 0}},
+    "-ordered": {},
 }
 """Suffix to arguments by plugin."""
+PLUGINS: Final[Mapping[str, Json]] = {
+    "-ordered": {
+        "multiPoint": {"enabled": [{"name": "TaintToleration", "weight": 5}], "disabled": [{"name": "NodePorts"}]},
+        "filter": {
+            "enabled": [{"name": "PodTopologySpread"}, {"name": "NodeResourcesFit"}, {"name": "NodeAffinity"}],
+            "disabled": [{"name": "NodeAffinity"}],
+        },
+        "score": {
+            "enabled": [
+                {"name": "PodTopologySpread"},
+                {"name": "ImageLocality", "weight": 9},
+                {"name": "NodeAffinity", "weight": 4},
+            ],
+            "disabled": [{"name": "NodeResourcesFit"}],
+        },
+    }
+}
+"""Suffix to plugin lists, where they are not the default ones."""
 
 
 def suffix(seed: str, number: int, families: Sequence[str]) -> str:
@@ -67,6 +97,7 @@ def profiles(scheduler: str) -> list[Json]:
     return [
         {
             "schedulerName": f"{scheduler}{end}",
+            "plugins": PLUGINS.get(end, {}),
             "pluginConfig": [{"name": name, "args": args} for name, args in arguments.items()],
         }
         for end, arguments in PROFILES.items()

@@ -120,7 +120,8 @@ class Metrics:
         attempts = min(queued.attempts, MOST_ATTEMPTS)
         sli_s = self._bound.get(attempts)
         if sli_s is None:
-            sli_s = self._bound[attempts] = self.sli_s.labels(str(attempts))
+            word = str(attempts) if attempts < MOST_ATTEMPTS else f"{MOST_ATTEMPTS}+"
+            sli_s = self._bound[attempts] = self.sli_s.labels(word)
         sli_s.observe(now_s - queued.first_seen_s)
         self._attempts.observe(queued.attempts)
 

@@ -8,7 +8,7 @@ from tests.support.scheduling import device_claim, make_core, make_info, make_no
 
 from robotapp_api.claims.objects import Claim
 from robotapp_scheduler.core.changes import Change, Event
-from robotapp_scheduler.core.queued import Rejection
+from robotapp_scheduler.core.queued import QueuedPod, Rejection
 from robotapp_scheduler.shell.domain_claims import DomainClaims
 from robotapp_scheduler.shell.metrics import MOST_SERIES, AttemptResult, Metrics
 
@@ -59,6 +59,16 @@ def test_refused_and_failed_attempts_have_a_duration_too() -> None:
         bucket = f'attempt_duration_seconds_bucket{{le="0.004",profile="ours",result="{result}"}} 1.0'
         assert bucket in text, text
         assert f'schedule_attempts_total{{profile="ours",result="{result}"}} 1.0' in text
+
+
+def test_attempts_beyond_upstreams_last_label_share_it() -> None:
+    metrics, queued = Metrics(CollectorRegistry()), QueuedPod(make_info(), 0.0)
+    for attempts in (14, 15, 40):
+        queued.attempts = attempts
+        metrics.bound(queued, "ours", started_s=0.0, now_s=1.0)
+    text = exposed(metrics)
+    for label, count in (("14", 1), ("15+", 2)):
+        assert f'scheduler_pod_scheduling_sli_duration_seconds_count{{attempts="{label}"}} {count}.0' in text
 
 
 def test_claimed_domains_are_counted_by_pool_and_phase_as_the_watch_tells_them() -> None:
