@@ -6,6 +6,7 @@ import sys
 from collections.abc import Sequence
 
 from robotapp_api.client.errors import LoginError
+from robotapp_api.serving.port import PortError
 from robotapp_scheduler import options as flags
 from robotapp_scheduler import tools
 from robotapp_scheduler.config import ConfigError
@@ -31,7 +32,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         for problem in error.problems:
             print(f"{source}: {problem}", file=sys.stderr)  # noqa: T201 - for the person who started us
         return 2
-    except LoginError as error:
+    except (LoginError, PortError) as error:
         print(f"robotapp-scheduler: {error}", file=sys.stderr)  # noqa: T201 - for the person who started us
         return 2
 

@@ -16,7 +16,7 @@ CodeArray = npt.NDArray[np.int32]
 FloatArray = npt.NDArray[np.float64]
 
 T = TypeVar("T")
-Amounts = tuple[tuple[int, int], ...]
+PodAmounts = tuple[tuple[int, int], ...]
 """(index of a resource, amount) pairs."""
 
 START_ROWS: Final = 64
@@ -183,7 +183,7 @@ class ResourceColumns:
         self.index: dict[str, int] = {name: i for i, name in enumerate(self.names)}
         self._spans: dict[tuple[str, tuple[str, ...]], slice] = {}
         """Where amounts that were asked for together stand: until the ledger is laid out anew, a resource keeps its place."""
-        self._steps: dict[tuple[Amounts, tuple[int, int]], IntArray] = {}
+        self._steps: dict[tuple[PodAmounts, tuple[int, int]], IntArray] = {}
         """What pods add to a row of nodes that have them: most pods are one of many replicas."""
         self._places: dict[tuple[str, ...], tuple[tuple[int, int, int], ...]] = {}
         self.layout = 0
@@ -309,7 +309,7 @@ class ResourceColumns:
         for code, value in amounts:
             self.allocatable[code, row] = value
 
-    def count(self, row: int, requested: Amounts, scored: tuple[int, int], sign: int) -> None:
+    def count(self, row: int, requested: PodAmounts, scored: tuple[int, int], sign: int) -> None:
         """Count a pod in (+1) or out (-1). `scored` are its cpu milli and memory bytes in the Fit scorer's view."""
         step = self._steps.get((requested, scored))
         if step is None:
@@ -320,7 +320,7 @@ class ResourceColumns:
         else:
             there -= step
 
-    def _step(self, requested: Amounts, scored: tuple[int, int]) -> IntArray:
+    def _step(self, requested: PodAmounts, scored: tuple[int, int]) -> IntArray:
         """What such a pod adds to each row of the ledger."""
         step: IntArray = np.zeros(len(self.ledger), dtype=np.int64)
         step[SCORED_CPU], step[SCORED_MEMORY] = scored

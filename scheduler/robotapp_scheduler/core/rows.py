@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 MOST_ROWS: Final = 1024
 
 
-Amounts = tuple[int, int, int]
+NodeAmounts = tuple[int, int, int]
 """One resource of one node: what it offers, what its pods ask for, and that as the Fit scorer sees it."""
 
 
@@ -22,13 +22,13 @@ class Row:
     def __init__(self, table: "NodeTable", row: int) -> None:
         self._table = table
         self._row = row
-        self._known: dict[tuple[str, ...], tuple[Amounts, ...]] = {}
+        self._known: dict[tuple[str, ...], tuple[NodeAmounts, ...]] = {}
         self.version = table.versions[row]
         resources = table.resources
         self._there, self._layout = resources.copied(row), resources.layout
         self.allowed_pods, self.pod_count = self._there[ALLOWED], self._there[resources.held_from]
 
-    def of(self, resources: tuple[str, ...]) -> tuple[Amounts, ...]:
+    def of(self, resources: tuple[str, ...]) -> tuple[NodeAmounts, ...]:
         """What the node offers of these, and has given away, in this order; zeros for a resource nobody has."""
         found = self._known.get(resources)
         if found is None:

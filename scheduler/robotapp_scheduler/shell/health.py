@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 from aiohttp import web
 
+from robotapp_api.serving.port import opened
 from robotapp_scheduler.shell.answers import Answers
 
 
@@ -39,11 +40,8 @@ def application(pages: Pages) -> web.Application:
 
 
 async def serve(pages: Pages, *, host: str, port: int, tls: ssl.SSLContext | None = None) -> tuple[web.AppRunner, int]:
-    """Start serving; gives the runner (to be cleaned up) and the port in use (0 asks for a free one)."""
-    runner = web.AppRunner(application(pages), access_log=None, handle_signals=False, shutdown_timeout=5.0)
-    await runner.setup()
-    site = web.TCPSite(runner, host, port, ssl_context=tls)
-    await site.start()
+    """Start serving; gives the runner (to be cleaned up) and the port in use (0 asks for a free one). Raises `PortError`."""
+    runner = await opened(application(pages), host=host, port=port, tls=tls)
     return runner, int(runner.addresses[0][1])
 
 

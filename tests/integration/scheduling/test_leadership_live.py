@@ -1,6 +1,7 @@
 """Two schedulers and one lease; kill -9 in the middle of a burst; a configuration that cannot be used."""
 
 import secrets
+import socket
 import subprocess
 import sys
 from collections import Counter
@@ -134,4 +135,16 @@ def test_a_configuration_that_cannot_be_used_names_every_mistake_and_exits_with_
         'not supported here: plugin "GangScheduling": the pods of a PodGroup are planned whole without it'
         in done.stderr
     )
+    assert "Traceback" not in done.stderr
+
+
+def test_a_port_that_is_taken_is_named_in_a_sentence_and_exits_with_2(installed_plane: ControlPlane) -> None:
+    kubeconfig = installed_plane.kubeconfig("scheduler")
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        address = ["--health-host", "127.0.0.1", "--health-port", str(taken.getsockname()[1])]
+        command = [sys.executable, "-m", "robotapp_scheduler", "--kubeconfig", str(kubeconfig), *address]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 2, done.stderr
+    assert "robotapp-scheduler: " in done.stderr
+    assert "--health-port names another port" in done.stderr
     assert "Traceback" not in done.stderr

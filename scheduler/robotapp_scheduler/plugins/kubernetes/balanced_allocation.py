@@ -12,7 +12,7 @@ from robotapp_scheduler.core.columns import BoolArray, FloatArray, IntArray
 from robotapp_scheduler.core.framework import MAX_SCORE, ScoreResult
 from robotapp_scheduler.core.lazy import Lazy
 from robotapp_scheduler.core.pods import PodInfo
-from robotapp_scheduler.core.rows import Amounts, Row
+from robotapp_scheduler.core.rows import NodeAmounts, Row
 from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.plugins.kubernetes.compat import NEW, is_new
 from robotapp_scheduler.plugins.kubernetes.fit_strategies import ResourceWeight
@@ -157,7 +157,7 @@ def _balance(used: IntArray, capacity: IntArray) -> IntArray:
     return _score(np.where(count > 2, spread, np.where(count == 2, _pair(fractions, offered), 0.0)))
 
 
-def _balance_row(there: Sequence[Amounts], more: Iterable[tuple[int, int]]) -> int:
+def _balance_row(there: Sequence[NodeAmounts], more: Iterable[tuple[int, int]]) -> int:
     """The same of one node."""
     fractions: list[float] = []
     for place, amount in more:

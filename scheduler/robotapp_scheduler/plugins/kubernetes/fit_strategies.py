@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from robotapp_scheduler.core.columns import IntArray
-from robotapp_scheduler.core.rows import Amounts as NodeAmounts
+from robotapp_scheduler.core.rows import NodeAmounts
 from robotapp_scheduler.plugins.kubernetes.resource_math import (
     HUNDRED,
     NOTHING,
@@ -20,7 +20,7 @@ from robotapp_scheduler.plugins.kubernetes.resource_math import (
 
 Wanted = tuple[tuple[int, int, int], ...]
 """(place, amount of the pod, weight) per resource; at this place stand its amounts among those of a node."""
-Amounts = npt.NDArray[Any]
+AmountColumns = npt.NDArray[Any]
 """int64; or float64 where every node offers all of it and core.mirror vouches that nothing is lost."""
 
 
@@ -44,7 +44,7 @@ class Strategy(NamedTuple):
     (resources, rows), and the second ones are overwritten.
     """
 
-    columns: Callable[[Amounts, Amounts, Weights], IntArray]
+    columns: Callable[[AmountColumns, AmountColumns, Weights], IntArray]
     row: Callable[[Sequence[NodeAmounts], Wanted], int]
     floats: bool = True
     """`columns` takes amounts in float64, too."""
@@ -68,13 +68,13 @@ class ShapePoint(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     score: int
 
 
-def least_allocated(capacity: Amounts, used: Amounts, weights: Weights) -> IntArray:
+def least_allocated(capacity: AmountColumns, used: AmountColumns, weights: Weights) -> IntArray:
     """Weighted mean of the free share; 0 for a resource that would be overdrawn."""
     left = np.subtract(capacity, used, out=used)
     return _mean(np.maximum(left, NOTHING, out=left), capacity, weights)
 
 
-def most_allocated(capacity: Amounts, used: Amounts, weights: Weights) -> IntArray:
+def most_allocated(capacity: AmountColumns, used: AmountColumns, weights: Weights) -> IntArray:
     """Weighted mean of the used share, at most all of it."""
     return _mean(np.minimum(capacity, used, out=used), capacity, weights)
 
@@ -84,7 +84,7 @@ def ratio_function(shape: Sequence[ShapePoint]) -> Strategy:
     points = interpolated(shape)
     table = np.array(points, dtype=np.int64)
 
-    def columns(capacity: Amounts, used: Amounts, weights: Weights) -> IntArray:
+    def columns(capacity: AmountColumns, used: AmountColumns, weights: Weights) -> IntArray:
         utilization = np.where(used > capacity, 100, percent(np.minimum(used, capacity), capacity))
         # A resource that scores 0 leaves the mean, so does one the node does not offer.
         scores = np.where(capacity > 0, table[utilization], 0)
@@ -132,7 +132,7 @@ STRATEGIES: Final[dict[str, Strategy]] = {
 }
 
 
-def _mean(parts: Amounts, capacity: Amounts, weights: Weights) -> IntArray:
+def _mean(parts: AmountColumns, capacity: AmountColumns, weights: Weights) -> IntArray:
     """sum(weight·percent) // sum(weight) over the resources a node offers; `parts` is overwritten."""
     if parts.dtype.kind == "f":
         parts *= HUNDRED
@@ -145,10 +145,10 @@ def _mean(parts: Amounts, capacity: Amounts, weights: Weights) -> IntArray:
     return _weighted(percent(parts, capacity), weights) // np.maximum(_weighted(offered, weights), 1)
 
 
-def _weighted(values: Amounts, weights: Weights) -> Amounts:
+def _weighted(values: AmountColumns, weights: Weights) -> AmountColumns:
     if not weights.each:
         return np.zeros(values.shape[1], dtype=np.int64)
-    total: Amounts = values[0]
+    total: AmountColumns = values[0]
     if weights.each[0] != 1:
         total = weights.each[0] * total
     for i, weight in enumerate(weights.each[1:], 1):
