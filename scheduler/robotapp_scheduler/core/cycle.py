@@ -183,10 +183,12 @@ class SchedulerCore:
         attempts = {queued.info.uid: queued.attempts for queued in pods}
         self._together = frozenset(attempts)
         infos = [queued.info for queued in pods]
-        decisions = only_one_plan(plan_together(self, infos, attempts, advice))
+        try:
+            decisions = only_one_plan(plan_together(self, infos, attempts, advice))
+        finally:
+            self._together = frozenset()
         if advice is not None:
             self.plans[advice.result] = self.plans.get(advice.result, 0) + 1
-        self._together = frozenset()
         for decision in decisions:
             if not decision.placed:
                 self.explain.correct(decision.pod.uid, decision.message)

@@ -3,6 +3,7 @@
 from typing import Any
 
 import msgspec
+import pytest
 from tests.support.pod_groups import (
     announce,
     arrive,
@@ -15,7 +16,7 @@ from tests.support.pod_groups import (
     workload_group,
     workload_pod,
 )
-from tests.support.scheduling import Clock, app_object, make_core, make_node, make_pod, member_pod
+from tests.support.scheduling import Clock, app_object, make_core, make_info, make_node, make_pod, member_pod
 
 from robotapp_api.model.names import Label, PodReason
 from robotapp_scheduler.core.changes import Change, Event
@@ -91,6 +92,17 @@ def test_a_group_that_asks_for_less_is_tried_again_at_once_and_another_one_is_no
     announce(core, pod_group(min_member=2))
     assert sorted(name.partition("-")[0] for name in run(core)) == ["team", "team"]
     assert core.queue.pending()["unschedulable"] == 4
+
+
+def test_pods_of_a_plan_that_failed_by_a_bug_are_spared_no_longer_than_others() -> None:
+    core = small_nodes(3)
+    announce(core, pod_group(min_member=3))
+    arrive(core, *team(3))
+    with pytest.raises(AttributeError):
+        core.schedule(core.queue.pop(), advice=object())  # type: ignore[arg-type]  # the bug
+    for number in range(3):
+        core.cluster.apply_pod(team_pod(f"p{number}", cpu="1", node=f"n{number}"))
+    assert core.schedule_one(make_info("vip", cpu="1", priority=10)).plan is not None
 
 
 def test_members_beyond_the_minimum_do_not_hold_the_others() -> None:
