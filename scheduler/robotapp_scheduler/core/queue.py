@@ -72,11 +72,11 @@ class SchedulingQueue:
         }
 
     def refused(self) -> dict[tuple[str, str], int]:
-        """(plugin, schedulerName) → pods it rejected that wait now, for scheduler_unschedulable_pods."""
+        """(plugin, schedulerName) → pods it rejected or holds that wait now, for scheduler_unschedulable_pods."""
         found: dict[tuple[str, str], int] = {}
         for uid, queued in self._pods.items():
-            if queued.rejection is not None and uid not in self._active and uid not in self._flying:
-                for plugin in queued.rejection.plugins:
+            if uid not in self._active and uid not in self._flying:
+                for plugin in queued.refused_by:
                     key = (plugin, queued.info.scheduler_name)
                     found[key] = found.get(key, 0) + 1
         return found

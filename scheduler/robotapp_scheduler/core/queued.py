@@ -55,6 +55,13 @@ class QueuedPod:
         return f"QueuedPod({self.info.key}, attempts={self.attempts}, gate={self.gate and self.gate.plugin})"
 
     @property
+    def refused_by(self) -> frozenset[str]:
+        """The plugins that keep it from being tried or placed; none for an error or before its first attempt."""
+        if self.gate is not None:
+            return frozenset((self.gate.plugin,))
+        return self.rejection.plugins if self.rejection is not None else frozenset()
+
+    @property
     def failures(self) -> int:
         """What back-off counts: errors in a row while there are any, else rejections."""
         return self.errors or self.rejections
