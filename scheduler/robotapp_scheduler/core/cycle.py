@@ -343,13 +343,12 @@ class SchedulerCore:
         total = 0
         if evaluation.feasible > 1:
             engine.score(pod, evaluation)
-            best = engine.best(evaluation)
             position = engine.position_of(evaluation, wished) if wished else None
             if position is None:
-                position = best.choose(pod_hash(pod.uid, self._seed))
+                position = evaluation.choose(self.cluster.nodes.name_hash, pod_hash(pod.uid, self._seed))
             chosen = evaluation.sight(position, self.cluster.nodes.names)
             node, total = chosen.node, chosen.total
-            recorder.scored(evaluation, chosen, best)
+            recorder.scored(evaluation, chosen)
         else:
             position = int((evaluation.reason == 0).argmax())
             node = engine.name_of(evaluation, position)

@@ -9,7 +9,6 @@ from typing import Any, Final, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from robotapp_scheduler.core.best import Best
 from robotapp_scheduler.core.classes import ColumnCache
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.evaluation import Evaluation
@@ -283,12 +282,6 @@ class Engine:
         if len(self._remembered) > MOST_REMEMBERED:
             self._remembered.popitem(last=False)
         return found if self._caching else {}
-
-    # --- Choice --------------------------------------------------------------------------------------------------
-
-    def best(self, evaluation: Evaluation) -> Best:
-        """The best of the feasible nodes, after the scores were made."""
-        return evaluation.best(self._cluster.nodes.name_hash)
 
     # --- Counting ------------------------------------------------------------------------------------------------
 

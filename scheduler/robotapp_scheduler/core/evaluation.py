@@ -6,7 +6,6 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.best import Best
 from robotapp_scheduler.core.changes import NODE
 from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.core.explain import EXAMPLES, Refusal
@@ -16,7 +15,8 @@ from robotapp_scheduler.core.level import Hashes
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.repair import FEW_ROWS, bring_up, view_of
 from robotapp_scheduler.core.score_column import ScoreColumn
-from robotapp_scheduler.core.totals import Totals, Verdicts
+from robotapp_scheduler.core.totals import Totals
+from robotapp_scheduler.core.verdicts import Verdicts
 from robotapp_scheduler.core.view import Nodes
 
 _NODE: Final = int(NODE)
@@ -220,11 +220,15 @@ class Evaluation:
 
     # --- Results -------------------------------------------------------------------------------------------------
 
-    def best(self, hashes: Hashes) -> Best:
-        """Positions of all feasible rows with the highest total, by `hashes` of node names per table row; after the scores
-        were made, with a row that is feasible.
+    def choose(self, hashes: Hashes, pod: int) -> int:
+        """One of the feasible positions with the highest total, by `hashes` of node names per table row and a hash of the
+        pod; after the scores were made, with a row that is feasible.
         """
-        return self._totals.best(hashes if self.rows is None else hashes[self.rows])
+        return self._totals.choose(hashes if self.rows is None else hashes[self.rows], pod)
+
+    def first(self, hashes: Hashes, count: int) -> tuple[int, ...]:
+        """Positions of the best rows, better ones first; so many must be feasible."""
+        return self._totals.first(hashes if self.rows is None else hashes[self.rows], count)
 
     def counts(self) -> dict[int, int]:
         """Rejected rows per reason code."""

@@ -41,6 +41,10 @@ Hooks, in the order of a cycle:
 `filter_row(pod, row) -> bool`, `score_row(pod, row) -> int`
                                              optional fast forms for one changed node, with plain integers:
                                              True = certainly passes (False: `filter` is asked); the same score
+`ceiling(pod, nodes) -> array | int | None`  optional, beside `score_row` of a `row_local` plugin with scores of 0…100: a
+                                             number per row (or one for all) that its score does not exceed when pods
+                                             come to it, unless it did before: then its score does not rise. Must
+                                             follow from what the nodes offer; None = unknown
 `relevant(pod, nodes) -> bool`               optional, beside `score_among`: False = it would answer 0 everywhere now
 `confined(pod, nodes, position) -> bool`     optional, when not `row_local`: did the pods placed and gone since this
                                              position of the change log alter the answers for their own rows only?
@@ -229,6 +233,7 @@ class Loaded:
         self.confined: Callable[[PodInfo, Nodes, int], bool] | None = getattr(plugin, "confined", None)
         self.filter_row: Callable[[PodInfo, Row], bool] | None = getattr(plugin, "filter_row", None)
         self.score_row: Callable[[PodInfo, Row], int] | None = getattr(plugin, "score_row", None)
+        self.ceiling: Callable[[PodInfo, Nodes], IntArray | int | None] | None = getattr(plugin, "ceiling", None)
         self.pre_filter: Callable[[PodInfo, Nodes], PreFilter | None] | None = getattr(plugin, "pre_filter", None)
         self.narrows: Callable[[PodInfo], bool] | None = getattr(plugin, "narrows", None)
         self.plan: Callable[[PodInfo, Nodes], VolumePlan | None] | None = getattr(plugin, "plan", None)

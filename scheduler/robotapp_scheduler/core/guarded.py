@@ -42,6 +42,8 @@ def is_ours(plugin: object) -> bool:
 def guarded(loaded: Loaded) -> Loaded:
     """The same plugin with every hook watched."""
     loaded.sound = False  # it may have inherited that from one of ours
+    if _inherited(loaded.plugin, "ceiling"):
+        loaded.ceiling = None  # that one's, which this one's scores need not keep
     for hook, check in _CHECKS.items():
         function = getattr(loaded, hook)
         if function is not None:
@@ -52,6 +54,12 @@ def guarded(loaded: Loaded) -> Loaded:
     if loaded.queue_key is not None:
         loaded.queue_key = _ordered(loaded.name, loaded.queue_key)
     return loaded
+
+
+def _inherited(plugin: object, hook: str) -> bool:
+    """Does the hook come from a class of ours?"""
+    makers = [each for each in type(plugin).__mro__ if hook in vars(each)]
+    return bool(makers) and makers[0].__module__.partition(".")[0] == OURS
 
 
 def _watched(plugin: str, hook: str, function: Callable[..., Any], check: "_Check") -> Callable[..., Any]:
@@ -215,6 +223,14 @@ def _row_percent(plugin: str, hook: str, answer: object, *_args: Any) -> int:
     return score
 
 
+def _ceiling(plugin: str, hook: str, answer: object, _pod: Any, nodes: Any) -> object:
+    if answer is None or isinstance(answer, int):
+        return answer
+    if checked_scores(plugin, answer, nodes.n).dtype.kind == "f":
+        raise PluginError(plugin, f"{hook} must answer integers")
+    return answer
+
+
 _CHECKS: Final[Mapping[str, _Check]] = {
     "pre_filter": _pre_filter,
     "narrows": _truth,
@@ -222,6 +238,7 @@ _CHECKS: Final[Mapping[str, _Check]] = {
     "filter_row": _truth,
     "score": _scores,
     "score_row": _row_score,
+    "ceiling": _ceiling,
     "score_among": _untouched,
     "relevant": _truth,
     "minds": _facts,

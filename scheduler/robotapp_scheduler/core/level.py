@@ -18,6 +18,8 @@ _FACTOR: Final = np.array(_ODD, dtype=_WORD)
 _BITS: Final = (1 << 64) - 1
 FEW: Final = 8
 """Up to so many rows are looked at one by one beside an array."""
+GONE: Final = 8
+"""One in so many, and FEW, may have left an array before it is made anew."""
 NOBODY: Final[Positions] = np.zeros(0, dtype=np.intp)
 NO_NAMES: Final[Hashes] = np.zeros(0, dtype=np.uint64)
 
@@ -64,7 +66,9 @@ class Level:
     def least(self, pod: int) -> int:
         """The position with the least hash of node name and pod."""
         if len(self._late) > FEW:
-            self._settle()
+            self._take_in()
+        if self._gone and GONE * (len(self._gone) - FEW) > len(self._positions):
+            self._close_up()
         late = [(mixed_one(self._hashes.item(each), pod), each) for each in self._late] if self._late else []
         if len(self._positions) == len(self._gone):
             return min(late)[1]
@@ -75,28 +79,43 @@ class Level:
     def first(self, count: int) -> list[int]:
         """Up to `count` of the positions, lowest first."""
         if len(self._late) > FEW:
-            self._settle()
+            self._take_in()
+        few = self._here(count) if self._gone else self._positions[:count].tolist()
+        return sorted((*few, *self._late))[:count] if self._late else few
+
+    def _here(self, count: int) -> list[int]:
+        """The first of the positions that have not left."""
         gone = self._gone
-        few = [each for each in self._positions[: count + len(gone)].tolist() if each not in gone]
-        return sorted((*few[:count], *self._late))[:count] if self._late else few[:count]
+        found = [each for each in self._positions[: 2 * count].tolist() if each not in gone]
+        if len(found) < count and len(gone) > count:
+            found = [each for each in self._positions[: count + len(gone)].tolist() if each not in gone]
+        return found[:count]
 
     def _place(self, pod: int) -> int:
         """Where among the positions the least of those still here stands; there is one."""
-        place = int(mixed(self._names, pod).argmin())
-        if self._gone and self._positions.item(place) in self._gone:
-            self._settle(late=False)
-            place = int(mixed(self._names, pod).argmin())
+        values = mixed(self._names, pod)
+        place = int(values.argmin())
+        while self._gone and self._positions.item(place) in self._gone:
+            if values.item(place) == _BITS:  # it was passed over before, and nobody else has less
+                self._close_up()
+                return int(mixed(self._names, pod).argmin())
+            values[place] = _BITS
+            place = int(values.argmin())
         return place
 
-    def _settle(self, *, late: bool = True) -> None:
-        """Make the positions those that are here, but for late ones if these are to stay apart."""
-        if self._gone:
-            self._positions = self._positions[self._total[self._positions] == self.value]
-            self._gone.clear()
-        if late:
-            self._positions = np.sort(np.concatenate([self._positions, np.array([*self._late], dtype=np.intp)]))
-            self._late.clear()
-        self._names = self._hashes[self._positions]
+    def _take_in(self) -> None:
+        """Put the late ones among the others."""
+        late = np.array(sorted(self._late), dtype=np.intp)
+        places = self._positions.searchsorted(late)
+        self._positions = np.insert(self._positions, places, late)
+        self._names = np.insert(self._names, places, self._hashes[late])
+        self._late.clear()
+
+    def _close_up(self) -> None:
+        """Make the positions those that are here."""
+        here = self._total[self._positions] == self.value
+        self._positions, self._names = self._positions[here], self._names[here]
+        self._gone.clear()
 
 
 def mixed(names: Hashes, pod: int) -> Hashes:

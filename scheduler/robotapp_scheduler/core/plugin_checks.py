@@ -38,6 +38,7 @@ HOOKS: Final = (
         "plan",
         "filter_row",
         "score_row",
+        "ceiling",
         "relevant",
         "confined",
         "minds",

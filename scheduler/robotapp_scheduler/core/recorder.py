@@ -3,7 +3,6 @@
 from math import isnan, nan
 from typing import Final
 
-from robotapp_scheduler.core.best import Best
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.engine import Engine
@@ -36,9 +35,9 @@ class Recorder:
         self.planned = ""
         """How the pod's place was found together with those of its group."""
 
-    def scored(self, evaluation: Evaluation, chosen: Sight, best: Best) -> None:
-        """The scores are in, and of the `best` rows `chosen` won."""
-        first = best.first(min(TOP, evaluation.feasible))
+    def scored(self, evaluation: Evaluation, chosen: Sight) -> None:
+        """The scores are in, and of the best rows `chosen` won."""
+        first = evaluation.first(self._cluster.nodes.name_hash, min(TOP, evaluation.feasible))
         front, scorers = evaluation.front, evaluation.scorers
         if front.positions is not first or front.scorers is not scorers:
             sights = evaluation.sights(first, self._cluster.nodes.names)

@@ -20,6 +20,7 @@ from robotapp_scheduler.core.framework import (
 )
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.repair import FEW_ROWS, FEW_TO_ASK, stale_rows
+from robotapp_scheduler.core.rows import Row
 from robotapp_scheduler.core.view import Nodes
 
 log = logging.getLogger(__name__)
@@ -151,6 +152,11 @@ class ScoreColumn:
         """What the plugin said about a row before normalising; None when that is no number."""
         value = float(self.raw[row])
         return value if np.isfinite(value) else None
+
+    def look(self, pod: PodInfo, position: int, row: Row) -> None:
+        """Ask about one row, which may have changed after the position of this column; for plugins with `score_row`."""
+        if self.plugin.score_row is not None:
+            self._store_row(position, self.plugin.score_row(pod, row))
 
     def _patch(self, stale: Nodes, pod: PodInfo) -> None:
         score_row = self.plugin.score_row

@@ -11,32 +11,26 @@ import numpy.typing as npt
 
 from robotapp_scheduler.core.best import Best
 from robotapp_scheduler.core.changes import NODE
+from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.columns import IntArray
-from robotapp_scheduler.core.filter_column import Codes
+from robotapp_scheduler.core.doubts import MOST_LOOKS, Doubts, rows_of
 from robotapp_scheduler.core.framework import PluginError
 from robotapp_scheduler.core.front import Scorers, Sight
 from robotapp_scheduler.core.level import Hashes
+from robotapp_scheduler.core.parts import NO_PARTS, Parts
 from robotapp_scheduler.core.pods import PodInfo
-from robotapp_scheduler.core.repair import FEW_ROWS, bring_up, view_of
+from robotapp_scheduler.core.repair import FEW_ROWS, MOST_REPAIRED, bring_up, view_of
 from robotapp_scheduler.core.score_column import Feasible, ScoreColumn
+from robotapp_scheduler.core.verdicts import Verdicts
 from robotapp_scheduler.core.view import Nodes
 
 EVERY: Final = slice(None)
 MOST_SIGHTS: Final = 64
+MANY_ROWS: Final = 256
+"""From here on the best rows are looked for anew, not moved one by one."""
 INFEASIBLE: Final = -1
 """Total of rows that cannot be chosen."""
 _NODE: Final = int(NODE)
-
-
-class Verdicts(NamedTuple):
-    """What the filters say: first reason per row (0 = feasible), how many are feasible, and when that changed."""
-
-    reason: Codes
-    feasible: int
-    revision: int
-    """Grows whenever `reason` changes."""
-    combines: int
-    """Grows when any row may have changed."""
 
 
 class _Share(NamedTuple):
@@ -46,53 +40,17 @@ class _Share(NamedTuple):
     values: IntArray | int
 
 
-class _Parts(NamedTuple):
-    """The columns with an opinion, by how they go into the total. Another epoch of one of them makes this out of date."""
-
-    scorers: Scorers
-    flat: int
-    """What plugins add that score all rows alike."""
-    flats: IntArray
-    """The same as an array: to turn a plain number into one takes NumPy longer than to add it to twenty rows."""
-    weighted: list[tuple[int, ScoreColumn]]
-    """Those that count, and score a row by that row alone, each with its weight."""
-    checked: list[ScoreColumn]
-    """The same with the shadows."""
-    relative: list[ScoreColumn]
-    """Those that are normalised over all feasible rows, shadows included."""
-
-    @classmethod
-    def of(cls, columns: list[ScoreColumn]) -> "_Parts":
-        live = [column for column in columns if not column.skipped]
-        counted = [column for column in live if not column.plugin.shadow]
-        checked = [column for column in live if column.local and column.constant is None]
-        relative = [column for column in live if not column.local]
-        flat = sum(column.plugin.weight * column.constant for column in counted if column.constant is not None)
-        return cls(
-            scorers=Scorers(
-                weights={column.plugin.name: column.plugin.weight for column in live},
-                shadows=tuple(column.plugin.name for column in live if column.plugin.shadow),
-                alike={column.plugin.name: column.constant for column in live if column.constant is not None},
-                apart=tuple(column.plugin.name for column in (*checked, *relative)),
-            ),
-            flat=flat,
-            flats=np.array(flat, dtype=np.int64),
-            weighted=[(column.plugin.weight, column) for column in checked if not column.plugin.shadow],
-            checked=checked,
-            relative=relative,
-        )
-
-
-NO_PARTS: Final = _Parts.of([])
-
-
 class Totals:
     """`total` is true after `refresh` or `compute`. `interest` are the changes after which a verdict may be another."""
 
     def __init__(self, columns: list[ScoreColumn], interest: int) -> None:
         self.columns = columns
-        self.total: IntArray = np.zeros(0, dtype=np.int64)
-        """Per row; INFEASIBLE where the row is not feasible."""
+        self._total: IntArray = np.zeros(0, dtype=np.int64)
+        self._doubts = Doubts()
+        self._doubtful = self._doubts.rows
+        """The rows for which `_total` is a bound."""
+        self._asked: tuple[PodInfo, Cluster, Verdicts] | None = None
+        """What they are looked at with."""
         self._live = [column for column in columns if not column.skipped]
         self._parts = NO_PARTS
         self._local: IntArray = np.zeros(0, dtype=np.int64)
@@ -111,18 +69,32 @@ class Totals:
             self._interest |= column.plugin.interest
 
     def __repr__(self) -> str:
-        return f"Totals({len(self._live)} plugins, {len(self.total)} rows)"
+        return f"Totals({len(self._live)} plugins, {len(self._total)} rows)"
+
+    @property
+    def total(self) -> IntArray:
+        """Per row; INFEASIBLE where the row is not feasible."""
+        self._settle()
+        return self._total
 
     def refresh(self, pod: PodInfo, full: Nodes, verdicts: Verdicts) -> None:
         """Bring the totals up to date. Raises PluginError when a plugin's score cannot be used."""
         head = full.cluster.log.position
         if head == self._position and verdicts.revision == self._revision:
             return
+        if self._doubts.easy is None or not self._put_off(pod, full, verdicts):
+            self._bring_up(pod, full, verdicts)
+
+    def _bring_up(self, pod: PodInfo, full: Nodes, verdicts: Verdicts) -> None:
+        """Add up every row that changed or is in doubt."""
+        head = full.cluster.log.position
         epochs, news = bring_up(self._live, pod, full, self._position)
         if self._position < 0:
             # A plugin has no opinion because of the pod alone, so it need not be asked again for this class.
             self._live = [column for column in self.columns if not column.skipped]
             epochs = sum(column.epoch for column in self._live)
+        if self._doubts.ceilings:
+            self._doubts.heard(news)
         rows: Nodes | None = None
         if epochs == self._epochs and len(self._local) == full.n and news is not None:
             rows = view_of(news, self._interest, full.cluster)
@@ -130,18 +102,26 @@ class Totals:
                 self._best = None  # a row may stand for another node now
                 self.sights.clear()
         if rows is None:
-            self._parts = _Parts.of(self._live)
+            self._parts = Parts.of(self._live)
             self._add_up_all(full.n)
+        elif self._doubtful:
+            rows = Nodes(full.cluster, [*self._doubtful.union(rows.row_list)])
         if rows is None or rows.n or verdicts.revision != self._revision:
             self._reject_bad(verdicts)
         shared = self._share(pod, full, verdicts)
-        same_verdicts = verdicts.combines == self._combines and len(self.total) == full.n
+        same_verdicts = verdicts.combines == self._combines and len(self._total) == full.n
         if rows is None or shared or not same_verdicts or (self._shares and rows.n):
             if rows is not None and rows.n:
                 self._add_up_rows(rows)
             self._combine_all(verdicts)
-        elif rows.n:
-            self._mend_rows(rows, verdicts)
+        else:
+            if rows.n:
+                self._mend_rows(rows, verdicts)
+            if not self._doubts.judged:
+                self._doubts.learn(self._live, pod, full, self._total)
+        if self._doubts.easy is not None:
+            self._doubts.settled()
+        self._doubtful.clear()
         self._position, self._epochs = head, epochs
         self._revision, self._combines = verdicts.revision, verdicts.combines
 
@@ -149,7 +129,7 @@ class Totals:
         """Make the totals of exactly these rows, nothing kept."""
         for column in self.columns:
             column.compute(pod, nodes)
-        self._parts = _Parts.of(self.columns)
+        self._parts = Parts.of(self.columns)
         self._add_up_all(nodes.n)
         self._reject_bad(verdicts)
         self._share(pod, nodes, verdicts)
@@ -159,6 +139,7 @@ class Totals:
         """Normalised scores of one plugin at feasible positions."""
         if column.constant is not None:
             return [column.constant] * len(positions)
+        self._settle()
         values = column.raw if column.local else self._shares[column.plugin.name].values
         if isinstance(values, int):
             return [values] * len(positions)
@@ -172,6 +153,8 @@ class Totals:
 
     def sight(self, position: int, node: str) -> Sight:
         """What there is to say about one feasible position, which stands for this node."""
+        if position in self._doubtful:
+            self._look([position])
         found = self.sights.get(position)
         if found is None:
             scores = [column.raw.item(position) for column in self._parts.checked]
@@ -180,14 +163,119 @@ class Totals:
                 scores.append(values if isinstance(values, int) else values.item(position))
             if len(self.sights) >= MOST_SIGHTS:
                 self.sights.clear()
-            found = self.sights[position] = Sight(position, node, self.total.item(position), tuple(scores))
+            found = self.sights[position] = Sight(position, node, self._total.item(position), tuple(scores))
         return found
 
-    def best(self, hashes: Hashes) -> Best:
-        """The rows with the highest total, by `hashes` of the node names. One row must be feasible."""
+    def choose(self, hashes: Hashes, pod: int) -> int:
+        """A position with the highest total, see `Best`, by `hashes` of the node names. One row must be feasible."""
+        while (found := self._ranked(hashes).choose(pod)) in self._doubtful:
+            self._look([found])
+        return found
+
+    def first(self, hashes: Hashes, count: int) -> tuple[int, ...]:
+        """The positions of the best rows, see `Best`. So many must be feasible."""
+        doubtful = self._doubtful
+        while not doubtful.isdisjoint(found := self._ranked(hashes).first(count)):
+            self._look([position for position in found if position in doubtful])
+        return found
+
+    def _ranked(self, hashes: Hashes) -> Best:
         if self._best is None:
-            self._best = Best(self.total, hashes)
+            self._best = Best(self._total, hashes)
         return self._best
+
+    # --- Rows in doubt -------------------------------------------------------------------------------------------
+
+    def _put_off(self, pod: PodInfo, full: Nodes, verdicts: Verdicts) -> bool:
+        """Bring the totals up to date, but for rows that only took pods: these are in doubt. False: they all must be made."""
+        log, doubts, same = full.cluster.log, self._doubts, verdicts.revision == self._revision
+        if verdicts.combines != self._combines:
+            return False
+        news = log.news(self._position, most=MOST_REPAIRED)
+        easy = doubts.allowed(news, verdicts=0 if same else self._interest) if news is not None else None
+        if news is None or easy is None:
+            return False
+        epochs = bring_up(easy.others, pod, full, self._position)[0] + sum([each.epoch for each in easy.falling])
+        rows = rows_of(news)
+        if epochs != self._epochs or rows is None:
+            return False
+        came, others = rows
+        self._asked = (pod, full.cluster, verdicts)
+        self._doubt(came)
+        if not same:
+            total, reason = self._total, verdicts.reason
+            changed = [row for row in came if (reason.item(row) == 0) != (total.item(row) >= 0)]
+            others = [*others, *[row for row in changed if reason.item(row) == 0]]
+            self._close([row for row in changed if reason.item(row) != 0])
+        self._position, self._revision = log.position, verdicts.revision
+        if others:
+            self._doubtful.update(others)
+            self._look([*dict.fromkeys(others)])
+        return True
+
+    def _doubt(self, rows: list[int]) -> None:
+        """Pods came to these rows, and nothing else happened there."""
+        self._doubtful.update(rows)
+        if not self.sights.keys().isdisjoint(rows):
+            for row in rows:
+                self.sights.pop(row, None)
+        total, limit = self._total, self._doubts.limit
+        raised = [row for row in rows if limit.item(row) > total.item(row)]
+        if raised:
+            before, after = [*map(total.item, raised)], [*map(limit.item, raised)]
+            total[raised] = after
+            self._moved(raised, before, after)
+
+    def _close(self, rows: list[int]) -> None:
+        """These rows are not feasible any more; what they score is not added up."""
+        total = self._total
+        before = [*map(total.item, rows)]
+        for row in rows:
+            total[row] = self._doubts.limit[row] = INFEASIBLE
+        self._moved(rows, before, [INFEASIBLE] * len(rows))
+
+    def _look(self, positions: list[int]) -> None:
+        """Add these rows up, which are in doubt; all of them, when it is quicker. One that is not feasible stays in doubt."""
+        doubts = self._doubts
+        doubts.looks += len(positions)
+        easy, asked = doubts.easy, self._asked
+        if doubts.looks > MOST_LOOKS or easy is None or asked is None:
+            self._settle()
+            return
+        pod, cluster, verdicts = asked
+        before, after = [*map(self._total.item, positions)], []
+        for position in positions:
+            self.sights.pop(position, None)
+            value = INFEASIBLE
+            if verdicts.reason.item(position) == 0:
+                row, epochs = cluster.nodes.rows.get(position), 0
+                for column in easy.falling:
+                    epochs -= column.epoch
+                    column.look(pod, position, row)
+                    epochs += column.epoch
+                if epochs:  # what was the same for all rows is not any more
+                    self._epochs += epochs
+                    self._parts = Parts.of(self._live)
+                    self.sights.clear()
+                value = self._local[position] = self._sum_of(position)
+                self._doubtful.discard(position)
+            self._total[position] = value
+            doubts.limit[position] = easy.limit(value, position)
+            after.append(value)
+        self._moved(positions, before, after)
+
+    def _settle(self) -> None:
+        """Add up every row in doubt."""
+        if self._doubtful and self._asked is not None:
+            pod, cluster, verdicts = self._asked
+            position = self._position
+            self._bring_up(pod, Nodes(cluster), verdicts)
+            self._position = position  # whatever happened since, the filters may not have seen
+
+    def _moved(self, rows: list[int], before: list[int], after: list[int]) -> None:
+        best = self._best
+        if best is not None and not best.all_changed(rows, before, after):
+            self._best = None
 
     # --- Inside --------------------------------------------------------------------------------------------------
 
@@ -265,7 +353,7 @@ class Totals:
 
     def _mend_rows(self, stale: Nodes, verdicts: Verdicts) -> None:
         """Add these rows up again, and nothing is shared: no other row has another total."""
-        total, reason, rows = self.total, verdicts.reason, stale.row_list
+        total, reason, rows = self._total, verdicts.reason, stale.row_list
         if stale.n > FEW_ROWS:
             self._add_up_rows(stale)
             sums = self._local[stale.rows]
@@ -284,9 +372,12 @@ class Totals:
                 total[row] = value
         for row in rows if self.sights else ():
             self.sights.pop(row, None)
-        best = self._best
-        if best is not None and not best.all_changed(rows, before, after):
+        if self._doubts.easy is not None:
+            self._doubts.learn_rows(self._doubts.easy, total, stale)
+        if len(rows) > MANY_ROWS:
             self._best = None
+        else:
+            self._moved([*rows], before, after)
 
     def _combine_all(self, verdicts: Verdicts) -> None:
         total = self._local
@@ -295,8 +386,9 @@ class Totals:
                 total = total + column.plugin.weight * self._shares[column.plugin.name].values
         if verdicts.feasible < len(total):
             total = np.where(verdicts.reason == 0, total, np.int64(INFEASIBLE))
-        self.total = total.copy() if total is self._local else total
+        self._total = total.copy() if total is self._local else total
         self._best = None
+        self._doubts.forget()
         self.sights.clear()
 
     def _forgive(self, column: ScoreColumn) -> None:
@@ -304,5 +396,5 @@ class Totals:
         if not column.plugin.shadow:
             raise  # noqa: PLE0704 - the error that is being handled
         column.fail()
-        self._parts = _Parts.of(self._live)
+        self._parts = Parts.of(self._live)
         self.sights.clear()

@@ -1,0 +1,241 @@
+"""Rows that only took pods are not added up again until they matter: every decision and its explanation is that of a fresh look."""
+
+from contextlib import ExitStack
+from itertools import pairwise
+from typing import Any
+from unittest.mock import patch
+
+import msgspec
+import numpy as np
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from msgspec.structs import replace
+from tests.support.scheduling import Clock, make_core, make_info, make_node, pod_json, to_pod
+
+from robotapp_api.model.names import SCHEDULER_NAME, Annotation, Label
+from robotapp_scheduler.core import doubts
+from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.engine import Engine
+from robotapp_scheduler.core.evaluation import Evaluation
+from robotapp_scheduler.core.explain import Record, as_json
+from robotapp_scheduler.core.objects import Pod
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.rows import Row
+from robotapp_scheduler.core.view import Nodes
+from robotapp_scheduler.plugins.kubernetes.balanced_allocation import BalancedArgs, NodeResourcesBalancedAllocation
+from robotapp_scheduler.plugins.kubernetes.resources_fit import FitArgs, NodeResourcesFit
+
+Json = dict[str, Any]
+SLOW = [HealthCheck.too_slow, HealthCheck.data_too_large]
+GPU = "example.com/gpu"
+SIZES = ({"cpu": "2", "memory": "4Gi"}, {"cpu": "4", "memory": "8Gi"}, {"cpu": "8", "memory": "8Gi", "pods": "6"},
+         {"cpu": "4", "memory": "16Gi", GPU: "2"})  # fmt: skip
+ANTI = {
+    "podAntiAffinity": {
+        "requiredDuringSchedulingIgnoredDuringExecution": [
+            {"topologyKey": "kubernetes.io/hostname", "labelSelector": {"matchLabels": {"app": "apart"}}}
+        ]
+    }
+}
+SPREAD = [
+    {
+        "topologyKey": str(Label.ZONE),
+        "maxSkew": 1,
+        "whenUnsatisfiable": "ScheduleAnyway",
+        "labelSelector": {"matchLabels": {"app": "spread"}},
+    }
+]
+KINDS: tuple[Json, ...] = (
+    {"cpu": "100m", "memory": "100Mi"},
+    {"cpu": "110m", "memory": "100Mi"},
+    {"cpu": "100m", "memory": "100Mi", "labels": {"app": "web"}},
+    {"cpu": "500m", "memory": "2Gi"},
+    {"cpu": "1500m", "memory": "128Mi"},
+    {"cpu": None, "memory": None},
+    {"cpu": "200m", "memory": "64Mi", "labels": {"app": "apart"}, "affinity": ANTI},
+    {"cpu": "100m", "memory": "1Gi", "labels": {"app": "spread"}, "topologySpreadConstraints": SPREAD},
+    {"cpu": "250m", "memory": "256Mi", "annotations": {str(Annotation.POLICIES): '{"qos_class": "realtime"}'}},
+)
+"""Classes of pods: some share requests, some fill nodes, some speak of other pods."""
+ARGS: tuple[Json, ...] = (
+    {},
+    {"NodeResourcesFit": {"scoringStrategy": {"type": "MostAllocated"}}},
+    {
+        "NodeResourcesFit": {"scoringStrategy": {"type": "LeastAllocated", "resources": [{"name": "cpu", "weight": 3}, {"name": GPU, "weight": 1}]}},
+        "NodeResourcesBalancedAllocation": {"resources": [{"name": n} for n in ("cpu", "memory", "ephemeral-storage")]},
+    },
+    {"NodeResourcesBalancedAllocation": {"compatVersion": "1.35"}},
+)  # fmt: skip
+NODES = st.lists(st.sampled_from(SIZES), min_size=1, max_size=3).flatmap(
+    lambda sizes: st.lists(st.tuples(st.sampled_from(sizes), st.sampled_from(("z1", "z2"))), min_size=4, max_size=24)
+)
+NUMBER = st.integers(0, 200)
+STEPS = st.one_of(
+    st.tuples(st.just("burst"), st.integers(1, 25)),
+    *[st.tuples(st.just(name), NUMBER) for name in ("end", "change", "node", "taint", "gone", "read", "late")],
+)
+HISTORY = st.lists(STEPS, max_size=10)
+CHOSEN = st.lists(st.integers(0, len(KINDS) - 1), min_size=1, max_size=4)
+PATIENCE = st.fixed_dictionaries(
+    {"MOST_DOUBTS": st.sampled_from((3, 8, 1024)), "SOON": st.sampled_from((0, 6)), "REST": st.sampled_from((0, 2))}
+)
+
+
+class World:
+    """A core that decides, and an engine that remembers nothing, on the same cluster."""
+
+    def __init__(self, sizes: list[tuple[Json, str]], args: Json, kinds: list[int]) -> None:
+        self.sizes, self.kinds = sizes, kinds
+        nodes = [self.made_node(i) for i in range(len(sizes))]
+        self.core: SchedulerCore = make_core(*nodes, clock=Clock(), args=args)
+        self.fresh = Engine(self.core.engine(SCHEDULER_NAME).profile, self.core.cluster, caching=False)
+        self.placed: list[Pod] = []
+        self.kept: Evaluation | None = None
+        self.made = 0
+
+    def made_node(self, index: int, **fields: Any) -> Any:
+        size, zone = self.sizes[index]
+        return make_node(f"n{index}", labels={str(Label.ZONE): zone}, **{**size, **fields})
+
+    def info(self) -> PodInfo:
+        """A pod of the kind whose turn it is."""
+        self.made += 1
+        return make_info(f"p{self.made}", **KINDS[self.kinds[self.made % len(self.kinds)]])
+
+    def burst(self, count: int) -> None:
+        for _ in range(count):
+            self.place()
+
+    def place(self) -> None:
+        """One decision, compared with that of the engine that remembers nothing, and what is told about it."""
+        info = self.info()
+        expected = told(self.core.consider(PodInfo(info.pod), self.fresh)[0])
+        decision = self.core.schedule_one(info)
+        found = self.core.explain.get(info.uid)
+        assert found is not None
+        assert told(found) == expected
+        if decision.node is not None:
+            bound = replace(info.pod, spec=replace(info.pod.spec, node_name=decision.node))
+            self.placed.append(bound)
+
+    def end(self, index: int) -> None:
+        if self.placed:
+            self.core.cluster.remove_pod(self.placed.pop(index % len(self.placed)))
+
+    def change(self, index: int) -> None:
+        """A bound pod shows itself, with another label."""
+        if self.placed:
+            pod = self.placed[index % len(self.placed)]
+            metadata = replace(pod.metadata, labels={**(pod.metadata.labels or {}), "seen": str(self.made)})
+            self.core.cluster.apply_pod(replace(pod, metadata=metadata))
+
+    def node(self, index: int) -> None:
+        self.core.cluster.apply_node(self.made_node(index % len(self.sizes), cpu=str(2 + (self.made + index) % 5)))
+
+    def taint(self, index: int) -> None:
+        taints = [{"key": "k", "effect": ("NoSchedule", "PreferNoSchedule")[self.made % 2]}]
+        self.core.cluster.apply_node(self.made_node(index % len(self.sizes), taints=taints))
+
+    def gone(self, index: int) -> None:
+        self.core.cluster.remove_node(f"n{index % len(self.sizes)}")
+
+    def read(self, number: int) -> None:
+        """Totals and scores of a class, which somebody may ask for at any time, in any order."""
+        pod, cached = self.info(), self.core.engine(SCHEDULER_NAME)
+        assert self.core.prepare(pod) is None
+        left, right = cached.evaluate(pod, None), self.fresh.evaluate(pod, None)
+        if left.feasible > 1:
+            cached.score(pod, left)
+            self.fresh.score(pod, right)
+            self.kept = left
+            what = (self.compare_totals, self.compare_sights, self.compare_scores)
+            for compare in (*what[number % 3 :], *what[: number % 3]):
+                compare(left, right)
+
+    def compare_totals(self, left: Evaluation, right: Evaluation) -> None:
+        assert left.total.tolist() == right.total.tolist()
+
+    def compare_sights(self, left: Evaluation, right: Evaluation) -> None:
+        names = self.core.cluster.nodes.names
+        for position in np.flatnonzero(left.reason == 0).tolist():
+            assert left.sight(position, names).total == right.sight(position, names).total
+
+    def compare_scores(self, left: Evaluation, right: Evaluation) -> None:
+        positions = np.flatnonzero(left.reason == 0)
+        for one, other in zip(left.scores, right.scores, strict=True):
+            if not one.skipped:
+                assert left.score_of(one, positions) == right.score_of(other, positions)
+
+    def late(self, number: int) -> None:
+        """Somebody looks at totals made some time ago, before the filters saw a pod of the same kind elsewhere."""
+        size = len(self.sizes)
+        names = [name for i in range(size) if (name := f"n{(i + number) % size}") in self.core.cluster.nodes.row_of]
+        for name in names[: number % size]:
+            pod = self.info().pod
+            self.core.cluster.apply_pod(replace(pod, spec=replace(pod.spec, node_name=name)))
+        if self.kept is not None:
+            assert len(self.kept.total) == len(self.kept.reason)
+        self.place()
+
+
+def told(record: Record) -> Json:
+    """A record without what differs between two attempts; reasons are numbered by the engine that met them first."""
+    plain = as_json(record)
+    plain["refusals"].sort(key=lambda refusal: (refusal["plugin"], refusal["reason"]))
+    return {key: value for key, value in plain.items() if key not in {"atS", "attempt"}}
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=SLOW)
+@given(sizes=NODES, args=st.sampled_from((ARGS[0], ARGS[0], *ARGS)), kinds=CHOSEN, history=HISTORY, patience=PATIENCE)
+def test_every_decision_and_its_explanation_is_that_of_an_engine_that_remembers_nothing(
+    sizes: list[tuple[Json, str]],
+    args: Json,
+    kinds: list[int],
+    history: list[tuple[str, int]],
+    patience: dict[str, int],
+) -> None:
+    with ExitStack() as stack:
+        for name, value in patience.items():
+            stack.enter_context(patch.object(doubts, name, value))
+        world = World(sizes, args, kinds)
+        world.burst(20)
+        for name, number in history:
+            getattr(world, name)(number)
+        world.burst(5)
+
+
+AMOUNTS = st.integers(0, 60)
+OFFERS = st.fixed_dictionaries({"cpu": st.integers(1, 400), "memory": st.integers(0, 400), GPU: st.integers(0, 20)})
+WEIGHED = st.dictionaries(st.sampled_from(("cpu", "memory", GPU)), st.integers(1, 5), min_size=1)
+ARRIVALS = st.lists(st.tuples(AMOUNTS, AMOUNTS, st.integers(0, 3)), min_size=1, max_size=12)
+
+
+def asking(name: str, cpu: int, memory: int, gpu: int, **fields: Any) -> Pod:
+    raw = pod_json(name, cpu=f"{cpu}m", memory=str(memory), **fields)
+    raw["spec"]["containers"][0]["resources"]["requests"][GPU] = str(gpu)
+    return to_pod(raw)
+
+
+@settings(max_examples=300, deadline=None, suppress_health_check=SLOW)
+@given(OFFERS, ARRIVALS, WEIGHED)
+def test_no_score_rises_above_its_ceiling_when_pods_come(
+    offers: dict[str, int], arrivals: list[tuple[int, int, int]], weighed: dict[str, int]
+) -> None:
+    offered = {**{name: str(amount) for name, amount in offers.items()}, "cpu": f"{offers['cpu']}m"}
+    cluster = make_core(make_node("n", **offered)).cluster
+    info = PodInfo(asking("p", *arrivals[0]))
+    strategy = {
+        "type": "LeastAllocated",
+        "resources": [{"name": name, "weight": weight} for name, weight in weighed.items()],
+    }
+    fit = NodeResourcesFit(msgspec.convert({"scoringStrategy": strategy}, FitArgs))
+    balance = NodeResourcesBalancedAllocation(
+        msgspec.convert({"resources": [{"name": n} for n in weighed]}, BalancedArgs)
+    )
+    for plugin in (fit, balance):
+        ceiling = int(np.broadcast_to(plugin.ceiling(info, Nodes(cluster)), 1)[0])
+        scores = [plugin.score_row(info, Row(cluster.nodes, 0))]
+        for number, amounts in enumerate(arrivals):
+            cluster.apply_pod(asking(f"{plugin.name}-{number}", *amounts, node="n"))
+            scores.append(plugin.score_row(info, Row(cluster.nodes, 0)))
+        assert all(after <= max(before, ceiling) for before, after in pairwise(scores))

@@ -1,0 +1,113 @@
+"""Nodes that only took pods are not scored again for every class, and who may say that this is so."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.support.scheduling import Clock, make_cluster, make_info, make_node, make_pod
+
+from robotapp_api.model.names import SCHEDULER_NAME, PodReason
+from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
+from robotapp_scheduler.core.view import Nodes
+from robotapp_scheduler.plugins.kubernetes.resources_fit import NodeResourcesFit
+from robotapp_scheduler.plugins.registry import catalogue
+
+CLASSES = 8
+NODES = 300
+
+
+class Asked:
+    """Counts the rows that NodeResourcesFit scores."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.rows = 0
+        score, score_row = NodeResourcesFit.score, NodeResourcesFit.score_row
+
+        def of_all(plugin: NodeResourcesFit, pod: Any, nodes: Nodes) -> Any:
+            self.rows += nodes.n
+            return score(plugin, pod, nodes)
+
+        def of_one(plugin: NodeResourcesFit, pod: Any, row: Any) -> int:
+            self.rows += 1
+            return score_row(plugin, pod, row)
+
+        monkeypatch.setattr(NodeResourcesFit, "score", of_all)
+        monkeypatch.setattr(NodeResourcesFit, "score_row", of_one)
+
+
+def core_with(*plugins: type[Any], nodes: int = NODES) -> SchedulerCore:
+    clock = Clock()
+    cluster = make_cluster(*(make_node(f"n{i}", cpu="32", memory="64Gi") for i in range(nodes)), clock=clock)
+    enabled = PluginSet(enabled=tuple(PluginRef(plugin.name) for plugin in plugins))
+    spec = ProfileSpec(SCHEDULER_NAME, plugins={"multiPoint": enabled})
+    profiles = build_profiles([spec], catalogue({plugin.name: plugin for plugin in plugins}))
+    return SchedulerCore(cluster, profiles, clock=clock)
+
+
+def decide(core: SchedulerCore, first: int, count: int) -> None:
+    for i in range(first, first + count):
+        assert core.schedule_one(make_info(f"p{i}", cpu=f"{100 + i % CLASSES}m")).node is not None
+
+
+def test_classes_that_take_turns_do_not_score_every_node_the_others_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked, core = Asked(monkeypatch), core_with()
+    for i in range(NODES):  # else the first pod of a node makes it the best, and all pods go there
+        core.cluster.apply_pod(make_pod(f"there-{i}", node=f"n{i}", cpu="600m", memory="128Mi"))
+    decide(core, 0, 6 * CLASSES)  # a class is looked at as a whole, then made ready
+    asked.rows = 0
+    decide(core, 6 * CLASSES, 5 * CLASSES)
+    assert asked.rows < 5 * CLASSES * CLASSES / 4, "each decision finds as many used nodes as there are classes"
+
+
+def test_a_node_that_lost_a_pod_is_scored_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    core = core_with()
+    core.cluster.apply_pod(large := make_pod("large", node="n7", cpu="8", memory="16Gi"))
+    for i in range(1, NODES):
+        core.cluster.apply_pod(make_pod(f"small-{i}", node=f"n{(7 + i) % NODES}", cpu="1", memory="2Gi"))
+    decide(core, 0, 3 * CLASSES)
+    asked = Asked(monkeypatch)
+    core.cluster.remove_pod(large)
+    decision = core.schedule_one(make_info("next"))
+    assert decision.node == "n7"
+    assert asked.rows <= 2 * CLASSES
+
+
+class Heir(NodeResourcesFit):
+    """Scores rise when pods come, and the class it comes from says they do not."""
+
+    name = "Heir"
+
+    def score(self, pod: Any, nodes: Nodes) -> Any:  # noqa: ARG002 - the contract's signature
+        return np.minimum(nodes.requested("pods"), 100)
+
+    def score_row(self, pod: Any, row: Any) -> int:  # noqa: ARG002 - the contract's signature
+        return min(int(row.pod_count), 100)
+
+
+class Careless(Heir):
+    """Its own ceiling is no number of nodes."""
+
+    name = "Careless"
+
+    def ceiling(self, pod: Any, nodes: Nodes) -> Any:  # noqa: ARG002 - the contract's signature
+        return np.full(nodes.n, 0.5)
+
+
+def test_a_plugin_that_inherits_from_one_of_ours_is_asked_again_after_every_pod() -> None:
+    core = core_with(Heir, nodes=12)
+    spec = core.engine(SCHEDULER_NAME).profile
+    assert next(each for each in spec.scores if each.name == "Heir").ceiling is None
+    fresh = SchedulerCore(core.cluster, {SCHEDULER_NAME: spec}, clock=Clock())
+    for i in range(20):
+        expected = fresh.schedule_one(make_info(f"p{i}"), assume=False)
+        assert core.schedule_one(make_info(f"p{i}")).total == expected.total
+        fresh = SchedulerCore(core.cluster, {SCHEDULER_NAME: spec}, clock=Clock())
+
+
+def test_a_ceiling_that_is_no_integer_fails_the_pod_with_a_text() -> None:
+    core = core_with(Careless, nodes=12)
+    found = [core.schedule_one(make_info(f"p{i}")) for i in range(4)]
+    assert any(decision.reason == PodReason.SCHEDULER_ERROR for decision in found)
+    (text,) = {decision.message for decision in found if decision.node is None}
+    assert text.startswith("plugin Careless: ceiling must answer integers")
