@@ -90,12 +90,12 @@ def _leader_election(model: LeaderElectionModel) -> Iterator[str]:
     if not model.resource_name:
         yield "leaderElection.resourceName: Required value: resourceName is required"
     seconds: dict[str, int] = {}
-    for name in ("leaseDuration", "renewDeadline", "retryPeriod"):
-        text = {
-            "leaseDuration": model.lease_duration,
-            "renewDeadline": model.renew_deadline,
-            "retryPeriod": model.retry_period,
-        }[name]
+    given = {
+        "leaseDuration": model.lease_duration,
+        "renewDeadline": model.renew_deadline,
+        "retryPeriod": model.retry_period,
+    }
+    for name, text in given.items():
         try:
             seconds[name] = parse_us(text)
         except ValueError:

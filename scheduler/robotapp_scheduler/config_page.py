@@ -9,6 +9,7 @@ from robotapp_scheduler.core.profiles import Catalogue, ProfileSpec, expand
 
 def document(config: SchedulerConfig) -> dict[str, Any]:
     """What the file would say that leaves nothing to defaults: every plugin of every point, in order, with its weight."""
+    catalogue = config.catalogue.meant_by(config.profiles)
     return {
         "apiVersion": API_VERSION,
         "kind": KIND,
@@ -18,7 +19,7 @@ def document(config: SchedulerConfig) -> dict[str, Any]:
         "podMaxBackoffSeconds": int(config.max_backoff_s),
         "clientConnection": {"kubeconfig": config.kubeconfig},
         "leaderElection": _election(config.leader_election),
-        "profiles": [_profile(spec, config.catalogue) for spec in config.profiles],
+        "profiles": [_profile(spec, catalogue) for spec in config.profiles],
     }
 
 

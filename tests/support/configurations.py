@@ -72,6 +72,8 @@ ACCEPTED: Final[dict[str, Json]] = {
     "everything disabled but one score": plugins("score", {"name": "TaintToleration"}, disabled=("*",)),
     "a plugin taken out": plugins("multiPoint", disabled=("PodTopologySpread",)),
     "upstream's queue sort": plugins("multiPoint", {"name": "PrioritySort"}),
+    "upstream's queue sort, named by one of two": {"profiles": [
+        {"schedulerName": "a", "plugins": {"multiPoint": {"enabled": [{"name": "PrioritySort"}]}}}, {"schedulerName": "b"}]},
     "upstream's queue sort, at its point": plugins("queueSort", {"name": "PrioritySort"}),
     "upstream's binder": plugins("bind", {"name": "DefaultBinder"}, disabled=("*",)),
     "nothing but two plugins": plugins("multiPoint", {"name": "PrioritySort"}, {"name": "DefaultBinder"}, disabled=("*",)),

@@ -4,7 +4,7 @@ Built from the `plugins` and `pluginConfig` blocks of a KubeSchedulerConfigurati
 """
 
 import logging
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from hashlib import sha256
 from typing import Any, Final
 
@@ -76,14 +76,17 @@ class Catalogue(msgspec.Struct, frozen=True):
     stand_ins: Mapping[str, str] = {}
     """Defaults of ours and the upstream default each takes the place of, until a configuration names that one."""
 
-    def defaults_for(self, plugins: Mapping[str, PluginSet]) -> tuple[PluginRef, ...]:
-        """The default multiPoint list for a profile that says this.
+    def meant_by(self, specs: Sequence[ProfileSpec]) -> "Catalogue":
+        """With the defaults of a file that holds these profiles.
 
-        A file written for kube-scheduler that names an upstream default, to enable or to disable it, finds it there.
+        One written for kube-scheduler that names an upstream default, to enable or to disable it, finds it there; in all
+        its profiles, since they share one queue.
         """
-        named = {ref.name for found in plugins.values() for ref in (*found.enabled, *found.disabled)}
+        sets = (found for spec in specs for found in spec.plugins.values())
+        named = {ref.name for found in sets for ref in (*found.enabled, *found.disabled)}
         meant = {ours: theirs for ours, theirs in self.stand_ins.items() if theirs in named}
-        return tuple(PluginRef(meant[ref.name], ref.weight) if ref.name in meant else ref for ref in self.defaults)
+        defaults = tuple(PluginRef(meant[ref.name], ref.weight) if ref.name in meant else ref for ref in self.defaults)
+        return msgspec.structs.replace(self, defaults=defaults)
 
 
 class Profile:
@@ -133,8 +136,9 @@ def _deciding(plugins: Mapping[str, Sequence[Loaded]], point: str) -> tuple[Load
     return tuple(loaded for loaded in plugins.get(point, ()) if not loaded.shadow)
 
 
-def build_profiles(specs: Iterable[ProfileSpec], catalogue: Catalogue) -> dict[str, Profile]:
+def build_profiles(specs: Sequence[ProfileSpec], catalogue: Catalogue) -> dict[str, Profile]:
     """All profiles by schedulerName. Raises ConfigError with every problem found."""
+    catalogue = catalogue.meant_by(specs)
     problems: list[str] = []
     profiles: dict[str, Profile] = {}
     for i, spec in enumerate(specs):
@@ -285,8 +289,7 @@ def expand(
         for point in plugins
         if point not in known
     )
-    custom = plugins.get("multiPoint", PluginSet())
-    multi = _merged(catalogue.defaults_for(plugins), custom, f"{path}.plugins.multiPoint", problems)
+    multi = _merged(catalogue.defaults, plugins.get("multiPoint", PluginSet()), f"{path}.plugins.multiPoint", problems)
     result: dict[str, list[PluginRef]] = {}
     for point in POINTS:
         own = plugins.get(point, PluginSet())

@@ -9,6 +9,8 @@ from functools import wraps
 from statistics import median
 from typing import Any, Final
 
+from msgspec.structs import replace
+
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.engine import Engine
@@ -100,9 +102,7 @@ def measure(
 ) -> Cost:
     """Rounds with and without the plugin in turn; the first pair warms up and does not count."""
     meter = Meter(clock)
-    timed = Catalogue(
-        classes={**catalogue.classes, name: meter.of(catalogue.classes[name])}, defaults=catalogue.defaults
-    )
+    timed = replace(catalogue, classes={**catalogue.classes, name: meter.of(catalogue.classes[name])})
     own, whole, bare, last = [], [], [], _Round(0.0, 0, "")
     for number in range(rounds + 1):
         meter.spent_s = 0.0

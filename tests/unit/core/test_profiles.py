@@ -119,7 +119,8 @@ def test_a_wrong_configuration_names_the_path_and_what_is_allowed(
 
 
 def test_all_problems_are_reported_at_once_and_queue_sort_must_agree() -> None:
-    other = ProfileSpec("b", plugins={"multiPoint": off("ROSQueueSort"), "queueSort": on("PrioritySort")})
+    ours = PluginSet(enabled=on("ROSQueueSort").enabled, disabled=off("PrioritySort").disabled)
+    other = ProfileSpec("b", plugins={"queueSort": ours})
     with pytest.raises(ConfigError) as caught:
         build_profiles([ProfileSpec("a"), ProfileSpec("a"), other], catalogue())
     assert len(caught.value.problems) == 2
