@@ -1,0 +1,30 @@
+"""What the scripts say to somebody who asks them for something they do not do."""
+
+import subprocess
+from pathlib import Path
+
+import pytest
+
+SCRIPTS = Path(__file__).resolve().parents[3] / "scripts"
+
+
+def asked(script: str, *args: str, folder: Path) -> "subprocess.CompletedProcess[str]":
+    command = [str(SCRIPTS / script), *args]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=60)
+
+
+@pytest.mark.parametrize(("script", "line"), [("build", "Builds the wheel"), ("check", "Format, lint, types")])
+def test_an_argument_it_does_not_know_is_answered_with_what_it_does(script: str, line: str, tmp_path: Path) -> None:
+    wrong = asked(script, "nonsense", folder=tmp_path)
+    assert (wrong.returncode, wrong.stdout) == (2, "")
+    assert wrong.stderr.startswith(line)
+    helped = asked(script, "--help", folder=tmp_path)
+    assert (helped.returncode, helped.stdout) == (0, wrong.stderr)
+
+
+def test_help_on_a_bench_is_given_before_anything_is_compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    answer = asked("bench", "stub", "--help", folder=tmp_path)
+    assert answer.returncode == 0
+    assert answer.stdout.startswith("usage: scripts/bench stub")
+    assert list(tmp_path.iterdir()) == []
