@@ -114,21 +114,24 @@ class Lines:
 
     def ended(self, pieces: Sequence[bytes]) -> list[bytes]:
         """The lines that end in these pieces. Raises Unreachable when one has become too long."""
-        # All at once: an API server cuts pieces where its buffer is full, which is seldom between two lines.
-        data = pieces[0] if len(pieces) == 1 else b"".join(pieces)
         complete: list[bytes] = []
-        start, end = 0, data.find(b"\n")
-        while end >= 0:  # `split` looks at byte after byte: a tenth of what a pod's event costs
-            complete.append(data[start:end])
-            start, end = end + 1, data.find(b"\n", end + 1)
-        if complete:
-            complete[0] = b"".join([*self._parts, complete[0]])
-            self._parts, self._size = [], 0
-        if start < len(data):
-            self._parts.append(data[start:])
-            self._size += len(data) - start
-            if self._size > self._limit:
-                raise Unreachable(f"a watch line is longer than {self._limit} bytes", maybe_applied=False)
+        parts = self._parts
+        for piece in pieces:
+            start, end = 0, piece.find(b"\n")
+            if 0 <= end == len(piece) - 1 and not parts:  # as a server sends that has nothing else to send
+                complete.append(piece[:-1])
+                continue
+            while end >= 0:  # `split` looks at byte after byte: a tenth of what a pod's event costs
+                parts.append(piece[start:end])
+                complete.append(b"".join(parts))
+                parts.clear()
+                self._size = 0
+                start, end = end + 1, piece.find(b"\n", end + 1)
+            if start < len(piece):
+                parts.append(piece[start:])
+                self._size += len(piece) - start
+                if self._size > self._limit:
+                    raise Unreachable(f"a watch line is longer than {self._limit} bytes", maybe_applied=False)
         return complete
 
 
