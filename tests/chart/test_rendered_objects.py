@@ -8,6 +8,7 @@ import pytest
 from tests.support.chart import CHART, NAMESPACE, NO_WORKLOADS, Chart, Object, named, of_kind, rules
 
 from robotapp_api.model.names import FLEET_CONFIG_MAP
+from robotapp_api.serving.pages import A_ROLE_THAT_MAY
 from robotapp_operator.plan.fleet import MAX_SHARDS
 from robotapp_testbed.failures import CommandError
 
@@ -165,6 +166,14 @@ def test_a_port_is_scraped_with_a_token_that_may_get_metrics_and_nothing_else(
     assert bound == ["robotapp-metrics-reader"]
     role = named(rendered, "ClusterRole", "robotapp-metrics-reader")
     assert role["rules"] == [{"nonResourceURLs": ["/metrics"], "verbs": ["get"]}]
+
+
+def test_the_roles_a_refused_caller_is_told_of_may_get_the_pages(rendered: list[Object]) -> None:
+    told = {"robotapp-cluster-viewer": {"/configz", "/metrics", "/simulate"}, "robotapp-metrics-reader": {"/metrics"}}
+    for name, paths in told.items():
+        assert name in A_ROLE_THAT_MAY
+        allowed = [rule for rule in named(rendered, "ClusterRole", name)["rules"] if "get" in rule["verbs"]]
+        assert {path for rule in allowed for path in rule.get("nonResourceURLs", ())} == paths
 
 
 def test_without_monitors_there_is_no_token(chart: Chart) -> None:

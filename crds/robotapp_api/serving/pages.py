@@ -10,6 +10,9 @@ from robotapp_api.client.errors import ClientError
 from robotapp_api.serving.access import Access, Caller, certified
 
 WHO_ARE_YOU: Final = "send a bearer token of the cluster (Authorization: Bearer $(kubectl create token ...)) or a client certificate of it"
+A_ROLE_THAT_MAY: Final = (
+    "ClusterRole robotapp-cluster-viewer may (robotapp-metrics-reader: /metrics alone), ask for a binding of it"
+)
 
 
 class PathGate(Protocol):
@@ -25,7 +28,7 @@ async def refused(gate: PathGate, request: web.Request, verb: str, path: str) ->
         return access
     if access is Access.UNKNOWN_CALLER:
         return problem(401, WHO_ARE_YOU)
-    return None if access is Access.ALL else problem(403, f"you may not {verb} {path}")
+    return None if access is Access.ALL else problem(403, f"you may not {verb} {path}: {A_ROLE_THAT_MAY}")
 
 
 async def asked(answer: Awaitable[Access]) -> Access | web.Response:

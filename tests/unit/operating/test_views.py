@@ -247,7 +247,8 @@ async def test_health_is_told_to_everybody_and_metrics_to_who_may_get_them(unuse
         assert await page(unused_tcp_port, "/healthz") == (503, "work has been due for 181 s\n")
         assert (await page(unused_tcp_port, "/readyz"))[0] == 200
         assert await page(unused_tcp_port, "/metrics", "reader") == (200, "m 1\n")
-        assert (await page(unused_tcp_port, "/metrics", "other"))[0] == 403
+        status, text = await page(unused_tcp_port, "/metrics", "other")
+        assert (status, "you may not get /metrics: ClusterRole robotapp-cluster-viewer may" in text) == (403, True)
         assert (await page(unused_tcp_port, "/metrics"))[0] == 401
     finally:
         await health.stop()
