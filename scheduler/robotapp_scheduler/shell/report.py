@@ -77,6 +77,9 @@ class Reporter:
         self._told_s: dict[str, float] = {}
         """When the Event of what was said was last recorded; of the same pods."""
         self._waiting: Newest[str, _Text] = Newest()
+        self._writing: set[str] = set()
+        self._later: dict[str, _Text] = {}
+        """What is to be said of pods of which something is being said: two words on their way may overtake each other."""
         self._promised: dict[str, str] = {}
         """Pods on the way to a node they were promised to."""
 
@@ -104,22 +107,24 @@ class Reporter:
         `nominate` is the node the pod waits for from now on, "" for none any more, None when that stays as it is.
         """
         uid = pod.metadata.uid
-        promised = self._promised.pop(uid, "")
+        said = self._said.get(uid)
+        promised = self._promised.pop(uid, "") or (said[2] if said is not None else None)
         if promised and nominate == "":
             # Its watch may not have told us yet what we wrote: without this it would stand there for ever.
             status = msgspec.structs.replace(pod.status, nominated_node_name=promised)
             pod = msgspec.structs.replace(pod, status=status)
-        said = self._said.get(uid)
         now_s = self._client.clock()
         if said is None or said[:2] != (reason, message) or now_s - self._told_s.get(uid, now_s) >= AGAIN_S:
             self._told_s[uid] = now_s
             self._events.pod_event(pod, warning=True, reason=event, action="Scheduling", note=texts.note(message))
-        if said == (reason, message, nominate) and texts.nominated(pod, nominate):
+        known = said[2] if said is not None else None
+        if said == (reason, message, known) and nominate in {None, known} and texts.nominated(pod, nominate):
             return
-        self._remember(uid, (reason, message, nominate))
-        if texts.says_already(pod, reason=reason, message=message, nominate=nominate):
+        self._remember(uid, (reason, message, known if nominate is None else nominate))
+        # Only before our first word: later the pod may look as it did before a word of ours that is still on its way.
+        if said is None and texts.says_already(pod, reason=reason, message=message, nominate=nominate):
             return
-        waiting = self._waiting.get(uid)
+        waiting = self._waiting.get(uid) or self._later.get(uid)
         if nominate is None and waiting is not None:
             nominate = waiting.nominate  # not written yet: it must not be lost
         self._waiting.put(uid, _Text(pod, reason, message, nominate))
@@ -156,6 +161,7 @@ class Reporter:
         self._said.pop(uid, None)
         self._told_s.pop(uid, None)
         self._waiting.drop(uid)
+        self._later.pop(uid, None)
         self._promised.pop(uid, None)
 
     async def run(self) -> None:
@@ -166,8 +172,18 @@ class Reporter:
 
     async def _write_forever(self) -> None:
         while True:
-            _, text = await self._waiting.take()
-            await self._write(text)
+            uid, text = await self._waiting.take()
+            if uid in self._writing:
+                self._later[uid] = text
+                continue
+            self._writing.add(uid)
+            try:
+                await self._write(text)
+            finally:
+                self._writing.discard(uid)
+                later = self._later.pop(uid, None)
+                if later is not None and self._waiting.get(uid) is None:
+                    self._waiting.put(uid, later)
 
     async def _write(self, text: _Text) -> None:
         meta = text.pod.metadata

@@ -144,6 +144,44 @@ async def test_only_the_latest_text_of_a_pod_is_written() -> None:
     assert [patch["status"]["conditions"][0]["message"] for _, patch in patches] == ["three"]
 
 
+async def test_what_is_true_again_is_said_though_the_pod_still_looks_as_before_what_was_said_between() -> None:
+    desk = Desk()
+    for message in ("first", "second", "first"):
+        desk.reporter.unscheduled(pod(refused("first")), reason="Unschedulable", message=message)
+    assert [patch["status"]["conditions"][0]["message"] for _, patch in await desk.settle()] == ["first"]
+
+
+async def test_a_nomination_given_up_before_the_watch_has_shown_it_is_cleared() -> None:
+    desk = Desk()
+    desk.reporter.unscheduled(pod(), reason="Unschedulable", message="found", nominate="n1")
+    await desk.settle()
+    desk.reporter.unscheduled(pod(), reason="Unschedulable", message="not eligible")
+    desk.reporter.unscheduled(pod(), reason="Unschedulable", message="none left", nominate="")
+    assert (await desk.settle())[-1][1]["status"]["nominatedNodeName"] is None
+
+
+async def test_a_word_waits_until_the_one_before_it_about_the_same_pod_is_written() -> None:
+    desk, written = Desk(), asyncio.Event()
+
+    async def slow(*_: Any, **__: Any) -> Any:
+        desk.client.calls.append(("patch", "", None))
+        await written.wait()
+
+    desk.client.patch = slow  # type: ignore[method-assign]
+    task = asyncio.create_task(desk.reporter.run())
+    for message in ("one", "two", "three"):
+        desk.reporter.unscheduled(pod(), reason="Unschedulable", message=message)
+        for _ in range(20):
+            await asyncio.sleep(0)
+    assert len(desk.client.calls) == 1
+    written.set()
+    for _ in range(20):
+        await asyncio.sleep(0)
+    assert len(desk.client.calls) == 2, "the newest one"
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
+
+
 async def test_a_pod_that_was_bound_meanwhile_is_not_called_unschedulable() -> None:
     desk = Desk()
     desk.reporter.unscheduled(pod(), reason="Unschedulable", message="no room")
