@@ -19,7 +19,7 @@ _BITS: Final = (1 << 64) - 1
 FEW: Final = 8
 """Up to so many rows are looked at one by one beside an array."""
 GONE: Final = 8
-"""One in so many, and FEW, may have left an array before it is made anew."""
+"""When more than one in so many have left an array, and one of them is met, it is made anew."""
 NOBODY: Final[Positions] = np.zeros(0, dtype=np.intp)
 NO_NAMES: Final[Hashes] = np.zeros(0, dtype=np.uint64)
 
@@ -67,8 +67,6 @@ class Level:
         """The position with the least hash of node name and pod."""
         if len(self._late) > FEW:
             self._take_in()
-        if self._gone and GONE * (len(self._gone) - FEW) > len(self._positions):
-            self._close_up()
         late = [(mixed_one(self._hashes.item(each), pod), each) for each in self._late] if self._late else []
         if len(self._positions) == len(self._gone):
             return min(late)[1]
@@ -86,7 +84,7 @@ class Level:
     def _here(self, count: int) -> list[int]:
         """The first of the positions that have not left."""
         gone = self._gone
-        found = [each for each in self._positions[: 2 * count].tolist() if each not in gone]
+        found = [each for each in self._positions[: count + min(count, len(gone))].tolist() if each not in gone]
         if len(found) < count and len(gone) > count:
             found = [each for each in self._positions[: count + len(gone)].tolist() if each not in gone]
         return found[:count]
@@ -96,7 +94,8 @@ class Level:
         values = mixed(self._names, pod)
         place = int(values.argmin())
         while self._gone and self._positions.item(place) in self._gone:
-            if values.item(place) == _BITS:  # it was passed over before, and nobody else has less
+            # All ones: it was passed over before, and nobody else has less.
+            if GONE * len(self._gone) > len(self._positions) or values.item(place) == _BITS:
                 self._close_up()
                 return int(mixed(self._names, pod).argmin())
             values[place] = _BITS
@@ -105,10 +104,9 @@ class Level:
 
     def _take_in(self) -> None:
         """Put the late ones among the others."""
-        late = np.array(sorted(self._late), dtype=np.intp)
-        places = self._positions.searchsorted(late)
-        self._positions = np.insert(self._positions, places, late)
-        self._names = np.insert(self._names, places, self._hashes[late])
+        self._positions = np.concatenate([self._positions, np.array(sorted(self._late), dtype=np.intp)])
+        self._positions.sort(kind="stable")  # which merges what is in order
+        self._names = self._hashes[self._positions]
         self._late.clear()
 
     def _close_up(self) -> None:
