@@ -72,6 +72,14 @@ ACCEPTED: Final[dict[str, Json]] = {
     "everything disabled but one score": plugins("score", {"name": "TaintToleration"}, disabled=("*",)),
     "a plugin taken out": plugins("multiPoint", disabled=("PodTopologySpread",)),
     "upstream's queue sort": plugins("multiPoint", {"name": "PrioritySort"}),
+    "plugins at every point they have": profile(plugins={
+        "preEnqueue": {"enabled": [{"name": "DynamicResources"}, {"name": "DefaultPreemption"}]},
+        "preFilter": {"enabled": [{"name": "NodeResourcesFit"}, {"name": "NodeName"}, {"name": "NodeUnschedulable"}]},
+        "postFilter": {"enabled": [{"name": "DynamicResources"}]},
+        "preScore": {"enabled": [{"name": "TaintToleration"}, {"name": "NodeResourcesBalancedAllocation"}], "disabled": [{"name": "*"}]},
+        "score": {"enabled": [{"name": "DynamicResources", "weight": 3}]},
+        "reserve": {"enabled": [{"name": "VolumeBinding"}]},
+        "preBind": {"enabled": [{"name": "VolumeBinding"}, {"name": "DynamicResources"}]}}),
     "upstream's queue sort, named by one of two": {"profiles": [
         {"schedulerName": "a", "plugins": {"multiPoint": {"enabled": [{"name": "PrioritySort"}]}}}, {"schedulerName": "b"}]},
     "upstream's queue sort, at its point": plugins("queueSort", {"name": "PrioritySort"}),
@@ -113,6 +121,7 @@ REFUSED: Final[dict[str, tuple[Json, str]]] = {
     "a plugin nobody knows": (plugins("multiPoint", {"name": "NoSuchPlugin"}), "NoSuchPlugin"),
     "a plugin that is gone": (plugins("multiPoint", {"name": "EBSLimits"}), "EBSLimits"),
     "enabled twice": (plugins("score", {"name": "NodeAffinity"}, {"name": "NodeAffinity"}), "NodeAffinity"),
+    "at a point it never had": (plugins("reserve", {"name": "NodeName"}), "NodeName"),
     "at the wrong point": (plugins("score", {"name": "NodeName"}), "NodeName"),
     "no bind plugin": (plugins("bind", disabled=("*",)), "bind"),
     "upstream's binder taken out": (plugins("multiPoint", disabled=("DefaultBinder",)), "at least one bind plugin is needed"),

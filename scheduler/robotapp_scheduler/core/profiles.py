@@ -76,6 +76,13 @@ class Catalogue(msgspec.Struct, frozen=True):
     stand_ins: Mapping[str, str] = {}
     """Defaults of ours and the upstream default each takes the place of, until a configuration names that one."""
 
+    upstream_points: Mapping[str, Collection[str]] = {}
+    """Points at which upstream's plugin of a name takes part."""
+
+    def is_idle(self, name: str, point: str) -> bool:
+        """May a file name this plugin at this point although ours does all it does at others?"""
+        return point in self.upstream_points.get(name, ()) and not _takes_part(self, name, point)
+
     def meant_by(self, specs: Sequence[ProfileSpec]) -> "Catalogue":
         """With the defaults of a file that holds these profiles.
 
@@ -281,7 +288,7 @@ def expand(
 
     The profile's list is appended to the defaults, the same name replaces in place, `disabled` removes. At each point
     come first the plugins named in both lists (in the point's order), then the other multiPoint ones, then those
-    named only at the point: also those that it disables for multiPoint. The point's weight counts, 1 where it has none.
+    named only at the point, also those that it disables for multiPoint; a plugin that has nothing to do there is left out. The point's weight counts, 1 where it has none.
     """
     known = {"multiPoint", *POINTS}
     problems.extend(
@@ -299,7 +306,7 @@ def expand(
         spread = [ref for ref in multi if not removed & {ref.name, "*"} and _takes_part(catalogue, ref.name, point)]
         both = [ref for ref in own.enabled if any(other.name == ref.name for other in spread)]
         rest = [ref for ref in spread if ref.name not in named]
-        only = [ref for ref in own.enabled if ref not in both]
+        only = [ref for ref in own.enabled if ref not in both and not catalogue.is_idle(ref.name, point)]
         problems.extend(
             f"{path}.plugins.{point}: plugin {ref.name!r} does not take part at this point"
             for ref in only

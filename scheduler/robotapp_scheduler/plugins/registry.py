@@ -76,9 +76,35 @@ ROS: Final = (
     PluginRef("ROSBind"),
 )
 
+_FILTERS: Final = "preFilter filter"
+_SCORES: Final = "preScore score"
+UPSTREAM_POINTS: Final = {
+    "NodeName": _FILTERS,
+    "NodeUnschedulable": _FILTERS,
+    "TaintToleration": f"{_FILTERS} {_SCORES}",
+    "NodeAffinity": f"{_FILTERS} {_SCORES}",
+    "NodePorts": _FILTERS,
+    "NodeResourcesFit": f"{_FILTERS} {_SCORES}",
+    "VolumeRestrictions": _FILTERS,
+    "NodeVolumeLimits": _FILTERS,
+    "VolumeBinding": f"{_FILTERS} {_SCORES} reserve preBind",
+    "VolumeZone": _FILTERS,
+    "PodTopologySpread": f"{_FILTERS} {_SCORES}",
+    "InterPodAffinity": f"{_FILTERS} {_SCORES}",
+    "DynamicResources": f"preEnqueue {_FILTERS} postFilter score reserve preBind",
+    "DefaultPreemption": "preEnqueue postFilter",
+    "NodeResourcesBalancedAllocation": _SCORES,
+    "NodeDeclaredFeatures": _FILTERS,
+}
+"""Points of kube-scheduler 1.37's plugins: a file may name them there, also where ours have nothing to do."""
+
 
 def catalogue(extra: Mapping[str, type] | None = None) -> Catalogue:
     """Built-in plugin classes, with third-party ones added; the default multiPoint list."""
     classes: dict[str, type] = {str(cls.name): cls for cls in BUILT_IN}  # type: ignore[attr-defined]  # every plugin class has a name
-    stand_ins = {"ROSQueueSort": "PrioritySort", "ROSBind": "DefaultBinder"}
-    return Catalogue(classes={**classes, **(extra or {})}, defaults=(*KUBERNETES, *ROS), stand_ins=stand_ins)
+    return Catalogue(
+        classes={**classes, **(extra or {})},
+        defaults=(*KUBERNETES, *ROS),
+        stand_ins={"ROSQueueSort": "PrioritySort", "ROSBind": "DefaultBinder"},
+        upstream_points={name: points.split() for name, points in UPSTREAM_POINTS.items()},
+    )

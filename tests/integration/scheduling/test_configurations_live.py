@@ -16,7 +16,8 @@ import yaml
 from tests.support.configurations import ACCEPTED, OURS_ALONE, REFUSED, config
 
 from robotapp_scheduler.config import parse_text
-from robotapp_scheduler.plugins.registry import ROS, catalogue
+from robotapp_scheduler.core.profiles import POINTS
+from robotapp_scheduler.plugins.registry import ROS, UPSTREAM_POINTS, catalogue
 from robotapp_testbed.assets import Assets
 
 pytestmark = pytest.mark.live
@@ -120,3 +121,15 @@ def test_the_whole_configuration_kube_scheduler_writes_out_is_taken(tmp_path: Pa
     (name,) = written.scheduler_names
     assert name == "default-scheduler"
     assert written.build()[name].queue_sort.name == "PrioritySort"
+
+
+def test_the_points_of_its_plugins_are_those_we_know(tmp_path: Path) -> None:
+    theirs = understood(tmp_path, {})
+    assert theirs is not None
+    found: dict[str, set[str]] = {}
+    for point, plugins in theirs.items():
+        for each in plugins["Enabled"] or () if point[0].lower() + point[1:] in POINTS else ():
+            found.setdefault(each["Name"], set()).add(point[0].lower() + point[1:])
+    known = {name: set(points.split()) for name, points in UPSTREAM_POINTS.items()}
+    assert {name: points for name, points in found.items() if name in known} == known
+    assert all(len(points) == 1 for name, points in found.items() if name not in known)
