@@ -47,7 +47,7 @@ class Easy(NamedTuple):
     others: list[ScoreColumn]
     """They say the same as before, or must be asked."""
     interest: int
-    """Changes after which a row of `falling` must be looked at."""
+    """Changes after which rows must be looked at though no pod came there."""
     ceilings: list[tuple[int, ScoreColumn, IntArray | int]]
     """With the weight, where the ceiling is above 0."""
 
@@ -70,6 +70,8 @@ class Easy(NamedTuple):
                 return None
             else:
                 others.append(column)
+                if column.constant is None:
+                    interest |= column.interest  # one of its rows may say something else, and no epoch tells
         return cls(falling, others, interest, ceilings) if falling else None
 
     def limits(self, total: IntArray, rows: npt.NDArray[np.intp] | slice) -> IntArray:

@@ -153,10 +153,15 @@ class ScoreColumn:
         value = float(self.raw[row])
         return value if np.isfinite(value) else None
 
-    def look(self, pod: PodInfo, position: int, row: Row) -> None:
-        """Ask about one row, which may have changed after the position of this column; for plugins with `score_row`."""
+    def look(self, pod: PodInfo, position: int, row: Row) -> int:
+        """Ask about one row, which may have changed after the position of this column; for plugins with `score_row`.
+
+        Answers by how much that raised the epoch.
+        """
+        before = self.epoch
         if self.plugin.score_row is not None:
             self._store_row(position, self.plugin.score_row(pod, row))
+        return self.epoch - before
 
     def _patch(self, stale: Nodes, pod: PodInfo) -> None:
         score_row = self.plugin.score_row

@@ -207,10 +207,10 @@ class Totals:
             changed = [row for row in came if (reason.item(row) == 0) != (total.item(row) >= 0)]
             others = [*others, *[row for row in changed if reason.item(row) == 0]]
             self._close([row for row in changed if reason.item(row) != 0])
-        self._position, self._revision = log.position, verdicts.revision
         if others:
             self._doubtful.update(others)
             self._look([*dict.fromkeys(others)])
+        self._position, self._revision = log.position, verdicts.revision
         return True
 
     def _doubt(self, rows: list[int]) -> None:
@@ -243,16 +243,14 @@ class Totals:
             self._settle()
             return
         pod, cluster, verdicts = asked
+        known, self._position = self._position, -1  # should a plugin fail here, everything is added up anew
         before, after = [*map(self._total.item, positions)], []
         for position in positions:
             self.sights.pop(position, None)
             value = INFEASIBLE
             if verdicts.reason.item(position) == 0:
-                row, epochs = cluster.nodes.rows.get(position), 0
-                for column in easy.falling:
-                    epochs -= column.epoch
-                    column.look(pod, position, row)
-                    epochs += column.epoch
+                row = cluster.nodes.rows.get(position)
+                epochs = sum([column.look(pod, position, row) for column in easy.falling])
                 if epochs:  # what was the same for all rows is not any more
                     self._epochs += epochs
                     self._parts = Parts.of(self._live)
@@ -263,6 +261,7 @@ class Totals:
             doubts.limit[position] = easy.limit(value, position)
             after.append(value)
         self._moved(positions, before, after)
+        self._position = known
 
     def _settle(self) -> None:
         """Add up every row in doubt."""

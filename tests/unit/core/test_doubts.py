@@ -1,10 +1,10 @@
 """Nodes that only took pods are not scored again for every class, and who may say that this is so."""
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from tests.support.scheduling import Clock, make_cluster, make_info, make_node, make_pod
+from tests.support.scheduling import Clock, make_cluster, make_info, make_node, make_pod, telemetry
 
 from robotapp_api.model.names import SCHEDULER_NAME, PodReason
 from robotapp_scheduler.core.cycle import SchedulerCore
@@ -111,3 +111,68 @@ def test_a_ceiling_that_is_no_integer_fails_the_pod_with_a_text() -> None:
     assert any(decision.reason == PodReason.SCHEDULER_ERROR for decision in found)
     (text,) = {decision.message for decision in found if decision.node is None}
     assert text.startswith("plugin Careless: ceiling must answer integers")
+
+
+class Calm:
+    """What the agents measure, whatever pods come."""
+
+    name = "Calm"
+    reads = ()
+    node_reads = ("load",)
+    row_local = True
+
+    def score(self, _pod: Any, nodes: Nodes) -> Any:
+        return 100.0 - nodes.load("cpu_percent")
+
+
+def test_a_node_whose_agent_reports_another_load_is_scored_at_once() -> None:
+    core = core_with(Calm, nodes=12)
+    for i in range(12):
+        core.cluster.apply_telemetry(telemetry(f"n{i}", load={"cpuPercent": 90 - i}))
+    for i in range(6):
+        assert core.schedule_one(make_info(f"p{i}")).node == "n11"
+    core.cluster.apply_telemetry(telemetry("n3", load={"cpuPercent": 0}))
+    assert core.schedule_one(make_info("next")).node == "n3"
+
+
+class Fickle:
+    """Fewer pods, more points; after some answers it gives none any more."""
+
+    name = "Fickle"
+    reads = ()
+    node_reads = ("requested",)
+    row_local = True
+    answers: ClassVar[int] = 1000
+
+    def score(self, _pod: Any, nodes: Nodes) -> Any:
+        return np.maximum(100 - 7 * nodes.requested("cpu") // 100, 0)
+
+    def score_row(self, _pod: Any, row: Any) -> int:
+        type(self).answers -= 1
+        if self.answers < 0:
+            raise RuntimeError("not now")
+        ((_, requested, _),) = row.of(("cpu",))
+        return int(max(100 - 7 * requested // 100, 0))
+
+    def ceiling(self, _pod: Any, _nodes: Nodes) -> int:
+        return 0
+
+
+@pytest.mark.parametrize("answers", range(6))
+def test_after_a_plugin_failed_halfway_through_several_nodes_the_next_pod_goes_where_it_should(
+    answers: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    core = core_with(Fickle, nodes=8)
+    for i in range(6):
+        assert core.schedule_one(make_info(f"p{i}")).node is not None
+    for i in range(6):
+        core.cluster.apply_pod(make_pod(f"there-{i}", node=f"n{i}", cpu="300m", memory="1Gi"))
+    monkeypatch.setattr(Fickle, "answers", answers)
+    assert core.schedule_one(make_info("failed")).reason == PodReason.SCHEDULER_ERROR
+    monkeypatch.setattr(Fickle, "answers", 1000)
+    for i in range(4):
+        core.cluster.apply_pod(make_pod(f"then-{i}", node=f"n{2 * i}", cpu="100m", memory="2Gi"))
+        fresh = SchedulerCore(core.cluster, {SCHEDULER_NAME: core.engine(SCHEDULER_NAME).profile}, clock=Clock())
+        expected = fresh.schedule_one(make_info(f"next-{i}"), assume=False)
+        decision = core.schedule_one(make_info(f"next-{i}"))
+        assert (decision.node, decision.total) == (expected.node, expected.total)
