@@ -32,6 +32,8 @@ log = logging.getLogger(__name__)
 OURS: Final = "robotapp_scheduler"
 EXACT: Final = 1 << 56
 """Integers beyond are scored as floats: a hundred times as much must not overflow."""
+_SHORT_CUTS: Final = ("filter_row", "score_row", "ceiling")
+"""Of a plugin that inherits them from one of ours they are not asked: its own `filter` or `score` may say otherwise."""
 
 
 def is_ours(plugin: object) -> bool:
@@ -42,8 +44,9 @@ def is_ours(plugin: object) -> bool:
 def guarded(loaded: Loaded) -> Loaded:
     """The same plugin with every hook watched."""
     loaded.sound = False  # it may have inherited that from one of ours
-    if _inherited(loaded.plugin, "ceiling"):
-        loaded.ceiling = None  # that one's, which this one's scores need not keep
+    for hook in _SHORT_CUTS:
+        if _inherited(getattr(loaded, hook)):
+            setattr(loaded, hook, None)
     for hook, check in _CHECKS.items():
         function = getattr(loaded, hook)
         if function is not None:
@@ -56,10 +59,9 @@ def guarded(loaded: Loaded) -> Loaded:
     return loaded
 
 
-def _inherited(plugin: object, hook: str) -> bool:
-    """Does the hook come from a class of ours?"""
-    makers = [each for each in type(plugin).__mro__ if hook in vars(each)]
-    return bool(makers) and makers[0].__module__.partition(".")[0] == OURS
+def _inherited(function: object) -> bool:
+    """Is the hook one of ours?"""
+    return str(getattr(function, "__module__", "")).partition(".")[0] == OURS
 
 
 def _watched(plugin: str, hook: str, function: Callable[..., Any], check: "_Check") -> Callable[..., Any]:

@@ -105,6 +105,23 @@ def test_a_plugin_that_inherits_from_one_of_ours_is_asked_again_after_every_pod(
         fresh = SchedulerCore(core.cluster, {SCHEDULER_NAME: spec}, clock=Clock())
 
 
+class Son(NodeResourcesFit):
+    """Says in one way only that it scores otherwise."""
+
+    name = "Son"
+
+    def score(self, pod: Any, nodes: Nodes) -> Any:  # noqa: ARG002 - the contract's signature
+        return np.minimum(nodes.requested("cpu") // 100, 100)
+
+
+def test_what_a_plugin_inherits_for_single_nodes_does_not_answer_in_place_of_its_own_score() -> None:
+    core = core_with(Son, nodes=12)
+    for i in range(6):
+        fresh = SchedulerCore(core.cluster, {SCHEDULER_NAME: core.engine(SCHEDULER_NAME).profile}, clock=Clock())
+        expected = fresh.schedule_one(make_info(f"p{i}"), assume=False)
+        assert core.schedule_one(make_info(f"p{i}")).total == expected.total
+
+
 def test_a_ceiling_that_is_no_integer_fails_the_pod_with_a_text() -> None:
     core = core_with(Careless, nodes=12)
     found = [core.schedule_one(make_info(f"p{i}")) for i in range(4)]
