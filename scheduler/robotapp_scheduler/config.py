@@ -28,7 +28,7 @@ from robotapp_scheduler.config_model import (
 )
 from robotapp_scheduler.config_model import PluginSet as PluginSetModel
 from robotapp_scheduler.core.profiles import (
-    POINTS,
+    PLACES,
     Catalogue,
     PluginRef,
     PluginSet,
@@ -198,7 +198,7 @@ def _spec(profile: ProfileModel, catalogue: Catalogue, compat_version: str) -> P
     points = {
         str(info.alias): _plugin_set(getattr(profile.plugins, name))
         for name, info in type(profile.plugins).model_fields.items()
-        if name in profile.plugins.model_fields_set and info.alias in {"multiPoint", *POINTS}
+        if name in profile.plugins.model_fields_set and info.alias in PLACES
     }
     return ProfileSpec(
         scheduler_name=profile.scheduler_name or SCHEDULER_NAME,

@@ -13,7 +13,7 @@ from robotapp_scheduler.config_model import (
     LeaderElectionModel,
     ProfileModel,
 )
-from robotapp_scheduler.core.profiles import POINTS
+from robotapp_scheduler.core.profiles import PLACES
 
 COMPAT_VERSIONS = ("1.35", "1.37")
 
@@ -130,7 +130,7 @@ def _profile_names(profiles: list[ProfileModel]) -> Iterator[str]:
 def _profile(profile: ProfileModel, path: str) -> Iterator[str]:
     for name, info in type(profile.plugins).model_fields.items():
         enabled = getattr(profile.plugins, name).enabled
-        if enabled and info.alias not in POINTS and name != "multi_point":
+        if enabled and info.alias not in PLACES:
             yield unsupported(f"{path}.plugins.{info.alias}", "the pods of a group are planned whole without it")
         for index, ref in enumerate(enabled):
             if ref.weight < 0:

@@ -70,6 +70,10 @@ class Terms(NamedTuple):
     def __bool__(self) -> bool:
         return self is not NO_TERMS
 
+    def want(self, namespace: str, labels: Mapping[str, str]) -> bool:
+        """Is there required affinity, and may all of it mean this pod?"""
+        return bool(self.affinity) and all(term.may_concern(namespace, labels) for term in self.affinity)
+
 
 NO_TERMS: Final = Terms()
 
@@ -142,8 +146,7 @@ def compiled(namespace: str, affinity: Affinity) -> Terms:
 
 def attracts_itself(namespace: str, labels: Mapping[str, str], affinity: Affinity | None) -> bool:
     """Do all required affinity terms of a pod mean the pod itself? Then it may go anywhere where there is nobody they mean."""
-    required = compiled(namespace, affinity).affinity if affinity is not None else ()
-    return bool(required) and all(term.may_concern(namespace, labels) for term in required)
+    return affinity is not None and compiled(namespace, affinity).want(namespace, labels)
 
 
 def _readable(selector: Mapping[str, object] | None) -> bool:

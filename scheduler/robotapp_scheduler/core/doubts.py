@@ -27,8 +27,8 @@ WINDOW: Final = 16
 """Decisions after which is asked whether it pays."""
 REST: Final = 16
 """Decisions until it is tried again; twice as many after each time that it did not pay."""
-NOTHING: Final = np.array(0, dtype=np.int64)
 MOST_REST: Final = 4096
+NOTHING: Final = np.array(0, dtype=np.int64)
 NO_LIMIT: Final[IntArray] = np.zeros(0, dtype=np.int64)
 _ADDED: Final = int(Change.POD_ADDED)
 _OTHERWISE: Final = int(PLACED & ~Change.POD_ADDED)
@@ -114,7 +114,7 @@ class Doubts:
         self.looks = 0
         """Rows looked at one by one in this decision."""
         self.judged = False
-        """Was looked whether they do?"""
+        """Was it asked whether its columns allow it, since they or the nodes changed?"""
         self._pause, self._rest = 0, REST
         self._decisions = 0
         """Since all rows were added up."""

@@ -38,14 +38,19 @@ _SHORT_CUTS: Final = ("filter_row", "score_row", "ceiling")
 
 def is_ours(plugin: object) -> bool:
     """Is the class part of this program?"""
-    return type(plugin).__module__.partition(".")[0] == OURS
+    return _made_here(type(plugin))
+
+
+def _made_here(made: object) -> bool:
+    """Of a class or a function."""
+    return str(getattr(made, "__module__", "")).partition(".")[0] == OURS
 
 
 def guarded(loaded: Loaded) -> Loaded:
     """The same plugin with every hook watched."""
     loaded.sound = False  # it may have inherited that from one of ours
     for hook in _SHORT_CUTS:
-        if _inherited(getattr(loaded, hook)):
+        if _made_here(getattr(loaded, hook)):
             setattr(loaded, hook, None)
     for hook, check in _CHECKS.items():
         function = getattr(loaded, hook)
@@ -57,11 +62,6 @@ def guarded(loaded: Loaded) -> Loaded:
     if loaded.queue_key is not None:
         loaded.queue_key = _ordered(loaded.name, loaded.queue_key)
     return loaded
-
-
-def _inherited(function: object) -> bool:
-    """Is the hook one of ours?"""
-    return str(getattr(function, "__module__", "")).partition(".")[0] == OURS
 
 
 def _watched(plugin: str, hook: str, function: Callable[..., Any], check: "_Check") -> Callable[..., Any]:

@@ -32,6 +32,8 @@ POINTS: Final = {
     "postBind": "post_bind",
 }
 """Extension points of the configuration and the hook that makes a plugin take part."""
+PLACES: Final = frozenset({"multiPoint", *POINTS})
+"""Where a configuration may list plugins."""
 OTHER_FORMS: Final = {"score": "score_among"}
 """Points at which another hook makes a plugin take part too."""
 
@@ -288,13 +290,13 @@ def expand(
 
     The profile's list is appended to the defaults, the same name replaces in place, `disabled` removes. At each point
     come first the plugins named in both lists (in the point's order), then the other multiPoint ones, then those
-    named only at the point, also those that it disables for multiPoint; a plugin that has nothing to do there is left out. The point's weight counts, 1 where it has none.
+    named only at the point, also those that it disables for multiPoint; a plugin that has nothing to do there is left
+    out. The point's weight counts, 1 where it has none.
     """
-    known = {"multiPoint", *POINTS}
     problems.extend(
         f"{path}.plugins.{point}: unknown extension point; known: {', '.join(POINTS)}"
         for point in plugins
-        if point not in known
+        if point not in PLACES
     )
     multi = _merged(catalogue.defaults, plugins.get("multiPoint", PluginSet()), f"{path}.plugins.multiPoint", problems)
     result: dict[str, list[PluginRef]] = {}

@@ -4,6 +4,7 @@ What a row scores by itself is added up once and mended row by row; scores that 
 ("shares") are worked out again when a value or the feasible set changed, and not before.
 """
 
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -271,7 +272,7 @@ class Totals:
             self._bring_up(pod, Nodes(cluster), verdicts)
             self._position = position  # whatever happened since, the filters may not have seen
 
-    def _moved(self, rows: list[int], before: list[int], after: list[int]) -> None:
+    def _moved(self, rows: Sequence[int], before: list[int], after: list[int]) -> None:
         best = self._best
         if best is not None and not best.all_changed(rows, before, after):
             self._best = None
@@ -376,7 +377,7 @@ class Totals:
         if len(rows) > MANY_ROWS:
             self._best = None
         else:
-            self._moved([*rows], before, after)
+            self._moved(rows, before, after)
 
     def _combine_all(self, verdicts: Verdicts) -> None:
         total = self._local

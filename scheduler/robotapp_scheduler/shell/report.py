@@ -108,17 +108,18 @@ class Reporter:
         """
         uid = pod.metadata.uid
         said = self._said.get(uid)
-        promised = self._promised.pop(uid, "") or (said[2] if said is not None else None)
+        same = said is not None and said[:2] == (reason, message)
+        known = said[2] if said is not None else None
+        promised = self._promised.pop(uid, "") or known
         if promised and nominate == "":
             # Its watch may not have told us yet what we wrote: without this it would stand there for ever.
             status = msgspec.structs.replace(pod.status, nominated_node_name=promised)
             pod = msgspec.structs.replace(pod, status=status)
         now_s = self._client.clock()
-        if said is None or said[:2] != (reason, message) or now_s - self._told_s.get(uid, now_s) >= AGAIN_S:
+        if not same or now_s - self._told_s.get(uid, now_s) >= AGAIN_S:
             self._told_s[uid] = now_s
             self._events.pod_event(pod, warning=True, reason=event, action="Scheduling", note=texts.note(message))
-        known = said[2] if said is not None else None
-        if said == (reason, message, known) and nominate in {None, known} and texts.nominated(pod, nominate):
+        if same and nominate in {None, known} and texts.nominated(pod, nominate):
             return
         self._remember(uid, (reason, message, known if nominate is None else nominate))
         # Only before our first word: later the pod may look as it did before a word of ours that is still on its way.

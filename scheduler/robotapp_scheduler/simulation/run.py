@@ -99,9 +99,8 @@ class _World:
             for obj in self._dump.of(route.resource.kind):
                 self._guarded(route.resource.kind, obj, route.apply)
         identified = map(_identified, self._dump.of("Pod"))
-        pods = list(
-            {pod.metadata.uid: pod for pod in identified}.values()
-        )  # files may repeat each other: the last is meant
+        # Files may repeat each other: the last is meant.
+        pods = list({pod.metadata.uid: pod for pod in identified}.values())
         again = {pod.metadata.uid for pod in latest_bound(pods, self._names, replay)}
         waiting = []
         for given in pods:

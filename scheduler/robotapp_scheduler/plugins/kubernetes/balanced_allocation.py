@@ -15,7 +15,7 @@ from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.rows import NodeAmounts, Row
 from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.plugins.kubernetes.compat import NEW, is_new
-from robotapp_scheduler.plugins.kubernetes.fit_strategies import ResourceWeight
+from robotapp_scheduler.plugins.kubernetes.fit_strategies import USUAL, ResourceWeight
 from robotapp_scheduler.plugins.kubernetes.resource_arguments import balance_problems, refuse
 from robotapp_scheduler.plugins.kubernetes.resource_math import FEW, all_positive
 from robotapp_scheduler.plugins.kubernetes.resources_fit import NATIVE
@@ -32,7 +32,7 @@ _HALVED: Final = np.array(1, dtype=np.int64)
 
 
 class BalancedArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
-    """Arguments as upstream, no resources meaning cpu and memory; compatVersion "1.35" scores the balance itself, "1.37"
+    """Arguments as upstream, no resources meaning the `USUAL` ones; compatVersion "1.35" scores the balance itself, "1.37"
     the change in balance.
     """
 
@@ -56,7 +56,7 @@ class NodeResourcesBalancedAllocation:
 
     def __init__(self, args: BalancedArgs | None = None) -> None:
         args = args or BalancedArgs()
-        self._names = tuple(resource.name for resource in args.resources) or ("cpu", "memory")
+        self._names = tuple(resource.name for resource in args.resources or USUAL)
         self._change = is_new(args.compat_version)
 
     def score(self, pod: PodInfo, nodes: Nodes) -> ScoreResult:

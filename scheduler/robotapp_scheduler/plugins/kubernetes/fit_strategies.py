@@ -63,6 +63,10 @@ class ResourceWeight(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     weight: int = 1
 
 
+USUAL: Final = (ResourceWeight("cpu"), ResourceWeight("memory"))
+"""What a configuration means that names no resources, as upstream defaults it."""
+
+
 class ShapePoint(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One point of a scoring function."""
 

@@ -228,7 +228,7 @@ def _may_be_first(pod: PodInfo) -> bool:
 
 
 def _wanted(terms: Terms, other: PodInfo) -> bool:
-    return bool(terms.affinity) and all(_may_mean(term, other) for term in terms.affinity)
+    return terms.want(other.namespace, other.labels)
 
 
 def _in_the_way(pod: PodInfo, terms: Terms, other: PodInfo) -> bool:

@@ -18,6 +18,7 @@ from robotapp_scheduler.core.shapes import requests_of
 from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.plugins.kubernetes.fit_strategies import (
     STRATEGIES,
+    USUAL,
     ResourceWeight,
     ShapePoint,
     Strategy,
@@ -41,7 +42,7 @@ class RequestedToCapacityRatioParam(msgspec.Struct, frozen=True, forbid_unknown_
 
 
 class ScoringStrategy(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
-    """How fullness becomes a score. Of no resources: of cpu and memory, as upstream defaults it."""
+    """How fullness becomes a score; no resources: the `USUAL` ones."""
 
     type: str = ""
     resources: tuple[ResourceWeight, ...] = ()
@@ -74,7 +75,7 @@ class NodeResourcesFit:
         args = args or FitArgs()
         self._ignored = frozenset(args.ignored_resources)
         self._ignored_groups = frozenset(args.ignored_resource_groups)
-        self._resources = args.scoring_strategy.resources or (ResourceWeight("cpu"), ResourceWeight("memory"))
+        self._resources = args.scoring_strategy.resources or USUAL
         self._strategy = _strategy(args.scoring_strategy)
         self._weights: dict[tuple[str, ...], Weights] = {}
         """By the resources that a pod is scored by."""
