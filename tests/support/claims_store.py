@@ -122,11 +122,9 @@ class Client:
         await self._before(f"replace {resource.plural} {meta['name']}")
         stored = copy.deepcopy(self._existing(resource, meta["name"], namespace or meta.get("namespace")))
         _precondition(stored, meta.get("uid"), meta.get("resourceVersion"))
-        if subresource == "status":
-            stored["status"] = copy.deepcopy(obj["status"])
-        else:
-            stored = copy.deepcopy(obj) | {"status": stored.get("status", {})}
-        stored = self.store.put(resource, stored)
+        wanted = stored | {"status": obj["status"]} if subresource == "status" else _keeping_status(obj, stored)
+        if not _same(wanted, stored):  # an API server writes nothing, and keeps the version, when nothing changes
+            stored = self.store.put(resource, copy.deepcopy(wanted))
         await self._after(f"replace {resource.plural} {meta['name']}")
         return stored
 
@@ -169,6 +167,21 @@ def _precondition(obj: Json, uid: str | None, version: str | None) -> None:
     meta = obj["metadata"]
     if (uid and uid != meta["uid"]) or (version and version != meta["resourceVersion"]):
         raise Conflict("precondition failed", status=409, reason="Conflict")
+
+
+def _keeping_status(obj: Json, stored: Json) -> Json:
+    spec = {key: value for key, value in obj.items() if key != "status"}
+    return spec | ({"status": stored["status"]} if "status" in stored else {})
+
+
+def _same(one: Json, other: Json) -> bool:
+    """But for what the store itself counts up."""
+
+    def settled(obj: Json) -> Json:
+        meta = {key: value for key, value in obj["metadata"].items() if key not in ("resourceVersion", "uid")}
+        return obj | {"metadata": meta}
+
+    return settled(one) == settled(other)
 
 
 def _convert(obj: Json, as_type: Any) -> Any:

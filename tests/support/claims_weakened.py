@@ -39,5 +39,5 @@ def one_phase() -> Iterator[None]:
         yield
 
 
-ALL = (no_bind_check, uid_only, one_phase)
-"""Those that one sleeping process is enough for; tests/support/claims_model finds the others too."""
+ONE_SLEEPER = (no_bind_check, uid_only)
+"""Those that one sleeping process is enough for; `one_phase` needs several, and tests/support/claims_model finds all."""

@@ -107,11 +107,12 @@ class World:
     async def _write(
         self, client: Client, name: str, uid: str, *, number: int | None, fence: Any, claim: str = ""
     ) -> None:
-        """number None: scale to 0, the template stays."""
+        """number None: scale to 0; the template stays, but no longer names a claim that others may need."""
         if number is None:
             old = self.store.find(DEPLOYMENTS, name, "team")
             body = msgspec.json.decode(msgspec.json.encode(old)) if old else deployment_json(None, uid=uid, name=name)
             body["spec"]["replicas"] = 0
+            body["spec"]["template"].pop("metadata", None)
         else:
             body = deployment_json(number, uid=uid, name=name, claim=claim)
         body["metadata"] |= {"uid": fence.uid, "resourceVersion": fence.resource_version}

@@ -4,10 +4,12 @@ import secrets
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import pytest
 from tests.support.live import Tenant, eventually, part, pool
 
+from robotapp_api.model.names import Label
 from robotapp_testbed import ControlPlane, audit, product
 from robotapp_testbed.process import Process
 
@@ -57,6 +59,46 @@ def test_deletion_needs_no_operator_and_the_next_one_frees_the_domain(
     assert tenant.apps() == []
     with running(installed_plane):
         eventually(lambda: not tenant.claims(), timeout_s=90, what=tenant.claims)
+
+
+def test_an_app_whose_id_went_to_another_stops_and_is_served_again_once_it_is_free(
+    installed_plane: ControlPlane, tenant: Tenant
+) -> None:
+    """As after a restored backup. The stopped template must not keep the other's claim in use."""
+    with pool(installed_plane, f"p-{secrets.token_hex(3)}", ids="7") as ids:
+        with running(installed_plane):
+            tenant.apply("first", part("a"), dds={"pool": ids})
+            tenant.wait_ready("first")
+        (claim,) = tenant.claims()
+        second = tenant.apply("second", part("a"), dds={"pool": ids})
+        hand_over(installed_plane, claim, to=second)
+        with running(installed_plane):
+            tenant.wait_ready("second")
+            eventually(lambda: stopped(tenant, "first"), what=tenant.deployments)
+            tenant.delete("second")
+            tenant.wait_ready("first")
+
+
+def hand_over(cp: ControlPlane, claim: dict[str, Any], *, to: dict[str, Any]) -> None:
+    """The claim as another app's, made anew: claims cannot be changed."""
+    meta, holder = claim["metadata"], claim["spec"]["holder"]
+    holder |= {"name": to["metadata"]["name"], "uid": to["metadata"]["uid"]}
+    body = {
+        "apiVersion": claim["apiVersion"],
+        "kind": claim["kind"],
+        "metadata": {
+            "name": meta["name"],
+            "labels": meta["labels"] | {Label.HOLDER_UID: holder["uid"]},
+            "annotations": meta["annotations"],
+        },
+        "spec": claim["spec"],
+    }
+    cp.kubectl("delete", "robotclaim", meta["name"])
+    cp.kubectl("create", "-f", "-", stdin=body)
+
+
+def stopped(tenant: Tenant, app: str) -> bool:
+    return [d["spec"]["replicas"] for d in tenant.deployments() if d["metadata"]["labels"][Label.APP] == app] == [0]
 
 
 def test_two_operators_at_work_agree_and_then_rest(installed_plane: ControlPlane, tenant: Tenant, ids: str) -> None:

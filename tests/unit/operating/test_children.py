@@ -162,6 +162,10 @@ async def test_a_template_with_a_lost_domain_and_no_other_to_be_had_stops(world:
         (item["metadata"]["labels"]["robotics.io/app"], item["spec"]["replicas"]) for item in await world.deployments()
     }
     assert replicas == {("one", 0), ("two", 1)}
+    stopped = await world.deployments()
+    await world.mirror()
+    await world.children.reconcile(first, "")
+    assert await world.deployments() == stopped, "at rest nothing is written"
 
 
 async def test_a_template_naming_an_id_that_is_not_held_is_rewritten(world: World) -> None:
