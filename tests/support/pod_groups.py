@@ -10,20 +10,21 @@ from robotapp_scheduler.core.changes import Event
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.groups import groups_of
 from robotapp_scheduler.core.objects import Pod
-from robotapp_scheduler.core.pod_groups import COSCHEDULING, POD_GROUP_LABEL, PodGroup
+from robotapp_scheduler.core.pod_group import GivenPodGroup
+from robotapp_scheduler.core.pod_groups import COSCHEDULING, POD_GROUP_LABEL
 from robotapp_scheduler.core.queued import Rejection
 
 
-def pod_group(name: str = "team", *, min_member: int = 3, **spec: Any) -> PodGroup:
+def pod_group(name: str = "team", *, min_member: Any = 3, **spec: Any) -> GivenPodGroup:
     """A PodGroup of scheduling.x-k8s.io."""
     raw = {"metadata": {"name": name, "namespace": "default"}, "spec": {"minMember": min_member, **spec}}
-    return msgspec.convert(raw, PodGroup)
+    return msgspec.convert(raw, GivenPodGroup)
 
 
-def workload_group(name: str = "team", *, policy: Json, **fields: Any) -> PodGroup:
+def workload_group(name: str = "team", *, policy: Json, **fields: Any) -> GivenPodGroup:
     """A PodGroup of scheduling.k8s.io/v1beta1."""
     spec = {"schedulingPolicy": policy, **fields.pop("spec", {})}
-    return msgspec.convert({"metadata": {"name": name, "namespace": "default"}, "spec": spec, **fields}, PodGroup)
+    return msgspec.convert({"metadata": {"name": name, "namespace": "default"}, "spec": spec, **fields}, GivenPodGroup)
 
 
 def team_pod(name: str, *, group: str = "team", labels: dict[str, str] | None = None, **fields: Any) -> Pod:
@@ -42,7 +43,7 @@ def tell(core: SchedulerCore, event: Event) -> None:
         core.queue.move(event, groups=groups_of(event))
 
 
-def announce(core: SchedulerCore, group: PodGroup, api: str = COSCHEDULING) -> None:
+def announce(core: SchedulerCore, group: GivenPodGroup, api: str = COSCHEDULING) -> None:
     """The watch shows a PodGroup."""
     change = core.cluster.pod_groups.apply(group, api)
     tell(core, Event("podgroups", change, None, group))

@@ -8,7 +8,8 @@ from robotapp_scheduler.core.apps import App, AppIndex, Replica
 from robotapp_scheduler.core.changes import PLACED, Change, Event
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.objects import Metadata
-from robotapp_scheduler.core.pod_groups import APIS, PATIENCE_S, GroupRef, group_ref_of, in_group
+from robotapp_scheduler.core.pod_group import PATIENCE_S
+from robotapp_scheduler.core.pod_groups import APIS, GroupRef, group_ref_of, in_group
 from robotapp_scheduler.core.pods import Member, PodInfo
 from robotapp_scheduler.core.queued import Gate
 from robotapp_scheduler.core.robotics import Component
@@ -95,14 +96,14 @@ class Groups:
         group = known.find(ref)
         if group is None:
             return _pod_group_gate(ref, f"waiting for PodGroup {ref.name} ({ref.api}) to be seen", PATIENCE_S)
-        if group.problem:
-            reason = f"PodGroup {ref.name} cannot be planned: {group.problem}"
-            return _pod_group_gate(ref, reason, group.patience_s)
+        asked = group.asked
+        if asked.problem:
+            return _pod_group_gate(ref, f"PodGroup {ref.name} cannot be planned: {asked.problem}", 0.0)
         needed, there = known.quorum(ref), known.ready(ref)
         if there >= needed:
             return None
         reason = f"waiting for pods of PodGroup {ref.name} ({there} of {needed})"
-        return _pod_group_gate(ref, reason, group.patience_s)
+        return _pod_group_gate(ref, reason, asked.patience_s)
 
     def missing(self, app: App, instance: str) -> list[str]:
         """Components of an instance that have fewer live pods than they should, as `driver (0 of 1)`."""

@@ -4,92 +4,18 @@ Two APIs say it: `scheduling.x-k8s.io/v1alpha1` (the label `scheduling.x-k8s.io/
 (`spec.schedulingGroup`), where the API server serves it. A pod of a RobotApp goes by its app alone.
 """
 
-from typing import Any, Final, NamedTuple
-
-import msgspec
+from typing import Final, NamedTuple
 
 from robotapp_api.model.names import Label
 from robotapp_scheduler.core.changes import Change
-from robotapp_scheduler.core.objects import Metadata, Pod, PodCondition
-from robotapp_scheduler.core.slim import Slim
+from robotapp_scheduler.core.objects import Pod
+from robotapp_scheduler.core.pod_group import GivenPodGroup, PodGroup, understood
 
 COSCHEDULING: Final = "scheduling.x-k8s.io"
 WORKLOADS: Final = "scheduling.k8s.io"
 APIS: Final = (COSCHEDULING, WORKLOADS)
 POD_GROUP_LABEL: Final = "scheduling.x-k8s.io/pod-group"
 _APP_UID: Final = Label.APP_UID.value
-INITIALLY_SCHEDULED: Final = "PodGroupInitiallyScheduled"
-PATIENCE_S: Final = 60.0
-"""An incomplete group is reported after `scheduleTimeoutSeconds`; after this long where it names none."""
-
-
-class Gang(Slim):
-    """spec.schedulingPolicy.gang of v1beta1."""
-
-    min_count: int = 0
-
-
-class SchedulingPolicy(Slim):
-    """spec.schedulingPolicy of v1beta1; without `gang` the pods are only tried together."""
-
-    gang: Gang | None = None
-
-
-class SchedulingConstraints(Slim):
-    """spec.schedulingConstraints of v1beta1."""
-
-    topology: tuple[Any, ...] = ()
-
-
-class PodGroupSpec(Slim):
-    """spec of either API: they share no field."""
-
-    min_member: int = 0
-    schedule_timeout_seconds: int | None = None
-    scheduling_policy: SchedulingPolicy | None = None
-    scheduling_constraints: SchedulingConstraints | None = None
-
-
-class PodGroupStatus(Slim):
-    """status: whether the group was placed once."""
-
-    phase: str = ""
-    conditions: list[PodCondition] | None = None
-
-
-class PodGroup(Slim):
-    """A PodGroup of either API. `api_version` is only filled where a dump says it."""
-
-    metadata: Metadata = msgspec.field(default_factory=Metadata)
-    spec: PodGroupSpec = msgspec.field(default_factory=PodGroupSpec)
-    status: PodGroupStatus = msgspec.field(default_factory=PodGroupStatus)
-    api_version: str = ""
-
-    @property
-    def needed(self) -> int:
-        """Pods that must be placed together; 0 or 1 = each for itself."""
-        policy = self.spec.scheduling_policy
-        return policy.gang.min_count if policy is not None and policy.gang is not None else self.spec.min_member
-
-    @property
-    def patience_s(self) -> float:
-        """How long its pods wait for each other before they say so."""
-        seconds = self.spec.schedule_timeout_seconds
-        return PATIENCE_S if seconds is None or seconds <= 0 else float(seconds)
-
-    @property
-    def problem(self) -> str:
-        """What it asks for that we do not do; "" when there is nothing."""
-        constraints = self.spec.scheduling_constraints
-        asks = constraints is not None and constraints.topology
-        return "it has schedulingConstraints.topology, which this scheduler does not support" if asks else ""
-
-    @property
-    def was_placed(self) -> bool:
-        """Does its status say that it was placed once?"""
-        return self.status.phase in {"Scheduled", "Running"} or any(
-            found.type == INITIALLY_SCHEDULED and found.status == "True" for found in self.status.conditions or ()
-        )
 
 
 class GroupRef(NamedTuple):
@@ -164,17 +90,18 @@ class PodGroups:
     def __repr__(self) -> str:
         return f"PodGroups({len(self._standing)})"
 
-    def apply(self, group: PodGroup, api: str) -> Change:
+    def apply(self, given: GivenPodGroup, api: str) -> Change:
         """A PodGroup of this API appeared or changed. One that says it is of another API is left alone."""
-        if group.api_version and not group.api_version.startswith(f"{api}/"):
+        if given.api_version and not given.api_version.startswith(f"{api}/"):
             return Change.NONE
+        group = understood(given)
         ref = GroupRef(api, group.metadata.namespace, group.metadata.name)
         standing = self._at(ref)
         old, standing.group = standing.group, group
         self._judge(ref, standing)
-        return Change.NONE if old is not None and old.spec == group.spec else Change.POD_GROUPS
+        return Change.NONE if old is not None and old.asked == group.asked else Change.POD_GROUPS
 
-    def remove(self, group: PodGroup, api: str) -> Change:
+    def remove(self, group: GivenPodGroup, api: str) -> Change:
         """A PodGroup is gone."""
         ref = GroupRef(api, group.metadata.namespace, group.metadata.name)
         standing = self._standing.get(ref)
@@ -231,7 +158,7 @@ class PodGroups:
         standing = self._standing.get(ref)
         if standing is None or standing.group is None or standing.done:
             return 0
-        return 0 if standing.placed and standing.group.was_placed else standing.group.needed
+        return 0 if standing.placed and standing.group.was_placed else standing.group.asked.needed
 
     def take_completed(self) -> list[GroupRef]:
         """Groups of which, since the last call, as many pods as they ask for were seen bound."""
@@ -251,7 +178,10 @@ class PodGroups:
             del self._standing[ref]
 
     def _judge(self, ref: GroupRef, standing: _Standing) -> None:
-        if standing.done or standing.group is None or standing.bound < max(standing.group.needed, 1):
+        if standing.done or standing.group is None:
+            return
+        asked = standing.group.asked
+        if asked.problem or standing.bound < max(asked.needed, 1):
             return
         standing.done = True
         self._completed[ref] = None

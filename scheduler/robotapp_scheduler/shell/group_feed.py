@@ -1,7 +1,8 @@
 """The watched resources of groups. An API server without them is asked again only while a pod waits for one."""
 
 from robotapp_api.client.resources import COSCHEDULING_PODGROUPS, WORKLOAD_PODGROUPS, Resource
-from robotapp_scheduler.core.pod_groups import PodGroup, PodGroups
+from robotapp_scheduler.core.pod_group import GivenPodGroup
+from robotapp_scheduler.core.pod_groups import PodGroups
 from robotapp_scheduler.shell.route import Route
 
 
@@ -13,7 +14,7 @@ def group_routes(groups: PodGroups) -> tuple[Route, ...]:
 def _route(resource: Resource, groups: PodGroups) -> Route:
     return Route(
         resource,
-        PodGroup,
+        GivenPodGroup,
         lambda group: groups.apply(group, resource.group),
         lambda group: groups.remove(group, resource.group),
     )

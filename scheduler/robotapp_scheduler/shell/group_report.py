@@ -6,6 +6,7 @@ False is written when an attempt failed, True once as many pods as it asks for a
 
 import logging
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 from robotapp_api.client.api import ApiClient
 from robotapp_api.client.apply import STRATEGIC
@@ -13,8 +14,8 @@ from robotapp_api.client.errors import ClientError, NotFound
 from robotapp_api.client.resources import WORKLOAD_PODGROUPS
 from robotapp_api.model.names import PodReason
 from robotapp_scheduler.core.decision import Decision
-from robotapp_scheduler.core.objects import PodCondition
-from robotapp_scheduler.core.pod_groups import INITIALLY_SCHEDULED, WORKLOADS, GroupRef, PodGroup, PodGroups
+from robotapp_scheduler.core.pod_group import INITIALLY_SCHEDULED, PodGroup
+from robotapp_scheduler.core.pod_groups import WORKLOADS, GroupRef, PodGroups
 from robotapp_scheduler.core.whole import UNSCHEDULABLE_GROUP
 from robotapp_scheduler.shell.newest import Newest
 from robotapp_scheduler.shell.report import utc_now
@@ -22,6 +23,15 @@ from robotapp_scheduler.shell.report import utc_now
 log = logging.getLogger(__name__)
 
 SCHEDULED = "Scheduled"
+
+
+class Word(NamedTuple):
+    """What is said about one life of a group."""
+
+    uid: str
+    status: str
+    reason: str
+    message: str
 
 
 class GroupReporter:
@@ -40,7 +50,11 @@ class GroupReporter:
         self._groups = groups
         self._permitted = permitted
         self._now = now
-        self._waiting: Newest[GroupRef, tuple[str, str, str]] = Newest()
+        self._waiting: Newest[GroupRef, Word] = Newest()
+        self._said: dict[GroupRef, Word] = {}
+        """The last word about each group until the watch shows it: the group may look as before a word on its way."""
+        self._again: set[GroupRef] = set()
+        """Groups that are whole, which could not be written: no further attempt would say it."""
 
     def __repr__(self) -> str:
         return f"<GroupReporter {len(self._waiting)} conditions to write>"
@@ -59,30 +73,47 @@ class GroupReporter:
 
     def tick(self) -> None:
         """Once a second: groups of which enough pods are bound now."""
-        for ref in self._groups.take_completed():
+        again, self._again = self._again, set()
+        for ref in {*self._groups.take_completed(), *again}:
             if ref.api == WORKLOADS:
                 self._say(ref, "True", SCHEDULED, "")
+        self._said = {ref: word for ref, word in self._said.items() if self._is_news(ref, word)}
 
     async def run(self) -> None:
         """Write until cancelled."""
         while True:
-            ref, (status, reason, message) = await self._waiting.take()
+            ref, word = await self._waiting.take()
             group = self._groups.find(ref)
-            if group is not None and self._permitted():
-                await self._write(ref, group, _condition(group, status, reason, message, self._now()))
+            mine = group is not None and group.metadata.uid == word.uid and self._permitted()
+            if group is None or not mine or not await self._write(ref, group, _condition(group, word, self._now())):
+                self._unsaid(ref, word)
 
     def _say(self, ref: GroupRef, status: str, reason: str, message: str) -> None:
         group = self._groups.find(ref)
         if group is None:
             return
-        said = _said(group)
-        if said is not None and (
-            said.status == "True" or (said.status, said.reason, said.message) == (status, reason, message)
-        ):
+        shown, word = _shown(group), Word(group.metadata.uid, status, reason, message)
+        last = self._said.get(ref)
+        if last is None or last.uid != word.uid:
+            last = shown
+        if word == last or any(each is not None and each.status == "True" for each in (last, shown)):
             return
-        self._waiting.put(ref, (status, reason, message))
+        self._said[ref] = word
+        self._waiting.put(ref, word)
 
-    async def _write(self, ref: GroupRef, group: PodGroup, condition: dict[str, object]) -> None:
+    def _is_news(self, ref: GroupRef, word: Word) -> bool:
+        group = self._groups.find(ref)
+        return group is not None and group.metadata.uid == word.uid and _shown(group) != word
+
+    def _unsaid(self, ref: GroupRef, word: Word) -> None:
+        """It was said in vain: the next attempt says it again, or the next tick where there will be none."""
+        if self._said.get(ref) == word:
+            del self._said[ref]
+        if word.status == "True":
+            self._again.add(ref)
+
+    async def _write(self, ref: GroupRef, group: PodGroup, condition: dict[str, object]) -> bool:
+        """Was it written?"""
         patch = {"metadata": {"uid": group.metadata.uid}, "status": {"conditions": [condition]}}
         try:
             await self._client.patch(
@@ -94,10 +125,12 @@ class GroupReporter:
                 content_type=STRATEGIC,
             )
         except NotFound:
-            return
+            return False
         except ClientError as error:
-            # The pods say it, too; the next attempt says it here again.
+            # The pods say it, too.
             log.warning("the condition of PodGroup %s/%s cannot be written: %s", ref.namespace, ref.name, error)
+            return False
+        return True
 
 
 def _failure(decisions: Sequence[Decision], needed: int, there: int) -> str:
@@ -109,18 +142,22 @@ def _failure(decisions: Sequence[Decision], needed: int, there: int) -> str:
     return f"minCount ({needed}) cannot be satisfied: {there} scheduled, 0 remaining; {first.pod.name}: {first.message}"
 
 
-def _said(group: PodGroup) -> PodCondition | None:
-    return next((found for found in group.status.conditions or () if found.type == INITIALLY_SCHEDULED), None)
+def _shown(group: PodGroup) -> Word | None:
+    """What its condition says, as far as we have seen."""
+    for found in group.status.conditions or ():
+        if found.type == INITIALLY_SCHEDULED:
+            return Word(group.metadata.uid, found.status, found.reason, found.message)
+    return None
 
 
-def _condition(group: PodGroup, status: str, reason: str, message: str, now: str) -> dict[str, object]:
-    said = _said(group)
-    changed: dict[str, object] = {"lastTransitionTime": now} if said is None or said.status != status else {}
+def _condition(group: PodGroup, word: Word, now: str) -> dict[str, object]:
+    shown = _shown(group)
+    changed: dict[str, object] = {"lastTransitionTime": now} if shown is None or shown.status != word.status else {}
     return {
         "type": INITIALLY_SCHEDULED,
-        "status": status,
-        "reason": reason,
-        "message": message,
+        "status": word.status,
+        "reason": word.reason,
+        "message": word.message,
         "observedGeneration": group.metadata.generation,
         **changed,
     }

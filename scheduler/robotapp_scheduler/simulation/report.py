@@ -7,6 +7,8 @@ from robotapp_scheduler.simulation.run import Outcome, Placement
 
 LEFT_OUT: Final = "not simulated: claims of domains and devices, evictions, time"
 
+NONE: Final = "No pod waits for this scheduler."
+
 
 def as_json(outcome: Outcome) -> dict[str, Any]:
     """Plain JSON."""
@@ -25,7 +27,9 @@ def as_json(outcome: Outcome) -> dict[str, Any]:
 
 
 def as_table(outcome: Outcome) -> str:
-    """A table with one line per pod, then what was left out."""
+    """A table with one line per pod, or a sentence where none waits, then what was left out."""
+    if not outcome.placements:
+        return "\n".join([NONE, "", *_summary(outcome)]) + "\n"
     heading = ("NAMESPACE", "POD", "NODE", "WAS", "WHY")
     rows: list[tuple[str, ...]] = [heading, *(_row(placement) for placement in outcome.placements)]
     if not any(placement.was for placement in outcome.placements):

@@ -78,7 +78,7 @@ def _served(cp: ControlPlane) -> bool:
     return True
 
 
-def create_group(stage: Stage, name: str, needed: int) -> None:
+def create_group(stage: Stage, name: str, needed: Any) -> None:
     path = f"/apis/{GROUP}/v1alpha1/namespaces/{stage.namespace}/podgroups"
     body = {"apiVersion": f"{GROUP}/v1alpha1", "kind": "PodGroup", "metadata": {"name": name}}
     stage.cp.api.create(path, {**body, "spec": {"minMember": needed}})
@@ -128,6 +128,26 @@ def test_a_group_that_waits_for_room_is_placed_as_soon_as_it_asks_for_less(
             lambda: sum(bool(stage.node_of(name)) for name in names) == 2,
             what=lambda: str([stage.refusal(name) for name in names]),
         )
+
+
+def test_a_group_with_words_for_numbers_is_named_on_its_pods_at_once_and_placed_when_it_was_mended(
+    installed_plane: ControlPlane, stage: Stage, served: tuple[Process, FaultProxy]
+) -> None:
+    with nodes(installed_plane, *whole(stage, 0, 1)):
+        create_group(stage, "two", "three")
+        began_s = time.monotonic()
+        names = members(stage, "two", 2)
+        wrong = 'PodGroup two cannot be planned: field spec.minMember: "three" is not valid; allowed: a whole number'
+        for name in names:
+            assert stage.wait_refused(name, reason="WaitingForGroup").startswith(wrong)
+            assert stage.wait_event(name, reason="FailedScheduling")["note"].startswith(wrong)
+        assert time.monotonic() - began_s < 15
+        log = served[0].log_path.read_text()
+        assert "Traceback" not in log
+        assert "podgroups" not in "".join(line for line in log.splitlines() if "ERROR" in line)
+        path = f"/apis/{GROUP}/v1alpha1/namespaces/{stage.namespace}/podgroups/two"
+        installed_plane.api.patch(path, {"spec": {"minMember": 2}})
+        assert len({stage.wait_bound(name) for name in names}) == 2
 
 
 def test_after_a_kill_between_its_bindings_the_rest_of_a_group_follows(

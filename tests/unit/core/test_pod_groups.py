@@ -23,6 +23,7 @@ from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.groups import WHOLE_PLUGIN, groups_of
 from robotapp_scheduler.core.objects import Pod
+from robotapp_scheduler.core.pod_group import understood
 from robotapp_scheduler.core.pod_groups import COSCHEDULING, POD_GROUP_LABEL, WORKLOADS, GroupRef, group_ref_of
 
 
@@ -157,7 +158,7 @@ def test_when_all_are_gone_the_next_ones_must_be_enough_again() -> None:
 def test_a_restarted_scheduler_believes_the_groups_status() -> None:
     core = small_nodes(6)
     group = pod_group(min_member=3)
-    group.status.phase = "Running"
+    group.status = {"phase": "Running"}
     announce(core, group)
     arrive(core, team_pod("old", cpu="1", node="n0"), *team(1))
     assert set(run(core)) == {"p0"}
@@ -205,7 +206,69 @@ def test_an_incomplete_group_says_so_after_its_own_time_with_the_newest_count() 
 
 
 def test_without_a_timeout_a_minute_passes_first() -> None:
-    assert [pod_group().patience_s, pod_group(scheduleTimeoutSeconds=0).patience_s] == [60.0, 60.0]
+    groups = [pod_group(), pod_group(scheduleTimeoutSeconds=0), pod_group(scheduleTimeoutSeconds=-5)]
+    assert [understood(group).asked.patience_s for group in groups] == [60.0] * 3
+
+
+WRONG = "PodGroup team cannot be planned: field {} is not valid; allowed: {}"
+NUMBER = "a whole number up to 2147483647"
+
+
+@pytest.mark.parametrize(
+    ("spec", "field", "allowed"),
+    [
+        ({"minMember": "three"}, 'spec.minMember: "three"', NUMBER),
+        ({"minMember": 2.5}, "spec.minMember: 2.5", NUMBER),
+        ({"minMember": True}, "spec.minMember: true", NUMBER),
+        ({"minMember": 1 << 40}, f"spec.minMember: {1 << 40}", NUMBER),
+        ({"minMember": [1] * 60}, "spec.minMember: [" + "1, " * 25 + " ...", NUMBER),
+        ({"minMember": 3, "scheduleTimeoutSeconds": "soon"}, 'spec.scheduleTimeoutSeconds: "soon"', NUMBER),
+        ("three", 'spec: "three"', "a mapping"),
+        ({"schedulingPolicy": {"gang": 3}}, "spec.schedulingPolicy.gang: 3", "a mapping"),
+        ({"schedulingPolicy": {"gang": {"minCount": "x"}}}, 'spec.schedulingPolicy.gang.minCount: "x"', NUMBER),
+        ({"schedulingConstraints": {"topology": "rack"}}, 'spec.schedulingConstraints.topology: "rack"', "a list"),
+    ],
+)
+def test_a_group_that_cannot_be_read_holds_its_pods_and_says_at_once_which_field(
+    spec: Any, field: str, allowed: str
+) -> None:
+    core = small_nodes(3)
+    group = pod_group()
+    group.spec = spec
+    announce(core, group)
+    arrive(core, *team(3))
+    assert [gate.reason for _, gate in core.held()] == [WRONG.format(field, allowed)] * 3
+    assert run(core) == {}
+    announce(core, pod_group(min_member=3))
+    assert len(run(core)) == 3, "it was mended"
+
+
+@pytest.mark.parametrize(
+    ("spec", "needed"),
+    [(None, 0), ({}, 0), ({"minMember": None}, 0), ({"minMember": 3.0}, 3), ({"minMember": -1}, 0)],
+)
+def test_what_a_group_leaves_out_or_writes_in_another_way_is_no_mistake(spec: Any, needed: int) -> None:
+    group = pod_group()
+    group.spec = spec
+    asked = understood(group).asked
+    assert (asked.needed, asked.problem) == (needed, "")
+
+
+def test_a_group_that_is_spoilt_when_one_of_its_pods_runs_is_whole_only_after_it_was_mended() -> None:
+    core = small_nodes(4)
+    announce(core, pod_group(min_member="three"))
+    arrive(core, team_pod("early", cpu="1", node="n0"))
+    announce(core, pod_group(min_member=4))
+    arrive(core, *team(2))
+    assert run(core) == {}, "three of four"
+
+
+def test_a_status_nobody_can_read_counts_as_none() -> None:
+    group = pod_group()
+    group.status = {"phase": 7}
+    assert not understood(group).was_placed
+    group.status = {"phase": "Running"}
+    assert understood(group).was_placed
 
 
 def test_nobody_is_evicted_for_a_group_that_would_still_not_be_whole() -> None:

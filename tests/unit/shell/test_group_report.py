@@ -4,13 +4,13 @@ import asyncio
 from typing import Any
 
 import pytest
-from tests.support.pod_groups import announce, arrive, pod_group, team_pod, workload_group, workload_pod
+from tests.support.pod_groups import announce, arrive, depart, pod_group, team_pod, workload_group, workload_pod
 from tests.support.scheduling import make_core, make_node
 from tests.support.scripted_client import ScriptedClient
 
 from robotapp_api.client.errors import NotFound, Unreachable
-from robotapp_scheduler.core.objects import PodCondition
-from robotapp_scheduler.core.pod_groups import INITIALLY_SCHEDULED, WORKLOADS, PodGroup
+from robotapp_scheduler.core.pod_group import INITIALLY_SCHEDULED, GivenPodGroup
+from robotapp_scheduler.core.pod_groups import WORKLOADS
 from robotapp_scheduler.shell.group_report import GroupReporter
 
 GANG = {"gang": {"minCount": 3}}
@@ -20,7 +20,7 @@ NOW = "2026-01-01T00:00:00Z"
 class Desk:
     """A core with two nodes that take one pod each, a group of three, and a reporter whose writes `settle` carries out."""
 
-    def __init__(self, group: PodGroup | None = None) -> None:
+    def __init__(self, group: GivenPodGroup | None = None) -> None:
         self.core = make_core(make_node("n0", cpu="1"), make_node("n1", cpu="1"))
         self.client = ScriptedClient().always("patch", {})
         self.leads = True
@@ -34,8 +34,13 @@ class Desk:
         announce(self.core, group or workload_group(policy=GANG), WORKLOADS)
 
     def attempt(self, cpu: str = "1") -> None:
-        arrive(self.core, *(workload_pod(f"p{i}", cpu=cpu) for i in range(3)))
-        self.reporter.decided(self.core.schedule(self.core.queue.pop()))
+        pods = [workload_pod(f"p{i}", cpu=cpu) for i in range(3)]
+        depart(self.core, *pods)
+        arrive(self.core, *pods)
+        decisions = self.core.schedule(self.core.queue.pop())
+        for decision in decisions:
+            self.core.queue.done(decision.pod.uid)
+        self.reporter.decided(decisions)
 
     async def settle(self) -> list[dict[str, Any]]:
         task = asyncio.create_task(self.reporter.run())
@@ -46,9 +51,10 @@ class Desk:
         return [body[1]["status"]["conditions"][0] for method, _, body in self.client.calls if method == "patch"]
 
 
-def carrying(status: str, reason: str = "", message: str = "") -> PodGroup:
+def carrying(status: str, reason: str = "", message: str = "") -> GivenPodGroup:
     group = workload_group(policy=GANG)
-    group.status.conditions = [PodCondition(type=INITIALLY_SCHEDULED, status=status, reason=reason, message=message)]
+    said = {"type": INITIALLY_SCHEDULED, "status": status, "reason": reason, "message": message}
+    group.status = {"conditions": [said]}
     return group
 
 
@@ -107,6 +113,56 @@ async def test_groups_of_the_coscheduling_api_and_placed_ones_are_left_alone() -
     arrive(desk.core, *(team_pod(f"s{i}", group="squad") for i in range(3)))
     desk.reporter.decided(desk.core.schedule(desk.core.queue.pop()))
     assert await desk.settle() == []
+
+
+async def test_of_a_text_that_goes_there_and_back_only_the_last_is_written() -> None:
+    desk = Desk()
+    desk.attempt()
+    (first,) = await desk.settle()
+    desk.attempt(cpu="8")
+    desk.attempt()
+    said = await desk.settle()
+    assert [each["message"] for each in said] == [first["message"]] * 2, "the watch has shown neither"
+    shown = workload_group(policy=GANG)
+    shown.status = {"conditions": [first]}
+    announce(desk.core, shown, WORKLOADS)
+    desk.reporter.tick()
+    desk.attempt()
+    assert len(await desk.settle()) == 2
+    desk.attempt(cpu="8")
+    assert len(await desk.settle()) == 3
+
+
+async def test_the_same_is_said_once_while_the_watch_has_not_shown_it() -> None:
+    desk = Desk()
+    desk.attempt()
+    desk.attempt()
+    assert len(await desk.settle()) == 1
+    desk.attempt()
+    assert len(await desk.settle()) == 1
+
+
+async def test_that_a_group_is_whole_is_written_though_the_first_try_fails() -> None:
+    desk = Desk()
+    desk.client.script("patch", Unreachable("nobody there", maybe_applied=False))
+    arrive(desk.core, *(workload_pod(f"b{i}", node="n0") for i in range(3)))
+    desk.reporter.tick()
+    assert len(await desk.settle()) == 1
+    desk.reporter.tick()
+    assert [each["status"] for each in await desk.settle()] == ["True", "True"]
+    desk.reporter.tick()
+    assert len(await desk.settle()) == 2
+
+
+async def test_nothing_is_said_about_the_next_group_of_the_same_name() -> None:
+    desk = Desk()
+    desk.attempt()
+    born_again = workload_group(policy=GANG)
+    born_again.metadata.uid = "another"
+    announce(desk.core, born_again, WORKLOADS)
+    assert await desk.settle() == []
+    desk.attempt()
+    assert len(await desk.settle()) == 1
 
 
 @pytest.mark.parametrize("answer", [NotFound("gone", status=404), Unreachable("nobody there", maybe_applied=False)])

@@ -43,6 +43,14 @@ def test_several_files_and_standard_input_are_one_cluster(dump: Path) -> None:
     assert [each["name"] for each in json.loads(text)["placements"]] == ["p", "q"]
 
 
+def test_where_no_pod_waits_a_sentence_says_so(tmp_path: Path) -> None:
+    (tmp_path / "quiet.json").write_text(json.dumps({"kind": "Node", **node_json("n1")}))
+    status, text = run(tmp_path / "quiet.json")
+    assert status == 0
+    assert text.startswith("No pod waits for this scheduler.\n\n0 of 0 pods placed on 1 nodes, configuration ")
+    assert "NAMESPACE" not in text
+
+
 def test_another_configuration_is_checked_and_used(dump: Path, tmp_path: Path) -> None:
     config = tmp_path / "c.yaml"
     head = "apiVersion: kubescheduler.config.k8s.io/v1\nkind: KubeSchedulerConfiguration\n"
