@@ -17,7 +17,6 @@ from pydantic import ValidationError
 
 from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME
 from robotapp_api.values import strict_yaml
-from robotapp_api.values.duration import parse_us
 from robotapp_scheduler import config_checks
 from robotapp_scheduler.config_model import (
     API_VERSION,
@@ -40,6 +39,8 @@ from robotapp_scheduler.core.profiles import ConfigError as ProfileError
 from robotapp_scheduler.plugin_catalog import with_third_party
 
 KUBE_SCHEDULERS_LEASE = ("kube-system", "kube-scheduler")
+MOST_WHOLE = 1e21
+"""From here on Go writes numbers in JSON with an exponent, which no integer field takes."""
 MOST_TEXT = 1 << 20
 """What a ConfigMap may hold."""
 
@@ -138,7 +139,7 @@ def built_in(catalogue: Catalogue) -> SchedulerConfig:
 
 def parse(document: object, *, catalogue: Catalogue, third_party: Collection[str] | None = None) -> SchedulerConfig:
     """A decoded document to a configuration; see `load`. `third_party` limits which plugins may be imported."""
-    model, unknown_fields = _model(_without_nulls(document))
+    model, unknown_fields = _model(_as_decoded(document))
     problems = unknown_fields + config_checks.check(model)
     profiles = model.profiles or [ProfileModel()]
     built_in_names = frozenset(catalogue.classes)
@@ -187,11 +188,15 @@ def _remove(document: Any, location: Sequence[int | str]) -> None:
     del document[location[-1]]
 
 
-def _without_nulls(document: object) -> object:
-    """A field that is null is one that is left out, as upstream decodes it; templates write such fields."""
+def _as_decoded(document: object) -> object:
+    """As upstream decodes it: a field that is null is left out (templates write such fields), and 5.0 is the integer 5."""
     if isinstance(document, dict):
-        return {key: _without_nulls(value) for key, value in document.items() if value is not None}
-    return [_without_nulls(value) for value in document] if isinstance(document, list) else document
+        return {key: _as_decoded(value) for key, value in document.items() if value is not None}
+    if isinstance(document, list):
+        return [_as_decoded(value) for value in document]
+    if isinstance(document, float) and document.is_integer() and abs(document) < MOST_WHOLE:
+        return int(document)
+    return document
 
 
 def _spec(profile: ProfileModel, catalogue: Catalogue, compat_version: str) -> ProfileSpec:
@@ -247,11 +252,11 @@ def _name_problems(profiles: Sequence[ProfileModel], unknown: Mapping[str, str])
 def _leader_election(model: LeaderElectionModel) -> LeaderElection:
     return LeaderElection(
         enabled=model.leader_elect,
-        name=model.resource_name,
+        name=model.resource_name or str(LeaderElectionModel.model_fields["resource_name"].default),
         namespace=model.resource_namespace,
-        lease_s=parse_us(model.lease_duration) / 1e6,
-        renew_s=parse_us(model.renew_deadline) / 1e6,
-        retry_s=parse_us(model.retry_period) / 1e6,
+        lease_s=config_checks.election_s(model, "lease_duration"),
+        renew_s=config_checks.election_s(model, "renew_deadline"),
+        retry_s=config_checks.election_s(model, "retry_period"),
     )
 
 

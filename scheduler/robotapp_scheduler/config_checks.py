@@ -4,8 +4,9 @@ Every check returns texts of the form `path: Invalid value: v: what is allowed`;
 """
 
 from collections.abc import Collection, Iterator, Sequence
+from typing import Final
 
-from robotapp_api.values.duration import parse_us
+from robotapp_api.values.duration import parse_go_ns
 from robotapp_scheduler.config_model import (
     API_VERSION,
     ClientConnectionModel,
@@ -16,6 +17,7 @@ from robotapp_scheduler.config_model import (
 from robotapp_scheduler.core.profiles import PLACES
 
 COMPAT_VERSIONS = ("1.35", "1.37")
+ELECTION_TIMES: Final = ("lease_duration", "renew_deadline", "retry_period")
 
 
 def check(config: ConfigurationModel) -> list[str]:
@@ -38,6 +40,12 @@ def argument_kinds(profiles: Sequence[ProfileModel], built_in: Collection[str]) 
                 if entry.args.get(field, value) != value:
                     path = f"profiles[{index}].pluginConfig[{at}].args.{field}"
                     yield invalid(path, entry.args[field], f'must be "{value}"')
+
+
+def election_s(model: LeaderElectionModel, name: str) -> float:
+    """One of ELECTION_TIMES in seconds; 0 stands for the default, as upstream. Raises ValueError when it is no time."""
+    default: str = LeaderElectionModel.model_fields[name].default
+    return (parse_go_ns(getattr(model, name)) or parse_go_ns(default)) / 1e9
 
 
 def disabled_in_vain(profiles: Sequence[ProfileModel], known: Collection[str]) -> Iterator[str]:
@@ -83,32 +91,29 @@ def _percentage(path: str, value: int | None) -> Iterator[str]:
 
 
 def _leader_election(model: LeaderElectionModel) -> Iterator[str]:
+    seconds: dict[str, float] = {}
+    for name in ELECTION_TIMES:
+        try:
+            seconds[name] = election_s(model, name)
+        except ValueError:
+            yield invalid(_election_path(name), getattr(model, name), 'must be a duration such as "15s"')
     if not model.leader_elect:
         return
-    if model.resource_lock != "leases":
+    if model.resource_lock not in ("", "leases"):
         yield invalid("leaderElection.resourceLock", model.resource_lock, 'resourceLock value must be "leases"')
-    if not model.resource_name:
-        yield "leaderElection.resourceName: Required value: resourceName is required"
-    seconds: dict[str, int] = {}
-    given = {
-        "leaseDuration": model.lease_duration,
-        "renewDeadline": model.renew_deadline,
-        "retryPeriod": model.retry_period,
-    }
-    for name, text in given.items():
-        try:
-            seconds[name] = parse_us(text)
-        except ValueError:
-            yield invalid(f"leaderElection.{name}", text, 'must be a duration such as "15s"')
-            continue
-        if seconds[name] <= 0:
-            yield invalid(f"leaderElection.{name}", text, "must be greater than zero")
-    if len(seconds) < 3:
+    for name, value in seconds.items():
+        if value <= 0:
+            yield invalid(_election_path(name), getattr(model, name), "must be greater than zero")
+    if len(seconds) < len(ELECTION_TIMES):
         return
-    if seconds["leaseDuration"] <= seconds["renewDeadline"]:
+    if seconds["lease_duration"] <= seconds["renew_deadline"]:
         yield invalid("leaderElection.leaseDuration", model.lease_duration, "must be greater than `RenewDeadline`")
-    if seconds["renewDeadline"] <= seconds["retryPeriod"]:
+    if seconds["renew_deadline"] <= seconds["retry_period"]:
         yield invalid("leaderElection.renewDeadline", model.renew_deadline, "must be greater than `RetryPeriod`")
+
+
+def _election_path(name: str) -> str:
+    return f"leaderElection.{LeaderElectionModel.model_fields[name].alias}"
 
 
 def _client(model: ClientConnectionModel) -> Iterator[str]:
@@ -120,7 +125,7 @@ def _profile_names(profiles: list[ProfileModel]) -> Iterator[str]:
     seen: dict[str, int] = {}
     for index, profile in enumerate(profiles):
         name = profile.scheduler_name
-        if not name and len(profiles) > 1:
+        if name == "" or (name is None and len(profiles) > 1):
             yield f"profiles[{index}].schedulerName: Required value"
         if name and name in seen:
             yield f'profiles[{index}].schedulerName: Duplicate value: "profiles[{seen[name]}].schedulerName"'

@@ -12,6 +12,8 @@ MAX_LENGTH: Final = 24
 
 _WHOLE: Final = re.compile(DURATION_PATTERN)
 _PART: Final = re.compile(r"([0-9]+)(?:\.([0-9]+))?(us|ms|s|m|h)")
+_GO: Final = re.compile(r"([-+]?)((?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:ns|[uµμ]s|ms|s|m|h))+)")
+_GO_PART: Final = re.compile(r"([0-9]*)\.?([0-9]*)(ns|[uµμ]s|ms|s|m|h)")
 _NANOSECONDS: Final = {"us": 1_000, "ms": 1_000_000, "s": 1_000_000_000, "m": 60_000_000_000, "h": 3_600_000_000_000}
 
 
@@ -31,6 +33,26 @@ def parse_ns(text: str) -> int:
 def parse_us(text: str) -> int:
     """Microseconds, rounded up, so that a positive duration never becomes 0."""
     return -(-parse_ns(text) // 1_000)
+
+
+def parse_go_ns(text: str) -> int:
+    """Nanoseconds of what Go's time.ParseDuration takes: a sign, ns, µs and .5s, too. Raises ValueError for the rest.
+
+    >>> parse_go_ns("-1.5s"), parse_go_ns("+.5ms"), parse_go_ns("0")
+    (-1500000000, 500000, 0)
+    """
+    whole = _GO.fullmatch(text) if len(text) <= 4 * MAX_LENGTH else None
+    if whole is None:
+        if text in {"0", "+0", "-0"}:
+            return 0
+        raise ValueError(f"{text[:MAX_LENGTH]!r} is not a duration; write for example 500ms, 15s or 1m30s")
+    total = 0
+    for digits, fraction, unit in _GO_PART.findall(whole[2]):
+        scale = 1 if unit == "ns" else _NANOSECONDS["us" if unit in {"µs", "μs"} else unit]
+        total += int(digits + fraction or "0") * scale // 10 ** len(fraction)
+    if total > INT64_MAX:
+        raise ValueError(f"{text!r} is longer than 292 years; write a shorter duration")
+    return -total if whole[1] == "-" else total
 
 
 def format_ms(ms: float) -> str:

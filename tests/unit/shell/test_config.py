@@ -123,10 +123,6 @@ profiles:
             {"leaderElection": {"resourceLock": "endpoints"}},
             'leaderElection.resourceLock: Invalid value: "endpoints": resourceLock value must be "leases"',
         ),
-        (
-            {"leaderElection": {"resourceName": ""}},
-            "leaderElection.resourceName: Required value: resourceName is required",
-        ),
         ({"unknownField": 1}, 'strict decoding error: unknown field "unknownField"'),
         (
             {"profiles": [{"plugins": {"score": {"enable": []}}}]},
@@ -313,6 +309,13 @@ real = partial(configurations.config, registry.catalogue())
 @pytest.mark.parametrize("what", configurations.ACCEPTED)
 def test_what_kube_scheduler_accepts_is_accepted(what: str) -> None:
     assert real(**configurations.ACCEPTED[what]).build()
+
+
+def test_empty_fields_of_the_election_and_times_of_zero_mean_their_defaults() -> None:
+    empty = {"resourceName": "", "leaseDuration": "0s", "renewDeadline": "0", "retryPeriod": "0s"}
+    assert real(leaderElection=empty).leader_election == real().leader_election
+    given = real(leaderElection={"leaseDuration": "+.5m", "retryPeriod": "500000000ns"}).leader_election
+    assert (given.lease_s, given.renew_s, given.retry_s) == (30.0, 10.0, 0.5)
 
 
 @pytest.mark.parametrize(("fields", "text"), configurations.REFUSED.values(), ids=list(configurations.REFUSED))

@@ -36,6 +36,10 @@ def terms(**expression: Any) -> dict[str, Any]:
         ),
         ({"clientConnection": {"qps": "5"}}, 'clientConnection.qps: Invalid value: "5"'),
         ({"profiles": [{"schedulerName": ""}, {"schedulerName": "b"}]}, "profiles[0].schedulerName: Required value"),
+        (
+            {"leaderElection": {"leaderElect": False, "retryPeriod": "soon"}},
+            'leaderElection.retryPeriod: Invalid value: "soon"',
+        ),
     ],
 )
 def test_numbers_the_format_cannot_hold_and_empty_names_are_refused(fields: dict[str, Any], text: str) -> None:

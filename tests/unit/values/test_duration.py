@@ -62,3 +62,26 @@ def test_anything_else_is_refused_with_examples(text: str) -> None:
 def test_what_go_cannot_hold_is_refused() -> None:
     with pytest.raises(ValueError, match="shorter"):
         duration.parse_us("999999h999999h999999h")
+
+
+@pytest.mark.parametrize(
+    ("text", "ns"),
+    [
+        ("0", 0), ("-0", 0), ("0s", 0), ("15s", 15 * 10**9), ("-3s", -3 * 10**9), ("+.5s", 5 * 10**8), ("5.s", 5 * 10**9),
+        ("7ns", 7), ("1.9ns", 1), ("3µs", 3_000), ("3μs", 3_000), ("1h1m1.5s", 3_661_500_000_000),
+    ],
+)  # fmt: skip
+def test_what_go_reads_as_a_duration_is_read(text: str, ns: int) -> None:
+    assert duration.parse_go_ns(text) == ns
+
+
+@pytest.mark.parametrize("text", ["", "s", ".s", "5", "1d", "--1s", "1s ", "1,5s", "9" * 30 + "h", "1s" * 99, "٣s"])
+def test_what_go_does_not_read_as_a_duration_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match="duration"):
+        duration.parse_go_ns(text)
+
+
+@given(st.lists(PARTS, min_size=1, max_size=2))
+def test_both_readings_agree_on_what_the_api_allows(parts: list[tuple[str, str]]) -> None:
+    text = "".join(number + unit for number, unit in parts)
+    assert duration.parse_go_ns(text) == duration.parse_ns(text)

@@ -6,6 +6,7 @@ from typing import Final
 import msgspec
 import numpy as np
 
+from robotapp_api.values.duration import parse_go_ns
 from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.framework import Code, FilterResult, PreFilter, Status
 from robotapp_scheduler.core.pods import PodInfo
@@ -23,9 +24,9 @@ class DynamicResourcesArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=Tr
     binding_timeout: str | None = None
 
     def __post_init__(self) -> None:
-        given = (("filterTimeout", self.filter_timeout, "10s"), ("bindingTimeout", self.binding_timeout, "10m0s"))
+        given = (("filterTimeout", self.filter_timeout, "10s"), ("bindingTimeout", self.binding_timeout, "10m"))
         for name, value, usual in given:
-            if value not in (None, usual):
+            if value is not None and parse_go_ns(value) != parse_go_ns(usual):
                 raise ValueError(f"{name}: not supported here: devices of resource claims are not allocated")
 
 
