@@ -20,7 +20,7 @@ def publish(
     domains: DomainClaims,
 ) -> None:
     """Register what the core, the client, the claims and the configuration count themselves."""
-    metrics.watch("pending_pods", "Pods that wait, by queue", label="queue", read=core.queue.pending)
+    metrics.watch("pending_pods", "Pods that wait, by queue", label="queue", read=lambda: _pending(core))
     metrics.watch("cache_size", "Objects in the cache", label="type", read=lambda: _cache_size(core))
     metrics.watch(
         "device_slots_free",
@@ -84,6 +84,18 @@ def _publish_outside(metrics: Metrics, client: ApiClient, running: Running, simu
         label="digest",
         read=lambda: {running.config.digest: 0.0 if running.refused else 1.0},
     )
+
+
+def _pending(core: SchedulerCore) -> Mapping[str, float]:
+    """As kube-scheduler 1.37 counts: `incomplete` are pods whose PodGroup is not there. A group in hand makes nobody wait."""
+    known = core.cluster.pod_groups
+    unseen = sum(
+        1
+        for queued in core.queue.gated()
+        if queued.info.pod_group is not None and known.find(queued.info.pod_group) is None
+    )
+    queues = core.queue.pending()
+    return {**queues, "gated": queues["gated"] - unseen, "incomplete": unseen, "pending": 0}
 
 
 def _age(core: SchedulerCore) -> Mapping[tuple[str, ...], float]:

@@ -1,28 +1,24 @@
 """Dashboards keep working: the same things happen to kube-scheduler and to ours, and both count them under the same names."""
 
 import re
-import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 from prometheus_client.parser import text_string_to_metric_families
 from tests.support.stage import Stage, nodes, pod
 from tests.support.storage_live import VOLUMES, claim, claims_path, storage_class, volume
+from tests.support.twin import THEIRS, kube_scheduler, scraped
 
 from robotapp_api.model.names import SCHEDULER_NAME
-from robotapp_testbed import ControlPlane, ports
-from robotapp_testbed.assets import Assets
+from robotapp_testbed import ControlPlane
 from robotapp_testbed.nodes import edge
 from robotapp_testbed.process import Process
-from robotapp_testbed.servers import unverified
 from robotapp_testbed.topology import apply
 
 pytestmark = pytest.mark.live
 
-THEIRS = "upstream-scheduler"
 WHO = {"theirs": THEIRS, "ours": SCHEDULER_NAME}
 EVENTS = {
     "UnscheduledPodAdd", "PopFromBackoffQ", "NodeAdd", "NodeUpdateNodeLabel", "NodeUpdateNodeTaint", "NodeUpdateNodeAllocatable",
@@ -39,31 +35,8 @@ FAMILIES = (
 @pytest.fixture
 def upstream(installed_plane: ControlPlane, tmp_path: Path) -> Iterator[str]:
     """The address of kube-scheduler's metrics."""
-    (port,) = ports.free_ports(1)
-    kubeconfig = str(installed_plane.kubeconfig("kube-scheduler"))
-    document = {
-        "apiVersion": "kubescheduler.config.k8s.io/v1",
-        "kind": "KubeSchedulerConfiguration",
-        "clientConnection": {"kubeconfig": kubeconfig},
-        "leaderElection": {"leaderElect": False},
-        "profiles": [{"schedulerName": THEIRS}],
-    }
-    config = tmp_path / "twin.yaml"
-    config.write_text(yaml.safe_dump(document))
-    argv = [
-        str(Assets().resolve(["kube-scheduler"])["kube-scheduler"]), f"--config={config}", f"--secure-port={port}",
-        "--bind-address=127.0.0.1", f"--authentication-kubeconfig={kubeconfig}", "--authentication-skip-lookup",
-        f"--authorization-kubeconfig={kubeconfig}", "--authorization-always-allow-paths=/metrics",
-    ]  # fmt: skip
-    process = Process("twin", argv, run_dir=tmp_path, log_path=installed_plane.logs_dir / "twin.log").start()
-    yield f"https://127.0.0.1:{port}"
-    process.stop()
-
-
-def scraped(url: str) -> str:
-    with urllib.request.urlopen(f"{url}/metrics", context=unverified()) as answer:  # noqa: S310 - our own
-        text: str = answer.read().decode()
-    return text
+    with kube_scheduler(installed_plane, tmp_path) as url:
+        yield url
 
 
 def families(text: str) -> dict[str, tuple[str, set[str], list[float]]]:
@@ -74,6 +47,14 @@ def families(text: str) -> dict[str, tuple[str, set[str], list[float]]]:
         bounds = {float(sample.labels["le"]) for sample in family.samples if "le" in sample.labels}
         found[family.name] = (family.type, names, sorted(bounds))
     return found
+
+
+def queues(text: str) -> dict[str, float]:
+    """Pending pods by queue."""
+    return {
+        queue: float(n)
+        for queue, n in re.findall(r'^scheduler_pending_pods\{queue="(\w+)"\} (\S+)', text, re.MULTILINE)
+    }
 
 
 def counted(text: str) -> set[str]:
@@ -166,6 +147,7 @@ def test_families_labels_buckets_and_names_of_events_are_kube_schedulers(
         apply(cp, [edge(second)])
         twins.bound("elsewhere")
     theirs, ours = scraped(upstream), scraped(scheduler.health_url)
+    assert queues(ours).keys() == queues(theirs).keys()
     assert counted(theirs) >= EVENTS
     assert counted(ours) >= EVENTS
     known, mine = families(theirs), families(ours)

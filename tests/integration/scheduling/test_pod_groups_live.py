@@ -1,14 +1,18 @@
 """PodGroups on a real API server: none while one is missing, all when there is room, and the rest after a crash."""
 
+import re
 import secrets
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 from tests.support.proxy import FaultProxy, drop
 from tests.support.stage import Json, Stage, nodes, pod
+from tests.support.twin import THEIRS, kube_scheduler, scraped
 
+from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_scheduler.core.pod_groups import POD_GROUP_LABEL, WORKLOADS
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.failures import ApiStatusError
@@ -206,3 +210,38 @@ def test_the_api_servers_own_pod_groups_are_placed_whole_or_not_at_all(workload_
                 assert len({stage.wait_bound(name) for name in names}) == 3
                 wait_condition(stage, f"{path}/three", "True", "Scheduled")
     process.stop()
+
+
+def queues(url: str) -> dict[str, float]:
+    """Pending pods by queue, those that are tried again and again left out."""
+    found = re.findall(r'^scheduler_pending_pods\{queue="(\w+)"\} (\S+)', scraped(url), re.MULTILINE)
+    return {queue: float(count) for queue, count in found if queue not in {"active", "backoff", "unschedulable"}}
+
+
+def wait_queues(stage: Stage, url: str) -> None:
+    wanted = {"gated": 1.0, "incomplete": 2.0, "pending": 0.0}
+    stage.wait(lambda: queues(url) == wanted, what=lambda: f"{url}: {queues(url)}")
+
+
+def test_pods_without_their_group_and_groups_without_their_pods_are_counted_as_kube_scheduler_counts_them(
+    workload_plane: ControlPlane, tmp_path: Path
+) -> None:
+    ours = start_scheduler(workload_plane, sweep_seconds=1, insecure_explain=True)
+    with (
+        created(workload_plane, f"test-{secrets.token_hex(3)}") as namespace,
+        kube_scheduler(workload_plane, tmp_path, "--feature-gates=GenericWorkload=true") as theirs,
+    ):
+        stage = Stage(workload_plane, namespace)
+        path = f"/apis/{WORKLOADS}/v1beta1/namespaces/{namespace}/podgroups"
+        for scheduler in (SCHEDULER_NAME, THEIRS):
+            few = f"few-{scheduler}"
+            stage.cp.api.create(
+                path, {"metadata": {"name": few}, "spec": {"schedulingPolicy": {"gang": {"minCount": 3}}}}
+            )
+            for name, group in (("a", "none"), ("b", "none"), ("c", few)):
+                stage.create_pod(
+                    pod(f"{name}-{scheduler}", scheduler=scheduler, schedulingGroup={"podGroupName": group})
+                )
+        wait_queues(stage, theirs)
+        wait_queues(stage, ours.health_url)
+    ours.stop()

@@ -96,6 +96,16 @@ async def test_everything_that_is_counted_can_be_scraped() -> None:
         assert 'scheduler_cache_size{type="nodes"} 1.0' in text
 
 
+async def test_pods_whose_group_is_not_there_are_a_queue_of_their_own() -> None:
+    async with world() as found:
+        await found.client.create(PODS, pod("alone", schedulingGroup={"podGroupName": "team"}))
+        await found.client.create(PODS, pod("gated", schedulingGates=[{"name": "example.com/gate"}]))
+        await until(lambda: found.scheduler.core.queue.pending()["gated"] == 2, what="both are held")
+        text = generate_latest(found.scheduler.metrics.registry).decode()
+        for queue, count in {"incomplete": 1, "gated": 1, "pending": 0, "active": 0}.items():
+            assert f'scheduler_pending_pods{{queue="{queue}"}} {count}.0' in text
+
+
 async def test_a_refused_pod_is_told_why_and_bound_when_a_node_appears() -> None:
     async with world() as found:
         await found.client.create(PODS, pod())
