@@ -1,6 +1,7 @@
 """A filter plugin's verdict per row, kept per value of what it reads and repaired from the change log."""
 
 from collections.abc import Sequence
+from math import isnan
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
@@ -94,6 +95,13 @@ class FilterColumn:
     def compute(self, pod: PodInfo, nodes: Nodes) -> None:
         """Fill the column for exactly these rows, without regard to the log."""
         self._store(nodes, pod)
+
+    def number(self, position: int, code: int) -> float | None:
+        """What it measured where it refused with this code; None where others refused, or pods that are only promised there."""
+        if self.detail is None or self.codes.item(position) != code:
+            return None
+        found = self.detail.item(position)
+        return None if isnan(found) else found
 
     def _store(self, nodes: Nodes, pod: PodInfo) -> None:
         found = self._ask(pod, nodes)

@@ -121,9 +121,7 @@ def _number(evaluation: Evaluation, row: int) -> float | None:
         return None
     plugin = evaluation.reasons.values[code].plugin
     column = next((each for each in evaluation.filters if each.plugin.name == plugin), None)
-    if column is None or column.detail is None or np.isnan(column.detail[row]):
-        return None
-    return float(column.detail[row])
+    return None if column is None else column.number(row, code)
 
 
 def _scores(

@@ -1,6 +1,5 @@
 """Turns one attempt into an explain record, cheaply: only what the record keeps is computed."""
 
-from math import isnan, nan
 from typing import Final
 
 from robotapp_scheduler.core.cluster import Cluster
@@ -75,14 +74,13 @@ class Recorder:
     def _refusal(self, evaluation: Evaluation, measuring: dict[str, FilterColumn], code: int, count: int) -> Refusal:
         reason = evaluation.reasons.values[code]
         column = measuring.get(reason.plugin)
-        detail = column.detail if column is not None else None
-        examples = []
-        for position in evaluation.examples(code):
-            number = float(detail[position]) if detail is not None else nan
-            name = self._engine.name_of(evaluation, position)
-            examples.append(Example(name, None if isnan(number) else number))
-        unit = column.detail_unit if column is not None else ""
-        return Refusal(reason.plugin, ", ".join(reason.texts), count, unit, tuple(examples))
+        examples = tuple(
+            Example(self._engine.name_of(evaluation, position), None if column is None else column.number(position, code))
+            for position in evaluation.examples(code)
+        )
+        measured = column is not None and any(example.number is not None for example in examples)
+        unit = column.detail_unit if column is not None and measured else ""
+        return Refusal(reason.plugin, ", ".join(reason.texts), count, unit, examples)
 
     def _edges(self, ros: RosContext, node: str) -> tuple[EdgeView, ...]:
         return tuple(self._edge(endpoint, node) for endpoint in ros.endpoints)

@@ -72,7 +72,7 @@ NODES = st.lists(st.sampled_from(SIZES), min_size=1, max_size=3).flatmap(
 NUMBER = st.integers(0, 200)
 STEPS = st.one_of(
     st.tuples(st.just("burst"), st.integers(1, 25)),
-    *[st.tuples(st.just(name), NUMBER) for name in ("end", "change", "node", "taint", "gone", "read", "late")],
+    *[st.tuples(st.just(name), NUMBER) for name in ("end", "change", "node", "taint", "gone", "read", "late", "promise")],
 )
 HISTORY = st.lists(STEPS, max_size=10)
 CHOSEN = st.lists(st.integers(0, len(KINDS) - 1), min_size=1, max_size=4)
@@ -138,6 +138,11 @@ class World:
 
     def gone(self, index: int) -> None:
         self.core.cluster.remove_node(f"n{index % len(self.sizes)}")
+
+    def promise(self, index: int) -> None:
+        """A pod waits for a node, where those of lower or equal importance must leave it room."""
+        waiting = make_info(f"waits-{index}", cpu="1", memory="1Gi", priority=10 * (index % 2))
+        self.core.cluster.nominations.nominate(waiting, f"n{index % len(self.sizes)}")
 
     def read(self, number: int) -> None:
         """Totals and scores of a class, which somebody may ask for at any time, in any order."""

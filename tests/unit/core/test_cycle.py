@@ -178,6 +178,20 @@ def test_a_profile_that_is_not_ours_is_an_error() -> None:
     assert decision.code is Code.ERROR
 
 
+def test_no_number_is_told_for_a_node_that_refuses_because_of_pods_promised_there() -> None:
+    core = make_core(make_node("full", cpu="1"), make_node("free", cpu="4"))
+    core.cluster.apply_pod(make_pod("old", node="full", cpu="900m"))
+    core.schedule_one(make_info("before", cpu="500m"))  # from here on the filter has measured something
+    core.cluster.nominations.nominate(make_info("first", cpu="4", priority=10), "free")
+    decision = core.schedule_one(make_info("p", cpu="500m"))
+    assert not decision.placed
+    record = core.explain.find("default", "p")
+    assert record is not None
+    (refusal,) = record.refusals
+    assert refusal.unit == "free"
+    assert {each.node: each.number for each in refusal.examples} == {"full": 100.0, "free": None}
+
+
 def test_the_explain_record_holds_refusals_numbers_top_scores_and_runner_up() -> None:
     core = make_core(
         make_node("full", cpu="1"), *(make_node(f"n{i}", cpu=str(8 + i), memory="64Gi") for i in range(14))
