@@ -219,7 +219,7 @@ class Loaded:
         node_reads: tuple[str, ...] = tuple(getattr(plugin, "node_reads", READS))
         self.reads_live = any(name.startswith(LIVE) for name in self.reads)
         """Reads parts of "ros", or "volumes": its columns are found by what these are at this attempt."""
-        self.interest = interest_of(node_reads)
+        self.interest = interest_of(node_reads) | (0 if self.row_local else int(NODE))  # which rows there are
         """Changes after which a row must be looked at again, as a plain int."""
         self.watches = self.interest | int(NODE)
         """Changes after which a column of results must be looked at."""

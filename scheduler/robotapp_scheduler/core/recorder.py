@@ -41,6 +41,10 @@ class Recorder:
         if front.positions is not first or front.scorers is not scorers:
             sights = evaluation.sights(first, self._cluster.nodes.names)
             front = evaluation.front = Front(first, sights, scorers, top_bytes(len(scorers.weights), len(first)))
+        if len(chosen.scores) != len(
+            scorers.apart
+        ):  # a look at the others showed that a plugin no longer says the same of all
+            chosen = evaluation.sight(chosen.position, self._cluster.nodes.names)
         self.best = Finish(front, chosen)
 
     def record(self, decision: Decision) -> Record:
@@ -75,7 +79,9 @@ class Recorder:
         reason = evaluation.reasons.values[code]
         column = measuring.get(reason.plugin)
         examples = tuple(
-            Example(self._engine.name_of(evaluation, position), None if column is None else column.number(position, code))
+            Example(
+                self._engine.name_of(evaluation, position), None if column is None else column.number(position, code)
+            )
             for position in evaluation.examples(code)
         )
         measured = column is not None and any(example.number is not None for example in examples)

@@ -72,7 +72,10 @@ NODES = st.lists(st.sampled_from(SIZES), min_size=1, max_size=3).flatmap(
 NUMBER = st.integers(0, 200)
 STEPS = st.one_of(
     st.tuples(st.just("burst"), st.integers(1, 25)),
-    *[st.tuples(st.just(name), NUMBER) for name in ("end", "change", "node", "taint", "gone", "read", "late", "promise")],
+    *[
+        st.tuples(st.just(name), NUMBER)
+        for name in ("end", "change", "node", "taint", "gone", "read", "late", "promise")
+    ],
 )
 HISTORY = st.lists(STEPS, max_size=10)
 CHOSEN = st.lists(st.integers(0, len(KINDS) - 1), min_size=1, max_size=4)
