@@ -6,6 +6,7 @@ Every check returns texts of the form `path: Invalid value: v: what is allowed`;
 from collections.abc import Collection, Iterator, Sequence
 from typing import Final
 
+from robotapp_api.client.lease import JITTER
 from robotapp_api.values.duration import parse_go_ns
 from robotapp_scheduler.config_model import (
     API_VERSION,
@@ -110,6 +111,10 @@ def _leader_election(model: LeaderElectionModel) -> Iterator[str]:
         yield invalid("leaderElection.leaseDuration", model.lease_duration, "must be greater than `RenewDeadline`")
     if seconds["renew_deadline"] <= seconds["retry_period"]:
         yield invalid("leaderElection.renewDeadline", model.renew_deadline, "must be greater than `RetryPeriod`")
+    elif seconds["renew_deadline"] <= seconds["retry_period"] * (1 + JITTER):
+        # kube-scheduler takes the file and ends when it would elect.
+        text = f"must be greater than {1 + JITTER} times `RetryPeriod`, which is how long a pause may last"
+        yield invalid("leaderElection.renewDeadline", model.renew_deadline, text)
 
 
 def _election_path(name: str) -> str:

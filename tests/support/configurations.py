@@ -201,6 +201,8 @@ OURS_ALONE: Final[dict[str, tuple[Json, str]]] = {
     "extenders": ({"extenders": [{"urlPrefix": "http://127.0.0.1:1"}]}, "extenders: not supported here"),
     "cold standby": ({"delayCacheUntilActive": True}, "delayCacheUntilActive: not supported here"),
     "gangs": (plugins("multiPoint", {"name": "GangScheduling"}), 'not supported here: plugin "GangScheduling"'),
+    "a deadline a pause may miss": (
+        {"leaderElection": {"renewDeadline": "2100ms", "retryPeriod": "2s"}}, "must be greater than 1.2 times `RetryPeriod`"),
     "devices": (args("DynamicResources", filterTimeout="20s"), "filterTimeout: not supported here"),
 }  # fmt: skip
 """kube-scheduler takes them, we refuse them with the reason."""
