@@ -25,7 +25,7 @@ from robotapp_testbed.process import wait_until
 
 _NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,39}")
 _UP_S = 120.0
-_DOWN_S = 15.0
+_DOWN_S = 45.0
 _LOOKED_AT_S = 1.0  # a look at the lock holds it for a moment
 _LOG_TAIL_LINES = 12
 

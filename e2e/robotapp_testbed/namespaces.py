@@ -7,7 +7,7 @@ from robotapp_testbed.controlplane import ControlPlane
 from robotapp_testbed.failures import ApiStatusError, TestbedError
 from robotapp_testbed.process import wait_until
 
-_READY_S = 20.0
+_READY_S = 60.0
 
 
 @contextmanager

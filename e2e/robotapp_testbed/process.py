@@ -164,7 +164,7 @@ class Process:
         self.send(signal.SIGKILL)
         self.wait()
 
-    def stop(self, timeout_s: float = 10.0) -> int | None:
+    def stop(self, timeout_s: float = 30.0) -> int | None:
         """SIGTERM (to a paused program as well), SIGKILL after `timeout_s`; the exit status."""
         self.send(signal.SIGTERM)
         self.send(signal.SIGCONT)

@@ -26,9 +26,9 @@ _WORKLOADS = frozenset({"Deployment", "DaemonSet", "StatefulSet", "Job", "CronJo
 _FIRST = ("Namespace", "CustomResourceDefinition")
 _CRD_PATH = "/apis/apiextensions.k8s.io/v1/customresourcedefinitions"
 _MANAGER = "robotapp-testbed"
-_PROCESS_READY_S = 30.0
-_POLICIES_S = 20.0
-_ESTABLISHED_S = 30.0
+_PROCESS_READY_S = 90.0
+_POLICIES_S = 90.0
+_ESTABLISHED_S = 90.0
 
 
 def install(cp: ControlPlane, *, values: Mapping[str, Any] | None = None) -> None:

@@ -16,7 +16,7 @@ from robotapp_testbed.api import Api
 from robotapp_testbed.failures import ApiStatusError
 from robotapp_testbed.process import Process
 
-_PROBE_TIMEOUT_S = 1.0
+_PROBE_TIMEOUT_S = 5.0
 
 
 class Program(StrEnum):

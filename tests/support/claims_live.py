@@ -172,7 +172,7 @@ async def looping(sweeper: Sweeper) -> AsyncIterator[None]:
         task.cancel()
 
 
-async def until(condition: Callable[[], Awaitable[object]], *, timeout_s: float = 15.0) -> None:
+async def until(condition: Callable[[], Awaitable[object]], *, timeout_s: float = 60.0) -> None:
     """Poll an awaitable condition with a deadline."""
     deadline = time.monotonic() + timeout_s
     while not await condition():

@@ -33,7 +33,7 @@ def configmap(
     return {"apiVersion": "v1", "kind": "ConfigMap", "metadata": meta, "data": data}
 
 
-async def until(condition: Callable[[], object], *, timeout_s: float = 10.0, what: str = "condition") -> None:
+async def until(condition: Callable[[], object], *, timeout_s: float = 30.0, what: str = "condition") -> None:
     """Poll in the loop until `condition()` is true."""
     deadline = time.monotonic() + timeout_s
     while not condition():

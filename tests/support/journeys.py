@@ -63,7 +63,7 @@ def between_bad_ones(world: World, pool: str, lots: Sequence[Sequence[Object]], 
 def start_one(world: World, name: str, pool: str) -> float:
     """Seconds from the creation of a healthy app until it is Ready."""
     sent_s = world.create(plain_app(name, dds={"pool": pool}))
-    return world.watch.until_ready(name, within_s=30) - sent_s
+    return world.watch.until_ready(name, within_s=60) - sent_s
 
 
 def _give(world: World, pods: str, obj: Object) -> None:

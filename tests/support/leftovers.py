@@ -24,7 +24,7 @@ INSTALLED: Final = {
     "priorityclasses/system-cluster-critical",
     "priorityclasses/system-node-critical",
 }
-GONE_S: Final = 30.0
+GONE_S: Final = 90.0
 
 
 def leftovers(plane: ControlPlane) -> set[str]:

@@ -19,8 +19,11 @@ POOLS: Final = "/apis/robotics.io/v1alpha1/domainpools"
 
 T = TypeVar("T")
 
+PATIENCE_S: Final = 60.0
+"""For what takes a second or two on an idle machine: a deadline costs nothing while things go well."""
 
-def eventually(look: Callable[[], T], *, timeout_s: float = 30.0, poll_s: float = 0.1, what: object = "") -> T:
+
+def eventually(look: Callable[[], T], *, timeout_s: float = PATIENCE_S, poll_s: float = 0.1, what: object = "") -> T:
     """The first true value of `look`; an error with the last one after `timeout_s`."""
     deadline = time.monotonic() + timeout_s
     while not (value := look()):
@@ -71,7 +74,9 @@ class Tenant:
         result: dict[str, Any] = condition if current else condition | {"status": "Unknown", "reason": "Stale"}
         return result
 
-    def wait(self, name: str, kind: str, status: str, *, reason: str = "", timeout_s: float = 30.0) -> dict[str, Any]:
+    def wait(
+        self, name: str, kind: str, status: str, *, reason: str = "", timeout_s: float = PATIENCE_S
+    ) -> dict[str, Any]:
         """Wait until a condition of the newest generation has this status (and reason)."""
 
         def look() -> dict[str, Any] | None:
@@ -80,7 +85,7 @@ class Tenant:
 
         return eventually(look, timeout_s=timeout_s, what=lambda: json.dumps(self.app(name).get("status"))) or {}
 
-    def wait_ready(self, name: str, *, timeout_s: float = 30.0) -> dict[str, Any]:
+    def wait_ready(self, name: str, *, timeout_s: float = PATIENCE_S) -> dict[str, Any]:
         self.wait(name, "Ready", "True", timeout_s=timeout_s)
         return self.app(name)
 

@@ -67,7 +67,7 @@ def take() -> Census:
     )
 
 
-def left_since(before: Census, *, within_s: float = 10.0) -> dict[str, list[str]]:
+def left_since(before: Census, *, within_s: float = 30.0) -> dict[str, list[str]]:
     """What is new and stays new for `within_s`, at every look: the kernel ends namespaces in the background, and other
     programs on the machine begin and end things of their own."""
     left = take().new_since(before)

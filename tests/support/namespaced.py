@@ -132,7 +132,7 @@ class Wire:
         holder = spawn(["/usr/bin/unshare", "--net", "/bin/sleep", "infinity"], run_dir=self.run_dir, log=2)
         try:
             own = _namespace(os.getpid())
-            if not wait_until(lambda: _program(holder.pid) == "sleep" and _namespace(holder.pid) != own, timeout_s=10):
+            if not wait_until(lambda: _program(holder.pid) == "sleep" and _namespace(holder.pid) != own, timeout_s=60):
                 raise AssertionError(f"no namespace for {name}")
             node = self.nodes[name] = Namespace(name=name, pid=holder.pid, address=address)
             node.run("sh", "-c", "echo 1 > /proc/sys/net/ipv6/conf/default/disable_ipv6")
@@ -151,7 +151,7 @@ class Wire:
                 for target in self.nodes.values():
                     if target is not origin:
                         with target.udp(40_000) as receiver:
-                            receiver.settimeout(5)
+                            receiver.settimeout(30)
                             sender.sendto(b"hello", (target.address, 40_000))
                             receiver.recv(64)
 

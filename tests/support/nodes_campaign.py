@@ -17,7 +17,7 @@ from robotapp_testbed.real import RealNodes
 
 UP_S, DOWN_S = 15.0, 5.0
 """What a cluster of four may take on two idle cores."""
-_FOLDER_S = 10.0
+_FOLDER_S = 60.0
 _OWNER = """
 import sys, time
 from robotapp_testbed.real import RealNodes

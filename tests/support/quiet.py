@@ -4,24 +4,33 @@ import time
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime, timedelta
-from typing import Any
+from typing import Any, Final
 
+from robotapp_operator import controller, informers
 from robotapp_testbed import ControlPlane, audit, wait_until
 from robotapp_testbed.identity import OPERATOR_ACCOUNT, SCHEDULER_ACCOUNT
 
+REST_S: Final = (
+    max(controller.FLEET_REST_S, controller.POOL_REST_S, controller.PROBES_REST_S)
+    + max(informers.FLEET_DELAY_S, informers.POOL_DELAY_S, informers.LATENCY_DELAY_S)
+    + 1.0
+)
+"""A second longer than the operator puts off any write: whoever wrote nothing for as long has nothing left to write."""
 _OURS = (OPERATOR_ACCOUNT, SCHEDULER_ACCOUNT)
 _BY_THE_CLOCK = frozenset({"leases"})
 _LOG_DELAY_S = 0.5
 """The server flushes audit records in batches of this order."""
 
 
-def writes_since(cp: ControlPlane, since: datetime) -> list[Mapping[str, Any]]:
-    """Successful writes by our two accounts, Leases left out, that the server received after `since`."""
+def writes_since(cp: ControlPlane, since: datetime, *, namespace: str = "") -> list[Mapping[str, Any]]:
+    """Successful writes by our two accounts, Leases left out, that the server received after `since`; to objects of one
+    namespace if it is given."""
     return [
         record
         for record in audit.writes(cp.audit())
         if record["user"]["username"].rpartition(":")[2] in _OURS
         and record["objectRef"]["resource"] not in _BY_THE_CLOCK
+        and namespace in ("", record["objectRef"].get("namespace"))
         and datetime.fromisoformat(record["requestReceivedTimestamp"]) >= since
     ]
 
@@ -40,20 +49,22 @@ def refused_since(cp: ControlPlane, since: datetime) -> set[str]:
     }
 
 
-def until_quiet(cp: ControlPlane, *, quiet_s: float, within_s: float) -> bool:
-    """Wait until neither wrote anything for `quiet_s`; False when that did not come."""
-    return wait_until(
-        lambda: not writes_since(cp, datetime.now(UTC) - timedelta(seconds=quiet_s)), timeout_s=within_s, poll_s=0.5
-    )
+def until_quiet(cp: ControlPlane, *, quiet_s: float, within_s: float, namespace: str = "") -> bool:
+    """Wait until neither wrote anything (there) for `quiet_s`; False when that did not come."""
+
+    def is_quiet() -> bool:
+        return not writes_since(cp, datetime.now(UTC) - timedelta(seconds=quiet_s), namespace=namespace)
+
+    return wait_until(is_quiet, timeout_s=within_s, poll_s=0.5)
 
 
-def writes_during(cp: ControlPlane, seconds: float) -> list[Mapping[str, Any]]:
-    """Let time pass, then return what was written meanwhile."""
+def writes_during(cp: ControlPlane, seconds: float, *, namespace: str = "") -> list[Mapping[str, Any]]:
+    """Let time pass, then return what was written meanwhile (there)."""
     began = datetime.now(UTC)
     time.sleep(seconds + _LOG_DELAY_S)
     return [
         record
-        for record in writes_since(cp, began)
+        for record in writes_since(cp, began, namespace=namespace)
         if datetime.fromisoformat(record["requestReceivedTimestamp"]) <= began + timedelta(seconds=seconds)
     ]
 

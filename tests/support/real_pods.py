@@ -5,7 +5,7 @@ from typing import Any
 
 from robotapp_testbed import ControlPlane, images, wait_until
 
-RUNNING_S = 30.0
+RUNNING_S = 90.0
 FOREVER = ("sleep", "100000")
 
 

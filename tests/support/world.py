@@ -17,7 +17,7 @@ from robotapp_testbed.topology import SimulatedTelemetry, Topology
 
 Object = dict[str, Any]
 APIS = f"/apis/{API_VERSION}"
-GONE_S = 60.0
+GONE_S = 120.0
 
 
 class World:

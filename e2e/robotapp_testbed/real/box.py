@@ -18,7 +18,7 @@ from robotapp_testbed.failures import CommandError, TestbedError
 from robotapp_testbed.process import Process, cpu_seconds, rss_bytes, wait_until
 from robotapp_testbed.real import enter, hold, iproute
 
-_UP_S = 20.0
+_UP_S = 60.0
 _COMMAND_S = 60.0
 
 

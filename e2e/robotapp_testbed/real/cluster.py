@@ -34,7 +34,7 @@ from robotapp_testbed.switch.links import problem_of
 
 NAME: Final = re.compile(r"[a-z0-9]([a-z0-9-]{0,38}[a-z0-9])?")
 """Of a node: part of a host name, of folders and of control groups."""
-_READY_S = 60.0
+_READY_S = 120.0
 _PARALLEL = 4
 _ROOM_PER_NODE_MB = 40
 _TAP = "lat0"

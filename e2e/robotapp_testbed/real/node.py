@@ -17,8 +17,8 @@ from robotapp_testbed.real import cgroups, containerd, kubelet, network, prerequ
 from robotapp_testbed.real.addresses import Addresses
 from robotapp_testbed.real.box import Box, Inside, Plan
 
-_SERVES_S = 20.0
-_CGROUP_FREE_S = 10.0
+_SERVES_S = 60.0
+_CGROUP_FREE_S = 30.0
 
 
 @dataclass(frozen=True)

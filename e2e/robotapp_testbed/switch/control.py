@@ -9,7 +9,7 @@ from typing import Any
 from robotapp_testbed.failures import TestbedError
 from robotapp_testbed.switch.links import Link, LinkChange, from_state
 
-_TIMEOUT_S = 5.0
+_TIMEOUT_S = 20.0
 _PIECE_BYTES = 65_536
 
 

@@ -36,7 +36,7 @@ SAMPLES = {
         "ros2 'bash", "'bash"
     ),
 }
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # a package index may be far away
 
 
 @pytest.fixture(scope="session")
@@ -47,7 +47,7 @@ def rigel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     version = f"{sys.version_info.major}.{sys.version_info.minor}"
     subprocess.run([uv, "venv", "--quiet", "--python", version, str(folder)], check=True)
     python = folder / "bin" / "python"
-    subprocess.run([uv, "pip", "install", "--quiet", "--python", str(python), *REQUIREMENTS], check=True, timeout=240)
+    subprocess.run([uv, "pip", "install", "--quiet", "--python", str(python), *REQUIREMENTS], check=True, timeout=600)
     return python
 
 

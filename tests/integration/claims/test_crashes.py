@@ -54,7 +54,7 @@ async def test_dying_at_any_write_of_an_app_leaves_one_claim_and_after_deletion_
         await asyncio.gather(*(sweeper.sweep_once() for sweeper in sweepers))
         return not await place.claims()
 
-    await until(swept, timeout_s=60)  # a fresh garbage collector needs half a minute to learn of our kinds
+    await until(swept, timeout_s=120)  # a fresh garbage collector needs half a minute to learn of our kinds
     assert not (await place.admin.list(PODS, namespace=place.namespace)).items
 
 

@@ -1,10 +1,9 @@
 """F4 on the real API server, with the scheduler's rights: fence, then release."""
 
-import asyncio
-
 import msgspec
 import pytest
 from tests.support.claims_live import Live
+from tests.support.clients import FakeTime
 
 from robotapp_api.claims.device import chosen
 from robotapp_api.claims.objects import Pod
@@ -12,6 +11,7 @@ from robotapp_api.client.device_claims import reserve_devices
 from robotapp_api.client.errors import Conflict
 from robotapp_api.client.giving_back import give_back
 from robotapp_api.client.resources import PODS
+from robotapp_api.client.sweep import PENDING_S
 
 pytestmark = pytest.mark.live
 
@@ -57,9 +57,10 @@ async def test_the_schedulers_sweep_takes_a_device_from_a_pod_nobody_tries_to_pl
     pod = await place.make_pod("waits", request.holder)
     assert (await place.reserve(pod["metadata"]["uid"], place.driver(request))).ok
     (claim,) = await place.claims()
-    sweeper = place.sweeper(place.scheduler, pending_s=0.3)
+    rest = FakeTime()
+    sweeper = place.sweeper(place.scheduler, pending_s=PENDING_S, clock=rest.clock)
     await sweeper.sweep_once()
     assert await place.phase(claim.name) == "Reserved"
-    await asyncio.sleep(0.4)
+    rest.now_s += PENDING_S + 0.1
     await sweeper.sweep_once()
     assert await place.phase(claim.name) == "gone"

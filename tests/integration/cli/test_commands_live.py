@@ -76,7 +76,7 @@ def world() -> Iterator[World]:
 
 
 def await_ready(world: World, name: str) -> None:
-    until = time.monotonic() + 60
+    until = time.monotonic() + 120
     while not any(c["type"] == "Ready" and c["status"] == "True" for c in world.app(name)["status"]["conditions"]):
         assert time.monotonic() < until, world.app(name)["status"]
         time.sleep(0.2)
@@ -96,7 +96,7 @@ def test_explain_without_the_scheduler_says_so_and_shows_the_nodes(world: World)
 
 
 def test_explain_of_a_waiting_app_names_what_is_missing(world: World) -> None:
-    until = time.monotonic() + 30
+    until = time.monotonic() + 120
     while "no free device" not in (text := world.text("explain", "can-rival", "--scheduler-url", world.scheduler_url)):
         assert time.monotonic() < until, text
         time.sleep(0.2)

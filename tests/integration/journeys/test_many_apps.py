@@ -19,7 +19,7 @@ def test_twenty_apps_applied_at_once_are_ready_with_distinct_domains_in_each_poo
 
 
 def test_apps_beyond_the_pool_wait_and_are_told_what_to_do_and_start_when_others_go(world: World, pools: Pools) -> None:
-    found = journeys.overflow(world, pools.four, size=4, apps=6, within_s=60)
+    found = journeys.overflow(world, pools.four, size=4, apps=6, within_s=120)
     assert found.problems == ()
     assert (found.ready, found.waiting) == (4, 2)
     for message in found.messages:
@@ -28,7 +28,7 @@ def test_apps_beyond_the_pool_wait_and_are_told_what_to_do_and_start_when_others
 
 
 def test_an_app_for_each_robot_has_as_many_domains_as_robots(world: World, pools: Pools) -> None:
-    found = journeys.one_per_robot(world, pool=pools.dozen, within_s=60)
+    found = journeys.one_per_robot(world, pool=pools.dozen, within_s=120)
     assert found.problems == ()
     assert found.domains == {pools.dozen: ROBOTS}
 
@@ -37,8 +37,9 @@ def test_nothing_is_written_while_nothing_changes(world: World, pools: Pools) ->
     began = datetime.now(UTC)
     names = [f"calm-{number}" for number in range(3)]
     world.create_all([plain_app(name, dds={"pool": pools.twelve}) for name in names])
-    world.watch.until_ready(*names, within_s=60)
+    world.watch.until_ready(*names, within_s=120)
     writers = {each.partition(" ")[0] for each in quiet.by_object(quiet.writes_since(world.cp, began))}
     assert writers == {OPERATOR_ACCOUNT, SCHEDULER_ACCOUNT}  # the log does show who writes
-    assert quiet.until_quiet(world.cp, quiet_s=6.0, within_s=60), quiet.by_object(quiet.writes_during(world.cp, 3.0))
+    at_rest = quiet.until_quiet(world.cp, quiet_s=quiet.REST_S, within_s=120)
+    assert at_rest, quiet.by_object(quiet.writes_during(world.cp, 3.0))
     assert quiet.by_object(quiet.writes_during(world.cp, 10.0)) == {}

@@ -1,6 +1,7 @@
 """What a user reads and does: the table, waiting, applying twice, refusals with a next step, deletion without an operator."""
 
 import time
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,18 +11,29 @@ from tests.integration.journeys.conftest import Pools
 from tests.support.appwatch import condition, is_ready
 from tests.support.world import World, plain_app
 
-from robotapp_api.model.names import EventReason, Label
+from robotapp_api.model.names import OPERATOR_MANAGER, SYSTEM_NAMESPACE, EventReason, Label
+from robotapp_operator.informers import LATENCY_DELAY_S
 from robotapp_testbed import wait_until
 
 pytestmark = pytest.mark.live
 
 TELEOP = Path(__file__).parents[3] / "examples" / "teleop.yaml"
+PATIENCE_S = 60.0
+"""For what takes a second or two on an idle machine."""
+STILL_S = 2 * LATENCY_DELAY_S
+"""The operator puts off nothing that it writes about an app for longer than half of this."""
+KOPF_WAITS_S = 5.0
+"""How long kopf waits at its end for tasks that do not end by themselves."""
+LEASE = f"/apis/coordination.k8s.io/v1/namespaces/{SYSTEM_NAMESPACE}/leases/{OPERATOR_MANAGER}"
 
 
 def test_the_example_is_waited_for_and_the_table_says_domain_robot_and_budget(world: World, pools: Pools) -> None:
     app = _teleop(world, pools)
     world.kubectl("apply", "-f", "-", stdin=app)
-    assert "condition met" in world.kubectl("wait", "--for=condition=Ready", "robotapp/teleop", "--timeout=30s")
+    assert "condition met" in world.kubectl(
+        "wait", "--for=condition=Ready", "robotapp/teleop", f"--timeout={PATIENCE_S:g}s"
+    )
+    assert wait_until(lambda: "/" in _row(world, "teleop")["BUDGET"], timeout_s=PATIENCE_S, poll_s=0.2)
     columns = _row(world, "teleop")
     assert columns["READY"] == "2/2"
     assert columns["PHASE"] == "Running"
@@ -30,19 +42,24 @@ def test_the_example_is_waited_for_and_the_table_says_domain_robot_and_budget(wo
     spent, _, budget = columns["BUDGET"].partition("/")
     assert budget == "30ms"
     assert float(spent) <= 30
-    assert [each["reason"] for each in world.events("teleop")] == [EventReason.DOMAIN_ALLOCATED, EventReason.PLACED]
+
+    def told() -> list[str]:
+        return [each["reason"] for each in world.events("teleop")]
+
+    wait_until(lambda: len(told()) >= 2, timeout_s=PATIENCE_S, poll_s=0.1)  # they follow what they tell of
+    assert told() == [EventReason.DOMAIN_ALLOCATED, EventReason.PLACED]
 
 
 def test_applying_twice_changes_nothing(world: World, pools: Pools) -> None:
     app = _teleop(world, pools)
     for extra in ([], ["--server-side", "--force-conflicts"]):
         world.kubectl("apply", *extra, "-f", "-", stdin=app)
-        world.watch.until_ready("teleop", within_s=30)
-        assert wait_until(lambda: _is_still(world, "teleop"), timeout_s=10)
+        world.watch.until_ready("teleop", within_s=PATIENCE_S)
+        assert wait_until(lambda: _is_still(world, "teleop"), timeout_s=PATIENCE_S)
         before = world.app("teleop")["metadata"]
         pods = {pod["metadata"]["uid"] for pod in world.pods()}
         world.kubectl("apply", *extra, "-f", "-", stdin=app)
-        time.sleep(1.0)  # what must not happen has no event to wait for
+        time.sleep(STILL_S)  # what must not happen has no event to wait for
         after = world.app("teleop")["metadata"]
         assert (after["generation"], after["resourceVersion"]) == (before["generation"], before["resourceVersion"])
         assert {pod["metadata"]["uid"] for pod in world.pods()} == pods
@@ -50,56 +67,74 @@ def test_applying_twice_changes_nothing(world: World, pools: Pools) -> None:
 
 def test_deletion_is_not_held_up_by_an_operator_that_is_down_and_leaves_nothing(world: World, pools: Pools) -> None:
     world.create(plain_app("orphaned", dds={"pool": pools.twelve}))
-    world.watch.until_ready("orphaned", within_s=30)
+    world.watch.until_ready("orphaned", within_s=PATIENCE_S)
     world.operator.kill()
     try:
-        world.kubectl("delete", "robotapp", "orphaned", "--timeout=5s")  # waits until the object itself is gone
-        assert wait_until(lambda: not world.left(), timeout_s=30, poll_s=0.2), world.left()  # the scheduler sweeps too
+        world.kubectl(
+            "delete", "robotapp", "orphaned", f"--timeout={PATIENCE_S:g}s"
+        )  # waits until the object itself is gone
+        assert wait_until(lambda: not world.left(), timeout_s=PATIENCE_S, poll_s=0.2), (
+            world.left()
+        )  # the scheduler sweeps too
     finally:
         world.operator.start().wait_ready()
         assert "Traceback" not in world.operator.log_text()
 
 
 def test_a_stopped_operator_ends_at_once_and_its_successor_need_not_wait(world: World, pools: Pools) -> None:
-    world.create(plain_app("before", dds={"pool": pools.twelve}))
-    world.watch.until_ready("before", within_s=30)
-    began_s = time.monotonic()
-    assert world.operator.stop() == 0
-    assert time.monotonic() - began_s < 4.5  # kopf gives tasks that do not end by themselves five seconds
-    world.operator.start().wait_ready()
+    """Other programs of this machine can only delay an end, so the quickest of three counts."""
+
+    def end_s(number: int) -> float:
+        name = f"served-{number}"
+        world.create(plain_app(name, dds={"pool": pools.twelve}))
+        world.watch.until_ready(name, within_s=PATIENCE_S)
+        began_s = time.monotonic()
+        assert world.operator.stop() == 0
+        took_s = time.monotonic() - began_s
+        assert "holderIdentity" not in world.cp.api.get(LEASE)["spec"], "its successor waits until the Lease runs out"
+        world.operator.start().wait_ready()
+        return took_s
+
+    assert any(end_s(number) < 0.9 * KOPF_WAITS_S for number in range(3))
     world.create(plain_app("after", dds={"pool": pools.twelve}))
-    world.watch.until_ready("after", within_s=10)  # less than the Lease of an operator that was killed
+    world.watch.until_ready("after", within_s=PATIENCE_S)
 
 
 def test_a_domain_written_into_a_deployment_by_hand_is_taken_out_again(world: World, pools: Pools) -> None:
     world.create(plain_app("edited", parts=("only",), dds={"pool": pools.twelve}))
-    world.watch.until_ready("edited", within_s=30)
+    world.watch.until_ready("edited", within_s=PATIENCE_S)
     number = world.app("edited")["status"]["summary"]["domain"]
     world.kubectl("set", "env", "deployment", "--selector", "robotics.io/app=edited", "ROS_DOMAIN_ID=99")
-    assert wait_until(lambda: _domains(world) == {number}, timeout_s=10, poll_s=0.2), _domains(world)
-    assert wait_until(lambda: all(pod["spec"].get("nodeName") for pod in world.pods()), timeout_s=20, poll_s=0.2)
-    world.watch.until(lambda apps: is_ready(apps["edited"]), within_s=20, what="edited Ready again")
+    assert wait_until(lambda: _domains(world) == {number}, timeout_s=PATIENCE_S, poll_s=0.2), _domains(world)
+    assert wait_until(
+        lambda: all(pod["spec"].get("nodeName") for pod in world.pods()), timeout_s=PATIENCE_S, poll_s=0.2
+    )
+    world.watch.until(lambda apps: is_ready(apps["edited"]), within_s=PATIENCE_S, what="edited Ready again")
 
 
 def test_an_app_too_big_for_every_node_is_told_how_many_and_what_to_ask_next(world: World, pools: Pools) -> None:
     app = plain_app("big", parts=("giant",), dds={"pool": pools.twelve})
     app["spec"]["components"][0]["resources"] = {"requests": {"cpu": "5000"}}
     world.create(app)
-    said = _until(world, "big", "Placed", "False")
-    for part in ("0 of 1 placed", "giant", "nodes are available", "Insufficient cpu", "kubectl robotapp explain big"):
-        assert part in said["message"]
+    parts = ("0 of 1 placed", "giant", "nodes are available", "Insufficient cpu", "kubectl robotapp explain big")
+    said = _said(world, "big", "Placed", parts)
     assert "preemption" not in said["message"]
-    assert wait_until(lambda: EventReason.NODE_REJECTED in {e["reason"] for e in world.events("big")}, timeout_s=5)
+    assert wait_until(
+        lambda: EventReason.NODE_REJECTED in {e["reason"] for e in world.events("big")}, timeout_s=PATIENCE_S
+    )
     assert "Insufficient cpu" in world.kubectl("get", "robotapp", "big", "-o", "wide")
 
 
 def test_an_app_whose_number_is_taken_is_told_by_whom_and_three_ways_out(world: World, pools: Pools) -> None:
     world.create(plain_app("first", parts=("only",), dds={"pool": pools.twelve, "domain": 5}))
-    world.watch.until_ready("first", within_s=30)
+    world.watch.until_ready("first", within_s=PATIENCE_S)
     world.create(plain_app("late", parts=("only",), dds={"pool": pools.twelve, "domain": 5}))
-    said = _until(world, "late", "Allocated", "False")
-    for part in ("domain 5", pools.twelve, f"{world.namespace}/first", "leave out", "shareWith", "delete"):
-        assert part in said["message"]
+    _said(
+        world,
+        "late",
+        "Allocated",
+        ("domain 5", pools.twelve, f"{world.namespace}/first", "leave out", "shareWith", "delete"),
+    )
     assert condition(world.app("late"), "Progressing")["status"] == "False"
 
 
@@ -130,16 +165,20 @@ def _domains(world: World) -> set[str]:
 
 
 def _is_still(world: World, name: str) -> bool:
-    """The stored object did not change for a second."""
+    """The stored object did not change for a while."""
     before = world.app(name)["metadata"]["resourceVersion"]
-    time.sleep(1.0)
+    time.sleep(STILL_S)
     return bool(world.app(name)["metadata"]["resourceVersion"] == before)
 
 
-def _until(world: World, name: str, kind: str, status: str) -> Any:
-    world.watch.until(
-        lambda apps: name in apps and condition(apps[name], kind).get("status") == status,
-        within_s=20,
-        what=f"{name}: {kind}={status}",
-    )
-    return condition(world.watch.apps[name], kind)
+def _said(world: World, name: str, kind: str, parts: Sequence[str]) -> Mapping[str, Any]:
+    """The condition once it is False and says all of this."""
+
+    def found() -> Mapping[str, Any]:
+        return condition(world.watch.apps.get(name, {}), kind)
+
+    def says() -> bool:
+        return found().get("status") == "False" and all(part in found()["message"] for part in parts)
+
+    assert wait_until(says, timeout_s=PATIENCE_S, poll_s=0.1), found()
+    return found()

@@ -39,10 +39,10 @@ class Hold:
         if moment is Moment.BEFORE and not self._reached.is_set() and self._matches(write):
             self._zombie.pause()
             self._reached.set()
-            self._released.wait(timeout=60)
+            self._released.wait(timeout=240)
 
     def until_reached(self) -> None:
-        assert self._reached.wait(timeout=20), "the zombie never came to the write"
+        assert self._reached.wait(timeout=60), "the zombie never came to the write"
 
     def release(self) -> None:
         self._released.set()
@@ -87,13 +87,14 @@ def test_a_late_template_of_a_deleted_app_makes_pods_that_never_bind(plane: Cont
         assert _holders(plane, 1) == [first]
         second = _replaced(world, 1)
         hold.release()
-        assert wait_until(lambda: _pods_of(world, first), timeout_s=20), "the late write made no pod"
+        assert wait_until(lambda: _pods_of(world, first), timeout_s=60), "the late write made no pod"
         _never_bound(world, first)
         assert _holders(plane, 1) == [second]
         (stale,) = _pods_of(world, first)
         assert domain_of(stale) == "1"
-        said = next(each for each in stale["status"]["conditions"] if each["type"] == "PodScheduled")
-        assert (said["status"], said["reason"]) == ("False", PodReason.WAITING_FOR_DOMAIN)
+        assert wait_until(lambda: _scheduled(world, first).get("reason") == PodReason.WAITING_FOR_DOMAIN, timeout_s=60)
+        said = _scheduled(world, first)
+        assert said["status"] == "False"
         assert "domain 1 is held by another app" in said["message"]
         world.delete("second")
 
@@ -113,7 +114,7 @@ def test_a_late_claim_of_a_deleted_app_finds_the_domain_taken(plane: ControlPlan
 def test_a_late_change_of_a_deleted_template_does_not_bring_it_back(plane: ControlPlane) -> None:
     with haunted(plane, 3) as (world, proxy):
         first = _create(world, "first", 3)
-        world.watch.until_ready("first", within_s=30)
+        world.watch.until_ready("first", within_s=60)
         hold = Hold(proxy, world.operator, lambda write: _is_template(write) and write.call.verb == "patch")
         change = [{"op": "replace", "path": "/spec/components/0/image", "value": "registry.example/part:2"}]
         world.cp.api.patch(f"{world.apps_path}/first", change, content_type="application/json-patch+json")
@@ -138,7 +139,7 @@ def _replaced(world: World, domain: int, *, tidy: str = "") -> str:
         world.kubectl("delete", "deployments,replicasets,pods", "--selector", tidy, "--wait=false")
     world.another_operator()
     second = _create(world, "second", domain)
-    world.watch.until_ready("second", within_s=30)
+    world.watch.until_ready("second", within_s=60)
     return second
 
 
@@ -165,6 +166,12 @@ def _is_template(write: Write) -> bool:
 
 def _pods_of(world: World, uid: str) -> list[dict[str, Any]]:
     return [pod for pod in world.pods() if pod["metadata"]["labels"].get(Label.APP_UID) == uid]
+
+
+def _scheduled(world: World, uid: str) -> dict[str, Any]:
+    """What is said of the placement of the only pod of `uid`; nothing before the scheduler has looked at it."""
+    (pod,) = _pods_of(world, uid)
+    return next((each for each in pod["status"].get("conditions", ()) if each["type"] == "PodScheduled"), {})
 
 
 def _holders(plane: ControlPlane, domain: int) -> list[str]:

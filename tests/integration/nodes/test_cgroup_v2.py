@@ -28,7 +28,7 @@ def run(*command: str) -> subprocess.CompletedProcess[str]:
     """Where /sys/fs/cgroup is the hierarchy of cgroup v2 and nothing else."""
     line = 'mount -t cgroup2 none /sys/fs/cgroup && exec "$@"'
     argv = ["unshare", "--mount", "sh", "-c", line, "sh", *command]
-    return subprocess.run(argv, capture_output=True, text=True, check=False, timeout=60)
+    return subprocess.run(argv, capture_output=True, text=True, check=False, timeout=180)
 
 
 def offered() -> list[str]:

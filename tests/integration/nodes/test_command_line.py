@@ -61,10 +61,10 @@ def test_an_interrupted_start_leaves_nothing(name: str) -> None:
     before, others = machine_census.take(), slots.in_use()
     command = [sys.executable, "-m", "robotapp_testbed", "up", "--name", name, "--nodes", "robot-1,edge-1"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as up:
-        assert wait_until(lambda: slots.in_use() != others, timeout_s=60)
+        assert wait_until(lambda: slots.in_use() != others, timeout_s=120)
         time.sleep(random.uniform(0, 2))
         up.send_signal(signal.SIGINT)
-        assert up.wait(60) == 130
+        assert up.wait(180) == 130
     assert machine_census.left_since(before) == {}
 
 

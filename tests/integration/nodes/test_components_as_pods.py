@@ -76,7 +76,7 @@ def test_an_app_is_planned_bound_and_started_by_them(cluster: RealNodes) -> None
             pods = cluster.api.get(f"/api/v1/namespaces/{namespace}/pods")["items"]
             return [pod["metadata"]["name"] for pod in pods if pod["status"]["phase"] == "Running"]
 
-        assert wait_until(lambda: len(running()) == 2, timeout_s=30, poll_s=0.1)
+        assert wait_until(lambda: len(running()) == 2, timeout_s=90, poll_s=0.1)
         said = {real_logs(cluster, namespace, name) for name in running()}
         app = cluster.api.get(f"/apis/robotics.io/v1alpha1/namespaces/{namespace}/robotapps/pair")
         assert said == {f"domain {app['status']['instances'][0]['domain']}"}
@@ -91,7 +91,7 @@ def test_the_kubelet_tells_what_they_use(cluster: RealNodes) -> None:
     def told() -> bool:
         return len(components_as_pods.usage(cluster)) == 2
 
-    assert wait_until(told, timeout_s=30, poll_s=0.5)
+    assert wait_until(told, timeout_s=90, poll_s=0.5)
     for used in components_as_pods.usage(cluster).values():
         assert used.node in ("robot-1", "edge-1")
         assert 20e6 < used.memory_bytes < 256e6

@@ -11,8 +11,8 @@ from robotapp_testbed.real import RealNodes
 
 pytestmark = pytest.mark.live
 
-NOTICED_S = 20.0
-RECOVERED_S = 30.0
+NOTICED_S = 90.0
+RECOVERED_S = 120.0
 
 
 @pytest.fixture

@@ -13,8 +13,8 @@ from robotapp_testbed.real import MeasuredTelemetry, RealNodes
 
 pytestmark = pytest.mark.live
 
-READY_S = 40.0
-NOTICED_S = 30.0
+READY_S = 120.0
+NOTICED_S = 90.0
 CUT_S = 12.0
 
 

@@ -83,7 +83,7 @@ def test_a_cluster_whose_guard_was_killed_with_its_owner_is_swept_by_the_next_on
         run_dir, guard, number = owner.stdout.readline().split()
         os.kill(int(guard), signal.SIGKILL)
         os.kill(owner.pid, signal.SIGKILL)
-    assert wait_until(lambda: int(number) not in slots.in_use(), timeout_s=10)
+    assert wait_until(lambda: int(number) not in slots.in_use(), timeout_s=60)
     assert Path(run_dir).exists(), "nobody was left to remove it"
     held = []
     while not held or held[-1].addresses.cluster < int(number):  # up to the number of the killed one

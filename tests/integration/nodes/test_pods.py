@@ -48,9 +48,7 @@ def test_services_and_headless_services_resolve_and_answer(real_nodes: RealNodes
     real_pods.run(real_nodes, real_namespace, *objects)
 
     def said(line: str) -> str:
-        return shell(
-            real_nodes, real_namespace, "client", f"for try in 1 2 3 4 5 6; do {line} && break; sleep 0.5; done"
-        )
+        return shell(real_nodes, real_namespace, "client", f"for try in $(seq 60); do {line} && break; sleep 0.5; done")
 
     for name in ("near", "far"):
         for host in (name, f"{name}.{real_namespace}.svc.cluster.local"):
@@ -92,8 +90,9 @@ def test_the_delay_between_two_nodes_is_what_was_set(real_nodes: RealNodes, real
     target = real_pods.address(real_nodes, real_namespace, "there")
     plain_ms = real_pods.round_trip_ms(real_nodes, real_namespace, "here", target)
     real_nodes.switch.set_link("robot-1", "edge-1", delay_ms=20)
-    try:
-        assert 40 <= real_pods.round_trip_ms(real_nodes, real_namespace, "here", target) <= 45 + plain_ms
+    try:  # other programs of this machine can only add to it, so the quickest of a few counts
+        trips = (real_pods.round_trip_ms(real_nodes, real_namespace, "here", target) for _ in range(4))
+        assert any(40 <= trip_ms <= 45 + plain_ms for trip_ms in trips)
     finally:
         real_nodes.switch.set_link("robot-1", "edge-1", delay_ms=0)
 

@@ -51,7 +51,7 @@ def test_an_applied_app_measures_its_first_round_trip_within_seconds(cluster: Re
     apps = [teleop.app(f"pair-{number}", ros=ros, nodes=nodes) for number in range(3)]
     assert any(teleop.first_trip_s(cluster, place, app) <= FIRST_TRIP_S for app in apps)
     measured = next(name for name in ("pair-2", "pair-1", "pair-0") if teleop.pods(cluster, place, name))
-    assert wait_until(lambda: len(teleop.trips(cluster, place, measured)) > 100, timeout_s=20, poll_s=0.5)
+    assert wait_until(lambda: len(teleop.trips(cluster, place, measured)) > 100, timeout_s=60, poll_s=0.5)
     summary = summarise(teleop.rows(cluster, place, measured), deadline_us=DEADLINE_US, settle_us=1_000_000)
     assert summary.p50_us is not None
     assert 4000 <= summary.p50_us < 30_000  # the switch's 2 ms each way, and what a busy machine adds
@@ -62,10 +62,10 @@ def test_round_trips_follow_the_link(cluster: RealNodes, place: str) -> None:
     teleop.first_trip_s(cluster, place, wanted)
     cluster.switch.set_link("robot-1", "cloud-1", delay_ms=40)
     try:
-        assert wait_until(lambda: _recent_ms(cluster, place) >= 80, timeout_s=15, poll_s=0.5)
+        assert wait_until(lambda: _recent_ms(cluster, place) >= 80, timeout_s=60, poll_s=0.5)
     finally:
         cluster.switch.set_link("robot-1", "cloud-1", delay_ms=15)
-    assert wait_until(lambda: 30 <= _recent_ms(cluster, place) < 80, timeout_s=15, poll_s=0.5)
+    assert wait_until(lambda: 30 <= _recent_ms(cluster, place) < 80, timeout_s=60, poll_s=0.5)
 
 
 def _recent_ms(cp: RealNodes, place: str) -> float:
@@ -82,7 +82,7 @@ def test_a_long_cut_ends_neither_the_app_that_ran_before_nor_the_one_that_starts
     cluster.switch.set_link("robot-1", "edge-1", down=True)
     try:
         teleop.apply(cluster, place, [teleop.app("within", nodes=nodes)])
-        assert wait_until(lambda: len(_restarts(cluster, place, "within")) == 2, timeout_s=30, poll_s=0.5)
+        assert wait_until(lambda: len(_restarts(cluster, place, "within")) == 2, timeout_s=90, poll_s=0.5)
         time.sleep(GIVEN_UP_S)
         assert teleop.trips(cluster, place, "within") == []
         count = len(teleop.trips(cluster, place, "before"))
@@ -94,7 +94,7 @@ def test_a_long_cut_ends_neither_the_app_that_ran_before_nor_the_one_that_starts
 
 
 def _goes_on(cp: RealNodes, place: str, app: str, *, after: int) -> bool:
-    return wait_until(lambda: len(teleop.trips(cp, place, app)) > after + 50, timeout_s=45, poll_s=0.5)
+    return wait_until(lambda: len(teleop.trips(cp, place, app)) > after + 50, timeout_s=90, poll_s=0.5)
 
 
 def _restarts(cp: RealNodes, place: str, app: str) -> list[int]:
@@ -112,7 +112,7 @@ def test_two_apps_that_shout_by_multicast_never_hear_each_other(cluster: RealNod
     apps = [teleop.app(name, nodes=nodes, dds={"discovery": {"mode": "Multicast"}}) for name in ("one", "two")]
     teleop.apply(cluster, place, apps)
     for name in ("one", "two"):
-        assert wait_until(lambda name=name: len(teleop.trips(cluster, place, name)) > 200, timeout_s=40, poll_s=0.5)  # type: ignore[misc] # mypy sees no type for a default
+        assert wait_until(lambda name=name: len(teleop.trips(cluster, place, name)) > 200, timeout_s=90, poll_s=0.5)  # type: ignore[misc] # mypy sees no type for a default
         assert not [row for row in teleop.rows(cluster, place, name) if row.kind == FOREIGN]
     assert teleop.domain(cluster, place, "one") != teleop.domain(cluster, place, "two")
 
@@ -120,6 +120,6 @@ def test_two_apps_that_shout_by_multicast_never_hear_each_other(cluster: RealNod
 def test_three_apps_with_cameras_on_four_nodes_are_stable(cluster: RealNodes, place: str) -> None:
     teleop.apply(cluster, place, teleop.trio())
     names = [app["metadata"]["name"] for app in teleop.trio()]
-    assert wait_until(lambda: all(teleop.trips(cluster, place, name) for name in names), timeout_s=40, poll_s=0.5)
+    assert wait_until(lambda: all(teleop.trips(cluster, place, name) for name in names), timeout_s=90, poll_s=0.5)
     time.sleep(STABLE_S)
     assert teleop.problems_of_trio(cluster, place, seconds=STABLE_S, deadline_us=DEADLINE_US) == []

@@ -2,19 +2,21 @@
 
 import secrets
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from typing import Any
 
 import pytest
+from tests.support import quiet
 from tests.support.live import Tenant, eventually, part, pool
 
 from robotapp_api.model.names import Label
-from robotapp_testbed import ControlPlane, audit, product
+from robotapp_testbed import ControlPlane, product
 from robotapp_testbed.process import Process
 
 pytestmark = pytest.mark.usefixtures("nodes")
-OPERATOR = "system:serviceaccount:robotapp-system:robotapp-operator"
 
 
 @contextmanager
@@ -45,7 +47,7 @@ def test_an_operator_killed_in_the_middle_of_a_burst_loses_nothing(
         eventually(tenant.claims)
         first.kill()
     with running(installed_plane):
-        eventually(all_ready(tenant, 10), timeout_s=60, what=lambda: domains(tenant))
+        eventually(all_ready(tenant, 10), timeout_s=120, what=lambda: domains(tenant))
         assert len(set(domains(tenant))) == len(tenant.claims()) == 10
 
 
@@ -105,11 +107,11 @@ def test_two_operators_at_work_agree_and_then_rest(installed_plane: ControlPlane
     with running(installed_plane), running(installed_plane):
         for number in range(8):
             tenant.apply(f"app-{number}", part("a"), part("b"), dds={"pool": ids})
-        eventually(all_ready(tenant, 8), timeout_s=60, what=lambda: domains(tenant))
+        eventually(all_ready(tenant, 8), timeout_s=120, what=lambda: domains(tenant))
         assert len(set(domains(tenant))) == len(tenant.claims()) == 8
         assert len(tenant.deployments()) == 16
-        time.sleep(6)  # the fleet view rests for five seconds between two writes
-        assert writes_in(installed_plane, tenant.namespace, seconds=5) == []
+        rests(tenant)
+        assert written(tenant, seconds=5.0) == {}
 
 
 def test_an_operator_at_rest_writes_nothing_and_its_successor_finds_everything_in_place(
@@ -118,13 +120,14 @@ def test_an_operator_at_rest_writes_nothing_and_its_successor_finds_everything_i
     with running(installed_plane):
         for number in range(5):
             tenant.apply(f"app-{number}", part("a"), dds={"pool": ids})
-        eventually(all_ready(tenant, 5), timeout_s=60)
-        time.sleep(6)  # the fleet view rests for five seconds between two writes
-        assert writes_in(installed_plane, tenant.namespace, seconds=10) == []
-    before = len(installed_plane.audit())
+        eventually(all_ready(tenant, 5), timeout_s=120, what=lambda: domains(tenant))
+        rests(tenant)
+        assert written(tenant, seconds=10.0) == {}
+    began = datetime.now(UTC)
     with running(installed_plane):
-        time.sleep(3)
-        assert in_namespace(installed_plane, before, tenant.namespace) == []
+        time.sleep(3)  # what must not happen has no event to wait for
+        found = quiet.writes_since(installed_plane, began, namespace=tenant.namespace)
+    assert quiet.by_object(found) == {}
 
 
 def test_an_operator_that_wakes_up_late_does_not_revive_a_dead_apps_children(
@@ -167,22 +170,17 @@ def test_the_lease_lets_one_work_and_the_other_take_over(
         assert sum(leaders) == 1
         leader, other = (first, second) if leaders[0] else (second, first)
         assert leader.stop() == 0
-        eventually(lambda: "starts to work" in other.log_text(), timeout_s=30, what=other.log_text)
+        eventually(lambda: "starts to work" in other.log_text(), what=other.log_text)
         tenant.apply("two", part("a"), dds={"pool": ids})
         tenant.wait_ready("two")
 
 
-def in_namespace(cp: ControlPlane, after: int, namespace: str) -> list[str]:
-    """What the operator wrote about one namespace since audit record `after`: the namespaced objects in it."""
-    found = audit.writes(cp.audit()[after:], user=OPERATOR)
-    return [
-        f"{item['verb']} {item['objectRef']['resource']} {item['objectRef'].get('name', '')}"
-        for item in found
-        if item["objectRef"].get("namespace") == namespace
-    ]
+def rests(tenant: Tenant) -> None:
+    """Wait until nothing was written to the namespace for longer than an operator puts off any write."""
+    came = quiet.until_quiet(tenant.cp, quiet_s=quiet.REST_S, within_s=120, namespace=tenant.namespace)
+    assert came, written(tenant, seconds=3.0)
 
 
-def writes_in(cp: ControlPlane, namespace: str, *, seconds: float) -> list[str]:
-    before = len(cp.audit())
-    time.sleep(seconds)
-    return in_namespace(cp, before, namespace)
+def written(tenant: Tenant, *, seconds: float) -> Counter[str]:
+    """How often operators wrote each object of the namespace meanwhile."""
+    return quiet.by_object(quiet.writes_during(tenant.cp, seconds, namespace=tenant.namespace))

@@ -8,8 +8,8 @@ from tests.support.live import Tenant, eventually, part
 
 pytestmark = pytest.mark.usefixtures("operator")
 
-PROMPT_S = 5.0
-"""Far below the back-off (60 s) and the resync (600 s), above the time an app takes to become Ready on a busy machine."""
+PROMPT_S = 30.0
+"""Half the longest back-off and far below the resync (600 s), above the time an app takes to become Ready on a busy machine."""
 
 
 def share(*names: str) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from tests.support.namespaced import Wire, skip_where_impossible
 from tests.support.switch_figures import delay, load, loss
 
 pytestmark = pytest.mark.live
-TRIES = 4
+TRIES = 8
 
 
 @pytest.fixture(scope="module")

@@ -34,7 +34,7 @@ def _node(control_plane: ControlPlane) -> Iterator[None]:
         "metadata": {"name": "kwok-1", "labels": {"robotics.io/simulated": "kwok"}},
     }
     control_plane.kubectl("apply", "-f", "-", stdin=node)
-    control_plane.kubectl("wait", "--for=condition=Ready", "node/kwok-1", "--timeout=20s")
+    control_plane.kubectl("wait", "--for=condition=Ready", "node/kwok-1", "--timeout=60s")
     yield
     control_plane.kubectl("delete", "node/kwok-1")
 
@@ -43,7 +43,7 @@ def seconds_until_ready(plane: ControlPlane, namespace: str, name: str) -> float
     started = time.monotonic()
     plane.kubectl("apply", "-n", namespace, "-f", "-", stdin=deployment(name, replicas=3))
     path = f"/apis/apps/v1/namespaces/{namespace}/deployments/{name}"
-    assert wait_until(lambda: plane.api.get(path)["status"].get("readyReplicas") == 3, timeout_s=30)
+    assert wait_until(lambda: plane.api.get(path)["status"].get("readyReplicas") == 3, timeout_s=60)
     return time.monotonic() - started
 
 

@@ -33,7 +33,7 @@ class Shell:
 
     def run(self, *args: str) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, "-m", "robotapp_testbed", *args]
-        return subprocess.run(command, env=self.env, capture_output=True, text=True, check=False, timeout=120)
+        return subprocess.run(command, env=self.env, capture_output=True, text=True, check=False, timeout=240)
 
     def cluster(self, name: str = "default") -> Cluster:
         return Cluster(name, root=self.root)
@@ -89,7 +89,7 @@ def test_a_killed_holder_leaves_nothing_and_up_starts_anew(shell: Shell) -> None
     state = shell.cluster("second").state()
     assert state is not None
     os.kill(state.holder_pid, signal.SIGKILL)
-    assert wait_until(lambda: not Path(state.run_dir).exists(), timeout_s=10)
+    assert wait_until(lambda: not Path(state.run_dir).exists(), timeout_s=60)
     assert not any(guard.start_time(pid) for pid in state.processes.values())
     assert shell.cluster("second").state() is None
     assert shell.run("up", "--name", "second").returncode == 0
@@ -108,7 +108,7 @@ def starting(shell: Shell) -> Iterator[subprocess.Popen[str]]:
 def test_an_interrupted_up_takes_the_cluster_it_started_with_it(shell: Shell, starting: subprocess.Popen[str]) -> None:
     holder = shell.cluster().holder()
     starting.send_signal(signal.SIGINT)
-    assert starting.wait(30) == 130
+    assert starting.wait(120) == 130
     assert holder is not None
     assert not holder.lives
     assert list(shell.temporary.iterdir()) == []
@@ -128,7 +128,7 @@ def test_two_ups_at_once_start_one_cluster(shell: Shell) -> None:
         subprocess.Popen(command, env=shell.env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         for _ in range(2)
     ]
-    outputs = [process.communicate(timeout=120) for process in both]
+    outputs = [process.communicate(timeout=240) for process in both]
     assert [process.returncode for process in both] == [0, 0], outputs
     assert outputs[0][0] == outputs[1][0] != ""
 

@@ -23,12 +23,25 @@ KINDS = (
     "namespaces,nodes,customresourcedefinitions,clusterroles,clusterrolebindings,roles,rolebindings,serviceaccounts,pods,"
     "configmaps,validatingadmissionpolicies,validatingadmissionpolicybindings"
 )
+LATE = "configmap/kube-apiserver-legacy-service-account-token-tracking"
+"""Which the API server makes a moment after it serves."""
 
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[ControlPlane]:
     with ControlPlane(kwok=False, kube_scheduler=True) as plane:
+        assert wait_until(lambda: complete(plane), timeout_s=60, poll_s=0.2), inventory(plane)
         yield plane
+
+
+def complete(cluster: ControlPlane) -> bool:
+    """Whether the cluster's own programs have made what they make a moment after their start."""
+    there = inventory(cluster)
+    maps = cluster.kubectl("get", "configmaps", "--all-namespaces", "--no-headers", "-o", "name").split()
+    accounts = cluster.kubectl("get", "serviceaccounts", "--all-namespaces", "--no-headers", "-o", "name").split()
+    namespaces = sum(name.startswith("namespace/") for name in there)
+    per_namespace = (maps.count("configmap/kube-root-ca.crt"), accounts.count("serviceaccount/default"))
+    return per_namespace == (namespaces, namespaces) and LATE in there
 
 
 def inventory(cluster: ControlPlane) -> set[str]:
@@ -77,7 +90,7 @@ def test_a_killed_guest_is_removed_by_down(cluster: ControlPlane, tmp_path: Path
     command = [sys.executable, "-m", "journeys.demo", "--once", f"--kubeconfig={cluster.kubeconfig()}"]
     with log.open("wb") as output:
         story = subprocess.Popen(command, stdout=output, stderr=output)
-        assert wait_until(lambda: "namespace/robotapp-system" in inventory(cluster), timeout_s=60, poll_s=0.2)
+        assert wait_until(lambda: "namespace/robotapp-system" in inventory(cluster), timeout_s=120, poll_s=0.2)
         os.kill(story.pid, signal.SIGKILL)
         story.wait()
     with pytest.raises(TestbedError, match="An earlier run was killed before it could clean up"):

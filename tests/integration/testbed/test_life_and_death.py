@@ -18,7 +18,7 @@ import sys, time
 from robotapp_testbed import ControlPlane
 plane = ControlPlane().start()
 print(plane.run_dir, *plane.pids().values(), flush=True)
-time.sleep(120)
+time.sleep(600)
 """
 
 
@@ -35,8 +35,8 @@ def test_a_killed_owner_leaves_no_process_and_no_file(number: signal.Signals) ->
         assert all(alive(int(pid)) for pid in pids)
         os.kill(owner.pid, number)
         owner.wait()
-    assert wait_until(lambda: not any(alive(int(pid)) for pid in pids), timeout_s=10)
-    assert wait_until(lambda: not Path(run_dir).exists(), timeout_s=10)
+    assert wait_until(lambda: not any(alive(int(pid)) for pid in pids), timeout_s=60)
+    assert wait_until(lambda: not Path(run_dir).exists(), timeout_s=60)
 
 
 def test_two_control_planes_live_side_by_side(control_plane: ControlPlane) -> None:

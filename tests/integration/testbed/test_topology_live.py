@@ -59,7 +59,7 @@ def test_kwok_keeps_the_lease_of_a_simulated_node(installed_plane: ControlPlane,
         items = installed_plane.api.get("/apis/coordination.k8s.io/v1/namespaces/kube-node-lease/leases")["items"]
         return {item["metadata"]["name"] for item in items}
 
-    assert wait_until(lambda: {each.name for each in world} <= leases(), timeout_s=20)
+    assert wait_until(lambda: {each.name for each in world} <= leases(), timeout_s=60)
 
 
 def test_a_job_completes_and_a_deleted_pod_is_gone_at_once(
@@ -75,9 +75,9 @@ def test_a_job_completes_and_a_deleted_pod_is_gone_at_once(
     job = {"apiVersion": "batch/v1", "kind": "Job", "metadata": {"name": "once"}, "spec": {"template": template}}
     pod = {"apiVersion": "v1", "kind": "Pod", "metadata": {"name": "bare"}, **template}
     installed_plane.kubectl("apply", "-n", namespace, "-f", "-", stdin=[job, pod])
-    installed_plane.kubectl("wait", "-n", namespace, "--for=condition=Complete", "job/once", "--timeout=20s")
-    installed_plane.kubectl("wait", "-n", namespace, "--for=condition=Ready", "pod/bare", "--timeout=20s")
-    installed_plane.kubectl("delete", "-n", namespace, "pod/bare", "--timeout=10s")
+    installed_plane.kubectl("wait", "-n", namespace, "--for=condition=Complete", "job/once", "--timeout=60s")
+    installed_plane.kubectl("wait", "-n", namespace, "--for=condition=Ready", "pod/bare", "--timeout=60s")
+    installed_plane.kubectl("delete", "-n", namespace, "pod/bare", "--timeout=60s")
     assert len(world) == 3
 
 
