@@ -24,6 +24,8 @@ _UPDATE: Final = b'{"type":"MODIFIED","object":'
 _AROUND_KIND: Final = len(b'{"type":"","object":')
 _UID: Final = b'"uid":"'
 _UID_BYTES: Final = 36
+_LABELS: Final = b',"labels":{'
+"""Of the object: before managedFields nothing else has such a key. No label holds a brace."""
 _VERSION: Final = b'","resourceVersion":"'
 _STATUS: Final = b',"status":{'
 _NODE: Final = b'"nodeName":"'
@@ -57,7 +59,7 @@ class _Kept(msgspec.Struct, gc=False):
 
 
 class Versions(Generic[T]):
-    """The last versions of pods: structs with `metadata`, `spec` (which has a `node_name`) and `status`.
+    """The last versions of pods: structs with `metadata` (which has `labels`), `spec` (which has a `node_name`) and `status`.
 
     `start` and `end` in a watch line are where the contents of managedFields are, if they are easily found (`managed`).
     """
@@ -68,6 +70,7 @@ class Versions(Generic[T]):
         # The type is made at run time, which no checker can follow.
         head: msgspec.json.Decoder[Any] = msgspec.json.Decoder(_Head[meta])  # type: ignore[valid-type]
         self._head = head.decode
+        self._labels = msgspec.json.Decoder(get_type_hints(meta)["labels"]).decode
         self._status = msgspec.json.Decoder(hints["status"]).decode
         self._make: Any = as_type
         self._most_bytes = most_bytes
@@ -83,29 +86,37 @@ class Versions(Generic[T]):
         known = self._kept.get(line[first : first + _UID_BYTES])
         if known is None or not line.startswith(known.named):
             return None
-        metadata, end = self._metadata(known, line)
+        metadata, rest, end = self._metadata(known, line)
         spec, status = _spec(known, line, end)
         if not status:
             return None
         obj: T = self._make(metadata=metadata, spec=spec, status=self._status(line[status:-2]))
-        known.obj = obj
+        known.rest, known.obj = rest, obj
         return obj
 
-    def _metadata(self, known: _Kept, line: bytes) -> tuple[Any, int]:
-        """Metadata, decoded where more than the version is new, and where the contents of managedFields end."""
-        at = len(known.named)
+    def _metadata(self, known: _Kept, line: bytes) -> tuple[Any, bytes, int]:
+        """Metadata, decoded where more than the version is new, its bytes, and where the contents of managedFields end."""
+        at, rest = len(known.named), known.rest
         last = line.find(b'"', at)
-        if line.startswith(known.rest, last):
+        if line.startswith(rest, last):
             version = line[at:last].decode()
-            return replace(known.obj.metadata, resource_version=version), line.find(b"]", last + len(known.rest))
+            end = line.find(b"]", last + len(rest))
+            return replace(known.obj.metadata, resource_version=version), rest, end
+        first = rest.find(_LABELS) + len(_LABELS)
+        if first >= len(_LABELS) and line.startswith(rest[:first], last):
+            # The API server gives a pod labels of the place it is bound to: nothing else is new.
+            closed = line.find(b"}", last + first)
+            behind = rest[rest.find(b"}", first) :]
+            if line.startswith(behind, closed):
+                labels = self._labels(line[last + first - 1 : closed + 1])
+                metadata = replace(known.obj.metadata, resource_version=line[at:last].decode(), labels=labels)
+                start = closed + len(behind)
+                return metadata, line[last:start], line.find(b"]", start)
         where = managed(line)
         if where is None:
-            return None, len(line)
+            return None, rest, len(line)
         start, end = where
-        metadata = self._head(line[:start] + b"]}}}").object.metadata
-        known.rest = line[last:start]
-        known.obj = self._make(metadata=metadata, spec=known.obj.spec, status=known.obj.status)
-        return metadata, end
+        return self._head(line[:start] + b"]}}}").object.metadata, line[last:start], end
 
     def take(self, kind: str, line: bytes, where: tuple[int, int], obj: Any) -> None:
         """Of a line that was decoded whole: the next version may be nearly the same."""

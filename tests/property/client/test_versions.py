@@ -33,6 +33,7 @@ class Meta(msgspec.Struct, rename="camel", kw_only=True):
     uid: str = ""
     resource_version: str = ""
     labels: dict[str, str] | None = None
+    annotations: dict[str, str] | None = None
 
 
 class Container(msgspec.Struct, rename="camel"):
@@ -75,7 +76,7 @@ SPECS = st.fixed_dictionaries(
 )
 TWINS = st.sampled_from([{}, {}, {"tolerations": ["a"]}, {"tolerations": ["b"]}])
 STATUSES = st.fixed_dictionaries({}, optional={"phase": TEXTS, "more": st.lists(TEXTS, max_size=2)})
-LABELS = st.sampled_from([{"a": "a"}, {"a": "a"}, {"a": "b"}]) | st.dictionaries(TEXTS, TEXTS, max_size=2)
+LABELS = st.sampled_from([{}, {"a": "a"}, {"a": "b"}, {"a": "a", "}": "}"}]) | st.dictionaries(TEXTS, TEXTS, max_size=2)
 
 
 RARELY = st.sampled_from([False] * 7 + [True])
@@ -103,7 +104,8 @@ def _pod(draw: st.DrawFn, number: int, spec: dict[str, Any]) -> dict[str, Any]:
         "name": "n" + uid,
         "uid": uid * 36,
         "resourceVersion": str(number),
-        "labels": draw(LABELS) if draw(RARELY) else {"a": "a"},
+        "labels": draw(LABELS) if draw(st.booleans()) else {"a": "a"},
+        "annotations": {"labels": draw(TEXTS)} if draw(RARELY) else {},
         "managedFields": managed,
     }
     pod = {"metadata": metadata, "spec": spec | node | behind, "status": draw(STATUSES)}
@@ -121,11 +123,13 @@ def test_skipping_known_specs_changes_nothing_that_is_read(lines: list[bytes]) -
     assert [known.event(line) for line in lines] == [whole.event(line) for line in lines]
 
 
-def _news(node: str = "", phase: str = "Pending", kind: str = MODIFIED, uid: str = "1") -> bytes:
+def _news(
+    node: str = "", *, phase: str = "Pending", kind: str = MODIFIED, uid: str = "1", labels: str = "", more: str = ""
+) -> bytes:
     named = f'"nodeName":"{node}",' if node else ""
     return (
         f'{{"type":"{kind}","object":{{"metadata":{{"name":"n","uid":"{uid * 36}","resourceVersion":"1",'
-        f'"labels":{{}},"managedFields":[]}},"spec":{{"containers":[],{named}"securityContext":{{}}}},"status":{{"phase":"{phase}"}}}}}}'
+        f'"labels":{{{labels}}},{more}"managedFields":[]}},"spec":{{"containers":[],{named}"securityContext":{{}}}},"status":{{"phase":"{phase}"}}}}}}'
     ).encode()
 
 
@@ -138,6 +142,22 @@ def test_a_pod_that_got_a_node_and_then_a_status_is_decoded_once() -> None:
     assert (made.spec.node_name, bound.spec.node_name, running.status.phase) == ("", "a", "Running")
     assert running.spec is bound.spec
     assert running.metadata.labels is made.metadata.labels is not None
+
+
+def test_of_a_pod_that_got_labels_of_its_place_only_these_are_decoded() -> None:
+    decoder = WatchDecoder(Podlike, namespaced=True, fixed_keys=True, known_specs=True)
+    annotated = '"annotations":{"b":"}"},'
+    made, bound, running = (
+        decoder.event(line).obj.metadata
+        for line in (
+            _news(kind=ADDED, more=annotated),
+            _news("a", labels='"zone":"x"', more=annotated),
+            _news("a", phase="Running", labels='"zone":"x"', more=annotated),
+        )
+    )
+    assert (made.labels, bound.labels) == ({}, {"zone": "x"})
+    assert bound.annotations is made.annotations is not None
+    assert running.labels is bound.labels
 
 
 def test_what_is_kept_is_bounded_and_ends_with_the_pod() -> None:
