@@ -56,7 +56,8 @@ class Intake:
     def _ours(self, pod: Pod, old: Pod | None) -> None:
         uid = pod.metadata.uid
         if pod.spec.node_name or pod.terminal:
-            self._leave(uid)
+            if old is None or not old.spec.node_name:  # else it has left long ago
+                self._leave(uid)
             return
         if pod.metadata.deletion_timestamp:
             if uid in self.waiting:

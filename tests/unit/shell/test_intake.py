@@ -79,6 +79,14 @@ def test_a_pod_bound_by_somebody_leaves_the_queue() -> None:
     assert desk.reporter.forgotten == ["u1"]
 
 
+def test_news_of_a_bound_pod_asks_nobody_to_forget_it_again() -> None:
+    desk = Desk()
+    for phase in ("Pending", "Running", "Running"):
+        desk.show(pod(node="n1", phase=phase))
+    assert desk.reporter.forgotten == ["u1"]
+    assert "u1" in desk.cluster.placed
+
+
 def test_an_assumed_pod_is_not_queued_again_by_its_own_status_patch() -> None:
     desk = Desk()
     desk.show(pod())
