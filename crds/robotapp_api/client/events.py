@@ -69,8 +69,9 @@ class _Body(msgspec.Struct, rename="camel", omit_defaults=True, gc=False, tag_fi
 
 
 class _Series(msgspec.Struct, gc=False):
-    """One event already written and what happened to it since."""
+    """One event already written and what happened to it since; `key` is None for what cannot happen again."""
 
+    key: "_Key | None"
     namespace: str
     name: str
     body: bytes
@@ -135,7 +136,7 @@ class EventRecorder:
         self._unique = unique or _counter()
         self._most = queue
         self._at_once = in_flight
-        self._queue: deque[tuple[_Key, _Series]] = deque()
+        self._queue: deque[_Series] = deque()
         self._running = False
         self._writing = 0
         self._all_written = asyncio.Event()
@@ -156,24 +157,26 @@ class EventRecorder:
         action: str,
         warning: bool = False,
         related: Json | None = None,
+        once: bool = False,
     ) -> None:
-        """Queue one event about `regarding` (an ObjectReference). Never waits, never raises."""
+        """Queue one event about `regarding` (an ObjectReference). Never waits, never raises.
+
+        What can happen only `once` to an object is neither remembered, so that it could be counted, nor limited.
+        """
         kind = "Warning" if warning else "Normal"
         note = _fit(note)
-        who = regarding.get("uid") or f"{regarding.get('kind')}/{regarding.get('namespace')}/{regarding.get('name')}"
-        key = (who, kind, reason, action, note)
         at = self._client.clock()
-        series = self._series.get(key)
-        if series is not None and at - series.seen_at < SERIES_END_S:
-            self._series.move_to_end(key)
-            series.count += 1
-            series.seen, series.seen_at = self._now(), at
-            self.stats.repeated += 1
-            self._flush(key, series, at)
-            return
-        if not self._allowed(who, at):
-            self.stats.limited += 1
-            return
+        key: _Key | None = None
+        if not once:
+            who = (
+                regarding.get("uid") or f"{regarding.get('kind')}/{regarding.get('namespace')}/{regarding.get('name')}"
+            )
+            key = (who, kind, reason, action, note)
+            if self._repeated(key, at):
+                return
+            if not self._allowed(who, at):
+                self.stats.limited += 1
+                return
         namespace = regarding.get("namespace") or "default"  # where events of cluster-scoped objects live
         name = f"{regarding.get('name', 'unknown')[:220]}.{self._unique()}"
         seen = self._now()
@@ -190,17 +193,29 @@ class EventRecorder:
             api_version=EVENTS.api_version,
             related=related,
         )
-        series = _Series(namespace, name, encode(body), seen, at, at)
-        if self._put(key, series):
+        series = _Series(key, namespace, name, encode(body), seen, at, at)
+        if self._put(series) and key is not None:
             self._series[key] = series
             while len(self._series) > REMEMBERED:
                 self._series.popitem(last=False)
 
-    def _put(self, key: "_Key", series: _Series) -> bool:
+    def _repeated(self, key: "_Key", at: float) -> bool:
+        """Count it on the event that says the same, if there is one."""
+        series = self._series.get(key)
+        if series is None or at - series.seen_at >= SERIES_END_S:
+            return False
+        self._series.move_to_end(key)
+        series.count += 1
+        series.seen, series.seen_at = self._now(), at
+        self.stats.repeated += 1
+        self._flush(series, at)
+        return True
+
+    def _put(self, series: _Series) -> bool:
         if len(self._queue) >= self._most:
             self.stats.dropped += 1
             return False
-        self._queue.append((key, series))
+        self._queue.append(series)
         self._all_written.clear()
         self._next()
         return True
@@ -220,11 +235,11 @@ class EventRecorder:
         bucket.tokens -= 1
         return True
 
-    def _flush(self, key: "_Key", series: _Series, at: float) -> None:
+    def _flush(self, series: _Series, at: float) -> None:
         due = series.count > series.written and at - series.written_at >= self._flush_s
         if due and not series.patching:
             series.patching = True  # before it is queued: its turn may be now
-            if not self._put(key, series):
+            if not self._put(series):
                 series.patching = False
 
     async def run(self) -> None:
@@ -253,7 +268,7 @@ class EventRecorder:
             await self._client.sleep(max(1.0, self._flush_s / 10))
             at = self._client.clock()
             for key, series in list(self._series.items()):
-                self._flush(key, series, at)
+                self._flush(series, at)
                 if at - series.seen_at >= SERIES_END_S and series.count == series.written:
                     del self._series[key]
 
@@ -261,24 +276,24 @@ class EventRecorder:
 
     def _next(self) -> None:
         while self._running and self._queue and self._writing < self._at_once:
-            key, series = self._queue.popleft()
+            series = self._queue.popleft()
             self._writing += 1
             if series.patching:
-                self._follow(self._patched(key, series))
+                self._follow(self._patched(series))
                 continue
             path = EVENTS.path(series.namespace)
             try:
-                self._client.post_soon(path, series.body, partial(self._answered, key, series))
+                self._client.post_soon(path, series.body, partial(self._answered, series))
             except ValueError:  # no path: it must not silence all events that follow
                 self._writing -= 1
                 self.stats.failed += 1
                 log.exception("%s: event lost", self)
 
-    def _answered(self, key: "_Key", series: _Series, error: ClientError | None) -> None:
+    def _answered(self, series: _Series, error: ClientError | None) -> None:
         if error is None:
             self._created(series)
         elif self._running:
-            self._follow(self._insist(key, series, error))
+            self._follow(self._insist(series, error))
             return
         self._ended()
 
@@ -307,27 +322,27 @@ class EventRecorder:
         finally:
             self._ended()
 
-    async def _patched(self, key: "_Key", series: _Series) -> None:
+    async def _patched(self, series: _Series) -> None:
         error = await self._again(series)
         if error is not None:
-            await self._insist(key, series, error)
+            await self._insist(series, error)
 
-    async def _insist(self, key: "_Key", series: _Series, error: ClientError | None) -> None:
+    async def _insist(self, series: _Series, error: ClientError | None) -> None:
         """Try again what failed once, with back-off, a few times."""
         backoff = Backoff(base_s=0.2, cap_s=5.0, uniform=self._client.uniform)
         while error is not None and not isinstance(error, AlreadyExists):  # of an attempt whose answer was lost
             transient = not isinstance(error, ApiError) or isinstance(error, ServerError | TooManyRequests)
             if not transient or backoff.attempt >= ATTEMPTS - 1:
-                self._give_up(key, series, error)
+                self._give_up(series, error)
                 return
             wish_s = error.retry_after_s if isinstance(error, ApiError) else None
             await self._client.sleep(backoff.next_s(at_least_s=wish_s))
             error = await self._again(series)
 
-    def _give_up(self, key: "_Key", series: _Series, error: ClientError) -> None:
+    def _give_up(self, series: _Series, error: ClientError) -> None:
         series.patching = False
-        if self._series.get(key) is series:
-            del self._series[key]  # the next occurrence starts over
+        if series.key is not None and self._series.get(series.key) is series:
+            del self._series[series.key]  # the next occurrence starts over
         if not isinstance(error, NotFound):  # the namespace or the event is gone: nobody misses it
             self.stats.failed += 1
             log.warning("%s: event not written: %s", self, error)

@@ -43,7 +43,8 @@ class PodEvents:
             uid=meta.uid,
             resource_version=meta.resource_version,
         )
-        recorder.event(regarding, reason=reason, note=note, action=action, warning=warning)
+        once = reason is EventReason.SCHEDULED  # nobody is bound twice
+        recorder.event(regarding, reason=reason, note=note, action=action, warning=warning, once=once)
 
     def about(self, regarding: Json, *, reason: str, note: str, warning: bool) -> None:
         """Queue one event about our own configuration."""

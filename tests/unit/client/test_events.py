@@ -106,6 +106,25 @@ async def test_a_repeated_event_becomes_a_count_written_rarely() -> None:
     assert made.recorder.stats.repeated == 60
 
 
+async def test_what_can_happen_once_is_neither_counted_nor_limited() -> None:
+    async with desk(burst=1) as made:
+        made.say()
+        for _ in range(2):
+            made.say("bound", once=True)
+        await settle()
+        assert [event["note"] for event in made.written] == ["hello", "bound", "bound"]
+        made.say()
+    assert (made.recorder.stats.created, made.recorder.stats.repeated, made.recorder.stats.limited) == (3, 1, 0)
+
+
+async def test_what_can_happen_once_is_tried_again_and_given_up_like_any_other() -> None:
+    async with desk() as made:
+        made.network.mishaps = [Mishap.DROPPED] * 3
+        made.say(once=True)
+        await made.time.advance(60)
+        assert (made.recorder.stats.failed, made.written) == (1, [])
+
+
 async def test_a_count_that_stands_still_is_written_in_the_end() -> None:
     async with desk(flush_s=60) as made:
         made.say()
