@@ -90,9 +90,15 @@ async def show_devices(session: Session) -> None:
         return
     keys = ["node", "device", "type", "model", "interface", "present", "holder", "instance", "component", "phase"]
     wide = session.options.output is Output.WIDE
-    keys += ["claim", "path"] if wide else []
+    keys = [*keys, "claim", "path"] if wide else [key for key in keys if _tells(key, rows)]
     columns = [Column(key.upper(), wraps=key == "path") for key in keys]
     print_table(columns, [[row[key] or ("free" if key == "holder" else "") for key in keys] for row in rows])
+
+
+def _tells(key: str, rows: list[dict[str, str]]) -> bool:
+    """Is the column worth its width? Models and interfaces where there are any, presence where something is missing."""
+    usual = {"model": "", "interface": "", "present": "yes"}
+    return key not in usual or any(row[key] != usual[key] for row in rows)
 
 
 def _device(node: str, device: Json, claims: dict[tuple[str, str], Json]) -> dict[str, str]:

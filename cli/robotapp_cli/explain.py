@@ -3,16 +3,20 @@
 from collections import defaultdict
 from collections.abc import Collection
 from dataclasses import asdict, dataclass, field
+from typing import Final
 
 from robotapp_api.client.resources import PODS, ROBOTAPPS
-from robotapp_api.model.names import SYSTEM_NAMESPACE, Label
+from robotapp_api.model.names import SYSTEM_NAMESPACE, Condition, Label
 from robotapp_cli.apps import print_edges
 from robotapp_cli.failures import CliError, Exit
 from robotapp_cli.fields import Json, condition, label, meta, status
 from robotapp_cli.output import Column, Output, blank_line, console, print_table, write_structured
-from robotapp_cli.reasons import budgets, refusals
+from robotapp_cli.reasons import budgets, hardware, refusals
 from robotapp_cli.scheduler_link import Link, connect
 from robotapp_cli.session import Session
+
+_BEFORE_PODS: Final = (Condition.ACCEPTED, Condition.ALLOCATED, Condition.READY)
+"""What keeps pods from being made, first things first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,11 +109,23 @@ async def _instance(app: Json, pods: list[Json], *, robot: str, question: Questi
         peers = budgets(app, name, instance=robot, nodes=nodes)
         for pod in own.get(name, []):
             record = await link.fetch(meta(pod)["namespace"], meta(pod)["name"])
-            rows.append(_row(name, pod, record, refusals(record, peers) if record else []))
+            reasons = refusals(record, peers, wanted=hardware(app, name)) if record else []
+            rows.append(_row(name, pod, record, reasons))
         if name not in own:
-            rows.append(Row(name, reasons=[messages.get(name) or "no pod yet"]))
+            rows.append(Row(name, reasons=[messages.get(name) or _why_none(app)]))
     edges = [edge for edge in observed.get("edges") or [] if question.component in (None, edge["from"], edge["to"])]
     return InstanceView(robot, observed.get("domain"), rows, edges)
+
+
+def _why_none(app: Json) -> str:
+    """Why a component has no pod: what the operator says of the app, if it is no matter of the scheduler."""
+    for kind in _BEFORE_PODS:
+        found = condition(app, kind)
+        if found.get("status") == "False":
+            return f"no pod yet: {found.get('message') or found.get('reason', '')}"
+    if not status(app).get("conditions"):
+        return "no pod yet: the operator has not seen the app; does it run? kubectl get deployments -A -l app.kubernetes.io/component=operator"
+    return "no pod yet"
 
 
 def _by_component(pods: list[Json], robot: str) -> dict[str, list[Json]]:
@@ -161,7 +177,7 @@ def _note(link: Link, views: list[InstanceView]) -> str:
         )
     again = [row.component for view in views for row in view.components if row.recomputed]
     if again:
-        return f"The scheduler has no record any more of: {', '.join(again)}. Shown is what it would decide now."
+        return f"No decision is on record of: {', '.join(again)}. Shown is what the scheduler would decide now."
     missing = _missing(views)
     return f"The scheduler has no record (any more) of: {', '.join(missing)}." if missing else ""
 

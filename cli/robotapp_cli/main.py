@@ -20,7 +20,7 @@ from robotapp_cli.written import address, object_name
 _EPILOG = """\
 Exit codes: 0 done; 1 refused by the API server; 2 wrong usage or unreadable file; 3 API server not reached or not signed in; 4 not found.
 
-Colour only on a terminal (NO_COLOR is respected). Completion: kubectl-robotapp --install-completion
+Colour only on a terminal (NO_COLOR is respected). kubectl completes "kubectl robotapp" by kubectl_complete-robotapp on the PATH; for kubectl-robotapp itself: --install-completion
 """
 
 app = typer.Typer(

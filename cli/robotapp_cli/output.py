@@ -9,12 +9,16 @@ from enum import StrEnum
 from typing import Any, Final
 
 import yaml
+from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 _UNLIMITED: Final = 400
 _BAR: Final = 12
+_GAP: Final = 3
+_NARROWEST: Final = 24
+"""Columns of text are not folded narrower than this: one word a line is no help."""
 _STYLES: Final = {
     **dict.fromkeys(("True", "Running", "yes", "Bound"), "green"),
     **dict.fromkeys(("False", "Failed", "Degraded", "Offline", "no"), "red"),
@@ -60,18 +64,27 @@ class Column:
 def print_table(
     columns: Sequence[Column | str], rows: Iterable[Sequence[str]], *, indent: int = 0, on: Console | None = None
 ) -> None:
-    """Columns without lines, as kubectl prints them."""
-    table = Table(box=None, pad_edge=False, show_edge=False, header_style="bold", padding=(0, 3, 0, 0))
-    for column in columns:
-        spec = column if isinstance(column, Column) else Column(column)
+    """Columns without lines, as kubectl prints them: folded to the width there is, but no name is ever cut."""
+    table = Table(box=None, pad_edge=False, show_edge=False, header_style="bold", padding=(0, _GAP, 0, 0))
+    specs = [column if isinstance(column, Column) else Column(column) for column in columns]
+    lines = [list(row) for row in rows]
+    for spec in specs:
         table.add_column(spec.heading, no_wrap=not spec.wraps, overflow="fold" if spec.wraps else "ellipsis")
-    for row in rows:
+    for row in lines:
         table.add_row(*(Text(cell, style=_STYLES.get(cell, "")) for cell in row))
     target = on or console()
+    target.width = max(target.width - indent, _least_width(specs, lines))
     with target.capture() as capture:
         target.print(table)
     for line in capture.get().splitlines():
         target.file.write(" " * indent + line.rstrip() + "\n")
+
+
+def _least_width(specs: Sequence[Column], rows: Sequence[Sequence[str]]) -> int:
+    """Cells a table takes when everything that may be folded is."""
+    longest = (max(map(cell_len, cells)) for cells in zip([spec.heading for spec in specs], *rows, strict=True))
+    widths = [min(_NARROWEST, width) if spec.wraps else width for spec, width in zip(specs, longest, strict=True)]
+    return sum(widths) + _GAP * len(specs)
 
 
 def blank_line() -> None:

@@ -8,6 +8,7 @@ from robotapp_api.model.names import ROBOT_END
 from robotapp_cli.fields import Json, milliseconds, short_ms
 
 _PREFIX: Final = "node(s) "
+_HARDWARE: Final = "HardwareAffinityFilter"
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,14 +36,23 @@ def budgets(app: Json, component: str, *, instance: str, nodes: Mapping[str, str
     return tuple(dict.fromkeys(found))
 
 
-def refusals(record: Json, peers: tuple[Peer, ...]) -> list[str]:
-    """One line per refused node where there is a number, one per reason otherwise."""
+def hardware(app: Json, component: str) -> str:
+    """What the component asks of a node: `can can0, gpu nvidia`; empty without any."""
+    own: Json = next((item for item in app["spec"]["components"] if item["name"] == component), {})
+    wishes = [*(own.get("requires") or []), *(own.get("devices") or [])]
+    words = (" ".join(wish[key] for key in ("type", "model", "interface", "match") if wish.get(key)) for wish in wishes)
+    return ", ".join(dict.fromkeys(words))
+
+
+def refusals(record: Json, peers: tuple[Peer, ...], *, wanted: str = "") -> list[str]:
+    """One line per refused node where there is a number, one per reason otherwise; `wanted` is the hardware asked for."""
     stated = tuple(
         Peer(e["peerNode"], e["budgetMs"]) for e in record.get("edges") or [] if e.get("budgetMs") is not None
     )
     lines: list[str] = []
     for refusal in record.get("refusals") or []:
-        lines += _lines(refusal, stated or peers)
+        added = f": {wanted}" if wanted and refusal.get("plugin") == _HARDWARE else ""
+        lines += [f"{line}{added}" for line in _lines(refusal, stated or peers)]
     return lines
 
 

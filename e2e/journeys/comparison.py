@@ -35,7 +35,10 @@ def compare_with_kube_scheduler(stage: Stage, world: World) -> None:
     stage.step(f"The same application {_COPIES} times under each scheduler")
     counts = {}
     for scheduler in ("default-scheduler", "ros-aware-scheduler"):
-        with created(world.cluster, f"{NAMESPACE}-{scheduler.partition('-')[0]}") as namespace:
+        with (
+            created(world.cluster, f"{NAMESPACE}-{scheduler.partition('-')[0]}") as namespace,
+            stage.waiting(f"{scheduler} places {_COPIES} copies"),
+        ):
             legs = _placed_legs(world, namespace, scheduler)
         counts[scheduler] = sum(not leg.met for leg in legs)
         stage.say(f"[bold]{scheduler}[/bold]: {counts[scheduler]} of {len(legs)} edges miss their budget")

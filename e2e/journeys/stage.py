@@ -68,6 +68,12 @@ class Stage:
         took_s = time.monotonic() - began_s
         self.console.print(f"[dim]{what}: {took_s:.1f} s[/dim]")
 
+    @contextmanager
+    def waiting(self, what: str) -> Iterator[Callable[[str], None]]:
+        """On a terminal say what is waited for, in a line that goes when it is over; it may be told how far it is."""
+        with self.console.status(what) as line:
+            yield line.update
+
 
 def wait_for(what: str, probe: Callable[[], T | None], *, within_s: float, every_s: float = 0.02) -> tuple[T, float]:
     """Poll until `probe` returns something true; the value and the seconds it took. Raise FalseClaimError at the deadline."""

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 from robotapp_api.claims.instances import robot_of
+from robotapp_api.model.component import Component
 from robotapp_api.model.distros import DISTROS, nearest
 from robotapp_api.model.names import ROBOT_END, Annotation, Reason
 from robotapp_operator.plan.environment import OURS
@@ -79,6 +80,7 @@ def _middleware_problems(app: App) -> Iterator[Problem]:
 
 def _component_problems(app: App) -> Iterator[Problem]:
     for index, component in enumerate(app.spec.components):
+        yield from _resource_problems(index, component)
         for variable in component.env:
             if variable.get("name") in OURS:
                 yield _invalid(
@@ -97,6 +99,17 @@ def _component_problems(app: App) -> Iterator[Problem]:
             )
     yield from _unknown_names(app)
     yield from _contradictions(app)
+
+
+def _resource_problems(index: int, component: Component) -> Iterator[Problem]:
+    """What the API server would refuse in the pod, in the words of its container."""
+    limits = component.resources.get("limits") or {}
+    for name in component.resources.get("requests") or {}:
+        if ("/" in name or name.startswith("hugepages-")) and name not in limits:
+            yield _invalid(
+                f'spec.components[{index}].resources.requests["{name}"]',
+                f"{name} cannot be given to two pods at once, so it needs a limit; write it under limits, the request follows it",
+            )
 
 
 def _unknown_names(app: App) -> Iterator[Problem]:

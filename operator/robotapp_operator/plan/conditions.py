@@ -110,7 +110,7 @@ def placed(facts: AppFacts) -> Verdict:
             if component.reason == Reason.UNSCHEDULABLE:
                 text = _named(instance, f"{component.name}: {component.message}")
                 if facts.app.our_scheduler:
-                    text += f"; kubectl robotapp explain {facts.app.name} shows every node's reason"
+                    text = f"{text.rstrip('.')}; kubectl robotapp explain {facts.app.name} shows every node's reason"
                 return Verdict("False", Reason.UNSCHEDULABLE, f"{bound} of {len(parts)} placed; {text}")
     if parts and bound == len(parts):
         nodes = sorted({node for component in parts for node in component.nodes})

@@ -42,6 +42,14 @@ class World:
             [PROGRAM, *arguments], env=environment, input=stdin, capture_output=True, text=True, check=False
         )
 
+    def completed(self, *words: str) -> list[str]:
+        """What kubectl's own completion gets for `kubectl robotapp WORD…`, as a shell asks it on TAB."""
+        path = f"{PROGRAM.parent}:{self.plane.run_dir / 'bin'}:/usr/bin:/bin"
+        environment = {"KUBECONFIG": str(self.plane.kubeconfig("admin")), "PATH": path, "HOME": str(self.plane.run_dir)}
+        command = ["kubectl", "__complete", "robotapp", *words]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+        return done.stdout.splitlines()
+
     def text(self, *arguments: str) -> str:
         done = self.run(*arguments, "-n", NAMESPACE)
         assert done.returncode == 0, done.stderr
@@ -111,6 +119,11 @@ def test_list_and_info_show_what_kubectl_get_shows(world: World) -> None:
     info = world.text("info", "teleop")
     assert f"robot amr-07, domain {domain}" in info
     assert "DomainAllocated" in info
+
+
+def test_kubectl_completes_our_commands_and_the_names_in_the_cluster(world: World) -> None:
+    assert world.completed("expl")[0].startswith("explain\t")
+    assert world.completed("info", "-n", NAMESPACE, "te") == ["teleop", ":4"]
 
 
 def test_domains_and_devices_name_their_holders(world: World) -> None:

@@ -194,6 +194,13 @@ class TestDevices:
         assert rows[2] == ["gone", "lidar", "usb", "no", "b/teleop", "amr-07", "driver", "Bound"]
         assert [row["device"] for row in stage.data("devices", "-n", "fleet")["devices"]] == ["cam", "can-can0"]
 
+    def test_columns_that_say_nothing_are_left_out_of_the_narrow_form(self, stage: Stage) -> None:
+        device = {"id": "cam", "type": "usb", "present": True}
+        stage.add("robotics.io/nodetelemetries", {"metadata": {"name": "n"}, "status": {"devices": [device]}})
+        narrow, wide = (stage.text("devices", "-o", form).splitlines()[0].split() for form in ("table", "wide"))
+        assert narrow == ["NODE", "DEVICE", "TYPE", "HOLDER", "INSTANCE", "COMPONENT", "PHASE"]
+        assert {"MODEL", "INTERFACE", "PRESENT", "CLAIM", "PATH"} <= set(wide)
+
     def test_a_device_whose_id_is_no_label_is_found_under_its_hashed_name(self, stage: Stage) -> None:
         device = {"id": "/dev/ttyUSB0", "type": "serial", "present": True}
         stage.add("robotics.io/nodetelemetries", {"metadata": {"name": "n"}, "status": {"devices": [device]}})

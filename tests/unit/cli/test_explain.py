@@ -135,8 +135,27 @@ def test_structured_output_says_where_it_comes_from(placed: Stage) -> None:
 def test_what_the_scheduler_decided_again_to_answer_is_marked(placed: Stage) -> None:
     placed.scheduler.records["panel-1"] = {**RECORD, "recomputed": True}
     text = placed.text("explain", "teleop", "--scheduler-url", placed.scheduler.url)
-    assert "no record any more of: panel. Shown is what it would decide now." in text
+    assert "No decision is on record of: panel. Shown is what the scheduler would decide now." in text
     assert placed.data("explain", "teleop", "--scheduler-url", placed.scheduler.url)["source"] == "scheduler"
+
+
+@pytest.mark.parametrize(
+    ("conditions", "text"),
+    [
+        ([("Accepted", "False", "spec.dds: wrong"), ("Allocated", "Unknown", "waits")], "no pod yet: spec.dds: wrong"),
+        ([("Accepted", "True", ""), ("Allocated", "False", "domain 5 is taken")], "no pod yet: domain 5 is taken"),
+        ([("Allocated", "True", ""), ("Ready", "False", "quota is used up")], "no pod yet: quota is used up"),
+        ([("Allocated", "Unknown", "")], "no pod yet"),
+        ([], "no pod yet: the operator has not seen the app; does it run? kubectl get deployments -A -l"),
+    ],
+)
+def test_a_component_without_pods_says_what_keeps_them(
+    stage: Stage, conditions: list[tuple[str, str, str]], text: str
+) -> None:
+    found = [dict(zip(("type", "status", "message"), item, strict=True)) for item in conditions]
+    stage.add(ROBOTAPPS, robotapp(status={"conditions": found}))
+    line = stage.text("explain", "teleop", "--scheduler-url", stage.scheduler.url).splitlines()[2]
+    assert " ".join(line.split()).startswith(f"driver waiting {text}")
 
 
 def test_wide_shows_the_scores(placed: Stage) -> None:

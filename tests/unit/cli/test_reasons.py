@@ -3,8 +3,9 @@
 import pytest
 from tests.support.cli import robotapp
 
-from robotapp_cli.reasons import Peer, budgets, refusals
+from robotapp_cli.reasons import Peer, budgets, hardware, refusals
 from robotapp_scheduler.core.explain import EdgeView, Example, Record, Refusal, as_json
+from robotapp_scheduler.plugins.ros.hardware_affinity import LACKS, HardwareAffinityFilter
 
 
 def record(*found: Refusal, edges: tuple[EdgeView, ...] = ()) -> dict[str, object]:
@@ -76,3 +77,23 @@ def test_budgets_come_from_both_ends_of_the_edges_and_from_the_policies() -> Non
     found = budgets(app, "panel", instance="amr-07", nodes={"driver": "edge-1"})
     assert found == (Peer("edge-1", 30.0), Peer("amr-07", 50.0), Peer("amr-07", 80.0))
     assert budgets(app, "driver", instance="", nodes={}) == (Peer("panel", 30.0),)
+
+
+def test_missing_hardware_is_named_as_the_component_asks_for_it() -> None:
+    app = robotapp()
+    app["spec"]["components"][0] |= {
+        "requires": [{"type": "gpu", "model": "nvidia"}],
+        "devices": [
+            {"name": "bus", "type": "can", "interface": "can0"},
+            {"name": "eye", "type": "usb", "match": "8086:0b3a"},
+        ],
+    }
+    wanted = hardware(app, "driver")
+    assert wanted == "gpu nvidia, can can0, usb 8086:0b3a"
+    assert hardware(app, "panel") == hardware(app, "(discovery)") == ""
+    lacks = Refusal(plugin=HardwareAffinityFilter.name, reason=LACKS, nodes=1, examples=(Example("edge-1"),))
+    other = Refusal(plugin="NodeAffinity", reason="node(s) didn't match", nodes=1, examples=(Example("edge-2"),))
+    assert refusals(record(lacks, other), (), wanted=wanted) == [
+        "edge-1: didn't have the required hardware: gpu nvidia, can can0, usb 8086:0b3a",
+        "edge-2: didn't match",
+    ]

@@ -82,6 +82,15 @@ def test_variables_that_belong_to_the_app_are_refused_on_one_component(variable:
     assert f"{variable} of b" in message
 
 
+@pytest.mark.parametrize("resource", ["nvidia.com/gpu", "hugepages-2Mi"])
+def test_what_cannot_be_shared_needs_a_limit(resource: str) -> None:
+    asked = {"requests": {"cpu": "1", resource: "1"}}
+    _, field, message = only_problem(make_app(component("a"), component("b", resources=asked)))
+    assert field == f'spec.components[1].resources.requests["{resource}"]'
+    assert "write it under limits" in message
+    assert problems_of(make_app(component("b", resources={**asked, "limits": {resource: "1"}})), {}) == ()
+
+
 def test_parameters_need_a_command_line_they_can_be_appended_to() -> None:
     bare = make_app(component("a", params={"configMap": "c"}))
     assert "write command or args of a" in only_problem(bare)[2]

@@ -1,0 +1,24 @@
+"""Tables: folded to the width there is, readable whatever it is."""
+
+import io
+
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.cells import cell_len
+from rich.console import Console
+
+from robotapp_cli.output import Column, print_table
+
+CELL = st.text("abcdefgh -", max_size=40).map(str.strip)
+
+
+@given(st.lists(st.tuples(CELL, CELL, CELL), min_size=1, max_size=4), st.integers(20, 160), st.sampled_from([0, 2]))
+def test_no_name_is_cut_and_only_names_make_a_line_too_long(
+    rows: list[tuple[str, str, str]], width: int, indent: int
+) -> None:
+    text = io.StringIO()
+    columns = ["FIRST", "SECOND", Column("TEXT", wraps=True)]
+    print_table(columns, rows, indent=indent, on=Console(file=text, width=width))
+    assert all(name in text.getvalue() for row in rows for name in row[:2])
+    names = sum(max(map(len, (heading, *(row[at] for row in rows)))) for at, heading in enumerate(("FIRST", "SECOND")))
+    assert max(map(cell_len, text.getvalue().splitlines())) <= max(width, indent + names + 24 + 3 * 3)
