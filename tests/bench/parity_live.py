@@ -43,8 +43,8 @@ LIVE: Final = [name for name in FAMILIES if name not in NOT_LIVE]
 NODES, PLACED = 8, 8
 EVERY_ONE_NODE: Final = 4
 """Every so many cases there is one node, whose first reason is the whole text."""
-SETTLE_S: Final = (0.03, 0.3, 1.0)
-"""Waited after a cluster was built, per try."""
+SETTLE_S: Final = (0.03, 0.3, 1.0, 4.0)
+"""Waited after a cluster was built, per try: the last is for a machine with much else to do."""
 SHRUNK: Final = 3
 ATTEMPTS: Final = 120
 REFUSALS: Final = (BadRequest, Forbidden, Invalid)

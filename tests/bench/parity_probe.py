@@ -28,9 +28,9 @@ Json = dict[str, Any]
 OURS: Final = "ours"
 NAME: Final = "new"
 """What the pod is called in texts, whatever its name was in this attempt."""
-PATIENCE_S: Final = 20.0
-EVICTIONS_S: Final = 1.0
-QUIET_S: Final = 0.2
+PATIENCE_S: Final = 60.0
+EVICTIONS_S: Final = 10.0
+QUIET_S: Final = 0.5
 """Who was to be evicted and is not yet gone was terminating from the start."""
 LOOK_S: Final = 0.02
 

@@ -20,8 +20,8 @@ from robotapp_testbed.topology import SimulatedTelemetry, apply, fleet
 
 NAMESPACE = "crash"
 COMPONENTS = ("operator", "scheduler")
-_READY_S = 60.0
-_RESTART_S = 10.0
+_READY_S = 180.0
+_RESTART_S = 30.0
 _APPS = f"/apis/{API_VERSION}/namespaces/{NAMESPACE}/robotapps"
 
 

@@ -63,7 +63,7 @@ def test_a_single_replica_component_waits_for_its_predecessor_to_end(
         stage.wait_bound("later")
         assert stage.node_of(new["metadata"]["name"]) == ""
         installed_plane.api.patch(path, {"metadata": {"finalizers": None}})
-        stage.wait_bound(new["metadata"]["name"], timeout_s=5.0)
+        stage.wait_bound(new["metadata"]["name"])
 
 
 class Domain:

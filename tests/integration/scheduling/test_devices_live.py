@@ -118,6 +118,7 @@ def test_twenty_pods_and_three_devices_three_run_and_each_device_has_one_holder(
 
 def test_a_node_without_the_device_is_refused_for_it(installed_plane: ControlPlane, stage: Stage) -> None:
     with nodes(installed_plane, edge("edge-1")):
+        stage.wait_known("edge-1")
         stage.create_pod(driver("lonely"))
         message = stage.wait_refused("lonely", reason="Unschedulable")
         assert message.startswith("0/1 nodes are available: 1 node(s) didn't have the required hardware.")

@@ -53,7 +53,7 @@ def get(scheduler: Process, path: str, *, bearer: str = "", context: ssl.SSLCont
 
 
 def allow(stage: Stage, user: str) -> None:
-    """`user` may get pods in the stage's namespace."""
+    """`user` may get pods in the stage's namespace, and nobody asked before it holds: answers are remembered for seconds."""
     api, group = "/apis/rbac.authorization.k8s.io/v1", "rbac.authorization.k8s.io"
     inside = f"{api}/namespaces/{stage.namespace}"
     rules = [{"apiGroups": [""], "resources": ["pods"], "verbs": ["get"]}]
@@ -64,6 +64,8 @@ def allow(stage: Stage, user: str) -> None:
         "subjects": [{"apiGroup": group, "kind": "User", "name": user}],
     }
     stage.cp.api.create(f"{inside}/rolebindings", body)
+    may = ("auth", "can-i", "get", "pods", "-n", stage.namespace, f"--as={user}")
+    stage.wait(lambda: stage.cp.kubectl(*may, check=False).startswith("yes"), what=lambda: f"{user}'s rights")
 
 
 def test_a_tenant_sees_reasons_without_names_of_nodes_and_an_admin_sees_all(
@@ -104,9 +106,7 @@ def test_a_client_certificate_is_an_identity_too(
         stage.create_pod(pod("asked"))
         stage.wait_bound("asked")
         path = f"/explain/{stage.namespace}/asked"
-        allow(stage, "amy")  # and asked about only when it holds: an answer is remembered for some seconds
-        may = ("auth", "can-i", "get", "pods", "-n", stage.namespace, "--as=amy")
-        stage.wait(lambda: installed_plane.kubectl(*may, check=False).startswith("yes"), what=lambda: "amy's rights")
+        allow(stage, "amy")
         assert get(guarded, path, context=presenting("amy"))[0] == 200
         assert get(guarded, path, context=presenting("ben"))[0] == 403
 

@@ -1,5 +1,6 @@
 """An app planned whole by the worker on a real API server, and placed all the same when the worker is killed."""
 
+import json
 import os
 import signal
 from itertools import product
@@ -7,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from tests.support.apiobjects import component
+from tests.support.ports import ask
 from tests.support.stage import Json, Stage, deployment, nodes
 
 from robotapp_api.model.names import API_VERSION, Label
@@ -73,8 +75,33 @@ def wait_placed(stage: Stage, app: str) -> dict[str, str]:
         where = placed(stage, app)
         return len(where) == 6 and all(where.values())
 
-    stage.wait(whole, what=lambda: f"{app}: {placed(stage, app)}", timeout_s=40)
+    stage.wait(whole, what=lambda: f"{app}: {placed(stage, app)}", timeout_s=120)
     return placed(stage, app)
+
+
+def optimal(stage: Stage, scheduler: Process) -> dict[str, str]:
+    """Where an app went whose plan was proved the best one.
+
+    A search has a tenth of a second; one that a busy machine left none of it says so, and the next app has its turn.
+    """
+    said: list[str] = []
+    for name in ("teleop", "teleop-b", "teleop-c", "teleop-d"):
+        create(stage, name, pinned=PINNED)
+        where = wait_placed(stage, name)
+        said.append(how_planned(stage, name, scheduler))
+        if "no plan is better" in said[-1]:
+            return where
+        stage.cp.kubectl("delete", "deployments,robotapps", "--all", "-n", stage.namespace)
+        stage.wait(lambda: not stage.pods(), what=lambda: f"left: {stage.pods()}")
+    raise AssertionError(f"no plan was proved the best one: {said}")
+
+
+def how_planned(stage: Stage, app: str, scheduler: Process) -> str:
+    """What the explanation of a pod of the app says of the plan it followed."""
+    first = stage.pods(**{str(Label.APP): app})[0]["metadata"]["name"]
+    status, text = ask(f"{scheduler.health_url}/explain/{stage.namespace}/{first}")
+    assert status == 200, text
+    return str(json.loads(text)["planned"])
 
 
 def workers(process: Process) -> list[int]:
@@ -92,8 +119,7 @@ def test_six_components_get_the_least_rtt_and_a_killed_worker_holds_nobody(
 ) -> None:
     with nodes(installed_plane, *world(cpu="2")):
         measure(installed_plane)
-        create(stage, "teleop", pinned=PINNED)
-        where = wait_placed(stage, "teleop")
+        where = optimal(stage, scheduler)
         assert wire_ms(where) == least_wire_ms(), where
         (worker,) = workers(scheduler)
     with nodes(installed_plane, *world(cpu="16")):
@@ -140,6 +166,6 @@ def test_a_ring_of_sixty_four_components_runs_on_nodes_of_which_one_is_too_far(
             where = placed(stage, "ring")
             return len(where) == RING and all(where.values())
 
-        stage.wait(whole, what=lambda: f"{placed(stage, 'ring')}", timeout_s=60)
+        stage.wait(whole, what=lambda: f"{placed(stage, 'ring')}", timeout_s=120)
         where = placed(stage, "ring")
         assert len({node == "far-cloud" for node in where.values()}) == 1, where

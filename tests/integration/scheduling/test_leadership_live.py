@@ -20,8 +20,9 @@ from robotapp_testbed.product import start_scheduler
 pytestmark = pytest.mark.live
 
 LEASE = "/apis/coordination.k8s.io/v1/namespaces/robotapp-system/leases/robotapp-scheduler"
-QUICK = {"leaseDuration": "3s", "renewDeadline": "2s", "retryPeriod": "500ms"}
-SLOW = {"leaseDuration": "60s", "renewDeadline": "40s", "retryPeriod": "500ms"}
+QUICK = {"leaseDuration": "9s", "renewDeadline": "8s", "retryPeriod": "500ms"}
+"""Quicker than by default, and still nothing that a leader on a busy machine loses by itself."""
+SLOW = {"leaseDuration": "300s", "renewDeadline": "200s", "retryPeriod": "500ms"}
 
 
 @pytest.fixture
@@ -53,7 +54,7 @@ def two(installed_plane: ControlPlane, config: Path) -> Iterator[tuple[Process, 
 
 @pytest.fixture
 def two_patient(installed_plane: ControlPlane, tmp_path: Path) -> Iterator[tuple[Process, Process]]:
-    """Whoever has to wait until the lease runs out waits a minute."""
+    """Whoever has to wait until the lease runs out waits longer than any deadline here."""
     yield from pair(installed_plane, configured(tmp_path, SLOW))
 
 
@@ -76,7 +77,7 @@ def test_the_standby_is_ready_does_nothing_and_takes_over_when_the_leader_dies(
         assert "leading" not in standby.log_text()
         leader.kill()
         stage.create_pod(pod("by-the-standby"))
-        stage.wait_bound("by-the-standby", timeout_s=15.0)
+        stage.wait_bound("by-the-standby")
         assert "leading" in standby.log_text()
 
 
@@ -112,7 +113,7 @@ def test_killed_in_the_middle_of_a_burst_every_pod_is_bound_once_by_its_successo
         def bound() -> int:
             return sum(1 for item in stage.pods() if item["spec"].get("nodeName"))
 
-        stage.wait(lambda: bound() == 200, what=lambda: f"{bound()} of 200 bound", timeout_s=60.0)
+        stage.wait(lambda: bound() == 200, what=lambda: f"{bound()} of 200 bound", timeout_s=150.0)
         per_node = Counter(item["spec"]["nodeName"] for item in stage.pods())
         assert max(per_node.values()) <= 60
         process.stop()

@@ -68,8 +68,8 @@ class Twins:
     def __init__(self, stage: Stage) -> None:
         self.stage = stage
 
-    def waiting(self, name: str, **fields: Any) -> None:
-        """They find no place yet."""
+    def waiting(self, name: str, *, saying: str = "", **fields: Any) -> None:
+        """They find no place yet, for a reason in these words."""
         for suffix, scheduler in WHO.items():
             own = (
                 {"volumes": [{"name": "data", "persistentVolumeClaim": {"claimName": f"{name}-{suffix}"}}]}
@@ -77,8 +77,12 @@ class Twins:
                 else {}
             )
             self.stage.create_pod(pod(f"{name}-{suffix}", scheduler=scheduler, **fields, **own))
+        self.told(name, saying)
+
+    def told(self, name: str, saying: str) -> None:
+        """Both know why by now, and neither is still trying: what comes next is what wakes them."""
         for suffix in WHO:
-            self.stage.wait_refused(f"{name}-{suffix}", reason="Unschedulable")
+            self.stage.wait_refused(f"{name}-{suffix}", reason="Unschedulable", saying=saying)
 
     def bound(self, name: str) -> None:
         for suffix in WHO:
@@ -96,8 +100,9 @@ def what_happens_to_nodes(cp: ControlPlane, twins: Twins, node: str) -> None:
     twins.waiting("label", nodeSelector={"audit": "yes"})
     cp.api.patch(path, {"metadata": {"labels": {"audit": "yes"}}})
     twins.bound("label")
-    cp.api.patch(path, {"spec": {"unschedulable": True}})
-    twins.waiting("cordon")
+    # Labelled with the same write: whoever has not seen it yet binds nothing.
+    cp.api.patch(path, {"metadata": {"labels": {"cordoned": "yes"}}, "spec": {"unschedulable": True}})
+    twins.waiting("cordon", saying="were unschedulable", nodeSelector={"cordoned": "yes"})
     cp.api.patch(path, {"spec": {"unschedulable": None, "taints": None}})
     twins.bound("cordon")
     twins.waiting("large", requests={"cpu": "3"})
@@ -127,7 +132,9 @@ def what_happens_to_volumes(cp: ControlPlane, twins: Twins, node: str) -> None:
     twins.waiting("mounts")
     for suffix in WHO:
         cp.api.create(claims_path(twins.stage.namespace), claim(f"mounts-{suffix}", name))
+    twins.told("mounts", "unbound immediate PersistentVolumeClaims")
     with storage_class(cp, name):
+        twins.told("mounts", "didn't find available persistent volumes to bind")
         for suffix in WHO:
             cp.api.create(VOLUMES, volume(f"{name}-{suffix}", name, node=node))
         twins.bound("mounts")

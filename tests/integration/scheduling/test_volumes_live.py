@@ -142,6 +142,7 @@ def test_a_pod_whose_claim_is_missing_says_so_and_is_tried_when_it_appears(
     installed_plane: ControlPlane, stage: Stage, local: str
 ) -> None:
     with nodes(installed_plane, edge("edge-1")):
+        stage.wait_known("edge-1")
         stage.create_pod(pod("mapper", volumes=mounts("map")))
         message = stage.wait_refused("mapper", reason="Unschedulable")
         assert message == '0/1 nodes are available: persistentvolumeclaim "map" not found. not found'
@@ -173,10 +174,12 @@ def test_pods_that_wait_for_volumes_hold_nobody_up(installed_plane: ControlPlane
             create_claim(stage, f"log-{index}", made)
             stage.create_pod(pod(f"slow-{index}", volumes=mounts(f"log-{index}")))
         stage.create_pod(pod("plain"))
-        assert stage.wait_bound("plain", timeout_s=5.0) == "edge-1"
+        assert stage.wait_bound("plain") == "edge-1"
         with provisioner(installed_plane, stage.namespace):
             stage.wait(
-                lambda: all(each["spec"].get("nodeName") for each in stage.pods()), what=lambda: "some are not bound"
+                lambda: all(each["spec"].get("nodeName") for each in stage.pods()),
+                what=lambda: "some are not bound",
+                timeout_s=150.0,
             )
 
 
@@ -201,7 +204,7 @@ def test_a_scheduler_that_dies_between_the_claim_and_the_binding_leaves_nothing_
         second: Process = start_scheduler(installed_plane, sweep_seconds=1, insecure_explain=True, log_format="text")
         try:
             with provisioner(installed_plane, stage.namespace):
-                assert stage.wait_bound("recorder", timeout_s=60.0) == chosen
+                assert stage.wait_bound("recorder") == chosen
         finally:
             second.stop()
         assert bound_claim(stage, "map")

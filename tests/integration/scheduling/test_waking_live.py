@@ -26,6 +26,7 @@ def test_the_first_of_its_kind_goes_anywhere_as_soon_as_the_last_one_elsewhere_i
         assert stage.wait_bound("old") == "edge-1"
         installed_plane.api.patch("/api/v1/nodes/edge-1", {"spec": {"unschedulable": True}})
         with nodes(installed_plane, edge("edge-2")):
+            stage.wait_known("edge-2")
             stage.create_pod(together("new"))
             stage.wait_refused("new", reason="Unschedulable")
             stage.delete_pod("old")

@@ -13,6 +13,7 @@ MOST = 0.35
 
 
 @pytest.mark.live
+@pytest.mark.timeout(1200)
 def test_a_pod_with_company_costs_us_a_fraction_of_what_it_costs_kube_scheduler() -> None:
     options = Options(
         workloads=("zone-affinity",),
