@@ -56,6 +56,7 @@ def behind_poison_s(stage: Stage) -> float:
 def test_a_healthy_pod_behind_all_the_poison_the_api_server_takes_is_bound_within_a_second(
     installed_plane: ControlPlane, stage: Stage, scheduler: Process
 ) -> None:
+    said_before = len(scheduler.log_text())  # by schedulers of other tests: the file is theirs, too
     with nodes(installed_plane, *(edge(f"edge-{number}") for number in range(1, 6))):
         alone_s = max(bound_s(stage, f"alone-{number}") for number in range(3))
         allowed_s = max(BEHIND_S, MARGIN * alone_s)
@@ -64,5 +65,5 @@ def test_a_healthy_pod_behind_all_the_poison_the_api_server_takes_is_bound_withi
             with created(installed_plane, f"{stage.namespace}-{len(behind_s)}") as namespace:
                 behind_s.append(behind_poison_s(Stage(installed_plane, namespace)))
         assert min(behind_s) < allowed_s, f"{behind_s} s behind, {alone_s:.2f} s alone"
-        assert "Traceback" not in scheduler.log_text()
+        assert "Traceback" not in scheduler.log_text()[said_before:]
         assert scheduler.rss_bytes() < 400e6

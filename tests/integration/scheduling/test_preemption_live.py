@@ -109,6 +109,7 @@ def test_a_disruption_budget_sends_the_preemption_elsewhere(installed_plane: Con
             lambda: installed_plane.api.get(f"{path}/guard")["status"].get("currentHealthy") == 1,
             what=lambda: f"{installed_plane.api.get(f'{path}/guard')['status']}",
         )
+        stage.wait_known(own(stage, 1), own(stage, 2))  # the budget was there before: by now it is known, too
         where = stage.node_of("free")
         stage.create_pod(ranked("vip", "middle", "1"))
         assert stage.wait_bound("vip") == where

@@ -112,7 +112,7 @@ def test_while_pods_flow_another_strategy_takes_over_at_once_and_no_pod_is_lost(
         bound = {item: stage.wait_bound(item) for item in names("before", "during", "after")}
         assert bound["before-0"] != fuller
         assert len({bound[item] for item in names("after")}) == 1, "packed on one node"
-        assert settings.kept() == document(strategy="MostAllocated")
+        stage.wait(lambda: settings.kept() == document(strategy="MostAllocated"), what=settings.kept)
         stage.wait(lambda: "ConfigReloaded" in settings.told(), what=settings.told)
 
 

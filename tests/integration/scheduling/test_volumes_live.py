@@ -131,7 +131,7 @@ def test_a_provisioner_that_refuses_a_node_sends_the_pod_back_to_try_again(
         create_claim(stage, "log", made)
         with provisioner(installed_plane, stage.namespace, refuses=frozenset({"edge-1"})):
             stage.create_pod(pod("recorder", volumes=mounts("log")))
-            message = stage.wait_refused("recorder", reason="SchedulerError")
+            message = stage.wait_refused("recorder", reason="SchedulerError", saying="provisioning failed")
         assert message == ('running PreBind plugin "VolumeBinding": binding volumes: provisioning failed for PVC "log"')
         with provisioner(installed_plane, stage.namespace):
             assert stage.wait_bound("recorder") == "edge-1"
