@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 from itertools import product
 from pathlib import Path
@@ -25,6 +26,7 @@ RTT_MS = {
     ("robot", "e1"): 12, ("robot", "e2"): 14, ("robot", "e3"): 55, ("robot", "desk"): 30, ("e1", "e2"): 25,
     ("e1", "e3"): 9, ("e1", "desk"): 22, ("e2", "e3"): 28, ("e2", "desk"): 6, ("e3", "desk"): 40,
 }  # fmt: skip
+TRIES = 8
 FAR = 40
 """So many nodes that cannot be reached in time make the problem one for the worker."""
 
@@ -79,21 +81,24 @@ def wait_placed(stage: Stage, app: str) -> dict[str, str]:
     return placed(stage, app)
 
 
-def optimal(stage: Stage, scheduler: Process) -> dict[str, str]:
-    """Where an app went whose plan was proved the best one.
+def try_for_the_least(stage: Stage, scheduler: Process) -> list[int]:
+    """The wire of some apps, one after the other, until one has the least there is.
 
-    A search has a tenth of a second; one that a busy machine left none of it says so, and the next app has its turn.
+    A search ends after a tenth of a second, whatever a busy machine left it of that; what its plan is worth it says.
     """
-    said: list[str] = []
-    for name in ("teleop", "teleop-b", "teleop-c", "teleop-d"):
+    found: list[int] = []
+    for number in range(TRIES):
+        name = f"teleop-{number}"
         create(stage, name, pinned=PINNED)
-        where = wait_placed(stage, name)
-        said.append(how_planned(stage, name, scheduler))
-        if "no plan is better" in said[-1]:
-            return where
+        found.append(wire_ms(wait_placed(stage, name)))
+        said = how_planned(stage, name, scheduler)
+        better = re.search(r"no plan is more than (\d+) % better", said)
+        if found[-1] == least_wire_ms() and (better or "no plan is better" in said):
+            break
+        assert better, f"{found[-1]} ms instead of {least_wire_ms()}: {said}"
         stage.cp.kubectl("delete", "deployments,robotapps", "--all", "-n", stage.namespace)
         stage.wait(lambda: not stage.pods(), what=lambda: f"left: {stage.pods()}")
-    raise AssertionError(f"no plan was proved the best one: {said}")
+    return found
 
 
 def how_planned(stage: Stage, app: str, scheduler: Process) -> str:
@@ -119,8 +124,8 @@ def test_six_components_get_the_least_rtt_and_a_killed_worker_holds_nobody(
 ) -> None:
     with nodes(installed_plane, *world(cpu="2")):
         measure(installed_plane)
-        where = optimal(stage, scheduler)
-        assert wire_ms(where) == least_wire_ms(), where
+        found = try_for_the_least(stage, scheduler)
+        assert found[-1] == least_wire_ms(), found
         (worker,) = workers(scheduler)
     with nodes(installed_plane, *world(cpu="16")):
         measure(installed_plane)

@@ -2,6 +2,7 @@
 
 import re
 import secrets
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -148,9 +149,9 @@ def test_a_group_with_words_for_numbers_is_named_on_its_pods_at_once_and_placed_
         names = members(stage, "two", 2)
         wrong = 'PodGroup two cannot be planned: field spec.minMember: "three" is not valid; allowed: a whole number'
         for name in names:
-            assert stage.wait_refused(name, reason="WaitingForGroup").startswith(wrong)
+            stage.wait_refused(name, reason="WaitingForGroup", saying=wrong)
             assert stage.wait_event(name, reason="FailedScheduling")["note"].startswith(wrong)
-        assert time.monotonic() - began_s < 15
+        assert time.monotonic() - began_s < 45, "a group that lacks pods says so after a minute"
         log = served[0].log_path.read_text()
         assert "Traceback" not in log
         assert "podgroups" not in "".join(line for line in log.splitlines() if "ERROR" in line)
