@@ -135,16 +135,16 @@ class SchedulerCore:
 
     def held(self) -> list[tuple[QueuedPod, Gate]]:
         """Pods whose group has been incomplete for so long that it is told, with what is missing."""
-        now_s = self._clock()
-        found = []
+        now_s, found = self._clock(), []
+        newest: dict[str, Gate | None] = {}
         for queued in self.queue.gated():
             gate = queued.gate
-            if gate is None or not gate.code or queued.first_seen_s + gate.report_after_s > now_s:
-                continue
-            # Of gates that are alike only one is tested at a time: what the others say may be old.
-            newest = self._gate(queued.info) if gate.alike else gate
-            if newest is not None:
-                found.append((queued, newest))
+            if gate is not None and gate.alike:
+                if gate.group not in newest:  # one of a group is tested at a time: what the others say may be old
+                    newest[gate.group] = self._gate(queued.info)
+                gate = newest[gate.group]
+            if gate is not None and gate.code and queued.first_seen_s + gate.report_after_s <= now_s:
+                found.append((queued, gate))
         return found
 
     # --- Preemption ------------------------------------------------------------------------------------------------

@@ -144,9 +144,9 @@ def test_a_group_with_words_for_numbers_is_named_on_its_pods_at_once_and_placed_
     installed_plane: ControlPlane, stage: Stage, served: tuple[Process, FaultProxy]
 ) -> None:
     with nodes(installed_plane, *whole(stage, 0, 1)):
-        create_group(stage, "two", "three")
-        began_s = time.monotonic()
         names = members(stage, "two", 2)
+        began_s = time.monotonic()
+        create_group(stage, "two", "three")
         wrong = 'PodGroup two cannot be planned: field spec.minMember: "three" is not valid; allowed: a whole number'
         for name in names:
             stage.wait_refused(name, reason="WaitingForGroup", saying=wrong)

@@ -243,6 +243,16 @@ def test_a_group_that_cannot_be_read_holds_its_pods_and_says_at_once_which_field
     assert len(run(core)) == 3, "it was mended"
 
 
+def test_pods_that_came_before_their_group_hear_at_once_that_it_cannot_be_planned() -> None:
+    core = small_nodes(3)
+    arrive(core, *team(3))
+    assert core.held() == []
+    announce(core, pod_group(min_member="three"))
+    assert [gate.reason for _, gate in core.held()] == [WRONG.format('spec.minMember: "three"', NUMBER)] * 3
+    announce(core, pod_group(min_member=9))
+    assert core.held() == [], "an incomplete group has a minute"
+
+
 @pytest.mark.parametrize(
     ("spec", "needed"),
     [(None, 0), ({}, 0), ({"minMember": None}, 0), ({"minMember": 3.0}, 3), ({"minMember": -1}, 0)],
