@@ -4,6 +4,7 @@ A third-party plugin is any class following the plugin contract of `core/framewo
 either by the name of its entry point (group `robotapp_scheduler.plugins`) or as `package.module:Class`.
 """
 
+import difflib
 import importlib
 import importlib.metadata
 from collections.abc import Collection, Iterable
@@ -48,7 +49,8 @@ def with_third_party(
         try:
             classes[name] = load_class(name)
         except UnknownPluginError as error:
-            problems[name] = str(error)
+            near = [] if name in NOT_BUILT else difflib.get_close_matches(name, catalogue.classes, n=1, cutoff=0.8)
+            problems[name] = f'{error} (did you mean "{near[0]}"?)' if near else str(error)
     return msgspec.structs.replace(catalogue, classes=classes), problems
 
 

@@ -27,8 +27,24 @@ async def refused(gate: PathGate, request: web.Request, verb: str, path: str) ->
     if not isinstance(access, Access):
         return access
     if access is Access.UNKNOWN_CALLER:
-        return problem(401, WHO_ARE_YOU)
+        return unknown_caller(request)
     return None if access is Access.ALL else problem(403, f"you may not {verb} {path}: {A_ROLE_THAT_MAY}")
+
+
+def unknown_caller(request: web.Request) -> web.Response:
+    """What a caller nobody knows is told: that its token is not taken, or that it brought nothing at all."""
+    stale = "the token is none of this cluster, or has expired; " if caller(request).token else ""
+    return problem(401, stale + WHO_ARE_YOU)
+
+
+def list_pages(app: web.Application) -> None:
+    """From now on a path nobody serves is answered with those that are, in place of a bare 404."""
+    pages = ", ".join(sorted({resource.canonical for resource in app.router.resources()}))
+
+    async def nothing_here(request: web.Request) -> web.Response:
+        return problem(404, f"nothing is served at {request.method} {request.path}; there are {pages}")
+
+    app.router.add_route("*", "/{path:.*}", nothing_here)
 
 
 async def asked(answer: Awaitable[Access]) -> Access | web.Response:

@@ -4,6 +4,8 @@ import ssl
 
 from aiohttp import web
 
+from robotapp_api.serving.pages import list_pages
+
 _STOPPING_S = 5.0
 
 
@@ -13,6 +15,7 @@ class PortError(Exception):
 
 async def opened(app: web.Application, *, host: str | None, port: int, tls: ssl.SSLContext | None) -> web.AppRunner:
     """What serves the application, to be cleaned up at the end; port 0 takes a free one. Raises `PortError`."""
+    list_pages(app)
     runner = web.AppRunner(app, access_log=None, handle_signals=False, shutdown_timeout=_STOPPING_S)
     await runner.setup()
     try:

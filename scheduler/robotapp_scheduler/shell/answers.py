@@ -4,15 +4,17 @@ Who asks is settled first, then what they may see; every refusal says what would
 """
 
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 from aiohttp import web
 from prometheus_client import CollectorRegistry
 from prometheus_client.exposition import CONTENT_TYPE_LATEST, generate_latest
 
 from robotapp_api.serving.access import Access, Caller
-from robotapp_api.serving.pages import WHO_ARE_YOU, PathGate, as_json, asked, caller, problem, refused
+from robotapp_api.serving.pages import PathGate, as_json, asked, caller, problem, refused, unknown_caller
 from robotapp_scheduler.shell.simulating import Simulator
+
+A_ROLE_FOR_PODS: Final = "ClusterRole view may, ask for a RoleBinding of it there"
 
 
 class Gate(PathGate, Protocol):
@@ -82,9 +84,9 @@ class Answers:
         if not isinstance(access, Access):
             return access
         if access is Access.UNKNOWN_CALLER:
-            return problem(401, WHO_ARE_YOU)
+            return unknown_caller(request)
         if access is Access.FORBIDDEN:
-            return problem(403, f"you may not get pods in namespace {namespace}")
+            return problem(403, f"you may not get pods in namespace {namespace}: {A_ROLE_FOR_PODS}")
         full = request.query.get("full", "") in {"1", "true"}
         found = self._explain(namespace, pod, with_nodes=access is Access.ALL, full=full)
         if found is None:

@@ -165,6 +165,13 @@ profiles:
             ),
         ),
         (
+            profile(plugins={"score": {"enabled": [{"name": "NodeResorcesFit"}]}}),
+            (
+                'profiles[0].plugins.score.enabled[0].name: plugin "NodeResorcesFit" cannot be loaded: no plugin and no entry '
+                'point of this name; write module:Class for a file of your own (did you mean "NodeResourcesFit"?)'
+            ),
+        ),
+        (
             profile(plugins={"postFilter": {"enabled": [{"name": "TopologyScore"}]}}),
             "profiles[0].plugins.postFilter: plugin 'TopologyScore' does not take part at this point",
         ),

@@ -138,7 +138,7 @@ async def test_explain_passes_the_bearer_token_and_hides_nodes_from_who_may_not_
     ("access", "status", "text"),
     [
         (Access.UNKNOWN_CALLER, 401, "bearer token"),
-        (Access.FORBIDDEN, 403, "may not get pods in namespace team-a"),
+        (Access.FORBIDDEN, 403, "may not get pods in namespace team-a: ClusterRole view may"),
         (Unreachable("down", maybe_applied=False), 503, "cannot say who you are"),
     ],
 )
@@ -150,6 +150,22 @@ async def test_explain_refuses_with_a_reason(
     answer = await get(f"{url}/explain/team-a/p")
     assert answer[0] == status
     assert text in answer[1]
+
+
+async def test_a_token_that_is_not_taken_is_told_apart_from_none(site: tuple[Site, str]) -> None:
+    found, url = site
+    found.answer = Access.UNKNOWN_CALLER
+    for page in ("explain/team-a/p", "metrics"):
+        assert "has expired" in (await get(f"{url}/{page}", Authorization="Bearer old"))[1]
+        assert "has expired" not in (await get(f"{url}/{page}"))[1]
+
+
+@pytest.mark.parametrize("path", ["", "explain", "explain/team-a", "metric"])
+async def test_a_path_that_is_not_served_is_answered_with_those_that_are(site: tuple[Site, str], path: str) -> None:
+    _, url = site
+    status, text = await get(f"{url}/{path}")
+    assert status == 404
+    assert f"nothing is served at GET /{path}; there are /configz, /explain/{{namespace}}/{{pod}}, /healthz" in text
 
 
 async def test_a_pod_nobody_decided_about_is_404(site: tuple[Site, str]) -> None:
