@@ -126,11 +126,11 @@ class Stage:
 
         return self.wait(found, what=lambda: f"{name} has no {reason} {saying!r}: {self.refusal(name)}")
 
-    def wait_known(self, *nodes: str) -> None:
+    def wait_known(self, *nodes: str, scheduler: str = SCHEDULER_NAME) -> None:
         """Return when the scheduler knows these nodes as they are now: it has bound a pod to each."""
         for node in nodes:
             name = f"known-{secrets.token_hex(3)}"
-            self.create_pod(pod(name, nodeSelector={"kubernetes.io/hostname": node}))
+            self.create_pod(pod(name, scheduler=scheduler, nodeSelector={"kubernetes.io/hostname": node}))
             self.wait_bound(name)
             self.delete_pod(name)
 

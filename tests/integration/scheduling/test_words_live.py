@@ -69,6 +69,8 @@ def test_refusals_and_placements_are_told_alike(
         kube_scheduler(installed_plane, tmp_path),
         nodes(installed_plane, edge(f"{prefix}-1", labels=label), edge(f"{prefix}-2")),
     ):
+        for who in (THEIRS, SCHEDULER_NAME):
+            stage.wait_known(f"{prefix}-1", f"{prefix}-2", scheduler=who)
         pairs = []
         for number, (what, spec) in enumerate(CASES.items()):
             pair = {who: f"{short}-{number}" for who, short in ((THEIRS, "theirs"), (SCHEDULER_NAME, "ours"))}
