@@ -53,10 +53,11 @@ def decided(core: SchedulerCore, case: Case) -> Json:
     _, evaluation = core.consider(pod, engine)
     nodes: Json = {}
     if evaluation is not None:
+        totals = evaluation.totals(pod, core.cluster)
         for position, code in enumerate(evaluation.reason.tolist()):
             name = engine.name_of(evaluation, position)
             reason = evaluation.reasons.values[code] if code > 0 else None
-            total = int(evaluation.total[position]) if code == 0 and evaluation.feasible > 1 else 0
+            total = int(totals[position]) if code == 0 and evaluation.feasible > 1 else 0
             nodes[name] = (reason.plugin, sorted(reason.texts)) if reason is not None else total
     return {
         "code": found.code,

@@ -158,6 +158,10 @@ _LABELS: Final = (
 
 OF_PODS: Final = PLACED
 """Changes that placed pods make."""
+SAID_OF_PODS: Final = int(PLACED | Change.TERMS)
+"""All that the log says about them, as a plain int."""
+OFFERED: Final = int(NODE | Change.ALLOCATABLE)
+"""After these, nodes may offer something else."""
 
 READS: Final[dict[str, Change]] = {
     "name": NODE,
@@ -186,7 +190,6 @@ EVERY_ROW: Final = -1
 MOST_PLACED: Final = 64
 _APART: Final = 1 << 48
 _PLACED: Final = int(PLACED)
-_OFFERED: Final = int(NODE | Change.ALLOCATABLE)
 
 
 def interest_of(node_reads: Iterable[str]) -> int:
@@ -287,9 +290,9 @@ class ChangeLog:
             row, change = self._rows[-1], self._changes[-1]
             if change & _PLACED and row != EVERY_ROW:
                 return [row]
-            return None if change & (_OFFERED | _PLACED) else []
+            return None if change & (OFFERED | _PLACED) else []
         news = self.news(position, most=MOST_PLACED)
-        return news.rows(_PLACED) if news is not None and not news.kinds & _OFFERED else None
+        return news.rows(_PLACED) if news is not None and not news.kinds & OFFERED else None
 
     def since(self, position: int, interest: int, *, most: int) -> list[int] | None:
         """Rows with a change of interest after `position`, each once; None: look at all rows."""

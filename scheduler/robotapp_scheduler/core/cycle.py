@@ -345,10 +345,10 @@ class SchedulerCore:
             engine.score(pod, evaluation)
             position = engine.position_of(evaluation, wished) if wished else None
             if position is None:
-                position = evaluation.choose(self.cluster.nodes.name_hash, pod_hash(pod.uid, self._seed))
-            chosen = evaluation.sight(position, self.cluster.nodes.names)
+                position = evaluation.choose(pod, self.cluster, pod_hash(pod.uid, self._seed))
+            chosen = evaluation.sight(pod, self.cluster, position)
             node, total = chosen.node, chosen.total
-            recorder.scored(evaluation, chosen)
+            recorder.scored(pod, evaluation, chosen)
         else:
             position = int((evaluation.reason == 0).argmax())
             node = engine.name_of(evaluation, position)

@@ -11,67 +11,54 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.changes import NODE, PLACED, Change, News
+from robotapp_scheduler.core.changes import OFFERED, PLACED, SAID_OF_PODS, Change, News
+from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.columns import IntArray
+from robotapp_scheduler.core.patience import Patience
 from robotapp_scheduler.core.pods import PodInfo
-from robotapp_scheduler.core.score_column import RelativeColumn, ScoreColumn
+from robotapp_scheduler.core.ranking import INFEASIBLE, Ranking
+from robotapp_scheduler.core.repair import MOST_REPAIRED, bring_up
+from robotapp_scheduler.core.score_column import ScoreColumn, UnderPods
+from robotapp_scheduler.core.sums import Sums
+from robotapp_scheduler.core.verdicts import Verdicts
 from robotapp_scheduler.core.view import Nodes
 
 MOST_DOUBTS: Final = 1024
 """Rows; with more than these all are added up."""
-MOST_LOOKS: Final = 8
-"""Rows looked at one by one in one decision, before all are added up: in columns they cost a third each."""
-SOON: Final = 32
-"""When all must be added up after fewer decisions than this, though few rows were in doubt, it does not pay."""
-WINDOW: Final = 16
-"""Decisions after which is asked whether it pays."""
-REST: Final = 16
-"""Decisions until it is tried again; twice as many after each time that it did not pay."""
-MOST_REST: Final = 4096
 NOTHING: Final = np.array(0, dtype=np.int64)
 NO_LIMIT: Final[IntArray] = np.zeros(0, dtype=np.int64)
 _ADDED: Final = int(Change.POD_ADDED)
 _OTHERWISE: Final = int(PLACED & ~Change.POD_ADDED)
-_OFFERED: Final = int(NODE | Change.ALLOCATABLE)
-_OF_PODS: Final = int(PLACED | Change.TERMS)
-
-
-Ceilings = dict[ScoreColumn, IntArray | int | None]
 
 
 class Easy(NamedTuple):
-    """Columns of one class, by how they take it when a pod comes to a row."""
+    """Columns of one class, none of which must be asked when a pod comes to a row."""
 
     falling: list[ScoreColumn]
-    """They fall, or rise to a ceiling."""
     others: list[ScoreColumn]
-    """They say the same as before, or must be asked."""
+    """They say the same as before, or their epoch tells."""
     interest: int
     """Changes after which rows must be looked at though no pod came there."""
     ceilings: list[tuple[int, ScoreColumn, IntArray | int]]
     """With the weight, where the ceiling is above 0."""
 
     @classmethod
-    def of(cls, columns: Sequence[ScoreColumn], pod: PodInfo, full: Nodes, known: Ceilings) -> "Easy | None":
-        """None when a row must be added up after each pod. `known` are ceilings that are true still; others are added."""
+    def of(cls, columns: Sequence[ScoreColumn], pod: PodInfo, full: Nodes) -> "Easy | None":
+        """None when a row must be added up after each pod, or nothing falls."""
         falling, others, ceilings, interest = [], [], [], 0
-        if any(column.plugin.shadow or not column.local for column in columns):
-            return None
         for column in columns:
-            if column not in known and column.watches & _OF_PODS:
-                known[column] = _ceiling(column, pod, full)
-            ceiling = known.get(column)
-            if ceiling is not None:
-                falling.append(column)
-                interest |= column.interest
-                if not isinstance(ceiling, int) or ceiling > 0:
-                    ceilings.append((column.plugin.weight, column, ceiling))
-            elif column.constant is None and column.watches & _OF_PODS:
+            taken = column.under_pods(pod, full)
+            if taken is UnderPods.ASK:
                 return None
+            if taken is UnderPods.FALLS:
+                falling.append(column)
+                ceiling = column.ceiling
+                if ceiling is not None and (not isinstance(ceiling, int) or ceiling > 0):
+                    ceilings.append((column.plugin.weight, column, ceiling))
             else:
                 others.append(column)
-                if column.constant is None:
-                    interest |= column.interest  # one of its rows may say something else, and no epoch tells
+            if taken is UnderPods.FALLS or column.constant is None:
+                interest |= column.interest  # one of its rows may say something else, and no epoch tells
         return cls(falling, others, interest, ceilings) if falling else None
 
     def limits(self, total: IntArray, rows: npt.NDArray[np.intp] | slice) -> IntArray:
@@ -92,108 +79,147 @@ class Easy(NamedTuple):
         return total
 
 
-def _ceiling(column: ScoreColumn, pod: PodInfo, full: Nodes) -> IntArray | int | None:
-    plugin = column.plugin
-    if plugin.ceiling is None or plugin.score_row is None or not plugin.row_local or isinstance(column, RelativeColumn):
-        return None
-    if column.normalize != "none" or column.bad:
-        return None
-    return plugin.ceiling(pod, full)
-
-
 class Doubts:
-    """The rows of one class whose total is a bound, while its columns allow it."""
+    """The rows of one class for which the total in its ranking is a bound, while its columns allow that."""
 
-    def __init__(self) -> None:
+    def __init__(self, sums: Sums, ranking: Ranking) -> None:
         self.rows: set[int] = set()
-        self.easy: Easy | None = None
-        self.limit = NO_LIMIT
+        self._sums, self._ranking = sums, ranking
+        self._easy: Easy | None = None
+        self._limit = NO_LIMIT
         """Per row, what its total does not exceed when pods come to it."""
-        self.ceilings: Ceilings = {}
-        """As far as they are known."""
-        self.looks = 0
-        """Rows looked at one by one in this decision."""
-        self.judged = False
-        """Was it asked whether its columns allow it, since they or the nodes changed?"""
-        self._pause, self._rest = 0, REST
-        self._decisions = 0
-        """Since all rows were added up."""
-        self._came = self._looked = 0
-        """Changes, and rows looked at one by one, in this window."""
+        self._judged = False
+        """Was it asked whether the columns allow it, since they or the nodes changed?"""
+        self._patience = Patience()
 
     def __repr__(self) -> str:
         return f"Doubts({len(self.rows)} rows)"
 
-    def forget(self) -> None:
-        """All totals are others, perhaps those of other columns."""
-        if self.easy is not None and len(self.rows) <= MOST_DOUBTS:
-            self._give_up()
-        self.easy, self.judged = None, False
+    @property
+    def allowed(self) -> bool:
+        """May rows be doubted?"""
+        return self._easy is not None
+
+    # --- Putting off ---------------------------------------------------------------------------------------------
+
+    def put_off(self, pod: PodInfo, full: Nodes, verdicts: Verdicts, *, since: int, filtered: int) -> bool:
+        """Doubt the rows that only took pods since then, and look at others that changed. False: all must be added up.
+
+        `filtered` are the changes that may have made a difference to a filter, 0 when none did.
+        """
+        easy, news = self._easy, full.cluster.log.news(since, most=MOST_REPAIRED)
+        if easy is None or news is None or not self._patient(news):
+            return False
+        if news.kinds & ~SAID_OF_PODS & (easy.interest | filtered):
+            return False
+        epochs, _ = bring_up(easy.others, pod, full, since)
+        came, others = news.rows(_ADDED), news.rows(_OTHERWISE)
+        if came is None or others is None or epochs + sum([each.epoch for each in easy.falling]) != self._sums.epochs:
+            return False
+        self._doubt(came)
+        if filtered:
+            others = [*others, *self._filter(came, verdicts)]
+        if not others:
+            return True
+        self.rows.update(others)
+        return self.look(pod, full.cluster, verdicts, [*dict.fromkeys(others)])
+
+    def _patient(self, news: News) -> bool:
+        if len(self.rows) > MOST_DOUBTS:
+            return False
+        patience = self._patience
+        patience.begin(news.entries)
+        if patience.pays:
+            return True
+        patience.added_up()
+        self._give_up()
+        return False
+
+    def _doubt(self, rows: list[int]) -> None:
+        """Pods came to these rows, and nothing else happened there."""
+        ranking, limit = self._ranking, self._limit
+        self.rows.update(rows)
+        ranking.unsay(rows)
+        total = ranking.total
+        raised = [row for row in rows if limit.item(row) > total.item(row)]
+        if raised:
+            ranking.put(raised, [*map(limit.item, raised)])
+
+    def _filter(self, rows: list[int], verdicts: Verdicts) -> list[int]:
+        """Those of the rows that have become feasible; those that are not any more cannot be chosen."""
+        total, reason = self._ranking.total, verdicts.reason
+        changed = [row for row in rows if (reason.item(row) == 0) != (total.item(row) >= 0)]
+        closed = [row for row in changed if reason.item(row) != 0]
+        if closed:
+            self._limit[closed] = INFEASIBLE
+            self._ranking.put(closed, [INFEASIBLE] * len(closed))
+        return [row for row in changed if reason.item(row) == 0]
+
+    # --- Looking -------------------------------------------------------------------------------------------------
+
+    def look(self, pod: PodInfo, cluster: Cluster, verdicts: Verdicts, rows: list[int]) -> bool:
+        """Add these rows up, which are in doubt; one that is not feasible stays so. False: it is quicker to add up all."""
+        easy, sums, limit = self._easy, self._sums, self._limit
+        self._patience.look(len(rows))
+        if easy is None or self._patience.overtaxed:
+            return False
+        totals = []
+        for row in rows:
+            total = INFEASIBLE
+            if verdicts.reason.item(row) == 0:
+                self._ask(easy, pod, cluster, row)
+                total = sums.add_row(row)
+                self.rows.discard(row)
+            limit[row] = easy.limit(total, row)
+            totals.append(total)
+        self._ranking.put(rows, totals)
+        return True
+
+    def _ask(self, easy: Easy, pod: PodInfo, cluster: Cluster, row: int) -> None:
+        there = cluster.nodes.rows.get(row)
+        epochs = sum([column.look(pod, row, there) for column in easy.falling])
+        if epochs:  # what was the same for all rows is not any more
+            self._sums.epochs += epochs
+            self._sums.sort()
+            self._ranking.sights.clear()
+
+    # --- Everything was added up -----------------------------------------------------------------------------------
 
     def heard(self, news: News | None) -> None:
         """Nodes may offer something else after these news, or after more than can be told."""
-        if news is None or news.kinds & _OFFERED:
-            self.ceilings.clear()
-            self.easy, self.judged = None, False
+        if news is None or news.kinds & OFFERED:
+            self._easy, self._judged = None, False
+
+    def learn(self, pod: PodInfo, full: Nodes) -> None:
+        """All totals are true: from now on rows may be doubted, if the columns allow it."""
+        if self._judged or self._patience.rest():
+            return
+        self._judged = True
+        self._patience.added_up()
+        self._easy = Easy.of(self._sums.live, pod, full)
+        if self._easy is not None:
+            self._limit = self._easy.limits(self._ranking.total, slice(None))
+
+    def learn_rows(self, rows: Nodes) -> None:
+        """These rows have another total, a true one."""
+        if self._easy is not None:
+            self._limit[rows.rows] = self._easy.limits(self._ranking.total, rows.rows)
+
+    def forget(self) -> None:
+        """All totals are others, perhaps those of other columns."""
+        if self._easy is not None and len(self.rows) <= MOST_DOUBTS:
+            self._give_up()
+        self._easy, self._judged = None, False
 
     def settled(self) -> None:
         """Every row was added up, because too many had to be looked at or for another reason."""
-        if self.easy is not None and self.looks > MOST_LOOKS:
-            self._give_up()
-        self._decisions = 0
+        if self._easy is not None:
+            if self._patience.overtaxed:
+                self._give_up()
+            self._patience.added_up()
+        self.rows.clear()
 
     def _give_up(self) -> None:
         """For some time, unless it went well for long enough."""
-        if self._decisions < SOON:
-            self._pause = self._rest
-            self._rest = min(2 * self._rest, MOST_REST)
-            self.easy, self.judged = None, False
-            self.ceilings.clear()
-        else:
-            self._rest = REST
-        self._came = self._looked = 0
-
-    def _pays(self, came: int) -> bool:
-        """Of the rows that changed, were at most half looked at one by one? Pods may come to the best rows only."""
-        self._came += came
-        self._looked += self.looks
-        self.looks = 0
-        self._decisions += 1
-        if self._decisions % WINDOW:
-            return True
-        pays = 2 * self._looked <= self._came
-        self._came = self._looked = 0
-        return pays
-
-    def learn(self, columns: Sequence[ScoreColumn], pod: PodInfo, full: Nodes, total: IntArray) -> None:
-        """All `total` are true: from now on rows may be doubted, if these columns allow it."""
-        if self._pause:
-            self._pause -= 1
-            return
-        self.judged, self._decisions = True, 0
-        self.easy = Easy.of(columns, pod, full, self.ceilings)
-        if self.easy is not None:
-            self.limit = self.easy.limits(total, slice(0, len(total)))
-
-    def learn_rows(self, easy: Easy, total: IntArray, rows: Nodes) -> None:
-        """These rows have another total, a true one."""
-        self.limit[rows.rows] = easy.limits(total, rows.rows)
-
-    def allowed(self, news: News, *, verdicts: int) -> "Easy | None":
-        """May rows be doubted after this? `verdicts` are the changes that may have made a difference to a filter."""
-        if self.easy is None or len(self.rows) > MOST_DOUBTS:
-            return None
-        if not self._pays(news.entries):
-            self._decisions = 0
-            self._give_up()
-            return None
-        other = news.kinds & ~_OF_PODS
-        if other & (self.easy.interest | verdicts):
-            return None
-        return self.easy
-
-
-def rows_of(news: News) -> tuple[list[int], list[int]] | None:
-    """Rows that pods came to, and rows where something else happened to pods; None when that is everywhere."""
-    came, others = news.rows(_ADDED), news.rows(_OTHERWISE)
-    return None if came is None or others is None else (came, others)
+        if self._patience.lose():
+            self._easy, self._judged = None, False

@@ -194,8 +194,8 @@ class Engine:
             feasible = np.flatnonzero(evaluation.reason == 0)
             for scored in evaluation.scores:
                 if scored.plugin.shadow and not scored.skipped:
-                    share = np.array(evaluation.score_of(scored, feasible), dtype=np.int64)
-                    total = evaluation.total[feasible] + scored.plugin.weight * share
+                    share = np.array(evaluation.score_of(pod, self._cluster, scored, feasible), dtype=np.int64)
+                    total = evaluation.totals(pod, self._cluster)[feasible] + scored.plugin.weight * share
                     stays = total[np.searchsorted(feasible, chosen)] == total.max()
                     verdicts[scored.plugin.name] = verdicts.get(scored.plugin.name, False) or not stays
         for name, changed in verdicts.items():

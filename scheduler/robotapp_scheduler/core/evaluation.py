@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from robotapp_scheduler.core.changes import NODE
+from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.core.explain import EXAMPLES, Refusal
 from robotapp_scheduler.core.filter_column import HOLE, Codes, FilterColumn, Reasons
@@ -66,6 +67,7 @@ class Evaluation:
         self._interest = int(NODE)
         for column in filters:
             self._interest |= column.plugin.interest
+        self._verdicts = Verdicts(self.reason, self.feasible, self.revision, self._combines)
         self._totals = Totals(scores, self._interest)
 
     def __repr__(self) -> str:
@@ -116,8 +118,8 @@ class Evaluation:
             self._count_reasons()
         else:
             self._counts, self.feasible = {}, nodes.n
-        self.revision += 1
         self._combines += 1
+        self._changed()
 
     def _combine_rows(self, rows: Nodes, *, same_nodes: bool) -> None:
         rejecting = [column.codes for column in self._live_filters if not column.clean]
@@ -134,7 +136,6 @@ class Evaluation:
             before, after = self.reason[rows.rows].tolist(), codes.tolist()
         if before == after:
             return
-        self.revision += 1
         for row, old, new in zip(rows.row_list, before, after, strict=True):
             if old != new:
                 self.reason[row] = new
@@ -142,6 +143,11 @@ class Evaluation:
                 self._counts[old] = self._counts.get(old, 0) - 1
                 self._counts[new] = self._counts.get(new, 0) + 1
                 self.feasible += (new == 0) - (old == 0)
+        self._changed()
+
+    def _changed(self) -> None:
+        self.revision += 1
+        self._verdicts = Verdicts(self.reason, self.feasible, self.revision, self._combines)
 
     def _count_reasons(self) -> None:
         found = np.bincount(self.reason - HOLE, minlength=1 - HOLE).tolist()
@@ -155,41 +161,53 @@ class Evaluation:
                 del self._examples[code]
 
     # --- Scores --------------------------------------------------------------------------------------------------
-
-    @property
-    def total(self) -> IntArray:
-        """Weighted total per row, INFEASIBLE where `reason` is not 0. Only valid after the scores were made."""
-        return self._totals.total
+    # Rows in doubt are looked at when somebody asks about them: with a pod of this class, before anything else happens.
 
     def refresh_scores(self, pod: PodInfo, full: Nodes) -> None:
-        """Bring `total` up to date. Raises PluginError when a plugin's score cannot be used."""
-        self._totals.refresh(pod, full, self._verdicts())
+        """Bring the totals up to date. Raises PluginError when a plugin's score cannot be used."""
+        self._totals.refresh(pod, full, self._verdicts)
 
     def compute_scores(self, pod: PodInfo, nodes: Nodes) -> None:
-        """Fill `total` for exactly these rows."""
-        self._totals.compute(pod, nodes, self._verdicts())
+        """Make the totals of exactly these rows."""
+        self._totals.compute(pod, nodes, self._verdicts)
 
-    def score_of(self, column: ScoreColumn, positions: npt.NDArray[np.intp]) -> list[int]:
+    def totals(self, pod: PodInfo, cluster: Cluster) -> IntArray:
+        """Weighted total per row, INFEASIBLE where `reason` is not 0; after the scores were made."""
+        return self._totals.all(pod, cluster, self._verdicts)
+
+    def score_of(
+        self, pod: PodInfo, cluster: Cluster, column: ScoreColumn, positions: npt.NDArray[np.intp]
+    ) -> list[int]:
         """Normalised scores of one plugin at feasible positions, after the scores were made."""
-        return self._totals.score_of(column, positions)
+        return self._totals.score_of(pod, cluster, self._verdicts, column=column, rows=positions)
 
     @property
     def scorers(self) -> Scorers:
         """The plugins that score such pods, after the scores were made."""
         return self._totals.scorers
 
-    def sight(self, position: int, names: Sequence[str]) -> Sight:
-        """What there is to say about one feasible position. `names` are those of the nodes, by table row."""
-        row = position if self.rows is None else self.rows.item(position)
-        return self._totals.sight(position, names[row])
+    def choose(self, pod: PodInfo, cluster: Cluster, draw: int) -> int:
+        """One of the feasible positions with the highest total, by the node names' hashes and a number drawn for the pod;
+        after the scores were made, with a row that is feasible.
+        """
+        return self._totals.choose(pod, cluster, self._verdicts, hashes=self._hashes(cluster), draw=draw)
 
-    def sights(self, positions: Sequence[int], names: Sequence[str]) -> tuple[Sight, ...]:
+    def first(self, pod: PodInfo, cluster: Cluster, count: int) -> tuple[int, ...]:
+        """Positions of the best rows, better ones first; so many must be feasible."""
+        return self._totals.first(pod, cluster, self._verdicts, hashes=self._hashes(cluster), count=count)
+
+    def sight(self, pod: PodInfo, cluster: Cluster, position: int) -> Sight:
+        """What there is to say about one feasible position."""
+        node = cluster.nodes.names[position if self.rows is None else self.rows.item(position)]
+        return self._totals.sight(pod, cluster, self._verdicts, row=position, node=node)
+
+    def sights(self, pod: PodInfo, cluster: Cluster, positions: Sequence[int]) -> tuple[Sight, ...]:
         """The same of several."""
-        known = self._totals.sights
-        return tuple([known.get(position) or self.sight(position, names) for position in positions])
+        said = self._totals.said
+        return tuple([said.get(position) or self.sight(pod, cluster, position) for position in positions])
 
-    def _verdicts(self) -> Verdicts:
-        return Verdicts(self.reason, self.feasible, self.revision, self._combines)
+    def _hashes(self, cluster: Cluster) -> Hashes:
+        return cluster.nodes.name_hash if self.rows is None else cluster.nodes.name_hash[self.rows]
 
     # --- Copies ----------------------------------------------------------------------------------------------------
 
@@ -205,6 +223,7 @@ class Evaluation:
         copy.reason, copy.rows = self.reason.copy(), self.rows
         copy.reason[positions] = reasons
         copy._count_reasons()
+        copy._changed()
         return copy
 
     def has(self, row: int) -> bool:
@@ -219,16 +238,6 @@ class Evaluation:
         return np.searchsorted(self.rows, wanted)  # rows in view are sorted
 
     # --- Results -------------------------------------------------------------------------------------------------
-
-    def choose(self, hashes: Hashes, pod: int) -> int:
-        """One of the feasible positions with the highest total, by `hashes` of node names per table row and a hash of the
-        pod; after the scores were made, with a row that is feasible.
-        """
-        return self._totals.choose(hashes if self.rows is None else hashes[self.rows], pod)
-
-    def first(self, hashes: Hashes, count: int) -> tuple[int, ...]:
-        """Positions of the best rows, better ones first; so many must be feasible."""
-        return self._totals.first(hashes if self.rows is None else hashes[self.rows], count)
 
     def counts(self) -> dict[int, int]:
         """Rejected rows per reason code."""

@@ -63,19 +63,21 @@ def pose(core: Scores, pods: Sequence[PodInfo]) -> Posed | None:
         evaluation = core.appraise(pod)
         if evaluation is None:
             return None
-        costs.append(_cost(evaluation, core.cluster.nodes.size))
+        costs.append(_cost(evaluation, pod, core.cluster))
     table = core.cluster.nodes
     demand, free = _capacity(core.cluster, pods)
     problem = Problem(np.stack(costs), demand, free, tuple(edges), core.latencies.latencies())
     return Posed(problem, tuple(pod.uid for pod in pods), tuple(table.names))
 
 
-def _cost(evaluation: Evaluation, size: int) -> FloatArray:
+def _cost(evaluation: Evaluation, pod: PodInfo, cluster: Cluster) -> FloatArray:
     """How far each row is behind the best one, INF where the pod cannot be."""
     feasible = np.flatnonzero(evaluation.reason == 0)
     rows = feasible if evaluation.rows is None else evaluation.rows[feasible]
-    cost = np.full(size, INF)
-    total = evaluation.total[feasible].astype(np.float64) if evaluation.feasible > 1 else np.zeros(len(feasible))
+    cost = np.full(cluster.nodes.size, INF)
+    total = np.zeros(len(feasible))
+    if evaluation.feasible > 1:
+        total = evaluation.totals(pod, cluster)[feasible].astype(np.float64)
     cost[rows] = total.max(initial=0.0) - total
     return cost
 

@@ -66,7 +66,7 @@ def reconsider(core: SchedulerCore, pod: Pod) -> Reconsidered:
         info = PodInfo(waiting)
         engine = Engine(core.engine(info.scheduler_name).profile, core.cluster, caching=False)
         record, evaluation = core.consider(info, engine)
-        return Reconsidered(record, None if evaluation is None else _table(info, engine, evaluation))
+        return Reconsidered(record, None if evaluation is None else _table(info, core.cluster, engine, evaluation))
 
 
 @contextmanager
@@ -89,7 +89,7 @@ def _waiting(cluster: Cluster, pod: Pod) -> Iterator[Pod]:
         cluster.reorder(record.node, order)
 
 
-def _table(pod: PodInfo, engine: Engine, evaluation: Evaluation) -> Table:
+def _table(pod: PodInfo, cluster: Cluster, engine: Engine, evaluation: Evaluation) -> Table:
     if evaluation.feasible:
         try:
             engine.score(pod, evaluation)
@@ -104,14 +104,15 @@ def _table(pod: PodInfo, engine: Engine, evaluation: Evaluation) -> Table:
         reason = evaluation.reasons.values[code]
         reasons.append(TableReason(reason.plugin, ", ".join(reason.texts), units.get(reason.plugin, "")))
     index = {0: 0} | {code: at for at, code in enumerate(codes, start=1)}
-    scored = bool(evaluation.scores) and len(evaluation.total) == len(evaluation.reason) and len(feasible) > 0
+    totals = evaluation.totals(pod, cluster)
+    scored = bool(evaluation.scores) and len(totals) == len(evaluation.reason) and len(feasible) > 0
     return Table(
         nodes=[engine.name_of(evaluation, row) for row in rows],
         reasons=reasons,
         refused=[index[int(evaluation.reason[row])] for row in rows],
         numbers=[_number(evaluation, row) for row in rows],
-        totals=[int(total) if scored and (total := evaluation.total[row]) >= 0 else None for row in rows],
-        scores=_scores(evaluation, rows, feasible) if scored else [],
+        totals=[int(total) if scored and (total := totals[row]) >= 0 else None for row in rows],
+        scores=_scores(pod, cluster, evaluation, rows, feasible) if scored else [],
     )
 
 
@@ -125,13 +126,17 @@ def _number(evaluation: Evaluation, row: int) -> float | None:
 
 
 def _scores(
-    evaluation: Evaluation, rows: list[int], feasible: "np.ndarray[Any, np.dtype[np.intp]]"
+    pod: PodInfo,
+    cluster: Cluster,
+    evaluation: Evaluation,
+    rows: list[int],
+    feasible: "np.ndarray[Any, np.dtype[np.intp]]",
 ) -> list[TableScore]:
     found = []
     for column in evaluation.scores:
         if column.skipped:
             continue
-        normalized = dict(zip(feasible.tolist(), evaluation.score_of(column, feasible), strict=True))
+        normalized = dict(zip(feasible.tolist(), evaluation.score_of(pod, cluster, column, feasible), strict=True))
         found.append(
             TableScore(
                 plugin=column.plugin.name,

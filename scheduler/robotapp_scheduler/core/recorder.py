@@ -9,6 +9,7 @@ from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.explain import MOST_REFUSALS, TOP, EdgeView, Example, Record, Refusal, Top, top_bytes
 from robotapp_scheduler.core.filter_column import FilterColumn
 from robotapp_scheduler.core.front import Finish, Front, Sight
+from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.ros import Endpoint, RosContext
 
 NO_TOP: Final = Top()
@@ -34,17 +35,17 @@ class Recorder:
         self.planned = ""
         """How the pod's place was found together with those of its group."""
 
-    def scored(self, evaluation: Evaluation, chosen: Sight) -> None:
+    def scored(self, pod: PodInfo, evaluation: Evaluation, chosen: Sight) -> None:
         """The scores are in, and of the best rows `chosen` won."""
-        first = evaluation.first(self._cluster.nodes.name_hash, min(TOP, evaluation.feasible))
+        cluster = self._cluster
+        first = evaluation.first(pod, cluster, min(TOP, evaluation.feasible))
         front, scorers = evaluation.front, evaluation.scorers
         if front.positions is not first or front.scorers is not scorers:
-            sights = evaluation.sights(first, self._cluster.nodes.names)
+            sights = evaluation.sights(pod, cluster, first)
             front = evaluation.front = Front(first, sights, scorers, top_bytes(len(scorers.weights), len(first)))
-        if len(chosen.scores) != len(
-            scorers.apart
-        ):  # a look at the others showed that a plugin no longer says the same of all
-            chosen = evaluation.sight(chosen.position, self._cluster.nodes.names)
+        if len(chosen.scores) != len(scorers.apart):
+            # A look at the others showed that a plugin no longer says the same of all.
+            chosen = evaluation.sight(pod, cluster, chosen.position)
         self.best = Finish(front, chosen)
 
     def record(self, decision: Decision) -> Record:

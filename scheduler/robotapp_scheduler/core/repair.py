@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from typing import Final, Protocol
 
-from robotapp_scheduler.core.changes import PLACED, Change, News
+from robotapp_scheduler.core.changes import SAID_OF_PODS, Change, News
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.framework import Loaded
 from robotapp_scheduler.core.pods import PodInfo
@@ -16,7 +16,6 @@ FEW_ROWS: Final = 8
 FEW_TO_ASK: Final = 6
 """Up to here they beat them in the formula of a plugin."""
 ANYTHING: Final = int(Change.ALL)
-_PLACED: Final = int(PLACED | Change.TERMS)
 
 
 class Column(Protocol):
@@ -63,7 +62,7 @@ def stale_rows(column: Column, pod: PodInfo, full: Nodes, news: News | None) -> 
     rows, plugin = view_of(news, column.interest, full.cluster), column.plugin
     if rows is None or not rows.n or plugin.row_local:
         return rows
-    if news.kinds & column.interest & ~_PLACED:
+    if news.kinds & column.interest & ~SAID_OF_PODS:
         return None
     return rows if plugin.confined is not None and plugin.confined(pod, full, column.position) else None
 

@@ -10,20 +10,22 @@ import numpy as np
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
-from tests.support.scheduling import Clock, make_core, make_info, make_node, pod_json, to_pod
+from tests.support.scheduling import Clock, make_cluster, make_info, make_node, make_pod, pod_json, to_pod
 
 from robotapp_api.model.names import SCHEDULER_NAME, Annotation, Label
-from robotapp_scheduler.core import doubts
+from robotapp_scheduler.core import doubts, patience
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.engine import Engine
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.explain import Record, as_json
 from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.core.rows import Row
 from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.plugins.kubernetes.balanced_allocation import BalancedArgs, NodeResourcesBalancedAllocation
 from robotapp_scheduler.plugins.kubernetes.resources_fit import FitArgs, NodeResourcesFit
+from robotapp_scheduler.plugins.registry import catalogue
 
 Json = dict[str, Any]
 SLOW = [HealthCheck.too_slow, HealthCheck.data_too_large]
@@ -66,6 +68,31 @@ ARGS: tuple[Json, ...] = (
     },
     {"NodeResourcesBalancedAllocation": {"compatVersion": "1.35"}},
 )  # fmt: skip
+
+
+class Picky:
+    """Falls with pods on nodes of 4 CPU only: smaller ones always score the same, larger ones rise up to a ceiling."""
+
+    name = "Picky"
+    reads = ()
+    node_reads = ("allocatable", "requested")
+    row_local = True
+
+    def score(self, _pod: Any, nodes: Nodes) -> Any:
+        pods, cpu = nodes.requested("pods"), nodes.allocatable("cpu")
+        return np.select([cpu < 4000, cpu < 5000], [50, np.maximum(90 - 11 * pods, 0)], np.minimum(30 + 9 * pods, 60))
+
+    def score_row(self, _pod: Any, row: Row) -> int:
+        ((cpu, _, _),) = row.of(("cpu",))
+        if cpu < 4000:
+            return 50
+        return max(90 - 11 * row.pod_count, 0) if cpu < 5000 else min(30 + 9 * row.pod_count, 60)
+
+    def ceiling(self, _pod: Any, nodes: Nodes) -> Any:
+        cpu = nodes.allocatable("cpu")
+        return np.select([cpu < 4000, cpu < 5000], [50, 0], 60)
+
+
 NODES = st.lists(st.sampled_from(SIZES), min_size=1, max_size=3).flatmap(
     lambda sizes: st.lists(st.tuples(st.sampled_from(sizes), st.sampled_from(("z1", "z2"))), min_size=4, max_size=24)
 )
@@ -74,26 +101,35 @@ STEPS = st.one_of(
     st.tuples(st.just("burst"), st.integers(1, 25)),
     *[
         st.tuples(st.just(name), NUMBER)
-        for name in ("end", "change", "node", "taint", "gone", "read", "late", "promise")
+        for name in ("end", "change", "node", "taint", "gone", "read", "late", "crowd", "promise")
     ],
 )
 HISTORY = st.lists(STEPS, max_size=10)
+PROFILES = st.tuples(st.sampled_from((ARGS[0], ARGS[0], *ARGS)), st.booleans())
 CHOSEN = st.lists(st.integers(0, len(KINDS) - 1), min_size=1, max_size=4)
-PATIENCE = st.fixed_dictionaries(
-    {"MOST_DOUBTS": st.sampled_from((3, 8, 1024)), "SOON": st.sampled_from((0, 6)), "REST": st.sampled_from((0, 2))}
+Limits = dict[tuple[Any, str], int]
+LIMITS = st.fixed_dictionaries(
+    {
+        (doubts, "MOST_DOUBTS"): st.sampled_from((3, 8, 1024)),
+        (patience, "SOON"): st.sampled_from((0, 6)),
+        (patience, "REST"): st.sampled_from((0, 2)),
+    }
 )
 
 
 class World:
     """A core that decides, and an engine that remembers nothing, on the same cluster."""
 
-    def __init__(self, sizes: list[tuple[Json, str]], args: Json, kinds: list[int]) -> None:
+    def __init__(self, sizes: list[tuple[Json, str]], args: Json, kinds: list[int], *, picky: bool) -> None:
         self.sizes, self.kinds = sizes, kinds
-        nodes = [self.made_node(i) for i in range(len(sizes))]
-        self.core: SchedulerCore = make_core(*nodes, clock=Clock(), args=args)
+        clock, nodes = Clock(), [self.made_node(i) for i in range(len(sizes))]
+        plugins = {"multiPoint": PluginSet(enabled=(PluginRef(Picky.name, weight=2),))} if picky else {}
+        spec = ProfileSpec(SCHEDULER_NAME, plugins=plugins, plugin_config=args)
+        profiles = build_profiles([spec], catalogue({Picky.name: Picky}))
+        self.core = SchedulerCore(make_cluster(*nodes, clock=clock), profiles, clock=clock)
         self.fresh = Engine(self.core.engine(SCHEDULER_NAME).profile, self.core.cluster, caching=False)
         self.placed: list[Pod] = []
-        self.kept: Evaluation | None = None
+        self.kept: tuple[PodInfo, Evaluation] | None = None
         self.made = 0
 
     def made_node(self, index: int, **fields: Any) -> Any:
@@ -155,24 +191,25 @@ class World:
         if left.feasible > 1:
             cached.score(pod, left)
             self.fresh.score(pod, right)
-            self.kept = left
+            self.kept = (pod, left)
             what = (self.compare_totals, self.compare_sights, self.compare_scores)
             for compare in (*what[number % 3 :], *what[: number % 3]):
-                compare(left, right)
+                compare(pod, left, right)
 
-    def compare_totals(self, left: Evaluation, right: Evaluation) -> None:
-        assert left.total.tolist() == right.total.tolist()
+    def compare_totals(self, pod: PodInfo, left: Evaluation, right: Evaluation) -> None:
+        assert left.totals(pod, self.core.cluster).tolist() == right.totals(pod, self.core.cluster).tolist()
 
-    def compare_sights(self, left: Evaluation, right: Evaluation) -> None:
-        names = self.core.cluster.nodes.names
+    def compare_sights(self, pod: PodInfo, left: Evaluation, right: Evaluation) -> None:
+        cluster = self.core.cluster
         for position in np.flatnonzero(left.reason == 0).tolist():
-            assert left.sight(position, names).total == right.sight(position, names).total
+            one, other = left.sight(pod, cluster, position), right.sight(pod, cluster, position)
+            assert (one.node, one.total) == (other.node, other.total)
 
-    def compare_scores(self, left: Evaluation, right: Evaluation) -> None:
-        positions = np.flatnonzero(left.reason == 0)
+    def compare_scores(self, pod: PodInfo, left: Evaluation, right: Evaluation) -> None:
+        cluster, positions = self.core.cluster, np.flatnonzero(left.reason == 0)
         for one, other in zip(left.scores, right.scores, strict=True):
             if not one.skipped:
-                assert left.score_of(one, positions) == right.score_of(other, positions)
+                assert left.score_of(pod, cluster, one, positions) == right.score_of(pod, cluster, other, positions)
 
     def late(self, number: int) -> None:
         """Somebody looks at totals made some time ago, before the filters saw a pod of the same kind elsewhere."""
@@ -182,8 +219,28 @@ class World:
             pod = self.info().pod
             self.core.cluster.apply_pod(replace(pod, spec=replace(pod.spec, node_name=name)))
         if self.kept is not None:
-            assert len(self.kept.total) == len(self.kept.reason)
+            pod, evaluation = self.kept
+            assert len(evaluation.totals(pod, self.core.cluster)) == len(evaluation.reason)
         self.place()
+
+    def crowd(self, number: int) -> None:
+        """Others place pods on several nodes, on some of them until nothing fits there any more."""
+        for i in range(number, number + 1 + number % 12):
+            name = f"n{i % len(self.sizes)}"
+            if name in self.core.cluster.nodes.row_of:
+                self.made += 1
+                cpu = ("50m", "400m", "1900m", "3900m")[i % 4]
+                other = make_pod(f"other-{self.made}", node=name, cpu=cpu, memory=None, scheduler="others")
+                self.core.cluster.apply_pod(other)
+                self.placed.append(other)
+
+
+def limited(limits: Limits) -> ExitStack:
+    """While it is open, these constants have these values."""
+    stack = ExitStack()
+    for (module, name), value in limits.items():
+        stack.enter_context(patch.object(module, name, value))
+    return stack
 
 
 def told(record: Record) -> Json:
@@ -194,18 +251,17 @@ def told(record: Record) -> Json:
 
 
 @settings(max_examples=100, deadline=None, suppress_health_check=SLOW)
-@given(sizes=NODES, args=st.sampled_from((ARGS[0], ARGS[0], *ARGS)), kinds=CHOSEN, history=HISTORY, patience=PATIENCE)
+@given(sizes=NODES, profile=PROFILES, kinds=CHOSEN, history=HISTORY, limits=LIMITS)
 def test_every_decision_and_its_explanation_is_that_of_an_engine_that_remembers_nothing(
     sizes: list[tuple[Json, str]],
-    args: Json,
+    profile: tuple[Json, bool],
     kinds: list[int],
     history: list[tuple[str, int]],
-    patience: dict[str, int],
+    limits: Limits,
 ) -> None:
-    with ExitStack() as stack:
-        for name, value in patience.items():
-            stack.enter_context(patch.object(doubts, name, value))
-        world = World(sizes, args, kinds)
+    with limited(limits):
+        args, picky = profile
+        world = World(sizes, args, kinds, picky=picky)
         world.burst(20)
         for name, number in history:
             getattr(world, name)(number)
@@ -230,7 +286,7 @@ def test_no_score_rises_above_its_ceiling_when_pods_come(
     offers: dict[str, int], arrivals: list[tuple[int, int, int]], weighed: dict[str, int]
 ) -> None:
     offered = {**{name: str(amount) for name, amount in offers.items()}, "cpu": f"{offers['cpu']}m"}
-    cluster = make_core(make_node("n", **offered)).cluster
+    cluster = make_cluster(make_node("n", **offered), clock=Clock())
     info = PodInfo(asking("p", *arrivals[0]))
     strategy = {
         "type": "LeastAllocated",

@@ -1,8 +1,6 @@
 """Random plugins of somebody else's among ours: every decision and its explanation is that of an engine that remembers nothing."""
 
-from contextlib import ExitStack
 from typing import Any
-from unittest.mock import patch
 
 import numpy as np
 import numpy.typing as npt
@@ -12,16 +10,17 @@ from tests.property.core.test_doubted_rows_do_not_decide import (
     ARGS,
     CHOSEN,
     KINDS,
+    LIMITS,
     NODES,
     NUMBER,
-    PATIENCE,
     SLOW,
+    Limits,
     World,
+    limited,
 )
 from tests.support.scheduling import Clock, make_cluster, make_info, telemetry
 
 from robotapp_api.model.names import SCHEDULER_NAME
-from robotapp_scheduler.core import doubts
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.engine import Engine
 from robotapp_scheduler.core.pods import PodInfo
@@ -221,7 +220,7 @@ class Zoo(World):
 @settings(max_examples=25, deadline=None, suppress_health_check=SLOW)
 @given(
     sizes=NODES, args=st.sampled_from((ARGS[0], *ARGS)), kinds=CHOSEN, others=OTHERS,
-    without=st.sets(st.sampled_from(WITHOUT), max_size=2), history=HISTORY, patience=PATIENCE,
+    without=st.sets(st.sampled_from(WITHOUT), max_size=2), history=HISTORY, limits=LIMITS,
 )  # fmt: skip
 def test_with_plugins_of_others_every_decision_is_that_of_an_engine_that_remembers_nothing(
     *,
@@ -231,11 +230,9 @@ def test_with_plugins_of_others_every_decision_is_that_of_an_engine_that_remembe
     others: list[tuple[Any, int]],
     without: set[str],
     history: list[tuple[str, int]],
-    patience: dict[str, int],
+    limits: Limits,
 ) -> None:
-    with ExitStack() as stack:
-        for name, value in patience.items():
-            stack.enter_context(patch.object(doubts, name, value))
+    with limited(limits):
         world = Zoo(sizes, args, kinds, others, without)
         world.burst(20)
         for name, number in history:

@@ -1,0 +1,101 @@
+"""What rows score by themselves: the weighted sum over the plugins whose score of a row depends on that row alone."""
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from robotapp_scheduler.core.changes import News
+from robotapp_scheduler.core.columns import IntArray
+from robotapp_scheduler.core.framework import PluginError
+from robotapp_scheduler.core.parts import NO_PARTS, Parts
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.repair import FEW_ROWS, bring_up
+from robotapp_scheduler.core.score_column import ScoreColumn
+from robotapp_scheduler.core.verdicts import Verdicts
+from robotapp_scheduler.core.view import Nodes
+
+EVERY: Final = slice(None)
+
+
+class Sums:
+    """The columns of one class and their sum per row (`local`), feasible or not: added up once, mended row by row."""
+
+    def __init__(self, columns: list[ScoreColumn]) -> None:
+        self.columns = columns
+        self.live = [column for column in columns if not column.skipped]
+        """Those with an opinion about such pods."""
+        self.parts = NO_PARTS
+        self.local: IntArray = np.zeros(0, dtype=np.int64)
+        self.epochs = -1
+        """The sum of the columns' epochs when `parts` was made: another one makes everything out of date."""
+
+    def __repr__(self) -> str:
+        return f"Sums({len(self.live)} plugins, {len(self.local)} rows)"
+
+    def bring_up(self, pod: PodInfo, full: Nodes, since: int) -> tuple[bool, News | None]:
+        """Bring the columns to the head of the log. Are they summed up as before, and what happened since?"""
+        epochs, news = bring_up(self.live, pod, full, since)
+        if since < 0:
+            # A plugin has no opinion because of the pod alone, so it need not be asked again for this class.
+            self.live = [column for column in self.columns if not column.skipped]
+            epochs = sum(column.epoch for column in self.live)
+        same = epochs == self.epochs and len(self.local) == full.n
+        self.epochs = epochs
+        return same, news
+
+    def sort(self) -> None:
+        """Columns became constant, or ceased to be."""
+        self.parts = Parts.of(self.live)
+
+    def add_all(self, rows: int) -> None:
+        """Add up every row."""
+        self.sort()
+        sums = self._sums(EVERY)
+        self.local = np.full(rows, self.parts.flat, dtype=np.int64) if sums is None else sums
+
+    def add_rows(self, stale: Nodes) -> None:
+        """Add these rows up again."""
+        if stale.n <= FEW_ROWS:
+            for row in stale.row_list:
+                self.add_row(row)
+            return
+        sums = self._sums(stale.rows)
+        self.local[stale.rows] = self.parts.flat if sums is None else sums
+
+    def add_row(self, row: int) -> int:
+        """The same of one row. Answers its sum."""
+        parts = self.parts
+        total = parts.flat
+        for weight, column in parts.weighted:
+            total += weight * column.raw.item(row)
+        self.local[row] = total
+        return total
+
+    def _sums(self, rows: npt.NDArray[np.intp] | slice) -> IntArray | None:
+        """A new array of what these rows score, None when every row scores `flat`."""
+        sums: IntArray | None = None
+        for weight, column in self.parts.weighted:
+            raw = column.raw[rows]
+            part = raw if weight == 1 else weight * raw
+            sums = part + self.parts.flats if sums is None else sums + part
+        return sums
+
+    def reject_bad(self, verdicts: Verdicts) -> bool:
+        """Raises PluginError for a score that cannot be used. Was any left out because of one?"""
+        found = False
+        for column in self.parts.checked:
+            if column.bad and not column.skipped:
+                try:
+                    column.check(verdicts.reason == 0)
+                except PluginError:
+                    self.forgive(column)
+                    found = True
+        return found
+
+    def forgive(self, column: ScoreColumn) -> None:
+        """Called while a PluginError is handled: it is one unless the plugin is a shadow, which says nothing from then on."""
+        if not column.plugin.shadow:
+            raise  # noqa: PLE0704 - the error that is being handled
+        column.fail()
+        self.sort()
