@@ -41,6 +41,8 @@ class Options:
     log_level: str
     insecure_explain: bool
     lease_namespace: str
+    state_dir: Path | None = None
+    """Where it is remembered which plugin ended the process; None = nowhere."""
 
 
 def parse(argv: Sequence[str] | None = None, environment: Mapping[str, str] | None = None) -> Options:
@@ -68,6 +70,7 @@ def parse(argv: Sequence[str] | None = None, environment: Mapping[str, str] | No
         log_level=found.log_level,
         insecure_explain=found.insecure_explain,
         lease_namespace=found.lease_namespace or "",
+        state_dir=found.state_dir,
     )
 
 
@@ -106,6 +109,12 @@ def _parser(environment: Mapping[str, str]) -> argparse.ArgumentParser:
     add("log-format", "json for machines, text for people", default="json", choices=("json", "text"))
     add("log-level", "debug, info, warning or error", default="info", choices=("debug", "info", "warning", "error"))
     add("lease-namespace", "overrides leaderElection.resourceNamespace", default="", convert=arguments.name)
+    add(
+        "state-dir",
+        "folder that outlives the process: plugins that ended it are not asked the same again",
+        default="",
+        convert=Path,
+    )
     parser.add_argument(
         "--insecure-explain",
         action="store_true",

@@ -189,6 +189,15 @@ def test_a_given_certificate_is_mounted_and_served(chart: Chart, component: str)
     assert {"name": "tls", "secret": {"secretName": "cert"}} in spec["volumes"]
 
 
+def test_what_the_scheduler_remembers_of_its_plugins_outlives_its_process_and_needs_no_rights(chart: Chart) -> None:
+    for values in ({}, {"scheduler.tls.secretName": "cert"}):
+        spec = pod_spec(chart.render(values), "scheduler")
+        assert {"name": "state", "emptyDir": {"sizeLimit": "1Mi"}} in spec["volumes"]
+        (container,) = spec["containers"]
+        (mounted,) = [mount["mountPath"] for mount in container["volumeMounts"] if mount["name"] == "state"]
+        assert f"--state-dir={mounted}" in container["args"]
+
+
 def test_components_may_read_which_authority_signs_client_certificates_and_nothing_else_there(
     rendered: list[Object],
 ) -> None:

@@ -185,6 +185,7 @@ class EventReason(StrEnum):
     CONFIG_RELOADED = "ConfigReloaded"
     CONFIG_INVALID = "ConfigInvalid"
     CONFIG_RESTART_NEEDED = "ConfigRestartNeeded"
+    PLUGIN_NOT_ASKED = "PluginNotAsked"
     PREEMPTED = "Preempted"
     KUBELET_REJECTED = "KubeletRejected"
 

@@ -95,6 +95,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
+from robotapp_scheduler.core.asked import Asking
 from robotapp_scheduler.core.changes import NODE, READS, Change, interest_of
 from robotapp_scheduler.core.columns import BoolArray, FloatArray, IntArray
 from robotapp_scheduler.core.plugin_checks import problems_of
@@ -208,6 +209,8 @@ class Loaded:
         self.weight = weight
         self.shadow = shadow
         """Scored and recorded, but the choice does not look at it."""
+        self.vigil: Asking | None = None
+        """Is told of every question, if somebody wants to know."""
         self.row_local: bool = getattr(plugin, "row_local", False)
         self.sound: bool = getattr(plugin, "sound", False)
         """One of ours that never divides by 0 and whose scores are int64 in 0…100: what it answers is not looked at."""

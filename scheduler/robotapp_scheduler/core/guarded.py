@@ -56,18 +56,26 @@ def guarded(loaded: Loaded) -> Loaded:
         function = getattr(loaded, hook)
         if function is not None:
             strict = hook == "score_row" and loaded.normalize == "none"
-            setattr(loaded, hook, _watched(loaded.name, hook, function, _row_percent if strict else check))
+            setattr(loaded, hook, _watched(loaded, hook, function, _row_percent if strict else check))
     if loaded.pre_enqueue is not None:
-        loaded.pre_enqueue = _held_when_broken(loaded.name, loaded.pre_enqueue)
+        loaded.pre_enqueue = _held_when_broken(loaded, loaded.pre_enqueue)
     if loaded.queue_key is not None:
-        loaded.queue_key = _ordered(loaded.name, loaded.queue_key)
+        loaded.queue_key = _ordered(loaded, loaded.queue_key)
+    if loaded.waker.hint is not None:
+        loaded.waker = loaded.waker._replace(hint=_yes_when_broken(loaded, loaded.waker.hint))
     return loaded
 
 
-def _watched(plugin: str, hook: str, function: Callable[..., Any], check: "_Check") -> Callable[..., Any]:
+def _watched(loaded: Loaded, hook: str, function: Callable[..., Any], check: "_Check") -> Callable[..., Any]:
+    plugin = loaded.name
+
     def asked(*args: Any) -> Any:
+        vigil = loaded.vigil
         try:
-            return check(plugin, hook, function(*args), *args)
+            if vigil is None:
+                return check(plugin, hook, function(*args), *args)
+            with vigil(plugin, hook, args[0]):
+                return check(plugin, hook, function(*args), *args)
         except (PluginError, KeyboardInterrupt):
             raise
         except Overdue as error:  # the watchdog has told where
@@ -79,9 +87,9 @@ def _watched(plugin: str, hook: str, function: Callable[..., Any], check: "_Chec
     return asked
 
 
-def _held_when_broken(plugin: str, function: Callable[..., Any]) -> Callable[..., Status | None]:
+def _held_when_broken(loaded: Loaded, function: Callable[..., Any]) -> Callable[..., Status | None]:
     """A gate that cannot be asked stays closed, with its text: an open one might let pods through it was to hold."""
-    watched = _watched(plugin, "pre_enqueue", function, _status)
+    watched = _watched(loaded, "pre_enqueue", function, _status)
 
     def asked(*args: Any) -> Status | None:
         try:
@@ -93,12 +101,26 @@ def _held_when_broken(plugin: str, function: Callable[..., Any]) -> Callable[...
     return asked
 
 
-def _ordered(plugin: str, function: Callable[..., Any]) -> Callable[..., tuple[Any, ...]]:
+def _yes_when_broken(loaded: Loaded, function: Callable[..., Any]) -> Callable[..., bool]:
+    """A hint that cannot be asked must not hold its pod back for ever."""
+    watched = _watched(loaded, "hint", function, _truth)
+
+    def asked(*args: Any) -> bool:
+        try:
+            return bool(watched(*args))
+        except PluginError:
+            return True
+
+    return asked
+
+
+def _ordered(loaded: Loaded, function: Callable[..., Any]) -> Callable[..., tuple[Any, ...]]:
     """Keys that can be compared with each other whatever they hold; a pod without one comes last, by its time."""
+    plugin, watched = loaded.name, _watched(loaded, "queue_key", function, _untouched)
 
     def key(pod: Any, queued_s: float) -> tuple[Any, ...]:
         try:
-            answer = _watched(plugin, "queue_key", function, _untouched)(pod, queued_s)
+            answer = watched(pod, queued_s)
             return (0, *(_comparable(plugin, part) for part in answer))
         except (PluginError, TypeError) as error:
             log.warning("queue_key of plugin %s for %s: %s", plugin, pod.key, error)

@@ -131,7 +131,9 @@ class Profile:
         """May plugins make a placed pod wait before its bind?"""
         self.hooks = bool(self.reserves or self.waits or self.post_binds)
         """Does a plugin want to be asked or told anything on a pod's way to its node?"""
-        self.all = {loaded.name: loaded for chain in plugins.values() for loaded in chain}
+        self.everywhere = tuple(loaded for chain in plugins.values() for loaded in chain)
+        """One for each point that a plugin takes part in."""
+        self.all = {loaded.name: loaded for loaded in self.everywhere}
         self.reads = tuple(sorted({name for loaded in (*self.filters, *self.scores) for name in loaded.reads}))
         """Features of the class key."""
         self.uses_ros = any(name.startswith(ROS_FEATURES) for name in self.reads)

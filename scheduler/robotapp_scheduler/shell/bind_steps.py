@@ -8,12 +8,13 @@ import asyncio
 import inspect
 import logging
 from collections.abc import Awaitable, Callable, Mapping, Sequence
+from contextlib import nullcontext
 from types import TracebackType
 from typing import Any, Final, NamedTuple, Self
 
 from robotapp_api.model.names import GRANTED_PREFIX, PodReason
 from robotapp_scheduler.core.bind_context import BindContext
-from robotapp_scheduler.core.framework import Code, Loaded, Status, histogram
+from robotapp_scheduler.core.framework import Code, Loaded, PluginError, Status, histogram
 from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.overdue import Overdue
 from robotapp_scheduler.core.pods import PodInfo
@@ -110,7 +111,8 @@ class BindSteps:
         """The plugin's answer, timed; what it raises is an Error."""
         started_s, pod = self._timer.clock(), self._pod
         try:
-            answer: Any = getattr(loaded.plugin, hook)(pod, self._node, self.context)
+            with loaded.vigil(loaded.name, hook, pod) if loaded.vigil is not None else nullcontext():
+                answer: Any = getattr(loaded.plugin, hook)(pod, self._node, self.context)
             if inspect.isawaitable(answer):
                 await self._say_where(hook)
                 async with asyncio.timeout(HOOK_S):
@@ -121,6 +123,8 @@ class BindSteps:
             status = Status(
                 Code.ERROR, f"no answer within {HOOK_S:.0f} s" if not str(error) else f"TimeoutError: {error}"
             )
+        except PluginError as error:
+            status = Status(Code.ERROR, str(error))
         except (
             Exception,
             SystemExit,

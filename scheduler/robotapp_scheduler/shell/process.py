@@ -14,7 +14,7 @@ from robotapp_api.client.events import reference
 from robotapp_api.client.lease import LeaderElection, candidate_identity
 from robotapp_api.client.login import load as login
 from robotapp_api.client.sweep import PENDING_S, Sweeper
-from robotapp_api.model.names import SCHEDULER_MANAGER
+from robotapp_api.model.names import SCHEDULER_MANAGER, EventReason
 from robotapp_api.serving.access import Gatekeeper
 from robotapp_api.serving.tls import TlsPort, loaded
 from robotapp_scheduler import config as configuration
@@ -26,7 +26,7 @@ from robotapp_scheduler.core.groups import groups_of
 from robotapp_scheduler.core.profiles import Catalogue, Profile
 from robotapp_scheduler.options import Options
 from robotapp_scheduler.plugins.registry import catalogue
-from robotapp_scheduler.shell import collector, health, huge_pages
+from robotapp_scheduler.shell import collector, health, huge_pages, vigil
 from robotapp_scheduler.shell.answers import Answers, Everything
 from robotapp_scheduler.shell.binder import Binder
 from robotapp_scheduler.shell.claim_users import ClaimUsers
@@ -86,6 +86,7 @@ class Scheduler:
         self.port = 0
         """Where we serve, once `run` has opened it."""
         self.metrics = Metrics()
+        self._vigil = vigil.opened(options.state_dir, running.config.digest)
         self.core = self._made_core()
         self._make_intake()
         self._make_loop()
@@ -116,7 +117,7 @@ class Scheduler:
     def _made_core(self) -> SchedulerCore:
         config = self.running.config
         profiles = config.build()
-        time_plugins(profiles, self.metrics)
+        self._watch_over(profiles)
         return SchedulerCore(
             Cluster(clock=CLOCK),
             profiles,
@@ -203,7 +204,7 @@ class Scheduler:
                     group.create_task(self._reloader.run(), name="configuration"),
                     group.create_task(collector.run(), name="garbage"),
                     group.create_task(huge_pages.run(self.feed.synced), name="huge pages"),
-                    group.create_task(Watchdog().run(), name="watchdog"),
+                    group.create_task(self._watchdog().run(), name="watchdog"),
                 ]
                 work = group.create_task(self._lead(), name="lead")
                 await self._first(work, self._stop)
@@ -237,6 +238,7 @@ class Scheduler:
         log.info("caches are filled: %r", self.core.cluster)
         if self._election is None:
             self._leading.set()
+            self._tell_of_plugins()
             await self._work()
             return
         async with asyncio.TaskGroup() as group:
@@ -244,6 +246,7 @@ class Scheduler:
 
             def started() -> None:
                 self._leading.set()
+                self._tell_of_plugins()
                 work.append(group.create_task(self._work(), name="work"))
 
             def lost() -> None:
@@ -294,11 +297,21 @@ class Scheduler:
             self.sweeper.wake()
         self.loop.wake()
 
+    def _watchdog(self) -> Watchdog:
+        return Watchdog(last_words=self._vigil.stuck if self._vigil is not None else None)
+
+    def _watch_over(self, profiles: Mapping[str, Profile]) -> None:
+        time_plugins(profiles, self.metrics)
+        if self._vigil is not None:
+            self._vigil.watch_over(profiles)
+
     # --- Configuration ---------------------------------------------------------------------------------------------
 
     def _swap(self, config: SchedulerConfig, profiles: Mapping[str, Profile]) -> None:
         """Between two cycles: deciding never awaits, so nothing is half decided here."""
-        time_plugins(profiles, self.metrics)
+        if self._vigil is not None:
+            self._vigil.start_anew(config.digest)
+        self._watch_over(profiles)
         self.core.swap(profiles, initial_backoff_s=config.initial_backoff_s, max_backoff_s=config.max_backoff_s)
         self.loop.wake()
 
@@ -307,6 +320,10 @@ class Scheduler:
         regarding = self._source.regarding or self._own_pod()
         if regarding is not None and self._leading.is_set():
             self.events.about(regarding, reason=reason, note=note, warning=warning)
+
+    def _tell_of_plugins(self) -> None:
+        for death in self._vigil.barred if self._vigil is not None else ():
+            self._tell(EventReason.PLUGIN_NOT_ASKED, f"plugin {death.plugin}: {death}", True)
 
     def _own_pod(self) -> Json | None:
         name = os.environ.get("POD_NAME", "")

@@ -43,19 +43,27 @@ class Asked(NamedTuple):
 
     plugin: str
     hook: str
-    pod: str
+    pod: PodInfo | None
+
+    @property
+    def about(self) -> str:
+        """Which pod, for a sentence."""
+        return f" about pod {self.pod.key}" if self.pod is not None else ""
 
 
 ASKING: Final[Mapping[tuple[str, str], Callable[[Mapping[str, Any]], Asked]]] = {
     ("robotapp_scheduler.core.guarded", "asked"): lambda known: Asked(
-        known["plugin"], known["hook"], next((each.key for each in known["args"] if isinstance(each, PodInfo)), "")
+        known["plugin"], known["hook"], next((each for each in known["args"] if isinstance(each, PodInfo)), None)
     ),
-    ("robotapp_scheduler.core.waiting", "wants"): lambda known: Asked(known["self"].plugin, "hint", known["pod"].key),
+    ("robotapp_scheduler.core.waiting", "wants"): lambda known: Asked(known["self"].plugin, "hint", known["pod"]),
     ("robotapp_scheduler.shell.bind_steps", "_ask"): lambda known: Asked(
-        known["loaded"].name, known["hook"], known["pod"].key
+        known["loaded"].name, known["hook"], known["pod"]
     ),
 }
 """Functions that ask a plugin and bear whatever it raises, with whom they ask about what."""
+
+LastWords = Callable[[str, str, PodInfo], None]
+"""Told plugin, hook and pod, quickly."""
 
 
 class Watchdog:
@@ -67,10 +75,13 @@ class Watchdog:
         patience_s: float = PATIENCE_S,
         again_s: float = AGAIN_S,
         end: Callable[[int], object] = os._exit,
+        last_words: LastWords | None = None,
     ) -> None:
+        """`last_words` is told why, before the process ends."""
         self._patience_s = patience_s
         self._again_s = again_s
         self._end = end
+        self._last_words = last_words
         self._raised = 0
         """How often in the call that `_held` is."""
         self._held: FrameType | None = None
@@ -119,13 +130,14 @@ class Watchdog:
             raise Overdue(f"did not answer within {waited_s:g} s and was broken off")
 
     def _give_up(self, asked: Asked) -> None:
-        """`sys.exit` would be swallowed too. Whoever leads next meets the same pod: only the user can help."""
-        about = f" about pod {asked.pod}" if asked.pod else ""
+        """`sys.exit` would be swallowed too. Whoever leads next meets the same pod; `last_words` may spare us that."""
         log.critical(
             "%s of plugin %s cannot be broken off%s, it catches BaseException: the process ends. Take the plugin out of the "
             "configuration%s",
-            *(asked.hook, asked.plugin, about, ", or delete the pod" if asked.pod else ""),
+            *(asked.hook, asked.plugin, asked.about, ", or delete the pod" if asked.pod is not None else ""),
         )
+        if self._last_words is not None and asked.pod is not None:
+            self._last_words(asked.plugin, asked.hook, asked.pod)
         self._end(os.EX_SOFTWARE)
 
 
@@ -143,8 +155,9 @@ def _asked(asking: FrameType | None) -> Asked | None:
 
 def _told(asked: Asked | None, frame: FrameType, waited_s: float) -> str:
     if asked is not None:
-        about = f" about pod {asked.pod}" if asked.pod else ""
-        return f"{asked.hook} of plugin {asked.plugin} has not answered for {waited_s:g} s{about}: it is broken off"
+        return (
+            f"{asked.hook} of plugin {asked.plugin} has not answered for {waited_s:g} s{asked.about}: it is broken off"
+        )
     pod = _pod(frame)
     about = f" with pod {pod}" if pod else ""
     return f"nothing was decided for {waited_s:g} s{about}: the event loop is held here"

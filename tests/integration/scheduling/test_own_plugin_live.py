@@ -74,15 +74,35 @@ class Waits:
 '''
 
 
+DIES = '''
+import os
+import signal
+
+import numpy as np
+
+
+class Dies:
+    """Ends the process without a word, as native code does that crashes."""
+
+    name = "Dies"
+    reads = ("labels",)
+
+    def filter(self, pod, nodes):
+        if pod.labels.get("deadly"):
+            os.kill(os.getpid(), signal.SIGKILL)
+        return np.ones(nodes.n, dtype=bool)
+'''
+
+
 @pytest.fixture
 def start(
     installed_plane: ControlPlane, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[Callable[..., Process]]:
-    """Starts a scheduler with a plugin of this source and name."""
-    started = []
+    """Starts a scheduler with a plugin of this source and name; all of a test share their folder of deaths and hold the Lease as one."""
+    started: list[Process] = []
+    module = f"lab_{secrets.token_hex(3)}"
 
-    def started_with(source: str, plugin: str) -> Process:
-        module = f"lab_{secrets.token_hex(3)}"
+    def started_with(source: str, plugin: str, *, wait: bool = True) -> Process:
         (tmp_path / f"{module}.py").write_text(source)
         monkeypatch.setenv("PYTHONPATH", str(tmp_path))
         config = {
@@ -98,7 +118,16 @@ def start(
         }
         path = tmp_path / f"{module}.yaml"
         path.write_text(yaml.safe_dump(config))
-        process = start_scheduler(installed_plane, path, name=module, log_format="text", insecure_explain=True)
+        process = start_scheduler(
+            installed_plane,
+            path,
+            name=f"{module}-{len(started)}",
+            env={"POD_NAME": module},
+            wait=wait,
+            log_format="text",
+            insecure_explain=True,
+            state_dir=tmp_path / "state",
+        )
         started.append(process)
         return process
 
@@ -148,7 +177,7 @@ def test_a_plugin_that_does_not_come_back_for_a_pod_is_broken_off_and_others_are
         stage.delete_pod("waits")  # the next scheduler is not to meet it
 
 
-def test_a_plugin_that_cannot_be_broken_off_ends_the_process_which_names_it_with_the_pod(
+def test_after_a_plugin_that_cannot_be_broken_off_has_ended_the_process_the_next_one_binds_the_healthy_pods(
     installed_plane: ControlPlane, stage: Stage, start: Callable[..., Process]
 ) -> None:
     process = start(WAITS, "Waits")
@@ -158,4 +187,31 @@ def test_a_plugin_that_cannot_be_broken_off_ends_the_process_which_names_it_with
         stage.wait(lambda: not process.running, what=process.log_text, timeout_s=120)
         said = f"filter of plugin Waits cannot be broken off about pod {stage.namespace}/waits"
         assert said in process.log_text().splitlines()[-1]
+        stage.create_pod(pod("healthy"))
+        again = start(WAITS, "Waits")
+        stage.wait_bound("healthy", timeout_s=60)
+        text = stage.wait_refused("waits", reason="SchedulerError")
+        assert text.startswith(
+            f"plugin Waits: not asked about pods like {stage.namespace}/waits any more, because filter could not be broken off"
+        )
+        stage.create_pod(pod("later"))
+        stage.wait_bound("later")
+        assert alive(again)
         stage.delete_pod("waits")
+
+
+def test_after_two_deaths_in_the_same_question_to_a_plugin_it_is_not_asked_again_and_healthy_pods_are_bound(
+    installed_plane: ControlPlane, stage: Stage, start: Callable[..., Process]
+) -> None:
+    with nodes(installed_plane, edge("edge-1")):
+        stage.create_pod(pod("deadly", labels={"deadly": "yes"}))
+        for _ in range(2):
+            process = start(DIES, "Dies", wait=False)
+            stage.wait(lambda: not process.running, what=process.log_text, timeout_s=60)  # noqa: B023 - of this round
+        stage.create_pod(pod("healthy"))
+        again = start(DIES, "Dies")
+        stage.wait_bound("healthy", timeout_s=60)
+        text = stage.wait_refused("deadly", reason="SchedulerError")
+        assert "the process died 2 times while filter was asked" in text
+        assert alive(again)
+        stage.delete_pod("deadly")

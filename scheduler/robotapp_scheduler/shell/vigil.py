@@ -1,0 +1,196 @@
+"""Remembers, in a folder that outlives the process, which plugin of somebody else's it died of, and about which pod.
+
+What is being asked stands in a page of memory that is also a file: the kernel keeps it whatever the process dies of. A
+hook that cannot be broken off is known after one death. Where the process died for an unknown reason while a plugin was
+asked (a call that never returned, a crash in native code, out of memory), it takes two: one may have been chance.
+"""
+
+import logging
+import mmap
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Final, Self
+
+import msgspec
+
+from robotapp_scheduler.core.framework import PluginError
+from robotapp_scheduler.core.guarded import is_ours
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.profiles import Profile
+
+log = logging.getLogger(__name__)
+
+CHANCES: Final = 2
+"""Deaths in the middle of the same question after which it is not asked again."""
+MOST: Final = 100
+"""Questions remembered; the oldest go."""
+PAGE_BYTES: Final = 4096
+NOTED: Final = 5
+"""Lines of a note: digest, plugin, hook, pod, alike."""
+MARK: Final = "asking"
+DEATHS: Final = "deaths.json"
+
+
+class Death(msgspec.Struct, frozen=True):
+    """What was asked when the process died. `alike` is the uid of the pod's controller, else its own."""
+
+    plugin: str
+    hook: str
+    pod: str
+    alike: str
+    stuck: bool = False
+    """The hook could not be broken off: no chance about it."""
+    times: int = 1
+
+    @property
+    def counts(self) -> bool:
+        """Is the plugin to be asked no more about such pods?"""
+        return self.stuck or self.times >= CHANCES
+
+    def __str__(self) -> str:
+        why = (
+            f"{self.hook} could not be broken off and the process had to end"
+            if self.stuck
+            else f"the process died {self.times} times while {self.hook} was asked"
+        )
+        return f"not asked about pods like {self.pod} any more, because {why}; a new configuration or scheduler pod asks again"
+
+
+class _Memory(msgspec.Struct):
+    """The file. What was learnt under another configuration does not count."""
+
+    digest: str
+    deaths: list[Death] = []
+
+
+class Vigil:
+    """Call it with (plugin, hook, pod) and hold it while the plugin is asked; one question at a time."""
+
+    def __init__(self, folder: Path, digest: str) -> None:
+        """`digest` is that of the configuration in use. Raises OSError when the folder cannot be used."""
+        folder.mkdir(parents=True, exist_ok=True)
+        self._file = folder / DEATHS
+        self._digest = digest
+        self._page = _page(folder / MARK)
+        self._deaths = {(death.plugin, death.alike): death for death in self._read()}
+        left = self._left()
+        self._clear()
+        if left is not None:
+            self._add(left)
+
+    def __repr__(self) -> str:
+        return f"<Vigil in {self._file.parent}, {len(self._deaths)} deaths>"
+
+    @property
+    def barred(self) -> list[Death]:
+        """The questions that are not asked any more."""
+        return [death for death in self._deaths.values() if death.counts]
+
+    def __call__(self, plugin: str, hook: str, pod: PodInfo) -> Self:
+        """Note what is about to be asked. Raises PluginError when it must not be."""
+        alike = _alike(pod)
+        death = self._deaths.get((plugin, alike)) if self._deaths else None
+        if death is not None and death.counts:
+            raise PluginError(plugin, str(death))
+        # The length comes last and counts: what is cut off in between is no note.
+        note = f"{self._digest}\n{plugin}\n{hook}\n{pod.key}\n{alike}".encode()[: PAGE_BYTES - 2]
+        self._page[2 : 2 + len(note)] = note
+        self._page[0:2] = len(note).to_bytes(2, "little")
+        return self
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._clear()
+
+    def stuck(self, plugin: str, hook: str, pod: PodInfo) -> None:
+        """The process is about to end, because this hook cannot be broken off."""
+        self._clear()
+        self._add(Death(plugin, hook, pod.key, _alike(pod), stuck=True))
+
+    def start_anew(self, digest: str) -> None:
+        """Another configuration is in use: everything may be asked again."""
+        self._digest = digest
+        if self._deaths:
+            self._deaths = {}
+            self._write()
+
+    def watch_over(self, profiles: Mapping[str, Profile]) -> None:
+        """Be told of every question to a plugin of somebody else's; call once, before the profiles are used."""
+        for loaded in (each for profile in profiles.values() for each in profile.everywhere):
+            if not is_ours(loaded.plugin):
+                loaded.vigil = self
+
+    def _add(self, death: Death) -> None:
+        known = self._deaths.pop((death.plugin, death.alike), None)
+        if known is not None:
+            death = msgspec.structs.replace(death, times=known.times + 1, stuck=known.stuck or death.stuck)
+        self._deaths[death.plugin, death.alike] = death
+        while len(self._deaths) > MOST:
+            self._deaths.pop(next(iter(self._deaths)))
+        self._write()
+
+    def _clear(self) -> None:
+        self._page[0:2] = b"\0\0"
+
+    def _left(self) -> Death | None:
+        """What was being asked when a process before us ended."""
+        length = int.from_bytes(self._page[0:2], "little")
+        parts = self._page[2 : 2 + length].decode(errors="replace").split("\n") if length else []
+        if len(parts) != NOTED or parts[0] != self._digest:
+            return None
+        _, plugin, hook, pod, alike = parts
+        return Death(plugin, hook, pod, alike)
+
+    def _read(self) -> Iterable[Death]:
+        try:
+            memory = msgspec.json.decode(self._file.read_bytes(), type=_Memory)
+        except FileNotFoundError:
+            return ()
+        except (OSError, msgspec.DecodeError) as error:
+            log.warning("%s cannot be read, nothing is remembered: %s", self._file, error)
+            return ()
+        return memory.deaths if memory.digest == self._digest else ()
+
+    def _write(self) -> None:
+        """May be called in the middle of a plugin that is stuck: quick, and failing is only told."""
+        data = msgspec.json.encode(_Memory(self._digest, list(self._deaths.values())))
+        new = self._file.with_suffix(".new")
+        try:
+            new.write_bytes(data)
+            new.replace(self._file)
+        except OSError as error:
+            log.warning("%s cannot be written: %s", self._file, error)
+
+
+def opened(folder: Path | None, digest: str) -> Vigil | None:
+    """A vigil in this folder; None without one, and (told) where it cannot be used: pods are placed all the same."""
+    if folder is None:
+        return None
+    try:
+        vigil = Vigil(folder, digest)
+    except OSError as error:
+        log.warning("--state-dir: plugins that end the process will not be remembered: %s", error)
+        return None
+    for death in vigil.barred:
+        log.error("plugin %s: %s", death.plugin, death)
+    return vigil
+
+
+def _alike(pod: PodInfo) -> str:
+    owner = pod.controller
+    return owner.uid if owner is not None and owner.uid else pod.uid
+
+
+def _page(path: Path) -> mmap.mmap:
+    handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
+    try:
+        os.ftruncate(handle, PAGE_BYTES)
+        return mmap.mmap(handle, PAGE_BYTES)
+    finally:
+        os.close(handle)

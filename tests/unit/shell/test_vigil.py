@@ -1,0 +1,160 @@
+"""What the process died of is found by the next one: real files, the deaths played."""
+
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+from tests.support.scheduling import Clock, make_cluster, make_info, make_node, owner
+
+from robotapp_api.model.names import SCHEDULER_NAME, PodReason
+from robotapp_scheduler.core.bind_context import BindContext
+from robotapp_scheduler.core.changes import Change, Event
+from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.framework import PluginError
+from robotapp_scheduler.core.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
+from robotapp_scheduler.plugins.registry import catalogue
+from robotapp_scheduler.shell.bind_steps import BindSteps
+from robotapp_scheduler.shell.metrics import Metrics
+from robotapp_scheduler.shell.timing import PointTimer
+from robotapp_scheduler.shell.vigil import DEATHS, MOST, Vigil, opened
+
+WEB = owner("ReplicaSet", "web", "rs-1")
+
+
+class Dies:
+    """Stands for a hook during which the process is gone."""
+
+    name = "Dies"
+    reads = ("labels",)
+    asked: ClassVar[list[str]] = []
+
+    def filter(self, pod: Any, nodes: Any) -> Any:
+        self.asked.append(pod.name)
+        return np.ones(nodes.n, dtype=np.bool_)
+
+    def reserve(self, pod: Any, _node: str, _ctx: BindContext) -> None:
+        self.asked.append(f"reserve {pod.name}")
+
+    def hint(self, pod: Any, _event: Event) -> bool:
+        self.asked.append(f"hint {pod.name}")
+        return False
+
+
+@pytest.fixture(autouse=True)
+def nothing_asked() -> None:
+    Dies.asked.clear()
+
+
+def die(folder: Path, pod: Any, digest: str = "d1") -> None:
+    """A process that asks the plugin about this pod and is never heard of again."""
+    Vigil(folder, digest)("Dies", "filter", pod)
+
+
+def core_with(vigil: Vigil) -> SchedulerCore:
+    clock = Clock()
+    cluster = make_cluster(make_node("n1"), make_node("n2"), clock=clock)
+    plugins = {"multiPoint": PluginSet(enabled=(PluginRef("Dies"),))}
+    profiles = build_profiles([ProfileSpec(SCHEDULER_NAME, plugins=plugins)], catalogue({"Dies": Dies}))
+    vigil.watch_over(profiles)
+    return SchedulerCore(cluster, profiles, clock=clock)
+
+
+def test_a_hook_that_could_not_be_broken_off_is_not_asked_about_that_pod_by_the_next_process(tmp_path: Path) -> None:
+    Vigil(tmp_path, "d1").stuck("Dies", "filter", make_info("bad"))
+    core = core_with(Vigil(tmp_path, "d1"))
+    decision = core.schedule_one(make_info("bad"))
+    assert decision.reason is PodReason.SCHEDULER_ERROR
+    assert decision.message == (
+        "plugin Dies: not asked about pods like default/bad any more, because filter could not be broken off and the process "
+        "had to end; a new configuration or scheduler pod asks again"
+    )
+    assert Dies.asked == []
+    assert core.schedule_one(make_info("good", labels={"app": "good"})).placed
+    assert Dies.asked == ["good"]
+
+
+def test_a_death_for_an_unknown_reason_may_be_chance_and_the_second_one_in_the_same_question_is_none(
+    tmp_path: Path,
+) -> None:
+    die(tmp_path, make_info("bad"))
+    assert Vigil(tmp_path, "d1").barred == []
+    die(tmp_path, make_info("bad"))
+    (death,) = Vigil(tmp_path, "d1").barred
+    assert "the process died 2 times while filter was asked" in str(death)
+    assert [death] == Vigil(tmp_path, "d1").barred, "a start by itself is no death"
+
+
+def test_a_process_that_ends_in_between_questions_leaves_no_mark(tmp_path: Path) -> None:
+    for _ in range(3):
+        core = core_with(Vigil(tmp_path, "d1"))
+        assert core.schedule_one(make_info("p")).placed
+    assert not (tmp_path / DEATHS).exists()
+
+
+def test_pods_of_the_same_controller_are_alike(tmp_path: Path) -> None:
+    vigil = Vigil(tmp_path, "d1")
+    vigil.stuck("Dies", "filter", make_info("web-1", owner=WEB))
+    with pytest.raises(PluginError, match="pods like default/web-1"):
+        vigil("Dies", "score", make_info("web-2", owner=WEB))
+    with vigil("Other", "filter", make_info("web-2", owner=WEB)), vigil("Dies", "filter", make_info("web-3")):
+        pass
+
+
+def test_another_configuration_asks_again_at_a_start_and_while_running(tmp_path: Path) -> None:
+    pod = make_info("bad")
+    Vigil(tmp_path, "d1").stuck("Dies", "filter", pod)
+    assert Vigil(tmp_path, "d2").barred == []
+    vigil = Vigil(tmp_path, "d1")
+    vigil.start_anew("d2")
+    with vigil("Dies", "filter", pod):
+        pass
+    assert Vigil(tmp_path, "d2").barred == []
+    assert Vigil(tmp_path, "d1").barred == []
+
+
+async def test_hooks_on_the_way_to_the_node_and_hints_are_not_asked_either(tmp_path: Path) -> None:
+    vigil, pod = Vigil(tmp_path, "d1"), make_info("bad")
+    vigil.stuck("Dies", "reserve", pod)
+    profile = core_with(vigil).engine(SCHEDULER_NAME).profile
+
+    async def promised(*_: Any) -> None:
+        raise AssertionError
+
+    async with BindSteps(profile, pod, PointTimer(Metrics()), promised) as steps:
+        refused = await steps.run("n1")
+    assert refused is not None
+    assert refused.message.startswith(
+        'running Reserve plugin "Dies": plugin Dies: not asked about pods like default/bad'
+    )
+    assert profile.all["Dies"].waker.wants(pod, Event("pods", Change.POD_REMOVED, pod.pod, None))
+    assert Dies.asked == []
+
+
+def test_only_so_many_are_remembered_the_newest(tmp_path: Path) -> None:
+    vigil = Vigil(tmp_path, "d1")
+    for number in range(MOST + 3):
+        vigil.stuck("Dies", "filter", make_info(f"p{number}"))
+    kept = [death.pod for death in Vigil(tmp_path, "d1").barred]
+    assert kept == [f"default/p{number}" for number in range(3, MOST + 3)]
+
+
+@pytest.mark.parametrize("text", ["", "{", '{"digest": 1}', "[]"])
+def test_a_file_that_cannot_be_read_is_told_and_nothing_is_remembered(
+    tmp_path: Path, text: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / DEATHS).write_text(text)
+    assert Vigil(tmp_path, "d1").barred == []
+    assert "nothing is remembered" in caplog.text
+
+
+def test_a_folder_that_cannot_be_used_is_told_and_pods_are_placed_all_the_same(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "file").write_text("")
+    assert opened(tmp_path / "file", "d1") is None
+    assert "will not be remembered" in caplog.text
+    assert opened(None, "d1") is None
+    found = opened(tmp_path / "new", "d1")
+    assert found is not None
+    assert repr(found) == f"<Vigil in {tmp_path / 'new'}, 0 deaths>"
