@@ -1,14 +1,16 @@
 """Product functions replaced by weaker ones, for tests that must notice."""
 
 import contextlib
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, Final
 from unittest import mock
 
 from robotapp_api.claims import release
 from robotapp_api.claims.bind import ALLOWED, BindVerdict
 from robotapp_api.claims.objects import Claim, Pod
 from robotapp_api.claims.release import Preconditions, Release
+
+Weakened = Callable[[], contextlib.AbstractContextManager[None]]
 
 
 @contextlib.contextmanager
@@ -39,5 +41,6 @@ def one_phase() -> Iterator[None]:
         yield
 
 
-ONE_SLEEPER = (no_bind_check, uid_only)
-"""Those that one sleeping process is enough for; `one_phase` needs several, and tests/support/claims_model finds all."""
+ONE_SLEEPER: Final[Mapping[Weakened, str]] = {no_bind_check: "DOUBLE: ", uid_only: "without its claim"}
+"""With the harm each does: those that one sleeping process is enough for. `one_phase` needs several, and
+tests/support/claims_model finds all."""
