@@ -82,7 +82,7 @@ async def _write(
         return result
     version_test = {"op": "test", "path": "/metadata/resourceVersion", "value": result["metadata"]["resourceVersion"]}
     patch = [version_test, *({"op": "remove", "path": pointer} for pointer in foreign)]
-    return await client.patch(resource, child.ref.name, patch, namespace=app.namespace, content_type=JSON_PATCH)
+    return await _patch_tested(client, resource, child.ref.name, patch, namespace=app.namespace)
 
 
 async def _own_by_apply(client: ApiClient, resource: Resource, namespace: str, name: str, fence: Fence) -> str:
@@ -105,10 +105,22 @@ async def _own_by_apply(client: ApiClient, resource: Resource, namespace: str, n
                 {"op": "test", "path": "/metadata/resourceVersion", "value": fence.resource_version},
                 {"op": "replace", "path": f"/metadata/managedFields/{index}/operation", "value": "Apply"},
             ]
-            result = await client.patch(resource, name, patch, namespace=namespace, content_type=JSON_PATCH)
+            result = await _patch_tested(client, resource, name, patch, namespace=namespace)
             version: str = result["metadata"]["resourceVersion"]
             return version
     return fence.resource_version
+
+
+async def _patch_tested(
+    client: ApiClient, resource: Resource, name: str, patch: list[dict[str, Any]], *, namespace: str
+) -> dict[str, Any]:
+    """A JSON patch that begins with a test. A test that fails is a 422 as well, but one that names no field."""
+    try:
+        return await client.patch(resource, name, patch, namespace=namespace, content_type=JSON_PATCH)
+    except Invalid as refusal:
+        if refusal.causes:
+            raise
+        raise StartOver(f"{name} changed while it was written") from refusal
 
 
 async def _delete(client: ApiClient, item: Observed) -> None:

@@ -18,14 +18,15 @@ class Pools:
         self._cache = cache
 
     async def publish(self, name: str) -> None:
-        """Bring one pool's status up to date. A lost race is settled by the next change of a claim."""
+        """Bring one pool's status up to date. A lost race is settled by the pool's next event."""
         pool = self._cache.pools.get(name)
         if pool is None:
             return
         status = self._status(pool)
         if all(pool.status.get(field) == value for field, value in status.items()):
             return
-        body = {"metadata": {"name": name, "uid": pool.metadata.uid}, "status": status}
+        # Not by uid: a status of our kinds is written whatever uid is named, and the name may be another pool's by now.
+        body = {"metadata": {"name": name, "resourceVersion": pool.metadata.resource_version}, "status": status}
         try:
             await self._client.apply(DOMAINPOOLS, body, subresource="status")
         except (NotFound, Conflict) as gone:

@@ -60,7 +60,9 @@ class Reporter:
         status = self._render(record, memory)
         if same_status(status, record.status):
             return
-        body = {"metadata": {"name": record.name, "namespace": record.namespace, "uid": uid}, "status": status}
+        # Not by uid: a status of our kinds is written whatever uid is named, and the name may be another app's by now.
+        meta = {"name": record.name, "namespace": record.namespace, "resourceVersion": record.resource_version}
+        body = {"metadata": meta, "status": status}
         try:
             answer = await self._client.apply(ROBOTAPPS, body, subresource="status")
         except (NotFound, Conflict) as gone:

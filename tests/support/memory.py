@@ -8,9 +8,10 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from enum import StrEnum
 from typing import Any
+from urllib.parse import parse_qsl
 
 from tests.support.apiserver.store import Refused, Store
-from tests.support.apiserver.verbs import act, target
+from tests.support.apiserver.verbs import Sent, act, target
 
 from robotapp_api.client import ApiClient, Endpoint, Unreachable
 from robotapp_api.client.transport import Response, Stream, Told, tell
@@ -106,7 +107,8 @@ class MemoryTransport:
             case Mishap.HANGS:
                 await asyncio.Event().wait()
         try:
-            found = act(self.store, method, target(path.partition("?")[0]), body or b"", content_type)
+            where, _, query = path.partition("?")
+            found = act(self.store, target(where), Sent(method, body or b"", content_type, dict(parse_qsl(query))))
             answer = _answer(201 if method == "POST" else 200, found)
         except Refused as refusal:
             answer = _answer(refusal.code, refusal.status())

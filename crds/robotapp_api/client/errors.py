@@ -109,6 +109,17 @@ def means_gone(error: ApiError, name: str) -> bool:
     return error.status == 404 and error.reason == "NotFound" and f'"{name}" not found' in error.message
 
 
+def means_another(error: ApiError) -> bool:
+    """Whether an object of another uid has the name by now, as a write that carries the uid it is meant for is told.
+
+    A delete and a binding conflict; to a patch the server says that a uid cannot be changed. The status of our own kinds
+    is written whatever uid the patch names: only a resourceVersion keeps it from another object.
+    """
+    if isinstance(error, Conflict):
+        return "uid" in error.message.lower()
+    return isinstance(error, Invalid) and any(field == "metadata.uid" for field, _, _ in error.causes)
+
+
 _BY_STATUS: dict[int, type[ApiError]] = {
     400: BadRequest,
     401: Unauthorized,

@@ -10,7 +10,7 @@ from collections.abc import Awaitable, Callable
 
 from robotapp_api.client.api import ApiClient, Json
 from robotapp_api.client.apply import STRATEGIC
-from robotapp_api.client.errors import ApiError, ClientError, Conflict, NotFound, means_gone
+from robotapp_api.client.errors import ApiError, ClientError, NotFound, means_another, means_gone
 from robotapp_api.client.resources import PODS
 from robotapp_api.model.names import EventReason
 from robotapp_scheduler.core.cycle import SchedulerCore
@@ -146,13 +146,11 @@ class Evictor:
                 if means_gone(error, pod.metadata.name):
                     return True
                 problem = error
-            except Conflict as error:
-                if "uid" in error.message.lower():
-                    return True  # another pod of the same name
-                problem = error
             except ApiError as error:
+                if means_another(error):
+                    return True
                 problem = error
-                if error.status < 500 and error.status != 429:
+                if error.status < 500 and error.status not in (409, 429):
                     break
             except ClientError as error:
                 problem = error

@@ -19,7 +19,7 @@ import msgspec
 from robotapp_api.client import times
 from robotapp_api.client.api import ApiClient
 from robotapp_api.client.apply import STRATEGIC
-from robotapp_api.client.errors import ApiError, ClientError, Conflict, NotFound
+from robotapp_api.client.errors import ApiError, ClientError, NotFound, means_another
 from robotapp_api.client.resources import PODS
 from robotapp_api.model.names import EventReason
 from robotapp_scheduler.core.decision import skipped_deleting
@@ -207,11 +207,10 @@ class Reporter:
                 )
             except NotFound:
                 return
-            except Conflict as error:
-                if "uid" in error.message.lower():
-                    return  # another pod of the same name
             except ApiError as error:
-                if error.status < 500 and error.status != 429:
+                if means_another(error):
+                    return
+                if error.status < 500 and error.status not in (409, 429):
                     log.warning("PodScheduled of %s cannot be written: %s", text.pod.key, error)
                     break
             except ClientError:

@@ -11,7 +11,7 @@ from aiohttp import web
 from tests.support.apiserver import verbs
 from tests.support.apiserver.selectors import matches_fields, matches_labels
 from tests.support.apiserver.store import Json, Refused, Step, Store
-from tests.support.apiserver.verbs import Target
+from tests.support.apiserver.verbs import Sent, Target
 
 from robotapp_api.client.login import Endpoint
 
@@ -90,7 +90,7 @@ class FakeApiServer:
                     return await self._watch(request, where)
                 return web.json_response(self._list(request, where))
             body = await request.read()
-            answer = verbs.act(self.store, request.method, where, body, request.content_type)
+            answer = verbs.act(self.store, where, Sent(request.method, body, request.content_type, request.query))
             return web.json_response(answer, status=201 if request.method == "POST" else 200)
         except Refused as refusal:
             return web.json_response(refusal.status(), status=refusal.code)

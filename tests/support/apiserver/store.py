@@ -8,22 +8,30 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
+from tests.support.apiserver import owners
+from tests.support.apiserver.owners import Owned, Owner
+
+NOBODY = Owner("", "Update")
+"""Who writes as an administrator, and leaves no record."""
 Json = dict[str, Any]
 
 
 class Refused(Exception):  # noqa: N818 - an answer, not a bug
     """An error answer."""
 
-    def __init__(self, code: int, reason: str, message: str) -> None:
+    def __init__(self, code: int, reason: str, message: str, *, field: str = "") -> None:
         super().__init__(message)
         self.code = code
         self.reason = reason
         self.message = message
+        self.field = field
 
     def status(self) -> Json:
         """The Status object of the answer."""
         named = {"code": self.code, "reason": self.reason, "message": self.message}
-        return {"kind": "Status", "apiVersion": "v1", "metadata": {}, "status": "Failure", **named}
+        cause = {"field": self.field, "reason": "FieldValueInvalid", "message": self.message}
+        details = {"details": {"causes": [cause]}} if self.field else {}
+        return {"kind": "Status", "apiVersion": "v1", "metadata": {}, "status": "Failure", **named, **details}
 
 
 class Key(NamedTuple):
@@ -46,11 +54,12 @@ class Step(NamedTuple):
 
 @dataclass(slots=True)
 class Store:
-    """`watchers` are called synchronously after each change."""
+    """`watchers` are called synchronously after each change. `owned`: who wrote which field last."""
 
     version: int = 1
     floor: int = 0
     objects: dict[Key, Json] = field(default_factory=dict)
+    owned: dict[Key, Owned] = field(default_factory=dict)
     history: list[Step] = field(default_factory=list)
     watchers: list[Callable[[Step], None]] = field(default_factory=list)
     _uids: Iterator[int] = field(default_factory=itertools.count)
@@ -80,7 +89,7 @@ class Store:
         ]
         return [copy.deepcopy(obj) for _, obj in sorted(chosen, key=lambda pair: pair[0])]
 
-    def create(self, key: Key, obj: Json) -> Json:
+    def create(self, key: Key, obj: Json, *, writer: Owner = NOBODY) -> Json:
         if key in self.objects:
             plural = key.collection.rpartition("/")[2]
             raise Refused(409, "AlreadyExists", f'{plural} "{key.name}" already exists')
@@ -91,15 +100,21 @@ class Store:
         meta["creationTimestamp"] = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
         if key.namespace:
             meta["namespace"] = key.namespace
+        self._record(key, obj, owners.written({}, writer, {}, obj))
         return self._commit(key, None, obj)
 
-    def update(self, key: Key, obj: Json, *, subresource: str = "") -> Json:
-        """Replace; a resourceVersion or uid in `obj` is a precondition. No change, no new version."""
+    def update(
+        self, key: Key, obj: Json, *, subresource: str = "", writer: Owner = NOBODY, owned: Owned | None = None
+    ) -> Json:
+        """Replace; a resourceVersion or uid in `obj` is a precondition. No change, no new version.
+
+        `owned`: whose the fields are then, where it is known already.
+        """
         old = self.get(key)
         check(old, obj.get("metadata") or {})
         new = copy.deepcopy(obj)
         if subresource == "status":
-            new = {**old, "status": new.get("status")}
+            new = {**copy.deepcopy(old), "status": new.get("status")}
         elif "status" in old:
             new["status"] = old["status"]
         meta = new.setdefault("metadata", {})
@@ -107,6 +122,10 @@ class Store:
             if own in old["metadata"]:
                 meta[own] = old["metadata"][own]
         meta["resourceVersion"] = old["metadata"]["resourceVersion"]
+        entries, before = meta.pop("managedFields", None), self.owned.get(key, {})
+        if owned is None and entries and entries != old["metadata"].get("managedFields"):
+            owned = owners.renamed(before, entries)
+        self._record(key, new, owners.written(before, writer, old, new) if owned is None else owned)
         if new == old:
             return old
         if new.get("spec") != old.get("spec"):
@@ -115,10 +134,11 @@ class Store:
             return self._remove(key, new)
         return self._commit(key, old, new)
 
-    def delete(self, key: Key, preconditions: Json) -> Json:
+    def delete(self, key: Key, preconditions: Json, *, graceful: bool = False) -> Json:
+        """With finalizers, or gracefully, the object only says that it is being deleted."""
         obj = self.get(key)
         check(obj, preconditions)
-        if obj["metadata"].get("finalizers"):
+        if graceful or obj["metadata"].get("finalizers"):
             if "deletionTimestamp" not in obj["metadata"]:
                 old = copy.deepcopy(obj)
                 obj["metadata"]["deletionTimestamp"] = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
@@ -130,6 +150,11 @@ class Store:
         """All of the object in one step, status included: what only the server itself does."""
         return self._commit(key, self.get(key), copy.deepcopy(new))
 
+    def _record(self, key: Key, obj: Json, owned: Owned) -> None:
+        self.owned[key] = owned
+        if owned:
+            obj["metadata"]["managedFields"] = owners.records(owned)
+
     def _commit(self, key: Key, old: Json | None, new: Json) -> Json:
         self.version += 1
         new["metadata"]["resourceVersion"] = str(self.version)
@@ -140,6 +165,7 @@ class Store:
     def _remove(self, key: Key, last: Json) -> Json:
         self.version += 1
         old = self.objects.pop(key)
+        self.owned.pop(key, None)
         last["metadata"]["resourceVersion"] = str(self.version)
         self._tell(Step(self.version, key, copy.deepcopy(old), None, last))
         return last

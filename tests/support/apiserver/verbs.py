@@ -2,12 +2,16 @@
 
 import json
 import secrets
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
-from tests.support.apiserver.store import Json, Key, Refused, Store, check, merge
+from tests.support.apiserver import owners
+from tests.support.apiserver.owners import Owner
+from tests.support.apiserver.patches import patched
+from tests.support.apiserver.store import Json, Key, Refused, Store, check
 
 from robotapp_api.client import resources
+from robotapp_api.client.apply import APPLY, STRATEGIC
 from robotapp_api.client.resources import Resource
 from robotapp_api.model.names import GROUP
 
@@ -60,31 +64,48 @@ def target(path: str) -> Target:
     )
 
 
-def act(store: Store, method: str, where: Target, body: bytes, content_type: str) -> Json:
+@dataclass(frozen=True, slots=True)
+class Sent:
+    """A request that is no list and no watch."""
+
+    method: str
+    body: bytes
+    content_type: str
+    query: Mapping[str, str]
+
+    def writer(self, where: Target) -> Owner:
+        operation = "Apply" if self.content_type == APPLY else "Update"
+        return Owner(self.query.get("fieldManager", ""), operation, where.subresource)
+
+
+def act(store: Store, where: Target, sent: Sent) -> Json:
     """Everything but lists and watches."""
-    match method:
+    writer = sent.writer(where)
+    match sent.method:
         case "GET":
             return store.get(where.key())
         case "POST":
-            return post(store, where, json.loads(body))
+            return post(store, where, json.loads(sent.body), writer)
         case "PUT":
-            obj = json.loads(body)
+            obj = json.loads(sent.body)
             if where.group in CONDITIONAL and not (obj.get("metadata") or {}).get("resourceVersion"):
                 store.get(where.key())
                 raise Refused(422, "Invalid", "metadata.resourceVersion: must be specified for an update")
-            return store.update(where.key(), obj, subresource=where.subresource)
+            return store.update(where.key(), obj, subresource=where.subresource, writer=writer)
+        case "PATCH" if sent.content_type == APPLY:
+            return apply(store, where, json.loads(sent.body), writer, force=sent.query.get("force") == "true")
         case "PATCH":
-            return patch(store, where, json.loads(body), content_type)
+            return patch(store, where, sent, writer)
         case "DELETE":
-            return delete(store, where, body)
-    raise Refused(405, "MethodNotAllowed", method)
+            return delete(store, where, sent.body)
+    raise Refused(405, "MethodNotAllowed", sent.method)
 
 
-def post(store: Store, where: Target, obj: Json) -> Json:
+def post(store: Store, where: Target, obj: Json, writer: Owner) -> Json:
     if where.plural == "pods" and where.subresource == "binding":
         return bind(store, where.key(), obj)
     if where.plural == "pods" and where.subresource == "eviction":
-        store.delete(where.key(), {})
+        _delete_pod(store, where, {})
         return {"kind": "Status", "apiVersion": "v1", "status": "Success"}
     meta = obj.get("metadata") or {}
     name = meta.get("name") or (meta["generateName"] + secrets.token_hex(3) if meta.get("generateName") else "")
@@ -92,33 +113,51 @@ def post(store: Store, where: Target, obj: Json) -> Json:
         raise Refused(422, "Invalid", "name or generateName is required")
     if meta.get("namespace") and where.namespace and meta["namespace"] != where.namespace:
         raise Refused(400, "BadRequest", "the namespace of the object does not match the namespace of the request")
-    return store.create(where.key(name), obj)
+    if where.group == GROUP:
+        obj = {key: value for key, value in obj.items() if key != "status"}
+    if where.collection == "/pods":
+        obj = obj | {"status": {"phase": "Pending"}}
+    return store.create(where.key(name), obj, writer=writer)
 
 
-def patch(store: Store, where: Target, body: Any, content_type: str) -> Json:
-    if "apply" in content_type:
-        return apply(store, where, body)
+def patch(store: Store, where: Target, sent: Sent, writer: Owner) -> Json:
+    if sent.content_type == STRATEGIC and where.group == GROUP:
+        raise Refused(415, "UnsupportedMediaType", "the body of the request was in an unknown format")
     old = store.get(where.key())
-    meta = (body.get("metadata") or {}) if isinstance(body, dict) else {}
-    check(old, meta)
-    new = merge(old, body)
-    new["metadata"]["resourceVersion"] = old["metadata"]["resourceVersion"]
-    return store.update(where.key(), new, subresource=where.subresource)
+    new = patched(old, json.loads(sent.body), sent.content_type)
+    meta = new["metadata"] = _minded(old, new.get("metadata") or {}, where)
+    meta["resourceVersion"] = old["metadata"]["resourceVersion"]
+    return store.update(where.key(), new, subresource=where.subresource, writer=writer)
 
 
-def apply(store: Store, where: Target, body: Json) -> Json:
-    """Server-side apply without field ownership: merge, create when absent (a uid forbids that)."""
+def apply(store: Store, where: Target, body: Json, writer: Owner, *, force: bool) -> Json:
+    """Server-side apply: creates what is absent, but for a subresource or an object of a known uid."""
     meta = body.get("metadata") or {}
     try:
         old = store.get(where.key())
     except Refused:
+        if where.subresource:
+            raise
         if meta.get("uid"):
             raise Refused(409, "Conflict", f"uid mismatch: {meta['uid']} is gone") from None
-        return store.create(where.key(), body)
-    check(old, meta)
-    new = merge(old, body)
-    new["metadata"]["resourceVersion"] = old["metadata"]["resourceVersion"]
-    return store.update(where.key(), new, subresource=where.subresource)
+        return store.create(where.key(), body, writer=writer)
+    body = body | {"metadata": _minded(old, meta, where)}
+    owned = store.owned.get(where.key(), {})
+    if not force and (found := owners.clashes(owned, writer, old, body)):
+        raise Refused(409, "Conflict", f"Apply failed with conflicts: {found}")
+    new, owned = owners.applied(owned, writer, old, body)
+    return store.update(where.key(), new, subresource=where.subresource, writer=writer, owned=owned)
+
+
+def _minded(old: Json, meta: Json, where: Target) -> Json:
+    """The metadata of a patch or an apply, once its preconditions are met. The status of our own kinds minds no uid."""
+    check(old, {"resourceVersion": meta.get("resourceVersion")})
+    if where.group == GROUP and where.subresource == "status":
+        return {key: value for key, value in meta.items() if key != "uid"}
+    if meta.get("uid") not in (None, "", old["metadata"]["uid"]):
+        text = f'metadata.uid: Invalid value: "{meta["uid"]}": field is immutable'
+        raise Refused(422, "Invalid", text, field="metadata.uid")
+    return meta
 
 
 def bind(store: Store, key: Key, binding: Json) -> Json:
@@ -139,4 +178,13 @@ def bind(store: Store, key: Key, binding: Json) -> Json:
 
 def delete(store: Store, where: Target, options: bytes) -> Json:
     preconditions = (json.loads(options).get("preconditions") or {}) if options else {}
+    if where.collection == "/pods":
+        return _delete_pod(store, where, preconditions)
     return store.delete(where.key(), preconditions)
+
+
+def _delete_pod(store: Store, where: Target, preconditions: Json) -> Json:
+    """One that is on a node and not over yet only begins to end: the rest is the kubelet's."""
+    pod = store.get(where.key())
+    over = (pod.get("status") or {}).get("phase") in ("Succeeded", "Failed")
+    return store.delete(where.key(), preconditions, graceful=bool((pod.get("spec") or {}).get("nodeName")) and not over)

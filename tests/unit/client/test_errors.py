@@ -46,6 +46,20 @@ def test_causes_name_the_fields() -> None:
     assert answer(422, details={"causes": [cause]}).causes == (("spec.x", "FieldValueInvalid", "too big"),)
 
 
+@pytest.mark.parametrize(
+    ("error", "another"),
+    [
+        (answer(409, message="Precondition failed: UID in precondition: a, UID in object meta: b"), True),
+        (answer(409, message="the object has been modified"), False),
+        (answer(422, details={"causes": [{"field": "metadata.uid", "message": "field is immutable"}]}), True),
+        (answer(422, details={"causes": [{"field": "spec.uid", "message": "too long"}]}), False),
+        (answer(404, message='pods "uid" not found'), False),
+    ],
+)
+def test_a_write_that_names_its_uid_learns_that_the_name_is_another_objects(error: ApiError, another: bool) -> None:
+    assert errors.means_another(error) is another
+
+
 def test_the_header_wins_over_the_details_for_retry_after() -> None:
     body = json.dumps({"details": {"retryAfterSeconds": 9}}).encode()
     assert error_from_response(429, {"Retry-After": "2"}, body).retry_after_s == 2

@@ -7,7 +7,7 @@ from tests.support.factories import VERSION, after, make_app
 from tests.support.scripted_client import ScriptedClient
 
 from robotapp_api.claims.domain import Fence
-from robotapp_api.client import AlreadyExists, Conflict, Forbidden, NotFound
+from robotapp_api.client import AlreadyExists, Conflict, Forbidden, Invalid, NotFound
 from robotapp_api.model.names import Reason
 from robotapp_operator.execute import StartOver, Written, execute
 from robotapp_operator.plan.changes import Change, Observed, Plan, plan, wanted_children
@@ -137,6 +137,28 @@ async def test_a_lost_race_starts_over(error: Exception) -> None:
     client = ScriptedClient().always("get", live()).always("apply", error)
     with pytest.raises(StartOver):
         await run(client, change_of_one())
+
+
+def a_failed_test() -> Exception:
+    return refusal(Invalid, "the server rejected our request due to an error in our request", 422)
+
+
+@pytest.mark.parametrize("before", [[], [answer]], ids=["to make fields ours", "to take a stray out"])
+async def test_a_patch_whose_test_fails_lost_a_race_and_is_no_refusal(before: list[Any]) -> None:
+    """The Deployment's own controller writes between our read and our patch."""
+    stray = {"name": "c", "env": [{"name": "ROS_DOMAIN_ID", "value": "99"}]}
+    applied = answer() | {"spec": {"template": {"spec": {"containers": [stray]}}}}
+    client = ScriptedClient().always("get", live(manager="robotapp-operator")).always("apply", applied)
+    with pytest.raises(StartOver):
+        await run(client.script("patch", *before, a_failed_test()), change_of_one())
+
+
+async def test_a_patch_that_names_a_wrong_field_is_a_refusal() -> None:
+    error = Invalid("no", status=422, causes=(("spec", "FieldValueInvalid", "no"),))
+    done = await run(
+        ScriptedClient().always("get", live(manager="robotapp-operator")).always("patch", error), change_of_one()
+    )
+    assert [reason for reason, _ in done.refusals] == [Reason.FAILED_CREATE]
 
 
 async def test_refusals_are_collected_and_the_other_children_still_written() -> None:

@@ -81,6 +81,18 @@ async def test_a_pools_status_is_written_when_it_changed_and_only_then(world: Wo
     assert (await world.client.list(DOMAINPOOLS)).items == []
 
 
+async def test_a_pools_status_is_never_written_to_another_pool_of_the_same_name(world: World) -> None:
+    pools = Pools(world.client, world.cache)
+    for ids in ("1-3", "1-9"):
+        body = {"metadata": {"name": "default"}, "spec": {"scope": "Cluster", "ids": ids}}
+        created = await world.client.create(DOMAINPOOLS, body)
+        world.cache.pools.setdefault("default", msgspec.convert(created, Pool))
+        if ids == "1-3":
+            await world.client.delete(DOMAINPOOLS, "default")
+    await pools.publish("default")
+    assert "status" not in await world.client.get(DOMAINPOOLS, "default")
+
+
 async def test_the_fleet_view_is_written_once_and_follows(world: World) -> None:
     fleet = FleetView(world.client, world.cache)
     world.cache.update_app(app_body())
@@ -169,7 +181,8 @@ async def gated_pod(world: World, *, domain: int = 7) -> dict[str, Any]:
 async def claim(world: World, phase: str) -> None:
     body = msgspec.to_builtins(domain_claim(7, phase=phase))
     body["metadata"] = {"name": body["metadata"]["name"]}
-    await world.client.create(ROBOTCLAIMS, body)
+    created = await world.client.create(ROBOTCLAIMS, body)
+    await world.client.replace(ROBOTCLAIMS, created | {"status": body["status"]}, subresource="status")
 
 
 async def test_our_gate_opens_when_the_claim_stands_and_others_stay(world: World) -> None:

@@ -8,7 +8,7 @@ import pytest
 from tests.support.scheduling import make_core, make_info, make_node, make_pod
 from tests.support.scripted_client import ScriptedClient
 
-from robotapp_api.client.errors import ApiError, Conflict, Forbidden, NotFound, Unreachable
+from robotapp_api.client.errors import ApiError, Conflict, Forbidden, Invalid, NotFound, Unreachable
 from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.preemption import Plan
@@ -17,6 +17,7 @@ from robotapp_scheduler.shell.evict import Evictor
 from robotapp_scheduler.shell.metrics import Metrics
 
 NOW = "2026-11-21T00:00:00Z"
+ANOTHER_UID = Invalid("field is immutable", status=422, causes=(("metadata.uid", "FieldValueInvalid", "immutable"),))
 
 
 class Desk:
@@ -120,6 +121,14 @@ async def test_what_can_be_repeated_is_and_a_victim_that_is_gone_is_a_success(an
     desk.client.script("delete", *answers)
     calls = await desk.done()
     assert calls.count("delete b") == 1
+    assert desk.core.queue.pending()["active"] == 0
+
+
+async def test_a_victim_whose_name_is_another_pods_by_now_is_gone() -> None:
+    """Of a StatefulSet, say. A patch that names another uid is refused as one that would change it."""
+    desk = Desk()
+    desk.client.script("patch", ANOTHER_UID)
+    assert await desk.done() == ["patch a/status", "patch b/status", "delete b"]
     assert desk.core.queue.pending()["active"] == 0
 
 

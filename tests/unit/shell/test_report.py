@@ -4,7 +4,7 @@ from typing import Any
 import pytest
 from tests.support.scripted_client import ScriptedClient
 
-from robotapp_api.client.errors import ClientError, Conflict, Forbidden, NotFound, Unreachable
+from robotapp_api.client.errors import ClientError, Conflict, Forbidden, Invalid, NotFound, Unreachable
 from robotapp_scheduler.core.objects import Metadata, Pod, PodCondition, PodSpec, PodStatus
 from robotapp_scheduler.shell import texts
 from robotapp_scheduler.shell.report import Reporter
@@ -194,7 +194,6 @@ async def test_a_pod_that_was_bound_meanwhile_is_not_called_unschedulable() -> N
     ("failures", "writes"),
     [
         ([NotFound("gone", status=404)], 1),
-        ([Conflict("Precondition failed: UID in precondition: u1", status=409)], 1),
         ([Conflict("the object has been modified", status=409)], 2),
         ([Unreachable("reset", maybe_applied=True)], 2),
         ([Forbidden("no", status=403)], 1),
@@ -205,6 +204,15 @@ async def test_a_failed_write_is_repeated_only_where_that_can_help(failures: lis
     desk.client.script("patch", *failures)
     desk.reporter.unscheduled(pod(), reason="Unschedulable", message="no room")
     assert len(await desk.settle()) == writes
+
+
+async def test_nothing_is_said_of_a_pod_whose_name_is_another_ones_by_now(caplog: pytest.LogCaptureFixture) -> None:
+    desk = Desk()
+    immutable = ("metadata.uid", "FieldValueInvalid", "field is immutable")
+    desk.client.script("patch", Invalid("field is immutable", status=422, causes=(immutable,)))
+    desk.reporter.unscheduled(pod(), reason="Unschedulable", message="no room")
+    assert len(await desk.settle()) == 1
+    assert not caplog.records
 
 
 async def test_what_could_not_be_written_is_said_again_at_the_next_attempt() -> None:
