@@ -120,7 +120,7 @@ async def test_a_connection_that_is_not_to_be_used_again_is_not(first: bytes) ->
     script = Script(first, OK)
     async with talking_to(script) as connections:
         assert (await ask(connections)).body == b"ok"
-        await asyncio.sleep(0.05)
+        await until(lambda: "0 idle" in repr(connections))
         assert (await ask(connections)).body == b"ok"
     assert script.connections == 2
 
@@ -159,10 +159,10 @@ async def test_a_server_that_is_not_there_was_sent_nothing() -> None:
 async def test_who_finds_all_connections_busy_waits_in_line_and_no_longer_than_its_time() -> None:
     script = Script(b"", OK)
     async with talking_to(script, limit=1) as connections:
-        slow = asyncio.create_task(ask(connections, timeout_s=0.5))
+        slow = asyncio.create_task(ask(connections, timeout_s=1))  # far from the other's, whatever the machine does
         await until(lambda: script.requests)
         with pytest.raises(NotSentError, match="no free connection"):
-            await ask(connections, timeout_s=0.1)
+            await ask(connections, timeout_s=0.05)
         patient = asyncio.create_task(ask(connections))
         with pytest.raises(BrokenError):
             await slow
@@ -173,16 +173,15 @@ async def test_who_finds_all_connections_busy_waits_in_line_and_no_longer_than_i
 async def test_what_is_no_longer_permitted_when_its_turn_comes_is_not_sent() -> None:
     script = Script(b"", OK)
     async with talking_to(script, limit=1) as connections:
-        slow = asyncio.create_task(ask(connections, timeout_s=0.2))
+        slow = asyncio.create_task(ask(connections))
         await until(lambda: script.requests)
         allowed = [True]
         waits = asyncio.create_task(connections.request(REQUEST, timeout_s=5.0, permitted=lambda: allowed[0]))
         await until(lambda: "1 waiting" in repr(connections))
         allowed[0] = False
+        slow.cancel()
         with pytest.raises(NotSentError, match="no longer permitted"):
             await waits
-        with pytest.raises(BrokenError):
-            await slow
         assert (await ask(connections)).body == b"ok"
     assert len(script.requests) == 2
 
@@ -262,11 +261,12 @@ async def test_requests_of_many_patiences_each_get_their_own_time_from_one_timer
 async def test_a_cancelled_waiter_passes_its_place_on() -> None:
     script = Script(b"", OK, OK)
     async with talking_to(script, limit=1) as connections:
-        first = asyncio.create_task(ask(connections, timeout_s=0.3))
+        first = asyncio.create_task(ask(connections))
         await until(lambda: script.requests)
         impatient, patient = (asyncio.create_task(ask(connections)) for _ in range(2))
         await until(lambda: "2 waiting" in repr(connections))
         impatient.cancel()
+        first.cancel()
         results = await asyncio.gather(first, impatient, patient, return_exceptions=True)
         assert isinstance(results[1], asyncio.CancelledError)
         assert isinstance(results[2], Answer)
