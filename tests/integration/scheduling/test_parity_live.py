@@ -6,21 +6,31 @@ import random
 
 import pytest
 from tests.bench import parity_live
+from tests.bench.parity_report import Report
 
 CASES = 6 * len(parity_live.LIVE)
+SEEDS = 3
+"""Of 264 cases 3 to 14 preempt: so many seeds without any would mean that nobody preempts."""
+
+
+def compared(seed: str) -> Report:
+    with parity_live.control_plane() as cp:
+        cases = parity_live.campaign(seed, CASES)
+        return asyncio.run(parity_live.run(cp, cases, seed=seed, say=lambda _: None))
 
 
 @pytest.mark.live
 @pytest.mark.slow
-@pytest.mark.timeout(1200)
+@pytest.mark.timeout(1800)
 def test_cases_of_every_family_get_the_same_nodes_scores_texts_and_victims_as_from_kube_scheduler() -> None:
     """`scripts/bench parity --seed S --case N` shows the one that fails."""
-    seed = str(random.randrange(10**6))
-    with parity_live.control_plane() as cp:
-        cases = parity_live.campaign(seed, CASES)
-        report = asyncio.run(parity_live.run(cp, cases, seed=seed, say=lambda _: None))
-    assert not report.found, f"--seed {seed}: {json.dumps(report.found[:3], indent=2)}"
-    assert report.compared["bound"] > CASES // 4
-    assert report.compared["refused"] > CASES // 4
-    assert report.compared["preempted"] > 0
-    assert not report.invalid
+    for _ in range(SEEDS):
+        seed = str(random.randrange(10**6))
+        report = compared(seed)
+        assert not report.found, f"--seed {seed}: {json.dumps(report.found[:3], indent=2)}"
+        assert report.compared["bound"] > CASES // 4
+        assert report.compared["refused"] > CASES // 4
+        assert not report.invalid
+        if report.compared["preempted"]:
+            return
+    raise AssertionError(f"none of {SEEDS * CASES} cases preempted anybody")
