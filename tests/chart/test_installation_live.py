@@ -2,6 +2,7 @@
 
 import json
 import re
+import subprocess
 import time
 from collections.abc import Iterator
 
@@ -11,6 +12,9 @@ from tests.support.chart import CRDS, NAMESPACE, NO_WORKLOADS, Chart, everything
 from robotapp_testbed import ControlPlane
 
 pytestmark = pytest.mark.live
+
+
+NO_PODS = {"operator.replicas": "0", "scheduler.replicas": "0"}
 
 
 @pytest.fixture
@@ -57,16 +61,15 @@ def settled(chart: Chart, expected: set[str], *, deadline_s: float = 30) -> set[
 
 @pytest.mark.parametrize("afterwards", [False, True], ids=["from-the-start", "decided-later"])
 def test_uninstalling_without_keep_leaves_nothing_not_even_users_apps(afterwards: bool) -> None:
-    quiet = {"operator.replicas": "0", "scheduler.replicas": "0"}
     with ControlPlane(kwok=False, controller_manager=True) as plane:
         chart = Chart(plane)
         settle_namespace(chart)
         before = everything(plane)
         if afterwards:
-            chart.install(quiet)
-            chart.upgrade({**quiet, "crds.keep": "false"})
+            chart.install(NO_PODS)
+            chart.upgrade({**NO_PODS, "crds.keep": "false"})
         else:
-            chart.install({**quiet, "crds.keep": "false"})
+            chart.install({**NO_PODS, "crds.keep": "false"})
         plane.kubectl("create", "-f", "-", stdin=json.dumps(APP))
         during = everything(plane)
         assert {f"resource/{name}" for name in CRDS} <= during - before
@@ -106,17 +109,17 @@ def test_an_upgrade_changes_the_pool(free: Chart) -> None:
 
 
 def test_the_notes_name_three_commands_that_prove_the_installation(free: Chart) -> None:
-    notes = free.install(NO_WORKLOADS)
+    notes = free.install(NO_PODS)
     assert "Three commands prove it" in notes
     assert notes.count("\n  kubectl ") + notes.count("\n  printf ") == 3
     assert pool_field(free, "ids") == "1-101,215-232"
 
 
 def test_the_example_of_the_notes_is_accepted(free: Chart) -> None:
-    notes = free.install(NO_WORKLOADS)
-    found = re.search(r"printf '(.*?)'", notes, re.DOTALL)
+    notes = free.install(NO_PODS)
+    found = re.search(r"^  (printf .*?)\| kubectl apply", notes, re.DOTALL | re.MULTILINE)
     assert found, notes
-    manifest = found[1].replace("\\n", "\n")
+    manifest = subprocess.run(["sh", "-c", found[1].rstrip(" \\\n")], capture_output=True, text=True, check=True).stdout
     free.plane.kubectl("apply", "--dry-run=server", "--validate=strict", "-f", "-", stdin=manifest)
 
 

@@ -5,7 +5,7 @@ import re
 from typing import Any
 
 import pytest
-from tests.support.chart import CHART, NAMESPACE, NO_WORKLOADS, Chart, Object, named, of_kind, rules
+from tests.support.chart import CHART, NAMESPACE, NO_WORKLOADS, Chart, Object, flags, named, of_kind, rules
 
 from robotapp_api.model.names import FLEET_CONFIG_MAP
 from robotapp_api.serving.pages import A_ROLE_THAT_MAY
@@ -309,6 +309,24 @@ def test_wrong_values_are_refused_with_their_place(chart: Chart, value: str, whe
     key, _, text = value.partition("=")
     with pytest.raises(CommandError, match=re.escape(where)):
         chart.render({key: text})
+
+
+def test_several_schedulers_need_an_election(chart: Chart) -> None:
+    alone = {"scheduler.config.leaderElection.leaderElect": "false"}
+    assert chart.render(alone)
+    assert chart.render({"scheduler.replicas": "2"})
+    with pytest.raises(CommandError, match=re.escape("write 1, or scheduler.config.leaderElection.leaderElect: true")):
+        chart.render({**alone, "scheduler.replicas": "2"})
+
+
+@pytest.mark.parametrize("off", [["operator"], ["scheduler"], ["operator", "scheduler"]])
+def test_the_notes_say_what_is_not_part_of_the_release_and_promise_no_app(chart: Chart, off: list[str]) -> None:
+    values = flags({f"{component}.enabled": "false" for component in off})
+    text = chart.plane.helm("install", "robotapp", str(CHART), "--namespace", NAMESPACE, "--dry-run=client", *values)
+    notes = text.partition("NOTES:")[2]
+    assert [line.partition(".")[0] for line in notes.splitlines() if ".enabled is false" in line] == off
+    assert "kubectl apply" not in notes
+    assert max(map(len, notes.splitlines())) <= 80
 
 
 def test_values_that_may_be_empty_may_be_left_without_a_value(chart: Chart) -> None:
