@@ -36,9 +36,14 @@ class _Refused(Exception):  # noqa: N818 - control flow inside this module, neve
         self.field, self.value, self.allowed = field, value, allowed
 
 
+def any_read(annotations: Mapping[str, str]) -> bool:
+    """Is there a ROS annotation among these?"""
+    return not _READ.isdisjoint(annotations)
+
+
 def parse_annotations(annotations: Mapping[str, str]) -> RosRequest | InvalidAnnotation | None:
     """All ROS annotations of a pod; None when it has none of them."""
-    if _READ.isdisjoint(annotations):
+    if not any_read(annotations):
         return None
     present = [key for key in READ if key in annotations]
     fields: dict[str, Any] = {}

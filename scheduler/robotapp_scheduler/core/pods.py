@@ -14,7 +14,7 @@ from robotapp_api.model.names import Label
 from robotapp_api.values.requests import PodRequests
 from robotapp_scheduler.core.affinity_index import PlacedTerm
 from robotapp_scheduler.core.affinity_terms import attracts_itself
-from robotapp_scheduler.core.annotations import parse_annotations
+from robotapp_scheduler.core.annotations import any_read, parse_annotations
 from robotapp_scheduler.core.label_sets import LabelSet
 from robotapp_scheduler.core.lazy import Lazy
 from robotapp_scheduler.core.objects import Affinity, NodeAffinity, OwnerReference, Pod, Toleration
@@ -55,6 +55,7 @@ class PodInfo:
         self.namespace = meta.namespace
         self.labels: dict[str, str] = meta.labels or {}
         self.annotations: dict[str, str] = meta.annotations or {}
+        self._annotated = bool(self.annotations) and any_read(self.annotations)
         self.priority = pod.spec.priority
         grouped = in_group(pod)
         self.member = member_of(self.labels) if grouped else None
@@ -162,12 +163,12 @@ class PodInfo:
     @property
     def plain(self) -> bool:
         """Surely neither part of a group nor a pod with ROS fields."""
-        return self.member is None and self.pod_group is None and not self.annotations
+        return self.member is None and self.pod_group is None and not self._annotated
 
     @property
     def ros_request(self) -> RosRequest | InvalidAnnotation | None:
         """What the scheduler.robotics.io annotations ask for; None without any."""
-        return self._ros_request if self.annotations else None
+        return self._ros_request if self._annotated else None
 
     @Lazy
     def _ros_request(self) -> RosRequest | InvalidAnnotation | None:
