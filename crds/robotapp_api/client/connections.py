@@ -125,7 +125,6 @@ class Connections:
 
     def _free(self, connection: Connection) -> None:
         """It has nothing to do any more."""
-        connection.idle_since_s = asyncio.get_running_loop().time()
         if connection.reusable:
             self._pass_on(connection)
         else:
@@ -139,6 +138,7 @@ class Connections:
                 return
         self._claimed -= 1
         if connection is not None:
+            connection.idle_since_s = asyncio.get_running_loop().time()
             self._idle.append(connection)
 
     def _drop(self, exchange: Exchange) -> None:
