@@ -67,7 +67,7 @@ class Cluster:
         self.budgets = Budgets()
         self.by_priority = PriorityColumns()
         self._alike = Alike()
-        self._records = Records(self.nodes.resources, self._alike)
+        self._records = Records(self.nodes.resources, self._alike, like=self.topology.label_sets.like)
         self._stamps = Stamps(self.nodes.labels)
         self._seen: dict[str, Pod] = {}
         """Live pods without a node, by uid."""

@@ -47,10 +47,12 @@ class LabelSet:
 class LabelSets:
     """All label sets in use."""
 
-    __slots__ = ("_by_key", "_by_label", "_latest")
+    __slots__ = ("_by_dict", "_by_key", "_by_label", "_latest")
 
     def __init__(self) -> None:
         self._by_key: dict[LabelSetKey, LabelSet] = {}
+        self._by_dict: dict[int, LabelSet] = {}
+        """By the identity of the labels all its pods share."""
         self._latest = LabelSet("", {})
         self._by_label: dict[str, dict[str, dict[LabelSet, None]]] = {}
         """Label key → value → label sets, for keys a selector has asked for."""
@@ -63,6 +65,10 @@ class LabelSets:
 
     def take(self, namespace: str, labels: dict[str, str]) -> tuple[LabelSet, bool]:
         """The label set of a pod that was placed, and whether it is new."""
+        shared = self._by_dict.get(id(labels))
+        if shared is not None and shared.namespace == namespace:
+            shared.pods += 1
+            return shared, False
         latest = self._latest
         if (
             latest.pods and latest.namespace == namespace and latest.labels == labels
@@ -73,7 +79,7 @@ class LabelSets:
         found = self._by_key.get(key)
         new = found is None
         if found is None:
-            found = self._by_key[key] = LabelSet(namespace, labels)
+            found = self._by_key[key] = self._by_dict[id(labels)] = LabelSet(namespace, labels)
             for name, by_value in self._by_label.items():
                 if (value := labels.get(name)) is not None:
                     by_value.setdefault(value, {})[found] = None
@@ -81,12 +87,19 @@ class LabelSets:
         self._latest = found
         return found, new
 
+    def like(self, namespace: str, labels: dict[str, str]) -> dict[str, str] | None:
+        """Equal labels that placed pods of the namespace share; None when there are no such pods."""
+        found = self._by_key.get(label_key(namespace, labels))
+        return found.labels if found is not None else None
+
     def release(self, label_set: LabelSet) -> None:
         """A pod of this label set is no longer placed."""
         label_set.pods -= 1
         if label_set.pods:
             return
         del self._by_key[label_key(label_set.namespace, label_set.labels)]
+        if self._by_dict.get(id(label_set.labels)) is label_set:  # not of another namespace
+            del self._by_dict[id(label_set.labels)]
         for name, by_value in self._by_label.items():
             if (value := label_set.labels.get(name)) is not None:
                 del by_value[value][label_set]

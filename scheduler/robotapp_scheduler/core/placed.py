@@ -1,5 +1,7 @@
 """What pods hold once they are placed: worked out once per shape, copied for each replica."""
 
+from collections.abc import Callable
+
 from msgspec.structs import replace
 
 from robotapp_scheduler.core.alike import Alike
@@ -11,9 +13,17 @@ from robotapp_scheduler.core.stamps import Stamp
 class Records:
     """Makes the record of a pod on a node."""
 
-    def __init__(self, resources: ResourceColumns, alike: Alike) -> None:
+    def __init__(
+        self,
+        resources: ResourceColumns,
+        alike: Alike,
+        *,
+        like: Callable[[str, dict[str, str]], dict[str, str] | None],
+    ) -> None:
+        """`like` finds the labels that placed pods with equal ones in a namespace share."""
         self._resources = resources
         self._alike = alike
+        self._like = like
 
     def __repr__(self) -> str:
         return f"Records({self._resources!r})"
@@ -25,7 +35,9 @@ class Records:
         blank: PlacedPod | None = shape.notes.get(key)
         if blank is None:
             blank = self._blank(info, stamp)
-            if self._resources in shape.notes:  # what it holds is settled
+            shared = self._like(blank.namespace, blank.labels)
+            if shared is not None and self._resources in shape.notes:  # it has its like, and what it holds is settled
+                blank.labels = shared
                 shape.notes[key] = blank
         return replace(
             blank, uid=info.uid, name=info.name, node=node, terminating=info.deleting, assumed=assumed, pod=info.pod

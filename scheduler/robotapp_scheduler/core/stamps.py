@@ -38,4 +38,4 @@ class Stamps:
 
     def _on(self, row: int) -> Stamp:
         labels = self._labels.of(row)
-        return tuple((key, labels[key]) for key in KEYS if key in labels)
+        return tuple([(key, labels[key]) for key in KEYS if key in labels])  # for every pod: no generator

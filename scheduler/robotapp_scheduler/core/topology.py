@@ -22,10 +22,10 @@ class Topology:
     def __init__(self, nodes: NodeTable, log: ChangeLog) -> None:
         self._nodes = nodes
         self._log = log
-        self._label_sets = LabelSets()
+        self.label_sets = LabelSets()
         self._compiler = Compiler()
         self.namespaces = Namespaces()
-        self.counts = PodCounts(self._label_sets, nodes.labels)
+        self.counts = PodCounts(self.label_sets, nodes.labels)
         self.affinity = AffinityIndex(nodes.labels, self.namespaces)
         self.selectors = DefaultSelectors()
         self.images = Images()
@@ -41,7 +41,7 @@ class Topology:
 
     def take(self, record: PlacedPod) -> None:
         """A pod is placed, on whatever node: from now on it shares labels and terms with its like."""
-        record.label_set, new = self._label_sets.take(record.namespace, record.labels)
+        record.label_set, new = self.label_sets.take(record.namespace, record.labels)
         record.labels = record.label_set.labels
         if new:
             self.counts.enrol(record.label_set)
@@ -52,7 +52,7 @@ class Topology:
     def release(self, record: PlacedPod) -> None:
         """A pod is no longer placed."""
         if record.label_set is not None:
-            self._label_sets.release(record.label_set)
+            self.label_sets.release(record.label_set)
         self.affinity.release(record.terms)
 
     def count(self, record: PlacedPod, row: int, sign: int) -> None:
