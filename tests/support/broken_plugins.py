@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from robotapp_scheduler.core.framework import PerDomain, Scores, Verdict
+from robotapp_scheduler.core.framework import PerDomain, PreFilter, Scores, Status, Verdict
 
 
 class Nameless:
@@ -79,6 +79,26 @@ class CalledLikeFit(_Filters):
     name = "NodeResourcesFit"
 
 
+class SpeltAsInGo(_Filters):
+    name = "SpeltAsInGo"
+
+    def preFilter(self, pod: Any, nodes: Any) -> None: ...  # noqa: N802 - the mistake
+
+
+class ScoresBefore(_Filters):
+    name = "ScoresBefore"
+
+    def pre_score(self, pod: Any, nodes: Any) -> None: ...
+
+
+class CannotBeLookedAt(_Filters):
+    name = "CannotBeLookedAt"
+
+    @property
+    def score(self) -> Any:
+        raise RuntimeError("not calibrated")
+
+
 UNUSABLE = {
     Nameless: "`name` must be a text, got None",
     NameIsANumber: "`name` must be a text, got 7",
@@ -91,6 +111,9 @@ UNUSABLE = {
     NormalizesSomehow: "`normalize` is 'mean'",
     EventsByName: "`events` must be a Change",
     HookIsAText: "`score` must be a function",
+    SpeltAsInGo: "plugin SpeltAsInGo: `preFilter` is no hook; did you mean `pre_filter`?",
+    ScoresBefore: "`pre_score` is no hook here: what is the same for all nodes is worked out in `score`",
+    CannotBeLookedAt: "CannotBeLookedAt' cannot be looked at: RuntimeError: not calibrated",
     CalledLikeFit: "are both called 'NodeResourcesFit'",
 }
 """Refused when the configuration is read, with these words."""
@@ -134,9 +157,19 @@ ANSWERS: list[tuple[str, Any, str]] = [
     ("filter", _refusing(reasons=(("r",),), detail=np.ones(1)), "unusable detail"),
     ("filter", _refusing(reasons=(("r",),), resolvable=np.ones(1, dtype=np.bool_)), "unusable resolvable"),
     ("score", lambda _pod, nodes: PerDomain(np.ones(9), nodes.label("zone")), "score must answer a number array of shape"),
-    ("score", PerDomain(np.ones(1), 5), "score raised AttributeError"),  # type: ignore[arg-type]  # the mistake
+    ("score", PerDomain(np.ones(1), 5), "score must answer a PerDomain with a label of `nodes.label(…)`, got 5"),  # type: ignore[arg-type]  # the mistake
     ("score", [1, 2, 3], "score must answer a number array of shape (3,), got list"),
     ("score", lambda _pod, nodes: Scores(np.ones(nodes.n), "mean"), "normalize 'mean'"),
+    ("score", lambda _pod, nodes: Scores(np.ones(nodes.n), ["max"]), "normalize ['max']; it may be one of inverse, max, minmax, none"),  # type: ignore[arg-type]  # the mistake
+    ("filter", _refusing(label="zone"), "unusable label"),
+    ("filter", lambda _pod, nodes: Verdict(np.zeros(9, dtype=np.bool_), label=nodes.label("zone")), "unusable label"),
+    ("filter", lambda _pod, nodes: Verdict(np.zeros(nodes.n, dtype=np.bool_), detail=np.array(["a"] * nodes.n)), "unusable detail"),
+    ("pre_filter", PreFilter("n0"), "names are a set of texts, got 'n0'"),  # type: ignore[arg-type]  # the mistake
+    ("pre_filter", PreFilter(7), "names are a set of texts, got 7"),  # type: ignore[arg-type]  # the mistake
+    ("pre_filter", PreFilter(status=Status("Never", "no")), "got one with code 'Never', which is no Code"),  # type: ignore[arg-type]  # the mistake
+    ("pre_filter", PreFilter(status=5), "whose status is a Status or None, got int"),  # type: ignore[arg-type]  # the mistake
+    ("score_among", lambda _pod, nodes, _feasible: np.zeros(nodes.n + 1), "score_among must answer a number array of shape (3,), got float64 (4,)"),
+    ("score_among", 1000, "score_among must answer 0 to 100, got 1000"),
     ("minds", ["weather"], "minds must answer names of facts of nodes, got ['weather']"),
     ("score_row", "x", "score_row must answer an integer, got 'x'"),
     ("score_row", 10**9, "score_row must answer 0 to 100, got 1000000000"),

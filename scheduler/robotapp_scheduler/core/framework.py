@@ -269,11 +269,11 @@ def checked_mask(plugin: str, mask: object, rows: int) -> BoolArray:
     return mask
 
 
-def checked_scores(plugin: str, scores: object, rows: int) -> npt.NDArray[Any]:
+def checked_scores(plugin: str, scores: object, rows: int, *, hook: str = "score") -> npt.NDArray[Any]:
     """The raw scores of a plugin, or PluginError: numbers, one per row. NaN only counts where a node is feasible."""
     if not isinstance(scores, np.ndarray) or scores.dtype.kind not in "iuf" or scores.shape != (rows,):
         found = f"{scores.dtype} {scores.shape}" if isinstance(scores, np.ndarray) else type(scores).__name__
-        raise PluginError(plugin, f"score must answer a number array of shape ({rows},), got {found}")
+        raise PluginError(plugin, f"{hook} must answer a number array of shape ({rows},), got {found}")
     return scores
 
 

@@ -5,7 +5,7 @@ or the command that was typed, and what a plugin answers must not be believed be
 """
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -15,6 +15,7 @@ from robotapp_scheduler.core.changes import interest_of
 from robotapp_scheduler.core.framework import (
     MAX_SCORE,
     NORMALIZERS,
+    Beside,
     Code,
     Loaded,
     PerDomain,
@@ -26,6 +27,9 @@ from robotapp_scheduler.core.framework import (
     checked_scores,
 )
 from robotapp_scheduler.core.overdue import Overdue
+from robotapp_scheduler.core.plugin_checks import misread
+from robotapp_scheduler.core.view import LabelColumn
+from robotapp_scheduler.core.volumes import VolumePlan
 
 log = logging.getLogger(__name__)
 
@@ -48,6 +52,9 @@ def _made_here(made: object) -> bool:
 
 def guarded(loaded: Loaded) -> Loaded:
     """The same plugin with every hook watched."""
+    problems = misread(loaded.plugin, _made_here)
+    if problems:
+        raise PluginError(loaded.name, "; ".join(problems))
     loaded.sound = False  # it may have inherited that from one of ours
     for hook in _SHORT_CUTS:
         if _made_here(getattr(loaded, hook)):
@@ -158,18 +165,38 @@ def _facts(plugin: str, hook: str, answer: Any, *_args: Any) -> object:
     return answer
 
 
+def odd_status(answer: object) -> str:
+    """What is wrong with something that is to be a Status; "" when nothing is."""
+    if not isinstance(answer, Status):
+        return type(answer).__name__
+    code: object = answer.code
+    reason: object = answer.reason
+    if not isinstance(code, Code):
+        return f"one with code {code!r}, which is no Code"
+    return "" if isinstance(reason, str) else f"one with reason {reason!r}, which is no text"
+
+
 def _status(plugin: str, hook: str, answer: object, *_args: Any) -> object:
-    if answer is not None and not isinstance(answer, Status):
-        raise PluginError(plugin, f"{hook} must answer a Status or None, got {type(answer).__name__}")
+    odd = odd_status(answer) if answer is not None else ""
+    if odd:
+        raise PluginError(plugin, f"{hook} must answer a Status or None, got {odd}")
     return answer
 
 
 def _pre_filter(plugin: str, hook: str, answer: object, *_args: Any) -> object:
     if answer is None:
         return None
-    if not isinstance(answer, PreFilter) or not isinstance(answer.status, Status | None):
+    if not isinstance(answer, PreFilter):
         raise PluginError(plugin, f"{hook} must answer a PreFilter or None, got {type(answer).__name__}")
-    return answer if answer.names is None else answer._replace(names=frozenset(map(str, answer.names)))
+    odd = odd_status(answer.status) if answer.status is not None else ""
+    if odd:
+        raise PluginError(plugin, f"{hook} must answer a PreFilter whose status is a Status or None, got {odd}")
+    names: object = answer.names
+    if names is None:
+        return answer
+    if not isinstance(names, Collection) or isinstance(names, str) or not all(isinstance(name, str) for name in names):
+        raise PluginError(plugin, f"{hook} must answer a PreFilter whose names are a set of texts, got {names!r:.80}")
+    return answer._replace(names=frozenset(names))
 
 
 def _verdict(plugin: str, hook: str, answer: object, *_args: Any) -> object:
@@ -184,15 +211,27 @@ def _verdict(plugin: str, hook: str, answer: object, *_args: Any) -> object:
         for name, fine in (
             ("reasons", _texts(answer.reasons)),
             ("codes", answer.codes is None or _within(answer.codes, mask, len(answer.reasons or " "))),
-            ("detail", answer.detail is None or np.shape(answer.detail) == mask.shape),
+            ("detail", answer.detail is None or (np.shape(answer.detail) == mask.shape and _numbers(answer.detail))),
+            ("label", answer.label is None or _by_label(answer.label, mask)),
             ("resolvable", _resolvable(answer, mask)),
         )
         if not fine
     ]
     if wrong:
-        text = "codes and detail have one element per row, codes index reasons, and each of those is a tuple of texts"
+        text = (
+            "codes and detail (numbers) have one element per row, codes index reasons, and each of those is a tuple of texts; "
+            "with a label of `nodes.label(…)` mask and codes have one element per value of its vocabulary"
+        )
         raise PluginError(plugin, f"{hook} answered a Verdict with unusable {', '.join(wrong)}: {text}")
     return answer
+
+
+def _numbers(detail: object) -> bool:
+    return np.asarray(detail).dtype.kind in "iuf"
+
+
+def _by_label(label: object, mask: npt.NDArray[Any]) -> bool:
+    return isinstance(label, LabelColumn) and mask.shape == (len(label.vocabulary.values),)
 
 
 def _texts(reasons: object) -> bool:
@@ -218,10 +257,15 @@ def _scores(plugin: str, hook: str, answer: object, _pod: Any, nodes: Any) -> ob
     if answer is None or isinstance(answer, int):
         return answer
     if isinstance(answer, PerDomain):
+        if not isinstance(answer.label, LabelColumn):
+            raise PluginError(
+                plugin, f"{hook} must answer a PerDomain with a label of `nodes.label(…)`, got {answer.label!r:.80}"
+            )
         return answer._replace(values=_wide(checked_scores(plugin, answer.values, len(answer.label.vocabulary.values))))
     if isinstance(answer, Scores):
-        if answer.normalize not in NORMALIZERS:
-            raise PluginError(plugin, f"{hook} answered normalize {answer.normalize!r}")
+        if not isinstance(answer.normalize, str) or answer.normalize not in NORMALIZERS:
+            known = ", ".join(sorted(NORMALIZERS))
+            raise PluginError(plugin, f"{hook} answered normalize {answer.normalize!r}; it may be one of {known}")
         return answer._replace(raw=_wide(checked_scores(plugin, answer.raw, nodes.n)))
     return _wide(checked_scores(plugin, answer, nodes.n))
 
@@ -250,8 +294,34 @@ def _row_percent(plugin: str, hook: str, answer: object, *_args: Any) -> int:
 def _ceiling(plugin: str, hook: str, answer: object, _pod: Any, nodes: Any) -> object:
     if answer is None or isinstance(answer, int):
         return answer
-    if checked_scores(plugin, answer, nodes.n).dtype.kind == "f":
-        raise PluginError(plugin, f"{hook} must answer integers")
+    if checked_scores(plugin, answer, nodes.n, hook=hook).dtype.kind == "f":
+        raise PluginError(plugin, f"{hook} must answer integers, got {answer.dtype}")  # type: ignore[attr-defined]  # an array
+    return answer
+
+
+def _among(plugin: str, hook: str, answer: object, _pod: Any, _nodes: Any, feasible: Any) -> object:
+    """Its range is looked at where it is used, but for a plain number."""
+    if answer is None:
+        return None
+    if isinstance(answer, int):
+        return _row_percent(plugin, hook, answer)
+    return checked_scores(plugin, answer, len(feasible), hook=hook)
+
+
+def _instance_of(kind: type, what: str) -> "_Check":
+    def check(plugin: str, hook: str, answer: object, *_args: Any) -> object:
+        if answer is not None and not isinstance(answer, kind):
+            raise PluginError(plugin, f"{hook} must answer {what} or None, got {type(answer).__name__}")
+        return answer
+
+    return check
+
+
+def _amounts(plugin: str, hook: str, answer: object, *_args: Any) -> object:
+    if not isinstance(answer, Mapping) or not all(
+        isinstance(name, str) and isinstance(amount, int) for name, amount in answer.items()
+    ):
+        raise PluginError(plugin, f"{hook} must answer a mapping of resources to integers, got {answer!r:.80}")
     return answer
 
 
@@ -263,13 +333,13 @@ _CHECKS: Final[Mapping[str, _Check]] = {
     "score": _scores,
     "score_row": _row_score,
     "ceiling": _ceiling,
-    "score_among": _untouched,
+    "score_among": _among,
     "relevant": _truth,
     "minds": _facts,
     "confined": _truth,
     "touched_by": _truth,
-    "beside": _untouched,
-    "room": _untouched,
-    "plan": _untouched,
+    "beside": _instance_of(Beside, "a Beside"),
+    "room": _amounts,
+    "plan": _instance_of(VolumePlan, "a VolumePlan"),
     "post_filter": _untouched,
 }

@@ -1,6 +1,6 @@
 """What a plugin class says about itself, checked when it is loaded: else only the first pod would notice."""
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import Any, Final
 
 from robotapp_scheduler.core.changes import OWN_COLUMN, READS, Change
@@ -46,6 +46,24 @@ HOOKS: Final = (
     ),
     *("hint_of_each", "touched_by", "beside", "room"),
 )
+
+
+_SPELT: Final = {hook.replace("_", ""): hook for hook in HOOKS}
+
+
+def misread(plugin: object, made_here: Callable[[object], bool]) -> list[str]:
+    """Texts about functions of somebody else's that look like hooks and would never be asked. `made_here` says which are ours."""
+    found = []
+    for name in dir(type(plugin)):
+        value = getattr(type(plugin), name, None)
+        if name.startswith("_") or name in HOOKS or not callable(value) or isinstance(value, type) or made_here(value):
+            continue
+        meant = _SPELT.get(name.replace("_", "").lower())
+        if name.replace("_", "").lower() == "prescore":
+            found.append(f"`{name}` is no hook here: what is the same for all nodes is worked out in `score`")
+        elif meant is not None:
+            found.append(f"`{name}` is no hook; did you mean `{meant}`?")
+    return found
 
 
 def problems_of(plugin: object, normalizers: Collection[str]) -> list[str]:

@@ -238,6 +238,12 @@ def _chains(
             except PluginError as error:
                 found.append(f"{path}.plugins: {error}")
                 continue
+            except Exception as error:  # a property of somebody else's class may raise anything
+                log.warning("plugin %s cannot be looked at", ref.name, exc_info=True)
+                found.append(
+                    f"{path}.plugins: plugin {ref.name!r} cannot be looked at: {type(error).__name__}: {error}"
+                )
+                continue
             if owner.setdefault(made.name, ref.name) != ref.name:
                 found.append(f"{path}.plugins: {ref.name!r} and {owner[made.name]!r} are both called {made.name!r}")
             chains[point].append(made)

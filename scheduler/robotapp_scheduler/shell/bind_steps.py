@@ -15,11 +15,13 @@ from typing import Any, Final, NamedTuple, Self
 from robotapp_api.model.names import GRANTED_PREFIX, PodReason
 from robotapp_scheduler.core.bind_context import BindContext
 from robotapp_scheduler.core.framework import Code, Loaded, PluginError, Status, histogram
+from robotapp_scheduler.core.guarded import odd_status
 from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.overdue import Overdue
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.profiles import Profile
 from robotapp_scheduler.core.queued import Rejection
+from robotapp_scheduler.plugins.kubernetes.resource_arguments import QUALIFIED
 from robotapp_scheduler.shell.timing import PointTimer
 
 log = logging.getLogger(__name__)
@@ -117,7 +119,7 @@ class BindSteps:
                 await self._say_where(hook)
                 async with asyncio.timeout(HOOK_S):
                     answer = await answer
-            status = _status(answer)
+            status = _status(answer, self.context)
         except TimeoutError as error:
             log.warning("%s of plugin %s for %s: %r", hook, loaded.name, pod.key, error)
             status = Status(
@@ -142,12 +144,21 @@ class BindSteps:
             await self._promise(self._pod.pod, self._node)
 
 
-def _status(answer: object) -> Status:
-    if answer is None:
-        return Status(Code.SUCCESS)
-    if isinstance(answer, Status):
-        return answer
-    return Status(Code.ERROR, f"answered {type(answer).__name__}, expected a Status or None")
+def _status(answer: object, context: BindContext) -> Status:
+    """Success for None; an Error, with what was wrong, for an answer or annotations that cannot be used."""
+    odd = odd_status(answer) if answer is not None else ""
+    if odd:
+        return Status(Code.ERROR, f"answered {odd}, expected a Status or None")
+    given: object = context.annotations
+    if not isinstance(given, dict):
+        return Status(Code.ERROR, f"ctx.annotations must stay a dict, got {type(given).__name__}")
+    for key, value in given.items():
+        if not isinstance(key, str) or QUALIFIED.fullmatch(key) is None or not isinstance(value, str):
+            return Status(
+                Code.ERROR,
+                f"ctx.annotations must be texts under names like lab.example/dock, got {key!r}: {value!r:.80}",
+            )
+    return answer if isinstance(answer, Status) else Status(Code.SUCCESS)
 
 
 def _refusal(point: str, plugin: str, status: Status) -> Refused:

@@ -85,6 +85,8 @@ async def test_points_come_in_order_and_what_they_annotate_is_kept_for_the_bindi
         (Status(Code.ERROR, "dock server is down"), PodReason.SCHEDULER_ERROR, 'running Permit plugin "Two": dock server is down', set()),
         (SystemExit(3), PodReason.SCHEDULER_ERROR, 'running Permit plugin "Two": SystemExit: 3', set()),
         (ZeroDivisionError("x"), PodReason.SCHEDULER_ERROR, 'running Permit plugin "Two": ZeroDivisionError: x', set()),
+        (Status("Later", "x"), PodReason.SCHEDULER_ERROR,
+         'running Permit plugin "Two": answered one with code \'Later\', which is no Code, expected a Status or None', set()),  # type: ignore[arg-type]  # the mistake
         (7, PodReason.SCHEDULER_ERROR, 'running Permit plugin "Two": answered int, expected a Status or None', set()),
     ],
 )  # fmt: skip
@@ -167,6 +169,31 @@ async def test_a_plugin_cannot_grant_what_only_claims_can() -> None:
     assert refused is not None
     assert refused.reason == PodReason.SCHEDULER_ERROR
     assert "granted.robotics.io" in refused.message
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (None, "ctx.annotations must stay a dict, got NoneType"),
+        ({"lab.example/dock": 3}, "got 'lab.example/dock': 3"),
+        ({7: "x"}, "got 7: 'x'"),
+        ({"two words": "x"}, "got 'two words': 'x'"),
+    ],
+)
+async def test_annotations_that_no_pod_can_have_are_told_with_the_plugin_that_made_them(given: Any, told: str) -> None:
+    class Writes:
+        name = "Writes"
+
+        def reserve(self, _pod: Any, _node: str, ctx: Any) -> None:
+            ctx.annotations = given
+
+    subject, _ = steps(Writes)
+    async with subject:
+        refused = await subject.run("n1")
+    assert refused is not None
+    assert refused.reason == PodReason.SCHEDULER_ERROR
+    assert refused.message.startswith('running Reserve plugin "Writes": ctx.annotations must ')
+    assert told in refused.message
 
 
 def test_a_hook_that_never_comes_back_is_an_error_after_ten_minutes_and_its_room_is_given_back() -> None:
