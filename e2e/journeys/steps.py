@@ -19,9 +19,7 @@ def apply_teleop(stage: Stage, world: World) -> None:
     app, _ = wait_for("teleop Ready", lambda: _if_ready(world, "teleop"), within_s=60)
     took_s = time.monotonic() - began_s
     stage.shell("kubectl get ra", world.kubectl("get", "ra"))
-    stage.claim(
-        f"Ready {took_s:.2f} s after kubectl was started (limit {READY_LIMIT_S:g} s)", took_s <= READY_LIMIT_S
-    )
+    stage.claim(f"Ready {took_s:.2f} s after kubectl was started (limit {READY_LIMIT_S:g} s)", took_s <= READY_LIMIT_S)
     summary = app["status"]["summary"]
     domain = summary["domain"]
     named = {

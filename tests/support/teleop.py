@@ -10,6 +10,8 @@ from ros_nodes.trips import TRIP, Row, parse, summarise
 IMAGES = ("ros2", "ros1")
 TRIO_HZ = 20
 TRIO_CAMERA = (10, 20_000)
+FOREIGN_HEARD = "it heard another app"
+RESTARTED = "a container was restarted"
 
 
 def app(
@@ -77,11 +79,11 @@ def problems_of_trio(cp: ControlPlane, namespace: str, *, seconds: float, deadli
         )
         wrong = {
             "commands are missing": told.sent < seconds * TRIO_HZ * 0.8,
-            "it heard another app": told.foreign > 0,
+            FOREIGN_HEARD: told.foreign > 0,
             "more than 5 % of the round trips were late": told.missed_share > 0.05,
             "nothing was answered for longer than 5 s": told.longest_gap_us > 5_000_000,
             "camera images are missing": told.frames < seconds * TRIO_CAMERA[0] * 0.5,
-            "a container was restarted": restarts > 0,
+            RESTARTED: restarts > 0,
         }
         problems += [f"{name}: {text}: {told}" for text, is_so in wrong.items() if is_so]
     return problems

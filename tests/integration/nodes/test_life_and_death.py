@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from tests.support import machine_census, nodes_campaign, real_pods
 from tests.support.real_pods import pod
+from tests.support.work_unit import slowness
 
 from robotapp_testbed import TestbedError
 from robotapp_testbed.real import RealNodes
@@ -17,11 +18,13 @@ NAMES = ("robot-1", "robot-2", "edge-1", "cloud-1")
 
 @pytest.mark.usefixtures("real_machine")
 def test_up_and_down_again_and_again_leaves_the_machine_as_it_was() -> None:
+    slow = slowness()
     lives = [nodes_campaign.live(NAMES) for _ in range(3)]
     assert [each.left for each in lives] == [{}, {}, {}]
     # Twice what is allowed on an idle machine, which scripts/bench nodes holds against it: here others may run as well.
-    assert min(each.up_s for each in lives) < 2 * nodes_campaign.UP_S
-    assert min(each.down_s for each in lives) < 2 * nodes_campaign.DOWN_S
+    allowed = 2 * max(slow, slowness())
+    assert min(each.up_s for each in lives) < allowed * nodes_campaign.UP_S
+    assert min(each.down_s for each in lives) < allowed * nodes_campaign.DOWN_S
 
 
 @pytest.mark.usefixtures("real_machine")
