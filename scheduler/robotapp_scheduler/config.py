@@ -37,6 +37,7 @@ from robotapp_scheduler.core.profiles import (
 )
 from robotapp_scheduler.core.profiles import ConfigError as ProfileError
 from robotapp_scheduler.plugin_catalog import with_third_party
+from robotapp_scheduler.plugins.kubernetes.compat import OLD
 
 KUBE_SCHEDULERS_LEASE = ("kube-system", "kube-scheduler")
 MOST_WHOLE = 1e21
@@ -82,6 +83,11 @@ class SchedulerConfig:
     @property
     def scheduler_names(self) -> tuple[str, ...]:
         return tuple(profile.scheduler_name for profile in self.profiles)
+
+    @property
+    def sums_per_container(self) -> bool:
+        """Do pods that are being resized hold the most per container, as until 1.35?"""
+        return self.compat_version == OLD
 
     def restart_needed(self, other: "SchedulerConfig") -> tuple[str, ...]:
         """Fields in which the other configuration differs that cannot be exchanged while the process runs."""

@@ -8,6 +8,7 @@ from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.queue import SchedulingQueue
+from robotapp_scheduler.core.resized import held_per_container
 from robotapp_scheduler.shell.report import Reporter
 
 
@@ -25,13 +26,18 @@ class Intake:
         *,
         scheduler_names: Collection[str],
         on_vanished: Callable[[Pod], None] = lambda _: None,
+        per_container: bool = False,
     ) -> None:
+        """`per_container`: pods that are being resized hold what they held in 1.35 (core.resized)."""
         self._cluster = cluster
         self._queue = queue
         self._reporter = reporter
         self._names = frozenset(scheduler_names)
         self._on_vanished = on_vanished
         self.waiting: dict[str, Pod] = {}
+        self._per_container = per_container
+        self._resized: dict[str, Pod] = {}
+        """As the watch shows them, those that count otherwise."""
 
     def __repr__(self) -> str:
         return f"<Intake {len(self.waiting)} pods wait for a node>"
@@ -41,13 +47,33 @@ class Intake:
         if seen.new is None:
             return self._gone(seen.old)
         pod: Pod = seen.new
-        change = self._cluster.apply_pod(pod)
+        change = self._apply_per_container(pod) if self._per_container else self._cluster.apply_pod(pod)
         if pod.spec.scheduler_name in self._names:
             self._ours(pod, seen.old)
         return change
 
+    def count_per_container(self, wanted: bool) -> list[Event]:
+        """Another formula counts from now on: what changed by it, for pods that are being resized."""
+        if wanted == self._per_container:
+            return []
+        records = self._cluster.placed.values()
+        resized = [each.pod for each in records if each.pod.status.resizes] if wanted else [*self._resized.values()]
+        self._per_container = wanted
+        self._resized.clear()
+        apply = self._apply_per_container if wanted else self._cluster.apply_pod
+        return [Event("pods", change, pod, pod) for pod in resized if (change := apply(pod))]
+
+    def _apply_per_container(self, pod: Pod) -> Change:
+        counted = held_per_container(pod)
+        if counted is pod:
+            self._resized.pop(pod.metadata.uid, None)
+        else:
+            self._resized[pod.metadata.uid] = pod
+        return self._cluster.apply_pod(counted)
+
     def _gone(self, pod: Pod) -> Change:
         uid = pod.metadata.uid
+        self._resized.pop(uid, None)
         self._leave(uid)
         if pod.spec.scheduler_name in self._names:
             self._on_vanished(pod)

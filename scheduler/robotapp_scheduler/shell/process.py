@@ -139,6 +139,7 @@ class Scheduler:
             self.reporter,
             scheduler_names=names,
             on_vanished=self.refusals.look_at,
+            per_container=self.running.config.sums_per_container,
         )
         self.domains = DomainClaims()
         self.feed = Feed(
@@ -313,6 +314,8 @@ class Scheduler:
             self._vigil.start_anew(config.digest)
         self._watch_over(profiles)
         self.core.swap(profiles, initial_backoff_s=config.initial_backoff_s, max_backoff_s=config.max_backoff_s)
+        for event in self.intake.count_per_container(config.sums_per_container):
+            self._changed(event)
         self.loop.wake()
 
     def _tell(self, reason: str, note: str, warning: bool) -> None:

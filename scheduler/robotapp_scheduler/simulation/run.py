@@ -16,6 +16,7 @@ from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.queued import Rejection
+from robotapp_scheduler.core.resized import held_per_container
 from robotapp_scheduler.core.together import advice_of
 from robotapp_scheduler.joint.solve import Limits, solve
 from robotapp_scheduler.simulation.dump import MOST_PROBLEMS, Dump
@@ -87,6 +88,7 @@ class _World:
         self._progress = progress
         self._decided = 0
         self._names = frozenset(config.scheduler_names)
+        self._counted = held_per_container if config.sums_per_container else _as_it_is
         self.cluster = Cluster(clock=lambda: _NO_TIME)
         self.core = SchedulerCore(self.cluster, config.build(), clock=lambda: _NO_TIME)
         self.outcome = Outcome(config=config.digest, problems=list(dump.problems), ignored=dict(dump.ignored))
@@ -108,7 +110,7 @@ class _World:
             if pod.metadata.uid in again:
                 self._was[pod.metadata.uid] = pod.spec.node_name
                 pod = msgspec.structs.replace(pod, spec=msgspec.structs.replace(pod.spec, node_name=""))
-            self._guarded("Pod", pod, self.cluster.apply_pod)
+            self._guarded("Pod", pod, lambda pod: self.cluster.apply_pod(self._counted(pod)))
             if not pod.spec.node_name and not pod.terminal and not pod.metadata.deletion_timestamp:
                 waiting.append(pod)
         for pod in sorted(waiting, key=made):
@@ -177,6 +179,10 @@ class _World:
             if len(self.outcome.problems) < MOST_PROBLEMS:
                 meta = obj.metadata
                 self.outcome.problems.append(f"{kind} {meta.namespace}/{meta.name}: left out: {error}")
+
+
+def _as_it_is(pod: Pod) -> Pod:
+    return pod
 
 
 def latest_bound(pods: Iterable[Pod], names: Collection[str], count: int) -> list[Pod]:

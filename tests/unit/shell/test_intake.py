@@ -1,5 +1,6 @@
 from typing import Any
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -199,3 +200,42 @@ def test_a_pod_that_vanishes_is_shown_to_who_asks_why() -> None:
         desk.show(each)
         desk.drop(each.metadata.uid)
     assert seen == ["mine"]
+
+
+def resized(asked: str = "2") -> Pod:
+    """On n1: one container is to shrink from 2 to 1 CPU, the other to grow from 1 to what is asked."""
+    sides = {"a": ("1", "2"), "b": (asked, "1")}
+    body = {
+        "metadata": {"name": "r", "namespace": "default", "uid": "r"},
+        "spec": {
+            "nodeName": "n1",
+            "containers": [{"name": name, "resources": {"requests": {"cpu": cpu}}} for name, (cpu, _) in sides.items()],
+        },
+        "status": {
+            "containerStatuses": [
+                {"name": name, "resources": {"requests": {"cpu": cpu}}} for name, (_, cpu) in sides.items()
+            ]
+        },
+    }
+    return msgspec.convert(body, Pod)
+
+
+def cpu_held(desk: Desk) -> list[int]:
+    code = desk.cluster.nodes.resources.names.index("cpu")
+    return [dict(record.requested)[code] for record in desk.cluster.placed.values()]
+
+
+def test_the_formula_of_resized_pods_may_change_while_they_are_resized() -> None:
+    desk = Desk()
+    desk.show(resized())
+    assert cpu_held(desk) == [3000]
+    (event,) = desk.intake.count_per_container(True)
+    assert (cpu_held(desk), bool(event.change)) == ([4000], True)
+    assert desk.intake.count_per_container(True) == []
+    desk.show(resized("3"))
+    assert cpu_held(desk) == [5000]
+    assert len(desk.intake.count_per_container(False)) == 1
+    assert cpu_held(desk) == [4000]
+    desk.intake.count_per_container(True)
+    desk.drop("r")
+    assert desk.intake.count_per_container(False) == []

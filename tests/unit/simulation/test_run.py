@@ -130,3 +130,19 @@ def test_the_report_has_a_line_per_pod_and_says_what_is_not_simulated() -> None:
     plain = as_json(found)
     assert (plain["placed"], plain["refused"], plain["ignored"]) == (1, 1, {"Secret": 1})
     assert json.loads(json.dumps(plain)) == plain
+
+
+def test_a_pod_that_is_being_resized_leaves_as_much_room_as_in_the_release_that_is_asked_for() -> None:
+    resized = pod("r", node="n")
+    sides = {"a": ("1", "2"), "b": ("2", "1")}
+    resized["spec"]["containers"] = [
+        {"name": name, "resources": {"requests": {"cpu": asked}}} for name, (asked, _) in sides.items()
+    ]
+    resized["status"] = {
+        "containerStatuses": [
+            {"name": name, "resources": {"requests": {"cpu": cpu}}} for name, (_, cpu) in sides.items()
+        ]
+    }
+    given = (node("n", cpu="4"), resized, pod("p", cpu="1"))
+    assert nodes_of(outcome(*given)) == {"p": "n"}
+    assert nodes_of(outcome(*given, compatVersion="1.35")) == {"p": None}

@@ -5,6 +5,7 @@ import pytest
 
 from robotapp_api.values.requests import DEFAULT_CPU_MILLI, DEFAULT_MEMORY_BYTES, pod_requests
 from robotapp_scheduler.core.objects import Pod, PodSpec
+from robotapp_scheduler.core.resized import held_per_container
 from robotapp_scheduler.core.shapes import requests_of
 
 Json = dict[str, Any]
@@ -168,3 +169,34 @@ def test_a_running_pod_without_requests_counts_with_defaults_while_it_is_resized
     found = requests_of(running({}, granted={"cpu": "1"}))
     assert found.exact == {"cpu": 1000}
     assert found.placed == {"cpu": 1000, "memory": DEFAULT_MEMORY_BYTES}
+
+
+def two(*, infeasible: bool = False, in_force: bool = True) -> Pod:
+    """a shrinks from 3 to 1 CPU while b grows from 1 to 2; c is left alone."""
+    sides = {"a": ("1", "3"), "b": ("2", "1"), "c": ("1", "1")}
+    containers = [{"name": name, "resources": {"requests": {"cpu": asked}}} for name, (asked, _) in sides.items()]
+    statuses: list[Json] = [{"name": name, "allocatedResources": {"cpu": held}} for name, (_, held) in sides.items()]
+    if in_force:
+        statuses = [{**each, "resources": {"requests": each["allocatedResources"]}} for each in statuses]
+    conditions = [{"type": "PodResizePending", "status": "True", "reason": "Infeasible"}] if infeasible else []
+    status = {"containerStatuses": statuses, "conditions": conditions}
+    return msgspec.convert({"spec": {"containers": containers}, "status": status}, Pod)
+
+
+def test_until_1_35_each_container_held_the_most_of_its_sides() -> None:
+    assert requests_of(two()).exact == {"cpu": 5000}
+    assert requests_of(held_per_container(two())).exact == {"cpu": 6000}
+    assert requests_of(held_per_container(two(infeasible=True))).exact == {"cpu": 5000}
+    assert requests_of(held_per_container(two(in_force=False))).exact == {"cpu": 4000}, (
+        "not said by the kubelet: the spec"
+    )
+
+
+def test_a_pod_that_is_not_being_resized_is_itself_in_every_release() -> None:
+    same = running({"cpu": "1"}, granted={"cpu": "1"}, in_force={"cpu": "1"})
+    assert held_per_container(same) is same
+
+
+def test_other_amounts_of_a_resized_container_are_kept_by_name() -> None:
+    pod = running({"cpu": "1", "memory": "1Mi"}, granted={"cpu": "500m"}, in_force={"cpu": "1500m", "memory": "1Ki"})
+    assert requests_of(held_per_container(pod)).exact == {"cpu": 1500, "memory": MIB}
