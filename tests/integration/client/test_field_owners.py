@@ -8,7 +8,7 @@ from tests.integration.client.conftest import Place
 from tests.support.clients import client_for, configmap
 
 from robotapp_api.client import ApiError, Conflict, Invalid, NotFound
-from robotapp_api.client.apply import JSON_PATCH, STRATEGIC
+from robotapp_api.client.apply import JSON_PATCH, STRATEGIC, encode
 from robotapp_api.client.errors import means_another
 from robotapp_api.client.resources import CONFIGMAPS, DEPLOYMENTS, DOMAINPOOLS, PODS
 
@@ -110,8 +110,16 @@ async def test_conditions_of_a_pod_are_merged_by_their_type(place: Place) -> Non
         found = await place.client.patch(
             PODS, "p", patch, namespace=place.namespace, subresource="status", content_type=STRATEGIC
         )
-    conditions = {each["type"]: each["status"] for each in found["status"]["conditions"]}
-    assert conditions == {"A": "False", "PodScheduled": "False"}
+    assert conditions(found) == {"A": "False", "PodScheduled": "False"}
+    target = {"apiVersion": "v1", "kind": "Node", "name": "n1"}
+    binding = {"apiVersion": "v1", "kind": "Binding", "metadata": {"name": "p"}, "target": target}
+    await place.client.post_raw(PODS.path(place.namespace, "p", "binding"), encode(binding))
+    bound = await place.client.get(PODS, "p", namespace=place.namespace)
+    assert conditions(bound) == {"A": "False", "PodScheduled": "True"}
+
+
+def conditions(found: dict[str, Any]) -> dict[str, str]:
+    return {each["type"]: each["status"] for each in found["status"]["conditions"]}
 
 
 async def test_a_pod_on_a_node_is_still_there_after_its_deletion_was_asked(place: Place) -> None:

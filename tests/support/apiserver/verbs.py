@@ -170,8 +170,9 @@ def bind(store: Store, key: Key, binding: Json) -> Json:
         if meta.get(field):
             pod["metadata"][field] = {**(pod["metadata"].get(field) or {}), **meta[field]}
     pod.setdefault("spec", {})["nodeName"] = binding["target"]["name"]
-    condition = {"type": "PodScheduled", "status": "True"}
-    pod["status"] = {**(pod.get("status") or {}), "conditions": [condition]}
+    status = pod.get("status") or {}
+    others = [each for each in status.get("conditions") or [] if each["type"] != "PodScheduled"]
+    pod["status"] = {**status, "conditions": [*others, {"type": "PodScheduled", "status": "True"}]}
     store.overwrite(key, pod)
     return {"kind": "Status", "apiVersion": "v1", "status": "Success", "code": 201}
 
