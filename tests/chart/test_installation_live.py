@@ -36,7 +36,7 @@ def settle_namespace(chart: Chart) -> None:
         "serviceaccount/default",
         "configmap/kube-root-ca.crt",
     ):  # given both, kubectl fails if neither exists yet
-        plane.kubectl("wait", "--for=create", name, "-n", NAMESPACE, "--timeout=30s")
+        plane.kubectl("wait", "--for=create", name, "-n", NAMESPACE, "--timeout=120s")
 
 
 def pool_field(chart: Chart, field: str) -> str:
@@ -51,7 +51,7 @@ APP = {
 }
 
 
-def settled(chart: Chart, expected: set[str], *, deadline_s: float = 30) -> set[str]:
+def settled(chart: Chart, expected: set[str], *, deadline_s: float = 120) -> set[str]:
     """Differences to `expected` once garbage collection and discovery had their time."""
     until = time.monotonic() + deadline_s
     while (difference := everything(chart.plane) ^ expected) and time.monotonic() < until:

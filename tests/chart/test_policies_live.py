@@ -26,13 +26,13 @@ def tenant(chart: Chart) -> Iterator[Chart]:
     chart.install(NO_WORKLOADS)
     chart.plane.kubectl("create", "namespace", NAMESPACE)
     chart.plane.kubectl("create", "rolebinding", "tenant", "--clusterrole=admin", "--user=tenant-a", "-n", NAMESPACE)
-    chart.plane.kubectl("wait", "--for=create", "serviceaccount/default", "-n", NAMESPACE, "--timeout=30s")
+    chart.plane.kubectl("wait", "--for=create", "serviceaccount/default", "-n", NAMESPACE, "--timeout=120s")
     await_policies(chart)
     yield chart
     chart.uninstall()  # the namespace goes with the control plane: deleting it takes the controllers 45 s
 
 
-def await_policies(chart: Chart, *, deadline_s: float = 30) -> None:
+def await_policies(chart: Chart, *, deadline_s: float = 120) -> None:
     """The API server compiles a new policy in the background, about a second after it was written."""
     until = time.monotonic() + deadline_s
     for manifest in (pod("probe", annotations=GRANT), pod("probe", labels=MEMBER, nodeName="n")):
@@ -194,7 +194,7 @@ def test_a_real_replicaset_creates_members(tenant: Chart) -> None:
     }
     create(tenant, json.dumps(deployment))
     tenant.plane.kubectl(
-        "wait", "--for=jsonpath={.status.replicas}=1", "deployment/real", "-n", NAMESPACE, "--timeout=30s"
+        "wait", "--for=jsonpath={.status.replicas}=1", "deployment/real", "-n", NAMESPACE, "--timeout=120s"
     )
     assert "real-" in tenant.plane.kubectl("get", "pods", "-n", NAMESPACE, "-l", "app=real", "-o", "name")
 

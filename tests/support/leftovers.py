@@ -1,5 +1,6 @@
 """What a module of live tests leaves in the control plane it shares with the others: nothing that they could meet."""
 
+import time
 from collections.abc import Iterable
 from typing import Any, Final
 
@@ -44,14 +45,27 @@ def settled(plane: ControlPlane, before: set[str]) -> set[str]:
     ending = [item["metadata"]["name"] for item in namespaces if item["metadata"].get("deletionTimestamp")]
     busy = {item["metadata"]["namespace"] for item in _items(plane, f"{OURS}/robotapps")}
     for name in ending:
-        plane.api.delete(f"/api/v1/namespaces/{name}/pods?gracePeriodSeconds=0")
+        _delete(plane, f"/api/v1/namespaces/{name}/pods?gracePeriodSeconds=0")
         if name in busy:  # where there were pods, the namespace controller comes back for the rest after five seconds
-            plane.api.delete(f"{OURS}/namespaces/{name}/robotapps")
+            _delete(plane, f"{OURS}/namespaces/{name}/robotapps")
     wait_until(lambda: before >= set(_names(plane, PASSING)), timeout_s=GONE_S, poll_s=0.1)
     for collection in (f"{OURS}/robotclaims", f"/apis/coordination.k8s.io/v1/namespaces/{SYSTEM_NAMESPACE}/leases"):
         if _items(plane, collection):
             plane.api.delete(collection)
     return leftovers(plane) - before
+
+
+def _delete(plane: ControlPlane, collection: str) -> None:
+    """As often as it takes: all of a large one may take a busy server longer than an answer may."""
+    deadline_s = time.monotonic() + GONE_S
+    while True:
+        try:
+            plane.api.delete(collection)
+        except TimeoutError:
+            if time.monotonic() > deadline_s:
+                raise
+        else:
+            return
 
 
 def _names(plane: ControlPlane, collections: Iterable[str]) -> Iterable[str]:
