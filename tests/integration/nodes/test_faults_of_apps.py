@@ -6,8 +6,10 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
+import yaml
 from tests.support.live import Tenant, eventually, part, pool
 
+from robotapp_scheduler.config_model import API_VERSION, KIND
 from robotapp_testbed import images, product
 from robotapp_testbed.real import MeasuredTelemetry, RealNodes
 
@@ -19,14 +21,24 @@ CUT_S = 12.0
 
 
 @pytest.fixture(scope="module")
-def plane(real_nodes: RealNodes) -> Iterator[RealNodes]:
-    """The real nodes with our operator and scheduler, and telemetry measured on their links."""
+def plane(real_nodes: RealNodes, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RealNodes]:
+    """The real nodes with our operator and scheduler, and telemetry measured on their links.
+
+    Neither has a Lease: nobody would start them again when they lose it because a busy machine takes ten seconds to bring
+    the API server back.
+    """
     product.install(real_nodes)
+    alone = tmp_path_factory.mktemp("scheduler") / "config.yaml"
+    alone.write_text(
+        yaml.safe_dump({"apiVersion": API_VERSION, "kind": KIND, "leaderElection": {"leaderElect": False}})
+    )
     mark = secrets.token_hex(2)
     operator = product.start_operator(real_nodes, name=f"operator-{mark}", sweep_seconds=1, no_leader_election=True)
-    scheduler = product.start_scheduler(real_nodes, name=f"scheduler-{mark}")
+    scheduler = product.start_scheduler(real_nodes, alone, name=f"scheduler-{mark}")
     with MeasuredTelemetry(real_nodes, interval_s=5):
         yield real_nodes
+        assert operator.running
+        assert scheduler.running
     scheduler.stop()
     operator.stop()
 

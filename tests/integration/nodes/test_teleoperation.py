@@ -22,6 +22,7 @@ STABLE_S = 60.0
 GIVEN_UP_S = 33.0
 """After 30 s Cyclone DDS 11 no longer asks a peer that never answered, unless it is told otherwise."""
 DEADLINE_US = 100_000
+"""Where `slowness` is 1."""
 
 
 @pytest.fixture(scope="module")
@@ -135,7 +136,9 @@ def _problems_of_a_minute(cp: RealNodes, namespace: str) -> list[str]:
     teleop.apply(cp, namespace, teleop.trio())
     names = [app["metadata"]["name"] for app in teleop.trio()]
     assert wait_until(lambda: all(teleop.trips(cp, namespace, name) for name in names), timeout_s=90, poll_s=0.5)
+    slow = slowness()
     time.sleep(STABLE_S)
-    problems = teleop.problems_of_trio(cp, namespace, seconds=STABLE_S, deadline_us=DEADLINE_US)
+    deadline_us = round(DEADLINE_US * max(slow, slowness()))
+    problems = teleop.problems_of_trio(cp, namespace, seconds=STABLE_S, deadline_us=deadline_us)
     assert [each for each in problems if teleop.FOREIGN_HEARD in each or teleop.RESTARTED in each] == []
     return problems
