@@ -189,14 +189,14 @@ def test_after_a_plugin_that_cannot_be_broken_off_has_ended_the_process_the_next
         assert said in process.log_text().splitlines()[-1]
         stage.create_pod(pod("healthy"))
         again = start(WAITS, "Waits")
-        stage.wait_bound("healthy", timeout_s=60)
+        stage.wait_bound("healthy", timeout_s=120)
         text = stage.wait_refused("waits", reason="SchedulerError")
         assert text.startswith(
             f"plugin Waits: not asked about pods like {stage.namespace}/waits any more, because filter could not be broken off"
         )
         stage.create_pod(pod("later"))
         stage.wait_bound("later")
-        assert alive(again)
+        stage.wait(lambda: alive(again), what=again.log_text)
         stage.delete_pod("waits")
 
 
@@ -207,11 +207,11 @@ def test_after_two_deaths_in_the_same_question_to_a_plugin_it_is_not_asked_again
         stage.create_pod(pod("deadly", labels={"deadly": "yes"}))
         for _ in range(2):
             process = start(DIES, "Dies", wait=False)
-            stage.wait(lambda: not process.running, what=process.log_text, timeout_s=60)  # noqa: B023 - of this round
+            stage.wait(lambda: not process.running, what=process.log_text, timeout_s=120)  # noqa: B023 - of this round
         stage.create_pod(pod("healthy"))
         again = start(DIES, "Dies")
-        stage.wait_bound("healthy", timeout_s=60)
+        stage.wait_bound("healthy", timeout_s=120)
         text = stage.wait_refused("deadly", reason="SchedulerError")
         assert "the process died 2 times while filter was asked" in text
-        assert alive(again)
+        stage.wait(lambda: alive(again), what=again.log_text)
         stage.delete_pod("deadly")
