@@ -62,6 +62,9 @@ def load_class(name: str) -> type:
         found = _import(name)
     except UnknownPluginError:
         raise
+    except ModuleNotFoundError as error:
+        cure = "; the folder it is in belongs on PYTHONPATH" if name.startswith(error.name or ":") else ""
+        raise UnknownPluginError(f'plugin "{name}" cannot be loaded: {error}{cure}') from error
     except (Exception, SystemExit) as error:
         # Somebody else's module may raise anything while it is imported, and scripts call sys.exit.
         raise UnknownPluginError(f'plugin "{name}" cannot be loaded: {error}') from error

@@ -18,8 +18,12 @@ from robotapp_scheduler.plugin_catalog import with_third_party
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.simulation import synthetic
 from robotapp_scheduler.simulation.bench import ROUNDS, Cost, Setting, measure
+from robotapp_scheduler.simulation.progress import replace_line
 
 BOUND_PER_NODE: Final = 6
+
+
+_LOADS: Final = {True: "replicas, class reused", False: "computed every time"}
 
 
 def main(argv: Sequence[str], *, out: TextIO | None = None) -> int:
@@ -45,6 +49,7 @@ def main(argv: Sequence[str], *, out: TextIO | None = None) -> int:
     except ConfigError as error:
         return _failed(*error.problems)
     costs = list(_measured(found, known, with_plugin, without))
+    replace_line(sys.stderr)
     target = out or sys.stdout
     if found.json:
         json.dump([asdict(cost) | {"share": cost.share} for cost in costs], target, indent=2)
@@ -61,12 +66,11 @@ def table(name: str, costs: Sequence[Cost]) -> str:
         f"{name}: microseconds per pod, medians of {ROUNDS} rounds with and without it in turn",
         f"{'NODES':>7} {'PODS':>6}  {'LOAD':<22} {'PLUGIN':>9} {'CYCLE':>9} {'WITHOUT':>9} {'SHARE':>6}",
     ]
-    for cost in costs:
-        load = "replicas, class reused" if cost.reuse else "computed every time"
-        lines.append(
-            f"{cost.nodes:>7} {cost.pods:>6}  {load:<22} {cost.plugin_us:>9.1f} {cost.cycle_us:>9.1f}"
-            f" {cost.without_us:>9.1f} {cost.share:>6.1%}"
-        )
+    lines += [
+        f"{cost.nodes:>7} {cost.pods:>6}  {_LOADS[cost.reuse]:<22} {cost.plugin_us:>9.1f} {cost.cycle_us:>9.1f}"
+        f" {cost.without_us:>9.1f} {cost.share:>6.1%}"
+        for cost in costs
+    ]
     lines += [f"{cost.unplaced} of {cost.pods} pods found no node" for cost in costs if cost.unplaced]
     return "\n".join(dict.fromkeys(lines)) + "\n"
 
@@ -76,6 +80,7 @@ def _measured(found: Any, known: Catalogue, with_plugin: ProfileSpec, without: P
         nodes = synthetic.nodes(count)
         bound = synthetic.bound(BOUND_PER_NODE * count, count)
         for reuse in (True, False):
+            replace_line(sys.stderr, f"measuring with {count} nodes, {_LOADS[reuse]} ...")
             waiting = synthetic.waiting(found.pods if reuse else max(found.pods // 10, 1), SCHEDULER_NAME)
             yield measure(
                 found.plugin,

@@ -8,6 +8,13 @@ EVERY_S: Final = 0.5
 CLEAR: Final = "\r\x1b[K"
 
 
+def replace_line(stream: TextIO, text: str = "") -> None:
+    """Say on a terminal what is being done now, in place of what was said before; nothing takes the line away."""
+    if stream.isatty():
+        stream.write(f"{CLEAR}{text}")
+        stream.flush()
+
+
 class Progress:
     """Call it with (pods decided, pods that waited) as often as you like; a file or a pipe gets nothing."""
 

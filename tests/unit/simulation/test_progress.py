@@ -4,7 +4,7 @@ import io
 
 from tests.support.scheduling import Clock
 
-from robotapp_scheduler.simulation.progress import CLEAR, Progress
+from robotapp_scheduler.simulation.progress import CLEAR, Progress, replace_line
 
 
 class Terminal(io.StringIO):
@@ -26,6 +26,15 @@ def test_a_terminal_is_told_twice_a_second_and_the_line_goes_in_the_end() -> Non
         "4 of 4 pods decided, trying 2 refused ones again",
         "",
     ]
+
+
+def test_what_is_done_now_replaces_what_was_before_on_a_terminal_only() -> None:
+    terminal, pipe = Terminal(), io.StringIO()
+    for stream in (terminal, pipe):
+        for text in ("first", "second", ""):
+            replace_line(stream, text)
+    assert terminal.getvalue().split(CLEAR) == ["", "first", "second", ""]
+    assert pipe.getvalue() == ""
 
 
 def test_neither_a_pipe_nor_a_short_simulation_shows_anything() -> None:
