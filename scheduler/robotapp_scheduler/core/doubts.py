@@ -25,6 +25,8 @@ from robotapp_scheduler.core.view import Nodes
 
 MOST_DOUBTS: Final = 1024
 """Rows; with more than these all are added up."""
+MOST_RISING: Final = 1024
+"""Rows; of more it costs more to name those whose bound is above their total than to ask each."""
 NOTHING: Final = np.array(0, dtype=np.int64)
 NO_LIMIT: Final[IntArray] = np.zeros(0, dtype=np.int64)
 _ADDED: Final = int(Change.POD_ADDED)
@@ -88,6 +90,8 @@ class Doubts:
         self._easy: Easy | None = None
         self._limit = NO_LIMIT
         """Per row, what its total does not exceed when pods come to it."""
+        self._rising: set[int] | None = None
+        """All rows with a limit above their total, and perhaps others; None where these are many."""
         self._judged = False
         """Was it asked whether the columns allow it, since they or the nodes changed?"""
         self._patience = Patience()
@@ -140,7 +144,10 @@ class Doubts:
         ranking, limit = self._ranking, self._limit
         self.rows.update(rows)
         ranking.unsay(rows)
-        total = ranking.total
+        total, rising = ranking.total, self._rising
+        if rising is not None:
+            rows = [row for row in rows if row in rising]
+            rising.difference_update(rows)
         raised = [row for row in rows if limit.item(row) > total.item(row)]
         if raised:
             ranking.put(raised, [*map(limit.item, raised)])
@@ -170,7 +177,9 @@ class Doubts:
                 self._ask(easy, pod, cluster, row)
                 total = sums.add_row(row)
                 self.rows.discard(row)
-            limit[row] = easy.limit(total, row)
+            limit[row] = most = easy.limit(total, row)
+            if most > total and self._rising is not None:
+                self._rising.add(row)
             totals.append(total)
         self._ranking.put(rows, totals)
         return True
@@ -198,12 +207,17 @@ class Doubts:
         self._patience.added_up()
         self._easy = Easy.of(self._sums.live, pod, full)
         if self._easy is not None:
-            self._limit = self._easy.limits(self._ranking.total, slice(None))
+            total = self._ranking.total
+            self._limit = self._easy.limits(total, slice(None))
+            rising = (self._limit > total).nonzero()[0]
+            self._rising = set(rising.tolist()) if len(rising) <= MOST_RISING else None
 
     def learn_rows(self, rows: Nodes) -> None:
         """These rows have another total, a true one."""
         if self._easy is not None:
             self._limit[rows.rows] = self._easy.limits(self._ranking.total, rows.rows)
+            if self._rising is not None:
+                self._rising.update(rows.row_list)
 
     def forget(self) -> None:
         """All totals are others, perhaps those of other columns."""

@@ -111,6 +111,7 @@ Limits = dict[tuple[Any, str], int]
 LIMITS = st.fixed_dictionaries(
     {
         (doubts, "MOST_DOUBTS"): st.sampled_from((3, 8, 1024)),
+        (doubts, "MOST_RISING"): st.sampled_from((0, 1024)),
         (patience, "SOON"): st.sampled_from((0, 6)),
         (patience, "REST"): st.sampled_from((0, 2)),
     }
