@@ -102,16 +102,21 @@ class Dialer:
         try:
             transport, speaking = await asyncio.shield(made)
         except asyncio.CancelledError:
+            made.add_done_callback(_unwanted)  # it may end when nobody waits for it any more
             with contextlib.suppress(OSError):
                 sock.shutdown(socket.SHUT_RDWR)
             await asyncio.wait([made], timeout=CLOSE_S)
-            if made.done() and not made.exception():
-                made.result()[1].end()
             raise
         spoken = transport.get_extra_info("ssl_object")
         if isinstance(spoken, Resuming) and not spoken.session_reused:
             self._proved = spoken
         return speaking
+
+
+def _unwanted(made: asyncio.Task[tuple[asyncio.Transport, S]]) -> None:
+    """Take note of how a handshake ended that we broke off, so that the loop does not report it."""
+    if not made.cancelled() and not made.exception():
+        made.result()[1].end()
 
 
 async def _connected_socket(loop: asyncio.AbstractEventLoop, host: str, port: int) -> socket.socket:

@@ -1,0 +1,59 @@
+"""What becomes of a connection that nobody wants any more while it is being made."""
+
+import asyncio
+import gc
+import socket
+from typing import Any
+
+import pytest
+
+from robotapp_api.client import dialing
+from robotapp_api.client.dialing import Dialer
+from robotapp_api.client.login import Endpoint
+
+
+class Speaker:
+    """Ended, or not."""
+
+    ended = False
+
+    def end(self) -> None:
+        self.ended = True
+
+
+@pytest.mark.parametrize("fails", [True, False], ids=["fails", "succeeds"])
+async def test_a_handshake_that_outlasts_who_broke_it_off_is_ended_without_a_word(
+    monkeypatch: pytest.MonkeyPatch, fails: bool
+) -> None:
+    loop, begun, over, speaker = asyncio.get_running_loop(), asyncio.Event(), asyncio.Event(), Speaker()
+    reported: list[dict[str, Any]] = []
+    ours, theirs = socket.socketpair()
+
+    async def connected(*_: object) -> socket.socket:
+        return ours
+
+    async def create_connection(*_: object, **__: object) -> tuple[None, Speaker]:
+        begun.set()
+        await over.wait()
+        if fails:
+            raise ConnectionResetError
+        return None, speaker
+
+    monkeypatch.setattr(dialing, "CLOSE_S", 0.0)
+    monkeypatch.setattr(dialing, "_connected_socket", connected)
+    monkeypatch.setattr(loop, "create_connection", create_connection)
+    loop.set_exception_handler(lambda _, context: reported.append(context))
+    dialer = Dialer(Endpoint("http://server.example"))
+    connecting = asyncio.create_task(dialer.connect(Speaker, timeout_s=60.0))
+    await begun.wait()
+    connecting.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await connecting
+    over.set()
+    for _ in range(3):
+        await asyncio.sleep(0)
+    gc.collect()
+    assert reported == []
+    assert speaker.ended != fails
+    ours.close()
+    theirs.close()
