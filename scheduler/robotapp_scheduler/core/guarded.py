@@ -36,7 +36,7 @@ log = logging.getLogger(__name__)
 OURS: Final = "robotapp_scheduler"
 EXACT: Final = 1 << 56
 """Integers beyond are scored as floats: a hundred times as much must not overflow."""
-_SHORT_CUTS: Final = ("filter_row", "score_row", "ceiling")
+_SHORT_CUTS: Final = ("filter_row", "score_row", "ceiling", "room")
 """Of a plugin that inherits them from one of ours they are not asked: its own `filter` or `score` may say otherwise."""
 
 

@@ -119,3 +119,8 @@ def test_a_plugin_that_inherits_from_one_of_ours_is_not_believed_like_it() -> No
     decision = core_with(Heir).schedule_one(make_info("p"))
     assert decision.reason == PodReason.SCHEDULER_ERROR
     assert decision.message.startswith("plugin Heir: ")
+
+
+def test_what_a_plugin_inherits_about_room_does_not_tell_preemption_what_its_own_filter_would_say() -> None:
+    assert Loaded(NodeResourcesFit()).room is not None
+    assert guarded(Loaded(Heir())).room is None
