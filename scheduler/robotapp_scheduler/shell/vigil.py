@@ -5,6 +5,7 @@ hook that cannot be broken off is known after one death. Where the process died 
 asked (a call that never returned, a crash in native code, out of memory), it takes two: one may have been chance.
 """
 
+import fcntl
 import logging
 import mmap
 import os
@@ -69,8 +70,11 @@ class Vigil:
     """Call it with (plugin, hook, pod) and hold it while the plugin is asked; one question at a time."""
 
     def __init__(self, folder: Path, digest: str) -> None:
-        """`digest` is that of the configuration in use. Raises OSError when the folder cannot be used."""
-        folder.mkdir(parents=True, exist_ok=True)
+        """`digest` is that of the configuration in use. Raises OSError when the folder cannot be used.
+
+        It cannot either while another process uses it, and on a full disk.
+        """
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         self._file = folder / DEATHS
         self._digest = digest
         self._page = _page(folder / MARK)
@@ -149,10 +153,11 @@ class Vigil:
 
     def _read(self) -> Iterable[Death]:
         try:
-            memory = msgspec.json.decode(self._file.read_bytes(), type=_Memory)
+            with open(self._file, "rb", opener=_no_link) as file:
+                memory = msgspec.json.decode(file.read(), type=_Memory)
         except FileNotFoundError:
             return ()
-        except (OSError, msgspec.DecodeError) as error:
+        except (OSError, msgspec.DecodeError, ValueError, RecursionError) as error:  # whatever a broken disk left there
             log.warning("%s cannot be read, nothing is remembered: %s", self._file, error)
             return ()
         return memory.deaths if memory.digest == self._digest else ()
@@ -162,7 +167,8 @@ class Vigil:
         data = msgspec.json.encode(_Memory(self._digest, list(self._deaths.values())))
         new = self._file.with_suffix(".new")
         try:
-            new.write_bytes(data)
+            with open(new, "wb", opener=_no_link) as file:
+                file.write(data)
             new.replace(self._file)
         except OSError as error:
             log.warning("%s cannot be written: %s", self._file, error)
@@ -188,9 +194,18 @@ def _alike(pod: PodInfo) -> str:
 
 
 def _page(path: Path) -> mmap.mmap:
-    handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
+    """Ours alone as long as it is mapped: the map keeps a copy of the handle, and with it the lock."""
+    handle = _no_link(path, os.O_RDWR | os.O_CREAT)
     try:
-        os.ftruncate(handle, PAGE_BYTES)
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)  # two in one folder would blame each other's plugins
+        os.posix_fallocate(handle, 0, PAGE_BYTES)  # a hole in the file is SIGBUS at the first note on a full disk
         return mmap.mmap(handle, PAGE_BYTES)
+    except BlockingIOError as error:
+        raise BlockingIOError(error.errno, "another process uses the folder", str(path)) from error
     finally:
         os.close(handle)
+
+
+def _no_link(path: str | Path, flags: int) -> int:
+    """A handle on the file itself: what somebody else linked to from the folder is neither read nor written."""
+    return os.open(path, flags | os.O_NOFOLLOW, 0o600)

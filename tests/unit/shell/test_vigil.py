@@ -1,5 +1,11 @@
 """What the process died of is found by the next one: real files, the deaths played."""
 
+import errno
+import os
+import shutil
+import stat
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -17,7 +23,7 @@ from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.shell.bind_steps import BindSteps
 from robotapp_scheduler.shell.metrics import Metrics
 from robotapp_scheduler.shell.timing import PointTimer
-from robotapp_scheduler.shell.vigil import DEATHS, MOST, Vigil, opened
+from robotapp_scheduler.shell.vigil import DEATHS, MARK, MOST, Vigil, opened
 
 WEB = owner("ReplicaSet", "web", "rs-1")
 
@@ -86,10 +92,13 @@ def test_a_death_for_an_unknown_reason_may_be_chance_and_the_second_one_in_the_s
 
 
 def test_a_process_that_ends_in_between_questions_leaves_no_mark(tmp_path: Path) -> None:
-    for _ in range(3):
-        core = core_with(Vigil(tmp_path, "d1"))
+    folder = tmp_path / "0"
+    for number in range(1, 4):
+        core = core_with(Vigil(folder, "d1"))
         assert core.schedule_one(make_info("p")).placed
-    assert not (tmp_path / DEATHS).exists()
+        folder = shutil.copytree(folder, tmp_path / str(number))  # what the next process finds
+    Vigil(folder, "d1")
+    assert not (folder / DEATHS).exists()
 
 
 def test_pods_of_the_same_controller_are_alike(tmp_path: Path) -> None:
@@ -109,6 +118,7 @@ def test_another_configuration_asks_again_at_a_start_and_while_running(tmp_path:
     vigil.start_anew("d2")
     with vigil("Dies", "filter", pod):
         pass
+    del vigil
     assert Vigil(tmp_path, "d2").barred == []
     assert Vigil(tmp_path, "d1").barred == []
 
@@ -135,17 +145,91 @@ def test_only_so_many_are_remembered_the_newest(tmp_path: Path) -> None:
     vigil = Vigil(tmp_path, "d1")
     for number in range(MOST + 3):
         vigil.stuck("Dies", "filter", make_info(f"p{number}"))
+    del vigil
     kept = [death.pod for death in Vigil(tmp_path, "d1").barred]
     assert kept == [f"default/p{number}" for number in range(3, MOST + 3)]
 
 
-@pytest.mark.parametrize("text", ["", "{", '{"digest": 1}', "[]"])
-def test_a_file_that_cannot_be_read_is_told_and_nothing_is_remembered(
-    tmp_path: Path, text: str, caplog: pytest.LogCaptureFixture
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"{",
+        b'{"digest": 1}',
+        b"[]",
+        b'{"digest": "\xff"}',
+        b'{"digest": "d1", "deaths": [{"plugin": "\xc3\x28"}]}',
+        b'{"more": ' + b"[" * 100_000,
+    ],
+    ids=["empty", "cut off", "wrong type", "a list", "no UTF-8", "no UTF-8 inside", "deep"],
+)
+def test_a_file_that_cannot_be_read_is_told_once_and_nothing_is_remembered(
+    tmp_path: Path, data: bytes, caplog: pytest.LogCaptureFixture
 ) -> None:
-    (tmp_path / DEATHS).write_text(text)
-    assert Vigil(tmp_path, "d1").barred == []
-    assert "nothing is remembered" in caplog.text
+    (tmp_path / DEATHS).write_bytes(data)
+    vigil = opened(tmp_path, "d1")
+    assert vigil is not None
+    assert vigil.barred == []
+    assert caplog.text.count("nothing is remembered") == 1
+    vigil.stuck("Dies", "filter", make_info("bad"))
+    assert b"default/bad" in (tmp_path / DEATHS).read_bytes()
+
+
+def test_a_full_disk_is_told_and_the_vigil_is_off(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(_handle: int, _start: int, _length: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "posix_fallocate", full)
+        assert opened(tmp_path, "d1") is None
+    assert "No space left on device" in caplog.text
+    assert opened(tmp_path, "d1") is not None
+
+
+HOLDS = """
+import sys
+from pathlib import Path
+from robotapp_scheduler.shell.vigil import Vigil
+vigil = Vigil(Path(sys.argv[1]), "d1")
+print("held", flush=True)
+sys.stdin.read()
+"""
+
+
+def test_a_folder_another_process_uses_is_told_once_and_left_alone_until_that_is_gone(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", HOLDS, str(tmp_path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == b"held\n"
+        assert opened(tmp_path, "d1") is None
+        assert caplog.text.count("another process uses the folder") == 1
+        other.kill()
+    assert opened(tmp_path, "d1") is not None
+
+
+def test_the_folder_is_ours_alone_and_links_in_it_are_not_followed(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    folder, theirs = tmp_path / "state", tmp_path / "theirs"
+    assert opened(folder, "d1") is not None
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+    theirs.write_text("precious")
+    for name in (DEATHS, Path(DEATHS).with_suffix(".new")):
+        (folder / name).symlink_to(theirs)
+    vigil = Vigil(folder, "d1")
+    vigil.stuck("Dies", "filter", make_info("bad"))
+    assert "cannot be read" in caplog.text
+    assert "cannot be written" in caplog.text
+    del vigil
+    (folder / MARK).unlink()
+    (folder / MARK).symlink_to(theirs)
+    assert opened(folder, "d1") is None
+    assert theirs.read_text() == "precious"
 
 
 def test_a_folder_that_cannot_be_used_is_told_and_pods_are_placed_all_the_same(
