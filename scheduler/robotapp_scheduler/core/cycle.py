@@ -140,9 +140,10 @@ class SchedulerCore:
         for queued in self.queue.gated():
             gate = queued.gate
             if gate is not None and gate.alike:
-                if gate.group not in newest:  # one of a group is tested at a time: what the others say may be old
-                    newest[gate.group] = self._gate(queued.info)
-                gate = newest[gate.group]
+                group = gate.group  # one of it is tested at a time: what the others say may be old
+                gate = newest[group] if group in newest else self._gate(queued.info)
+                if gate is None or gate.alike:  # any other is this pod's own
+                    newest[group] = gate
             if gate is not None and gate.code and queued.first_seen_s + gate.report_after_s <= now_s:
                 found.append((queued, gate))
         return found

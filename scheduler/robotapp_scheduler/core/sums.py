@@ -88,14 +88,14 @@ class Sums:
             if column.bad and not column.skipped:
                 try:
                     column.check(verdicts.reason == 0)
-                except PluginError:
-                    self.forgive(column)
+                except PluginError as error:
+                    self.forgive(column, error)
                     found = True
         return found
 
-    def forgive(self, column: ScoreColumn) -> None:
-        """Called while a PluginError is handled: it is one unless the plugin is a shadow, which says nothing from then on."""
+    def forgive(self, column: ScoreColumn, error: PluginError) -> None:
+        """Raises the error unless the plugin is a shadow, which says nothing from then on."""
         if not column.plugin.shadow:
-            raise  # noqa: PLE0704 - the error that is being handled
+            raise error
         column.fail()
         self.sort()

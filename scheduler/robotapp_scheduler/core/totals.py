@@ -151,7 +151,8 @@ class Totals:
 
     def _add_up(self, pod: PodInfo, full: Nodes, verdicts: Verdicts) -> None:
         """Add up every row that changed or is in doubt."""
-        same, news = self._sums.bring_up(pod, full, self._position)
+        since, self._position = self._position, -1  # should a plugin fail here, everything is added up anew
+        same, news = self._sums.bring_up(pod, full, since)
         self._doubts.heard(news)
         rows: Nodes | None = None
         if same and news is not None:
@@ -189,8 +190,8 @@ class Totals:
         for column in relative:
             try:
                 found = shares.refresh(column, pod, nodes, verdicts) or found
-            except PluginError:
-                self._sums.forgive(column)
+            except PluginError as error:
+                self._sums.forgive(column, error)
                 self._ranking.sights.clear()
                 found = True
         return found

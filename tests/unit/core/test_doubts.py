@@ -193,3 +193,30 @@ def test_after_a_plugin_failed_halfway_through_several_nodes_the_next_pod_goes_w
         expected = fresh.schedule_one(make_info(f"next-{i}"), assume=False)
         decision = core.schedule_one(make_info(f"next-{i}"))
         assert (decision.node, decision.total) == (expected.node, expected.total)
+
+
+class Turncoat:
+    """What the annotation of one node says makes another one the best, and may make its own score unusable."""
+
+    name = "Turncoat"
+    reads = ()
+    node_reads = ("annotations",)
+    row_local = False
+    normalize = "none"
+
+    def score(self, _pod: Any, nodes: Nodes) -> Any:
+        table = nodes.cluster.nodes
+        turned = "turned" in table.annotations[table.row_of["n0"]]
+        scores = {"n7" if turned else "n3": 100, "n0": 1000 if turned else 10}
+        return np.array([scores.get(name, 10) for name in table.names])[nodes.rows]
+
+
+def test_after_a_score_that_cannot_be_used_the_next_pod_goes_where_the_plugin_wants_it_now() -> None:
+    core = core_with(Turncoat, nodes=10)
+    turned: dict[str, Any] = {"cpu": "32", "memory": "64Gi", "annotations": {"turned": ""}}
+    core.cluster.apply_node(make_node("n9", cpu="32", memory="64Gi", unschedulable=True))
+    assert core.schedule_one(make_info("before"), assume=False).node == "n3"
+    core.cluster.apply_node(make_node("n0", **turned))
+    assert core.schedule_one(make_info("failed"), assume=False).reason == PodReason.SCHEDULER_ERROR
+    core.cluster.apply_node(make_node("n0", **turned, unschedulable=True))
+    assert core.schedule_one(make_info("after"), assume=False).node == "n7"

@@ -1,15 +1,16 @@
 """Plugins that break: their pods are told, and nothing else notices."""
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 from tests.support.broken_plugins import ANSWERS, breaking
+from tests.support.pod_groups import announce, arrive, pod_group, team_pod
 from tests.support.scheduling import Clock, make_cluster, make_info, make_node
 
 from robotapp_api.model.names import SCHEDULER_NAME, PodReason
 from robotapp_scheduler.core.cycle import SchedulerCore
-from robotapp_scheduler.core.framework import Loaded
+from robotapp_scheduler.core.framework import Code, Loaded, Status
 from robotapp_scheduler.core.guarded import guarded
 from robotapp_scheduler.core.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.core.queue import Rejection
@@ -20,8 +21,10 @@ from robotapp_scheduler.plugins.registry import catalogue
 STAR = PluginRef("*")
 
 
-def core_with(plugin: type, *, point: str = "multiPoint", alone: bool = False) -> SchedulerCore:
-    clock = Clock()
+def core_with(
+    plugin: type, *, point: str = "multiPoint", alone: bool = False, clock: Clock | None = None
+) -> SchedulerCore:
+    clock = clock or Clock()
     cluster = make_cluster(*(make_node(f"n{i}") for i in range(3)), clock=clock)
     disabled = (STAR,) if alone else ()
     plugins = {point: PluginSet(enabled=(PluginRef(plugin.__name__),), disabled=disabled)}
@@ -103,6 +106,42 @@ def test_scores_in_narrow_or_huge_integers_are_normalised_without_overflow(
     cluster = make_cluster(*(make_node(f"n{i}") for i in range(len(raw))))
     found: Any = loaded.score(make_info("p"), Nodes(cluster))
     assert normalized("P", normalize, found).tolist() == expected
+
+
+class Gatekeeper:
+    """Lets every pod go on until `answers` has something about its name: a status, or an error to raise."""
+
+    name = "Gatekeeper"
+    answers: ClassVar[dict[str, Status | Exception]] = {}
+
+    def pre_enqueue(self, pod: Any) -> Status | None:
+        answer = self.answers.get(pod.name)
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+
+@pytest.mark.parametrize(
+    ("answer", "own"),
+    [
+        (Status(Code.UNSCHEDULABLE, "waits for its charger"), []),
+        (RuntimeError("boom"), ["plugin Gatekeeper: pre_enqueue raised RuntimeError: boom"]),
+    ],
+    ids=["held", "broken"],
+)
+def test_what_a_plugin_says_about_one_pod_of_a_group_neither_silences_the_others_nor_is_said_of_them(
+    answer: Status | Exception, own: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    core = core_with(Gatekeeper, clock=(clock := Clock()))
+    announce(core, pod_group(min_member=5))
+    arrive(core, *(team_pod(f"p{i}") for i in range(3)))
+    clock.forward(60)
+    first = core.queue.gated()[0].info.name
+    monkeypatch.setattr(Gatekeeper, "answers", {first: answer})
+    held = core.held()
+    assert [gate.reason for queued, gate in held if queued.info.name == first] == own
+    others = [gate.reason for queued, gate in held if queued.info.name != first]
+    assert others == ["waiting for pods of PodGroup team (3 of 5)"] * 2
 
 
 class Heir(NodeResourcesFit):
