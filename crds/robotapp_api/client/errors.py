@@ -120,6 +120,14 @@ def means_another(error: ApiError) -> bool:
     return isinstance(error, Invalid) and any(field == "metadata.uid" for field, _, _ in error.causes)
 
 
+def may_pass(error: ClientError) -> bool:
+    """Whether the same write may succeed later: no answer, too much at once, a server in trouble, somebody else's write.
+
+    Ask `means_another` first: a conflict about the uid never passes.
+    """
+    return not isinstance(error, ApiError) or error.status >= 500 or error.status in (409, 429)
+
+
 _BY_STATUS: dict[int, type[ApiError]] = {
     400: BadRequest,
     401: Unauthorized,

@@ -85,7 +85,8 @@ class PodGroups:
 
     def __init__(self) -> None:
         self._standing: dict[GroupRef, _Standing] = {}
-        self._completed: dict[GroupRef, None] = {}
+        self._completed: dict[GroupRef, str] = {}
+        """The uid of each group that became whole: its name may soon be another's."""
 
     def __repr__(self) -> str:
         return f"PodGroups({len(self._standing)})"
@@ -108,6 +109,7 @@ class PodGroups:
         if standing is None or standing.group is None:
             return Change.NONE
         standing.group = None
+        self._completed.pop(ref, None)
         self._tidy(ref, standing)
         return Change.POD_GROUPS
 
@@ -136,6 +138,7 @@ class PodGroups:
             standing.count(standing.pods.pop(pod.metadata.uid, NOWHERE), -1)
             if not standing.pods:
                 standing.done = False  # the next ones are a new generation
+                self._completed.pop(ref, None)
             self._tidy(ref, standing)
 
     def find(self, ref: GroupRef) -> PodGroup | None:
@@ -160,9 +163,9 @@ class PodGroups:
             return 0
         return 0 if standing.placed and standing.group.was_placed else standing.group.asked.needed
 
-    def take_completed(self) -> list[GroupRef]:
-        """Groups of which, since the last call, as many pods as they ask for were seen bound."""
-        found = list(self._completed)
+    def take_completed(self) -> list[tuple[GroupRef, str]]:
+        """Groups, each with its uid, of which since the last call as many pods as they ask for were seen bound."""
+        found = list(self._completed.items())
         self._completed.clear()
         return found
 
@@ -184,4 +187,4 @@ class PodGroups:
         if asked.problem or standing.bound < max(asked.needed, 1):
             return
         standing.done = True
-        self._completed[ref] = None
+        self._completed[ref] = standing.group.metadata.uid

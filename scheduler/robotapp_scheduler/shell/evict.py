@@ -10,7 +10,7 @@ from collections.abc import Awaitable, Callable
 
 from robotapp_api.client.api import ApiClient, Json
 from robotapp_api.client.apply import STRATEGIC
-from robotapp_api.client.errors import ApiError, ClientError, NotFound, means_another, means_gone
+from robotapp_api.client.errors import ApiError, ClientError, NotFound, may_pass, means_another, means_gone
 from robotapp_api.client.resources import PODS
 from robotapp_api.model.names import EventReason
 from robotapp_scheduler.core.cycle import SchedulerCore
@@ -150,7 +150,7 @@ class Evictor:
                 if means_another(error):
                     return True
                 problem = error
-                if error.status < 500 and error.status not in (409, 429):
+                if not may_pass(error):
                     break
             except ClientError as error:
                 problem = error

@@ -6,11 +6,13 @@ False is written when an attempt failed, True once as many pods as it asks for a
 
 import logging
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from robotapp_api.client.api import ApiClient
 from robotapp_api.client.apply import STRATEGIC
-from robotapp_api.client.errors import ClientError, NotFound
+from robotapp_api.client.backoff import Backoff
+from robotapp_api.client.errors import ApiError, ClientError, NotFound, may_pass, means_another
 from robotapp_api.client.resources import WORKLOAD_PODGROUPS
 from robotapp_api.model.names import PodReason
 from robotapp_scheduler.core.decision import Decision
@@ -23,6 +25,9 @@ from robotapp_scheduler.shell.report import utc_now
 log = logging.getLogger(__name__)
 
 SCHEDULED = "Scheduled"
+PAUSE_S = 1.0
+MOST_PAUSE_S = 60.0
+"""Between the tries of a word that cannot be written for now, per group."""
 
 
 class Word(NamedTuple):
@@ -32,6 +37,17 @@ class Word(NamedTuple):
     status: str
     reason: str
     message: str
+
+
+@dataclass(slots=True)
+class _Record:
+    """The last word about a group, until the watch shows it: the group may look as before a word on its way."""
+
+    word: Word
+    pause: Backoff
+    due_s: float | None = None
+    """When it is put in the queue once more; None while nothing stands in its way, and when it was given up."""
+    warned: bool = False
 
 
 class GroupReporter:
@@ -50,11 +66,8 @@ class GroupReporter:
         self._groups = groups
         self._permitted = permitted
         self._now = now
-        self._waiting: Newest[GroupRef, Word] = Newest()
-        self._said: dict[GroupRef, Word] = {}
-        """The last word about each group until the watch shows it: the group may look as before a word on its way."""
-        self._again: set[GroupRef] = set()
-        """Groups that are whole, which could not be written: no further attempt would say it."""
+        self._waiting: Newest[GroupRef, _Record] = Newest()
+        self._records: dict[GroupRef, _Record] = {}
 
     def __repr__(self) -> str:
         return f"<GroupReporter {len(self._waiting)} conditions to write>"
@@ -69,51 +82,61 @@ class GroupReporter:
             return
         broken = any(decision.reason == PodReason.SCHEDULER_ERROR for decision in decisions)
         reason = PodReason.SCHEDULER_ERROR if broken else PodReason.UNSCHEDULABLE
-        self._say(ref, "False", reason, _failure(decisions, needed, self._groups.placed(ref)))
+        group = self._groups.find(ref)
+        if group is not None:
+            text = _failure(decisions, needed, self._groups.placed(ref))
+            self._say(ref, group, Word(group.metadata.uid, "False", reason, text))
 
     def tick(self) -> None:
-        """Once a second: groups of which enough pods are bound now."""
-        again, self._again = self._again, set()
-        for ref in {*self._groups.take_completed(), *again}:
-            if ref.api == WORKLOADS:
-                self._say(ref, "True", SCHEDULED, "")
-        self._said = {ref: word for ref, word in self._said.items() if self._is_news(ref, word)}
+        """Once a second: groups of which enough pods are bound now, and words whose pause is over."""
+        self._records = {ref: record for ref, record in self._records.items() if self._is_news(ref, record)}
+        if not self._permitted():
+            return
+        for ref, uid in self._groups.take_completed():
+            group = self._groups.find(ref)
+            if ref.api == WORKLOADS and group is not None and group.metadata.uid == uid:
+                self._say(ref, group, Word(uid, "True", SCHEDULED, ""))
+        now_s = self._client.clock()
+        for ref, record in self._records.items():
+            if record.due_s is not None and record.due_s <= now_s:
+                record.due_s = None
+                self._waiting.put(ref, record)
 
     async def run(self) -> None:
         """Write until cancelled."""
         while True:
-            ref, word = await self._waiting.take()
+            ref, record = await self._waiting.take()
             group = self._groups.find(ref)
-            mine = group is not None and group.metadata.uid == word.uid and self._permitted()
-            if group is None or not mine or not await self._write(ref, group, _condition(group, word, self._now())):
-                self._unsaid(ref, word)
+            if group is None or not _may_be_said(record.word, group) or record.due_s is not None:
+                continue
+            if self._permitted():
+                await self._write(ref, group, record)
+            else:
+                record.due_s = self._client.clock()
 
-    def _say(self, ref: GroupRef, status: str, reason: str, message: str) -> None:
-        group = self._groups.find(ref)
-        if group is None:
+    def _say(self, ref: GroupRef, group: PodGroup, word: Word) -> None:
+        record = self._records.get(ref)
+        if record is not None and record.word.uid != word.uid:
+            record = None
+        last = record.word if record is not None else _shown(group)
+        if word == last or (last is not None and last.status == "True") or not _may_be_said(word, group):
             return
-        shown, word = _shown(group), Word(group.metadata.uid, status, reason, message)
-        last = self._said.get(ref)
-        if last is None or last.uid != word.uid:
-            last = shown
-        if word == last or any(each is not None and each.status == "True" for each in (last, shown)):
-            return
-        self._said[ref] = word
-        self._waiting.put(ref, word)
+        if record is None:
+            pause = Backoff(base_s=PAUSE_S, cap_s=MOST_PAUSE_S, uniform=self._client.uniform)
+            record = self._records[ref] = _Record(word, pause)
+        record.word = word
+        if record.due_s is None:
+            self._waiting.put(ref, record)
 
-    def _is_news(self, ref: GroupRef, word: Word) -> bool:
+    def _is_news(self, ref: GroupRef, record: _Record) -> bool:
         group = self._groups.find(ref)
-        return group is not None and group.metadata.uid == word.uid and _shown(group) != word
+        if group is None or not _may_be_said(record.word, group):
+            return False
+        # What is still to be written may look like what the group showed before our last word.
+        return record.due_s is not None or self._waiting.get(ref) is record or _shown(group) != record.word
 
-    def _unsaid(self, ref: GroupRef, word: Word) -> None:
-        """It was said in vain: the next attempt says it again, or the next tick where there will be none."""
-        if self._said.get(ref) == word:
-            del self._said[ref]
-        if word.status == "True":
-            self._again.add(ref)
-
-    async def _write(self, ref: GroupRef, group: PodGroup, condition: dict[str, object]) -> bool:
-        """Was it written?"""
+    async def _write(self, ref: GroupRef, group: PodGroup, record: _Record) -> None:
+        condition = _condition(group, record.word, self._now())
         patch = {"metadata": {"uid": group.metadata.uid}, "status": {"conditions": [condition]}}
         try:
             await self._client.patch(
@@ -124,13 +147,23 @@ class GroupReporter:
                 subresource="status",
                 content_type=STRATEGIC,
             )
-        except NotFound:
-            return False
         except ClientError as error:
+            self._failed(ref, record, error)
+        else:
+            record.pause.reset()
+            record.warned = False
+
+    def _failed(self, ref: GroupRef, record: _Record, error: ClientError) -> None:
+        """What may pass is tried again after a pause, the rest is given up: only another word is tried after it."""
+        if isinstance(error, NotFound) or (isinstance(error, ApiError) and means_another(error)):
+            return
+        if may_pass(error):
+            wish_s = error.retry_after_s if isinstance(error, ApiError) else None
+            record.due_s = self._client.clock() + record.pause.next_s(at_least_s=wish_s)
+        if not record.warned:
+            record.warned = True
             # The pods say it, too.
             log.warning("the condition of PodGroup %s/%s cannot be written: %s", ref.namespace, ref.name, error)
-            return False
-        return True
 
 
 def _failure(decisions: Sequence[Decision], needed: int, there: int) -> str:
@@ -140,6 +173,12 @@ def _failure(decisions: Sequence[Decision], needed: int, there: int) -> str:
             return decision.message.removeprefix(UNSCHEDULABLE_GROUP)
     first = decisions[0]
     return f"minCount ({needed}) cannot be satisfied: {there} scheduled, 0 remaining; {first.pod.name}: {first.message}"
+
+
+def _may_be_said(word: Word, group: PodGroup) -> bool:
+    """Of this life of the group, which does not show True yet: that stays."""
+    shown = _shown(group)
+    return group.metadata.uid == word.uid and (shown is None or shown.status != "True")
 
 
 def _shown(group: PodGroup) -> Word | None:

@@ -19,7 +19,7 @@ import msgspec
 from robotapp_api.client import times
 from robotapp_api.client.api import ApiClient
 from robotapp_api.client.apply import STRATEGIC
-from robotapp_api.client.errors import ApiError, ClientError, NotFound, means_another
+from robotapp_api.client.errors import ApiError, ClientError, NotFound, may_pass, means_another
 from robotapp_api.client.resources import PODS
 from robotapp_api.model.names import EventReason
 from robotapp_scheduler.core.decision import skipped_deleting
@@ -210,7 +210,7 @@ class Reporter:
             except ApiError as error:
                 if means_another(error):
                     return
-                if error.status < 500 and error.status not in (409, 429):
+                if not may_pass(error):
                     log.warning("PodScheduled of %s cannot be written: %s", text.pod.key, error)
                     break
             except ClientError:

@@ -60,6 +60,14 @@ def test_a_write_that_names_its_uid_learns_that_the_name_is_another_objects(erro
     assert errors.means_another(error) is another
 
 
+@pytest.mark.parametrize(
+    ("status", "passes"), [(500, True), (504, True), (429, True), (409, True), (403, False), (422, False)]
+)
+def test_a_refusal_may_pass_where_the_server_or_others_are_the_reason(status: int, *, passes: bool) -> None:
+    assert errors.may_pass(answer(status)) is passes
+    assert errors.may_pass(errors.Unreachable("nobody there", maybe_applied=False))
+
+
 def test_the_header_wins_over_the_details_for_retry_after() -> None:
     body = json.dumps({"details": {"retryAfterSeconds": 9}}).encode()
     assert error_from_response(429, {"Retry-After": "2"}, body).retry_after_s == 2

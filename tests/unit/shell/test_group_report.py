@@ -1,6 +1,7 @@
 """The condition PodGroupInitiallyScheduled: False after an attempt in vain, True once enough pods are bound, then for ever."""
 
 import asyncio
+import logging
 from typing import Any
 
 import pytest
@@ -8,7 +9,16 @@ from tests.support.pod_groups import announce, arrive, depart, pod_group, team_p
 from tests.support.scheduling import make_core, make_node
 from tests.support.scripted_client import ScriptedClient
 
-from robotapp_api.client.errors import NotFound, Unreachable
+from robotapp_api.client.errors import (
+    ClientError,
+    Conflict,
+    Forbidden,
+    NotFound,
+    ServerError,
+    TooManyRequests,
+    Unreachable,
+)
+from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.pod_group import INITIALLY_SCHEDULED, GivenPodGroup
 from robotapp_scheduler.core.pod_groups import WORKLOADS
 from robotapp_scheduler.shell.group_report import GroupReporter
@@ -49,6 +59,26 @@ class Desk:
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
         return [body[1]["status"]["conditions"][0] for method, _, body in self.client.calls if method == "patch"]
+
+    async def seconds(self, count: int) -> int:
+        """How many writes there were after so many more ticks."""
+        for _ in range(count):
+            self.client.now_s += 1
+            self.reporter.tick()
+            await self.settle()
+        return len(self.client.calls)
+
+
+def whole(desk: Desk) -> list[Pod]:
+    pods = [workload_pod(f"b{i}", node="n0") for i in range(3)]
+    arrive(desk.core, *pods)
+    return pods
+
+
+def born_again() -> GivenPodGroup:
+    group = workload_group(policy=GANG)
+    group.metadata.uid = "another"
+    return group
 
 
 def carrying(status: str, reason: str = "", message: str = "") -> GivenPodGroup:
@@ -148,8 +178,10 @@ async def test_that_a_group_is_whole_is_written_though_the_first_try_fails() -> 
     arrive(desk.core, *(workload_pod(f"b{i}", node="n0") for i in range(3)))
     desk.reporter.tick()
     assert len(await desk.settle()) == 1
+    desk.client.now_s += 1
     desk.reporter.tick()
     assert [each["status"] for each in await desk.settle()] == ["True", "True"]
+    desk.client.now_s += 100
     desk.reporter.tick()
     assert len(await desk.settle()) == 2
 
@@ -157,9 +189,7 @@ async def test_that_a_group_is_whole_is_written_though_the_first_try_fails() -> 
 async def test_nothing_is_said_about_the_next_group_of_the_same_name() -> None:
     desk = Desk()
     desk.attempt()
-    born_again = workload_group(policy=GANG)
-    born_again.metadata.uid = "another"
-    announce(desk.core, born_again, WORKLOADS)
+    announce(desk.core, born_again(), WORKLOADS)
     assert await desk.settle() == []
     desk.attempt()
     assert len(await desk.settle()) == 1
@@ -175,3 +205,91 @@ async def test_a_write_that_fails_is_let_go_and_one_of_a_deposed_leader_is_not_s
     deposed.leads = False
     deposed.attempt()
     assert await deposed.settle() == []
+
+
+async def test_that_a_group_was_whole_is_not_said_about_the_next_one_of_its_name() -> None:
+    desk = Desk()
+    pods = whole(desk)
+    desk.reporter.tick()
+    depart(desk.core, *pods)
+    desk.core.cluster.pod_groups.remove(workload_group(policy=GANG), WORKLOADS)
+    announce(desk.core, born_again(), WORKLOADS)
+    assert await desk.seconds(3) == 0
+
+
+@pytest.mark.parametrize("seen_gone", [True, False])
+async def test_a_group_that_was_deleted_before_the_tick_leaves_no_word_to_its_namesake(*, seen_gone: bool) -> None:
+    desk = Desk()
+    pods = whole(desk)
+    if seen_gone:
+        desk.core.cluster.pod_groups.remove(workload_group(policy=GANG), WORKLOADS)
+    announce(desk.core, born_again(), WORKLOADS)
+    depart(desk.core, *pods)
+    assert await desk.seconds(3) == 0
+
+
+async def test_what_cannot_be_written_is_given_up_with_one_warning(caplog: pytest.LogCaptureFixture) -> None:
+    desk = Desk()
+    desk.client.always("patch", Forbidden("not allowed", status=403))
+    whole(desk)
+    with caplog.at_level(logging.WARNING):
+        assert await desk.seconds(50) == 1
+    assert [record.getMessage() for record in caplog.records] == [
+        "the condition of PodGroup default/team cannot be written: not allowed"
+    ]
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        Unreachable("nobody there", maybe_applied=False),
+        ServerError("etcd", status=500),
+        TooManyRequests("slowly", status=429),
+        Conflict("changed meanwhile", status=409),
+    ],
+)
+async def test_what_may_pass_is_tried_again_with_growing_pauses(
+    answer: ClientError, caplog: pytest.LogCaptureFixture
+) -> None:
+    desk = Desk()
+    desk.client.always("patch", answer)
+    whole(desk)
+    with caplog.at_level(logging.WARNING):
+        assert await desk.seconds(64) == 7, "after 1, 2, 4, 8, 16, 32 s"
+    assert len(caplog.records) == 1
+    desk.client.always("patch", {})
+    assert await desk.seconds(200) == 8
+
+
+async def test_another_word_does_not_cut_the_pause_short() -> None:
+    desk = Desk()
+    desk.client.always("patch", TooManyRequests("slowly", status=429, retry_after_s=30.0))
+    desk.attempt()
+    await desk.settle()
+    desk.attempt(cpu="8")
+    assert await desk.seconds(29) == 1
+    desk.client.always("patch", {})
+    assert await desk.seconds(1) == 2
+    assert "0 scheduled" in (await desk.settle())[-1]["message"], "the newest"
+
+
+async def test_who_does_not_lead_keeps_the_word_and_says_it_when_he_leads_again() -> None:
+    desk = Desk()
+    whole(desk)
+    desk.reporter.tick()
+    desk.leads = False
+    assert await desk.seconds(5) == 0
+    desk.reporter.tick()
+    assert repr(desk.reporter) == "<GroupReporter 0 conditions to write>"
+    desk.leads = True
+    assert await desk.seconds(5) == 1
+
+
+async def test_what_another_leader_has_said_is_not_denied_by_a_word_kept() -> None:
+    desk = Desk()
+    desk.attempt()
+    desk.leads = False
+    await desk.settle()
+    announce(desk.core, carrying("True", "Scheduled"), WORKLOADS)
+    desk.leads = True
+    assert await desk.seconds(3) == 0
