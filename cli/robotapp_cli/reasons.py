@@ -51,7 +51,7 @@ def refusals(record: Json, peers: tuple[Peer, ...], *, wanted: str = "") -> list
     )
     lines: list[str] = []
     for refusal in record.get("refusals") or []:
-        added = f": {wanted}" if wanted and refusal.get("plugin") == _HARDWARE else ""
+        added = f" (asked for: {wanted})" if wanted and refusal.get("plugin") == _HARDWARE else ""
         lines += [f"{line}{added}" for line in _lines(refusal, stated or peers)]
     return lines
 

@@ -20,7 +20,7 @@ def apply_teleop(stage: Stage, world: World) -> None:
     app, _ = wait_for("teleop Ready", lambda: _if_ready(world, "teleop"), within_s=60)
     took_s = time.monotonic() - began_s
     stage.shell("kubectl get ra", world.kubectl("get", "ra"))
-    aim = f"aim: {READY_GOAL_S:g} s on an idle machine"
+    aim = f"aim {'met' if took_s <= READY_GOAL_S else 'missed: this machine is busy or slow'}: {READY_GOAL_S:g} s"
     stage.claim(f"Ready {took_s:.2f} s after kubectl was started ({aim})", took_s <= READY_LIMIT_S)
     summary = app["status"]["summary"]
     domain = summary["domain"]

@@ -15,7 +15,7 @@ REST_S: Final = (
     + max(informers.FLEET_DELAY_S, informers.POOL_DELAY_S, informers.LATENCY_DELAY_S)
     + 1.0
 )
-"""A second longer than the operator puts off any write: whoever wrote nothing for as long has nothing left to write."""
+"""A second longer than the operator puts off any write but that of latency figures, which move only with telemetry."""
 _OURS = (OPERATOR_ACCOUNT, SCHEDULER_ACCOUNT)
 _BY_THE_CLOCK = frozenset({"leases"})
 _LOG_DELAY_S = 0.5

@@ -4,8 +4,9 @@
 may have taken effect all the same. Nobody retries a write on our behalf: the caller reads first, then decides.
 """
 
+import re
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 
@@ -116,7 +117,7 @@ def means_another(error: ApiError) -> bool:
     is written whatever uid the patch names: only a resourceVersion keeps it from another object.
     """
     if isinstance(error, Conflict):
-        return "uid" in error.message.lower()
+        return _OTHER_UID.search(error.message) is not None
     return isinstance(error, Invalid) and any(field == "metadata.uid" for field, _, _ in error.causes)
 
 
@@ -128,6 +129,8 @@ def may_pass(error: ClientError) -> bool:
     return not isinstance(error, ApiError) or error.status >= 500 or error.status in (409, 429)
 
 
+_OTHER_UID: Final = re.compile("uid in (the )?precondition", re.IGNORECASE)
+"""Every conflict names its object, and a name may contain `uid`, too."""
 _BY_STATUS: dict[int, type[ApiError]] = {
     400: BadRequest,
     401: Unauthorized,

@@ -90,7 +90,7 @@ async def test_a_restarted_pod_has_its_device_back_in_about_a_second(place: Live
     assert (await place.reserve(pod["metadata"]["uid"], holder)).ok
     grants = {"granted.robotics.io/devices": "can-can0"}
     await place.bind(place.scheduler, pod, annotations=grants)
-    sweeper = place.sweeper(place.scheduler, handover_s=4 * SOON_S)
+    sweeper = place.sweeper(place.scheduler, handover_s=4 * SOON_S, period_s=20 * SOON_S)  # only being woken helps
     async with looping(sweeper):
         rival = await place.reserve("rival", place.driver(await place.make_app("rival")))
         assert not rival.ok

@@ -91,8 +91,8 @@ def test_the_delay_between_two_nodes_is_what_was_set(real_nodes: RealNodes, real
     plain_ms = real_pods.round_trip_ms(real_nodes, real_namespace, "here", target)
     real_nodes.switch.set_link("robot-1", "edge-1", delay_ms=20)
     try:  # other programs of this machine can only add to it, so the quickest of a few counts
-        trips = (real_pods.round_trip_ms(real_nodes, real_namespace, "here", target) for _ in range(4))
-        assert any(40 <= trip_ms <= 45 + plain_ms for trip_ms in trips)
+        trips = [real_pods.round_trip_ms(real_nodes, real_namespace, "here", target) for _ in range(4)]
+        assert 40 <= min(trips) <= 45 + plain_ms
     finally:
         real_nodes.switch.set_link("robot-1", "edge-1", delay_ms=0)
 

@@ -17,6 +17,7 @@ from tests.support.storage_live import (
     volume,
 )
 
+from robotapp_scheduler.shell.loop import IN_FLIGHT
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.nodes import edge
 from robotapp_testbed.process import Process
@@ -170,7 +171,7 @@ def test_an_ephemeral_volume_is_claimed_by_its_controller_and_provisioned(
 @pytest.mark.usefixtures("scheduler")
 def test_pods_that_wait_for_volumes_hold_nobody_up(installed_plane: ControlPlane, stage: Stage, made: str) -> None:
     with nodes(installed_plane, edge("edge-1")):
-        for index in range(70):  # more than are bound at the same time
+        for index in range(IN_FLIGHT + 6):
             create_claim(stage, f"log-{index}", made)
             stage.create_pod(pod(f"slow-{index}", volumes=mounts(f"log-{index}")))
         stage.create_pod(pod("plain"))

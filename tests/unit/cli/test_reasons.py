@@ -94,6 +94,6 @@ def test_missing_hardware_is_named_as_the_component_asks_for_it() -> None:
     lacks = Refusal(plugin=HardwareAffinityFilter.name, reason=LACKS, nodes=1, examples=(Example("edge-1"),))
     other = Refusal(plugin="NodeAffinity", reason="node(s) didn't match", nodes=1, examples=(Example("edge-2"),))
     assert refusals(record(lacks, other), (), wanted=wanted) == [
-        "edge-1: didn't have the required hardware: gpu nvidia, can can0, usb 8086:0b3a",
+        "edge-1: didn't have the required hardware (asked for: gpu nvidia, can can0, usb 8086:0b3a)",
         "edge-2: didn't match",
     ]

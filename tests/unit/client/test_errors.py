@@ -50,7 +50,13 @@ def test_causes_name_the_fields() -> None:
     ("error", "another"),
     [
         (answer(409, message="Precondition failed: UID in precondition: a, UID in object meta: b"), True),
-        (answer(409, message="the object has been modified"), False),
+        (
+            answer(
+                409, message='pods/binding "x": the UID in the precondition (a) does not match the UID in record (b)'
+            ),
+            True,
+        ),
+        (answer(409, message='pods "guide-robot": the object has been modified'), False),
         (answer(422, details={"causes": [{"field": "metadata.uid", "message": "field is immutable"}]}), True),
         (answer(422, details={"causes": [{"field": "spec.uid", "message": "too long"}]}), False),
         (answer(404, message='pods "uid" not found'), False),
