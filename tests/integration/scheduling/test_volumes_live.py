@@ -170,12 +170,12 @@ def test_an_ephemeral_volume_is_claimed_by_its_controller_and_provisioned(
 
 @pytest.mark.usefixtures("scheduler")
 def test_pods_that_wait_for_volumes_hold_nobody_up(installed_plane: ControlPlane, stage: Stage, made: str) -> None:
-    with nodes(installed_plane, edge("edge-1")):
+    with nodes(installed_plane, edge("edge-1"), edge("edge-2")):  # a node takes 110 pods
         for index in range(IN_FLIGHT + 6):
             create_claim(stage, f"log-{index}", made)
             stage.create_pod(pod(f"slow-{index}", volumes=mounts(f"log-{index}")))
         stage.create_pod(pod("plain"))
-        assert stage.wait_bound("plain") == "edge-1"
+        assert stage.wait_bound("plain")
         with provisioner(installed_plane, stage.namespace):
             stage.wait(
                 lambda: all(each["spec"].get("nodeName") for each in stage.pods()),
