@@ -105,11 +105,13 @@ securityContext:
 - --tls-private-key-file=/etc/robotapp-tls/tls.key
 {{- end }}
 {{- end -}}
-{{- define "robotapp.tlsVolumes" -}}
-{{- with .tls.secretName }}
-  volumeMounts:
-  - {name: tls, mountPath: /etc/robotapp-tls, readOnly: true}
-volumes:
+{{- define "robotapp.tlsMount" -}}
+{{- if .tls.secretName -}}
+- {name: tls, mountPath: /etc/robotapp-tls, readOnly: true}
+{{- end }}
+{{- end -}}
+{{- define "robotapp.tlsVolume" -}}
+{{- with .tls.secretName -}}
 - name: tls
   secret: {secretName: {{ . }}}
 {{- end }}
