@@ -30,7 +30,7 @@ def budgets(app: Json, component: str, *, instance: str, nodes: Mapping[str, str
         other = ends[1] if ends[0] == component else ends[0]
         where = instance if other == ROBOT_END else nodes.get(other, "")
         found.append(Peer(where or other, budget))
-    own: Json = next((item for item in app["spec"]["components"] if item["name"] == component), {})
+    own = _component(app, component)
     if (budget := milliseconds((own.get("policies") or {}).get("latencyBudget"))) is not None and instance:
         found.append(Peer(instance, budget))
     return tuple(dict.fromkeys(found))
@@ -38,10 +38,15 @@ def budgets(app: Json, component: str, *, instance: str, nodes: Mapping[str, str
 
 def hardware(app: Json, component: str) -> str:
     """What the component asks of a node: `can can0, gpu nvidia`; empty without any."""
-    own: Json = next((item for item in app["spec"]["components"] if item["name"] == component), {})
+    own = _component(app, component)
     wishes = [*(own.get("requires") or []), *(own.get("devices") or [])]
     words = (" ".join(wish[key] for key in ("type", "model", "interface", "match") if wish.get(key)) for wish in wishes)
     return ", ".join(dict.fromkeys(words))
+
+
+def _component(app: Json, name: str) -> Json:
+    """Its part of the spec; empty for a helper of the app's, which has none."""
+    return next((item for item in app["spec"]["components"] if item["name"] == name), {})
 
 
 def refusals(record: Json, peers: tuple[Peer, ...], *, wanted: str = "") -> list[str]:

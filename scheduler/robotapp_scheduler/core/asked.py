@@ -1,9 +1,16 @@
 """A question to a plugin of somebody else's, as whoever keeps watch over the process hears of it."""
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
+from typing import Final
 
 from robotapp_scheduler.core.pods import PodInfo
 
 Asking = Callable[[str, str, PodInfo], AbstractContextManager[object]]
 """(plugin, hook, pod): held while the plugin is asked. Raises PluginError instead when it must not be."""
+_UNWATCHED: Final = nullcontext()
+
+
+def asking(vigil: Asking | None, plugin: str, hook: str, pod: PodInfo) -> AbstractContextManager[object]:
+    """To be held while the plugin is asked. Raises PluginError when it must not be."""
+    return _UNWATCHED if vigil is None else vigil(plugin, hook, pod)

@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from robotapp_scheduler.core.asked import asking
 from robotapp_scheduler.core.changes import interest_of
 from robotapp_scheduler.core.framework import (
     MAX_SCORE,
@@ -77,11 +78,8 @@ def _watched(loaded: Loaded, hook: str, function: Callable[..., Any], check: "_C
     plugin = loaded.name
 
     def asked(*args: Any) -> Any:
-        vigil = loaded.vigil
         try:
-            if vigil is None:
-                return check(plugin, hook, function(*args), *args)
-            with vigil(plugin, hook, args[0]):
+            with asking(loaded.vigil, plugin, hook, args[0]):
                 return check(plugin, hook, function(*args), *args)
         except (PluginError, KeyboardInterrupt):
             raise

@@ -58,8 +58,9 @@ def misread(plugin: object, made_here: Callable[[object], bool]) -> list[str]:
         value = getattr(type(plugin), name, None)
         if name.startswith("_") or name in HOOKS or not callable(value) or isinstance(value, type) or made_here(value):
             continue
-        meant = _SPELT.get(name.replace("_", "").lower())
-        if name.replace("_", "").lower() == "prescore":
+        plain = name.replace("_", "").lower()
+        meant = _SPELT.get(plain)
+        if plain == "prescore":
             found.append(f"`{name}` is no hook here: what is the same for all nodes is worked out in `score`")
         elif meant is not None:
             found.append(f"`{name}` is no hook; did you mean `{meant}`?")

@@ -8,11 +8,11 @@ import asyncio
 import inspect
 import logging
 from collections.abc import Awaitable, Callable, Mapping, Sequence
-from contextlib import nullcontext
 from types import TracebackType
 from typing import Any, Final, NamedTuple, Self
 
 from robotapp_api.model.names import GRANTED_PREFIX, PodReason
+from robotapp_scheduler.core.asked import asking
 from robotapp_scheduler.core.bind_context import BindContext
 from robotapp_scheduler.core.framework import Code, Loaded, PluginError, Status, histogram
 from robotapp_scheduler.core.guarded import odd_status
@@ -113,7 +113,7 @@ class BindSteps:
         """The plugin's answer, timed; what it raises is an Error."""
         started_s, pod = self._timer.clock(), self._pod
         try:
-            with loaded.vigil(loaded.name, hook, pod) if loaded.vigil is not None else nullcontext():
+            with asking(loaded.vigil, loaded.name, hook, pod):
                 answer: Any = getattr(loaded.plugin, hook)(pod, self._node, self.context)
             if inspect.isawaitable(answer):
                 await self._say_where(hook)

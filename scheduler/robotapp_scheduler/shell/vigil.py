@@ -157,7 +157,7 @@ class Vigil:
                 memory = msgspec.json.decode(file.read(), type=_Memory)
         except FileNotFoundError:
             return ()
-        except (OSError, msgspec.DecodeError, ValueError, RecursionError) as error:  # whatever a broken disk left there
+        except (OSError, ValueError, RecursionError) as error:  # whatever a broken disk left there
             log.warning("%s cannot be read, nothing is remembered: %s", self._file, error)
             return ()
         return memory.deaths if memory.digest == self._digest else ()
