@@ -3,8 +3,9 @@
 from collections.abc import Iterator
 
 from robotapp_api.client.resources import EVENTS, ROBOTAPPS
-from robotapp_api.model.names import Condition
+from robotapp_api.model.names import Condition, Phase
 from robotapp_cli.fields import Json, age, meta, milliseconds, plain, short_ms, status
+from robotapp_cli.instances import Instance, chosen, in_full, instances_of
 from robotapp_cli.output import Column, Output, arrow, bar, blank_line, console, print_table, write_structured
 from robotapp_cli.session import Session
 
@@ -53,30 +54,38 @@ def _row(app: Json, *, everywhere: bool, wide: bool) -> list[str]:
     return row
 
 
-async def show_info(session: Session, name: str) -> None:
+async def show_info(session: Session, name: str, robot: str | None = None) -> None:
     """One RobotApp: conditions, instances, edges, what happened."""
     app = await session.client.get(ROBOTAPPS, name, namespace=session.home)
+    instances = chosen(await instances_of(session, app), robot, app=name)
     if session.options.output.structured:
-        write_structured(plain(app), session.options.output)
+        found = {"app": plain(app), "instances": [plain(each.obj) for each in instances]}
+        write_structured(found, session.options.output)
         return
     listing = await session.client.list(
         EVENTS, namespace=session.home, field_selector=f"regarding.uid={meta(app)['uid']}"
     )
     _print_head(app)
     _print_conditions(app)
-    for instance in status(app).get("instances") or []:
-        _print_instance(instance)
+    _print_instances(app, instances, wide=session.options.output is Output.WIDE, all_of_them=robot is None)
     _print_events(listing.items)
 
 
 def _print_head(app: Json) -> None:
-    summary = status(app).get("summary") or {}
+    summary, counts = status(app).get("summary") or {}, status(app).get("instanceCounts") or {}
     parts = [f"{meta(app)['namespace']}/{meta(app)['name']}", status(app).get("phase", "Pending")]
     parts += [f"ready {summary['ready']}"] if summary.get("ready") else []
+    parts += [_counted(counts)] if counts.get("desired", 0) > 1 else []
     parts += [f"{key} {summary[key]}" for key in ("rmw", "discovery") if summary.get(key)]
     console().print("  ".join(parts), style="bold", soft_wrap=True)
     if status(app).get("observedGeneration") != meta(app).get("generation"):
         console().print("The operator has not seen the latest change yet.", style="yellow", soft_wrap=True)
+
+
+def _counted(counts: Json) -> str:
+    """`instances 998/1000 ready, 1 offline, 1 failed`."""
+    others = [f"{counts[key]} {key}" for key in ("completed", "offline", "failed") if counts.get(key)]
+    return ", ".join([f"instances {counts.get('ready', 0)}/{counts['desired']} ready", *others])
 
 
 def _print_conditions(app: Json) -> None:
@@ -99,11 +108,41 @@ def _boring(condition: Json) -> bool:
     return condition["type"] in _GOOD_WHEN_FALSE and condition["status"] == "False"
 
 
-def _print_instance(instance: Json) -> None:
-    where = f"robot {instance['robot']}" if instance.get("robot") else "instance"
-    domain = f", domain {instance['domain']}" if "domain" in instance else ""
+def _print_instances(app: Json, instances: list[Instance], *, wide: bool, all_of_them: bool) -> None:
+    """Those in trouble in full; of an app of many robots the others as a line each."""
+    full = in_full(instances, everything=wide or not all_of_them)
+    for each in full:
+        _print_instance(app, each)
+    others = sorted((each for each in instances if each not in full), key=lambda each: each.name)
+    if others:
+        blank_line()
+        print_table(["ROBOT", "READY", "PHASE", "DOMAIN", "BUDGET", "DEVICES", "NODES"], map(_line, others))
+        name = meta(app)["name"]
+        hint = f"One of them in full: kubectl robotapp info {name} --robot {others[0].name}; all of them: -o wide"
+        console().print(hint, soft_wrap=True)
+    missing = (status(app).get("instanceCounts") or {}).get("desired", 0) - len(instances)
+    if all_of_them and missing > 0:
+        blank_line()
+        text = f"{missing} of the app's instances have no RobotAppInstance yet; the operator writes it."
+        console().print(text, style="yellow", soft_wrap=True)
+
+
+def _line(instance: Instance) -> list[str]:
+    domain = "" if instance.domain is None else str(instance.domain)
+    values = {key: str(instance.summary.get(key, "")) for key in ("ready", "budget", "devices", "nodes")}
+    phase = str(instance.observed.get("phase", ""))
+    return [instance.name, values["ready"], phase, domain, values["budget"], values["devices"], values["nodes"]]
+
+
+def _print_instance(app: Json, instance: Instance) -> None:
+    where = f"robot {instance.name}" if instance.name else "instance"
+    domain = "" if instance.domain is None else f", domain {instance.domain}"
     blank_line()
-    console().print(f"{where}{domain}, {instance.get('phase', '')}", style="bold", soft_wrap=True)
+    phase = instance.observed.get("phase", Phase.PENDING.value)
+    console().print(f"{where}{domain}, {phase}", style="bold", soft_wrap=True)
+    wrong = _wrong(app, instance)
+    if wrong:
+        console().print(f"  {wrong}", style="yellow", soft_wrap=True)
     rows = [
         [
             c["name"],
@@ -112,18 +151,29 @@ def _print_instance(instance: Json) -> None:
             str(c.get("restarts", 0)),
             c.get("message", ""),
         ]
-        for c in instance.get("components") or []
+        for c in instance.components
     ]
-    print_table(["COMPONENT", "NODE", "READY", "RESTARTS", Column("MESSAGE", wraps=True)], rows, indent=2)
-    print_edges(instance.get("edges") or [])
+    if rows:
+        print_table(["COMPONENT", "NODE", "READY", "RESTARTS", Column("MESSAGE", wraps=True)], rows, indent=2)
+    print_edges(instance.edges, omitted=instance.observed.get("edgesOmitted", 0))
 
 
-def print_edges(edges: list[Json]) -> None:
-    """Edges with the part of the budget they use."""
+def _wrong(app: Json, instance: Instance) -> str:
+    """What the operator says is wrong with the instance, if anything is."""
+    for each in status(app).get("troubled") or []:
+        if each.get("instance", "") == instance.name:
+            return f"{each.get('reason', '')}: {each.get('message', '')}"
+    return "" if instance.well else str(instance.summary.get("message", ""))
+
+
+def print_edges(edges: list[Json], *, omitted: int = 0) -> None:
+    """Edges with the part of the budget they use; `omitted` are those the status had no room for."""
     rows = list(edge_rows(edges))
     if rows:
         blank_line()
         print_table(["EDGE", f"FROM {arrow()} TO", "RTT/BUDGET", "USE", "RTT IS"], rows, indent=2)
+    if omitted:
+        console().print(f"  and {omitted} edges that are better than these", soft_wrap=True)
 
 
 def edge_rows(edges: list[Json]) -> Iterator[list[str]]:
@@ -133,12 +183,18 @@ def edge_rows(edges: list[Json]) -> Iterator[list[str]]:
         known = "measured" if edge.get("measured") else "estimated" if p95 is not None else "unknown"
         same = len(set(edge.get("nodes") or [])) == 1 and len(edge.get("nodes") or []) == 2
         yield [
-            edge["topic"],
+            _named(edge),
             f"{edge['from']} {arrow()} {edge['to']}",
             f"{short_ms(p95)}/{short_ms(budget)} ms" if budget else f"{short_ms(p95)} ms, no budget",
             bar(share) if budget else "",
             "same node" if same else known,
         ]
+
+
+def _named(edge: Json) -> str:
+    """`/cmd_vel`, `/plan (Service)`."""
+    kind = edge.get("kind", "Topic")
+    return str(edge["topic"]) if kind == "Topic" else f"{edge['topic']} ({kind})"
 
 
 def _print_events(events: list[Json]) -> None:

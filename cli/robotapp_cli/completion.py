@@ -1,6 +1,7 @@
 """Names for the shell's completion; silence when the cluster does not answer at once."""
 
 import asyncio
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
@@ -8,8 +9,10 @@ import typer
 
 from robotapp_api.client.api import ApiClient
 from robotapp_api.client.errors import ClientError
-from robotapp_api.client.resources import ROBOTAPPS
-from robotapp_cli.fields import meta
+from robotapp_api.client.resources import ROBOTAPPINSTANCES, ROBOTAPPS, Resource
+from robotapp_api.model.names import Label
+from robotapp_cli.fields import Json, meta
+from robotapp_cli.instances import name_of
 from robotapp_cli.session import Options, endpoint
 
 _PATIENCE_S: Final = 2.0
@@ -17,18 +20,34 @@ _PATIENCE_S: Final = 2.0
 
 def complete_names(ctx: typer.Context, incomplete: str) -> list[str]:
     """RobotApps of the namespace on the command line that begin with what was typed."""
+    return [name for name in _asked(ctx, ROBOTAPPS, _name) if name.startswith(incomplete)]
+
+
+def complete_robots(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Robots of the app on the command line, or of all apps, that begin with what was typed."""
+    selector = f"{Label.APP}={ctx.params['name']}" if ctx.params.get("name") else ""
+    found = {name for name in _asked(ctx, ROBOTAPPINSTANCES, name_of, selector) if name}
+    return sorted(name for name in found if name.startswith(incomplete))
+
+
+def _name(obj: Json) -> str:
+    return str(meta(obj)["name"])
+
+
+def _asked(ctx: typer.Context, resource: Resource, naming: Callable[[Json], str], selector: str = "") -> list[str]:
     given: dict[str, Any] = ctx.params
     file = given.get("kubeconfig")
     options = Options(given.get("namespace"), False, given.get("context"), Path(file) if file else None)
     try:
-        names = asyncio.run(asyncio.wait_for(_names(options), _PATIENCE_S))
+        return [
+            naming(each) for each in asyncio.run(asyncio.wait_for(_objects(options, resource, selector), _PATIENCE_S))
+        ]
     except (ClientError, TimeoutError):
         return []
-    return [name for name in names if name.startswith(incomplete)]
 
 
-async def _names(options: Options) -> list[str]:
+async def _objects(options: Options, resource: Resource, selector: str) -> list[Json]:
     where = endpoint(options)
     async with ApiClient(where, user_agent="kubectl-robotapp", timeout_s=_PATIENCE_S) as client:
-        listing = await client.list(ROBOTAPPS, namespace=options.namespace or where.namespace)
-    return [str(meta(app)["name"]) for app in listing.items]
+        listing = await client.list(resource, namespace=options.namespace or where.namespace, label_selector=selector)
+    return list(listing.items)

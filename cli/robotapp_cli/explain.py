@@ -10,6 +10,7 @@ from robotapp_api.model.names import SYSTEM_NAMESPACE, Condition, Label
 from robotapp_cli.apps import print_edges
 from robotapp_cli.failures import CliError, Exit
 from robotapp_cli.fields import Json, condition, label, meta, status
+from robotapp_cli.instances import Instance, chosen, in_full, instances_of
 from robotapp_cli.output import Column, Output, blank_line, console, print_table, write_structured
 from robotapp_cli.reasons import budgets, hardware, refusals
 from robotapp_cli.scheduler_link import Link, connect
@@ -41,6 +42,8 @@ class Row:
     reasons: list[str] = field(default_factory=list)
     scores: dict[str, int] = field(default_factory=dict)
     devices: list[str] = field(default_factory=list)
+    tier: str = ""
+    """Why a node of this tier, where runsOn leaves a choice."""
     planned: str = ""
     """How the place was found together with those of the app's other pods."""
     recorded: bool = False
@@ -64,12 +67,11 @@ async def show_explain(session: Session, question: Question) -> None:
     app = await session.client.get(ROBOTAPPS, question.name, namespace=session.home)
     selector = f"{Label.APP_UID}={meta(app)['uid']}"
     pods = (await session.client.list(PODS, namespace=session.home, label_selector=selector)).items
+    found = chosen(_with_pods(await instances_of(session, app), pods), question.robot, app=question.name)
+    shown = in_full(found, everything=_everything(session, question)) or found[:1]
     async with connect(session, url=question.scheduler_url, namespace=question.scheduler_namespace) as link:
-        views = [
-            await _instance(app, pods, robot=robot, question=question, link=link)
-            for robot in _robots(app, pods, question)
-        ]
-    note = _note(link, views)
+        views = [await _instance(app, pods, instance=each, question=question, link=link) for each in shown]
+    note = "\n".join(filter(None, (_note(link, views), _left_out(len(found) - len(shown), question.name))))
     if session.options.output.structured:
         instances = [asdict(view) for view in views]
         source = "conditions" if link.problem or _missing(views) else "scheduler"
@@ -85,44 +87,49 @@ async def show_explain(session: Session, question: Question) -> None:
         console().print(note, style="yellow", soft_wrap=True)
 
 
-def _robots(app: Json, pods: list[Json], question: Question) -> list[str]:
-    """Instances by robot name ("" for an app without robots)."""
-    known = {item.get("robot", "") for item in status(app).get("instances") or []}
-    known |= {label(pod, Label.INSTANCE) for pod in pods}
-    if question.robot is None:
-        return sorted(known) or [""]
-    if question.robot not in known:
-        raise CliError(
-            f"{question.name} has no instance on robot {question.robot}; it has: {', '.join(sorted(known)) or 'none'}",
-            code=Exit.NOT_FOUND,
-        )
-    return [question.robot]
+def _everything(session: Session, question: Question) -> bool:
+    """Whether to show all instances, however many: each of their pods is asked about."""
+    output = session.options.output
+    return question.robot is not None or output.structured or output is Output.WIDE
 
 
-async def _instance(app: Json, pods: list[Json], *, robot: str, question: Question, link: Link) -> InstanceView:
-    observed: Json = next((item for item in status(app).get("instances") or [] if item.get("robot", "") == robot), {})
-    own = _by_component(pods, robot)
+def _left_out(count: int, name: str) -> str:
+    if not count:
+        return ""
+    return f"{count} more instances are not shown: kubectl robotapp explain {name} --robot NAME; all of them: -o wide"
+
+
+def _with_pods(found: list[Instance], pods: list[Json]) -> list[Instance]:
+    """With an empty one for each instance that has pods but no object, because it is being made or somebody deleted it."""
+    known = {each.name for each in found}
+    missing = {label(pod, Label.INSTANCE) for pod in pods} - known
+    return [*found, *(Instance(name, {}) for name in sorted(missing))] or [Instance("", {})]
+
+
+async def _instance(app: Json, pods: list[Json], *, instance: Instance, question: Question, link: Link) -> InstanceView:
+    own = _by_component(pods, instance.name)
     nodes = {name: found[0]["spec"].get("nodeName", "") for name, found in own.items()}
-    messages = {item["name"]: item.get("message", "") for item in observed.get("components") or []}
+    messages = {item["name"]: item.get("message", "") for item in instance.components}
     rows: list[Row] = []
     for name in _components(app, own, question):
-        peers = budgets(app, name, instance=robot, nodes=nodes)
+        peers = budgets(app, name, instance=instance.name, nodes=nodes)
         for pod in own.get(name, []):
             record = await link.fetch(meta(pod)["namespace"], meta(pod)["name"])
             reasons = refusals(record, peers, wanted=hardware(app, name)) if record else []
             rows.append(_row(name, pod, record, reasons))
         if name not in own:
-            rows.append(Row(name, reasons=[messages.get(name) or _why_none(app)]))
-    edges = [edge for edge in observed.get("edges") or [] if question.component in (None, edge["from"], edge["to"])]
-    return InstanceView(robot, observed.get("domain"), rows, edges)
+            rows.append(Row(name, reasons=[messages.get(name) or _why_none(app, instance)]))
+    edges = [edge for edge in instance.edges if question.component in (None, edge["from"], edge["to"])]
+    return InstanceView(instance.name, instance.domain, rows, edges)
 
 
-def _why_none(app: Json) -> str:
-    """Why a component has no pod: what the operator says of the app, if it is no matter of the scheduler."""
+def _why_none(app: Json, instance: Instance) -> str:
+    """Why a component has no pod: what the operator says of the instance or of the app, if it is no matter of the scheduler."""
     for kind in _BEFORE_PODS:
-        found = condition(app, kind)
-        if found.get("status") == "False":
-            return f"no pod yet: {found.get('message') or found.get('reason', '')}"
+        for obj in (instance.obj, app):
+            found = condition(obj, kind)
+            if found.get("status") == "False":
+                return f"no pod yet: {found.get('message') or found.get('reason', '')}"
     if not status(app).get("conditions"):
         return "no pod yet: the operator has not seen the app; does it run? kubectl get deployments -A -l app.kubernetes.io/component=operator"
     return "no pod yet"
@@ -161,6 +168,7 @@ def _row(component: str, pod: Json, record: Json | None, reasons: list[str]) -> 
         row.runner_up = record.get("runnerUp") or ""
         row.scores = dict(zip(top.get("nodes") or [], top.get("totals") or [], strict=False))
         row.devices = list(record.get("devices") or [])
+        row.tier = str(record.get("tier") or "")
         row.planned = str(record.get("planned") or "")
         row.recomputed = bool(record.get("recomputed"))
     if not node and not reasons:
@@ -207,6 +215,9 @@ def _print(app: Json, view: InstanceView, *, wide: bool) -> None:
             for cells, row in zip(rows, shown, strict=True)
         ]
     print_table(columns, rows, indent=2)
+    for row in shown:
+        if row.tier:
+            console().print(f"  {row.component}: {row.tier}", soft_wrap=True)
     for text in dict.fromkeys(row.planned for row in shown if row.planned):
         console().print(f"  {text}", soft_wrap=True)
     print_edges(view.edges)

@@ -1,6 +1,9 @@
 """Exit codes, and how an error becomes one or two lines for a person."""
 
+import sys
 from enum import IntEnum
+
+import typer
 
 from robotapp_api.client.errors import ApiError, ClientError, Forbidden, LoginError, NotFound, Unauthorized, Unreachable
 
@@ -10,6 +13,7 @@ class Exit(IntEnum):
 
     OK = 0
     REFUSED = 1
+    """By the API server, or by `lint`."""
     USAGE = 2
     UNREACHABLE = 3
     NOT_FOUND = 4
@@ -21,6 +25,12 @@ class CliError(Exception):
     def __init__(self, message: str, *, code: Exit = Exit.REFUSED) -> None:
         super().__init__(message)
         self.code = code
+
+
+def ended_by(failure: CliError) -> typer.Exit:
+    """Print the failure; the caller raises what is returned, which ends the process with its exit code."""
+    sys.stderr.write(f"error: {failure}\n")
+    return typer.Exit(failure.code)
 
 
 def explained(error: ClientError) -> CliError:

@@ -29,19 +29,25 @@ class _Loader(yaml.CSafeLoader):
     }
 
 
-def documents(path: Path, *, most_bytes: int) -> list[Any]:
-    """The documents of a file that are not empty; - is standard input. Raises CliError (wrong usage)."""
+def content(path: Path, *, most_bytes: int) -> bytes:
+    """The bytes of a file, - is standard input; one more than `most_bytes` of a file that is larger. Raises CliError."""
     try:
         if str(path) == "-":
-            data = sys.stdin.buffer.read(most_bytes + 1)
-        else:
-            with path.open("rb") as file:
-                data = file.read(most_bytes + 1)
-        if len(data) > most_bytes:
-            raise CliError(f"{path} is larger than {most_bytes >> 20} MiB", code=Exit.USAGE)
+            return sys.stdin.buffer.read(most_bytes + 1)
+        with path.open("rb") as file:
+            return file.read(most_bytes + 1)
+    except (OSError, ValueError) as error:  # a NUL in a name is a ValueError
+        why = error.strerror if isinstance(error, OSError) else str(error)
+        raise CliError(f"{path} cannot be read: {why}", code=Exit.USAGE) from error
+
+
+def documents(path: Path, *, most_bytes: int) -> list[Any]:
+    """The documents of a file that are not empty; - is standard input. Raises CliError (wrong usage)."""
+    data = content(path, most_bytes=most_bytes)
+    if len(data) > most_bytes:
+        raise CliError(f"{path} is larger than {most_bytes >> 20} MiB", code=Exit.USAGE)
+    try:
         return _parsed(data.decode("utf-8"))
-    except OSError as error:
-        raise CliError(f"{path} cannot be read: {error.strerror}", code=Exit.USAGE) from error
     except UnicodeDecodeError as error:
         raise CliError(f"{path} is not UTF-8 text", code=Exit.USAGE) from error
     except (yaml.YAMLError, ValueError) as error:  # a number of thousands of digits is a ValueError

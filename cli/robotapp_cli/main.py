@@ -8,9 +8,9 @@ import typer
 from robotapp_api.model.names import SYSTEM_NAMESPACE
 from robotapp_cli.apps import show_info, show_list
 from robotapp_cli.claims import show_devices, show_domains
-from robotapp_cli.completion import complete_names
+from robotapp_cli.completion import complete_names, complete_robots
 from robotapp_cli.explain import Question, show_explain
-from robotapp_cli.failures import Exit
+from robotapp_cli.failures import CliError, Exit, ended_by
 from robotapp_cli.output import Output
 from robotapp_cli.rendering import show_children, show_file
 from robotapp_cli.session import Options, run
@@ -18,7 +18,7 @@ from robotapp_cli.simulate import Wish, show_simulation
 from robotapp_cli.written import address, object_name
 
 _EPILOG = """\
-Exit codes: 0 done; 1 refused by the API server; 2 wrong usage or unreadable file; 3 API server not reached or not signed in; 4 not found.
+Exit codes: 0 done; 1 refused by the API server, or errors found by lint; 2 wrong usage or unreadable file; 3 API server not reached or not signed in; 4 not found.
 
 Colour only on a terminal (NO_COLOR is respected). kubectl completes "kubectl robotapp" by kubectl_complete-robotapp on the PATH; for kubectl-robotapp itself: --install-completion
 """
@@ -61,17 +61,26 @@ def list_command(
     run(Options(namespace, everywhere, context, kubeconfig, output), show_list)
 
 
-@app.command("info", epilog="Example: kubectl robotapp info teleop")
+Robot = Annotated[
+    str | None,
+    typer.Option(
+        "--robot", help="Only the instance of this robot.", autocompletion=complete_robots, callback=object_name
+    ),
+]
+
+
+@app.command("info", epilog="Examples: kubectl robotapp info teleop; kubectl robotapp info patrol --robot amr-07")
 def info_command(
     name: Name,
     *,
+    robot: Robot = None,
     namespace: Namespace = None,
     context: Context = None,
     kubeconfig: Kubeconfig = None,
     output: OutputFormat = Output.TABLE,
 ) -> None:
     """Show one RobotApp: conditions, instances, edges with their latency, events."""
-    run(Options(namespace, False, context, kubeconfig, output), lambda session: show_info(session, name))
+    run(Options(namespace, False, context, kubeconfig, output), lambda session: show_info(session, name, robot))
 
 
 SchedulerUrl = Annotated[
@@ -90,7 +99,7 @@ def explain_command(
     name: Name,
     *,
     component: Annotated[str | None, typer.Option("--component", "-c", help="Only this component.")] = None,
-    robot: Annotated[str | None, typer.Option("--robot", help="Only the instance of this robot.")] = None,
+    robot: Robot = None,
     scheduler_url: SchedulerUrl = None,
     scheduler_namespace: SchedulerNamespace = SYSTEM_NAMESPACE,
     namespace: Namespace = None,
@@ -197,6 +206,28 @@ def render_command(
         run(options, lambda session: show_file(session, file))
     elif name is not None:
         run(options, lambda session: show_children(session, name))
+
+
+@app.command(
+    "lint",
+    epilog="Examples: kubectl robotapp lint app.yaml; helm template my-robots | kubectl robotapp lint -; kubectl robotapp lint -o json deploy/*.yaml",
+)
+def lint_command(
+    files: Annotated[
+        list[Path],
+        typer.Argument(metavar="FILE...", help="YAML or JSON with RobotApps and DomainPools (- for standard input)."),
+    ],
+    *,
+    output: OutputFormat = Output.TABLE,
+) -> None:
+    """Check files without a cluster: the schema, its rules and what the operator would refuse, with the line and the cure."""
+    from robotapp_cli.linting import show_lint  # the schema, jsonschema and CEL take half a second to import
+
+    try:
+        code = show_lint(files, output)
+    except CliError as failure:
+        raise ended_by(failure) from failure
+    raise typer.Exit(code)
 
 
 def main() -> None:

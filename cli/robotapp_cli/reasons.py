@@ -40,7 +40,7 @@ def hardware(app: Json, component: str) -> str:
     """What the component asks of a node: `can can0, gpu nvidia`; empty without any."""
     own = _component(app, component)
     wishes = [*(own.get("requires") or []), *(own.get("devices") or [])]
-    words = (" ".join(wish[key] for key in ("type", "model", "interface", "match") if wish.get(key)) for wish in wishes)
+    words = (" ".join(wish[key] for key in ("type", "model", "interface", "usbID") if wish.get(key)) for wish in wishes)
     return ", ".join(dict.fromkeys(words))
 
 

@@ -1,19 +1,16 @@
 """One command's connection: which cluster, which namespace, and how errors end the process."""
 
 import asyncio
-import sys
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-import typer
-
 from robotapp_api.client.api import ApiClient
 from robotapp_api.client.errors import ClientError
 from robotapp_api.client.login import Endpoint, default_kubeconfigs, load
 from robotapp_api.values.arguments import is_name
-from robotapp_cli.failures import CliError, explained
+from robotapp_cli.failures import CliError, ended_by, explained
 from robotapp_cli.output import Output
 
 T = TypeVar("T")
@@ -59,8 +56,7 @@ def run(options: Options, work: Callable[[Session], Awaitable[T]]) -> T:
         failure = explained(error)
     except CliError as error:
         failure = error
-    sys.stderr.write(f"error: {failure}\n")
-    raise typer.Exit(failure.code)
+    raise ended_by(failure)
 
 
 async def _connected(options: Options, work: Callable[[Session], Awaitable[T]]) -> T:

@@ -74,5 +74,5 @@ def _app(name: str) -> dict[str, Any]:
         "apiVersion": "robotics.io/v1alpha1",
         "kind": "RobotApp",
         "metadata": {"name": name},
-        "spec": {"components": components},
+        "spec": {"ros": {"distro": "humble"}, "components": components},
     }

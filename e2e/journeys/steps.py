@@ -32,6 +32,10 @@ def apply_teleop(stage: Stage, world: World) -> None:
         f"all its processes share DDS domain {domain} and no other", named == {domain}, f"templates name {named}"
     )
     stage.claim(f"its latency budget is met: {summary['budget']}", condition(app, "BudgetMet").get("status") == "True")
+    (instance,), _ = wait_for("teleop's instance", lambda: _ready_instances(world, "teleop"), within_s=10)
+    stage.shell("kubectl get rai", world.kubectl("get", "rai"))
+    robot, own = instance["spec"]["robot"], str(instance["status"].get("domain"))
+    stage.claim(f"robot {robot} has an object of its own to watch, in the same domain", own == domain, own)
 
 
 def explain_teleop(stage: Stage, world: World) -> None:
@@ -71,6 +75,12 @@ def render_from_rigel(stage: Stage, world: World) -> None:
 def _if_ready(world: World, name: str) -> dict[str, Any] | None:
     app = _read(world, name)
     return app if app and is_ready(app) else None
+
+
+def _ready_instances(world: World, name: str) -> list[dict[str, Any]]:
+    """The app's RobotAppInstances as soon as one is Ready: they are written after the app's own status."""
+    found = world.items("robotappinstances", "-l", f"robotics.io/app={name}")
+    return found if any(condition(each, "Ready").get("status") == "True" for each in found) else []
 
 
 def _if_busy(world: World, name: str) -> dict[str, Any] | None:

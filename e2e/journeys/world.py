@@ -78,15 +78,19 @@ class World:
 
 def confine(app: dict[str, Any]) -> dict[str, Any]:
     """The app with every component kept on the simulated nodes, whose taint keeps others away."""
-    components = [
-        component
-        | {
-            "tolerations": [*component.get("tolerations", []), dict(TOLERATION)],
-            "nodeSelector": component.get("nodeSelector", {}) | {GUEST_LABEL: "true"},
-        }
-        for component in app["spec"]["components"]
-    ]
+    components = [component | {"template": _confined(component)} for component in app["spec"]["components"]]
     return app | {"spec": app["spec"] | {"components": components}}
+
+
+def _confined(component: dict[str, Any]) -> dict[str, Any]:
+    """The component's `template` with the toleration and the node selector added to what is in it."""
+    template = component.get("template", {})
+    pod = template.get("spec", {})
+    own = {
+        "tolerations": [*pod.get("tolerations", []), dict(TOLERATION)],
+        "nodeSelector": pod.get("nodeSelector", {}) | {GUEST_LABEL: "true"},
+    }
+    return {**template, "spec": pod | own}
 
 
 def condition(app: dict[str, Any], kind: str) -> dict[str, Any]:

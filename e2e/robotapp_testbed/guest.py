@@ -33,7 +33,7 @@ _ACCESS_LIFE = "24h"
 _COMMAND_S = 120.0
 _COLLECTED_S = 90.0
 _PART = "app.kubernetes.io/part-of=robotapp"
-_CRDS = ("robotapps", "robotclaims", "domainpools", "nodetelemetries")
+_CRDS = ("robotapps", "robotappinstances", "robotclaims", "domainpools", "nodetelemetries")
 _CHART_KINDS = "validatingadmissionpolicybindings,validatingadmissionpolicies,clusterrolebindings,clusterroles"
 
 
@@ -77,7 +77,8 @@ class GuestPlane(ControlPlane):
         maps = f"/api/v1/namespaces/{SYSTEM_NAMESPACE}/configmaps"
         component = {"name": "probe", "image": "registry.invalid/probe:1"}
         app = {"apiVersion": API_VERSION, "kind": "RobotApp", "metadata": {"name": "kinds-known"}}
-        owner = self.api.create(apps, {**app, "spec": {"suspend": True, "components": [component]}})
+        spec = {"suspend": True, "ros": {"distro": "humble"}, "components": [component]}
+        owner = self.api.create(apps, {**app, "spec": spec})
         reference = {"apiVersion": API_VERSION, "kind": "RobotApp", "name": "kinds-known"}
         reference["uid"] = owner["metadata"]["uid"]
         self.api.create(maps, {"metadata": {"name": "kinds-known", "ownerReferences": [reference]}})

@@ -12,7 +12,7 @@ from typing import Any
 
 import yaml
 
-from robotapp_api.model.names import SYSTEM_NAMESPACE, Annotation
+from robotapp_api.model.names import API_VERSION, SYSTEM_NAMESPACE, Annotation
 from robotapp_testbed import ports
 from robotapp_testbed.controlplane import ControlPlane
 from robotapp_testbed.failures import ApiStatusError, CommandError, TestbedError
@@ -135,23 +135,37 @@ def _start(
 
 
 def _wait_for_policies(cp: ControlPlane) -> None:
-    """A policy decides about a second after it was stored: until then a forged grant would pass, and a test with it."""
-    forged = {
+    """A policy decides about a second after it was stored: until then forgeries would pass, and a test with them."""
+    pod = {
         "metadata": {"name": "probe", "annotations": {Annotation.GRANTED_DOMAIN: "0"}},
         "spec": {"containers": [{"name": "main", "image": "registry.invalid/main:1"}]},
     }
+    instance = {
+        "apiVersion": API_VERSION,
+        "kind": "RobotAppInstance",
+        "metadata": {"name": "probe"},
+        "spec": {"app": "probe", "appUID": "probe"},
+    }
+    forged: dict[str, Mapping[str, Any]] = {
+        "/api/v1/namespaces/default/pods": pod,
+        f"/apis/{API_VERSION}/namespaces/default/robotappinstances": instance,
+    }
 
     def refused() -> bool:
-        try:
-            cp.api.create("/api/v1/namespaces/default/pods?dryRun=All", forged)
-        except ApiStatusError as error:
-            return "ValidatingAdmissionPolicy" in error.message
-        return False
+        return all(_refused_by_policy(cp, path, obj) for path, obj in forged.items())
 
     if not wait_until(refused, timeout_s=_POLICIES_S, poll_s=0.1):
         raise TestbedError(
             f"the chart's policies are stored but do not decide after {_POLICIES_S:.0f} s, see {cp.logs_dir}"
         )
+
+
+def _refused_by_policy(cp: ControlPlane, path: str, obj: Mapping[str, Any]) -> bool:
+    try:
+        cp.api.create(f"{path}?dryRun=All", obj)
+    except ApiStatusError as error:
+        return "ValidatingAdmissionPolicy" in error.message
+    return False
 
 
 def _namespace() -> dict[str, Any]:

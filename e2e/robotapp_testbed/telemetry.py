@@ -26,7 +26,7 @@ class _Agent:
     """What one node's agent would know."""
 
     absent: set[str] = field(default_factory=set)
-    load: dict[str, float] = field(default_factory=dict)
+    load: dict[str, int] = field(default_factory=dict)
     sequence: int = 0
     silent: bool = False
 
@@ -76,8 +76,8 @@ class SimulatedTelemetry:
         self._agents[node].absent.discard(self._device(node, device_id).id)
         self.write(node)
 
-    def set_load(self, node: str, **percent: float) -> None:
-        """`cpu`, `memory` and `gpu`, in percent."""
+    def set_load(self, node: str, **percent: int) -> None:
+        """`cpu`, `memory` and `gpu`, in whole percent."""
         self._agents[node].load.update(percent)
         self.write(node)
 
@@ -136,7 +136,7 @@ class SimulatedTelemetry:
 
     def _rtt_status(self, name: str, peer: str) -> dict[str, Any]:
         value_us = round(self._topology.rtt_ms(name, peer) * 1000)
-        return {"peer": peer, "p50Us": value_us, "p95Us": value_us, "lossPercent": 0}
+        return {"peer": peer, "p50Us": value_us, "p95Us": value_us, "lossPPM": 0, "seq": self._agents[name].sequence}
 
     def _device(self, node: str, device_id: str) -> Device:
         devices = self._topology.node(node).devices

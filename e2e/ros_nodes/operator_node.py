@@ -73,7 +73,7 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--count", type=int, default=0, help="commands to send; 0: for ever")
     arguments = parser.parse_args(argv)
     sys.stdout.write(f"{HEADER}\n")
-    app = os.environ.get("ROBOTAPP_NAME", "operator")
+    app = os.environ.get("ROBOTAPP_APP", "operator")
     node = OperatorNode(connect("operator"), app=app, rate_hz=arguments.hz, out=sys.stdout)
     node.wait_connected()
     node.run(arguments.count)

@@ -1,27 +1,32 @@
 """What the operator knows of the cluster, indexed the way it asks. Filled by the informers; loses nothing but time if empty."""
 
-from collections import defaultdict
-from collections.abc import Iterator, Mapping
+import itertools
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, TypeVar
 
 from robotapp_api.claims.objects import Claim, Pool
-from robotapp_api.model.names import Label
+from robotapp_api.model.names import SCHEDULER_NAME, Label
+from robotapp_operator.nodes import Nodes
 from robotapp_operator.plan.changes import Observed, ref_of
+from robotapp_operator.plan.instance_object import AppInstance
 from robotapp_operator.plan.objects import (
     ChildRef,
     ConfigMap,
     Deployment,
-    Meta,
-    Node,
     Pod,
     ReplicaSet,
     Service,
     Telemetry,
 )
 from robotapp_operator.plan.record import Record, parse_record
+from robotapp_operator.plan.wish import App
 from robotapp_operator.sharing import Sharing
 
 T = TypeVar("T")
+InstanceKey = tuple[str, str]
+"""(uid of the app, name of the instance)."""
+Changed = Callable[[str, str], None]
 
 
 class Index(dict[str, dict[str, T]]):
@@ -41,29 +46,181 @@ class Index(dict[str, dict[str, T]]):
         return self.get(group, {})
 
 
+class InstanceIndex(Index[T]):
+    """An index that also finds the objects of one instance of an app, however many instances there are.
+
+    instance_of: the instance an object belongs to. changed: called with the app's uid and each instance that has gained,
+    lost or changed an object.
+    """
+
+    def __init__(self, instance_of: Callable[[T], str], changed: Changed) -> None:
+        super().__init__()
+        self._instance_of = instance_of
+        self._changed = changed
+        self._instances: dict[str, Index[T]] = {}
+
+    def put(self, group: str, key: str, value: T) -> None:
+        instance = self._instance_of(value)
+        before = self.of(group).get(key)
+        if before is not None and self._instance_of(before) != instance:
+            self._leave(group, key, before)
+        super().put(group, key, value)
+        self._instances.setdefault(group, Index()).put(instance, key, value)
+        self._changed(group, instance)
+
+    def drop(self, group: str, key: str) -> None:
+        before = self.of(group).get(key)
+        if before is not None:
+            self._leave(group, key, before)
+        super().drop(group, key)
+
+    def of_instance(self, group: str, instance: str) -> Mapping[str, T]:
+        instances = self._instances.get(group)
+        return instances.of(instance) if instances else {}
+
+    def instances(self, group: str) -> set[str]:
+        """Instances that have an object here."""
+        return set(self._instances.get(group, ()))
+
+    def _leave(self, group: str, key: str, before: T) -> None:
+        instance = self._instance_of(before)
+        instances = self._instances[group]
+        instances.drop(instance, key)
+        if not instances:
+            del self._instances[group]
+        self._changed(group, instance)
+
+
+class PodIndex(InstanceIndex[Pod]):
+    """Pods of apps, also by the node they are bound to."""
+
+    def __init__(self, changed: Changed) -> None:
+        super().__init__(_by_label, changed)
+        self._on_node: defaultdict[str, Counter[InstanceKey]] = defaultdict(Counter)
+
+    def put(self, group: str, key: str, value: Pod) -> None:
+        self._lift(group, key)
+        super().put(group, key, value)
+        if value.spec.node_name:
+            self._on_node[value.spec.node_name][group, _by_label(value)] += 1
+
+    def drop(self, group: str, key: str) -> None:
+        self._lift(group, key)
+        super().drop(group, key)
+
+    def on_node(self, node: str) -> set[InstanceKey]:
+        """Instances with a pod bound to `node`."""
+        return set(self._on_node.get(node, ()))
+
+    def _lift(self, group: str, key: str) -> None:
+        before = self.of(group).get(key)
+        if before is None or not before.spec.node_name:
+            return
+        found = self._on_node[before.spec.node_name]
+        entry = group, _by_label(before)
+        found[entry] -= 1
+        if not found[entry]:
+            del found[entry]
+        if not found:
+            del self._on_node[before.spec.node_name]
+
+
+class ClaimIndex(InstanceIndex[Claim]):
+    """Claims by the uid of their holder, and by their own name.
+
+    `devices_version` counts up when a device is claimed, freed or has another holder.
+    """
+
+    def __init__(self, changed: Changed) -> None:
+        super().__init__(lambda claim: claim.holder.instance, changed)
+        self.by_name: dict[str, Claim] = {}
+        self.devices_version = 0
+
+    def put(self, group: str, key: str, value: Claim) -> None:
+        self._count(self.by_name.get(value.name), value)
+        super().put(group, key, value)
+        self.by_name[value.name] = value
+
+    def drop(self, group: str, key: str) -> None:
+        before = self.of(group).get(key)
+        super().drop(group, key)
+        if before is not None:
+            self.by_name.pop(before.name, None)
+            self._count(before, None)
+
+    def _count(self, before: Claim | None, now: Claim | None) -> None:
+        found = now or before
+        if found and found.spec.device and (before and before.spec.holder) != (now and now.spec.holder):
+            self.devices_version += 1
+
+
+class Answers:
+    """Values computed for an app from objects that are not its own, each for one spec and one version of these objects."""
+
+    def __init__(self) -> None:
+        self._found: dict[str, dict[str, tuple[object, object, Any]]] = {}
+
+    def get(self, app: App, question: str, version: object, work_out: Callable[[], Any]) -> Any:
+        """The value computed for this very spec and `version`, by `work_out` if there is none."""
+        answers = self._found.setdefault(app.uid, {})
+        known = answers.get(question)
+        if known is None or known[0] is not app.spec or known[1] != version:
+            known = answers[question] = (app.spec, version, work_out())
+        return known[2]
+
+    def forget(self, uid: str) -> None:
+        self._found.pop(uid, None)
+
+
 class Cache:
     """Every object the plan reads. Child indexes are keyed by the app uid in the label; owners are checked by readers."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, default_scheduler: str = SCHEDULER_NAME) -> None:
+        self._default_scheduler = default_scheduler
         self.apps: dict[str, Record] = {}
         self._announced: dict[str, tuple[object, ...]] = {}
+        self._numbers = itertools.count(1)
+        self._versions: dict[str, dict[str, int]] = {}
         self.sharing = Sharing()
-        self.nodes: dict[str, Node] = {}
+        self.nodes = Nodes()
         self.telemetry: dict[str, Telemetry] = {}
         self.pools: dict[str, Pool] = {}
         self.config_maps: dict[str, ConfigMap] = {}
-        self.deployments: Index[Deployment] = Index()
-        self.services: Index[Service] = Index()
-        self.pods: Index[Pod] = Index()
+        self.deployments: InstanceIndex[Deployment] = InstanceIndex(_by_label, self.touch)
+        self.services: InstanceIndex[Service] = InstanceIndex(_by_label, self.touch)
+        self.pods = PodIndex(self.touch)
         self.bare_pods: Index[Pod] = Index()
         """By namespace: annotated pods of our scheduler without a RobotApp."""
-        self.claims: Index[Claim] = Index()
-        """By holder uid."""
+        self.claims = ClaimIndex(self.touch)
+        self.instance_objects: InstanceIndex[AppInstance] = InstanceIndex(lambda item: item.spec.instance, _nobody)
+        """RobotAppInstances by the uid of the app they name, as `namespace/name`."""
+        self.instance_object_named: dict[str, AppInstance] = {}
         self.replica_sets: dict[str, str] = {}
         """uid of a ReplicaSet -> uid of its Deployment."""
+        self.reported_devices = 0
+        """Counts up when a node reports other devices."""
+        self.answers = Answers()
 
     def __repr__(self) -> str:
         return f"<Cache: {len(self.apps)} apps, {len(self.nodes)} nodes, {sum(map(len, self.pods.values()))} pods>"
+
+    # What has changed
+
+    def touch(self, uid: str, instance: str) -> None:
+        """Make the facts of one instance stale. Ignored for unknown apps, of which there are no facts."""
+        if uid in self.apps:
+            self._versions.setdefault(uid, {})[instance] = next(self._numbers)
+
+    def version_of(self, uid: str, instance: str) -> int:
+        """Another number after every `touch`."""
+        return self._versions.get(uid, {}).get(instance, 0)
+
+    @property
+    def devices_version(self) -> tuple[int, int]:
+        """Another one after a device came, went, was claimed or freed anywhere."""
+        return self.reported_devices, self.claims.devices_version
+
+    # RobotApps
 
     def announce(self, record: Record) -> bool:
         """Whether this app wants something else than at its last event, which is remembered."""
@@ -75,7 +232,7 @@ class Cache:
     def update_app(self, body: Mapping[str, Any]) -> Record:
         """Keep the newer of two copies of a RobotApp: a watch event may be older than the answer to our own write."""
         known = self.apps.get((body.get("metadata") or {}).get("uid", ""))
-        record = parse_record(body, known=known)
+        record = parse_record(body, known=known, default_scheduler=self._default_scheduler)
         if known and record.version_number < known.version_number:
             return known
         self.apps[record.uid] = record
@@ -85,58 +242,93 @@ class Cache:
             self.sharing.drop(known.app)
         return record
 
+    def forget_app(self, uid: str) -> None:
+        self._announced.pop(uid, None)
+        self._versions.pop(uid, None)
+        self.answers.forget(uid)
+        record = self.apps.pop(uid, None)
+        if record is not None and record.app is not None:
+            self.sharing.drop(record.app)
+
+    # RobotAppInstances
+
+    def put_instance_object(self, item: AppInstance) -> bool:
+        """Keep the newer of two copies. False when this one was known, as the event of a write of ours is."""
+        meta = item.metadata
+        key = f"{meta.namespace}/{meta.name}"
+        known = self.instance_object_named.get(key)
+        if known is not None:
+            if known.metadata.uid == meta.uid and known.version_number >= item.version_number:
+                return False
+            self.instance_objects.drop(known.spec.app_uid, key)
+        self.instance_object_named[key] = item
+        self.instance_objects.put(item.spec.app_uid, key, item)
+        return True
+
+    def drop_instance_object(self, item: AppInstance) -> None:
+        key = f"{item.metadata.namespace}/{item.metadata.name}"
+        known = self.instance_object_named.get(key)
+        if known is not None and known.metadata.uid == item.metadata.uid:
+            del self.instance_object_named[key]
+            self.instance_objects.drop(known.spec.app_uid, key)
+
+    # Children and claims of one instance
+
     def children(self, uid: str, instance: str) -> dict[ChildRef, Observed]:
         """Cached children of one instance, by label."""
         found: dict[ChildRef, Observed] = {}
-        groups: tuple[Mapping[str, Observed], ...] = (self.deployments.of(uid), self.services.of(uid))
+        groups: tuple[Mapping[str, Observed], ...] = (
+            self.deployments.of_instance(uid, instance),
+            self.services.of_instance(uid, instance),
+        )
         for group in groups:
-            for item in group.values():
-                if item.metadata.labels.get(Label.INSTANCE, "") == instance:
-                    found[ref_of(item)] = item
+            found.update((ref_of(item), item) for item in group.values())
         return found
 
     def instance_keys(self, uid: str) -> set[str]:
         """Instances the app's children say it has."""
-        metas: list[Meta] = [item.metadata for item in self.deployments.of(uid).values()]
-        metas += [item.metadata for item in self.services.of(uid).values()]
-        return {meta.labels.get(Label.INSTANCE, "") for meta in metas}
+        return self.deployments.instances(uid) | self.services.instances(uid)
 
     def running_instances(self, uid: str) -> set[str]:
-        return {item.metadata.instance for item in self.deployments.of(uid).values()}
+        return self.deployments.instances(uid)
 
     def claimed_instances(self, uid: str) -> set[str]:
-        return {claim.holder.instance for claim in self.claims.of(uid).values()}
+        return self.claims.instances(uid)
 
     def domains_held(self, uid: str, instance: str) -> list[Claim]:
         """Domain claims of one instance, draining ones included."""
-        mine = (claim for claim in self.claims.of(uid).values() if claim.holder.instance == instance)
-        return [claim for claim in mine if claim.spec.domain is not None]
+        return [claim for claim in self.claims.of_instance(uid, instance).values() if claim.spec.domain is not None]
 
     def devices_held(self, uid: str, instance: str) -> list[Claim]:
-        mine = (claim for claim in self.claims.of(uid).values() if claim.holder.instance == instance)
-        return [claim for claim in mine if claim.spec.device is not None]
+        return [claim for claim in self.claims.of_instance(uid, instance).values() if claim.spec.device is not None]
 
     def all_claims(self) -> Iterator[Claim]:
         return (claim for claims in self.claims.values() for claim in claims.values())
 
-    def pods_by_deployment(self, uid: str) -> dict[str, list[Pod]]:
-        """The app's pods by the uid of the Deployment that owns their ReplicaSet: the chain decides, not the label."""
+    def pods_by_deployment(self, uid: str, instance: str) -> dict[str, list[Pod]]:
+        """The instance's pods by the uid of the Deployment that owns their ReplicaSet: the chain decides, not the label."""
         found: dict[str, list[Pod]] = defaultdict(list)
-        for pod in self.pods.of(uid).values():
+        for pod in self.pods.of_instance(uid, instance).values():
             owner = self.replica_sets.get(pod.metadata.controller_uid())
             if owner:
                 found[owner].append(pod)
         return found
 
-    def forget_app(self, uid: str) -> None:
-        self._announced.pop(uid, None)
-        record = self.apps.pop(uid, None)
-        if record is not None and record.app is not None:
-            self.sharing.drop(record.app)
-
-    def apps_on(self, node: str) -> set[str]:
-        """Uids of apps with a pod on `node`."""
-        return {uid for uid, pods in self.pods.items() if any(pod.spec.node_name == node for pod in pods.values())}
-
     def put_replica_set(self, replica_set: ReplicaSet) -> None:
-        self.replica_sets[replica_set.metadata.uid] = replica_set.metadata.controller_uid()
+        meta = replica_set.metadata
+        if self.replica_sets.get(meta.uid) != meta.controller_uid():
+            self.replica_sets[meta.uid] = meta.controller_uid()
+            self.touch(meta.app_uid, meta.instance)
+
+    def drop_replica_set(self, replica_set: ReplicaSet) -> None:
+        if self.replica_sets.pop(replica_set.metadata.uid, None) is not None:
+            self.touch(replica_set.metadata.app_uid, replica_set.metadata.instance)
+
+
+def _by_label(item: Deployment | Service | Pod) -> str:
+    instance: str = item.metadata.labels.get(Label.INSTANCE, "")
+    return instance
+
+
+def _nobody(_uid: str, _instance: str) -> None:
+    """No facts depend on RobotAppInstances."""

@@ -6,6 +6,7 @@ carries the Deployment's resourceVersion as it was before the claims were listed
 
 import logging
 from collections import Counter
+from collections.abc import Mapping
 from typing import Final
 
 import msgspec
@@ -21,13 +22,13 @@ from robotapp_api.client.resources import DEPLOYMENTS, ROBOTAPPS, SERVICES
 from robotapp_api.model.names import Label, Reason
 from robotapp_operator.cache import Cache
 from robotapp_operator.execute import StartOver, execute
-from robotapp_operator.gather import cached_domain, needs_domain, params_files, wanted_instances
+from robotapp_operator.gather import cached_domain, needs_domain, problems_now, wanted_instances
 from robotapp_operator.memory import Memory
 from robotapp_operator.params_watch import ParamsWatch
-from robotapp_operator.plan.app import problems_of
 from robotapp_operator.plan.changes import Observed, Plan, deployment_domain, plan, ref_of, wanted_children
 from robotapp_operator.plan.children import Child
 from robotapp_operator.plan.objects import ChildRef, Deployment, Service
+from robotapp_operator.plan.parameters import parameter_states
 from robotapp_operator.plan.record import Record
 from robotapp_operator.plan.wish import App, Domain, wish_of
 
@@ -78,7 +79,7 @@ class Children:
         observed = self._cache.children(uid, robot)
         if instance is None:
             return not self._plan(app, [], observed)
-        if problems_of(app, self._cache.nodes):
+        if problems_now(app, self._cache) or _must_not_start(instance, observed):
             return True
         domain = cached_domain(app, robot, self._cache, self._memory.outcome(uid, robot))
         if needs_domain(app) and domain is None:
@@ -93,9 +94,11 @@ class Children:
             return True
         await self._params.read(app)
         instance = find_instance(wanted_instances(app, self._cache), robot)
-        if instance is not None and problems_of(app, self._cache.nodes):
+        if instance is not None and problems_now(app, self._cache):
             return True
         observed = await self._observe(app, robot)
+        if instance is not None and _must_not_start(instance, observed):
+            return True
         fences = {
             item.metadata.name: Fence(item.metadata.uid, item.metadata.resource_version)
             for item in observed.values()
@@ -109,7 +112,7 @@ class Children:
             self._client,
             domain_request(app, instance, scope_value=self._scope_value(app, instance)),
             deployments=[protocol_view(item) for item in observed.values() if isinstance(item, Deployment)],
-            shared_uses=self._shared_uses(),
+            shared_uses=self._shared_uses(app),
         )
         memory = self._memory.of(uid)
         memory.outcomes[robot] = outcome
@@ -136,8 +139,8 @@ class Children:
         if named and outcome.unheld:
             wish = wish_of(app, robot)
             stale = Domain(min(named))
-            params = params_files(app, robot, self._cache)
-            stopped = wanted_children(wish, domain=stale, params=params, running=False)
+            parameters = parameter_states(app, robot, self._cache.config_maps)
+            stopped = wanted_children(wish, domain=stale, parameters=parameters, running=False)
             wanted = [child for child in stopped if child.ref in observed]
             await self._write(app, robot, self._plan(app, wanted, observed), fences)
         return outcome.reason != Reason.PENDING
@@ -188,8 +191,8 @@ class Children:
         return {ref_of(item): item for item in found}
 
     def _wanted(self, app: App, robot: str, domain: Domain | None) -> list[Child]:
-        params = params_files(app, robot, self._cache)
-        return wanted_children(wish_of(app, robot), domain=domain, params=params, running=not app.spec.suspend)
+        parameters = parameter_states(app, robot, self._cache.config_maps)
+        return wanted_children(wish_of(app, robot), domain=domain, parameters=parameters, running=not app.spec.suspend)
 
     def _plan(self, app: App, wanted: list[Child], observed: dict[ChildRef, Observed]) -> Plan:
         settled = self._memory.of(app.uid).settled
@@ -209,27 +212,34 @@ class Children:
         zones = app.spec.placement.zones
         return zones[0] if len(zones) == 1 else ""
 
-    def _shared_uses(self) -> dict[int, int]:
-        """Deployments per domain id over all apps, for pools with shared ids."""
+    def _shared_uses(self, app: App) -> dict[int, int]:
+        """Deployments per domain id over all apps, for pools with shared ids; only who shares one pays for the look at all."""
+        if app.spec.ros2 is None or app.spec.ros2.isolation != "Discovery":
+            return {}
         named = (deployment_domain(item) for group in self._cache.deployments.values() for item in group.values())
         return dict(Counter(number for number in named if number is not None))
 
 
 def domain_request(app: App, instance: Instance, *, scope_value: str) -> DomainRequest:
     """What the instance asks of its pool."""
-    dds = app.spec.dds
+    ros2 = app.spec.ros2
     return DomainRequest(
         holder=holder_of_app(namespace=app.namespace, name=app.name, uid=app.uid, instance=instance.robot),
         pool=app.pool,
         scope_value=scope_value,
         requested_id=app.requested_domain,
-        isolation=dds.isolation if dds else "Domain",
+        isolation=ros2.isolation if ros2 else "Domain",
         share_with=app.share_with,
     )
 
 
 def find_instance(instances: tuple[Instance, ...], robot: str) -> Instance | None:
     return next((instance for instance in instances if instance.robot == robot), None)
+
+
+def _must_not_start(instance: Instance, observed: Mapping[ChildRef, Observed]) -> bool:
+    """Nobody knows which node `@robot` is. An instance that is there already goes on as it is written."""
+    return bool(instance.problem) and not observed
 
 
 def protocol_view(item: Deployment) -> ClaimsDeployment:

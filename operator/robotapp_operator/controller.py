@@ -11,27 +11,38 @@ from robotapp_operator.children import Children
 from robotapp_operator.execute import StartOver
 from robotapp_operator.fleet_view import FleetView
 from robotapp_operator.gates import Gates
-from robotapp_operator.gather import wanted_instances
+from robotapp_operator.gather import problems_now, wanted_instances
+from robotapp_operator.informers import ORPHAN_S
+from robotapp_operator.instance_objects import InstanceObjects
 from robotapp_operator.keys import Work
 from robotapp_operator.memory import Memory
 from robotapp_operator.metrics import Metrics
-from robotapp_operator.plan.app import problems_of
+from robotapp_operator.plan.record import Record
+from robotapp_operator.plan.wish import App
 from robotapp_operator.pools import Pools
 from robotapp_operator.probes import Probes
 from robotapp_operator.queue import Key, Queue
 from robotapp_operator.reporter import Reporter
+from robotapp_operator.wake import wake_status
 
 log = logging.getLogger(__name__)
 
 WORKERS: Final = 8
+BACKGROUND_WORKERS: Final = 2
+YIELD_S: Final = 0.05
+"""Pause before each background key while foreground keys wait for a worker."""
+FIRST_OBJECT_S: Final = 1.0
+"""RobotAppInstances of a new app are created after its Deployments."""
 STATUS_REST_S: Final = 0.2
-"""At most five statuses of one app per second, however fast its pods change."""
+"""An app's status is looked at five times per second at most, and less often the more instances it has."""
+STATUS_REST_PER_INSTANCE_S: Final = 0.001
+ROBOTS_REST_S: Final = 2.0
 FLEET_REST_S: Final = 5.0
 POOL_REST_S: Final = 5.0
 PROBES_REST_S: Final = 10.0
 RESYNC_S: Final = 600.0
 BUG_DELAY_S: Final = 300.0
-OF_APPS: Final = frozenset({Work.APP, Work.CHILDREN, Work.STATUS, Work.GATES})
+OF_APPS: Final = frozenset({Work.APP, Work.ROBOTS, Work.CHILDREN, Work.INSTANCE, Work.STATUS, Work.GATES})
 """Work whose group is an app's uid."""
 
 
@@ -46,6 +57,7 @@ class Controller:
         metrics: Metrics,
         *,
         children: Children,
+        objects: InstanceObjects,
         reporter: Reporter,
         fleet: FleetView,
         gates: Gates,
@@ -59,6 +71,7 @@ class Controller:
         self._memory = memory
         self._metrics = metrics
         self._children = children
+        self._objects = objects
         self._reporter = reporter
         self._fleet = fleet
         self._gates = gates
@@ -68,7 +81,9 @@ class Controller:
         self._wake_sweep = wake_sweep
         self._work: Mapping[str, Callable[[Key], Awaitable[float | None]]] = {
             Work.APP: self._app,
-            Work.CHILDREN: self._instance,
+            Work.ROBOTS: self._robots,
+            Work.CHILDREN: self._instance_children,
+            Work.INSTANCE: self._instance_object,
             Work.STATUS: self._status,
             Work.GATES: self._gate,
             Work.WAITING: self._waiting,
@@ -83,9 +98,18 @@ class Controller:
         async with asyncio.TaskGroup() as group:
             for _ in range(workers):
                 group.create_task(self._worker())
+            for _ in range(BACKGROUND_WORKERS):
+                group.create_task(self._background_worker())
 
     async def _worker(self) -> None:
         while (item := await self._queue.get()) is not None:
+            key, late_s = item
+            await self._handle(key, late_s)
+
+    async def _background_worker(self) -> None:
+        while (item := await self._queue.get(background=True)) is not None:
+            if self._queue.crowded:
+                await asyncio.sleep(YIELD_S)
             key, late_s = item
             await self._handle(key, late_s)
 
@@ -108,12 +132,10 @@ class Controller:
                 result("error")
                 self._metrics.bug()
                 log.exception("%s: a bug", key)
-                if key.group in self._cache.apps:
-                    self._memory.of(key.group).bug = f"{type(bug).__name__} in {key.work}: {bug}"[:512]
-                    if key.work != Work.STATUS:
-                        self._queue.add(Key(Work.STATUS, key.group))
+                self._note_bug(key, f"{type(bug).__name__} in {key.work}: {bug}"[:512])
                 self._queue.retry(key, at_least_s=BUG_DELAY_S)
             else:
+                self._note_bug(key, "")
                 if rest_s is None:
                     result("requeue_after")
                     self._queue.retry(key)
@@ -123,6 +145,22 @@ class Controller:
             if key.work in OF_APPS and key.group not in self._cache.apps:  # it went while we worked
                 self._forget(key.group)
 
+    def _note_bug(self, key: Key, text: str) -> None:
+        """Remember the error of a key, or forget it ("" after success), and update the status."""
+        if key.group not in self._cache.apps:
+            return
+        bugs, place = self._memory.of(key.group).bugs, (key.work, key.instance)
+        if bugs.get(place, "") == text:
+            return
+        if text:
+            bugs[place] = text
+        else:
+            del bugs[place]
+        if key.work != Work.STATUS:
+            self._queue.add(Key(Work.STATUS, key.group))
+        if key.work in (Work.CHILDREN, Work.GATES):
+            self._queue.add(Key(Work.INSTANCE, key.group, key.instance))
+
     # Work. Each returns how long the key shall rest, None to be tried again with back-off.
 
     async def _app(self, key: Key) -> float:
@@ -130,6 +168,8 @@ class Controller:
         if record is None:
             self._forget(key.group)
             self._wake_sweep()
+            for instance in self._cache.instance_objects.instances(key.group):
+                self._queue.add(Key(Work.INSTANCE, key.group, instance), delay_s=ORPHAN_S)
             return 0.0
         self._fleet_later(record.namespace)
         if record.deleting:
@@ -137,31 +177,80 @@ class Controller:
         # First of all: the scheduler waits until it sees its generation observed.
         self._queue.add(Key(Work.STATUS, key.group))
         if record.app is not None:
-            wanted = {instance.robot for instance in wanted_instances(record.app, self._cache)}
-            self._memory.forget_instances(key.group, wanted)
-            present = self._cache.instance_keys(key.group)
-            # Whatever is wrong with the spec: what runs for a robot that is none of the app's any more goes.
-            refused = problems_of(record.app, self._cache.nodes)
-            for robot in sorted(present - wanted if refused else present | wanted):
-                self._queue.add(Key(Work.CHILDREN, key.group, robot))
-                if not record.app.our_scheduler:
-                    self._queue.add(Key(Work.GATES, key.group, robot))
+            self._plan(record, record.app)
         return 0.0
 
-    async def _instance(self, key: Key) -> float | None:
-        before = self._memory.outcome(key.group, key.instance)
+    def _plan(self, record: Record, app: App) -> None:
+        """Add the keys of all instances."""
+        uid, instances = record.uid, wanted_instances(app, self._cache)
+        wanted = {instance.robot for instance in instances}
+        self._memory.forget_instances(uid, wanted)
+        # Whatever is wrong with the spec: what runs for a robot that is none of the app's any more goes.
+        refused = problems_now(app, self._cache)
+        self._memory.of(uid).chosen = instances, refused
+        present = self._cache.instance_keys(uid)
+        for robot in sorted(present - wanted if refused else present | wanted):
+            self._ask_for_children(app, robot)
+        for robot in sorted(wanted | self._cache.instance_objects.instances(uid)):
+            self._queue.add(Key(Work.INSTANCE, uid, robot), delay_s=FIRST_OBJECT_S)
+
+    def _ask_for_children(self, app: App, robot: str) -> None:
+        self._queue.add(Key(Work.CHILDREN, app.uid, robot))
+        if not app.our_scheduler:
+            self._queue.add(Key(Work.GATES, app.uid, robot))
+
+    async def _robots(self, key: Key) -> float:
+        """Nodes have changed: wake the keys of instances that were added, removed, or have another node."""
+        record = self._cache.apps.get(key.group)
+        if record is None or record.deleting or record.app is None:
+            return 0.0
+        memory = self._memory.of(key.group)
+        now = wanted_instances(record.app, self._cache), problems_now(record.app, self._cache)
+        if memory.chosen == now:
+            return ROBOTS_REST_S
+        if memory.chosen is None or bool(memory.chosen[1]) != bool(now[1]):
+            self._queue.add(Key(Work.APP, key.group))
+            return ROBOTS_REST_S
+        changed = {instance.robot for instance in set(memory.chosen[0]) ^ set(now[0])}
+        memory.chosen = now
+        wanted = {instance.robot for instance in now[0]}
+        self._memory.forget_instances(key.group, wanted)
+        for robot in sorted(changed - wanted if now[1] else changed):
+            self._ask_for_children(record.app, robot)
+        for robot in sorted(changed):
+            self._queue.add(Key(Work.INSTANCE, key.group, robot), delay_s=FIRST_OBJECT_S)
+        self._queue.add(Key(Work.STATUS, key.group))
+        self._fleet_later(record.namespace)
+        return ROBOTS_REST_S
+
+    async def _instance_children(self, key: Key) -> float | None:
+        before = self._told(key)
         done = await self._children.reconcile(key.group, key.instance)
-        if key.group in self._cache.apps:
-            memory = self._memory.of(key.group)
-            memory.bug = ""
-            if self._memory.outcome(key.group, key.instance) != before or memory.troubles or memory.held:
-                self._queue.add(Key(Work.STATUS, key.group))
+        if key.group in self._cache.apps and self._told(key) != before:
+            wake_status(self._queue, key.group, key.instance)
         return 0.0 if done else None
 
+    def _told(self, key: Key) -> tuple[object, ...]:
+        """The results of the work on children that the status shows."""
+        if key.group not in self._cache.apps:
+            return ()
+        memory = self._memory.of(key.group)
+        tables: tuple[Mapping[str, object], ...] = (memory.outcomes, memory.troubles, memory.held, memory.new_domains)
+        return tuple(table.get(key.instance) for table in tables)
+
+    async def _instance_object(self, key: Key) -> float:
+        again_s = await self._objects.publish(key.group, key.instance)
+        if again_s is not None:
+            self._queue.add(key, delay_s=again_s)
+        return 0.0
+
     async def _status(self, key: Key) -> float:
-        await self._reporter.report(key.group)
+        again_s = await self._reporter.report(key.group)
+        if again_s is not None:
+            self._queue.add(key, delay_s=again_s)
         self._queue.add(Key(Work.PROBES, ""), delay_s=1.0)
-        return STATUS_REST_S
+        chosen = self._memory.of(key.group).chosen if key.group in self._cache.apps else None
+        return max(STATUS_REST_S, STATUS_REST_PER_INSTANCE_S * len(chosen[0] if chosen else ()))
 
     async def _gate(self, key: Key) -> float | None:
         return 0.0 if await self._gates.open(key.group, key.instance) else None
@@ -196,6 +285,7 @@ class Controller:
             self._cache.forget_app(uid)
         for uid in known | set(self._cache.apps):
             self._queue.add(Key(Work.APP, uid))
+        self._memory.forget_facts()
         self._queue.add(Key(Work.RESYNC, ""), delay_s=RESYNC_S)
         return 0.0
 

@@ -8,8 +8,7 @@ from robotapp_api.client import AlreadyExists, ApiClient, Conflict, NotFound
 from robotapp_api.client.resources import CONFIGMAPS
 from robotapp_api.model.names import FLEET_CONFIG_MAP, OPERATOR_MANAGER, Annotation, Label
 from robotapp_operator.cache import Cache
-from robotapp_operator.gather import cached_domain, wanted_instances
-from robotapp_operator.plan.app import problems_of
+from robotapp_operator.gather import cached_domain, problems_now, wanted_instances
 from robotapp_operator.plan.fleet import Assignment, fleet_lines, shards
 
 log = logging.getLogger(__name__)
@@ -47,7 +46,7 @@ class FleetView:
     def _assignments(self, namespace: str) -> list[Assignment]:
         found: list[Assignment] = []
         for record in self._cache.apps.values():
-            if record.namespace != namespace or record.app is None or problems_of(record.app, self._cache.nodes):
+            if record.namespace != namespace or record.app is None or problems_now(record.app, self._cache):
                 continue
             nodes: dict[tuple[str, str], str] = {}
             for pod in self._cache.pods.of(record.uid).values():

@@ -7,7 +7,7 @@ from robotapp_api.client import ApiClient, Conflict, NotFound
 from robotapp_api.client.claims import check_bind
 from robotapp_api.client.errors import means_gone
 from robotapp_api.client.resources import PODS
-from robotapp_api.model.names import SCHEDULING_GATE, Label
+from robotapp_api.model.names import SCHEDULING_GATE
 from robotapp_operator.cache import Cache
 from robotapp_operator.plan.objects import Pod
 
@@ -24,9 +24,9 @@ class Gates:
     async def open(self, uid: str, robot: str) -> bool:
         """True when no pod of the instance is left gated by us."""
         done = True
-        for pod in list(self._cache.pods.of(uid).values()):
+        for pod in list(self._cache.pods.of_instance(uid, robot).values()):
             gates = [gate.name for gate in pod.spec.scheduling_gates]
-            if SCHEDULING_GATE in gates and pod.metadata.labels.get(Label.INSTANCE, "") == robot:
+            if SCHEDULING_GATE in gates:
                 done = await self._try(pod, gates) and done
         return done
 

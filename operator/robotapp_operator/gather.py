@@ -1,37 +1,60 @@
-"""From caches to the facts that plans and status are made of. No I/O, no decisions."""
+"""From caches to the facts that plans and status are made of. No I/O, no decisions.
 
-import hashlib
+Which instances an app has, and whether its spec is accepted, depends on all nodes, and every key of every instance needs both.
+So they are computed once for each version of the spec and the nodes.
+"""
+
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 
 from robotapp_api.claims.domain import DomainOutcome
-from robotapp_api.claims.instances import Instance
+from robotapp_api.claims.instances import ANY, Instance
 from robotapp_api.claims.objects import App as ClaimsApp
 from robotapp_api.claims.objects import Claim
 from robotapp_api.claims.release import claims_domain, wanted_claim
 from robotapp_api.claims.share import AppKey, Join, claim_to_join, owner_of
-from robotapp_api.model.component import Params
 from robotapp_api.model.names import Label, Reason
 from robotapp_api.values.ranges import parse_ids
 from robotapp_operator.cache import Cache
-from robotapp_operator.plan.app import problems_of
+from robotapp_operator.plan.app import Problem, problems_of
 from robotapp_operator.plan.changes import deployment_domain
 from robotapp_operator.plan.components import component_view, cut_off
 from robotapp_operator.plan.devices import device_trouble
-from robotapp_operator.plan.facts import AppFacts, InstanceFacts
+from robotapp_operator.plan.facts import InstanceFacts
 from robotapp_operator.plan.infrastructure import DISCOVERY
 from robotapp_operator.plan.instances import instances_of
-from robotapp_operator.plan.latency import edge_views
-from robotapp_operator.plan.objects import ConfigMap, Deployment, Pod
-from robotapp_operator.plan.record import Record
-from robotapp_operator.plan.template import PARAMS_FILE, ParamsFile
-from robotapp_operator.plan.wish import App, Domain, wish_of
+from robotapp_operator.plan.latency import EdgeView, edge_views
+from robotapp_operator.plan.objects import Deployment, Pod, Telemetry
+from robotapp_operator.plan.parameters import parameter_states
+from robotapp_operator.plan.wish import App, Domain
 from robotapp_operator.sharing import rules_view
 
 
 def wanted_instances(app: App, cache: Cache) -> tuple[Instance, ...]:
+    """In name order."""
+    return tuple(instances_by_name(app, cache).values())
+
+
+def instances_by_name(app: App, cache: Cache) -> Mapping[str, Instance]:
     running, claimed = cache.running_instances(app.uid), cache.claimed_instances(app.uid)
-    return instances_of(app, cache.nodes, running=running, claimed=claimed)
+    robots = app.spec.robots
+    choice = (frozenset(running), frozenset(claimed)) if robots and robots.assignment == ANY else ()
+    version = (cache.nodes.identity_version, cache.nodes.readiness_version if choice else 0, choice)
+    found: Mapping[str, Instance] = cache.answers.get(
+        app,
+        "instances",
+        version if robots else (),
+        lambda: {item.robot: item for item in instances_of(app, cache.nodes, running=running, claimed=claimed)},
+    )
+    return found
+
+
+def problems_now(app: App, cache: Cache) -> tuple[Problem, ...]:
+    """Why the spec cannot be run with the nodes there are."""
+    found: tuple[Problem, ...] = cache.answers.get(
+        app, "problems", cache.nodes.identity_version, lambda: problems_of(app, cache.nodes)
+    )
+    return found
 
 
 def needs_domain(app: App) -> bool:
@@ -89,70 +112,48 @@ def _shared_id(app: App, cache: Cache, outcome: DomainOutcome | None) -> Domain 
     return Domain(outcome.id)
 
 
-def params_files(app: App, robot: str, cache: Cache) -> dict[str, ParamsFile]:
-    """Per component with params: which key is its file, and the hash that rolls its pods."""
-    found: dict[str, ParamsFile] = {}
-    for component in app.spec.components:
-        if component.params:
-            config_map = cache.config_maps.get(f"{app.namespace}/{component.params.config_map}")
-            found[component.name] = params_file(component.params, robot, config_map)
-    return found
-
-
-def params_file(params: Params, robot: str, config_map: ConfigMap | None) -> ParamsFile:
-    """`perRobot`: the key `<robot>.yaml` when there is one. Else params.yaml, or the only key there is."""
-    data: Mapping[str, str] = config_map.data if config_map else {}
-    own = f"{robot}.yaml"
-    if params.per_robot and robot and own in data:
-        key = own
-    else:
-        key = next(iter(data)) if len(data) == 1 and PARAMS_FILE not in data else PARAMS_FILE
-    content = data.get(key)
-    return ParamsFile(key, hashlib.sha256(content.encode()).hexdigest()[:16] if content is not None else "")
-
-
-def app_facts(
-    record: Record,
+def instance_facts(
+    app: App,
+    instance: Instance,
     cache: Cache,
     *,
-    outcomes: Mapping[str, DomainOutcome],
-    troubles: Mapping[str, tuple[Reason, str]],
-    held: Mapping[str, tuple[str, ...]],
-    now: str,
-    latency_rested: bool,
-    bug: str = "",
-) -> AppFacts | None:
-    """None for an app whose spec cannot be parsed: there is nothing to compute from."""
-    app = record.app
-    if app is None:
-        return None
-    problems = problems_of(app, cache.nodes)
-    instances: tuple[InstanceFacts, ...] = ()
-    if not problems:
-        pods = cache.pods_by_deployment(app.uid)
-        instances = tuple(
-            _instance_facts(
-                app,
-                instance,
-                cache,
-                pods=pods,
-                outcome=outcomes.get(instance.robot),
-                trouble=troubles.get(instance.robot),
-                held=held.get(instance.robot, ()),
-            )
-            for instance in wanted_instances(app, cache)
-        )
-    wish = wish_of(app, "")
-    return AppFacts(
-        app=app,
-        problems=problems,
-        instances=instances,
-        previous=record.status,
-        now=now,
-        latency_rested=latency_rested,
-        rmw=wish.rmw,
-        discovery=wish.discovery,
-        bug=bug,
+    outcome: DomainOutcome | None,
+    trouble: tuple[Reason, str] | None,
+    held: tuple[str, ...],
+) -> InstanceFacts:
+    """One instance as observed. Its edges are as measured now, in the order of the spec."""
+    pods = cache.pods_by_deployment(app.uid, instance.robot)
+    owned = owned_deployments(app, instance.robot, cache)
+    by_component = {item.metadata.labels.get(Label.COMPONENT, ""): item for item in owned}
+    files = parameter_states(app, instance.robot, cache.config_maps)
+    views = []
+    for component in app.spec.components:
+        deployment = by_component.get(component.name)
+        mine = pods.get(deployment.metadata.uid, ()) if deployment else ()
+        missing = files[component.name].missing if component.name in files else ()
+        views.append(component_view(component, deployment, mine, missing=missing))
+    domain = cached_domain(app, instance.robot, cache, outcome) or _last_joined(app, outcome)
+    devices = cache.devices_held(app.uid, instance.robot)
+    wanted = sum(device.exclusive for component in app.spec.components for device in component.devices)
+    placed = {view.name: view.node for view in views if view.node}
+    robot = cache.nodes.get(instance.node)
+    return InstanceFacts(
+        instance=instance,
+        components=tuple(views),
+        edges=tuple(_measured(app, instance, placed, cache)),
+        domain=domain.id if domain else None,
+        needs_domain=needs_domain(app),
+        undecided=needs_domain(app) and domain is None and outcome is None and not instance.problem,
+        devices_wanted=wanted,
+        devices_held=len(devices),
+        busy=_who_has_its_devices(app, instance, cache) if len(devices) < wanted else "",
+        claims=tuple(sorted(claim.name for claim in cache.claims.of_instance(app.uid, instance.robot).values())),
+        refusal=(outcome.reason, outcome.message) if outcome and outcome.id is None and domain is None else None,
+        trouble=trouble,
+        held=held,
+        robot_online=robot is None or robot.ready,
+        infrastructure_ready=_infrastructure_ready(owned),
+        cut_off=_cut_off(owned, pods),
     )
 
 
@@ -163,57 +164,31 @@ def _last_joined(app: App, outcome: DomainOutcome | None) -> Domain | None:
     return Domain(outcome.id, outcome.claim)
 
 
-def _instance_facts(
-    app: App,
-    instance: Instance,
-    cache: Cache,
-    *,
-    pods: Mapping[str, list[Pod]],
-    outcome: DomainOutcome | None,
-    trouble: tuple[Reason, str] | None,
-    held: tuple[str, ...],
-) -> InstanceFacts:
-    owned = owned_deployments(app, instance.robot, cache)
-    by_component = {item.metadata.labels.get(Label.COMPONENT, ""): item for item in owned}
-    views = []
-    for component in app.spec.components:
-        deployment = by_component.get(component.name)
-        mine = pods.get(deployment.metadata.uid, ()) if deployment else ()
-        views.append(component_view(component, deployment, mine))
-    domain = cached_domain(app, instance.robot, cache, outcome) or _last_joined(app, outcome)
-    robot = cache.nodes.get(instance.node)
-    placed = {view.name: view.node for view in views if view.node}
-    devices = cache.devices_held(app.uid, instance.robot)
-    wanted = sum(device.exclusive for component in app.spec.components for device in component.devices)
-    busy = ""
-    if len(devices) < wanted:
-        busy = device_trouble(app, instance, claims=cache.all_claims(), telemetry=cache.telemetry, nodes=cache.nodes)
-    domains = cache.domains_held(app.uid, instance.robot)
-    return InstanceFacts(
-        instance=instance,
-        components=tuple(views),
-        edges=tuple(edge_views(app.spec.edges, placed=placed, robot_node=instance.node, telemetry=cache.telemetry)),
-        domain=domain.id if domain else None,
-        needs_domain=needs_domain(app),
-        devices_wanted=wanted,
-        devices_held=len(devices),
-        busy=busy,
-        claims=tuple(sorted(claim.name for claim in (*domains, *devices))),
-        refusal=(outcome.reason, outcome.message) if outcome and outcome.id is None and domain is None else None,
-        trouble=trouble,
-        held=held,
-        robot_online=robot is None or robot.ready,
-        infrastructure_ready=_infrastructure_ready(owned),
-        cut_off=_cut_off(owned, pods),
+def _measured(app: App, instance: Instance, placed: Mapping[str, str], cache: Cache) -> list[EdgeView]:
+    return edge_views(app.spec.edges, placed=placed, robot_node=instance.node, telemetry=cache.telemetry)
+
+
+def _who_has_its_devices(app: App, instance: Instance, cache: Cache) -> str:
+    return device_trouble(
+        app, instance, claims=cache.claims.by_name, telemetry=_in_reach(app, instance, cache), nodes=cache.nodes
     )
+
+
+def _in_reach(app: App, instance: Instance, cache: Cache) -> Mapping[str, Telemetry]:
+    """Reports of the nodes where components with devices may run: of a fleet's robots only the instance's own."""
+    with_devices = [component for component in app.spec.components if component.devices]
+    if not instance.robot or any(component.runs_on != ("Robot",) for component in with_devices):
+        return cache.telemetry
+    own = cache.nodes.of_robot(instance.robot)
+    return {name: cache.telemetry[name] for name in own if name in cache.telemetry}
 
 
 def owned_deployments(app: App, robot: str, cache: Cache) -> list[Deployment]:
     """The instance's Deployments the app controls, by name."""
     found = (
         item
-        for item in cache.deployments.of(app.uid).values()
-        if item.metadata.controller_uid() == app.uid and item.metadata.labels.get(Label.INSTANCE, "") == robot
+        for item in cache.deployments.of_instance(app.uid, robot).values()
+        if item.metadata.controller_uid() == app.uid
     )
     return sorted(found, key=lambda item: item.metadata.name)
 

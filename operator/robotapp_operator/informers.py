@@ -1,24 +1,32 @@
 """Reflectors of everything but RobotApps and parameter files: changes become cache entries and queue keys, nothing else."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import Any, Final
 
+from robotapp_api.claims.instances import ANY
 from robotapp_api.claims.objects import Claim, Pool
 from robotapp_api.client import ApiClient, Change, Reflector, resources
 from robotapp_api.client.resources import Resource
 from robotapp_api.model.names import SCHEDULER_NAME, SCHEDULING_GATE, THESIS_SCHEDULER_NAME, Label
-from robotapp_operator.cache import Cache, Index
+from robotapp_operator.cache import Cache, Index, InstanceKey
 from robotapp_operator.keys import Work
+from robotapp_operator.nodes import identity_changed
 from robotapp_operator.plan.changes import deployment_domain
-from robotapp_operator.plan.objects import Deployment, Node, Pod, ReplicaSet, Service, Telemetry
+from robotapp_operator.plan.instance_object import AppInstance
+from robotapp_operator.plan.objects import Deployment, Node, Pod, ReplicaSet, Rtt, Service, Telemetry
+from robotapp_operator.plan.wish import App
 from robotapp_operator.queue import Key, Queue
-from robotapp_operator.wake import wake_instance, wake_joined
+from robotapp_operator.wake import INSTANCE_DELAY_S, wake_instance, wake_joined, wake_status
 
-STATUS_DELAY_S: Final = 0.05
-"""Pods of one app change in bursts; one status covers them."""
 LATENCY_DELAY_S: Final = 2.0
 FLEET_DELAY_S: Final = 1.0
 POOL_DELAY_S: Final = 1.0
+ROBOTS_DELAY_S: Final = 0.2
+"""Labels of a fleet change together; every app that chooses robots looks at all nodes then."""
+BACK_S: Final = 1.0
+"""Delay before a deleted RobotAppInstance is created again: its app may have been deleted with it, and that event comes later."""
+ORPHAN_S: Final = 5.0
+"""Delay before an object of an unknown app is judged: after a start the app may arrive later than the object."""
 OURS: Final = Label.APP_UID.value
 
 
@@ -63,6 +71,7 @@ class Informers:
             yield self._reflector(resources.SERVICES, Service, self._service, **labelled)
             yield self._reflector(resources.REPLICASETS, ReplicaSet, self._replica_set, **labelled)
             yield self._reflector(resources.PODS, Pod, self._pod, **labelled)
+            yield self._reflector(resources.ROBOTAPPINSTANCES, AppInstance, self._instance_object, namespace=namespace)
             for scheduler in (SCHEDULER_NAME, THESIS_SCHEDULER_NAME):
                 bare = {"label_selector": f"!{OURS}", "field_selector": f"spec.schedulerName={scheduler}"}
                 yield self._reflector(resources.PODS, Pod, self._bare_pod, namespace=namespace, **bare)
@@ -87,7 +96,7 @@ class Informers:
         if now is None:
             self._wake_sweep()
         uid = label(item, Label.APP_UID)
-        self._status(uid)
+        self._status(item)
         record = self._cache.apps.get(uid)
         if record is not None and (before and deployment_domain(before)) != (now and deployment_domain(now)):
             owner = record.namespace, record.name
@@ -99,15 +108,15 @@ class Informers:
     def _replica_set(self, change: Change) -> None:
         item: ReplicaSet = change.new or change.old
         if change.new is None:
-            self._cache.replica_sets.pop(item.metadata.uid, None)
+            self._cache.drop_replica_set(item)
         else:
             self._cache.put_replica_set(item)
         if change.old is None:
-            self._status(label(item, Label.APP_UID))
+            self._status(item)
 
     def _pod(self, change: Change) -> None:
         pod: Pod = self._child(self._cache.pods, change)
-        self._status(label(pod, Label.APP_UID))
+        self._status(pod)
         if change.new is not None and any(gate.name == SCHEDULING_GATE for gate in pod.spec.scheduling_gates):
             self._queue.add(Key(Work.GATES, label(pod, Label.APP_UID), label(pod, Label.INSTANCE)))
         if change.old is None or change.new is None or change.old.spec.node_name != pod.spec.node_name:
@@ -123,6 +132,21 @@ class Informers:
             self._cache.bare_pods.put(pod.metadata.namespace, change.key, pod)
         self._fleet(pod.metadata.namespace)
 
+    def _instance_object(self, change: Change) -> None:
+        """Only the operator writes these, so every foreign change is undone. Events of our own writes are in the cache already."""
+        item: AppInstance = change.new or change.old
+        uid, instance = item.spec.app_uid, item.spec.instance
+        if change.new is None:
+            self._cache.drop_instance_object(item)
+        elif not self._cache.put_instance_object(item):
+            return
+        late_s = ORPHAN_S if uid not in self._cache.apps else BACK_S if change.new is None else INSTANCE_DELAY_S
+        self._queue.add(Key(Work.INSTANCE, uid, instance), delay_s=late_s)
+        # A new app of the same name cannot create its object while this one exists.
+        named = self._cache.sharing.named((item.metadata.namespace, item.spec.app))
+        if named is not None and named.uid != uid:
+            self._queue.add(Key(Work.INSTANCE, named.uid, instance), delay_s=INSTANCE_DELAY_S)
+
     # Cluster
 
     def _node(self, change: Change) -> None:
@@ -132,25 +156,54 @@ class Informers:
             self._cache.nodes.pop(node.metadata.name, None)
         else:
             self._cache.nodes[node.metadata.name] = node
-        if before is not None and change.new is not None and _about(before) == _about(node):
+        same = before is not None and change.new is not None and not identity_changed(before, node)
+        if same and before and before.ready == node.ready:
             return
         for record in list(self._cache.apps.values()):
-            if record.app is None or record.app.spec.robots is not None or record.app.spec.placement.master_node:
-                self._queue.add(Key(Work.APP, record.uid))
-        for uid in self._cache.apps_on(node.metadata.name):
-            self._status(uid)
+            if record.app and (record.app.spec.placement.master_node or _chooses(record.app, same=same)):
+                self._queue.add(Key(Work.ROBOTS, record.uid), delay_s=ROBOTS_DELAY_S)
+        for uid, instance in self._cache.pods.on_node(node.metadata.name) | self._of_robot(node.robot):
+            wake_status(self._queue, uid, instance)
+
+    def _of_robot(self, robot: str) -> set[InstanceKey]:
+        """Instances for this robot of which there is something."""
+        cache = self._cache
+        return {
+            (uid, robot)
+            for uid, record in cache.apps.items()
+            if robot and (cache.deployments.of_instance(uid, robot) or cache.instance_objects.of_instance(uid, robot))
+        }
 
     def _telemetry(self, change: Change) -> None:
         item: Telemetry = change.new or change.old
+        name = item.metadata.name
         if change.new is None:
-            self._cache.telemetry.pop(item.metadata.name, None)
+            self._cache.telemetry.pop(name, None)
         else:
-            self._cache.telemetry[item.metadata.name] = item
-        concerned = self._cache.apps_on(item.metadata.name)
+            self._cache.telemetry[name] = item
         if change.old is None or change.new is None or change.old.status.devices != item.status.devices:
-            concerned |= {record.uid for record in self._cache.apps.values() if record.app and record.app.wants_devices}
-        for uid in concerned:
-            self._queue.add(Key(Work.STATUS, uid), delay_s=LATENCY_DELAY_S)
+            self._cache.reported_devices += 1
+            for record in self._cache.apps.values():
+                if record.app and record.app.wants_devices:
+                    self._queue.add(Key(Work.STATUS, record.uid), delay_s=LATENCY_DELAY_S)
+        for uid, instance in self._between(name, _moved_peers(change)):
+            self._cache.touch(uid, instance)
+            wake_status(self._queue, uid, instance, delay_s=LATENCY_DELAY_S)
+
+    def _between(self, node: str, peers: Collection[str]) -> set[InstanceKey]:
+        """Instances that may have an edge with one end on `node` and one on a peer. An end is a pod, or the robot itself."""
+        if not peers:
+            return set()
+        here, robot = self._cache.pods.on_node(node), self._robot_of(node)
+        there = set().union(*(self._cache.pods.on_node(peer) for peer in peers))
+        robots = {self._robot_of(peer) for peer in peers} - {""}
+        found = {key for key in here if key in there or key[1] in robots}
+        found |= {key for key in there if robot and key[1] == robot}
+        return {key for key in found if (record := self._cache.apps.get(key[0])) and _has_edges(record.app)}
+
+    def _robot_of(self, node: str) -> str:
+        found = self._cache.nodes.get(node)
+        return found.robot if found else ""
 
     def _pool(self, change: Change) -> None:
         pool: Pool = change.new or change.old
@@ -170,7 +223,7 @@ class Informers:
         else:
             self._cache.claims.put(holder.uid, claim.name, claim)
         if holder.uid in self._cache.apps:
-            self._status(holder.uid)
+            wake_status(self._queue, holder.uid, holder.instance)
         if claim.spec.domain is None:
             return
         # An adoption only counts up `attempt`: our own write is no news, or a failing key would spin on it.
@@ -192,17 +245,18 @@ class Informers:
 
     def _child(self, index: Index[Any], change: Change) -> Any:
         item = change.new if change.new is not None else change.old
-        if change.new is None:
-            index.drop(label(item, Label.APP_UID), change.key)
-        else:
-            index.put(label(item, Label.APP_UID), change.key, item)
+        uid, before = label(item, Label.APP_UID), change.old
+        if before is not None and (change.new is None or label(before, Label.APP_UID) != uid):
+            index.drop(label(before, Label.APP_UID), change.key)
+        if change.new is not None:
+            index.put(uid, change.key, item)
         return item
 
     def _children(self, item: Any) -> None:
         self._queue.add(Key(Work.CHILDREN, label(item, Label.APP_UID), label(item, Label.INSTANCE)))
 
-    def _status(self, uid: str) -> None:
-        self._queue.add(Key(Work.STATUS, uid), delay_s=STATUS_DELAY_S)
+    def _status(self, item: Any) -> None:
+        wake_status(self._queue, label(item, Label.APP_UID), label(item, Label.INSTANCE))
 
     def _fleet(self, namespace: str) -> None:
         self._queue.add(Key(Work.FLEET, f"ns/{namespace}"), delay_s=FLEET_DELAY_S)
@@ -219,7 +273,22 @@ def _marks(item: Deployment) -> tuple[dict[str, str], tuple[Any, ...]]:
     return item.metadata.labels | ours, item.metadata.owner_references
 
 
-def _about(node: Node) -> tuple[dict[str, str], str | None, bool]:
-    from robotapp_api.model.names import Annotation
+def _chooses(app: App, *, same: bool) -> bool:
+    """Does the app choose its robots, and by more than their labels when a node is the `same` but for being ready?"""
+    robots = app.spec.robots
+    return robots is not None and (not same or robots.assignment == ANY)
 
-    return node.metadata.labels, node.metadata.annotations.get(Annotation.ALLOWED_NAMESPACES), node.ready
+
+def _has_edges(app: App | None) -> bool:
+    return app is not None and bool(app.spec.edges)
+
+
+def _moved_peers(change: Change) -> set[str]:
+    """Peers to which a node's round-trip times are others than before."""
+    before = {entry.peer: entry for entry in change.old.status.rtt} if change.old else {}
+    now = {entry.peer: entry for entry in change.new.status.rtt} if change.new else {}
+    return {peer for peer in before.keys() | now.keys() if _times(before.get(peer)) != _times(now.get(peer))}
+
+
+def _times(entry: Rtt | None) -> tuple[int, int] | None:
+    return (entry.p50_us, entry.p95_us) if entry else None

@@ -1,13 +1,18 @@
 """Kinds of work in the queue."""
 
 from enum import StrEnum
+from typing import Final
 
 
 class Work(StrEnum):
     APP = "app"
-    """Group: app uid. Which instances are there? Asks for their children and the status."""
+    """Group: app uid. Finds the instances and adds the keys of their children, their objects and the status."""
+    ROBOTS = "robots"
+    """Group: app uid. Nodes have changed: finds the instances that were added, removed or have another node."""
     CHILDREN = "children"
     """Group: app uid, instance. Domain, Deployments, Services of one instance."""
+    INSTANCE = "instance"
+    """Group: app uid, instance. Writes the RobotAppInstance when it differs from what is observed."""
     STATUS = "status"
     """Group: app uid. Debounced: one write covers a burst of changes."""
     GATES = "gates"
@@ -22,3 +27,7 @@ class Work(StrEnum):
     """Which pairs of nodes the agents should measure."""
     RESYNC = "resync"
     """Compare with a full list of RobotApps: kopf does not report what vanished during a gap."""
+
+
+BACKGROUND: Final = frozenset({Work.INSTANCE})
+"""Work with workers of its own, which slow down while other work waits, so that it never delays Deployments."""

@@ -33,17 +33,20 @@ from robotapp_operator.gates import Gates
 from robotapp_operator.handlers import register
 from robotapp_operator.health import Health
 from robotapp_operator.informers import Informers
-from robotapp_operator.keys import Work
+from robotapp_operator.instance_objects import InstanceObjects
+from robotapp_operator.keys import BACKGROUND
 from robotapp_operator.kopf_settings import kopf_settings
 from robotapp_operator.memory import Memory
 from robotapp_operator.metrics import Metrics
+from robotapp_operator.observer import Observer
 from robotapp_operator.params_watch import ParamsWatch
 from robotapp_operator.pools import Pools
 from robotapp_operator.probes import Probes
-from robotapp_operator.queue import Key, Queue
+from robotapp_operator.queue import Queue
 from robotapp_operator.reporter import Reporter
 from robotapp_operator.settings import Settings, parse
 from robotapp_operator.sweeping import Conflicts, granted_pods
+from robotapp_operator.wake import wake_status
 
 log = logging.getLogger(__name__)
 
@@ -68,12 +71,13 @@ class Operator:
         self.client = client
         identity = candidate_identity(os.environ)
         self.identity = identity
-        self.cache = Cache()
+        self.cache = Cache(default_scheduler=settings.scheduler_name)
         self.memory = Memory()
         self.metrics = Metrics()
-        self.queue = Queue(clock=time.monotonic, jitter=random.random)
+        self.queue = Queue(clock=time.monotonic, jitter=random.random, background=BACKGROUND)
         self.recorder = EventRecorder(client, controller=OPERATOR_MANAGER, instance=identity)
-        self.conflicts = Conflicts(lambda uid: self.queue.add(Key(Work.STATUS, uid)))
+        self.conflicts = Conflicts(self._wake_status)
+        self.observer = Observer(self.cache, self.memory, clock=time.monotonic, on_change=self._wake_status)
         self.sweeper = Sweeper(
             client,
             period_s=settings.sweep_seconds,
@@ -87,29 +91,30 @@ class Operator:
         )
         self.params = ParamsWatch(client, self.cache, self.queue)
         self.fleet = FleetView(client, self.cache)
-        self.controller = Controller(
-            self.cache,
+        self.controller = self._wired()
+        self.metrics.watch(self.queue, self.cache, client)
+
+    def _wired(self) -> Controller:
+        client, cache, memory = self.client, self.cache, self.memory
+        tells: dict[str, Any] = {"conflict_of": self.conflicts.of, "clock": time.monotonic, "now": _now}
+        return Controller(
+            cache,
             self.queue,
-            self.memory,
+            memory,
             self.metrics,
-            children=Children(client, self.cache, self.memory, self.params, version=__version__),
-            reporter=Reporter(
-                client,
-                self.cache,
-                self.memory,
-                self.recorder,
-                conflict_of=self.conflicts.of,
-                clock=time.monotonic,
-                now=lambda: datetime.now(UTC),
-            ),
+            children=Children(client, cache, memory, self.params, version=__version__),
+            objects=InstanceObjects(client, cache, memory, self.observer, **tells),
+            reporter=Reporter(client, cache, memory, self.observer, self.recorder, **tells),
             fleet=self.fleet,
-            gates=Gates(client, self.cache),
-            probes=Probes(client, self.cache),
-            pools=Pools(client, self.cache),
+            gates=Gates(client, cache),
+            probes=Probes(client, cache),
+            pools=Pools(client, cache, now=_now),
             list_apps=self._list_apps,
             wake_sweep=self.sweeper.wake,
         )
-        self.metrics.watch(self.queue, self.cache, client)
+
+    def _wake_status(self, uid: str, instance: str) -> None:
+        wake_status(self.queue, uid, instance)
 
     def ready(self) -> bool:
         """Caches are filled; a process that waits for the Lease is ready to take over."""
@@ -185,6 +190,10 @@ class Operator:
         for namespace in self.settings.namespaces or (None,):
             bodies += (await self.client.list(ROBOTAPPS, namespace=namespace)).items
         return bodies
+
+
+def _now() -> datetime:
+    return datetime.now(UTC)
 
 
 async def run(settings: Settings, endpoint: Endpoint) -> int:

@@ -5,22 +5,71 @@ from collections import defaultdict
 from typing import Any
 
 from robotapp_api.claims.domain import DomainOutcome
+from robotapp_api.claims.instances import Instance
 from robotapp_api.model.names import Reason
+from robotapp_operator.plan.app import Problem
+from robotapp_operator.plan.facts import InstanceFacts
+from robotapp_operator.plan.latency import EdgeKey, EdgeView, Rest
+from robotapp_operator.plan.pace import Bucket, Writing
 
 Trouble = tuple[Reason, str]
 
 
 @dataclasses.dataclass(slots=True)
+class InstanceMemory:
+    """Of one instance: the facts as last computed, what they were computed from, and what was published of them.
+
+    `facts_until_s`: when other latency figures may be published. `shown`: the figures that are, None until they are read from
+    the object. `version`: resourceVersion of the object as we left or found it. `stored`: the facts that it is known to show.
+    `created`: there has been one.
+    """
+
+    facts: InstanceFacts | None = None
+    stamp: tuple[object, ...] = ()
+    facts_until_s: float = float("inf")
+    shown: dict[EdgeKey, EdgeView] | None = None
+    rest: Rest = dataclasses.field(default_factory=Rest)
+    writing: Writing = dataclasses.field(default_factory=Writing)
+    version: str = ""
+    stored: tuple[object, ...] = ()
+    created: bool = False
+
+    def found(self, version: str) -> None:
+        """The object has this resourceVersion now. After a write by another operator, the figures in the object count as published:
+        two operators that each insisted on their own figures would overwrite each other for ever.
+        """
+        if self.version and self.version != version:
+            self.shown, self.stamp = None, ()
+        self.version = version
+
+
+@dataclasses.dataclass(slots=True)
 class AppMemory:
-    """Per instance key: why it has no domain, what the server refused, which templates wait for approval."""
+    """Per instance key: why it has no domain, what the server refused, which templates wait for approval, its facts.
+
+    `bugs`: per kind of work and instance. `chosen`: which instances and which problems the app had when it was last planned.
+    `shown` and `rest`: the latency figures that its own status is about. `reported`: what its last status was made of.
+    """
 
     outcomes: dict[str, DomainOutcome] = dataclasses.field(default_factory=dict)
     troubles: dict[str, Trouble] = dataclasses.field(default_factory=dict)
     held: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
     settled: dict[str, tuple[int, str]] = dataclasses.field(default_factory=dict)
     new_domains: dict[str, int] = dataclasses.field(default_factory=dict)
-    latency_written_s: float = float("-inf")
-    bug: str = ""
+    instances: dict[str, InstanceMemory] = dataclasses.field(default_factory=dict)
+    bugs: dict[tuple[str, str], str] = dataclasses.field(default_factory=dict)
+    chosen: tuple[tuple[Instance, ...], tuple[Problem, ...]] | None = None
+    shown: dict[str, tuple[EdgeView, ...]] = dataclasses.field(default_factory=dict)
+    rest: Rest = dataclasses.field(default_factory=Rest)
+    bucket: Bucket = dataclasses.field(default_factory=Bucket)
+    reported: tuple[object, ...] = ()
+
+    def instance(self, name: str) -> InstanceMemory:
+        return self.instances.setdefault(name, InstanceMemory())
+
+    def bug(self, instance: str | None = None) -> str:
+        """The first bug, of one instance or of all; "" without any."""
+        return next((text for (_, name), text in self.bugs.items() if instance in (None, name)), "")
 
 
 class Memory:
@@ -57,7 +106,21 @@ class Memory:
         memory = self._apps.get(uid)
         if memory is None:
             return
-        tables: tuple[dict[str, Any], ...] = (memory.outcomes, memory.troubles, memory.held, memory.new_domains)
+        tables: tuple[dict[str, Any], ...] = (
+            memory.outcomes,
+            memory.troubles,
+            memory.held,
+            memory.new_domains,
+            memory.instances,
+            memory.shown,
+        )
         for table in tables:
             for robot in set(table) - kept:
                 del table[robot]
+
+    def forget_facts(self) -> None:
+        """Compute all facts anew, in case a change was missed."""
+        for memory in self._apps.values():
+            memory.reported = ()
+            for instance in memory.instances.values():
+                instance.stamp, instance.stored = (), ()

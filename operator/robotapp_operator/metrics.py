@@ -52,6 +52,7 @@ class Metrics:
             ("workqueue_adds_total", "Keys added", lambda: queue.adds),
             ("workqueue_retries_total", "Keys put back after a failure", lambda: queue.retries),
             ("robotapp_operator_apps", "RobotApps known", lambda: len(cache.apps)),
+            ("robotapp_operator_instances", "RobotAppInstances known", lambda: len(cache.instance_object_named)),
             ("rest_client_requests_total", "Requests to the API server", client.requests.total),
         ]
         for name, text, read in gauges:

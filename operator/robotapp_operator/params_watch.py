@@ -10,6 +10,7 @@ from robotapp_operator.cache import Cache
 from robotapp_operator.execute import StartOver
 from robotapp_operator.keys import Work
 from robotapp_operator.plan.objects import ConfigMap
+from robotapp_operator.plan.parameters import config_maps_of
 from robotapp_operator.plan.wish import App
 from robotapp_operator.queue import Key, Queue
 
@@ -51,7 +52,7 @@ class ParamsWatch:
 
     async def read(self, app: App) -> None:
         """Follow what the app names now; return when the cache has it, or knows that it is missing. Raises StartOver."""
-        keys = frozenset(f"{app.namespace}/{item.params.config_map}" for item in app.spec.components if item.params)
+        keys = config_maps_of(app)
         if not keys and app.uid not in self._named:
             return
         try:

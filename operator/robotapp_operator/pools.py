@@ -1,21 +1,28 @@
-"""Writes how full a DomainPool is into its status, and only when that changed."""
+"""Writes how full a DomainPool is, and whether it is of any use, into its status, and only when that changed."""
 
 import logging
+from collections.abc import Callable, Mapping
+from datetime import datetime
 from typing import Any
 
 from robotapp_api.claims.fullness import fullness
 from robotapp_api.claims.objects import Pool
 from robotapp_api.client import ApiClient, Conflict, NotFound
 from robotapp_api.client.resources import DOMAINPOOLS
+from robotapp_api.client.times import whole_seconds
+from robotapp_api.model.names import PoolCondition, PoolReason
 from robotapp_operator.cache import Cache
 
 log = logging.getLogger(__name__)
 
 
 class Pools:
-    def __init__(self, client: ApiClient, cache: Cache) -> None:
+    """`now` is the wall clock, for the times in conditions."""
+
+    def __init__(self, client: ApiClient, cache: Cache, *, now: Callable[[], datetime]) -> None:
         self._client = client
         self._cache = cache
+        self._now = now
 
     async def publish(self, name: str) -> None:
         """Bring one pool's status up to date. A lost race is settled by the pool's next event."""
@@ -40,4 +47,28 @@ class Pools:
             "claimed": found.claimed,
             "quarantined": found.resting,
             "used": found.used,
+            "conditions": [_usable(pool, now=whole_seconds(self._now()))],
         }
+
+
+def _usable(pool: Pool, *, now: str) -> dict[str, Any]:
+    quota = pool.spec.quota
+    if quota.default == 0 and not any(quota.namespaces.values()):
+        status, reason = "False", PoolReason.QUOTA_IS_ZERO
+        text = (
+            "no namespace may get an id: spec.quota.default 0 means none (it used to mean no limit); "
+            "leave it out for no limit, or write how many ids a namespace may hold under spec.quota.namespaces"
+        )
+    else:
+        status, reason, text = "True", PoolReason.USABLE, "namespaces may get ids within their quota"
+    before: Mapping[str, Any] = next(
+        (item for item in pool.status.get("conditions") or () if item["type"] == PoolCondition.USABLE), {}
+    )
+    return {
+        "type": PoolCondition.USABLE.value,
+        "status": status,
+        "reason": reason.value,
+        "message": text,
+        "lastTransitionTime": before["lastTransitionTime"] if before.get("status") == status else now,
+        "observedGeneration": pool.metadata.generation,
+    }

@@ -6,6 +6,7 @@ from robotapp_api.client import ApiClient, NotFound
 from robotapp_api.client.resources import NODETELEMETRIES
 from robotapp_api.model.names import ROBOT_END, Label
 from robotapp_operator.cache import Cache
+from robotapp_operator.gather import instances_by_name
 from robotapp_operator.plan.fleet import wanted_probes
 
 
@@ -30,15 +31,16 @@ class Probes:
             telemetry.spec.probe = peers
 
     def _pairs(self) -> Iterator[tuple[str, str]]:
-        robots = {node.robot: name for name, node in self._cache.nodes.items() if node.robot}
         for uid, record in self._cache.apps.items():
             if record.app is None or not record.app.spec.edges:
                 continue
-            placed: dict[tuple[str, str], str] = {}
+            instances = instances_by_name(record.app, self._cache)
+            placed: dict[str, dict[str, str]] = {}
             for pod in self._cache.pods.of(uid).values():
                 labels = pod.metadata.labels
-                placed[labels.get(Label.INSTANCE, ""), labels.get(Label.COMPONENT, "")] = pod.spec.node_name
-            for robot in {robot for robot, _ in placed}:
-                placed[robot, ROBOT_END] = robots.get(robot, "")
+                ends = placed.setdefault(labels.get(Label.INSTANCE, ""), {})
+                ends[labels.get(Label.COMPONENT, "")] = pod.spec.node_name
+            for robot, ends in placed.items():
+                ends[ROBOT_END] = instances[robot].node if robot in instances else ""
                 for edge in record.app.spec.edges:
-                    yield placed.get((robot, edge.from_), ""), placed.get((robot, edge.to), "")
+                    yield ends.get(edge.from_, ""), ends.get(edge.to, "")

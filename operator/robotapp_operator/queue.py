@@ -3,13 +3,14 @@
 A key that is added again while it is being worked on runs once more afterwards. A key that fails waits
 1 s, 2 s, 4 s … up to a minute, other keys do not notice, and events it may have caused itself do not shorten the wait;
 news from outside (`hurry`, `forgive`) end it. Among due keys the lanes (an app's keys of one kind)
-take turns, so an app with a thousand instances delays neither its neighbour nor its own status.
+take turns, so an app with a thousand instances delays neither its neighbour nor its own status. Background work is
+returned by `get(background=True)` alone.
 """
 
 import asyncio
 import heapq
 from collections import OrderedDict, deque
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import NamedTuple
 
 
@@ -19,6 +20,10 @@ class Key(NamedTuple):
     work: str
     group: str
     instance: str = ""
+
+
+Lanes = OrderedDict[tuple[str, str], deque[tuple[Key, float]]]
+"""Due keys and when they were due, by group and work."""
 
 
 class Queue:
@@ -31,7 +36,9 @@ class Queue:
         jitter: Callable[[], float],
         base_delay_s: float = 1.0,
         max_delay_s: float = 60.0,
+        background: Collection[str] = (),
     ) -> None:
+        """background: kinds of work for `get(background=True)` alone."""
         self._clock = clock
         self._jitter = jitter
         self._base_delay_s = base_delay_s
@@ -39,7 +46,9 @@ class Queue:
         self._due: dict[Key, float] = {}
         self._heap: list[tuple[float, int, Key]] = []
         self._sequence = 0
-        self._ready: OrderedDict[tuple[str, str], deque[tuple[Key, float]]] = OrderedDict()
+        self._background = frozenset(background)
+        self._ready: dict[bool, Lanes] = {False: OrderedDict(), True: OrderedDict()}
+        """Lanes of the foreground and (True) of the background."""
         self._ready_keys: set[Key] = set()
         self._active: set[Key] = set()
         self._again: dict[Key, float] = {}
@@ -69,7 +78,14 @@ class Queue:
     def overdue_s(self) -> float:
         """How long the key that waits longest has been due: the workers are stuck when this grows."""
         self._promote()
-        return max((self._clock() - keys[0][1] for keys in self._ready.values()), default=0.0)
+        lanes = (keys for ready in self._ready.values() for keys in ready.values())
+        return max((self._clock() - keys[0][1] for keys in lanes), default=0.0)
+
+    @property
+    def crowded(self) -> bool:
+        """Is there foreground work that no worker has taken yet?"""
+        self._promote()
+        return bool(self._ready[False])
 
     def add(self, key: Key, *, delay_s: float = 0.0) -> None:
         """Ask for `key` in `delay_s`, or when it has rested; an earlier request stands, a later one is forgotten."""
@@ -97,17 +113,18 @@ class Queue:
             self._failures.pop(key, None)
         self._hurried |= {key for key in self._active if key.group == group}
 
-    def pop(self) -> tuple[Key, float] | None:
+    def pop(self, *, background: bool = False) -> tuple[Key, float] | None:
         """The next due key and the seconds it waited beyond its due time, None when nothing is due."""
         self._promote()
-        if not self._ready:
+        ready = self._ready[background]
+        if not ready:
             return None
-        lane, keys = next(iter(self._ready.items()))
+        lane, keys = next(iter(ready.items()))
         key, due = keys.popleft()
         if keys:
-            self._ready.move_to_end(lane)
+            ready.move_to_end(lane)
         else:
-            del self._ready[lane]
+            del ready[lane]
         self._ready_keys.discard(key)
         self._active.add(key)
         self._back_off_until.pop(key, None)
@@ -155,10 +172,10 @@ class Queue:
         self._closed = True
         self._wake.set()
 
-    async def get(self) -> tuple[Key, float] | None:
+    async def get(self, *, background: bool = False) -> tuple[Key, float] | None:
         """Wait for a due key; None once the queue is closed."""
         while not self._closed:
-            item = self.pop()
+            item = self.pop(background=background)
             if item is not None:
                 return item
             self._wake.clear()
@@ -175,7 +192,8 @@ class Queue:
             due, _, key = heapq.heappop(self._heap)
             if self._due.get(key) == due:  # else: superseded by an earlier request
                 del self._due[key]
-                self._ready.setdefault((key.group, key.work), deque()).append((key, due))
+                lanes = self._ready[key.work in self._background]
+                lanes.setdefault((key.group, key.work), deque()).append((key, due))
                 self._ready_keys.add(key)
 
     def _release(self, key: Key) -> None:

@@ -13,28 +13,32 @@ from robotapp_api.client.times import whole_seconds
 from robotapp_api.model.conditions import NEVER
 from robotapp_api.model.names import API_VERSION, Condition, Phase, Reason
 from robotapp_operator.cache import Cache
-from robotapp_operator.gather import app_facts, cached_domain, needs_domain, wanted_instances
 from robotapp_operator.memory import AppMemory, Memory
-from robotapp_operator.plan.app import problems_of
+from robotapp_operator.observer import Observer
+from robotapp_operator.plan.app_figures import adopt, steady
+from robotapp_operator.plan.conditions import MAX_MESSAGE
 from robotapp_operator.plan.facts import AppFacts
 from robotapp_operator.plan.news import News, end_of_life, news_of
 from robotapp_operator.plan.record import Record
-from robotapp_operator.plan.status import render_status
+from robotapp_operator.plan.status import MAX_TEXT, NO_ROBOTS, render_status
+from robotapp_operator.plan.text import clip
 
 log = logging.getLogger(__name__)
 
-LATENCY_REST_S: Final = 60.0
 ACTION: Final = "Reconcile"
 
 
 class Reporter:
-    """Writes statuses. `conflict_of` says of an app, by uid, what it shares against its will, or "". `now` is the wall clock (shown only, never compared), `clock` the monotonic one."""
+    """Writes statuses. `conflict_of` gives what an app, by uid, shares against its will, or "". `now` is the wall clock
+    (shown only, never compared), `clock` the monotonic one.
+    """
 
     def __init__(
         self,
         client: ApiClient,
         cache: Cache,
         memory: Memory,
+        observer: Observer,
         recorder: EventRecorder,
         *,
         conflict_of: Callable[[str], str],
@@ -44,20 +48,52 @@ class Reporter:
         self._client = client
         self._cache = cache
         self._memory = memory
+        self._observer = observer
         self._recorder = recorder
         self._conflict_of = conflict_of
         self._clock = clock
         self._now = now
 
-    async def report(self, uid: str) -> None:
-        """Bring the app's status up to date. A conflict or a missing app is settled by the next event."""
+    async def report(self, uid: str) -> float | None:
+        """Bring the app's status up to date. A conflict or a missing app is settled by the next event.
+
+        Returns the seconds after which to look again although nothing has happened, None when that is not needed.
+        """
         record = self._cache.apps.get(uid)
         if record is None or record.deleting:
-            return
+            return None
         memory = self._memory.of(uid)
-        if self._undecided(record, memory):
-            return
-        status = self._render(record, memory)
+        facts = self._observer.app(record, now=self._timestamp())
+        if facts is None:
+            await self._put(record, unreadable_status(record, self._timestamp()), memory)
+            return None
+        observed = record.status.get("observedGeneration") == record.generation
+        if observed and not facts.problems and any(instance.undecided for instance in facts.instances):
+            # After a restart the domain has not been requested yet: "waiting" now and the old refusal a moment later
+            # would be two writes and an event for nothing.
+            return None
+        facts = dataclasses.replace(facts, bug=memory.bug(), conflict=self._conflict_of(uid))
+        now_s = self._clock()
+        found = steady(facts, memory.shown, memory.rest, now_s=now_s)
+        again_s = None if found.again_s == float("inf") else max(0.0, found.again_s - now_s)
+        if memory.reported == _made_of(found.facts, record):
+            return again_s
+        status = render_status(found.facts)
+        if same_status(status, record.status):
+            memory.reported = _made_of(found.facts, record)
+            return again_s
+        if found.facts is not facts and same_status(render_status(facts), record.status):
+            # Another operator has published newer figures. Writing ours would make it write again.
+            adopt(facts, memory.shown)
+            return None
+        edges = len(facts.app.spec.edges)
+        if observed and (wait_s := memory.bucket.wait_s(now_s, edges=edges)) > 0:
+            return wait_s
+        memory.bucket.take(now_s, edges=edges)
+        await self._put(record, status, memory)
+        return again_s
+
+    async def _put(self, record: Record, status: dict[str, Any], memory: AppMemory) -> None:
         if same_status(status, record.status):
             return
         # Not by uid: a status of our kinds is written whatever uid is named, and the name may be another app's by now.
@@ -68,43 +104,8 @@ class Reporter:
         except (NotFound, Conflict) as gone:
             log.info("status of %s/%s not written: %s", record.namespace, record.name, gone)
             return
-        if _latencies(status) != _latencies(record.status):
-            memory.latency_written_s = self._clock()
         self._announce(record, status, memory)
         self._cache.update_app(answer)
-
-    def _render(self, record: Record, memory: AppMemory) -> dict[str, Any]:
-        facts = self._facts(record, memory)
-        if facts is None:
-            return unreadable_status(record, self._timestamp())
-        return render_status(dataclasses.replace(facts, conflict=self._conflict_of(record.uid)))
-
-    def _undecided(self, record: Record, memory: AppMemory) -> bool:
-        """After a restart: an instance without a domain has not been asked about yet, and the status there is still true.
-
-        Writing "waiting" now and the old refusal a moment later would be two writes and an event for nothing.
-        """
-        app = record.app
-        if app is None or not needs_domain(app) or record.status.get("observedGeneration") != record.generation:
-            return False
-        if problems_of(app, self._cache.nodes):
-            return False
-        return any(
-            instance.robot not in memory.outcomes and cached_domain(app, instance.robot, self._cache, None) is None
-            for instance in wanted_instances(app, self._cache)
-        )
-
-    def _facts(self, record: Record, memory: AppMemory) -> AppFacts | None:
-        return app_facts(
-            record,
-            self._cache,
-            outcomes=memory.outcomes,
-            troubles=memory.troubles,
-            held=memory.held,
-            now=self._timestamp(),
-            latency_rested=self._clock() - memory.latency_written_s >= LATENCY_REST_S,
-            bug=memory.bug,
-        )
 
     def _announce(self, record: Record, status: dict[str, Any], memory: AppMemory) -> None:
         news: list[News] = news_of(record.status, status, new_domains=memory.new_domains)
@@ -127,6 +128,11 @@ class Reporter:
 
     def _timestamp(self) -> str:
         return whole_seconds(self._now())
+
+
+def _made_of(facts: AppFacts, record: Record) -> tuple[object, ...]:
+    """Everything a status is rendered from, but for the time."""
+    return (facts.instances, facts.problems, facts.bug, facts.conflict, record.resource_version)
 
 
 def same_status(wanted: dict[str, Any], have: Any) -> bool:
@@ -153,20 +159,16 @@ def unreadable_status(record: Record, now: str) -> dict[str, Any]:
                 "type": kind.value,
                 "status": state,
                 "reason": reason.value,
-                "message": text[:1024],
+                "message": clip(text, MAX_MESSAGE),
                 "lastTransitionTime": old["lastTransitionTime"] if kept else now,
                 "observedGeneration": record.generation,
             }
         )
-    summary = {"ready": "0/0", "readyComponents": 0, "desiredComponents": 0, "message": text[:253]}
     return {
         "observedGeneration": record.generation,
         "phase": Phase.FAILED.value,
         "conditions": conditions,
-        "instances": [],
-        "summary": summary,
+        "instanceCounts": {"desired": 0, "ready": 0, "offline": 0, "completed": 0, "failed": 0},
+        "troubled": [],
+        "summary": {"ready": "0/0", "robots": NO_ROBOTS, "message": clip(text, MAX_TEXT)},
     }
-
-
-def _latencies(status: Any) -> list[Any]:
-    return [edge.get("p95") for instance in status.get("instances") or () for edge in instance.get("edges") or ()]

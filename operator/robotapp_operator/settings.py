@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from robotapp_api.client.sweep import HANDOVER_S, PERIOD_S
+from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_api.values import arguments
 
 PREFIX: Final = "ROBOTAPP_OPERATOR_"
@@ -27,6 +28,8 @@ class Settings:
     tls_cert_file: Path | None = None
     """Certificate of that port (PEM); without one it is made at the start."""
     tls_private_key_file: Path | None = None
+    scheduler_name: str = SCHEDULER_NAME
+    """Scheduler of apps that name none."""
     lease_namespace: str = ""
     """Namespace of the election Lease; empty means the pod's own, or robotapp-system outside of a cluster."""
     leader_election: bool = True
@@ -49,6 +52,7 @@ _KINDS: Final[Mapping[str, Callable[[str], Any]]] = {
     "health_port": arguments.port,
     "tls_cert_file": Path,
     "tls_private_key_file": Path,
+    "scheduler_name": arguments.name,
     "lease_namespace": arguments.name,
     "log_format": _log_format,
 }
@@ -60,6 +64,7 @@ _HELP: Final = {
     "health_port": "port of /healthz, /readyz and /metrics; 0 for none",
     "tls_cert_file": "certificate of that port (PEM); default: made at the start",
     "tls_private_key_file": "key of that certificate (PEM)",
+    "scheduler_name": f"scheduler of apps that name none (default: {SCHEDULER_NAME})",
     "lease_namespace": "namespace of the election Lease",
     "log_format": "text or json",
 }

@@ -4,7 +4,7 @@ from collections.abc import MutableMapping
 from typing import Any
 
 from robotapp_api.claims.objects import App as ClaimsApp
-from robotapp_api.claims.objects import AppSpec, Dds, Meta, Ros, SharedApp
+from robotapp_api.claims.objects import AppSpec, Meta, Ros, Ros2, SharedApp
 from robotapp_api.claims.share import AppKey
 from robotapp_operator.plan.wish import App
 
@@ -60,10 +60,12 @@ def _pop(table: MutableMapping[AppKey, Any], key: AppKey, uid: str) -> None:
 
 def rules_view(app: App) -> ClaimsApp:
     """The app in the form the claim rules read, as far as domains go."""
-    wish = app.spec.dds
-    dds = None
+    wish = app.spec.ros2
+    ros2 = None
     if wish is not None:
         shares = tuple(SharedApp(namespace=namespace, name=name) for namespace, name in app.share_with)
-        dds = Dds(domain=wish.domain, pool=wish.pool, isolation=wish.isolation, share_with=shares)
+        ros2 = Ros2(domain=wish.domain, pool=wish.pool, isolation=wish.isolation, share_with=shares)
     ros = Ros(version=app.spec.ros.version, distro=app.distro)
-    return ClaimsApp(metadata=Meta(name=app.name, namespace=app.namespace, uid=app.uid), spec=AppSpec(dds=dds, ros=ros))
+    return ClaimsApp(
+        metadata=Meta(name=app.name, namespace=app.namespace, uid=app.uid), spec=AppSpec(ros2=ros2, ros=ros)
+    )

@@ -19,29 +19,36 @@ def granted_pods(cache: Cache) -> Iterator[Pod]:
 
 
 class Conflicts:
-    """Things with two users as the last sweep found them, by the uid of each app that is party to one.
+    """Things with two users as the last sweep found them, by the uid of each app that is party to one, and its instance.
 
-    on_change is called with the uid of an app whose text is another one now.
+    on_change is called with the uid and the instance of an app whose text has changed.
     """
 
-    def __init__(self, on_change: Callable[[str], None]) -> None:
+    def __init__(self, on_change: Callable[[str, str], None]) -> None:
         self._on_change = on_change
-        self._texts: dict[str, tuple[str, ...]] = {}
+        self._texts: dict[str, dict[str, tuple[str, ...]]] = {}
 
     def take(self, found: Sequence[ClaimConflict]) -> None:
         """All conflicts that stand; those of earlier sweeps are over. Each app is told in words for its namespace."""
-        texts: defaultdict[str, set[str]] = defaultdict(set)
+        texts: defaultdict[str, defaultdict[str, set[str]]] = defaultdict(lambda: defaultdict(set))
         for conflict in found:
             for party in conflict.parties:
                 if party.is_app:
-                    texts[party.uid].add(conflict.message(for_namespace=party.namespace))
-        before, self._texts = self._texts, {uid: tuple(sorted(said)) for uid, said in texts.items()}
+                    texts[party.uid][party.instance].add(conflict.message(for_namespace=party.namespace))
+        before = self._texts
+        self._texts = {
+            uid: {instance: tuple(sorted(said)) for instance, said in instances.items()}
+            for uid, instances in texts.items()
+        }
         for uid in before.keys() | self._texts.keys():
-            if before.get(uid) != self._texts.get(uid):
-                self._on_change(uid)
+            old, new = before.get(uid, {}), self._texts.get(uid, {})
+            for instance in old.keys() | new.keys():
+                if old.get(instance) != new.get(instance):
+                    self._on_change(uid, instance)
 
-    def of(self, uid: str) -> str:
-        """One sentence about an app's conflicts, "" without any."""
-        texts = self._texts.get(uid, ())
-        more = f" (and {len(texts) - 1} more)" if len(texts) > 1 else ""
-        return texts[0] + more if texts else ""
+    def of(self, uid: str, instance: str | None = None) -> str:
+        """One sentence about the conflicts of an app, or of one of its instances; "" without any."""
+        instances = self._texts.get(uid, {})
+        said = {text for name, texts in instances.items() if instance in (None, name) for text in texts}
+        more = f" (and {len(said) - 1} more)" if len(said) > 1 else ""
+        return min(said) + more if said else ""

@@ -1,4 +1,4 @@
-"""What a change of one app's domain means for the apps that share it: news for their keys."""
+"""Which keys a change adds to the queue: those of one instance, or of the apps that share a domain with it."""
 
 from typing import Final
 
@@ -10,6 +10,16 @@ from robotapp_operator.queue import Key, Queue
 FEW: Final = 2
 """Up to so many instances of an owner, a new or lost one may change what *every* instance of a sharer joins: the only
 one there is stops being the only one, or becomes it."""
+
+STATUS_DELAY_S: Final = 0.05
+"""Pods of one app change in bursts; one status covers them."""
+INSTANCE_DELAY_S: Final = 0.2
+
+
+def wake_status(queue: Queue, uid: str, instance: str, *, delay_s: float = 0.0) -> None:
+    """An observation of one instance changed: its RobotAppInstance and the app's status may have to be written."""
+    queue.add(Key(Work.STATUS, uid), delay_s=delay_s + STATUS_DELAY_S)
+    queue.add(Key(Work.INSTANCE, uid, instance), delay_s=delay_s + INSTANCE_DELAY_S)
 
 
 def wake_sharers(cache: Cache, queue: Queue, owner: AppKey) -> None:

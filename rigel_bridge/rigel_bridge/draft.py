@@ -69,7 +69,10 @@ class Draft:
             self._remember((*path, key), child)
 
     def origin(self, path: Path) -> Place:
-        """The line that gave this field or the nearest one above it."""
+        """The line that gave this field, else the first one below it, else the nearest above it."""
+        below = (node.place for at, node in self.origins.items() if at[: len(path)] == path)
+        if found := next(below, None):
+            return found
         for length in range(len(path), 0, -1):
             if path[:length] in self.origins:
                 return self.origins[path[:length]].place

@@ -31,7 +31,7 @@ _OF_REFERENCE_PLUGIN: Final = (
     *("persistent_storage", "results", "additional_k8s_params"),
 )
 _LIFTED: Final = {"RMW_IMPLEMENTATION": "rmw", "ROS_DOMAIN_ID": "domain"}
-"""Variables that belong to the RobotApp's `dds`, because all components share them and the operator writes them."""
+"""Variables of ROS 2 that belong to the RobotApp's `ros2`: all components share them and the operator writes them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,10 +127,16 @@ def _ros(rigelfile: Rigelfile, block: Section | None, draft: Draft, notes: list[
     for package in rigelfile.packages:
         if package.distro:
             draft.put(("ros", "distro"), package.distro, package.node)
-    distro = draft.spec.get("ros", {}).get("distro")
-    if distro not in ROS1:
-        for package in rigelfile.packages:
+    distro = draft.spec.get("ros", {}).get("distro") or _stated_distro(block)
+    for package in rigelfile.packages:
+        if distro not in ROS1:
             _lift_environment(package, draft)
+            continue
+        notes += [
+            f"{package.node.place}: env {variable} has no meaning for ROS 1 ({distro}) and is left out"
+            for variable in _LIFTED
+            if variable in package.env
+        ]
     if block is None:
         return
     master, image = block.flag("deploy_ros_master"), block.get("ros_master_image")
@@ -143,6 +149,13 @@ def _ros(rigelfile: Rigelfile, block: Section | None, draft: Draft, notes: list[
         notes.append(f"{node.place}: deploy_ros_master has no meaning for ROS 2 ({distro}), which has no master")
 
 
+def _stated_distro(block: Section | None) -> str | None:
+    """The distro that the block's RobotApp words give, for packages that bring their own Dockerfile and name none."""
+    verbatim = block.section("robotapp") if block else None
+    ros = verbatim.section("ros") if verbatim else None
+    return ros.text("distro") if ros else None
+
+
 def _lift_environment(package: Package, draft: Draft) -> None:
     for variable, field in _LIFTED.items():
         value = package.env.get(variable)
@@ -150,7 +163,7 @@ def _lift_environment(package: Package, draft: Draft) -> None:
             continue
         if field == "domain" and not value.isdecimal():
             raise package.node.fail(f"env {variable} must be a number, found {value!r}")
-        draft.put(("dds", field), int(value) if field == "domain" else value, package.node)
+        draft.put(("ros2", field), int(value) if field == "domain" else value, package.node)
 
 
 def _orchestrate(block: Section, draft: Draft, names: dict[str, int]) -> None:
@@ -193,7 +206,7 @@ def _component(section: Section, draft: Draft, index: int, everyone: frozenset[s
 
 
 def _check(draft: Draft) -> None:
-    """Everything the API server would refuse by structure, and the two slips that are typical here."""
+    """Everything the API server would refuse by structure, and the slips that are typical here."""
     if "distro" not in draft.spec.get("ros", {}):
         raise BridgeError(
             draft.place,
@@ -204,13 +217,26 @@ def _check(draft: Draft) -> None:
     if found:
         path, message = found
         raise BridgeError(draft.origin(path), f"{written(path)} {message}")
-    dds = draft.spec.get("dds", {})
-    domain = dds.get("domain")
-    if domain is not None and not scheduling.is_default_domain(domain) and not dds.get("allowUnsafeDomain"):
+    _check_version(draft)
+    ros2 = draft.spec.get("ros2", {})
+    domain = ros2.get("domain")
+    if domain is not None and not scheduling.is_default_domain(domain) and not ros2.get("allowUnsafeDomain"):
         raise BridgeError(
-            draft.origin(("dds", "domain")),
+            draft.origin(("ros2", "domain")),
             f"domain {domain} is outside 1-101 and 215-232 (0 is every laptop's default, 102-214 meet Linux' ephemeral ports); "
-            "to use it nevertheless write robotapp: {dds: {allowUnsafeDomain: true}}",
+            "to use it nevertheless write robotapp: {ros2: {allowUnsafeDomain: true}}",
+        )
+
+
+def _check_version(draft: Draft) -> None:
+    """The settings of the other ROS version would be refused by the operator, after the API server stored them."""
+    ros = draft.spec["ros"]
+    version = ros.get("version") or (1 if ros["distro"] in ROS1 else 2)
+    field = f"ros{3 - version}"
+    if field in draft.spec:
+        raise BridgeError(
+            draft.origin((field,)),
+            f"spec.{field} has the settings of ROS {3 - version}, and {ros['distro']} is ROS {version}: remove them",
         )
 
 

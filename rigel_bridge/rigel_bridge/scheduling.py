@@ -84,9 +84,9 @@ def _hardware(affinity: Section, draft: Draft, index: int, *, alone: bool) -> No
         if kind in _CLAIMED:
             _refuse_sharing(entry.node, kind, alone=alone)
             devices.append({"name": _device_name(entry.node, kind, devices), **stated})
-        elif "interface" in stated:
-            raise entry.node.fail(f"interface belongs to {', '.join(sorted(_CLAIMED))}; a {kind} has type and model")
-        else:
+        elif (
+            stated not in capabilities
+        ):  # not claimed, so asking twice means nothing, and the list has one entry of each
             capabilities.append(stated)
     for field, values in (("devices", devices), ("requires", capabilities)):
         if values:
@@ -111,7 +111,7 @@ def _shared(shared: Section, names: frozenset[str]) -> Iterator[tuple[str, list[
     peers = shared.texts("peer_pods")
     components = [name for peer in peers if (name := peer.replace("_", "-")) in names]
     foreign = [peer for peer in peers if peer.replace("_", "-") not in names]
-    for field, values in (("with", components), ("peerPods", foreign), ("claims", shared.texts("pvc"))):
+    for field, values in (("with", components), ("peerPods", foreign), ("claimNames", shared.texts("pvc"))):
         if values:
             yield field, values
 
@@ -122,7 +122,7 @@ def _domain(block: Section, node: Node, draft: Draft) -> None:
     text = node.raw if node.kind == "int" else block.text_of(node)
     if not text.isdecimal() or int(text) > _MAX_DOMAIN:
         raise node.fail(f"{text!r} is not a DDS domain; allowed: auto, or a number from 0 to {_MAX_DOMAIN}")
-    draft.put(("dds", "domain"), int(text), node)
+    draft.put(("ros2", "domain"), int(text), node)
 
 
 def is_default_domain(domain: int) -> bool:

@@ -1,7 +1,8 @@
 """Check a RobotApp against the CRD's structural schema, which the package ships as data.
 
 A structural schema is a small part of JSON Schema. CEL rules stay with the API server, but for those that are nothing but
-a pattern; everything it would refuse by structure is found here, without a cluster and with the Rigelfile's line.
+a pattern, one text or emptiness (the pod fields that a template may not set); everything it would refuse by structure is
+found here, without a cluster and with the Rigelfile's line.
 """
 
 import json
@@ -16,6 +17,8 @@ from rigel_bridge.failures import nearest
 
 Problem = tuple[Path, str]
 _MATCHES: Final = re.compile(r"self\.matches\('([^'\\]*)'\)")
+_EQUALS: Final = re.compile(r"self == '([^'\\]*)'")
+_EMPTY: Final = "size(self) == 0"
 _TYPES: Final[dict[str, tuple[type, ...]]] = {
     "object": (dict,),
     "array": (list,),
@@ -50,6 +53,18 @@ def problems(value: Any, schema: Mapping[str, Any], path: Path = ()) -> Iterator
         yield from _mapping(value, schema, path)
     elif isinstance(value, list):
         yield from _sequence(value, schema, path)
+    for rule in schema.get("x-kubernetes-validations", ()):
+        if not _holds(rule["rule"], value):
+            yield path, f"{_shown(value)}: {rule['message']}"
+
+
+def _holds(rule: str, value: Any) -> bool:
+    """Whether the value keeps a rule; a rule that is more than a pattern, one text or emptiness counts as kept."""
+    if pattern := _MATCHES.fullmatch(rule):
+        return bool(re.search(pattern[1], value))
+    if text := _EQUALS.fullmatch(rule):
+        return bool(value == text[1])
+    return rule != _EMPTY or not value
 
 
 def _is(value: Any, kind: str) -> bool:
@@ -78,10 +93,6 @@ def _text(value: str, schema: Mapping[str, Any], path: Path) -> Iterator[Problem
         yield path, f"must have at most {schema['maxLength']} characters, found {len(value)}"
     elif "pattern" in schema and not re.search(schema["pattern"], value):
         yield path, f"{_shown(value)} does not look like {schema['pattern']}"
-    for rule in schema.get("x-kubernetes-validations", ()):
-        pattern = _MATCHES.fullmatch(rule["rule"])
-        if pattern and not re.search(pattern[1], value):
-            yield path, f"{_shown(value)}: {rule['message']}"
 
 
 def _mapping(value: Mapping[str, Any], schema: Mapping[str, Any], path: Path) -> Iterator[Problem]:

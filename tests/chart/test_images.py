@@ -66,13 +66,15 @@ def test_every_package_of_the_wheel_is_copied(component: str) -> None:
 
 @pytest.mark.live
 def test_the_programs_understand_the_arguments_the_chart_gives(chart: Chart) -> None:
-    objects = chart.render({"operator.watchNamespaces": "{a,b}", "operator.sweepSeconds": "5"})
+    given = {"operator.watchNamespaces": "{a,b}", "operator.sweepSeconds": "5", "operator.schedulerName": "other"}
+    objects = chart.render(given)
     arguments = {
         name: named(objects, "Deployment", f"robotapp-{name}")["spec"]["template"]["spec"]["containers"][0]["args"]
         for name in FOREIGN
     }
     operator = parse_operator(arguments["operator"], {})
     assert (operator.namespaces, operator.sweep_seconds, operator.lease_namespace) == (("a", "b"), 5, "robotapp-system")
+    assert operator.scheduler_name == "other"
     scheduler = parse_scheduler(arguments["scheduler"], {})
     assert (scheduler.config_map, scheduler.last_good_config_map) == (
         "robotapp-scheduler",

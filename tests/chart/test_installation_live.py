@@ -47,7 +47,7 @@ APP = {
     "apiVersion": "robotics.io/v1alpha1",
     "kind": "RobotApp",
     "metadata": {"name": "left", "namespace": "default"},
-    "spec": {"components": [{"name": "driver", "image": "ros:humble"}]},
+    "spec": {"ros": {"distro": "humble"}, "components": [{"name": "driver", "image": "ros:humble"}]},
 }
 
 

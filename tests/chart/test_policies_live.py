@@ -1,4 +1,4 @@
-"""Grants and membership labels against a tenant who owns his namespace, on the chart as helm installs it."""
+"""Grants, membership labels and instances against a tenant who owns his namespace, on the chart as helm installs it."""
 
 import json
 import time
@@ -13,10 +13,13 @@ from robotapp_testbed.failures import CommandError
 pytestmark = pytest.mark.live
 
 TENANT = "--as=tenant-a"
+DEPUTY = "--as=deputy"
 REPLICASETS = "--as=system:serviceaccount:kube-system:replicaset-controller"
 AS_SCHEDULER = f"--as={SCHEDULER}"
 NAMESPACE = "tenant-a"
 GRANT = {"granted.robotics.io/dds-domain": "7"}
+INSTANCES = "robotappinstances.robotics.io"
+AS_OPERATOR = f"--as={OPERATOR}"
 MEMBER = {"robotics.io/app-uid": "6b1c", "robotics.io/instance": "", "robotics.io/component": "driver"}
 
 
@@ -24,18 +27,27 @@ MEMBER = {"robotics.io/app-uid": "6b1c", "robotics.io/instance": "", "robotics.i
 def tenant(chart: Chart) -> Iterator[Chart]:
     """A namespace whose admin is the tenant, bound to the built-in role that the chart extends."""
     chart.install(NO_WORKLOADS)
+    chart.plane.learn_new_kinds()
     chart.plane.kubectl("create", "namespace", NAMESPACE)
     chart.plane.kubectl("create", "rolebinding", "tenant", "--clusterrole=admin", "--user=tenant-a", "-n", NAMESPACE)
+    # As much as a cluster's owner can give away inside a namespace; "deputy" has it, the tenant only what the chart gives.
+    chart.plane.kubectl("create", "role", "all-of-ours", "--verb=*", "--resource=*.robotics.io", "-n", NAMESPACE)
+    chart.plane.kubectl("create", "rolebinding", "deputy", "--role=all-of-ours", "--user=deputy", "-n", NAMESPACE)
     chart.plane.kubectl("wait", "--for=create", "serviceaccount/default", "-n", NAMESPACE, "--timeout=120s")
     await_policies(chart)
     yield chart
+    chart.plane.kubectl("delete", INSTANCES, "--all", "-n", NAMESPACE)
     chart.uninstall()  # the namespace goes with the control plane: deleting it takes the controllers 45 s
 
 
 def await_policies(chart: Chart, *, deadline_s: float = 120) -> None:
     """The API server compiles a new policy in the background, about a second after it was written."""
     until = time.monotonic() + deadline_s
-    for manifest in (pod("probe", annotations=GRANT), pod("probe", labels=MEMBER, nodeName="n")):
+    for manifest in (
+        pod("probe", annotations=GRANT),
+        pod("probe", labels=MEMBER, nodeName="n"),
+        instance("probe"),
+    ):
         while True:
             try:
                 chart.plane.kubectl("create", "--dry-run=server", "-f", "-", stdin=manifest)
@@ -52,6 +64,17 @@ def pod(
     containers = [{"name": "main", "image": "ros:humble"}]
     return json.dumps(
         {"apiVersion": "v1", "kind": "Pod", "metadata": metadata, "spec": {"containers": containers, **spec}}
+    )
+
+
+def instance(name: str, **metadata: Any) -> str:
+    return json.dumps(
+        {
+            "apiVersion": "robotics.io/v1alpha1",
+            "kind": "RobotAppInstance",
+            "metadata": {"name": name, "namespace": NAMESPACE, **metadata},
+            "spec": {"app": "teleop", "appUID": "6b1c"},
+        }
     )
 
 
@@ -199,12 +222,76 @@ def test_a_real_replicaset_creates_members(tenant: Chart) -> None:
     assert "real-" in tenant.plane.kubectl("get", "pods", "-n", NAMESPACE, "-l", "app=real", "-o", "name")
 
 
+@pytest.mark.parametrize("who", [DEPUTY, "--as=system:serviceaccount:tenant-a:robotapp-operator", ""])
+def test_only_the_operator_creates_an_instance(tenant: Chart, who: str) -> None:
+    """Neither somebody with every right of ours in the namespace, nor an account of the same name, nor the cluster's admin."""
+    text = refusal(tenant, "create", *filter(None, [who]), "-f", "-", stdin=instance("invented"))
+    if "serviceaccount" in who:
+        assert "cannot create resource" in text
+    else:
+        assert "RobotAppInstance invented shows what the robotapp operator found" in text
+        assert "create a RobotApp, and its instances appear" in text
+
+
+def test_only_the_operator_writes_the_status_of_an_instance(tenant: Chart) -> None:
+    create(tenant, instance("watched"), AS_OPERATOR)
+    stopped = ["patch", INSTANCES, "watched", "-n", NAMESPACE, "--subresource=status", "--type=merge"]
+    for who in ([DEPUTY], []):
+        text = refusal(tenant, *stopped, *who, "-p", json.dumps({"status": {"phase": "Stopping"}}))
+        assert "RobotAppInstance watched shows what the robotapp operator found" in text
+        assert "change the RobotApp instead" in text
+    seen = json.loads(instance("watched")) | {"status": {"phase": "Running"}}
+    by_operator = ["apply", "--server-side", "--subresource=status", AS_OPERATOR, "-f", "-"]
+    tenant.plane.kubectl(*by_operator, stdin=json.dumps(seen))
+    phase = tenant.plane.kubectl("get", INSTANCES, "watched", "-n", NAMESPACE, TENANT, "-o", "jsonpath={.status.phase}")
+    assert phase == "Running"
+
+
+def test_deletion_and_metadata_of_an_instance_are_left_to_rbac(tenant: Chart) -> None:
+    create(tenant, instance("leaf", finalizers=["example.com/hold"]), AS_OPERATOR)
+    where = ["leaf", "-n", NAMESPACE]
+    tenant.plane.kubectl("label", INSTANCES, *where, DEPUTY, "note=mine")
+    tenant.plane.kubectl("delete", INSTANCES, *where, DEPUTY, "--wait=false")
+    release = json.dumps({"metadata": {"finalizers": None, "ownerReferences": None}})
+    tenant.plane.kubectl("patch", INSTANCES, *where, DEPUTY, "--type=merge", "-p", release)
+    assert tenant.plane.kubectl("get", INSTANCES, *where, "--ignore-not-found") == ""
+
+
+@pytest.mark.parametrize("cascade", ["background", "foreground", "orphan"])
+def test_an_instance_goes_with_its_app_or_is_orphaned_as_its_deletion_says(tenant: Chart, cascade: str) -> None:
+    app = {
+        "apiVersion": "robotics.io/v1alpha1",
+        "kind": "RobotApp",
+        "metadata": {"name": cascade, "namespace": NAMESPACE},
+        "spec": {"ros": {"distro": "humble"}, "components": [{"name": "driver", "image": "ros:humble"}]},
+    }
+    create(tenant, json.dumps(app))
+    uid = tenant.plane.kubectl("get", "robotapp", cascade, "-n", NAMESPACE, "-o", "jsonpath={.metadata.uid}")
+    owner = {"apiVersion": app["apiVersion"], "kind": "RobotApp", "name": cascade, "uid": uid, "controller": True}
+    create(tenant, instance(f"of-{cascade}", ownerReferences=[owner | {"blockOwnerDeletion": False}]), AS_OPERATOR)
+    tenant.plane.kubectl(
+        "delete", "robotapp", cascade, "-n", NAMESPACE, TENANT, f"--cascade={cascade}", "--timeout=120s"
+    )
+    where = [f"{INSTANCES}/of-{cascade}", "-n", NAMESPACE]
+    if cascade == "orphan":
+        owners = ["-o", "jsonpath={.metadata.ownerReferences}"]
+        assert tenant.plane.kubectl("get", *where, *owners) == ""
+    else:
+        tenant.plane.kubectl("wait", "--for=delete", *where, "--timeout=120s")
+
+
 @pytest.mark.parametrize(
     ("verb", "resource", "expected"),
     [
         ("create", "robotapps", "yes"),
         ("delete", "robotapps", "yes"),
         ("update", "robotapps/status", "no"),
+        ("list", "robotappinstances", "yes"),
+        ("get", "robotappinstances/status", "yes"),
+        ("create", "robotappinstances", "no"),
+        ("update", "robotappinstances", "no"),
+        ("delete", "robotappinstances", "no"),
+        ("patch", "robotappinstances/status", "no"),
         ("create", "robotclaims", "no"),
         ("delete", "robotclaims", "no"),
         ("list", "robotclaims", "no"),
@@ -236,6 +323,12 @@ def test_a_tenants_rights_in_his_namespace(tenant: Chart, verb: str, resource: s
         (SCHEDULER, "get", "secrets", "no"),
         (OPERATOR, "patch", "deployments.apps", "yes"),
         (OPERATOR, "patch", "robotapps.robotics.io/status", "yes"),
+        (OPERATOR, "create", "robotappinstances.robotics.io", "yes"),
+        (OPERATOR, "delete", "robotappinstances.robotics.io", "yes"),
+        (OPERATOR, "patch", "robotappinstances.robotics.io/status", "yes"),
+        (OPERATOR, "patch", "robotappinstances.robotics.io", "no"),
+        (SCHEDULER, "get", "robotappinstances.robotics.io", "no"),
+        (SCHEDULER, "create", "robotappinstances.robotics.io", "no"),
         (OPERATOR, "patch", "domainpools.robotics.io/status", "yes"),
         (OPERATOR, "patch", "domainpools.robotics.io", "no"),
         (OPERATOR, "create", "pods", "no"),

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from tests.support.chart import CHART, NAMESPACE, NO_WORKLOADS, Chart, Object, flags, named, of_kind, rules
 
-from robotapp_api.model.names import FLEET_CONFIG_MAP
+from robotapp_api.model.names import FLEET_CONFIG_MAP, SCHEDULER_NAME
 from robotapp_api.serving.pages import A_ROLE_THAT_MAY
 from robotapp_operator.plan.fleet import MAX_SHARDS
 from robotapp_testbed.failures import CommandError
@@ -67,6 +67,28 @@ def test_only_our_components_may_write_claims(rendered: list[Object]) -> None:
         if {"robotclaims", "robotclaims/status"} & set(rule["resources"]) and WRITES & set(rule["verbs"])
     }
     assert writers == {"ClusterRole/robotapp-operator", "ClusterRole/robotapp-scheduler"}
+
+
+def test_only_the_operator_may_write_instances_and_tenants_read_them(rendered: list[Object]) -> None:
+    found: dict[str, dict[str, set[str]]] = {}
+    for role, rule in rules(rendered):
+        for resource in {"robotappinstances", "robotappinstances/status"} & set(rule["resources"]):
+            found.setdefault(role, {})[resource] = set(rule["verbs"])
+    reads = {"robotappinstances": {"get", "list", "watch"}, "robotappinstances/status": {"get"}}
+    assert found == {
+        "ClusterRole/robotapp-viewer": reads,
+        "ClusterRole/robotapp-editor": reads,
+        "ClusterRole/robotapp-operator": {
+            "robotappinstances": {"get", "list", "watch", "create", "delete"},
+            "robotappinstances/status": {"patch"},
+        },
+    }
+
+
+def test_the_policy_of_instances_leaves_deletion_and_metadata_to_rbac(rendered: list[Object]) -> None:
+    policy = named(rendered, "ValidatingAdmissionPolicy", "robotapp-instances")
+    covered = [(rule["operations"], rule["resources"]) for rule in policy["spec"]["matchConstraints"]["resourceRules"]]
+    assert covered == [(["CREATE"], ["robotappinstances"]), (["UPDATE"], ["robotappinstances/status"])]
 
 
 def test_only_the_scheduler_reads_pod_groups_and_it_writes_nothing_but_the_condition_of_the_servers_own(
@@ -239,7 +261,7 @@ def test_with_namespaces_the_operator_has_a_role_in_each_and_no_cluster_wide_rig
         for rule in named(objects, "ClusterRole", "robotapp-operator")["rules"]
         for resource in rule["resources"]
     }
-    assert not {"robotapps", "deployments", "configmaps", "services", "pods"} & cluster
+    assert not {"robotapps", "robotappinstances", "deployments", "configmaps", "services", "pods"} & cluster
     roles = [
         item for item in of_kind(objects, "Role", "RoleBinding") if item["metadata"]["name"] == "robotapp-operator"
     ]
@@ -249,6 +271,10 @@ def test_with_namespaces_the_operator_has_a_role_in_each_and_no_cluster_wide_rig
         ("RoleBinding", "fleet-a"),
         ("RoleBinding", "fleet-b"),
     ]
+    for role in of_kind(roles, "Role"):
+        assert {"robotappinstances", "robotappinstances/status"} <= {
+            name for rule in role["rules"] for name in rule["resources"]
+        }
     assert "--namespaces=fleet-a,fleet-b" in pod_spec(objects, "operator")["containers"][0]["args"]
 
 
@@ -289,6 +315,31 @@ def test_the_default_pool_is_the_one_of_the_design(chart: Chart) -> None:
 
 
 @pytest.mark.parametrize(
+    ("values", "quota"),
+    [
+        ({}, None),
+        ({"domainPool.quota.default": "null"}, None),
+        ({"domainPool.quota.default": "0"}, {"default": 0}),
+        ({"domainPool.quota.default": "3"}, {"default": 3}),
+        ({"domainPool.quota.namespaces.lab": "0"}, {"namespaces": {"lab": 0}}),
+        (
+            {"domainPool.quota.default": "0", "domainPool.quota.namespaces.lab": "9"},
+            {"default": 0, "namespaces": {"lab": 9}},
+        ),
+    ],
+)
+def test_a_quota_that_is_absent_is_unlimited_and_one_of_zero_is_none(
+    chart: Chart, values: dict[str, str], quota: dict[str, object] | None
+) -> None:
+    assert named(chart.render(values), "DomainPool", "default")["spec"].get("quota") == quota
+
+
+def test_the_operator_is_told_the_scheduler_of_apps_that_name_none(chart: Chart) -> None:
+    for values, name in (({}, SCHEDULER_NAME), ({"operator.schedulerName": "other.test"}, "other.test")):
+        assert f"--scheduler-name={name}" in pod_spec(chart.render(values), "operator")["containers"][0]["args"]
+
+
+@pytest.mark.parametrize(
     ("value", "where"),
     [
         ("typo=1", "typo"),
@@ -299,6 +350,8 @@ def test_the_default_pool_is_the_one_of_the_design(chart: Chart) -> None:
         ("domainPool.ids=230-233", 'domainPool.ids: "230-233"'),
         ("domainPool.sharedIds=7\\,3", 'domainPool.sharedIds: "3" in "7,3"'),
         ("scheduler.logFormat=xml", "/scheduler/logFormat"),
+        ("operator.schedulerName=", "/operator/schedulerName"),
+        ("domainPool.quota.default=-1", "/domainPool/quota/default"),
         ("scheduler.config.kind=Other", "/scheduler/config/kind"),
         ("operator.tls.secretName=My_Certificate", "/operator/tls/secretName"),
         ("scheduler=null", "missing property 'scheduler'"),
@@ -336,7 +389,8 @@ def test_values_that_may_be_empty_may_be_left_without_a_value(chart: Chart) -> N
 
 def test_policies_name_the_account_of_this_release(chart: Chart) -> None:
     text = json.dumps(chart.render({"nameOverride": "robots"}, "--namespace", "elsewhere"))
-    assert "system:serviceaccount:elsewhere:robots-scheduler" in text
+    for component in ("operator", "scheduler"):
+        assert f"'system:serviceaccount:elsewhere:robots-{component}'" in text
     assert "system:serviceaccount:robotapp-system" not in text
 
 

@@ -1,11 +1,14 @@
-"""Small valid objects of our four kinds, to be bent by tests."""
+"""Small valid objects of our five kinds, to be bent by tests."""
 
 from typing import Any
 
 Object = dict[str, Any]
 
 API_VERSION = "robotics.io/v1alpha1"
-AMR_07 = {"selector": {"matchLabels": {"robotics.io/robot": "amr-07"}}}
+ROS = {"distro": "humble"}
+"""What an app must write of ROS at least; tests that do not care take this."""
+
+AMR_07 = {"nodeSelector": {"matchLabels": {"robotics.io/robot": "amr-07"}}}
 
 
 def component(name: str = "driver", **fields: Any) -> Object:
@@ -23,7 +26,7 @@ def app(name: str = "teleop", **spec: Any) -> Object:
         "apiVersion": API_VERSION,
         "kind": "RobotApp",
         "metadata": {"name": name, "namespace": "default"},
-        "spec": {"components": components, **spec},
+        "spec": {"ros": ROS, "components": components, **spec},
     }
 
 
@@ -68,4 +71,13 @@ def telemetry(name: str = "amr-07", **status: Any) -> Object:
         "metadata": {"name": name},
         "spec": {},
         "status": status,
+    }
+
+
+def instance(name: str = "teleop-amr-07", **spec: Any) -> Object:
+    return {
+        "apiVersion": API_VERSION,
+        "kind": "RobotAppInstance",
+        "metadata": {"name": name, "namespace": "default"},
+        "spec": {"app": "teleop", "appUID": "u-1", "instance": "amr-07", "robot": "amr-07", **spec},
     }

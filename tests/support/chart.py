@@ -13,7 +13,10 @@ CHART = Path(__file__).resolve().parents[2] / "helm" / "robotapp"
 NAMESPACE = "robotapp-system"
 OPERATOR = f"system:serviceaccount:{NAMESPACE}:robotapp-operator"
 SCHEDULER = f"system:serviceaccount:{NAMESPACE}:robotapp-scheduler"
-CRDS = [f"{plural}.robotics.io" for plural in ("robotapps", "robotclaims", "domainpools", "nodetelemetries")]
+CRDS = [
+    f"{plural}.robotics.io"
+    for plural in ("robotapps", "robotappinstances", "robotclaims", "domainpools", "nodetelemetries")
+]
 NO_WORKLOADS = {"operator.enabled": "false", "scheduler.enabled": "false"}
 # They come and go by themselves, or are no stored objects.
 _TRANSIENT = {

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import msgspec
+from tests.support.apiobjects import ROS
 from tests.support.claims_objects import app_holder, deployment_json, pod_json
 from tests.support.clients import client_for
 
@@ -46,7 +47,7 @@ class Live:
         components = [{"name": "driver", "image": "x", "devices": [{"name": "bus", "type": "can"}]}]
         body = {
             "metadata": {"name": name, "namespace": self.namespace},
-            "spec": {"components": components, "dds": {"pool": self.pool}} | spec,
+            "spec": {"ros": ROS, "components": components, "ros2": {"pool": self.pool}} | spec,
         }
         uid = (await self.admin.create(ROBOTAPPS, body))["metadata"]["uid"]
         return DomainRequest(holder_of_app(namespace=self.namespace, name=name, uid=uid), pool=self.pool)

@@ -21,6 +21,7 @@ from robotapp_cli.main import app
 T = TypeVar("T")
 Json = dict[str, Any]
 ROBOTAPPS = "robotics.io/robotapps"
+INSTANCES = "robotics.io/robotappinstances"
 UID = "11111111-2222-3333-4444-555555555555"
 
 
@@ -151,8 +152,18 @@ def robotapp(name: str = "teleop", *, namespace: str = "fleet", status: Json | N
     components = [{"name": "driver", "image": "i"}, {"name": "panel", "image": "i"}]
     return {
         "metadata": {"name": name, "namespace": namespace, "uid": UID, "generation": 1},
-        "spec": {"components": components, **spec},
+        "spec": {"ros": {"distro": "humble"}, "components": components, **spec},
         "status": status or {},
+    }
+
+
+def instance(robot: str = "amr-07", *, uid: str = UID, app: str = "teleop", **status: Any) -> Json:
+    """The RobotAppInstance of one robot, "" for an app without any."""
+    labels = {"robotics.io/app": app, "robotics.io/app-uid": uid, "robotics.io/instance": robot}
+    return {
+        "metadata": {"name": f"{app}-{robot or 'only'}", "namespace": "fleet", "labels": labels},
+        "spec": {"app": app, "appUID": uid, "instance": robot, "robot": robot},
+        "status": status,
     }
 
 

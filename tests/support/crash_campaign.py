@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Self
 
+from tests.support.apiobjects import ROS
 from tests.support.invariants import claims, violations
 from tests.support.proxy import FaultProxy, Moment
 
@@ -150,7 +151,7 @@ class CrashCampaign:
 
     def _left(self) -> list[str]:
         """Objects of the workload that still exist."""
-        kinds = ("robotapps", "deployments", "services", "pods")
+        kinds = ("robotapps", "robotappinstances", "deployments", "services", "pods")
         found = self._cp.kubectl("-n", NAMESPACE, "get", ",".join(kinds), "-o", "name").split()
         return found + [claim["metadata"]["name"] for claim in claims(self._cp)]
 
@@ -194,14 +195,14 @@ def _app(number: int) -> dict[str, Any]:
     parts: list[dict[str, Any]] = [
         {"name": name, "image": "registry.example/crash:1"} for name in ("sense", "plan", "act")
     ]
-    spec: dict[str, Any] = {"components": parts}
+    spec: dict[str, Any] = {"ros": ROS, "components": parts}
     if number % 5 == 4:
         device = {"name": "bus", "type": "can", "interface": f"can{number // 5 % 2}"}
-        parts[0] |= {"runsOn": "Robot", "devices": [device]}
+        parts[0] |= {"runsOn": ["Robot"], "devices": [device]}
     if number % 7 == 6:
         spec["ros"] = {"distro": "noetic"}
     if number % 9 == 8:
-        spec["robots"] = {"selector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}
+        spec["robots"] = {"nodeSelector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}
     return {
         "apiVersion": API_VERSION,
         "kind": "RobotApp",

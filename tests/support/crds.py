@@ -13,6 +13,7 @@ EXAMPLES = sorted((ROOT / "examples").glob("*.yaml"))
 GROUP_PATH = "/apis/robotics.io/v1alpha1"
 _PLURALS = {
     "RobotApp": "namespaces/default/robotapps",
+    "RobotAppInstance": "namespaces/default/robotappinstances",
     "RobotClaim": "robotclaims",
     "DomainPool": "domainpools",
     "NodeTelemetry": "nodetelemetries",

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import msgspec
+from tests.support.apiobjects import ROS
 
 from robotapp_api.claims.objects import Claim
 from robotapp_api.model.names import API_VERSION, Label
@@ -25,7 +26,7 @@ def make_app(*components: dict[str, Any], name: str = "teleop", uid: str = UID, 
     """An App in namespace default; components default to operator and driver."""
     annotations = spec.pop("annotations", {})
     generation = spec.pop("generation", 1)
-    body = {"components": list(components) or [component("operator"), component("driver")], **spec}
+    body = {"ros": ROS, "components": list(components) or [component("operator"), component("driver")], **spec}
     return App(
         name=name,
         namespace="default",
@@ -48,7 +49,7 @@ def app_body(app_name: str = "teleop", *, uid: str = UID, generation: int = 1, *
             "generation": generation,
             "resourceVersion": "10",
         },
-        "spec": {"components": [component("operator"), component("driver")], **spec},
+        "spec": {"ros": ROS, "components": [component("operator"), component("driver")], **spec},
     }
 
 

@@ -4,6 +4,7 @@ from itertools import product
 from random import Random
 
 import numpy as np
+import numpy.typing as npt
 
 from robotapp_scheduler.joint.latencies import Latencies, Measured
 from robotapp_scheduler.joint.problem import INF, Edge, Problem, Relation
@@ -60,6 +61,20 @@ def _edge(random: Random, left: int, right: int) -> Edge:
         unknown=random.choice((0.0, 400.0, INF)),
         which=random.randint(0, 1),
     )
+
+
+def small_ranks(random: Random, problem: Problem) -> npt.NDArray[np.int32]:
+    """Tiers of the rows as each pod orders them; pods without an order have rank 0 everywhere."""
+    tier = [random.randrange(3) for _ in range(problem.rows)]
+    orders = [random.sample(range(3), 3) if random.random() < 0.7 else [0, 0, 0] for _ in range(problem.pods)]
+    return np.array([[order[code] for code in tier] for order in orders], dtype=np.int32)
+
+
+def brute_force_in_order(problem: Problem, ranks: npt.NDArray[np.int32]) -> tuple[int, float]:
+    """The least sum of ranks of any plan, and the least cost of the plans that have it; cost INF when there is no plan."""
+    plans = product(range(problem.rows), repeat=problem.pods)
+    costs = ((sum(int(ranks[pod, row]) for pod, row in enumerate(plan)), problem.total(plan)) for plan in plans)
+    return min((found for found in costs if found[1] < INF), default=(0, INF))
 
 
 def brute_force(problem: Problem) -> float:

@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from tests.support.appwatch import App, condition, is_ready
-from tests.support.world import Object, World, plain_app
+from tests.support.world import APIS, Object, World, plain_app
 
 from robotapp_api.model.names import Condition, Label, Reason
+from robotapp_testbed import wait_until
 from robotapp_testbed.failures import ApiStatusError
 
 
@@ -62,7 +63,7 @@ def between_bad_ones(world: World, pool: str, lots: Sequence[Sequence[Object]], 
 
 def start_one(world: World, name: str, pool: str) -> float:
     """Seconds from the creation of a healthy app until it is Ready."""
-    sent_s = world.create(plain_app(name, dds={"pool": pool}))
+    sent_s = world.create(plain_app(name, ros2={"pool": pool}))
     return world.watch.until_ready(name, within_s=60) - sent_s
 
 
@@ -77,7 +78,7 @@ def _give(world: World, pods: str, obj: Object) -> None:
 
 def storm(world: World, pools: Sequence[str], *, apps: int, within_s: float) -> Storm:
     """Apply `apps` apps of three components at once, spread over `pools`; all get Ready, no id twice in a pool."""
-    made = [plain_app(f"storm-{number:03}", dds={"pool": pools[number % len(pools)]}) for number in range(apps)]
+    made = [plain_app(f"storm-{number:03}", ros2={"pool": pools[number % len(pools)]}) for number in range(apps)]
     sent_s = world.create_all(made)
     ready_s = world.watch.until_ready(*(app["metadata"]["name"] for app in made), within_s=within_s)
     ids = {pool: [claim["spec"]["domain"]["id"] for claim in world.claims(pool)] for pool in pools}
@@ -95,7 +96,7 @@ def storm(world: World, pools: Sequence[str], *, apps: int, within_s: float) -> 
 def overflow(world: World, pool: str, *, size: int, apps: int, within_s: float) -> Overflow:
     """Apply more apps than the pool has ids, then delete as many running ones as wait."""
     names = [f"over-{number:03}" for number in range(apps)]
-    sent_s = world.create_all([plain_app(name, parts=("only",), dds={"pool": pool}) for name in names])
+    sent_s = world.create_all([plain_app(name, parts=("only",), ros2={"pool": pool}) for name in names])
     full_s = world.watch.until(
         lambda seen: len(_ready(seen, names)) == size and len(_refused(seen, names)) == apps - size,
         within_s=within_s,
@@ -111,10 +112,10 @@ def overflow(world: World, pool: str, *, size: int, apps: int, within_s: float) 
 
 
 def one_per_robot(world: World, *, pool: str, within_s: float) -> Storm:
-    """One app with an instance on each of the world's robots: as many domains as robots."""
+    """One app with an instance on each of the world's robots: as many domains and RobotAppInstances as robots."""
     selector = {"matchExpressions": [{"key": Label.ROBOT, "operator": "In", "values": _robots(world)}]}
-    app = plain_app("fleet", parts=("drive", "watch"), robots={"selector": selector}, dds={"pool": pool})
-    app["spec"]["components"][0]["runsOn"] = "Robot"
+    app = plain_app("fleet", parts=("drive", "watch"), robots={"nodeSelector": selector}, ros2={"pool": pool})
+    app["spec"]["components"][0]["runsOn"] = ["Robot"]
     sent_s = world.create(app)
     ready_s = world.watch.until_ready("fleet", within_s=within_s)
     claims = world.claims(pool)
@@ -125,7 +126,16 @@ def one_per_robot(world: World, *, pool: str, within_s: float) -> Storm:
         problems.append(
             f"{len(instances)} instances of {len(_robots(world))} robots hold claims: {instances.most_common(3)}"
         )
+    if not wait_until(lambda: _shown(world) == _robots(world), timeout_s=within_s, poll_s=0.2):
+        problems.append(f"RobotAppInstances that are Ready: {_shown(world)}")
     return Storm(ready_s - sent_s, ready_s - sent_s, {pool: len(set(ids))}, tuple(problems))
+
+
+def _shown(world: World) -> list[str]:
+    """Robots whose RobotAppInstance is Ready and names the domain."""
+    found = world.cp.api.get(f"{APIS}/namespaces/{world.namespace}/robotappinstances")["items"]
+    ready = [each for each in found if condition(each, Condition.READY).get("status") == "True"]
+    return sorted(each["spec"]["robot"] for each in ready if "domain" in each["status"])
 
 
 def _quantile(values: Sequence[float], share: float) -> float:

@@ -8,11 +8,14 @@ from contextlib import contextmanager
 from types import TracebackType
 from typing import Any, Final, Self, TypeVar
 
-from robotapp_api.model.names import API_VERSION, Label
+from tests.support.apiobjects import ROS
+
+from robotapp_api.model.names import API_VERSION, Label, Phase
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.failures import ApiStatusError
 
 APPS: Final = "/apis/robotics.io/v1alpha1/namespaces/{}/robotapps"
+INSTANCES: Final = "/apis/robotics.io/v1alpha1/namespaces/{}/robotappinstances"
 CLAIMS: Final = "/apis/robotics.io/v1alpha1/robotclaims"
 POOLS: Final = "/apis/robotics.io/v1alpha1/domainpools"
 
@@ -33,6 +36,14 @@ def eventually(look: Callable[[], T], *, timeout_s: float = PATIENCE_S, poll_s: 
     return value
 
 
+def instances_of(cp: ControlPlane, app: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The RobotAppInstances of a stored RobotApp, by the name of their instance."""
+    meta = app["metadata"]
+    path = f"{INSTANCES.format(meta['namespace'])}?labelSelector={Label.APP_UID}%3D{meta['uid']}"
+    items: list[dict[str, Any]] = cp.api.get(path)["items"]
+    return sorted(items, key=lambda item: str(item["spec"].get("instance", "")))
+
+
 class Tenant:
     """A user's view of one namespace."""
 
@@ -48,7 +59,7 @@ class Tenant:
             "apiVersion": API_VERSION,
             "kind": "RobotApp",
             "metadata": {"name": name, "namespace": self.namespace},
-            "spec": {"components": parts, **spec},
+            "spec": {"ros": ROS, "components": parts, **spec},
         }
         created: dict[str, Any] = self.cp.api.create(self._apps, body)
         return created
@@ -66,6 +77,20 @@ class Tenant:
     def apps(self) -> list[dict[str, Any]]:
         items: list[dict[str, Any]] = self.cp.api.get(self._apps)["items"]
         return items
+
+    def instances(self, name: str) -> list[dict[str, Any]]:
+        """The RobotAppInstances of an app as it is now."""
+        return instances_of(self.cp, self.app(name))
+
+    def wait_instances(self, name: str, count: int = 1) -> list[dict[str, Any]]:
+        """Wait until an app has that many RobotAppInstances and each says Running; they follow the app's own status."""
+
+        def look() -> list[dict[str, Any]]:
+            found = self.instances(name)
+            runs = [item for item in found if item["status"]["phase"] == Phase.RUNNING]
+            return found if len(found) == len(runs) == count else []
+
+        return eventually(look, what=lambda: json.dumps(self.instances(name)))
 
     def condition(self, name: str, kind: str) -> dict[str, Any]:
         found = self.app(name)

@@ -1,6 +1,7 @@
 """A RobotApp that uses every field, and all the ways to get one field of it wrong."""
 
 import copy
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -21,6 +22,11 @@ _QOS = {
     "liveliness": "automatic",
     "lease": "1s",
 }
+_PROBE = {"exec": {"command": ["true"]}}
+_BORROWED = {
+    kind: {name.partition(".")[2] for name in vendor.wanted() if name.startswith(f"{kind}.")}
+    for kind in ("Container", "PodSpec")
+}
 _WRONG_TYPE = {"string": 7, "integer": "seven", "number": "fast", "boolean": "maybe", "array": "one", "object": "all"}
 
 
@@ -31,28 +37,32 @@ def full_app() -> dict[str, Any]:
         suspend=False,
         ros={"version": 2, "distro": "jazzy"},
         robots={
-            "selector": {**AMR_07["selector"], "matchExpressions": [{"key": "robotics.io/robot", "operator": "In", "values": ["amr-07"]}]},
-            "instances": "Any",
+            "nodeSelector": {**AMR_07["nodeSelector"], "matchExpressions": [{"key": "robotics.io/robot", "operator": "In", "values": ["amr-07"]}]},
+            "assignment": "Any",
         },
-        components=[_full_component(), component("mapper"), component("logger")],
+        components=[
+            _full_component(),
+            component("mapper", ready={"lifecycle": "Active"}, runsOn=["Edge", "Robot"]),
+            component("logger", livenessProbe=_PROBE, readinessProbe=_PROBE, startupProbe=_PROBE),
+        ],
         edges=[
             edge(
-                "driver", "mapper", type="nav_msgs/msg/Odometry", rateHz=20, messageBytes=48, qos=_QOS, requestedQos=_QOS,
+                "driver", "mapper", kind="Topic", type="nav_msgs/msg/Odometry", rateHz=20, messageBytes=48, qos=_QOS, requestedQos=_QOS,
                 latency={"budget": "30ms", "percentile": 95, "enforce": "Required"}, bandwidth="40M",
             )
         ],
         placement={
-            "zones": ["edge-zone-1"], "masterNode": "edge-1", "objective": "Latency", "allOrNothing": True,
-            "fallback": {"steps": ["RelaxPreferred", "Onboard", "Wait"], "after": "10s"},
+            "zones": ["edge-zone-1"], "masterNode": "edge-1", "objective": "Latency", "gang": "All",
+            "fallback": {"steps": ["RelaxPreferred", "Wait"], "after": "10s"},
             "reschedule": {"when": "BudgetExceeded", "for": "15s", "cooldown": "2m", "maxPerDay": 3},
         },
-        dds={
+        ros2={
             "domain": 7, "allowUnsafeDomain": False, "pool": "default", "isolation": "Domain", "rmw": "rmw_fastrtps_cpp",
-            "discovery": {"mode": "Auto", "image": "ros:jazzy"}, "transport": "Auto", "network": "Pod",
+            "discovery": {"mode": "Auto", "image": "ros:jazzy"}, "transport": "Auto",
             "shareWith": [{"namespace": "team-b", "name": "other"}],
         },
         ros1={"master": "External", "uri": "http://master:11311", "image": "ros:noetic"},
-        update={"policy": "OnDemand"},
+        update={"operator": "OnDemand"},
         connectivity={"grace": "5m"},
         schedulerName="ros-aware-scheduler",
     )  # fmt: skip
@@ -61,27 +71,45 @@ def full_app() -> dict[str, Any]:
 
 def _full_component() -> dict[str, Any]:
     return component(
-        command=["ros2"], args=["run"], env=[{"name": "A", "value": "b"}], envFrom=[{"configMapRef": {"name": "c"}}],
-        ports=[{"containerPort": 7400, "protocol": "UDP"}], volumes=[{"name": "v", "emptyDir": {}}],
+        command=["ros2"], args=["run"], workingDir="/ws", env=[{"name": "A", "value": "b"}], envFrom=[{"configMapRef": {"name": "c"}}],
+        ports=[{"containerPort": 7400, "protocol": "UDP"}],
         volumeMounts=[{"name": "v", "mountPath": "/v"}], resources={"requests": {"cpu": "500m"}}, imagePullPolicy="Always",
-        imagePullSecrets=[{"name": "pull"}], initContainers=[{"name": "init", "image": "ros:jazzy"}],
-        tolerations=[{"key": "robot", "operator": "Exists"}], nodeSelector={"disk": "ssd"}, priorityClassName="high",
-        serviceAccountName="driver", securityContext={"runAsNonRoot": True}, podSecurityContext={"fsGroup": 1000},
-        runtimeClassName="rt", terminationGracePeriodSeconds=5, preStop={"exec": {"command": ["stop"]}},
-        params={"configMap": "p", "perRobot": True}, runsOn="Robot", qosClass="realtime",
+        securityContext={"runAsNonRoot": True}, lifecycle={"preStop": {"exec": {"command": ["stop"]}}},
+        parameters=[
+            {"inline": "/**: {ros__parameters: {v: 1.0}}"},
+            {"configMapKeyRef": {"name": "p", "key": "$(ROBOTAPP_ROBOT).yaml", "optional": True}},
+            {"secretKeyRef": {"name": "s", "key": "p.yaml"}},
+        ],
+        template={"metadata": {"labels": {"team": "a"}, "annotations": {"example.com/a": "b"}}, "spec": _full_pod()},
+        runsOn=["Robot"], qosClass="realtime",
         policies={
             "latencyBudget": "30ms", "deadline": "50ms", "reliability": "reliable", "durability": "volatile",
             "liveliness": "automatic", "queueSize": 1, "tcpNodelay": True,
         },
         devices=[
-            {"name": "cam", "type": "usb", "model": "d435", "interface": "usb3", "match": "8086:0b3a", "exclusive": True, "onLoss": "Keep"}
+            {"name": "cam", "type": "usb", "model": "d435", "interface": "usb3", "usbID": "8086:0b3a", "count": 1,
+                "sharing": "Exclusive", "onLoss": "Keep"}
         ],
-        requires=[{"type": "gpu", "model": "nvidia"}],
-        sharedData={"with": ["mapper"], "peerPods": ["foreign"], "claims": ["map-pvc"]},
-        lifecycle={"managed": True},
-        ready={"topic": "/odom", "minHz": 20},
+        requires=[{"type": "gpu", "model": "nvidia", "interface": "pcie"}],
+        sharedData={"with": ["mapper"], "peerPods": ["foreign"], "claimNames": ["map-pvc"]},
+        ready={"topic": {"name": "/odom", "minRate": 20}},
         colocateWith=["mapper"], separateFrom=["logger"], replicas=1, onDisconnect="Failover",
     )  # fmt: skip
+
+
+def _full_pod() -> dict[str, Any]:
+    return {
+        "volumes": [{"name": "v", "emptyDir": {}}],
+        "imagePullSecrets": [{"name": "pull"}],
+        "initContainers": [{"name": "init", "image": "ros:jazzy"}],
+        "tolerations": [{"key": "robot", "operator": "Exists"}],
+        "nodeSelector": {"disk": "ssd"},
+        "priorityClassName": "high",
+        "serviceAccountName": "driver",
+        "securityContext": {"fsGroup": 1000},
+        "runtimeClassName": "rt",
+        "terminationGracePeriodSeconds": 5,
+    }
 
 
 @dataclass(frozen=True)
@@ -93,16 +121,31 @@ class Malformed:
 
 
 def malformed_apps(schema: Schema) -> list[Malformed]:
-    """Well over a hundred apps, each wrong in exactly one value. `schema` is the RobotApp's."""
-    spec = schema["properties"]["spec"]
-    return [Malformed(_shown(path), _with(path, value)) for path, value in _wrong(spec, full_app()["spec"], ("spec",))]
+    """Well over a hundred apps, each wrong in exactly one value, each field once. `schema` is the RobotApp's."""
+    found = {}
+    for path, value in _wrong(schema["properties"]["spec"], full_app()["spec"], ("spec",)):
+        found.setdefault((_field(path), repr(value)), Malformed(_shown(path), _with(path, value)))
+    return list(found.values())
 
 
 def unused_fields(schema: Schema) -> list[str]:
-    """Fields that `full_app` leaves out, except inside those borrowed from core."""
-    borrowed = {name.partition(".")[2] for name in vendor.wanted()} | {"podSecurityContext"}
-    unused = _unused(schema["properties"]["spec"], full_app()["spec"], ("spec",))
-    return [_shown(path) for path in unused if not borrowed & set(path[:-1])]
+    """Fields that `full_app` leaves out, except inside those borrowed from core; `[]` stands for every item of a list."""
+    unused = _unused(schema["properties"]["spec"], [full_app()["spec"]], ("spec",))
+    return [_field(path) for path in unused if not is_borrowed(_field(path[:-1]))]
+
+
+def is_borrowed(field: str) -> bool:
+    """Whether a field, such as spec.components[].env, is core's or lies in one that is."""
+    steps = field.split(".")
+    container, pod = (*steps, "", "", "")[2], (*steps, "", "", "")[4]
+    return field.startswith("spec.components[].") and (
+        _name(container) in _BORROWED["Container"]
+        or (steps[2:4] == ["template", "spec"] and _name(pod) in _BORROWED["PodSpec"])
+    )
+
+
+def _name(step: str) -> str:
+    return step.partition("[")[0]
 
 
 def _wrong(schema: Schema, value: Any, path: Path) -> Iterator[tuple[Path, Any]]:
@@ -120,18 +163,23 @@ def _wrong(schema: Schema, value: Any, path: Path) -> Iterator[tuple[Path, Any]]
         elif "maxItems" in member:
             yield here, [copy.deepcopy(value[key][0])] * (member["maxItems"] + 1)
         yield from _wrong(member, value[key], here) if isinstance(value[key], dict) else ()
-        if isinstance(value[key], list) and isinstance(value[key][0], dict):
-            yield from _wrong(member["items"], value[key][0], (*here, 0))
+        for index, item in enumerate(value[key] if isinstance(value[key], list) else ()):
+            if isinstance(item, dict):
+                yield from _wrong(member["items"], item, (*here, index))
 
 
-def _unused(schema: Schema, value: Any, path: Path) -> Iterator[Path]:
+def _unused(schema: Schema, values: list[Any], path: Path) -> Iterator[Path]:
+    """`values` are all that stands at `path`: one object, or every item of a list."""
     for key, member in schema.get("properties", {}).items():
-        if key not in value:
+        written = [value[key] for value in values if key in value]
+        items = [item for each in written if isinstance(each, list) for item in each if isinstance(item, dict)]
+        objects = [each for each in written if isinstance(each, dict)]
+        if not written:
             yield (*path, key)
-        elif isinstance(value[key], dict):
-            yield from _unused(member, value[key], (*path, key))
-        elif isinstance(value[key], list) and isinstance(value[key][0], dict):
-            yield from _unused(member["items"], value[key][0], (*path, key, 0))
+        elif items:
+            yield from _unused(member["items"], items, (*path, key, 0))
+        elif objects:
+            yield from _unused(member, objects, (*path, key))
 
 
 def _with(path: Path, value: Any) -> dict[str, Any]:
@@ -141,6 +189,11 @@ def _with(path: Path, value: Any) -> dict[str, Any]:
         target = target[step]
     target[path[-1]] = value
     return obj
+
+
+def _field(path: Path) -> str:
+    """The path of a field, whatever item of a list it was met in."""
+    return re.sub(r"\[[0-9]+\]", "[]", _shown(path))
 
 
 def _shown(path: Path) -> str:

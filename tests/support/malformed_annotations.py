@@ -91,7 +91,7 @@ def _unknown_fields() -> Iterator[Wrong]:
     yield Wrong(Annotation.TOPOLOGY, '{"zones": ["hall-1"]}', "zones", "hall-1", "preferred_zones")
     yield Wrong(Annotation.AFFINITY, '{"hardware": []}', "hardware", "[]", "hardware_requirements")
     yield Wrong(Annotation.SHARED_DATA, '{"peerPods": []}', "peerPods", "[]", "peer_pods")
-    yield Wrong(Annotation.POLICIES, '{"formatVersion": 0}', "formatVersion", "0", "integer")
+    yield Wrong(Annotation.POLICIES, '{"formatVersion": 1}', "formatVersion", "1", "latency_budget")
 
 
 def _broken_json() -> Iterator[Wrong]:

@@ -25,21 +25,21 @@ def misfits() -> list[Misfit]:
     nowhere = {"matchLabels": {"robotics.io/robot": "nobody"}}
     return [
         Misfit(plain_app("misspelt", ros={"distro": "humbel"}), "spec.ros.distro", ("humbel", "humble")),
-        Misfit(plain_app("dds-in-ros1", ros={"distro": "noetic"}, dds={}), "spec.dds", ("noetic",)),
+        Misfit(plain_app("ros2-in-ros1", ros={"distro": "noetic"}, ros2={}), "spec.ros2", ("noetic",)),
         Misfit(plain_app("ros1-in-ros2", ros={"distro": "jazzy"}, ros1={}), "spec.ros1", ("jazzy",)),
         Misfit(_torn(), "spec.components[2].separateFrom", ("act", "sense", "colocateWith", "remove")),
-        Misfit(plain_app("robotless", robots={"selector": nowhere}), "spec.robots.selector", ("no robot matches", "robots are")),
+        Misfit(plain_app("robotless", robots={"nodeSelector": nowhere}), "spec.robots.nodeSelector", ("no robot matches", "robots are")),
         Misfit(plain_app("masterless", placement={"masterNode": "atlantis"}), "spec.placement.masterNode", ("atlantis", "kubectl get nodes")),
         Misfit(
-            plain_app("isolated", dds={"discovery": {"mode": "Localhost"}}, edges=[edge]),
-            "spec.dds.discovery.mode",
+            plain_app("isolated", ros2={"discovery": {"mode": "Localhost"}}, edges=[edge]),
+            "spec.ros2.discovery.mode",
             ("Localhost", "Auto"),
         ),
-        Misfit(_with_params("params-ros1", ros={"distro": "noetic"}), "spec.components[0].params", ("rosparam",)),
-        Misfit(_with_params("params-bare"), "spec.components[0].params", ("command or args",)),
+        Misfit(_with_file("file-ros1", ros={"distro": "noetic"}), "spec.components[0].parameters", ("rosparam",)),
+        Misfit(_with_file("file-bare"), "spec.components[0].parameters", ("command or args",)),
         Misfit(
-            plain_app("poolless", dds={"pool": "atlantis"}),
-            "spec.dds.pool",
+            plain_app("poolless", ros2={"pool": "atlantis"}),
+            "spec.ros2.pool",
             ("atlantis", "kubectl get domainpools"),
             Condition.ALLOCATED,
         ),
@@ -54,7 +54,7 @@ def _torn() -> Object:
     return app
 
 
-def _with_params(name: str, **spec: Any) -> Object:
+def _with_file(name: str, **spec: Any) -> Object:
     app = plain_app(name, **spec)
-    app["spec"]["components"][0]["params"] = {"configMap": "parameters"}
+    app["spec"]["components"][0]["parameters"] = [{"configMapKeyRef": {"name": "drv", "key": "params.yaml"}}]
     return app

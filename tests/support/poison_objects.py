@@ -82,8 +82,11 @@ POISON_OBJECTS: Final[dict[str, tuple[Json, ...]]] = {
         {
             "metadata": _meta("app", generation=1),
             "spec": {
-                "components": [{"name": f"c{n}", "image": "i"} for n in range(MANY)],
-                "edges": [{"from": "c0", "to": f"c{n}", "latencyBudget": "1e400s"} for n in range(MANY)],
+                "components": [{"name": f"c{n}", "image": "i", "runsOn": ["Boat"] * 9} for n in range(MANY)],
+                "edges": [
+                    {"kind": "Telepathy", "topic": "/t", "from": "c0", "to": f"c{n}", "latency": {"budget": "1e400s"}}
+                    for n in range(MANY)
+                ],
             },
             "status": {"observedGeneration": 1},
         },
@@ -96,7 +99,9 @@ POISON_OBJECTS: Final[dict[str, tuple[Json, ...]]] = {
             "metadata": _meta("n1"),
             "status": {
                 "intervalSeconds": 1e308,
-                "rtt": [{"peer": f"n{n}", "p50Us": 2**70, "p95Us": -1} for n in range(MANY)],
+                "rtt": [
+                    {"peer": f"n{n}", "p50Us": 2**70, "p95Us": -1, "lossPPM": 2**70, "seq": -1} for n in range(MANY)
+                ],
                 "devices": [{"id": f"d{n}", "type": "can"} for n in range(MANY)],
             },
         },

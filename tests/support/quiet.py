@@ -7,11 +7,12 @@ from datetime import UTC, datetime, timedelta
 from typing import Any, Final
 
 from robotapp_operator import controller, informers
+from robotapp_operator.plan import pace
 from robotapp_testbed import ControlPlane, audit, wait_until
 from robotapp_testbed.identity import OPERATOR_ACCOUNT, SCHEDULER_ACCOUNT
 
 REST_S: Final = (
-    max(controller.FLEET_REST_S, controller.POOL_REST_S, controller.PROBES_REST_S)
+    max(controller.FLEET_REST_S, controller.POOL_REST_S, controller.PROBES_REST_S, *pace.PROGRESS_REST_S)
     + max(informers.FLEET_DELAY_S, informers.POOL_DELAY_S, informers.LATENCY_DELAY_S)
     + 1.0
 )

@@ -144,7 +144,7 @@ def member_pod(component: str, *, app: str = "teleop", app_uid: str = "app-1", i
 
 
 def telemetry(node: str, *, rtt_ms: Mapping[str, float] | None = None, p95_ms: Mapping[str, float] | None = None,
-              devices: list[Json] | None = None, interval_s: float = 10.0, load: Json | None = None) -> NodeTelemetry:  # fmt: skip
+              devices: list[Json] | None = None, interval_s: int = 10, load: Json | None = None) -> NodeTelemetry:  # fmt: skip
     """RTT in milliseconds; p95 equals p50 unless given."""
     entries = [
         {"peer": peer, "p50Us": int(ms * 1000), "p95Us": int((p95_ms or {}).get(peer, ms) * 1000)}

@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
+from tests.support.apiobjects import ROS
+
 from robotapp_api.model.names import API_VERSION, SCHEDULER_NAME, Label
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.nodes import SimulatedNode
@@ -152,7 +154,7 @@ class Stage:
             "apiVersion": API_VERSION,
             "kind": "RobotApp",
             "metadata": {"name": name},
-            "spec": {"components": components, **spec},
+            "spec": {"ros": ROS, "components": components, **spec},
         }
         stored: Json = self.cp.api.create(path, body)
         self.cp.api.patch(f"{path}/{name}/status", {"status": {"observedGeneration": stored["metadata"]["generation"]}})

@@ -18,11 +18,11 @@ def app(
     name: str,
     *,
     ros: int = 2,
-    hz: float = 50,
+    hz: int = 50,
     camera: tuple[float, int] = (0, 0),
     budget_ms: int = 1000,
     nodes: Mapping[str, str] | None = None,
-    dds: Mapping[str, Any] | None = None,
+    ros2: Mapping[str, Any] | None = None,
     spec: Mapping[str, Any] | None = None,
     robot: Mapping[str, Any] | None = None,
     operator: Mapping[str, Any] | None = None,
@@ -51,7 +51,7 @@ def app(
     ]
     ros_2 = {
         "ros": {"distro": "lyrical"},  # whose Cyclone DDS is the image's
-        "dds": {"rmw": "rmw_cyclonedds_cpp", **(dds or {})},
+        "ros2": {"rmw": "rmw_cyclonedds_cpp", **(ros2 or {})},
     }
     ros_1 = {"ros": {"distro": "noetic"}, "ros1": {"image": images.reference("ros1")}}
     body = {**(ros_2 if ros == 2 else ros_1), "components": components, "edges": edges, **(spec or {})}
@@ -90,7 +90,7 @@ def problems_of_trio(cp: ControlPlane, namespace: str, *, seconds: float, deadli
 
 
 def _pinned(node: str | None) -> dict[str, Any]:
-    return {"nodeSelector": {"kubernetes.io/hostname": node}} if node else {}
+    return {"template": {"spec": {"nodeSelector": {"kubernetes.io/hostname": node}}}} if node else {}
 
 
 def apply(cp: ControlPlane, namespace: str, apps: Sequence[Mapping[str, Any]]) -> None:
@@ -109,9 +109,10 @@ def pods(cp: ControlPlane, namespace: str, name: str) -> dict[str, dict[str, Any
 
 
 def domain(cp: ControlPlane, namespace: str, name: str) -> int | None:
-    found = cp.api.get(f"/apis/robotics.io/v1alpha1/namespaces/{namespace}/robotapps/{name}")
-    instances = found.get("status", {}).get("instances", [])
-    return instances[0].get("domain") if instances else None
+    """Of the app's only instance, once it has one."""
+    path = f"/apis/robotics.io/v1alpha1/namespaces/{namespace}/robotappinstances?labelSelector=robotics.io/app={name}"
+    instances = cp.api.get(path)["items"]
+    return instances[0].get("status", {}).get("domain") if instances else None
 
 
 def rows(cp: ControlPlane, namespace: str, name: str) -> list[Row]:

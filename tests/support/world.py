@@ -7,6 +7,7 @@ from contextlib import ExitStack, contextmanager
 from types import TracebackType
 from typing import Any, Self
 
+from tests.support.apiobjects import ROS
 from tests.support.appwatch import AppWatch
 
 from robotapp_api.model.names import API_VERSION, OPERATOR_MANAGER, SCHEDULER_MANAGER, SYSTEM_NAMESPACE
@@ -168,7 +169,7 @@ def plain_app(name: str, *, parts: Sequence[str] = ("sense", "plan", "act"), **s
         "apiVersion": API_VERSION,
         "kind": "RobotApp",
         "metadata": {"name": name},
-        "spec": {"components": components, **spec},
+        "spec": {"ros": ROS, "components": components, **spec},
     }
 
 

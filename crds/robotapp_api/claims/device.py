@@ -34,7 +34,7 @@ class Kind(Protocol):
     @property
     def interface(self) -> str: ...
     @property
-    def match(self) -> str | None: ...
+    def usb_id(self) -> str | None: ...
 
 
 class Described(Protocol):
@@ -145,18 +145,18 @@ def fits_kind(requirement: Kind, device: Described) -> bool:
         device.type == requirement.type
         and requirement.model in {"", device.model}
         and requirement.interface in {"", device.interface}
-        and (not requirement.match or identity_fits(requirement.match, device.identity))
+        and (not requirement.usb_id or identity_fits(requirement.usb_id, device.identity))
     )
 
 
-def identity_fits(match: str, identity: str) -> bool:
+def identity_fits(usb_id: str, identity: str) -> bool:
     """`8086:0b3a` fits `usb:8086:0B3A:123` and `8086:0b3a:123`; with a serial the serial must be equal too.
 
     vid:pid are hexadecimal numbers, so their case means nothing; a serial's does. Anything else must be the same text.
     """
-    asked, reported = _USB_IDENTITY.fullmatch(match), _USB_IDENTITY.fullmatch(identity)
+    asked, reported = _USB_IDENTITY.fullmatch(usb_id), _USB_IDENTITY.fullmatch(identity)
     if asked is None or reported is None:
-        return match == identity
+        return usb_id == identity
     same_model = asked[1].lower() == reported[1].lower()
     return same_model and (not asked[2] or asked[2] == reported[2])
 

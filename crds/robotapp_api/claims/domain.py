@@ -16,7 +16,7 @@ class DomainRequest:
     """What an app instance asks for.
 
     holder: the RobotApp with `instance` set. scope_value: zone or node for pools of that scope, else empty.
-    requested_id: `dds.domain`, None means any. share_with: (namespace, name) of the RobotApps whose domain is joined.
+    requested_id: `ros2.domain`, None means any. share_with: (namespace, name) of the RobotApps whose domain is joined.
     """
 
     holder: Holder
@@ -171,7 +171,7 @@ def check_request(request: DomainRequest, pool: Pool) -> DomainOutcome | None:
         return DomainOutcome(
             Reason.DOMAIN_TAKEN,
             f"domain {request.requested_id} is one of the shared ids of pool {request.pool} ({pool.spec.shared_ids}), "
-            f"which apps with isolation Discovery use together: choose another id or set dds.isolation: Discovery",
+            f"which apps with isolation Discovery use together: choose another id or set spec.ros2.isolation: Discovery",
         )
     return None
 
@@ -179,7 +179,7 @@ def check_request(request: DomainRequest, pool: Pool) -> DomainOutcome | None:
 def pool_not_found(name: str) -> DomainOutcome:
     return DomainOutcome(
         Reason.POOL_NOT_FOUND,
-        f"there is no DomainPool {name}: create it, or choose one of `kubectl get domainpools` in spec.dds.pool",
+        f"there is no DomainPool {name}: create it, or choose one of `kubectl get domainpools` in spec.ros2.pool",
     )
 
 
@@ -189,7 +189,7 @@ def exhausted(request: DomainRequest, pool: Pool, *, claimed: int, resting: int)
     return DomainOutcome(
         Reason.DOMAIN_EXHAUSTED,
         f"{claimed} of {total} domain ids of pool {request.pool} are claimed{rest}: delete an app that is "
-        f"no longer needed, add ids to DomainPool {request.pool}, or use another pool (spec.dds.pool)",
+        f"no longer needed, add ids to DomainPool {request.pool}, or use another pool (spec.ros2.pool)",
     )
 
 
@@ -197,25 +197,33 @@ def taken(request: DomainRequest, holder: Holder) -> DomainOutcome:
     who = holder_text(holder, for_namespace=request.holder.namespace)
     return DomainOutcome(
         Reason.DOMAIN_TAKEN,
-        f"domain {request.requested_id} of pool {request.pool} is held by {who}: leave out spec.dds.domain to get a "
-        f"free one, join on purpose with spec.dds.shareWith, or delete the holder",
+        f"domain {request.requested_id} of pool {request.pool} is held by {who}: leave out spec.ros2.domain to get a "
+        f"free one, join on purpose with spec.ros2.shareWith, or delete the holder",
     )
 
 
-def quota_of(pool: Pool, namespace: str) -> int:
-    """Ids the namespace may hold; 0 means no limit."""
+def quota_of(pool: Pool, namespace: str) -> int | None:
+    """Ids the namespace may hold: 0 is none, None is no limit."""
     return pool.spec.quota.namespaces.get(namespace, pool.spec.quota.default)
 
 
 def over_quota(request: DomainRequest, pool: Pool, *, held: int) -> DomainOutcome | None:
-    limit = quota_of(pool, request.holder.namespace)
-    if not limit or held < limit:
+    namespace = request.holder.namespace
+    limit = quota_of(pool, namespace)
+    if limit is None or held < limit:
         return None
-    return DomainOutcome(
-        Reason.QUOTA_EXCEEDED,
-        f"namespace {request.holder.namespace} holds {held} of the {limit} domain ids pool {request.pool} allows it: "
-        f"delete an app there, or ask for a higher quota in DomainPool {request.pool}",
-    )
+    if limit == 0:
+        where = f"quota.namespaces.{namespace}" if namespace in pool.spec.quota.namespaces else "quota.default"
+        text = (
+            f"pool {request.pool} gives namespace {namespace} 0 domain ids (spec.{where}): use another pool "
+            f"(spec.ros2.pool), or ask for a quota above 0 in DomainPool {request.pool}; without a quota it is unlimited"
+        )
+    else:
+        text = (
+            f"namespace {namespace} holds {held} of the {limit} domain ids pool {request.pool} allows it: "
+            f"delete an app there, or ask for a higher quota in DomainPool {request.pool}"
+        )
+    return DomainOutcome(Reason.QUOTA_EXCEEDED, text)
 
 
 def shared_id(pool: Pool, *, uses: Mapping[int, int], named: Collection[int], uid: str, instance: str) -> DomainOutcome:
@@ -225,7 +233,7 @@ def shared_id(pool: Pool, *, uses: Mapping[int, int], named: Collection[int], ui
         return DomainOutcome(
             Reason.DOMAIN_EXHAUSTED,
             f"pool {pool.metadata.name} has no sharedIds for isolation Discovery: add some, for example 90-101 "
-            f"(and take them out of ids), or use dds.isolation: Domain",
+            f"(and take them out of ids), or use spec.ros2.isolation: Domain",
         )
     stay = next((number for number in ids if number in named), None)
     chosen = stay if stay is not None else min(ids, key=lambda number: uses.get(number, 0))

@@ -4,9 +4,9 @@ One rule for everybody who asks, the operator from its caches and the sweep from
 one and not for the other would be created and freed in turn.
 """
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from robotapp_api.claims.identity import hash10
 from robotapp_api.claims.objects import App, Meta
@@ -14,31 +14,59 @@ from robotapp_api.model.names import Annotation, Label
 from robotapp_api.values.selector import matches_labels
 
 ANY: Final = "Any"
+_NAMED: Final = 4
+"""Nodes a message names."""
+
+
+PRIMARY: Final = "true"
+"""Value of Label.ROBOT_PRIMARY on the one node of a robot that is `@robot`."""
+
+
+class Labelled(Protocol):
+    """A node, wherever it is kept."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def labels(self) -> Mapping[str, str]: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Primary:
+    """Which node of a robot is the robot's node (`@robot`): its name, or "" and the problem with its cure."""
+
+    node: str = ""
+    problem: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Instance:
-    """`robot` is the instance's key ("" for an app without robots), `node` the robot's node."""
+    """`robot` is the instance's key ("" for an app without robots), `node` the robot's primary node.
+
+    problem: why no node of the robot is its primary one, and what to label; `node` is "" then. The instance exists all the
+    same: what runs goes on running, and whether a new one starts is for the caller to decide.
+    """
 
     robot: str = ""
     node: str = ""
+    problem: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class RobotWish:
-    """What an app says about robots: selector is metav1.LabelSelector as plain JSON, None for an app without robots."""
+    """An app's spec.robots. node_selector is metav1.LabelSelector as plain JSON, None for an app without robots."""
 
     uid: str
     namespace: str
-    selector: Mapping[str, Any] | None = None
-    instances: str = "Each"
+    node_selector: Mapping[str, Any] | None = None
+    assignment: str = "Each"
 
 
 def wish_of(app: App) -> RobotWish:
     robots, meta = app.spec.robots, app.metadata
     if robots is None:
         return RobotWish(meta.uid, meta.namespace)
-    return RobotWish(meta.uid, meta.namespace, robots.selector, robots.instances)
+    return RobotWish(meta.uid, meta.namespace, robots.node_selector, robots.assignment)
 
 
 def instances_of(
@@ -51,21 +79,23 @@ def instances_of(
 ) -> tuple[Instance, ...]:
     """Instances in name order. running: instance keys of the app's Deployments, claimed: of its claims.
 
+    nodes: those of all robots, because a robot's primary node may be one that the selector does not name.
     `Any` stays where it runs, else where it has claims, however reachable that robot is; else it takes one within reach
-    (unreachable: names of nodes), spread over the robots by hash instead of always taking the first name.
+    (unreachable: names of nodes) whose primary node is known, spread over the robots by hash instead of always taking the
+    first name.
     """
-    if wish.selector is None:
+    if wish.node_selector is None:
         return (Instance(),)
-    found: dict[str, Instance] = {}
-    for node in allowed_robots(wish, nodes):
-        found.setdefault(robot_of(node), Instance(robot_of(node), node.name))
-    if wish.instances != ANY or not found:
+    nodes = list(nodes)
+    found = _instances({robot_of(node) for node in allowed_robots(wish, nodes)}, nodes)
+    if wish.assignment != ANY or not found:
         return tuple(found[robot] for robot in sorted(found))
     recorded = found.keys() & {*running, *claimed}
     chosen = min(
         recorded or found.keys(),
         key=lambda robot: (
             robot not in running,
+            not recorded and bool(found[robot].problem),
             not recorded and found[robot].node in unreachable,
             hash10(f"{wish.uid}/{robot}"),
         ),
@@ -73,9 +103,50 @@ def instances_of(
     return (found[chosen],)
 
 
+def _instances(robots: Collection[str], nodes: Iterable[Meta]) -> dict[str, Instance]:
+    computers: dict[str, list[Meta]] = {robot: [] for robot in robots}
+    for node in nodes:
+        if (robot := robot_of(node)) in computers:
+            computers[robot].append(node)
+    primaries = {robot: primary_node(robot, found) for robot, found in computers.items()}
+    return {robot: Instance(robot, primary.node, primary.problem) for robot, primary in primaries.items()}
+
+
+def primary_node(robot: str, nodes: Iterable[Labelled]) -> Primary:
+    """The robot's node. nodes: all nodes of this robot and no others.
+
+    A robot's only node is its primary one, whatever its labels. Of several it is the one labelled Label.ROBOT_PRIMARY; a
+    guess (the first name, say) would move latency budgets and devices to another computer when a node joins the robot.
+    """
+    computers = {node.name: node.labels.get(Label.ROBOT_PRIMARY) == PRIMARY for node in nodes}
+    primaries = sorted(name for name, primary in computers.items() if primary)
+    if len(computers) == 1:
+        return Primary(next(iter(computers)))
+    if len(primaries) == 1:
+        return Primary(primaries[0])
+    if not computers:
+        return Primary("", f"robot {robot} has no node: label its computer {Label.ROBOT}={robot}")
+    names = _listed(sorted(computers))
+    label = f"{Label.ROBOT_PRIMARY}={PRIMARY}"
+    if not primaries:
+        return Primary(
+            "",
+            f"robot {robot} has {len(computers)} nodes ({names}) and none is labelled {label}: label the one that `@robot` means",
+        )
+    return Primary(
+        "",
+        f"robot {robot} has {len(primaries)} nodes labelled {label} ({_listed(primaries)}): leave the label on one of them",
+    )
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return ", ".join(names[:_NAMED]) + more
+
+
 def matching_robots(wish: RobotWish, nodes: Iterable[Meta]) -> list[Meta]:
     """Robot nodes the selector names, in name order, allowed or not."""
-    found = (node for node in nodes if robot_of(node) and matches_labels(wish.selector, node.labels))
+    found = (node for node in nodes if robot_of(node) and matches_labels(wish.node_selector, node.labels))
     return sorted(found, key=lambda node: node.name)
 
 

@@ -11,6 +11,8 @@ import msgspec
 from robotapp_api.model.names import ClaimPhase, Label
 
 ROS_DOMAIN_ID: Final = "ROS_DOMAIN_ID"
+EXCLUSIVE: Final = "Exclusive"
+"""Value of a device's `sharing` that needs a claim."""
 
 
 class Object(msgspec.Struct, rename="camel", frozen=True, kw_only=True, gc=False):
@@ -107,7 +109,9 @@ class Claim(Object, frozen=True, kw_only=True):
 
 
 class PoolQuota(Object, frozen=True, kw_only=True):
-    default: int = 0
+    """default: for each namespace that `namespaces` does not name; None = unlimited, 0 = none."""
+
+    default: int | None = None
     namespaces: dict[str, int] = {}
 
 
@@ -193,7 +197,7 @@ class SharedApp(Object, frozen=True, kw_only=True):
     namespace: str = ""
 
 
-class Dds(Object, frozen=True, kw_only=True):
+class Ros2(Object, frozen=True, kw_only=True):
     domain: int | None = None
     pool: str = "default"
     isolation: str = "Domain"
@@ -201,10 +205,10 @@ class Dds(Object, frozen=True, kw_only=True):
 
 
 class Robots(Object, frozen=True, kw_only=True):
-    """selector: as it is stored, for `matches_labels`."""
+    """node_selector: as it is stored, for `matches_labels`."""
 
-    selector: dict[str, Any] = {}
-    instances: str = "Each"
+    node_selector: dict[str, Any] = {}
+    assignment: str = "Each"
 
 
 class DeviceRequirement(Object, frozen=True, kw_only=True):
@@ -212,8 +216,14 @@ class DeviceRequirement(Object, frozen=True, kw_only=True):
     type: str = ""
     model: str = ""
     interface: str = ""
-    match: str | None = None
-    exclusive: bool = True
+    usb_id: str | None = msgspec.field(name="usbID", default=None)
+    count: int = 1
+    sharing: str = EXCLUSIVE
+
+    @property
+    def exclusive(self) -> bool:
+        """Whether a claim holds the device. Shared ones must be there, and nobody holds them."""
+        return self.sharing == EXCLUSIVE
 
 
 class Component(Object, frozen=True, kw_only=True):
@@ -230,7 +240,7 @@ class Ros(Object, frozen=True, kw_only=True):
 class AppSpec(Object, frozen=True, kw_only=True):
     suspend: bool = False
     components: tuple[Component, ...] = ()
-    dds: Dds | None = None
+    ros2: Ros2 | None = None
     robots: Robots | None = None
     ros: Ros | None = None
 

@@ -54,7 +54,7 @@ def is_gone(found: App | Pod | None, uid: str) -> bool:
 
 def claims_domain(app: App) -> bool:
     """Whether the app's domains are claimed at all: ROS 1 has none, and isolation Discovery uses ids that nobody claims."""
-    discovery = app.spec.dds is not None and app.spec.dds.isolation == "Discovery"
+    discovery = app.spec.ros2 is not None and app.spec.ros2.isolation == "Discovery"
     ros = app.spec.ros
     return not discovery and (ros is None or ros_version(ros.version, ros.distro) == 2)
 
@@ -64,8 +64,8 @@ def wanted_claim(app: App, siblings: Collection[Claim], *, named: Collection[int
 
     siblings: all domain claims of the instance. named: ids its Deployments name.
     """
-    dds = app.spec.dds
-    pool, requested = (dds.pool, dds.domain) if dds else ("default", None)
+    ros2 = app.spec.ros2
+    pool, requested = (ros2.pool, ros2.domain) if ros2 else ("default", None)
     held = {c.spec.domain.id: c for c in siblings if c.spec.domain and c.spec.domain.pool == pool}
     if not held or not claims_domain(app):
         return None
@@ -89,7 +89,7 @@ def wants_domain(app: App, claim: Claim, siblings: Collection[Claim], *, named: 
 
 def joined(app: App) -> tuple[tuple[str, str], ...]:
     """(namespace, name) of the apps whose domain this app asks to share."""
-    shared = app.spec.dds.share_with if app.spec.dds else ()
+    shared = app.spec.ros2.share_with if app.spec.ros2 else ()
     return tuple((other.namespace or app.metadata.namespace, other.name) for other in shared)
 
 

@@ -57,7 +57,7 @@ def _problem(app: App, key: AppKey, other: App | None) -> str:
     if other is None:
         return f"shareWith of {here} names {there}, which does not exist: create it or remove it"
     if not may_join(app, other):
-        return f"{there} is in another namespace: it must name {here} in its own dds.shareWith"
+        return f"{there} is in another namespace: it must name {here} in its own spec.ros2.shareWith"
     return ""
 
 
@@ -104,8 +104,6 @@ def claim_to_join(
 def waiting_text(owner: str, instance: str, instances: Collection[str]) -> str:
     """Why a sharer's instance has no domain yet. instances: those of the owner that have claims."""
     if len(instances) < 2 or instance in instances:
-        return f"waits for the domain of {owner}, which dds.shareWith names"
+        return f"waits for the domain of {owner}, which spec.ros2.shareWith names"
     mine = f"none for {instance}" if instance else "this app is for none of them"
-    return (
-        f"{owner}, which dds.shareWith names, has a domain per robot and {mine}: choose the same robots in spec.robots"
-    )
+    return f"{owner}, which spec.ros2.shareWith names, has a domain per robot and {mine}: choose the same robots in spec.robots"

@@ -129,7 +129,7 @@ async def _own(client: Api, request: DomainRequest, pool: Pool, deployments: Seq
 async def _create(client: Api, request: DomainRequest, pool: Pool, plan: DomainPlan) -> DomainOutcome:
     """A new claim, within the quota. Of one process only one at a time counts and creates, or all would count too few."""
     namespace = request.holder.namespace
-    if not rules.quota_of(pool, namespace):
+    if rules.quota_of(pool, namespace) is None:
         return await _try_candidates(client, request, pool, plan)
     async with _TURNS.setdefault((request.pool, namespace), asyncio.Lock()):
         mine = [c for c in await pool_claims(client, request) if c.holder.namespace == namespace]
@@ -197,7 +197,7 @@ async def _join(client: Api, request: DomainRequest, owner: AppKey, deployments:
     named = "/".join(owner)
     app = await find_app(client, owner)
     if app is not None and not claims_domain(app):
-        text = f"dds.shareWith names {named}, which claims no domain (ROS 1, or isolation Discovery): remove it"
+        text = f"spec.ros2.shareWith names {named}, which claims no domain (ROS 1, or isolation Discovery): remove it"
         return await _refused(client, request, DomainOutcome(Reason.INVALID_SPEC, text), deployments)
     claim, claims = None, list[Claim]()
     if app is not None:
@@ -313,9 +313,9 @@ async def _check_without_annotation(client: Api, pod: Pod) -> BindVerdict:
     if match:
         return verdict
     app = await _app_of(client, pod)
-    if app is None or app.spec.dds is None or app.spec.dds.isolation != "Discovery":
+    if app is None or app.spec.ros2 is None or app.spec.ros2.isolation != "Discovery":
         return verdict
-    pool = await _find_pool(client, app.spec.dds.pool)
+    pool = await _find_pool(client, app.spec.ros2.pool)
     return verdict if pool is None else shared_verdict(pod, parse_ids(pool.spec.shared_ids))
 
 

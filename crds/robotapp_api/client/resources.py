@@ -73,6 +73,7 @@ RESOURCECLAIMS: Final = Resource("resource.k8s.io", "v1", "resourceclaims", "Res
 COSCHEDULING_PODGROUPS: Final = Resource("scheduling.x-k8s.io", "v1alpha1", "podgroups", "PodGroup", namespaced=True)
 WORKLOAD_PODGROUPS: Final = Resource("scheduling.k8s.io", "v1beta1", "podgroups", "PodGroup", namespaced=True)
 ROBOTAPPS: Final = Resource(GROUP, VERSION, "robotapps", "RobotApp", namespaced=True)
+ROBOTAPPINSTANCES: Final = Resource(GROUP, VERSION, "robotappinstances", "RobotAppInstance", namespaced=True)
 ROBOTCLAIMS: Final = Resource(GROUP, VERSION, "robotclaims", "RobotClaim", namespaced=False)
 DOMAINPOOLS: Final = Resource(GROUP, VERSION, "domainpools", "DomainPool", namespaced=False)
 NODETELEMETRIES: Final = Resource(GROUP, VERSION, "nodetelemetries", "NodeTelemetry", namespaced=False)

@@ -137,7 +137,7 @@ class RobotClaim(Model):
         short_names=("rclaim",),
         namespaced=False,
         columns=(
-            Column("Kind", ".spec.holder.kind"),
+            Column("HolderKind", ".spec.holder.kind"),
             Column("Thing", r".metadata.annotations.robotics\.io/thing"),
             Column("Holder", r".metadata.annotations.robotics\.io/holder"),
             Column("Instance", ".spec.holder.instance"),

@@ -2,39 +2,49 @@
 
 from typing import Annotated, Literal
 
-from pydantic import StringConstraints
+from pydantic import Field, StringConstraints
 
 from robotapp_api.model.base import Model
 from robotapp_api.model.scalars import DnsLabel, ShortText, Token
 
 OnLoss = Literal["Keep", "Restart", "Reschedule"]
+UsbId = Annotated[str, StringConstraints(max_length=128, pattern=r"^[0-9a-fA-F]{4}:[0-9a-fA-F]{4}(:.+)?$")]
+Sharing = Literal["Exclusive", "Namespace", "Cluster"]
 
 
 class Device(Model):
     """A device of the node, matched against what the node's agent reports and claimed for the component."""
 
     name: DnsLabel
-    """Name of the requirement within the component; the path arrives in ROBOTAPP_DEVICE_<NAME>."""
+    """Name of the device within the component. ROBOTAPP_DEVICE_<NAME> carries its path where the node hands devices over."""
     type: Token
     """Type of device: usb, can, serial, gpio or another type nodes report."""
     model: ShortText = ""
     """Model the device must have; empty means any."""
     interface: ShortText = ""
     """Interface the device must have, such as can0; empty means any."""
-    match: (
-        Annotated[str, StringConstraints(max_length=128, pattern=r"^[0-9a-fA-F]{4}:[0-9a-fA-F]{4}(:.+)?$")] | None
-    ) = None
+    usb_id: Annotated[UsbId | None, Field(alias="usbID")] = None
     """USB identity vid:pid or vid:pid:serial, such as 8086:0b3a."""
-    exclusive: bool = True
-    """Nobody else may hold the device."""
+    count: Annotated[int, Field(ge=1, le=16)] = 1
+    """How many such devices the component needs. More than 1 is not possible yet: write one entry for each device."""
+    sharing: Sharing = "Exclusive"
+    """Who may use the device at the same time: nobody else (Exclusive), pods of this namespace (Namespace) or everybody
+    (Cluster). A device that is not exclusive must be there, but is not held; Namespace acts like Cluster so far."""
     on_loss: OnLoss = "Keep"
     """What happens when the device vanishes: Keep the pod, Restart it in place, or Reschedule it to another node."""
+
+    @property
+    def exclusive(self) -> bool:
+        """Is the device claimed, so that nobody else uses it?"""
+        return self.sharing == "Exclusive"
 
 
 class Requirement(Model):
     """A capability of the node that is not claimed, such as a GPU model."""
 
     type: Token
-    """Capability: the node label hardware.robotics.io/<type> must exist."""
+    """Capability: the node label hardware.robotics.io/<type>, or hardware.robotics.io/<type>-<interface>, must exist."""
     model: ShortText = ""
     """Value the capability's label must have; empty means any."""
+    interface: ShortText = ""
+    """Interface of the capability, such as usb-cam of a sensor; empty means any."""

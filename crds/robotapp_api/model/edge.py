@@ -13,6 +13,7 @@ Durability = Literal["volatile", "transient_local"]
 Liveliness = Literal["automatic", "manual_by_topic"]
 Percentile = Literal[50, 95]
 Enforce = Literal["Required", "Preferred"]
+EdgeKind = Literal["Topic", "Service", "Action"]
 
 
 class Qos(Model):
@@ -109,6 +110,8 @@ class Edge(Model):
         ),
     )
 
+    kind: EdgeKind = "Topic"
+    """What `topic` names: a Topic, a Service or an Action."""
     topic: TopicName
     """Topic, service or action name, such as /cmd_vel."""
     type: InterfaceType | None = None
@@ -117,8 +120,8 @@ class Edge(Model):
     """Component that publishes or serves, or @robot for the robot's node itself."""
     to: EdgeEnd
     """Component that subscribes or calls, or @robot for the robot's node itself."""
-    rate_hz: Annotated[float, Field(ge=0, le=100_000)] | None = None
-    """Messages per second."""
+    rate_hz: Quantity | None = None
+    """Messages per second, such as 20 or "0.5"."""
     message_bytes: (
         Annotated[
             int,

@@ -21,6 +21,8 @@ BRIDGE_MANAGER: Final = "rigel-bridge"
 SYSTEM_NAMESPACE: Final = "robotapp-system"
 """Where the chart is installed unless told otherwise."""
 FLEET_CONFIG_MAP: Final = "robot-fleet-assignments"
+PARAMETERS_VOLUME: Final = "robotapp-parameters"
+"""Volume of a component's ROS parameter files."""
 ROBOT_END: Final = "@robot"
 """End of an edge that is the robot's node itself rather than a component."""
 
@@ -41,6 +43,8 @@ class Label(StrEnum):
     MANAGED_BY = "app.kubernetes.io/managed-by"
     TIER = "robotics.io/tier"
     ROBOT = "robotics.io/robot"
+    ROBOT_PRIMARY = "robotics.io/robot-primary"
+    """On one node of a robot with several computers, with the value "true": this node is `@robot`."""
     ZONE = "topology.kubernetes.io/zone"
     HOSTNAME = "kubernetes.io/hostname"
     CLAIM = "robotics.io/claim"
@@ -71,7 +75,8 @@ class Annotation(StrEnum):
     APP_GENERATION = "robotics.io/app-generation"
     CONTENT_HASH = "robotics.io/content-hash"
     """On children: hash of the labels and spec they were written with."""
-    PARAMS_HASH = "robotics.io/params-hash"
+    PARAMETERS_HASH = "robotics.io/parameters-hash"
+    """On pods: hash of the ConfigMap keys that are their parameter files."""
     THING = "robotics.io/thing"
     HOLDER = "robotics.io/holder"
     DOMAIN_CLAIM = "robotics.io/domain-claim"
@@ -79,6 +84,8 @@ class Annotation(StrEnum):
     BETTER_NODE = "robotics.io/better-node"
 
 
+PARAMETERS_PREFIX: Final = "robotics.io/parameters-"
+"""On pods, followed by the position of an inline parameter file: its text."""
 GRANTED_PREFIX: Final = "granted.robotics.io/"
 SCHEDULING_GATE: Final = "robotics.io/domain"
 """Set by the operator on pods of schedulers that cannot do the bind check (claims.md rule 6)."""
@@ -105,6 +112,8 @@ class Reason(StrEnum):
     INVALID_SPEC = "InvalidSpec"
     UNKNOWN_DISTRO = "UnknownDistro"
     NOT_ALLOWED_ON_ROBOT = "NotAllowedOnRobot"
+    ROBOT_NODE_UNCLEAR = "RobotNodeUnclear"
+    """A robot has several nodes, and none or more than one of them is labelled as its primary one."""
     NO_MATCHING_ROBOT = "NoMatchingRobot"
     # Allocated
     ALLOCATED = "Allocated"
@@ -129,6 +138,7 @@ class Reason(StrEnum):
     # Ready, Progressing, Stalled
     ALL_READY = "AllComponentsReady"
     COMPONENTS_NOT_READY = "ComponentsNotReady"
+    ROBOT_OFFLINE = "RobotOffline"
     FAILED_CREATE = "FailedCreate"
     QUOTA_REFUSED = "QuotaRefused"
     IMAGE_PULL = "ImagePullFailed"
@@ -140,6 +150,20 @@ class Reason(StrEnum):
     NOT_STALLED = "NotStalled"
     RECONCILE_ERROR = "ReconcileError"
     RESTART_NEEDED = "RestartNeeded"
+
+
+class PoolCondition(StrEnum):
+    """Condition types of a DomainPool."""
+
+    USABLE = "Usable"
+    """Some namespace may get an id of the pool."""
+
+
+class PoolReason(StrEnum):
+    """Reasons of DomainPool conditions."""
+
+    USABLE = "Usable"
+    QUOTA_IS_ZERO = "QuotaIsZero"
 
 
 class Phase(StrEnum):

@@ -8,7 +8,8 @@ from robotapp_api.model.base import Model
 from robotapp_api.model.scalars import Duration, ShortText, Text
 
 Objective = Literal["Latency", "Balance"]
-FallbackStep = Literal["RelaxPreferred", "Onboard", "Wait"]
+FallbackStep = Literal["RelaxPreferred", "Wait"]
+Gang = Literal["All", "None"]
 RescheduleWhen = Literal["Never", "BudgetExceeded"]
 
 
@@ -16,7 +17,7 @@ class Fallback(Model):
     """What happens when no placement fits."""
 
     steps: Annotated[tuple[FallbackStep, ...], Field(max_length=8)] = ("RelaxPreferred", "Wait")
-    """Steps in order: RelaxPreferred drops wishes, Onboard puts components on the robot, Wait keeps the pods pending."""
+    """Steps in order: RelaxPreferred drops wishes, Wait keeps the pods pending. On board as a fallback is runsOn: [Edge, Robot]."""
     after: Duration = "10s"
     """Time without a placement before the next step."""
 
@@ -44,8 +45,8 @@ class Placement(Model):
     robot's node."""
     objective: Objective = "Latency"
     """What placement optimises: Latency keeps edges short, Balance spreads load over the nodes."""
-    all_or_nothing: bool = True
-    """Place all components of an instance or none."""
+    gang: Gang = "All"
+    """All places the components of an instance together or not at all; None places each as soon as it fits."""
     fallback: Fallback = Fallback()
     """What happens when no placement fits."""
     reschedule: Reschedule = Reschedule()

@@ -1,6 +1,6 @@
 """DomainPool: the domain ids of one network whose participants can hear each other."""
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Final, Literal
 
 from pydantic import Field, StringConstraints
 
@@ -16,6 +16,7 @@ Ids = Annotated[
     str,
     StringConstraints(max_length=128, pattern=r"^([0-9]{1,3}(-[0-9]{1,3})?(,[0-9]{1,3}(-[0-9]{1,3})?){0,31})?$"),
 ]
+_MOST_RANGES: Final = 32
 Limit = Annotated[int, Field(ge=0, le=233)]
 NamespaceLimits = Annotated[
     dict[str, Limit],
@@ -28,10 +29,16 @@ NamespaceLimits = Annotated[
 
 
 def _ascending(field: str, example: str) -> Rule:
-    """Doubled bounds (2*first, 2*last + 1) are sorted exactly when the ranges ascend and no two of them touch an id twice."""
-    bounds = f"self.{field}.split(',', 32).map(r, [2 * int(r.split('-')[0]), 2 * int(r.split('-')[size(r.split('-')) - 1]) + 1]).flatten()"
+    """Each range ends where it begins or later, and before the next one begins.
+
+    The positions are written out, because CEL has no other way to look at a neighbour in a list.
+    """
+    ranges = f"self.{field}.split(',', 32)"
+    positions = list(range(_MOST_RANGES - 1))
+    ordered = f"{ranges}.all(r, {_first('r')} <= {_last('r')} && {_last('r')} <= 232)"
+    apart = f"{positions}.all(i, i + 1 >= size({ranges}) || {_last(f'{ranges}[i]')} < {_first(f'{ranges}[i + 1]')})"
     return Rule(
-        rule=f"self.{field} == '' || ({bounds}.isSorted() && {bounds}.all(b, b <= 465))",
+        rule=f"self.{field} == '' || ({ordered} && {apart})",
         message=f"{field} must be ascending ranges without overlap, up to 232; write for example {example}",
         path=f".{field}",
     )
@@ -48,10 +55,10 @@ def _last(name: str) -> str:
 class Quota(Model):
     """How many ids a namespace may hold."""
 
-    default: Limit = 0
-    """Ids each namespace may hold unless it is named below; 0 means no limit."""
+    default: Limit | None = None
+    """Ids each namespace may hold unless it is named below; absent means no limit, 0 means none."""
     namespaces: NamespaceLimits = Field(default_factory=dict)
-    """Ids single namespaces may hold; 0 means no limit."""
+    """Ids single namespaces may hold; 0 means none."""
 
 
 class PoolSpec(Model):

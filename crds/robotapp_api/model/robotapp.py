@@ -11,7 +11,7 @@ from robotapp_api.model.edge import Edge
 from robotapp_api.model.markers import Column, Kind, ListMap, Rule
 from robotapp_api.model.placement import Placement
 from robotapp_api.model.robots import Robots
-from robotapp_api.model.ros import Dds, Ros, Ros1
+from robotapp_api.model.ros import Ros, Ros1, Ros2
 from robotapp_api.model.scalars import Duration
 from robotapp_api.model.status import RobotAppStatus
 
@@ -20,11 +20,11 @@ _NAMES = "self.components.map(c, c.name)"
 
 def _known(field: str, *, has: str, advice: str) -> Rule:
     """Every name in a list of components exists. `in` and sets.contains keep the static cost 400 times below nested exists."""
-    named = f"self.components.filter(c, {has}).map(c, c.{field}).flatten()"
+    wrong = f"self.components.filter(c, {has} && !sets.contains({_NAMES}, c.{field}))"
     return Rule(
-        rule=f"sets.contains({_NAMES}, {named})",
+        rule=f"self.components.all(c, !({has}) || sets.contains({_NAMES}, c.{field}))",
         message=f"{field} must name components of this app; {advice}",
-        expression=f"'{field} names %s, but no component has that name; {advice}'.format([{named}.filter(n, !(n in {_NAMES}))])",
+        expression=f"'{field} of %s is %s, but the components are %s; {advice}'.format([{wrong}.map(c, c.name), {wrong}.map(c, c.{field}), {_NAMES}])",
         path=".components",
     )
 
@@ -32,7 +32,7 @@ def _known(field: str, *, has: str, advice: str) -> Rule:
 class Update(Model):
     """How a new operator version reaches running pods."""
 
-    policy: Literal["Automatic", "OnDemand"] = "Automatic"
+    operator: Literal["Automatic", "OnDemand"] = "Automatic"
     """Automatic rolls pods when a new operator version renders them differently. OnDemand waits until the annotation
     robotics.io/approve-update names that version. Your own edits always roll at once."""
 
@@ -45,7 +45,7 @@ class Connectivity(Model):
 
 
 class RobotAppSpec(Model):
-    """The wish; only its author writes it."""
+    """What is wanted; only its author writes it."""
 
     RULES = (
         Rule(
@@ -69,30 +69,30 @@ class RobotAppSpec(Model):
         ),
         Rule(
             rule=f"has(self.robots) || !has(self.edges) || self.edges.all(e, e.from != '{names.ROBOT_END}' && e.to != '{names.ROBOT_END}')",
-            message="an edge to @robot needs a robot; write robots.selector, or the name of a component in place of @robot",
+            message="an edge to @robot needs a robot; write robots.nodeSelector, or the name of a component in place of @robot",
             path=".edges",
         ),
         Rule(
-            rule="!has(self.dds) || !has(self.dds.domain) || !has(self.robots) || self.robots.instances != 'Each' || self.dds.isolation == 'Discovery'",
-            message="one domain for every robot would let all of them obey one /cmd_vel; drop dds.domain, or write robots.instances: Any or dds.isolation: Discovery",
-            expression="'domain %d for every robot would let all of them obey one /cmd_vel; drop dds.domain, or write robots.instances: Any or dds.isolation: Discovery'.format([self.dds.domain])",
-            path=".dds.domain",
+            rule="!has(self.ros2) || !has(self.ros2.domain) || !has(self.robots) || self.robots.assignment != 'Each' || self.ros2.isolation == 'Discovery'",
+            message="one domain for every robot would let all of them obey one /cmd_vel; drop ros2.domain, or write robots.assignment: Any or ros2.isolation: Discovery",
+            expression="'domain %d for every robot would let all of them obey one /cmd_vel; drop ros2.domain, or write robots.assignment: Any or ros2.isolation: Discovery'.format([self.ros2.domain])",
+            path=".ros2.domain",
         ),
     )
 
     suspend: bool = False
-    """true removes all pods and keeps the claims."""
-    ros: Ros = Ros(distro="humble")
+    """true removes all pods, keeps the domain and gives the devices back."""
+    ros: Ros
     """ROS version and distribution."""
     robots: Robots | None = None
     """Robots the app runs for; absent means one instance that belongs to no robot."""
     components: Annotated[tuple[Component, ...], ListMap("name"), Field(min_length=1, max_length=64)]
     """Processes of the app; each becomes one Deployment per instance."""
-    edges: Annotated[tuple[Edge, ...], ListMap("topic", "from", "to"), Field(max_length=256)] = ()
+    edges: Annotated[tuple[Edge, ...], ListMap("kind", "topic", "from", "to"), Field(max_length=256)] = ()
     """Who talks to whom, and how fast it must be."""
     placement: Placement = Placement()
     """Placement of the whole app."""
-    dds: Dds | None = None
+    ros2: Ros2 | None = None
     """Domain, middleware and discovery of a ROS 2 app; absent means defaults. Not for ROS 1."""
     ros1: Ros1 | None = None
     """Master of a ROS 1 app. Only with a ROS 1 distribution."""
@@ -100,8 +100,9 @@ class RobotAppSpec(Model):
     """How new operator versions reach running pods."""
     connectivity: Connectivity = Connectivity()
     """What counts as disconnected."""
-    scheduler_name: Annotated[str, StringConstraints(min_length=1, max_length=253)] = names.SCHEDULER_NAME
-    """Scheduler of the pods. With another one ROS placement rules and device claims are off."""
+    scheduler_name: Annotated[str, StringConstraints(min_length=1, max_length=253)] | None = None
+    """Scheduler of the pods; absent means the operator's setting, ros-aware-scheduler unless the cluster's operator chose
+    otherwise. With another scheduler ROS placement rules and device claims are off."""
 
 
 class RobotApp(Model):
@@ -144,6 +145,6 @@ class RobotApp(Model):
     metadata: ObjectMeta = ObjectMeta()
     """Name, namespace, labels and annotations."""
     spec: RobotAppSpec
-    """The wish; only its author writes it."""
+    """What is wanted; only its author writes it."""
     status: RobotAppStatus = RobotAppStatus()
     """The observation; only the operator writes it."""

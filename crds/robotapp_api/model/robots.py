@@ -8,7 +8,7 @@ from robotapp_api.model.base import Model
 from robotapp_api.model.markers import MapAtomic, Rule
 from robotapp_api.model.scalars import ShortText
 
-Instances = Literal["Each", "Any"]
+Assignment = Literal["Each", "Any"]
 LABEL_KEY: Final = "^([a-z0-9]([-a-z0-9.]*[a-z0-9])?/)?[A-Za-z0-9]([-A-Za-z0-9_.]*[A-Za-z0-9])?$"
 """Prefix and name; their lengths are left to whoever reads the label."""
 LabelKey = Annotated[str, StringConstraints(min_length=1, max_length=317, pattern=LABEL_KEY)]
@@ -55,9 +55,11 @@ class LabelSelector(Model):
 
 
 class Robots(Model):
-    """Robots an app runs for. A robot is a node with the label robotics.io/robot."""
+    """Robots an app runs for. A robot is a node with the label robotics.io/robot; where several nodes carry the same name,
+    the one that also has robotics.io/robot-primary: "true" is `@robot`.
+    """
 
-    selector: Annotated[LabelSelector, MapAtomic()]
+    node_selector: Annotated[LabelSelector, MapAtomic()]
     """Chooses robots by the labels of their nodes; must not be empty."""
-    instances: Instances = "Each"
+    assignment: Assignment = "Each"
     """Each runs one instance of the app per chosen robot; Any runs one instance for one of them."""

@@ -1,4 +1,4 @@
-"""Which ROS an app speaks and how its processes find each other: ros, dds, ros1."""
+"""Which ROS an app speaks and how its processes find each other: ros, ros2, ros1."""
 
 from typing import Annotated, Literal
 
@@ -8,11 +8,10 @@ from robotapp_api.model.base import Model
 from robotapp_api.model.markers import ListMap, Rule
 from robotapp_api.model.scalars import AppName, DomainId, OptionalImage, ShortText
 
-Rmw = Literal["rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp", "rmw_cyclonedds_cpp", "rmw_zenoh_cpp", "rmw_connextdds"]
+Rmw = Annotated[str, StringConstraints(max_length=63, pattern=r"^rmw_[a-z0-9_]+$")]
 DiscoveryMode = Literal["Auto", "Multicast", "Server", "Peers", "Router", "Localhost"]
 Isolation = Literal["Domain", "Discovery"]
 Transport = Literal["Auto", "UDP", "SHM"]
-Network = Literal["Pod", "Host"]
 
 
 class Ros(Model):
@@ -43,7 +42,7 @@ class SharedApp(Model):
     """Name of the other RobotApp."""
 
 
-class Dds(Model):
+class Ros2(Model):
     """DDS domain, middleware and discovery of a ROS 2 app."""
 
     RULES = (
@@ -69,20 +68,11 @@ class Dds(Model):
     isolation: Isolation = "Domain"
     """Domain gives every instance a domain of its own; Discovery shares one and separates apps by discovery."""
     rmw: Rmw | None = None
-    """ROS middleware implementation; absent means the default of the distribution."""
+    """ROS middleware implementation, such as rmw_cyclonedds_cpp; absent means the default of the distribution."""
     discovery: Discovery = Discovery()
     """How participants find each other."""
     transport: Transport = "Auto"
     """Transport for data: UDP, SHM (shared memory between components on one node), or what the middleware chooses."""
-    network: Annotated[
-        Network,
-        Rule(
-            rule="self == 'Pod'",
-            message="network Host is refused until a privilege class for it exists; write network: Pod",
-            reason="FieldValueForbidden",
-        ),
-    ] = "Pod"
-    """Pod network; Host is reserved and refused for now."""
     share_with: Annotated[tuple[SharedApp, ...], ListMap("namespace", "name"), Field(max_length=16)] = ()
     """RobotApps whose domain this app joins on purpose; its own `domain` counts only when it leads apps that name each other."""
 

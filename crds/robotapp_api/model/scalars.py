@@ -60,7 +60,7 @@ EdgeEnd = Annotated[str, StringConstraints(max_length=63, pattern=r"^(@robot|[a-
 DomainId = Annotated[int, Field(ge=0, le=232)]
 Count = Annotated[int, Field(ge=0)]
 Generation = Annotated[int, Field(ge=0), WithJsonSchema({"type": "integer", "format": "int64", "minimum": 0})]
-Percent = Annotated[float, Field(ge=0, le=100)]
+Percent = Annotated[int, Field(ge=0, le=100)]
 Microseconds = Annotated[int, WithJsonSchema({"type": "integer", "format": "int64", "minimum": 0})]
 
 QUANTITY_SCHEMA: dict[str, Any] = {

@@ -52,8 +52,12 @@ class Rtt(Observed):
     """Median round-trip time in microseconds."""
     p95_us: Annotated[Microseconds | None, Field(alias="p95Us")] = None
     """95th percentile of the round-trip time in microseconds."""
-    loss_percent: Percent | None = None
-    """Probes that got no answer, in percent."""
+    loss_ppm: Annotated[int | None, Field(alias="lossPPM", ge=0, le=1_000_000)] = None
+    """Probes that got no answer, per million."""
+    seq: Generation | None = None
+    """Number of the round that measured this pair."""
+    every_rounds: Annotated[int | None, Field(ge=1, le=100_000)] = None
+    """Rounds from one measurement of this pair to the next; absent means every round."""
 
 
 class Load(Observed):
@@ -99,8 +103,8 @@ class NodeTelemetry(Model):
         columns=(
             Column("Arch", ".status.arch"),
             Column("Realtime", ".status.kernel.realtime", type="boolean"),
-            Column("CPU%", ".status.load.cpuPercent", type="number"),
-            Column("Mem%", ".status.load.memoryPercent", type="number"),
+            Column("CPU%", ".status.load.cpuPercent", type="integer"),
+            Column("Mem%", ".status.load.memoryPercent", type="integer"),
             Column("Interval", ".status.intervalSeconds", type="integer"),
             Column("Age", ".metadata.creationTimestamp", type="date"),
             Column("Seq", ".status.seq", type="integer", wide=True),

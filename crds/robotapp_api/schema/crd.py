@@ -5,6 +5,7 @@ from typing import Any, Final, Protocol
 from robotapp_api.model import names
 from robotapp_api.model.base import Model
 from robotapp_api.model.claim import RobotClaim
+from robotapp_api.model.instance import RobotAppInstance
 from robotapp_api.model.markers import Column, Kind
 from robotapp_api.model.pool import DomainPool
 from robotapp_api.model.robotapp import RobotApp
@@ -13,7 +14,13 @@ from robotapp_api.schema.collect import Schema, collect
 from robotapp_api.schema.structural import to_structural
 
 CATEGORY: Final = "robotics"
-KINDS: Final[tuple[type[Model], ...]] = (DomainPool, NodeTelemetry, RobotApp, RobotClaim)
+KINDS: Final[tuple[type[Model], ...]] = (
+    DomainPool,
+    NodeTelemetry,
+    RobotApp,
+    RobotAppInstance,
+    RobotClaim,
+)
 
 
 class _Root(Protocol):

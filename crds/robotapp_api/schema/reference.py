@@ -60,8 +60,8 @@ def _core_paths(model: type[Model]) -> set[str]:
     """Paths of borrowed fields, whose members are not repeated here."""
     if model.__name__ != "RobotApp":
         return set()
-    fields = {path.partition(".")[2] for path in wanted()} | {"podSecurityContext"}
-    return {f"spec.components[].{field}" for field in fields} | {f"spec.components[].ready.{field}" for field in fields}
+    where = {"Container": "spec.components[]", "PodSpec": "spec.components[].template.spec"}
+    return {f"{where[kind]}.{field}" for kind, _, field in (path.partition(".") for path in wanted())}
 
 
 def _rows(node: Schema, *, path: str, stop: set[str]) -> Iterator[str]:

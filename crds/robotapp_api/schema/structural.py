@@ -15,7 +15,7 @@ from robotapp_api.schema.vendor import FILE
 _ORDER: Final = (
     "description", "type", "format", "enum", "pattern", "minimum", "maximum", "exclusiveMinimum", "minLength", "maxLength",
     "minItems", "maxItems", "minProperties", "maxProperties", "nullable", "default", "required",
-    "x-kubernetes-int-or-string", "anyOf", "x-kubernetes-list-type", "x-kubernetes-list-map-keys", "x-kubernetes-map-type",
+    "x-kubernetes-int-or-string", "x-kubernetes-preserve-unknown-fields", "anyOf", "x-kubernetes-list-type", "x-kubernetes-list-map-keys", "x-kubernetes-map-type",
     RULES_KEYWORD, "items", "additionalProperties", "properties",
 )  # fmt: skip
 _NOISE: Final = ("title", "examples", "$schema", "$defs", "$ref")

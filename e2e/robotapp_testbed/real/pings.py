@@ -5,21 +5,25 @@ from dataclasses import dataclass
 
 _TIME = re.compile(r"\btime=([0-9.]+) ms")
 _SENT = re.compile(r"(\d+) packets transmitted")
+_MILLION = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class Rtt:
-    """Round trips to one node in one round; `p50_us` and `p95_us` are None when nothing came back."""
+    """Round trips to one node in one round; `p50_us` and `p95_us` are None when nothing came back.
+
+    loss_ppm: pings without an answer, per million.
+    """
 
     p50_us: int | None
     p95_us: int | None
-    loss_percent: float
+    loss_ppm: int
 
-    def status(self, peer: str) -> dict[str, object]:
-        """An entry of NodeTelemetry's `rtt`."""
+    def status(self, peer: str, *, seq: int) -> dict[str, object]:
+        """An entry of NodeTelemetry's `rtt`, measured in round `seq`."""
         figures = {"p50Us": self.p50_us, "p95Us": self.p95_us}
         known = {name: value for name, value in figures.items() if value is not None}
-        return {"peer": peer, **known, "lossPercent": self.loss_percent}
+        return {"peer": peer, **known, "lossPPM": self.loss_ppm, "seq": seq}
 
 
 def figures(text: str) -> Rtt:
@@ -28,9 +32,9 @@ def figures(text: str) -> Rtt:
     summary = _SENT.search(text)
     sent = int(summary[1]) if summary else 0
     if not times_us or not sent:
-        return Rtt(None, None, 100.0)
+        return Rtt(None, None, _MILLION)
     lost = max(sent - len(times_us), 0)
-    return Rtt(_quantile(times_us, 0.5), _quantile(times_us, 0.95), round(100 * lost / sent, 1))
+    return Rtt(_quantile(times_us, 0.5), _quantile(times_us, 0.95), round(_MILLION * lost / sent))
 
 
 def _quantile(ordered: list[int], share: float) -> int:

@@ -81,7 +81,7 @@ class MeasuredTelemetry:
             "arch": {"x86_64": "amd64", "aarch64": "arm64"}.get(platform.machine(), platform.machine()),
             "kernel": {"realtime": False},
             "devices": [],
-            "rtt": [rtt.status(peer) for peer, rtt in rtts.items()],
+            "rtt": [rtt.status(peer, seq=self._rounds) for peer, rtt in rtts.items()],
         }
         self._cp.api.patch(f"{PATH}/{name}/status", {"status": status})
 

@@ -26,6 +26,13 @@
 - apiGroups: [robotics.io]
   resources: [robotapps/status]
   verbs: [patch]
+# What an instance of an app does, for people to read; written anew as soon as it is deleted.
+- apiGroups: [robotics.io]
+  resources: [robotappinstances]
+  verbs: [get, list, watch, create, delete]
+- apiGroups: [robotics.io]
+  resources: [robotappinstances/status]
+  verbs: [patch]
 # Children name the RobotApp as owner with blockOwnerDeletion; some clusters ask for this right before they accept that.
 - apiGroups: [robotics.io]
   resources: [robotapps/finalizers]

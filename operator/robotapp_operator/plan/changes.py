@@ -11,9 +11,9 @@ from robotapp_operator.plan.deployments import component_deployments
 from robotapp_operator.plan.environment import DOMAIN_VARIABLE
 from robotapp_operator.plan.infrastructure import infrastructure
 from robotapp_operator.plan.objects import ChildRef, Deployment, Service
+from robotapp_operator.plan.parameters import ParameterState
 from robotapp_operator.plan.services import peers_service
 from robotapp_operator.plan.strays import strays
-from robotapp_operator.plan.template import ParamsFile
 from robotapp_operator.plan.versions import is_newer
 from robotapp_operator.plan.wish import App, Domain, Wish
 
@@ -43,7 +43,7 @@ class Plan:
 
 
 def wanted_children(
-    wish: Wish, *, domain: Domain | None, params: Mapping[str, ParamsFile], running: bool
+    wish: Wish, *, domain: Domain | None, parameters: Mapping[str, ParameterState], running: bool
 ) -> list[Child]:
     """Everything the instance should have, infrastructure first: it starts while the components are scheduled.
 
@@ -54,7 +54,7 @@ def wanted_children(
     children = infrastructure(wish, running=running)
     if wish.app.ros_version == 2:
         children.append(peers_service(wish))
-    return [*children, *component_deployments(wish, domain=domain, params=params, running=running)]
+    return [*children, *component_deployments(wish, domain=domain, parameters=parameters, running=running)]
 
 
 def plan(
@@ -105,7 +105,7 @@ def is_held(app: App, child: Child, over: Observed, version: str) -> bool:
 
     Another generation, parameters file or domain is the user's doing or the protocol's, and rolls at once.
     """
-    if app.spec.update.policy != "OnDemand" or child.ref.kind != DEPLOYMENT or not isinstance(over, Deployment):
+    if app.spec.update.operator != "OnDemand" or child.ref.kind != DEPLOYMENT or not isinstance(over, Deployment):
         return False
     rendered_by = over.metadata.annotations.get(Annotation.RENDERED_BY, "")
     if not is_newer(version, rendered_by) or app.annotations.get(Annotation.APPROVE_UPDATE) == version:
@@ -133,7 +133,7 @@ def _inputs(spec: Mapping[str, object]) -> tuple[object, object, object]:
     template = spec.get("template")
     metadata = template.get("metadata") if isinstance(template, Mapping) else None
     annotations = (metadata.get("annotations") if isinstance(metadata, Mapping) else None) or {}
-    return template_env(spec).get(DOMAIN_VARIABLE), annotations.get(Annotation.PARAMS_HASH), spec.get("replicas")
+    return template_env(spec).get(DOMAIN_VARIABLE), annotations.get(Annotation.PARAMETERS_HASH), spec.get("replicas")
 
 
 def _prunable(app: App, item: Observed) -> bool:

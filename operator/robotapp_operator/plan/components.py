@@ -10,6 +10,7 @@ from robotapp_api.model.names import Reason
 from robotapp_operator.plan.objects import ContainerStatus, Deployment, ObjectCondition, Pod
 
 MAX_MESSAGE: Final = 1024
+MAX_RESTARTS: Final = 2**31 - 1
 SERVER_LEAD_S: Final = 60
 """Servers and components of one start are made together; a minute apart means that the servers are newer."""
 _PULLING = frozenset(
@@ -43,8 +44,10 @@ class ComponentView:
         return 0 if self.ready else 2 if self.reason else 1
 
 
-def component_view(component: Component, deployment: Deployment | None, pods: Sequence[Pod]) -> ComponentView:
-    """`pods`: those the Deployment owns, terminating and finished ones included."""
+def component_view(
+    component: Component, deployment: Deployment | None, pods: Sequence[Pod], *, missing: Sequence[str] = ()
+) -> ComponentView:
+    """pods: those the Deployment owns, terminating and finished ones included. missing: parameter files that do not exist."""
     if deployment is None:
         return ComponentView(
             name=component.name, replicas=component.replicas, ready=False, exists=False, bound=False, rolling=True
@@ -59,6 +62,8 @@ def component_view(component: Component, deployment: Deployment | None, pods: Se
     up_to_date = current and status.updated_replicas == replicas == status.replicas
     ready = up_to_date and status.ready_replicas == replicas > 0
     reason, message = (None, "") if ready else _failure(deployment, pods, live)
+    if missing and not ready and reason is None:  # the kubelet waits for the file and reports that in an event only
+        reason, message = Reason.FAILED_CREATE, f"{'; '.join(missing)}: create it, or write optional: true"
     return ComponentView(
         name=component.name,
         replicas=replicas,
@@ -67,7 +72,7 @@ def component_view(component: Component, deployment: Deployment | None, pods: Se
         bound=len(live) >= replicas and all(pod.spec.node_name for pod in live),
         rolling=not up_to_date,
         nodes=tuple(sorted({pod.spec.node_name for pod in live if pod.spec.node_name})),
-        restarts=sum(status.restart_count for pod in live for status in pod.status.container_statuses),
+        restarts=min(MAX_RESTARTS, sum(one.restart_count for pod in live for one in pod.status.container_statuses)),
         reason=reason,
         message=message[:MAX_MESSAGE],
     )

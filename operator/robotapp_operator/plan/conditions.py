@@ -1,14 +1,17 @@
 """The seven conditions: reason code, numbers, next step. lastTransitionTime moves only with the status."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
-from robotapp_api.model.names import Condition, Reason
-from robotapp_api.values.duration import format_ms
+from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME, Condition, Reason
 from robotapp_operator.plan.facts import AppFacts, InstanceFacts
-from robotapp_operator.plan.latency import EdgeView
+from robotapp_operator.plan.latency import EdgeView, shown_ms
+from robotapp_operator.plan.text import clip
 
 MAX_MESSAGE: Final = 2048
+"""Bytes of a message of a RobotApp."""
+MAX_BRIEF: Final = 256
+"""Bytes of a message of a RobotAppInstance, of which there may be thousands."""
 
 
 class Verdict(NamedTuple):
@@ -20,7 +23,7 @@ class Verdict(NamedTuple):
 
 
 def conditions(facts: AppFacts) -> list[dict[str, Any]]:
-    """All seven as plain JSON, in the order of the enum."""
+    """All seven as plain JSON, in the order of the enum; of an app, or by the same rules of one instance alone."""
     previous = {item["type"]: item for item in _items(facts.previous.get("conditions"))}
     return [_condition(kind, _RULES[kind](facts), facts, previous.get(kind.value)) for kind in Condition]
 
@@ -38,11 +41,20 @@ def ready(facts: AppFacts) -> Verdict:
 
 
 def accepted(facts: AppFacts) -> Verdict:
+    unclear = [instance for instance in facts.instances if instance.unclear]
+    if not facts.problems and unclear and facts.alone:
+        return Verdict("False", Reason.ROBOT_NODE_UNCLEAR, unclear[0].unclear)
     if not facts.problems:
-        return Verdict("True", Reason.ACCEPTED, "the spec is understood")
+        notes = [*facts.notes, *([_unclear_text(facts, unclear)] if unclear else [])]
+        return Verdict("True", Reason.ACCEPTED, "; ".join(["the spec is understood", *notes]))
     more = f" (and {len(facts.problems) - 3} more)" if len(facts.problems) > 3 else ""
     text = "; ".join(map(str, facts.problems[:3])) + more
     return Verdict("False", facts.problems[0].reason, text)
+
+
+def _unclear_text(facts: AppFacts, unclear: Sequence[InstanceFacts]) -> str:
+    names = _shown([instance.name for instance in unclear], limit=4)
+    return f"{len(unclear)} of {len(facts.instances)} instances are for robots whose primary node is unclear ({names}): see status.troubled for what to label"
 
 
 def allocated(facts: AppFacts) -> Verdict:
@@ -56,25 +68,34 @@ def allocated(facts: AppFacts) -> Verdict:
 def _domains_missing(facts: AppFacts) -> Verdict | None:
     for instance in facts.instances:
         if instance.refusal:
-            return Verdict("False", instance.refusal[0], _named(instance, instance.refusal[1]))
+            return Verdict("False", instance.refusal[0], _named(facts, instance, instance.refusal[1]))
     without = [instance for instance in facts.instances if instance.needs_domain and instance.domain is None]
     if facts.instances and not without:
         return None
+    if without and all(instance.unclear for instance in without):
+        return Verdict("Unknown", Reason.ROBOT_NODE_UNCLEAR, _named(facts, without[0], without[0].unclear))
     return Verdict("Unknown", Reason.PENDING, f"{len(without)} of {len(facts.instances)} instances wait for a domain")
 
 
 def _devices_missing(facts: AppFacts) -> Verdict | None:
     held, wanted = _devices(facts)
     if wanted and not facts.app.our_scheduler:
-        text = f"{facts.app.spec.scheduler_name} claims no devices; leave schedulerName out"
+        text = (
+            f"scheduler {facts.app.scheduler_name} claims no devices, so their use is unknown; {_our_scheduler(facts)}"
+        )
         return Verdict("Unknown", Reason.NOT_OUR_SCHEDULER, text)
     if held >= wanted or facts.app.spec.suspend:
         return None
     for instance in facts.instances:
         if instance.busy:
-            return Verdict("False", Reason.DEVICE_BUSY, _named(instance, instance.busy))
+            return Verdict("False", Reason.DEVICE_BUSY, _named(facts, instance, instance.busy))
     text = f"{held} of {wanted} devices are claimed; kubectl robotapp devices shows who holds them"
     return Verdict("False", Reason.WAITING_FOR_DEVICES, text)
+
+
+def _our_scheduler(facts: AppFacts) -> str:
+    ours = facts.app.default_scheduler in (SCHEDULER_NAME, THESIS_SCHEDULER_NAME)
+    return "leave spec.schedulerName out" if ours else f"write spec.schedulerName: {SCHEDULER_NAME}"
 
 
 def _all_allocated(facts: AppFacts) -> Verdict:
@@ -86,7 +107,7 @@ def _all_allocated(facts: AppFacts) -> Verdict:
     parts += [f"{held} of {wanted} devices"] if wanted else []
     asked = facts.app.requested_domain
     if asked is not None and facts.app.share_with and domains != [asked]:
-        parts.append(f"spec.dds.domain {asked} is not used, dds.shareWith decides; remove one of the two")
+        parts.append(f"spec.ros2.domain {asked} is not used, ros2.shareWith decides; remove one of the two")
     return Verdict("True", Reason.ALLOCATED, "; ".join(parts))
 
 
@@ -108,7 +129,7 @@ def placed(facts: AppFacts) -> Verdict:
     for instance in facts.instances:
         for component in instance.components:
             if component.reason == Reason.UNSCHEDULABLE:
-                text = _named(instance, f"{component.name}: {component.message}")
+                text = _named(facts, instance, f"{component.name}: {component.message}")
                 if facts.app.our_scheduler:
                     text = f"{text.rstrip('.')}; kubectl robotapp explain {facts.app.name} shows every node's reason"
                 return Verdict("False", Reason.UNSCHEDULABLE, f"{bound} of {len(parts)} placed; {text}")
@@ -156,17 +177,23 @@ def progressing(facts: AppFacts) -> Verdict:
         )
     if facts.problems or facts.app.spec.suspend:
         return Verdict("False", Reason.UP_TO_DATE, "nothing to roll out")
-    going = [instance for instance in facts.instances if not instance.refusal]
+    blocked = [instance for instance in facts.instances if _blocked(instance)]
+    going = [instance for instance in facts.instances if not _blocked(instance)]
     rolling = [component.name for instance in going for component in instance.components if component.rolling]
     if rolling or not facts.instances:
         return Verdict(
             "True", Reason.ROLLING_OUT, f"{len(rolling)} components are rolling out: {_shown(sorted(set(rolling)))}"
         )
-    refused = [instance for instance in facts.instances if instance.refusal]
-    if refused:
-        reason = refused[0].refusal[0] if refused[0].refusal else Reason.PENDING
-        return Verdict("False", reason, f"{len(refused)} of {len(facts.instances)} instances wait for a domain")
+    if blocked:
+        what = "a domain" if blocked[0].refusal else "it to be clear which node is their robot's"
+        reason = blocked[0].refusal[0] if blocked[0].refusal else Reason.ROBOT_NODE_UNCLEAR
+        return Verdict("False", reason, f"{len(blocked)} of {len(facts.instances)} instances wait for {what}")
     return Verdict("False", Reason.UP_TO_DATE, "every component has its newest template")
+
+
+def _blocked(instance: InstanceFacts) -> bool:
+    """Is there nothing to roll out, because the instance may not start?"""
+    return bool(instance.refusal or (instance.unclear and not instance.exists))
 
 
 def stalled(facts: AppFacts) -> Verdict:
@@ -176,11 +203,11 @@ def stalled(facts: AppFacts) -> Verdict:
         return Verdict("True", Reason.RECONCILE_ERROR, facts.bug)
     for instance in facts.instances:
         if instance.trouble:
-            return Verdict("True", instance.trouble[0], _named(instance, instance.trouble[1]))
+            return Verdict("True", instance.trouble[0], _named(facts, instance, instance.trouble[1]))
     for instance in facts.instances:
         if instance.cut_off:
             text = f"all discovery servers were replaced since {_shown(instance.cut_off)} started; kubectl delete pod them one by one"
-            return Verdict("True", Reason.RESTART_NEEDED, _named(instance, text))
+            return Verdict("True", Reason.RESTART_NEEDED, _named(facts, instance, text))
     return Verdict("False", Reason.NOT_STALLED, "reconciling works")
 
 
@@ -198,17 +225,15 @@ _RULES: Final[Mapping[Condition, Callable[[AppFacts], Verdict]]] = {
 def edge_text(edge: EdgeView) -> str:
     """`/cmd_vel operator -> driver 18ms of 30ms`."""
     name = f"{edge.edge.topic} {edge.edge.from_} -> {edge.edge.to}"
-    time = "unknown" if edge.judged_us is None else format_ms(edge.judged_us / 1000)
-    return f"{name} {time} of {format_ms((edge.budget_us or 0) / 1000)}"
+    time = "unknown" if edge.judged_us is None else shown_ms(edge.judged_us)
+    return f"{name} {time} of {shown_ms(edge.budget_us or 0)}"
 
 
 def _why_not_ready(facts: AppFacts, up: int, total: int) -> tuple[Reason, str]:
-    """The worst instance speaks: without a domain or device, then with a failing component, then with one that is starting."""
+    """The worst instance's reason: not started, without a domain or device, failing, or starting."""
     for instance in facts.instances:
-        busy = (Reason.DEVICE_BUSY, instance.busy) if instance.busy and not instance.ready else None
-        for problem in (instance.refusal, instance.trouble, busy):
-            if problem:
-                return problem[0], _named(instance, problem[1])
+        if problem := what_is_missing(instance):
+            return problem[0], _named(facts, instance, problem[1])
     failing = [instance for instance in facts.instances if not instance.ready]
     failing.sort(key=lambda instance: -(instance.worst.badness if instance.worst else 0))
     count = f"{up} of {total} components are ready"
@@ -216,17 +241,35 @@ def _why_not_ready(facts: AppFacts, up: int, total: int) -> tuple[Reason, str]:
         return Reason.COMPONENTS_NOT_READY, f"{count}; no instance yet"
     worst = failing[0].worst
     if worst is None:
-        return Reason.COMPONENTS_NOT_READY, _named(failing[0], f"{count}; its discovery or master is not ready")
+        return Reason.COMPONENTS_NOT_READY, _named(facts, failing[0], f"{count}; its discovery or master is not ready")
     text = worst.message or ("is starting" if worst.exists else "is being created")
-    return worst.reason or Reason.COMPONENTS_NOT_READY, _named(failing[0], f"{count}; {worst.name}: {text}")
+    return worst.reason or Reason.COMPONENTS_NOT_READY, _named(facts, failing[0], f"{count}; {worst.name}: {text}")
+
+
+def what_is_missing(instance: InstanceFacts) -> tuple[Reason, str] | None:
+    """What keeps the instance as a whole from being ready, before its components are looked at."""
+    if instance.unclear and not instance.ready:
+        return Reason.ROBOT_NODE_UNCLEAR, instance.unclear
+    if instance.refusal or instance.trouble:
+        return instance.refusal or instance.trouble
+    if instance.ready:
+        return None
+    if not instance.robot_online:
+        node = instance.instance.node
+        return (
+            Reason.ROBOT_OFFLINE,
+            f"node {node} of the robot is not ready: kubectl describe node {node} shows since when",
+        )
+    return (Reason.DEVICE_BUSY, instance.busy) if instance.busy else None
 
 
 def _not_accepted() -> Verdict:
     return Verdict("Unknown", Reason.INVALID_SPEC, "waits for an accepted spec")
 
 
-def _named(instance: InstanceFacts, text: str) -> str:
-    return f"{instance.name}: {text}" if instance.name else text
+def _named(facts: AppFacts, instance: InstanceFacts, text: str) -> str:
+    """The text with the instance it is about, unless the whole status is about that one."""
+    return f"{instance.name}: {text}" if instance.name and not facts.alone else text
 
 
 def _shown(values: Iterable[object], limit: int = 8) -> str:
@@ -247,7 +290,7 @@ def _condition(kind: Condition, verdict: Verdict, facts: AppFacts, before: Mappi
         "type": kind.value,
         "status": verdict.status,
         "reason": verdict.reason.value,
-        "message": verdict.message[:MAX_MESSAGE],
+        "message": clip(verdict.message, MAX_BRIEF if facts.alone else MAX_MESSAGE),
         "lastTransitionTime": before["lastTransitionTime"] if same and before else facts.now,
-        "observedGeneration": facts.app.generation,
+        "observedGeneration": facts.generation,
     }

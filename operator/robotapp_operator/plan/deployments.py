@@ -6,25 +6,26 @@ from typing import Any
 from robotapp_api.model.component import Component
 from robotapp_operator.plan.children import DEPLOYMENT, Child, component_labels, selector
 from robotapp_operator.plan.objects import ChildRef
-from robotapp_operator.plan.template import ParamsFile, pod_template
+from robotapp_operator.plan.parameters import NONE, ParameterState
+from robotapp_operator.plan.template import pod_template
 from robotapp_operator.plan.wish import Domain, Wish
-
-NO_PARAMS = ParamsFile()
 
 
 def component_deployments(
-    wish: Wish, *, domain: Domain | None, params: Mapping[str, ParamsFile], running: bool
+    wish: Wish, *, domain: Domain | None, parameters: Mapping[str, ParameterState], running: bool
 ) -> list[Child]:
     """`running` False: no pods (suspended, or no domain to be had), everything else stays."""
     return [
-        _deployment(component, wish, domain=domain, params=params.get(component.name, NO_PARAMS), running=running)
+        _deployment(component, wish, domain=domain, state=parameters.get(component.name, NONE), running=running)
         for component in wish.app.spec.components
     ]
 
 
-def _deployment(component: Component, wish: Wish, *, domain: Domain | None, params: ParamsFile, running: bool) -> Child:
+def _deployment(
+    component: Component, wish: Wish, *, domain: Domain | None, state: ParameterState, running: bool
+) -> Child:
     labels = component_labels(wish, component.name)
-    template = pod_template(component, wish, domain=domain, params=params)
+    template = pod_template(component, wish, domain=domain, state=state)
     return Child(
         ref=ChildRef(DEPLOYMENT, wish.name_of(component.name)),
         labels=labels,

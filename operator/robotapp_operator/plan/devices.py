@@ -1,6 +1,6 @@
 """Who stands in the way of an instance's devices, for the condition `Allocated`. The scheduler decides; this only tells."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
 from robotapp_api.claims.device import assign, busy_text, fits
@@ -40,7 +40,7 @@ def device_trouble(
     app: App,
     instance: Instance,
     *,
-    claims: Iterable[Claim],
+    claims: Mapping[str, Claim],
     telemetry: Mapping[str, Telemetry],
     nodes: Mapping[str, Node],
 ) -> str:
@@ -58,9 +58,8 @@ def device_trouble(
     ]
     if group := rivals([wish.fitting for wish in wishes]):
         return _rivals_text([wishes[index] for index in group])
-    held = {claim.name: claim for claim in claims if claim.spec.device is not None}
     for wish in wishes:
-        found = [held.get(claim_name_device(place.node, place.id)) for place in sorted(wish.fitting)]
+        found = [claims.get(claim_name_device(place.node, place.id)) for place in sorted(wish.fitting)]
         others = [claim for claim in found if claim is not None and not _belongs(claim, app, instance)]
         if len(others) == len(found):
             return busy_text(others[0], for_namespace=app.namespace)

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Final
 from xml.sax.saxutils import quoteattr
 
-from robotapp_operator.plan.middleware import BEFORE_IRON, CONNEXT, CYCLONE, CYCLONE_11, FAST_DDS
+from robotapp_api.checks.middleware import BEFORE_IRON, CONNEXT, CYCLONE, CYCLONE_11, FAST_DDS
 from robotapp_operator.plan.wish import EnvVar, Wish
 
 DISCOVERY_SERVER_PORT: Final = 11811
@@ -18,12 +18,6 @@ CYCLONE_MAX_INDEX: Final = 15
 """ROS processes per component that find each other without multicast; every peer is probed on this many ports."""
 
 DOMAIN_VARIABLE: Final = "ROS_DOMAIN_ID"
-OURS: Final = {
-    "ROS_DOMAIN_ID": "spec.dds.domain",
-    "RMW_IMPLEMENTATION": "spec.dds.rmw",
-    "ROS_MASTER_URI": "spec.ros1",
-}
-"""Variables a component may not set itself, and the field that does it for all components alike."""
 
 
 def ros2_environment(wish: Wish, *, domain: int) -> list[EnvVar]:

@@ -1,4 +1,4 @@
-"""Everything status says is computed from these facts, gathered from caches by the controller."""
+"""The facts that statuses are computed from, gathered from the caches."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -13,9 +13,10 @@ from robotapp_operator.plan.wish import App
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class InstanceFacts:
-    """One instance as observed.
+    """One instance as observed. Edges carry the published figures, worst first.
 
     `refusal` is why it has no domain, `busy` who holds a device it waits for, `trouble` what else keeps it from its children.
+    `undecided`: its domain has not been requested since the operator's start, so the stored status still holds.
     """
 
     instance: Instance
@@ -23,6 +24,7 @@ class InstanceFacts:
     edges: tuple[EdgeView, ...] = ()
     domain: int | None = None
     needs_domain: bool = True
+    undecided: bool = False
     devices_wanted: int = 0
     devices_held: int = 0
     busy: str = ""
@@ -57,22 +59,45 @@ class InstanceFacts:
     def name(self) -> str:
         return self.instance.robot
 
+    @property
+    def unclear(self) -> str:
+        """Why the robot has no primary node, with the cure; "" when it has one. Such an instance is not started, but runs on."""
+        return self.instance.problem
+
+    @property
+    def exists(self) -> bool:
+        """Has any component been created?"""
+        return any(component.exists for component in self.components)
+
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class AppFacts:
     """The app and its instances in name order. `previous` is the status as last written or read (plain JSON).
 
-    `now` is RFC 3339 in whole seconds; `latency_rested`: a minute has passed since latency figures were last written.
+    `now` is RFC 3339 in whole seconds. `alone`: these facts are about one instance and nothing else of the app.
     """
 
     app: App
     problems: tuple[Problem, ...] = ()
+    notes: tuple[str, ...] = ()
     instances: tuple[InstanceFacts, ...] = ()
     previous: Mapping[str, object] = dataclasses.field(default_factory=dict)
     now: str
-    latency_rested: bool = True
+    alone: bool = False
     rmw: str = ""
     discovery: str = ""
     bug: str = ""
     conflict: str = ""
     """What the app runs with or holds and another one holds or runs with."""
+
+    @property
+    def generation(self) -> int:
+        """Of the object the status is about. The spec of a RobotAppInstance never changes."""
+        return 1 if self.alone else self.app.generation
+
+
+def of_instance(
+    facts: AppFacts, instance: InstanceFacts, *, previous: Mapping[str, object], bug: str = "", conflict: str = ""
+) -> AppFacts:
+    """The same facts about one instance alone. `previous`, `bug` and `conflict` are the instance's own."""
+    return dataclasses.replace(facts, instances=(instance,), previous=previous, bug=bug, conflict=conflict, alone=True)

@@ -109,7 +109,7 @@ def _deployment(
     node: str = "",
 ) -> Child:
     spec: dict[str, Any] = {
-        "schedulerName": wish.app.spec.scheduler_name,
+        "schedulerName": wish.app.scheduler_name,
         "automountServiceAccountToken": False,
         "enableServiceLinks": False,
         "containers": [container],

@@ -15,8 +15,8 @@ def instances_of(
 ) -> tuple[Instance, ...]:
     """Instances in name order. running: instance keys of the app's Deployments, claimed: of its claims."""
     wish = robot_wish(app)
-    metas = [node.metadata for node in nodes.values()] if wish.selector is not None else []
-    unreachable = {name for name, node in nodes.items() if not node.ready} if wish.instances == rule.ANY else ()
+    metas = [node.metadata for node in nodes.values()] if wish.node_selector is not None else []
+    unreachable = {name for name, node in nodes.items() if not node.ready} if wish.assignment == rule.ANY else ()
     return rule.instances_of(wish, metas, running=running, claimed=claimed, unreachable=unreachable)
 
 
@@ -34,4 +34,4 @@ def robot_wish(app: App) -> RobotWish:
     robots = app.spec.robots
     if robots is None:
         return RobotWish(app.uid, app.namespace)
-    return RobotWish(app.uid, app.namespace, dump(robots.selector), robots.instances)
+    return RobotWish(app.uid, app.namespace, dump(robots.node_selector), robots.assignment)

@@ -1,19 +1,30 @@
-"""Round-trip times of an app's edges against their budgets.
+"""Round-trip times of an app's edges against their budgets, and which of them are published.
 
 Measured means: the agents measured this very pair of nodes. Two ends on one node are 0.05 ms apart by definition; what is
 neither is unknown here (zone estimates belong to the scheduler's model and to `explain`).
+
+Times change with every measurement, and a status that followed them would be written for ever. So everything people see
+(edges, their order, conditions, summaries) is computed from published figures, which change seldom.
 """
 
 import dataclasses
-from collections.abc import Mapping
-from typing import Final
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Final, NamedTuple
 
 from robotapp_api.model.edge import Edge, Percentile
 from robotapp_api.model.names import ROBOT_END
-from robotapp_api.values.duration import parse_us
+from robotapp_api.values.duration import format_ms, parse_us
 from robotapp_operator.plan.objects import Telemetry
 
 SAME_NODE_US: Final = 50
+REST_S: Final = 60.0
+"""Figures that moved are published at most this often, and so is a verdict that changes back and forth."""
+MOVED: Final = 0.2
+MOST_US: Final = 999_999_000_000
+"""Longer times are shown as this one."""
+
+EdgeKey = tuple[str, str, str, str]
+"""(kind, topic, from, to)."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,6 +42,10 @@ class EdgeView:
     measured: bool
 
     @property
+    def key(self) -> EdgeKey:
+        return self.edge.kind, self.edge.topic, self.edge.from_, self.edge.to
+
+    @property
     def met(self) -> bool | None:
         if self.budget_us is None or self.judged_us is None:
             return None
@@ -41,13 +56,52 @@ class EdgeView:
         """Share of the budget in use; -1 when unknown, so that it sorts last."""
         return -1.0 if self.met is None else (self.judged_us or 0) / (self.budget_us or 1)
 
+    @property
+    def figures(self) -> tuple[int | None, int | None]:
+        return self.p95_us, self.judged_us
+
+
+@dataclasses.dataclass(slots=True)
+class Rest:
+    """One publication a minute in the long run, and one in advance for another verdict. Times are monotonic seconds."""
+
+    figures_s: float = float("-inf")
+    """From when figures that moved may be published."""
+
+    @property
+    def verdict_s(self) -> float:
+        """From when another verdict may be published."""
+        return self.figures_s - REST_S
+
+    def publish(self, now_s: float) -> None:
+        self.figures_s = max(self.figures_s, now_s) + REST_S
+
+    def must_publish(self, now_s: float) -> None:
+        """A publication that cannot wait."""
+        self.figures_s = max(self.figures_s, now_s + REST_S)
+
+
+class Published(NamedTuple):
+    """Edges with the figures to show, worst first, and the second at which others may be shown (infinite: when they come)."""
+
+    edges: tuple[EdgeView, ...]
+    again_s: float
+
 
 def edge_views(
     edges: tuple[Edge, ...], *, placed: Mapping[str, str], robot_node: str, telemetry: Mapping[str, Telemetry]
 ) -> list[EdgeView]:
-    """`placed`: component -> node of its pod. Worst first."""
-    views = [_view(edge, {ROBOT_END: robot_node, **placed}, telemetry) for edge in edges]
-    return sorted(views, key=lambda view: (-view.use, view.edge.topic, view.edge.from_, view.edge.to))
+    """The edges as measured now, in the order of the spec. `placed`: component -> node of its pod."""
+    return [_view(edge, {ROBOT_END: robot_node, **placed}, telemetry) for edge in edges]
+
+
+def shown_ms(time_us: int) -> str:
+    """`18ms`."""
+    return format_ms(min(time_us, MOST_US) / 1000)
+
+
+def worst_first(views: Iterable[EdgeView]) -> tuple[EdgeView, ...]:
+    return tuple(sorted(views, key=lambda view: (-view.use, view.key)))
 
 
 def round_trip_us(
@@ -79,9 +133,48 @@ def _view(edge: Edge, placed: Mapping[str, str], telemetry: Mapping[str, Telemet
     )
 
 
-def steady_p95(previous_us: int | None, now_us: int | None, *, verdict_changed: bool, rested: bool) -> int | None:
-    """The figure to publish: the old one until the verdict changes, or it moved by 20 % and a minute has passed."""
-    if previous_us is None or now_us is None or verdict_changed:
-        return now_us
-    moved = abs(now_us - previous_us) >= 0.2 * previous_us
-    return now_us if moved and rested else previous_us
+def publish(measured: Sequence[EdgeView], before: Mapping[EdgeKey, EdgeView], rest: Rest, *, now_s: float) -> Published:
+    """What to show of one instance, given what was shown `before`; `rest` is brought up to date.
+
+    At once: another place, a first figure, one that is unknown again. Another verdict at once, but not back and forth.
+    With these, or after a minute: figures that moved by a fifth.
+    """
+    must = {view.key for view in measured if _must_be_shown(view, before.get(view.key))}
+    flips = {view.key for view in measured if view.key not in must and _flips(view, before[view.key])}
+    moved = {view.key for view in measured if view.key not in must and _has_moved(view, before[view.key])} - flips
+    turn = bool(flips) and now_s >= rest.verdict_s
+    move = bool(moved) and (turn or bool(must) or now_s >= rest.figures_s)
+    show = must | (flips if turn else set()) | (moved if move else set())
+    if turn or (move and not must):
+        rest.publish(now_s)
+    elif any(view.figures != (None, None) for view in measured if view.key in must):
+        rest.must_publish(now_s)
+    edges = worst_first(view if view.key in show else _with_figures_of(before[view.key], view) for view in measured)
+    due = ([] if turn or not flips else [rest.verdict_s]) + ([] if move or not moved else [rest.figures_s])
+    return Published(edges, min(due, default=float("inf")))
+
+
+def _must_be_shown(view: EdgeView, before: EdgeView | None) -> bool:
+    """Has anything but the figures changed?"""
+    if before is None:
+        return True
+    if (view.nodes, view.edge.latency, view.measured) != (before.nodes, before.edge.latency, before.measured):
+        return True
+    return any((one is None) != (other is None) for one, other in zip(view.figures, before.figures, strict=True))
+
+
+def _flips(view: EdgeView, before: EdgeView) -> bool:
+    """From met to exceeded or back."""
+    return view.met != before.met
+
+
+def _has_moved(view: EdgeView, before: EdgeView) -> bool:
+    return any(
+        now_us is not None and before_us is not None and abs(now_us - before_us) >= MOVED * before_us > 0
+        for now_us, before_us in zip(view.figures, before.figures, strict=True)
+    )
+
+
+def _with_figures_of(shown: EdgeView, view: EdgeView) -> EdgeView:
+    """The edge of today's spec with the figures shown before."""
+    return dataclasses.replace(shown, edge=view.edge)

@@ -1,4 +1,4 @@
-"""Readiness probes from `ready`.
+"""Readiness probes: the component's own, or one that `ready` asks of ROS.
 
 Asking ROS costs seconds (a new participant joins the graph), so topic and lifecycle are asked rarely; a sidecar that stays
 in the graph would be better and needs an image of ours.
@@ -7,7 +7,8 @@ in the graph would be better and needs an image of ours.
 import shlex
 from typing import Any, Final
 
-from robotapp_api.model.component import Component
+from robotapp_api.model.component import Component, ReadyTopic
+from robotapp_api.values.quantity import parse_milli
 
 ROS_PERIOD_S: Final = 15
 ROS_TIMEOUT_S: Final = 10
@@ -15,17 +16,11 @@ _ASK_S: Final = 7
 
 
 def readiness_probe(component: Component, *, ros_version: int) -> dict[str, Any] | None:
-    """The probe of the component's container, None when `ready` is not written (running counts as ready)."""
+    """The probe of the component's container, None when neither is written (running counts as ready)."""
     ready = component.ready
     if ready is None:
-        return None
-    if ready.exec is not None:
-        return {"exec": ready.exec}
-    if ready.http_get is not None:
-        return {"httpGet": ready.http_get}
-    if ready.tcp_socket is not None:
-        return {"tcpSocket": ready.tcp_socket}
-    command = _topic(ready.topic, ready.min_hz, ros_version) if ready.topic else _lifecycle(component.name)
+        return component.readiness_probe
+    command = _topic(ready.topic, ros_version) if ready.topic else _lifecycle(component.name)
     sourced = f'. "/opt/ros/$ROS_DISTRO/setup.bash" && {command}'
     return {
         "exec": {"command": ["bash", "-c", sourced]},
@@ -34,15 +29,15 @@ def readiness_probe(component: Component, *, ros_version: int) -> dict[str, Any]
     }
 
 
-def _topic(topic: str, min_hz: float | None, ros_version: int) -> str:
+def _topic(topic: ReadyTopic, ros_version: int) -> str:
     tool = "ros2 topic" if ros_version == 2 else "rostopic"
-    name = shlex.quote(topic)
-    if not min_hz:
+    name = shlex.quote(topic.name)
+    if topic.min_rate is None:
         return f"timeout {_ASK_S} {tool} echo {'--once' if ros_version == 2 else '-n 1'} {name}"
     # `hz` runs until it is stopped and prints the average again and again; the last one counts.
     return (
         f"timeout {_ASK_S} {tool} hz -w 10 {name} | "
-        f"awk '/average rate/ {{rate = $3}} END {{exit !(rate >= {min_hz:g})}}'"
+        f"awk '/average rate/ {{rate = $3}} END {{exit !(rate >= {parse_milli(topic.min_rate) / 1000:g})}}'"
     )
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from robotapp_api.model.names import Reason
+from robotapp_api.model.names import SCHEDULER_NAME, Reason
 from robotapp_api.model.robotapp import RobotAppSpec
 from robotapp_operator.plan.app import Problem
 from robotapp_operator.plan.wish import App
@@ -37,7 +37,9 @@ class Record:
         return self.generation, self.deleting, self.app.annotations if self.app else None
 
 
-def parse_record(body: Mapping[str, Any], *, known: Record | None = None) -> Record:
+def parse_record(
+    body: Mapping[str, Any], *, known: Record | None = None, default_scheduler: str = SCHEDULER_NAME
+) -> Record:
     """`known` of the same generation lends its parsed spec: a status write must not cost a validation."""
     meta = body.get("metadata") or {}
     annotations = dict(meta.get("annotations") or {})
@@ -59,6 +61,7 @@ def parse_record(body: Mapping[str, Any], *, known: Record | None = None) -> Rec
                 spec=spec,
                 annotations=annotations,
                 created=meta.get("creationTimestamp") or "",
+                default_scheduler=default_scheduler,
             )
     return Record(
         name=meta.get("name", ""),

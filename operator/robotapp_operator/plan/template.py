@@ -1,96 +1,102 @@
 """The pod template of one component. Its hash is pinned by a golden test: a new operator version must not roll robots."""
 
-import dataclasses
 from typing import Any, Final
 
 from robotapp_api.model.component import Component
 from robotapp_api.model.names import SCHEDULING_GATE, Annotation
 from robotapp_operator.plan.children import component_labels
 from robotapp_operator.plan.environment import ros2_environment
+from robotapp_operator.plan.parameters import (
+    ParameterState,
+    parameter_annotations,
+    parameter_arguments,
+    parameter_mount,
+    parameter_paths,
+    parameter_volume,
+)
 from robotapp_operator.plan.probes import readiness_probe
 from robotapp_operator.plan.ros1 import ros1_environment
 from robotapp_operator.plan.where import affinity, tolerations
 from robotapp_operator.plan.wish import Domain, Wish
 
-PARAMS_VOLUME: Final = "robotapp-params"
-PARAMS_PATH: Final = "/etc/robotapp/params"
-PARAMS_FILE: Final = "params.yaml"
 GRANTED_DEVICES_PATH: Final = f"metadata.annotations['{Annotation.GRANTED_DEVICES.value}']"
 PEER_WAIT_S: Final = 10
 """A peer that is late is found later through its own announcement; waiting longer would only delay the others."""
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class ParamsFile:
-    """The key of the ConfigMap that is this instance's file, and the hash of its content ("" while it is missing)."""
-
-    key: str = PARAMS_FILE
-    hash: str = ""
-
-
-def pod_template(component: Component, wish: Wish, *, domain: Domain | None, params: ParamsFile) -> dict[str, Any]:
+def pod_template(component: Component, wish: Wish, *, domain: Domain | None, state: ParameterState) -> dict[str, Any]:
     """Labels, annotations and spec of the component's pods."""
-    annotations = {Annotation.PARAMS_HASH.value: params.hash} if component.params else {}
+    template = component.template.spec
+    annotations = component.template.metadata.annotations | parameter_annotations(component, state)
     if domain is not None and domain.claim:
         annotations[Annotation.DOMAIN_CLAIM.value] = domain.claim  # spares the scheduler a search
     spec = {
-        "schedulerName": wish.app.spec.scheduler_name,
+        "schedulerName": wish.app.scheduler_name,
         # A robot's process has no business with the API server unless its author gave it an account.
-        "automountServiceAccountToken": component.service_account_name is not None,
+        "automountServiceAccountToken": template.service_account_name is not None,
         "enableServiceLinks": False,
-        "serviceAccountName": component.service_account_name,
-        "priorityClassName": component.priority_class_name,
-        "runtimeClassName": component.runtime_class_name,
-        "terminationGracePeriodSeconds": component.termination_grace_period_seconds,
-        "securityContext": component.pod_security_context,
-        "imagePullSecrets": list(component.image_pull_secrets),
-        "nodeSelector": component.node_selector,
+        "serviceAccountName": template.service_account_name,
+        "priorityClassName": template.priority_class_name,
+        "runtimeClassName": template.runtime_class_name,
+        "terminationGracePeriodSeconds": template.termination_grace_period_seconds,
+        "securityContext": template.security_context,
+        "imagePullSecrets": list(template.image_pull_secrets),
+        "nodeSelector": template.node_selector,
         "affinity": affinity(component, wish),
         "tolerations": tolerations(component, wish),
-        "initContainers": [*_waiting(component, wish), *component.init_containers],
-        "containers": [container(component, wish, domain=domain)],
-        "volumes": [*component.volumes, *_params_volume(component, params)],
+        "initContainers": [*_waiting(component, wish), *template.init_containers],
+        "containers": [container(component, wish, domain=domain, state=state)],
+        "volumes": [*template.volumes, *parameter_volume(component, wish, state)],
         **_peer_identity(component, wish),
     }
     if not wish.app.our_scheduler and domain is not None:
         spec["schedulingGates"] = [{"name": SCHEDULING_GATE}]
+    labels = component.template.metadata.labels | component_labels(wish, component.name)
     return {
-        "metadata": {"labels": component_labels(wish, component.name), **_written(annotations=annotations)},
+        "metadata": {"labels": labels, **_written(annotations=annotations)},
         "spec": _written(**spec),
     }
 
 
-def container(component: Component, wish: Wish, *, domain: Domain | None) -> dict[str, Any]:
+def container(component: Component, wish: Wish, *, domain: Domain | None, state: ParameterState) -> dict[str, Any]:
     """The component's container."""
-    mounts = [{"name": PARAMS_VOLUME, "mountPath": PARAMS_PATH, "readOnly": True}] if component.params else []
-    ros_args = ["--ros-args", "--params-file", f"{PARAMS_PATH}/{PARAMS_FILE}"] if component.params else []
     return _written(
         name=component.name,
         image=component.image,
         command=list(component.command),
-        args=[*component.args, *ros_args],
-        env=environment(component, wish, domain=domain),
+        args=[*component.args, *parameter_arguments(component, state)],
+        workingDir=component.working_dir,
+        env=environment(component, wish, domain=domain, state=state),
         envFrom=list(component.env_from),
         ports=list(component.ports),
-        volumeMounts=[*component.volume_mounts, *mounts],
+        volumeMounts=[*component.volume_mounts, *parameter_mount(component, state)],
         resources=component.resources,
         imagePullPolicy=component.image_pull_policy,
         securityContext=component.security_context,
         readinessProbe=readiness_probe(component, ros_version=wish.app.ros_version),
-        lifecycle={"preStop": component.pre_stop} if component.pre_stop else None,
+        livenessProbe=component.liveness_probe,
+        startupProbe=component.startup_probe,
+        lifecycle=component.lifecycle,
     )
 
 
-def environment(component: Component, wish: Wish, *, domain: Domain | None) -> list[dict[str, Any]]:
-    """Ours first, so that the component's own variables can refer to them; its own value wins where both set one."""
+def environment(
+    component: Component, wish: Wish, *, domain: Domain | None, state: ParameterState
+) -> list[dict[str, Any]]:
+    """Ours first, so that the component's own variables can refer to them; its own value wins where both set one.
+
+    docs/environment.md is the contract: a variable here is a line there.
+    """
     ours = [
-        {"name": "ROBOTAPP_NAME", "value": wish.app.name},
-        {"name": "ROBOTAPP_COMPONENT", "value": component.name},
+        {"name": "ROBOTAPP_APP", "value": wish.app.name},
+        {"name": "ROBOTAPP_INSTANCE", "value": wish.robot},
         {"name": "ROBOTAPP_ROBOT", "value": wish.robot},
+        {"name": "ROBOTAPP_COMPONENT", "value": component.name},
+        {"name": "ROS_DISTRO", "value": wish.distro},
         *_ros_environment(wish, domain=domain),
     ]
-    if component.params:
-        ours.append({"name": "ROBOTAPP_PARAMS_FILE", "value": f"{PARAMS_PATH}/{PARAMS_FILE}"})
+    if paths := parameter_paths(component, state):
+        ours.append({"name": "ROBOTAPP_PARAMETER_FILES", "value": ":".join(paths)})
     if component.devices:
         ours.append({"name": "ROBOTAPP_DEVICES", "valueFrom": {"fieldRef": {"fieldPath": GRANTED_DEVICES_PATH}}})
     own = {variable["name"] for variable in component.env}
@@ -101,13 +107,6 @@ def _ros_environment(wish: Wish, *, domain: Domain | None) -> list[dict[str, Any
     if wish.app.ros_version == 1 or domain is None:
         return ros1_environment(wish)
     return [{"name": variable.name, "value": variable.value} for variable in ros2_environment(wish, domain=domain.id)]
-
-
-def _params_volume(component: Component, params: ParamsFile) -> list[dict[str, Any]]:
-    if component.params is None:
-        return []
-    items = [{"key": params.key, "path": PARAMS_FILE}]
-    return [{"name": PARAMS_VOLUME, "configMap": {"name": component.params.config_map, "items": items}}]
 
 
 def _peer_identity(component: Component, wish: Wish) -> dict[str, str]:

@@ -15,13 +15,14 @@ DISCONNECTED: Final = ("node.kubernetes.io/not-ready", "node.kubernetes.io/unrea
 
 def on_disconnect(component: Component) -> str:
     """Keep on the robot, Failover elsewhere, unless written."""
-    return component.on_disconnect or ("Keep" if component.runs_on == "Robot" else "Failover")
+    return component.on_disconnect or ("Keep" if component.runs_on == ("Robot",) else "Failover")
 
 
 def tolerations(component: Component, wish: Wish) -> list[dict[str, Any]]:
     """The component's own, then robots' taints where it may run there, then how long it stays on a lost node."""
-    result = [*component.tolerations]
-    if component.runs_on in ("Robot", "Any") and (wish.robot or component.runs_on == "Robot"):
+    result = [*component.template.spec.tolerations]
+    named = "Robot" in component.runs_on
+    if named or (wish.robot and not component.runs_on):
         result += robot_tolerations(wish.robot)
     keep = on_disconnect(component) == "Keep"
     grace_s = parse_us(wish.app.spec.connectivity.grace) // 1_000_000
@@ -31,7 +32,11 @@ def tolerations(component: Component, wish: Wish) -> list[dict[str, Any]]:
 def shared_tolerations(wish: Wish) -> list[dict[str, Any]]:
     """What every component tolerates. Servers and routers go where all components may: a tainted pool is then no trap."""
     first, *others = wish.app.spec.components
-    return [one for one in first.tolerations if all(one in other.tolerations for other in others)]
+    return [
+        one
+        for one in first.template.spec.tolerations
+        if all(one in other.template.spec.tolerations for other in others)
+    ]
 
 
 def shared_node_selector(wish: Wish) -> dict[str, str]:
@@ -39,8 +44,8 @@ def shared_node_selector(wish: Wish) -> dict[str, str]:
     first, *others = wish.app.spec.components
     return {
         key: value
-        for key, value in first.node_selector.items()
-        if all(other.node_selector.get(key) == value for other in others)
+        for key, value in first.template.spec.node_selector.items()
+        if all(other.template.spec.node_selector.get(key) == value for other in others)
     }
 
 
@@ -82,7 +87,7 @@ def affinity(component: Component, wish: Wish) -> dict[str, Any]:
 def may_run_on(component: Component, wish: Wish, labels: Mapping[str, str]) -> bool:
     """Whether the pods' own requirements admit a node with these labels."""
     terms = _node_terms(component, wish) or [[]]
-    chosen = component.node_selector.items()
+    chosen = component.template.spec.node_selector.items()
     return chosen <= labels.items() and any(matches_labels({"matchExpressions": term}, labels) for term in terms)
 
 
@@ -95,16 +100,18 @@ def required_nodes(terms: list[list[dict[str, Any]]]) -> dict[str, Any]:
     }
 
 
-def is_in(key: str, value: str) -> dict[str, Any]:
-    return {"key": key, "operator": "In", "values": [value]}
+def is_in(key: str, *values: str) -> dict[str, Any]:
+    return {"key": key, "operator": "In", "values": list(values)}
 
 
 def _node_terms(component: Component, wish: Wish) -> list[list[dict[str, Any]]]:
+    """Which tiers are allowed; which of them is preferred is the scheduler's business. `Robot` means the instance's own."""
     common: list[dict[str, Any]] = [] if wish.app.our_scheduler else list(_hardware(component))
-    if component.runs_on == "Robot" and wish.robot:
-        return [[is_in(Label.ROBOT, wish.robot), *common]]
-    if component.runs_on != "Any":
-        return [[is_in(Label.TIER, component.runs_on.lower()), *common]]
+    if component.runs_on:
+        own = [[is_in(Label.ROBOT, wish.robot)]] if wish.robot and "Robot" in component.runs_on else []
+        tiers = [tier.lower() for tier in component.runs_on if not (own and tier == "Robot")]
+        others = [[is_in(Label.TIER, *tiers)]] if tiers else []
+        return [[*term, *common] for term in (*own, *others)]
     if wish.robot:
         # Anywhere, but never on somebody else's robot.
         return [
@@ -116,13 +123,13 @@ def _node_terms(component: Component, wish: Wish) -> list[list[dict[str, Any]]]:
 
 def _hardware(component: Component) -> Iterable[dict[str, Any]]:
     for device in component.devices:
-        suffix = f"{device.type}-{device.interface}" if device.interface else device.type
-        yield _labelled(HARDWARE_PREFIX + suffix, device.model)
+        yield _labelled(device.type, device.interface, device.model)
     for requirement in component.requires:
-        yield _labelled(HARDWARE_PREFIX + requirement.type, requirement.model)
+        yield _labelled(requirement.type, requirement.interface, requirement.model)
 
 
-def _labelled(key: str, model: str) -> dict[str, Any]:
+def _labelled(kind: str, interface: str, model: str) -> dict[str, Any]:
+    key = HARDWARE_PREFIX + (f"{kind}-{interface}" if interface else kind)
     return is_in(key, model) if model else {"key": key, "operator": "Exists"}
 
 

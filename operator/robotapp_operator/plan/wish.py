@@ -8,12 +8,11 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Final, NamedTuple
 
+from robotapp_api.checks.ros import discovery_of, rmw_of, ros_version_of
 from robotapp_api.claims.share import AppKey
-from robotapp_api.model.distros import DISTROS, ros_version
 from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME
 from robotapp_api.model.robotapp import RobotAppSpec
 from robotapp_api.values.naming import child_name
-from robotapp_operator.plan.middleware import resolve_mode
 
 # Derived names of what is no component. A dot cannot occur in a component's name, so the hash differs from any of theirs.
 SERVERS: Final = ("discovery.0", "discovery.1")
@@ -22,7 +21,6 @@ ROUTER: Final = "router."
 MASTER: Final = "master."
 PEERS: Final = "peers."
 
-DEFAULT_RMW: Final = "rmw_fastrtps_cpp"
 DEFAULT_POOL: Final = "default"
 
 
@@ -49,6 +47,8 @@ class App:
     spec: RobotAppSpec
     annotations: Mapping[str, str] = dataclasses.field(default_factory=dict)
     created: str = ""
+    default_scheduler: str = SCHEDULER_NAME
+    """Scheduler of apps that name none: a setting of the operator."""
 
     @property
     def distro(self) -> str:
@@ -57,30 +57,25 @@ class App:
     @property
     def ros_version(self) -> int:
         """1 or 2; as written, else from the distro, else 2."""
-        return ros_version(self.spec.ros.version, self.distro)
+        return ros_version_of(self.spec)
 
     @property
     def rmw(self) -> str:
         """Middleware as written or the distro's default; "" for ROS 1."""
-        if self.ros_version == 1:
-            return ""
-        if self.spec.dds and self.spec.dds.rmw:
-            return self.spec.dds.rmw
-        known = DISTROS.get(self.distro)
-        return known.rmw if known else DEFAULT_RMW
+        return rmw_of(self.spec)
 
     @property
     def pool(self) -> str:
-        return self.spec.dds.pool if self.spec.dds else DEFAULT_POOL
+        return self.spec.ros2.pool if self.spec.ros2 else DEFAULT_POOL
 
     @property
     def requested_domain(self) -> int | None:
-        return self.spec.dds.domain if self.spec.dds else None
+        return self.spec.ros2.domain if self.spec.ros2 else None
 
     @property
     def share_with(self) -> tuple[AppKey, ...]:
         """The apps whose domain this one asks to share."""
-        others = self.spec.dds.share_with if self.spec.dds else ()
+        others = self.spec.ros2.share_with if self.spec.ros2 else ()
         return tuple((other.namespace or self.namespace, other.name) for other in others)
 
     @property
@@ -88,17 +83,22 @@ class App:
         return any(component.devices for component in self.spec.components)
 
     @property
-    def discovery_mode(self) -> str:
-        """As written, possibly `Auto`."""
-        return self.spec.dds.discovery.mode if self.spec.dds else "Auto"
+    def discovery(self) -> str:
+        """Discovery mode with `Auto` decided; "" for ROS 1."""
+        return discovery_of(self.spec)
 
     @property
     def discovery_image(self) -> str:
-        return self.spec.dds.discovery.image if self.spec.dds else ""
+        return self.spec.ros2.discovery.image if self.spec.ros2 else ""
 
     @property
     def our_scheduler(self) -> bool:
-        return self.spec.scheduler_name in (SCHEDULER_NAME, THESIS_SCHEDULER_NAME)
+        return self.scheduler_name in (SCHEDULER_NAME, THESIS_SCHEDULER_NAME)
+
+    @property
+    def scheduler_name(self) -> str:
+        """As written, else the operator's setting."""
+        return self.spec.scheduler_name or self.default_scheduler
 
     @property
     def managed_master(self) -> bool:
@@ -158,6 +158,6 @@ def wish_of(app: App, robot: str) -> Wish:
         robot=robot,
         rmw=app.rmw,
         distro=app.distro,
-        discovery=resolve_mode(app.discovery_mode, app.rmw) if app.ros_version == 2 else "",
-        transport=app.spec.dds.transport if app.spec.dds else "Auto",
+        discovery=app.discovery,
+        transport=app.spec.ros2.transport if app.spec.ros2 else "Auto",
     )

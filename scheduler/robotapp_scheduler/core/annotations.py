@@ -17,7 +17,6 @@ MAX_BYTES: Final = 8 * 1024
 MAX_DEPTH: Final = 6
 MAX_ITEMS: Final = 32
 MAX_TEXT: Final = 253
-FORMAT_VERSION: Final = 1
 _SHOWN: Final = 80
 
 READ: Final = (
@@ -128,15 +127,10 @@ def _object(text: str, known: Mapping[str, Callable[[str, Any], Any]]) -> dict[s
         raise _Refused("", text, f"a JSON object ({error.msg} at character {error.pos})") from None
     if not isinstance(raw, dict):
         raise _Refused("", raw, "a JSON object")
-    version = raw.pop("formatVersion", FORMAT_VERSION)
-    if not isinstance(version, int) or isinstance(version, bool) or version < 1:
-        raise _Refused("formatVersion", version, "an integer from 1")
     found: dict[str, Any] = {}
     for field, value in raw.items():
         check = known.get(field)
         if check is None:
-            if version > FORMAT_VERSION:
-                continue  # a newer writer may know fields we do not
             raise _Refused(field, value, "one of " + ", ".join(sorted(known)))
         if value is not None:
             found[field] = check(field, value)

@@ -5,7 +5,7 @@ pod → ReplicaSet → Deployment → RobotApp inside one namespace.
 """
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from robotapp_api.model.names import ROBOT_END
 from robotapp_api.values.duration import parse_us
@@ -14,11 +14,17 @@ from robotapp_scheduler.core.pods import Member, member_of
 from robotapp_scheduler.core.robotics import Component, Edge, RobotApp
 from robotapp_scheduler.core.shapes import controller_of
 
+TOPIC: Final = "Topic"
+ROBOT: Final = "Robot"
+ON_BOARD: Final = (ROBOT,)
+"""`runsOn` of a component that never leaves its robot."""
+
 
 class Link(NamedTuple):
     """An edge as one of its ends sees it."""
 
-    topic: str
+    what: str
+    """For people: the topic, or a service or action by its kind and name."""
     peer: str
     """Component name, or `@robot`."""
     budget_us: int | None
@@ -54,7 +60,7 @@ class Replica(NamedTuple):
 
 def tied(component: Component) -> bool:
     """Bound to a robot or device: never refused because of a peer that could go elsewhere."""
-    return component.runs_on == "Robot" or bool(component.devices)
+    return component.runs_on == ON_BOARD or bool(component.devices)
 
 
 def read_app(source: RobotApp) -> App:
@@ -80,7 +86,7 @@ def read_app(source: RobotApp) -> App:
 def _link(edge: Edge, peer: str, budget_us: int | None) -> Link:
     latency = edge.latency
     return Link(
-        topic=edge.topic,
+        what=edge.topic if edge.kind == TOPIC else f"{edge.kind.lower()} {edge.topic}",
         peer=peer,
         budget_us=budget_us,
         percentile=latency.percentile if latency else 95,

@@ -259,6 +259,10 @@ class Cluster:
         """Names of the nodes of a robot, sorted."""
         return tuple(sorted(self.nodes.robots.get(robot, ())))
 
+    def robot_end(self, robot: str) -> tuple[str, ...]:
+        """The robot's primary node (`@robot`); all of its nodes while that is not known."""
+        return self.nodes.robot_end(robot)
+
     # --- Inside --------------------------------------------------------------------------------------------------
 
     def _member(self, pod: Pod, node: str | None) -> None:

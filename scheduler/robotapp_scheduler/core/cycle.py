@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final
 
-from robotapp_api.model.names import PodReason
 from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.decision import FAULTS, Decision, failed, skipped_deleting
@@ -32,14 +31,13 @@ from robotapp_scheduler.core.profiles import Profile
 from robotapp_scheduler.core.queue import SchedulingQueue
 from robotapp_scheduler.core.queued import Gate, QueuedPod
 from robotapp_scheduler.core.recorder import Recorder
-from robotapp_scheduler.core.refusal import EXCESS, Refusals, closed, excessive, held
+from robotapp_scheduler.core.refusal import ANNOTATIONS, EXCESS, Refusals, closed, excessive, held, unreadable
 from robotapp_scheduler.core.resolve import qos_fields, resolve
 from robotapp_scheduler.core.ros import InvalidAnnotation
+from robotapp_scheduler.core.tiers import earlier_feasible
 from robotapp_scheduler.core.together import NO_WISH, Advice, Wish, only_one_plan, plan_together
 from robotapp_scheduler.core.waiting import Waker
 
-ANNOTATIONS: Final = "InvalidAnnotation"
-"""Stands for a plugin name: only a change of the pod itself helps."""
 WAKERS: Final = {
     name: Waker(name, events)
     for name, events in (
@@ -183,9 +181,8 @@ class SchedulerCore:
             return [decision]
         attempts = {queued.info.uid: queued.attempts for queued in pods}
         self._together = frozenset(attempts)
-        infos = [queued.info for queued in pods]
         try:
-            decisions = only_one_plan(plan_together(self, infos, attempts, advice))
+            decisions = only_one_plan(plan_together(self, [queued.info for queued in pods], attempts, advice))
         finally:
             self._together = frozenset()
         if advice is not None:
@@ -276,14 +273,7 @@ class SchedulerCore:
             return None
         request = pod.ros_request if pod.member is None else None
         if isinstance(request, InvalidAnnotation):
-            return Decision(
-                pod=pod,
-                code=Code.UNRESOLVABLE,
-                message=request.message,
-                reason=PodReason.INVALID_ANNOTATION,
-                rejected_by=frozenset({ANNOTATIONS}),
-                nodes=self.cluster.nodes.count,
-            )
+            return unreadable(pod, request, self.cluster.nodes.count)
         gate = self.groups.gate(pod)
         if gate is not None:
             return held(pod, gate)
@@ -311,16 +301,14 @@ class SchedulerCore:
         names = narrowed.names
         if names is not None and not any(name in self.cluster.nodes.row_of for name in names):
             names = frozenset()
-        evaluation = self._where_promised(pod, engine, exclude) if self.cluster.nominations else None
+        evaluation = self._where_promised(pod, engine, exclude, names) if self.cluster.nominations else None
         if evaluation is None:
             evaluation = with_nominated(self.cluster, pod, engine.evaluate(pod, names))
         recorder.evaluation = evaluation
         if evaluation.feasible == 0:
             return self._refusals(engine).nowhere(pod, evaluation, narrowed, names)
-        blocked = (
-            [row for name in exclude if (row := self.cluster.nodes.row_of.get(name)) is not None] if exclude else ()
-        )
-        if blocked:
+        row_of = self.cluster.nodes.row_of
+        if blocked := [row_of[name] for name in exclude if name in row_of]:
             evaluation = evaluation.without(blocked)
             if evaluation.feasible == 0:
                 return self._refusals(engine).lost_all(pod, evaluation, len(blocked))
@@ -330,21 +318,29 @@ class SchedulerCore:
     def _refusals(self, engine: Engine) -> Refusals:
         return Refusals(self.cluster, engine, seed=self._seed, spared=self._together)
 
-    def _where_promised(self, pod: PodInfo, engine: Engine, exclude: frozenset[str]) -> Evaluation | None:
-        """The node this pod is nominated for, when it takes the pod: then no other is looked at."""
+    def _where_promised(
+        self, pod: PodInfo, engine: Engine, exclude: frozenset[str], names: frozenset[str] | None
+    ) -> Evaluation | None:
+        """The node this pod is nominated for, when it takes the pod: then no other is looked at, but those of earlier tiers."""
         node = self.cluster.nominations.node_of(pod.uid)
         if not node or node in exclude or node not in self.cluster.nodes.row_of:
             return None
         evaluation = with_nominated(self.cluster, pod, engine.evaluate(pod, frozenset({node})), node=node)
-        return evaluation if evaluation.feasible else None
+        if evaluation.feasible and not earlier_feasible(
+            self.cluster, pod, node, lambda: with_nominated(self.cluster, pod, engine.evaluate(pod, names))
+        ):
+            return evaluation
+        return None
 
     def _choose(
         self, pod: PodInfo, engine: Engine, evaluation: Evaluation, recorder: Recorder, wished: str
     ) -> Decision:
         total = 0
+        position = engine.position_of(evaluation, wished) if wished else None
+        if pod.ros is not None and pod.ros.tiers:
+            evaluation = recorder.tiered(pod.ros.tiers, evaluation, planned=wished if position is not None else "")
         if evaluation.feasible > 1:
             engine.score(pod, evaluation)
-            position = engine.position_of(evaluation, wished) if wished else None
             if position is None:
                 position = evaluation.choose(pod, self.cluster, pod_hash(pod.uid, self._seed))
             chosen = evaluation.sight(pod, self.cluster, position)

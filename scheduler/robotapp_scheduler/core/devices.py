@@ -138,7 +138,7 @@ class DeviceIndex:
 
     def capable(self, wish: DeviceWish) -> frozenset[str]:
         """Names of nodes that have such a device, free or not."""
-        key = (wish.type, wish.model, wish.interface, wish.match)
+        key = (wish.type, wish.model, wish.interface, wish.usb_id)
         found = self._capable.get(key)
         if found is None:
             found = self._capable[key] = frozenset(

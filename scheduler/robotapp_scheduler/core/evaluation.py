@@ -221,6 +221,7 @@ class Evaluation:
         """A copy for one attempt with other reasons at these positions."""
         copy = Evaluation(self.filters, self.scores, self.reasons)
         copy.reason, copy.rows = self.reason.copy(), self.rows
+        copy.tally = self.tally  # scores are counted where the filters were
         copy.reason[positions] = reasons
         copy._count_reasons()
         copy._changed()

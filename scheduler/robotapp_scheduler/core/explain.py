@@ -77,6 +77,8 @@ class Record(msgspec.Struct, gc=False, rename="camel"):
     """Shadow plugins that would have changed the choice."""
     planned: str = ""
     """How its place was found together with those of its group; empty for a pod that was placed alone."""
+    tier: str = ""
+    """Why a node of this tier was taken; empty where `runsOn` leaves no choice."""
     seed: int = 0
     """Tie-break seed: with pod uid and node names it reproduces the choice among equal totals."""
 

@@ -4,8 +4,8 @@ from collections.abc import Hashable
 from typing import Final
 
 from robotapp_api.model.names import Label, PodReason
-from robotapp_scheduler.core.apps import App, AppIndex, Replica
-from robotapp_scheduler.core.changes import PLACED, Change, Event
+from robotapp_scheduler.core.apps import ON_BOARD, ROBOT, App, AppIndex, Replica
+from robotapp_scheduler.core.changes import NODE, PLACED, Change, Event
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.objects import Metadata
 from robotapp_scheduler.core.pod_group import PATIENCE_S
@@ -22,6 +22,9 @@ WHOLE_PLUGIN: Final = "PlacedWhole"
 WHOLE_READS: Final = ("group",)
 GROUP_EVENTS: Final = Change.APPS | Change.OWNERS | Change.POD_SEEN | PLACED
 POD_GROUP_EVENTS: Final = Change.POD_GROUPS | Change.POD_SEEN | PLACED
+PREDECESSOR_EVENTS: Final = GROUP_EVENTS | Change.TAINTS | Change.LABELS | NODE
+"""Whether a node is lost, and whether it is a robot's, decides beside the pods."""
+FAILOVER: Final = "Failover"
 UNREACHABLE: Final = frozenset({"node.kubernetes.io/unreachable", "node.kubernetes.io/not-ready"})
 
 
@@ -117,14 +120,15 @@ class Groups:
     def predecessor(self, pod: PodInfo, member: Member, component: Component) -> Replica | None:
         """The pod that still does this single-replica component's work, None when there is none.
 
-        A component that fails over does not wait for a pod on a node nobody can reach.
+        A component that fails over does not wait for a pod on a node nobody can reach, unless that node is a robot's: its
+        driver may still drive, so there a second pod starts beside it only where `Failover` is written.
         """
         if component.replicas != 1:
             return None
         for replica in self._cluster.apps.labelled(member):
             if not replica.node or replica.pod.metadata.uid == pod.uid:
                 continue
-            if fails_over(component) and self._lost(replica.node):
+            if fails_over(component) and self._lost(replica.node) and not self._may_drive(component, replica.node):
                 continue
             return replica
         return None
@@ -146,10 +150,13 @@ class Groups:
         before = self.predecessor(pod, member, component)
         if before is None:
             return None
+        reason = f"waiting for its predecessor {before.pod.metadata.name} on {before.node} to end"
+        if fails_over(component) and self._lost(before.node):
+            reason += f": {_still_driving(before, gone=before.node not in self._cluster.nodes.row_of)}"
         return Gate(
             plugin=PREDECESSOR_PLUGIN,
-            reason=f"waiting for its predecessor {before.pod.metadata.name} on {before.node} to end",
-            events=GROUP_EVENTS | Change.TAINTS | Change.NODE_REMOVED,
+            reason=reason,
+            events=PREDECESSOR_EVENTS,
             group="" if fails_over(component) else member.app_uid,
             code=str(PodReason.WAITING_FOR_PREDECESSOR),
         )
@@ -161,10 +168,29 @@ class Groups:
         taints = self._cluster.nodes.taints
         return any(taint.key in UNREACHABLE for taint in taints.values[taints.column[row]])
 
+    def _may_drive(self, component: Component, node: str) -> bool:
+        """May a pod of this component on that lost node be one that moves a robot, and nobody wrote to risk a second one?
+
+        Of a node that is gone nobody knows whether it was a robot's: then what the component is allowed decides.
+        """
+        if component.on_disconnect == FAILOVER:
+            return False
+        on_robot = self._cluster.nodes.on_robot(node)
+        return on_robot if on_robot is not None else not component.runs_on or ROBOT in component.runs_on
+
 
 def fails_over(component: Component) -> bool:
-    """onDisconnect: Failover, which is also the default where the component is not tied to its robot."""
-    return (component.on_disconnect or ("Keep" if component.runs_on == "Robot" else "Failover")) == "Failover"
+    """onDisconnect: Failover, which is also the default where the component may run elsewhere than on its robot."""
+    return (component.on_disconnect or ("Keep" if component.runs_on == ON_BOARD else FAILOVER)) == FAILOVER
+
+
+def _still_driving(before: Replica, *, gone: bool) -> str:
+    """Why a lost predecessor is waited for, and what to do."""
+    where = "its node is gone and may be" if gone else "its node cannot be reached and is"
+    return (
+        f"{where} a robot's computer, where the pod may still drive; if it surely stopped, delete pod "
+        f"{before.pod.metadata.name} with --force; to start a second one without waiting, write onDisconnect: Failover"
+    )
 
 
 def _terminating(replica: Replica) -> bool:

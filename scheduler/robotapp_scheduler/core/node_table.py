@@ -1,10 +1,12 @@
 """Nodes as columns with stable rows."""
 
 from hashlib import blake2b
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from robotapp_api.claims.instances import primary_node
 from robotapp_api.model.names import Annotation, Label
 from robotapp_api.values.requests import amounts
 from robotapp_scheduler.core.changes import Change
@@ -20,6 +22,15 @@ from robotapp_scheduler.core.columns import (
 )
 from robotapp_scheduler.core.objects import Node, Taint
 from robotapp_scheduler.core.rows import Rows
+
+ROBOT_TIER: Final = "robot"
+
+
+class Computer(NamedTuple):
+    """A node as the rule for robots of several computers reads it."""
+
+    name: str
+    labels: dict[str, str]
 
 
 class NodeTable:
@@ -130,6 +141,26 @@ class NodeTable:
         if code is None:
             return ()
         return tuple(self.names[row] for row in np.flatnonzero(codes[: self.size] == code))
+
+    def robot_end(self, robot: str) -> tuple[str, ...]:
+        """The robot's primary node, or all of its nodes while none or several are labelled so: then the nearest one counts.
+
+        The operator starts nothing on such a robot, but the pods it started before must find their places again.
+        """
+        names = sorted(self.robots.get(robot, ()))
+        if len(names) > 1:
+            primary = primary_node(robot, [Computer(name, self.labels.of(self.row_of[name])) for name in names])
+            if primary.node:
+                return (primary.node,)
+        return tuple(names)
+
+    def on_robot(self, name: str) -> bool | None:
+        """Is the node of the robot tier? None for a node that is not here (any more)."""
+        row = self.row_of.get(name)
+        if row is None:
+            return None
+        labels = self.labels.of(row)
+        return Label.ROBOT in labels or labels.get(Label.TIER) == ROBOT_TIER
 
     def _take_row(self, name: str) -> int:
         if self._free:

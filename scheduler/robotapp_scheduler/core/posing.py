@@ -20,7 +20,8 @@ from robotapp_scheduler.core.latency_export import LatencyExport
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.robotics import Component
 from robotapp_scheduler.core.robotics import Edge as Connection
-from robotapp_scheduler.joint.problem import INF, Edge, Problem, Relation
+from robotapp_scheduler.core.tiers import tier_ranks
+from robotapp_scheduler.joint.problem import INF, Edge, Problem, Relation, with_tiers
 
 MOST_PODS: Final = 96
 MOST_EDGES: Final = 320
@@ -58,15 +59,18 @@ def pose(core: Scores, pods: Sequence[PodInfo]) -> Posed | None:
     edges = _edges(core, app, pods)
     if not any(edge.relation is Relation.RTT for edge in edges) or len(edges) > MOST_EDGES:
         return None
-    costs = []
+    table = core.cluster.nodes
+    costs, ranks = [], []
     for pod in pods:
         evaluation = core.appraise(pod)
         if evaluation is None:
             return None
         costs.append(_cost(evaluation, pod, core.cluster))
-    table = core.cluster.nodes
+        tiers = pod.ros.tiers if pod.ros is not None else ()
+        ranks.append(tier_ranks(table, tiers) if tiers else np.zeros(table.size, dtype=np.int32))
     demand, free = _capacity(core.cluster, pods)
     problem = Problem(np.stack(costs), demand, free, tuple(edges), core.latencies.latencies())
+    problem = with_tiers(problem, np.stack(ranks))
     return Posed(problem, tuple(pod.uid for pod in pods), tuple(table.names))
 
 

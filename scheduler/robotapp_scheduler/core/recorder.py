@@ -1,5 +1,6 @@
 """Turns one attempt into an explain record, cheaply: only what the record keeps is computed."""
 
+from collections.abc import Sequence
 from typing import Final
 
 from robotapp_scheduler.core.cluster import Cluster
@@ -11,6 +12,7 @@ from robotapp_scheduler.core.filter_column import FilterColumn
 from robotapp_scheduler.core.front import Finish, Front, Sight
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.ros import Endpoint, RosContext
+from robotapp_scheduler.core.tiers import earliest_tier, planned_tier
 
 NO_TOP: Final = Top()
 
@@ -18,7 +20,9 @@ NO_TOP: Final = Top()
 class Recorder:
     """Collects what one attempt saw."""
 
-    __slots__ = ("_at_s", "_attempt", "_cluster", "_engine", "_seed", "best", "evaluation", "planned", "shadows")
+    __slots__ = (
+        "_at_s", "_attempt", "_cluster", "_engine", "_seed", "best", "evaluation", "planned", "shadows", "tier",
+    )  # fmt: skip
 
     def __init__(self, cluster: Cluster, engine: Engine, *, at_s: float, seed: int, attempt: int) -> None:
         self._cluster = cluster
@@ -34,6 +38,17 @@ class Recorder:
         """Shadow plugins that would have changed the choice."""
         self.planned = ""
         """How the pod's place was found together with those of its group."""
+        self.tier = ""
+        """Why a node of this tier was taken, where `runsOn` leaves a choice."""
+
+    def tiered(self, tiers: Sequence[str], evaluation: Evaluation, *, planned: str) -> Evaluation:
+        """What is left to choose from by the order of `runsOn`: all of it where the group's plan chose the node."""
+        table = self._cluster.nodes
+        if planned:
+            self.tier = planned_tier(table, tiers, evaluation, planned)
+            return evaluation
+        self.evaluation, self.tier = earliest_tier(table, tiers, evaluation)
+        return self.evaluation
 
     def scored(self, pod: PodInfo, evaluation: Evaluation, chosen: Sight) -> None:
         """The scores are in, and of the best rows `chosen` won."""
@@ -57,7 +72,7 @@ class Recorder:
         return Record(
             pod.namespace, pod.name, pod.uid, self._at_s, profile.scheduler_name, profile.config_hash, self._attempt,
             node, decision.message, decision.nodes, decision.feasible, self._refusals(), top, None,
-            () if pod.ros is None or node is None else self._edges(pod.ros, node), devices, self.shadows, self.planned, self._seed,
+            () if pod.ros is None or node is None else self._edges(pod.ros, node), devices, self.shadows, self.planned, self.tier, self._seed,
         )  # fmt: skip
 
     def _refusals(self) -> tuple[Refusal, ...]:

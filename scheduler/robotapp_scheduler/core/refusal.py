@@ -10,11 +10,14 @@ from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.preemption import Failure, Outcome
 from robotapp_scheduler.core.profiles import Profile
 from robotapp_scheduler.core.queued import Gate
+from robotapp_scheduler.core.ros import InvalidAnnotation
 
 LOST_DEVICE = "node(s) lost a device to another pod"
 DEVICE_PLUGIN = "ROSReserve"
 EXCESS = "ExcessivePod"
 """Stands for a plugin name: the pod asks for so much that nothing is looked up for it."""
+ANNOTATIONS = "InvalidAnnotation"
+"""Stands for a plugin name: only a change of the pod itself helps."""
 QUIRK = " not found"
 """Upstream's tail after a pre_filter before DynamicResources rejected the pod for good: DynamicResources' own post_filter
 misses what its pre_filter would have noted, and ends the chain before preemption."""
@@ -27,6 +30,18 @@ def excessive(pod: PodInfo, nodes: int) -> Decision:
         code=Code.UNRESOLVABLE,
         message=pre_filter_message(nodes, pod.excess),
         rejected_by=frozenset({EXCESS}),
+        nodes=nodes,
+    )
+
+
+def unreadable(pod: PodInfo, wrong: InvalidAnnotation, nodes: int) -> Decision:
+    """An annotation says something that is not allowed."""
+    return Decision(
+        pod=pod,
+        code=Code.UNRESOLVABLE,
+        message=wrong.message,
+        reason=PodReason.INVALID_ANNOTATION,
+        rejected_by=frozenset({ANNOTATIONS}),
         nodes=nodes,
     )
 

@@ -32,6 +32,9 @@ class Surroundings(Protocol):
     def robot_nodes(self, robot: str) -> tuple[str, ...]:
         """Nodes of a robot."""
 
+    def robot_end(self, robot: str) -> tuple[str, ...]:
+        """The robot's primary node; all of its nodes while that is not known."""
+
     def placed_named(self, namespace: str, name: str) -> list[PlacedPod]:
         """Placed pods of this name, or of the Deployment of this name."""
 
@@ -62,9 +65,10 @@ def _of_app(pod: PodInfo, member: Member, app: App, component: Component, around
     if not endpoints and own_budget_us is not None:
         endpoints = _robot_endpoint(member.instance, around, budget_us=own_budget_us)
     wishes = tuple(
-        DeviceWish(d.name, d.type, d.model, d.interface, d.match, d.exclusive)
+        DeviceWish(d.name, d.type, d.model, d.interface, d.usb_id or "", d.exclusive)
         for d in component.devices
         if d.type != "gpu"
+        for _ in range(d.count)
     )
     shared = component.shared_data
     return RosContext(
@@ -77,12 +81,13 @@ def _of_app(pod: PodInfo, member: Member, app: App, component: Component, around
         hardware=_app_hardware(component),
         devices=wishes,
         holder=DeviceHolder(app.uid, pod.namespace, member.instance, member.component, pod.uid) if wishes else None,
+        tiers=component.runs_on if len(component.runs_on) > 1 else (),
         together=(
             *_component_peers(member, (*component.colocate_with, *shared.with_), around),
             *_named_peers(pod, shared.peer_pods, around),
         ),
         apart=_apart(member, app, component, around),
-        volume_claims=shared.claims,
+        volume_claims=shared.claim_names,
     )
 
 
@@ -100,7 +105,7 @@ def _app_endpoints(
     for link in app.links.get(component.name, ()):
         budget_us = link.budget_us if link.budget_us is not None else fallback_us
         if link.peer == ROBOT_END:
-            nodes = around.robot_nodes(member.instance)
+            nodes = around.robot_end(member.instance)
             if nodes:
                 found.append(_end(link, nodes, budget_us, required=link.required))
             continue
@@ -118,7 +123,7 @@ def _app_endpoints(
 
 
 def _end(link: Link, nodes: tuple[str, ...], budget_us: int | None, *, required: bool) -> Endpoint:
-    what = f"{link.topic} to {link.peer}"
+    what = f"{link.what} to {link.peer}"
     return Endpoint(what=what, nodes=nodes, budget_us=budget_us, percentile=link.percentile, required=required)
 
 
@@ -184,7 +189,7 @@ def _annotated_endpoints(pod: PodInfo, request: RosRequest, around: Surroundings
 
 
 def _robot_endpoint(robot: str, around: Surroundings, *, budget_us: int | None) -> tuple[Endpoint, ...]:
-    nodes = around.robot_nodes(robot) if robot else ()
+    nodes = around.robot_end(robot) if robot else ()
     return (Endpoint(f"robot {robot}", nodes, budget_us),) if nodes else ()
 
 

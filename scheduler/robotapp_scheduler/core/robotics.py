@@ -1,13 +1,13 @@
 """The robotics.io objects as the scheduler reads them: slim structs beside `objects.py`.
 
 `robotapp_api.model` is the full, validated form; on the scheduler's hot path only the fields that decide a placement
-are decoded. Durations stay Go strings here and are parsed once per app in `apps.py`. A RobotClaim is read as the claim
-rules read it, `robotapp_api.claims.objects.Claim`.
+are decoded. Durations stay Go strings here and are parsed once per app in `apps.py`. A RobotClaim and a component's
+devices are read as the claim rules read them, `robotapp_api.claims.objects`.
 """
 
 import msgspec
 
-from robotapp_api.claims.objects import TelemetryDevice
+from robotapp_api.claims.objects import DeviceRequirement, TelemetryDevice
 from robotapp_scheduler.core.objects import Metadata
 from robotapp_scheduler.core.slim import Slim, SlimValue
 
@@ -19,17 +19,6 @@ class ComponentPolicies(Slim):
     deadline: str = ""
     reliability: str = ""
     liveliness: str = ""
-
-
-class ComponentDevice(Slim):
-    """components[].devices entry: one device to be held while the pod runs."""
-
-    name: str = ""
-    type: str = ""
-    model: str = ""
-    interface: str = ""
-    match: str = ""
-    exclusive: bool = True
 
 
 class ComponentRequirement(Slim):
@@ -45,17 +34,18 @@ class SharedData(Slim):
 
     with_: tuple[str, ...] = msgspec.field(name="with", default=())
     peer_pods: tuple[str, ...] = ()
-    claims: tuple[str, ...] = ()
+    claim_names: tuple[str, ...] = ()
 
 
 class Component(Slim):
     """One component of a RobotApp: one Deployment per instance."""
 
     name: str = ""
-    runs_on: str = "Any"
+    runs_on: tuple[str, ...] = ()
+    """Allowed tiers, best first; empty = any node."""
     qos_class: str = "system_default"
     policies: ComponentPolicies = msgspec.field(default_factory=ComponentPolicies)
-    devices: tuple[ComponentDevice, ...] = ()
+    devices: tuple[DeviceRequirement, ...] = ()
     requires: tuple[ComponentRequirement, ...] = ()
     shared_data: SharedData = msgspec.field(default_factory=SharedData)
     colocate_with: tuple[str, ...] = ()
@@ -73,8 +63,9 @@ class EdgeLatency(Slim):
 
 
 class Edge(Slim):
-    """A topic between two components, or a component and the robot's node (`@robot`)."""
+    """A topic, service or action between two components, or a component and the robot's node (`@robot`)."""
 
+    kind: str = "Topic"
     topic: str = ""
     from_: str = msgspec.field(name="from", default="")
     to: str = ""
@@ -86,14 +77,7 @@ class Placement(Slim):
 
     zones: tuple[str, ...] = ()
     master_node: str = ""
-    all_or_nothing: bool = True
-
-
-class Dds(Slim):
-    """spec.dds: the pool names the claim of the bind check."""
-
-    pool: str = "default"
-    isolation: str = "Domain"
+    gang: str = "All"
 
 
 class RobotAppSpec(Slim):
@@ -103,8 +87,6 @@ class RobotAppSpec(Slim):
     components: tuple[Component, ...] = ()
     edges: tuple[Edge, ...] = ()
     placement: Placement = msgspec.field(default_factory=Placement)
-    dds: Dds | None = None
-    scheduler_name: str = ""
 
 
 class ObservedStatus(Slim):
@@ -125,26 +107,25 @@ class RobotApp(Slim):
 
 
 class Rtt(SlimValue, frozen=True):
-    """Measured round trip to one peer node, microseconds."""
+    """Measured round trip to one peer node, microseconds; without numbers when no probe was answered."""
 
     peer: str = ""
-    p50_us: int = msgspec.field(name="p50Us", default=0)
-    p95_us: int = msgspec.field(name="p95Us", default=0)
-    loss_percent: float = 0.0
+    p50_us: int | None = msgspec.field(name="p50Us", default=None)
+    p95_us: int | None = msgspec.field(name="p95Us", default=None)
 
 
 class Load(SlimValue, frozen=True):
     """Load of the node in per cent; absent values are None."""
 
-    cpu_percent: float | None = None
-    memory_percent: float | None = None
-    gpu_percent: float | None = None
+    cpu_percent: int | None = None
+    memory_percent: int | None = None
+    gpu_percent: int | None = None
 
 
 class TelemetryStatus(Slim):
     """status of a NodeTelemetry, written by that node's agent alone."""
 
-    interval_seconds: float = 10.0
+    interval_seconds: int = 10
     seq: int = 0
     devices: tuple[TelemetryDevice, ...] = ()
     rtt: tuple[Rtt, ...] = ()

@@ -20,13 +20,13 @@ class Hardware(msgspec.Struct, frozen=True, gc=False):
 
 
 class DeviceWish(msgspec.Struct, frozen=True, gc=False):
-    """One device the pod wants. `match` is vid:pid or vid:pid:serial; not exclusive = it must be there, is not held."""
+    """One device the pod wants. `usb_id` is vid:pid or vid:pid:serial; not exclusive = it must be there, is not held."""
 
     name: str
     type: str
     model: str = ""
     interface: str = ""
-    match: str = ""
+    usb_id: str = ""
     exclusive: bool = True
 
 
@@ -63,7 +63,7 @@ class RosRequest(msgspec.Struct, frozen=True, gc=False):
 
 
 class Endpoint(msgspec.Struct, frozen=True, gc=False):
-    """The far end of a connection: nodes of which the nearest counts (a robot may be more than one computer)."""
+    """The far end of a connection: nodes of which the nearest counts (a peer on a robot may be on any of its computers)."""
 
     what: str
     """For people: `/cmd_vel to driver`, `robot amr-07`."""
@@ -103,6 +103,8 @@ class RosContext(msgspec.Struct, frozen=True, gc=False):
     hardware: tuple[Hardware, ...] = ()
     devices: tuple[DeviceWish, ...] = ()
     holder: DeviceHolder | None = None
+    tiers: tuple[str, ...] = ()
+    """`runsOn` where it is a choice: allowed tiers, best first; empty when there is one tier or none."""
     together: tuple[PeerGroup, ...] = ()
     apart: tuple[str, ...] = ()
     """Nodes of peers the pod must not share (separateFrom)."""

@@ -56,7 +56,11 @@ class RttModel:
         """Take in a reading; True when any RTT is different from before."""
         name, status = telemetry.metadata.name, telemetry.status
         now = self._clock()
-        pairs = {entry.peer: (float(entry.p50_us), float(entry.p95_us)) for entry in status.rtt}
+        pairs = {
+            entry.peer: (float(entry.p50_us), float(entry.p95_us))
+            for entry in status.rtt
+            if entry.p50_us is not None and entry.p95_us is not None
+        }
         old = self._readings.get(name)
         interval_s = max(status.interval_seconds, 0.1)
         self._readings[name] = _Reading(now, now + INTERVALS_KEPT * interval_s, pairs, status.load)

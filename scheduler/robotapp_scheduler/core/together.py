@@ -15,6 +15,7 @@ from robotapp_scheduler.core.group_order import group_order
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.posing import Posed
 from robotapp_scheduler.core.whole import all_or_none
+from robotapp_scheduler.joint.problem import INF
 from robotapp_scheduler.joint.solve import GAP, Solution
 
 MOST_RESTARTS: Final = 8
@@ -61,7 +62,10 @@ def advice_of(posed: Posed, solution: Solution) -> Advice:
     nodes = {uid: posed.names[row] for uid, row in zip(posed.uids, rows, strict=True)}
     gap = 100 * solution.gap
     proved = gap <= 100 * GAP
-    worth = "no plan is better" if proved else f"no plan is more than {gap:.0f} % better"
+    if gap == INF:
+        worth = "a plan with more of them on earlier tiers is not ruled out"
+    else:
+        worth = "no plan is better" if proved else f"no plan is more than {gap:.0f} % better"
     why = f"planned as one of {len(rows)} pods of its group; {worth}"
     return Advice(nodes, result="optimal" if proved else "bounded", why=why)
 

@@ -1,6 +1,6 @@
 """All or none: what must be placed whole is taken back when a part of it found no place.
 
-A RobotApp with allOrNothing, unless a part of it runs already. A PodGroup until as many of its pods as it asks for are
+A RobotApp with `gang: All`, unless a part of it runs already. A PodGroup until as many of its pods as it asks for are
 on nodes: also what is left of one whose binds failed in part goes as far as the quorum together, or waits together, so
 two groups never keep each other's last places.
 """
@@ -84,10 +84,10 @@ def _counts(cluster: Cluster, pod: PodInfo) -> bool:
 
 
 def _wants_all(cluster: Cluster, pod: PodInfo, planned: set[str]) -> bool:
-    """allOrNothing, and no pod of the instance was placed before this plan."""
+    """`gang: All`, and no pod of the instance was placed before this plan."""
     member = pod.member
     app = cluster.apps.app(member.app_uid) if member else None
-    if app is None or member is None or not app.source.spec.placement.all_or_nothing:
+    if app is None or member is None or app.source.spec.placement.gang != "All":
         return False
     return not any(
         replica.node and replica.pod.metadata.uid not in planned

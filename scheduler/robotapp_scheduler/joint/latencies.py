@@ -51,6 +51,11 @@ class Latencies:
             self._rows[node, which] = found
         return found
 
+    def most(self, which: int) -> float:
+        """No known round trip takes longer."""
+        known = self.estimate[which][~np.isnan(self.estimate[which])]
+        return float(max(known.max(initial=0.0), self.measured.us[which].max(initial=0.0)))
+
     def floor(self, which: int) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
         """Per pair of groups: no known pair of different rows is nearer; and whether some pair is not known."""
         found = self._floors.get(which)

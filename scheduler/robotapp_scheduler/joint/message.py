@@ -20,6 +20,7 @@ class _Order(msgspec.Struct, array_like=True):
     arrays: list[_Array]
     edges: list[tuple[Any, ...]]
     limits: tuple[float, int, float, int]
+    step: float
 
 
 def encode_problem(problem: Problem, limits: Limits) -> bytes:
@@ -30,6 +31,7 @@ def encode_problem(problem: Problem, limits: Limits) -> bytes:
         arrays=[_Array(array.dtype.str, array.shape, np.ascontiguousarray(array).tobytes()) for array in arrays],
         edges=[tuple(edge) for edge in problem.edges],
         limits=(limits.seconds, limits.steps, limits.gap, limits.cells),
+        step=problem.step,
     )
     return msgspec.msgpack.encode(order)
 
@@ -42,7 +44,7 @@ def decode_problem(content: bytes) -> tuple[Problem, Limits]:
     )
     edges = tuple(Edge(edge[0], edge[1], Relation(edge[2]), *edge[3:]) for edge in order.edges)
     rtt = Latencies(zone, estimate, Measured(left, right, us))
-    return Problem(cost, demand, free, edges, rtt), Limits(*order.limits)
+    return Problem(cost, demand, free, edges, rtt, order.step), Limits(*order.limits)
 
 
 def encode_solution(solution: Solution) -> bytes:

@@ -1,5 +1,6 @@
 """A group to be placed: what each pod costs where, what it needs, and what its connections cost."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
@@ -61,6 +62,8 @@ class Problem:
     free: npt.NDArray[np.int64]
     edges: tuple[Edge, ...]
     rtt: Latencies
+    step: float = 0.0
+    """What a place of the next later tier costs more: more than all other costs together, see `with_tiers`."""
     _prices: dict[tuple[tuple[float, ...], int], FloatArray] = field(default_factory=dict)
     around: list[list[tuple[Edge, int]]] = field(default_factory=list)
     """Per pod its edges and who is at the other end."""
@@ -70,6 +73,10 @@ class Problem:
         for edge in self.edges:
             self.around[edge.left].append((edge, edge.right))
             self.around[edge.right].append((edge, edge.left))
+
+    def of_tiers(self, cost: float) -> float:
+        """The part of a plan's cost that its tiers make."""
+        return self.step * (cost // self.step) if self.step > 0 and cost < INF else 0.0
 
     @property
     def pods(self) -> int:
@@ -112,3 +119,28 @@ class Problem:
             if row != UNPLACED:
                 rows[row] = rows[row] + self.demand[pod] if row in rows else self.demand[pod]
         return [row for row, needed in rows.items() if bool(((needed > self.free[:, row]) & (needed > 0)).any())]
+
+
+def with_tiers(problem: Problem, ranks: npt.NDArray[np.int32]) -> Problem:
+    """The problem in which no saving of other costs makes up for one place of a later tier. `ranks[pod, row]` from 0 on.
+
+    Among the plans that keep all rules the sum of ranks decides, and then the other costs.
+    """
+    there = np.isfinite(problem.cost)
+    ranks = np.where(there, ranks, 0)
+    if not ranks.any():
+        return problem
+    step = 2.0 ** (math.frexp(_most(problem))[1] + 1)  # a power of two: multiples of it are exact
+    return Problem(problem.cost + step * ranks, problem.demand, problem.free, problem.edges, problem.rtt, step)
+
+
+def _most(problem: Problem) -> float:
+    """No plan that keeps all rules costs more."""
+    pods = np.where(np.isfinite(problem.cost), problem.cost, 0.0).max(axis=1).sum()
+    return float(pods) + sum(_dearest(edge, problem.rtt) for edge in problem.edges if edge.relation is Relation.RTT)
+
+
+def _dearest(edge: Edge, rtt: Latencies) -> float:
+    known = [rtt.most(edge.which), edge.budget_us] if edge.hard else [rtt.most(edge.which)]
+    unknown = edge.unknown if edge.unknown < INF else 0.0
+    return max(edge.per_us * min(known) + (0.0 if edge.hard else edge.penalty), unknown)

@@ -34,17 +34,27 @@ class Limits:
 
 
 class Solution(NamedTuple):
-    """`rows` has one row per pod, None when no plan was found; no plan at all costs less than `bound`."""
+    """`rows` has one row per pod, None when no plan was found; no plan at all costs less than `bound`.
+
+    `tiers` is the part of `cost` that tiers make.
+    """
 
     rows: Plan | None
     cost: float
     bound: float
     steps: int
+    tiers: float = 0.0
 
     @property
     def gap(self) -> float:
-        """How much cheaper the best plan may be at most, as a share of this one's cost."""
-        return (self.cost - self.bound) / self.cost if 0 < self.cost < INF else 0.0
+        """How much cheaper the best plan may be at most, as a share of this one's cost without that of its tiers.
+
+        INF while a plan with earlier tiers is not ruled out.
+        """
+        if self.bound < self.tiers - CLOSE:
+            return INF
+        rest = self.cost - self.tiers
+        return (self.cost - self.bound) / rest if 0 < rest < INF else 0.0
 
     @property
     def impossible(self) -> bool:
@@ -84,13 +94,16 @@ class _Search:
             self._steps += 1
             self._settle(bound, case)
         bound = min(self._bound(), self.cost)
-        return Solution(self.best, self.cost, bound, self._steps)
+        return Solution(self.best, self.cost, bound, self._steps, self._problem.of_tiers(self.cost))
 
     def _bound(self) -> float:
         return min(self._open[0][0] if self._open else INF, self._kept)
 
     def _content(self) -> bool:
-        return self.cost - self._bound() <= max(CLOSE, self._limits.gap * self.cost) if self.cost < INF else False
+        if self.cost == INF:
+            return False
+        rest = self.cost - self._problem.of_tiers(self.cost)
+        return self.cost - self._bound() <= max(CLOSE, self._limits.gap * rest)
 
     def _offer(self, plan: Plan) -> None:
         cost = self._problem.total(plan)

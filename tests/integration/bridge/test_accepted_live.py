@@ -29,6 +29,25 @@ scheduler:
   shared_data: {peer_pods: [mapper], pvc: [map-pvc]}
   dds_domain: 7"""
     ),
+    "robotapps-own-words": orchestration(
+        """\
+components:
+  base_driver:
+    runsOn: [Edge, Robot]
+    devices: [{name: cam, type: usb, usbID: '8086:0b3a', sharing: Cluster}]
+    requires: [{type: gpu, model: nvidia, interface: pcie}]
+    parameters: [{inline: '/**: {ros__parameters: {v: 1.0}}'}, {configMapKeyRef: {name: drv, key: $(ROBOTAPP_ROBOT).yaml}}]
+    readinessProbe: {tcpSocket: {port: 80}}
+    lifecycle: {preStop: {exec: {command: ['true']}}}
+    sharedData: {claimNames: [map-pvc]}
+    template: {metadata: {labels: {team: a}}, spec: {tolerations: [{key: gpu, operator: Exists}], nodeSelector: {disk: ssd}}}
+robotapp:
+  robots: {nodeSelector: {matchLabels: {robotics.io/robot: amr-07}}, assignment: Any}
+  edges: [{kind: Service, topic: /map, from: base-driver, to: '@robot', rateHz: 500m}]
+  placement: {gang: None}
+  ros2: {rmw: rmw_zenoh_cpp, pool: lab}
+  update: {operator: OnDemand}"""
+    ),
 }
 
 

@@ -73,7 +73,7 @@ async def test_the_gate_stays_while_the_id_is_somebody_elses_or_nobodys(place: L
 async def test_the_gate_of_a_sharer_follows_its_owners_claim(place: Live) -> None:
     owner = await place.make_app("mapper")
     outcome = await ensure_domain(place.operator, owner)
-    gated = Gated(place, await place.make_app(dds={"shareWith": [{"name": "mapper"}]}))
+    gated = Gated(place, await place.make_app(ros2={"shareWith": [{"name": "mapper"}]}))
     await gated.create(outcome.id or 0, claim=outcome.claim)
     draining = await drain(place.operator, await standing(place, outcome))
     assert await gated.open() == (False, [SCHEDULING_GATE, OTHERS])

@@ -199,7 +199,7 @@ async def test_a_claim_deleted_by_hand_comes_back_while_a_pod_runs_on_it_and_a_t
     assert await place.phase(outcome.claim) == "Reserved"
     assert found == []
     await place.admin.delete(ROBOTCLAIMS, outcome.claim)
-    thief = await place.make_app("thief", dds={"pool": place.pool, "domain": outcome.id})
+    thief = await place.make_app("thief", ros2={"pool": place.pool, "domain": outcome.id})
     stolen = await ensure_domain(place.operator, type(thief)(thief.holder, pool=place.pool, requested_id=outcome.id))
     assert stolen.held
     await sweeper.sweep_once()

@@ -121,9 +121,32 @@ def test_list_and_info_show_what_kubectl_get_shows(world: World) -> None:
     assert "DomainAllocated" in info
 
 
+def test_info_shows_what_the_instance_objects_say(world: World) -> None:
+    shown = world.plane.kubectl("get", "robotappinstances", "-n", NAMESPACE, "-o", "json")
+    (instance,) = [item for item in json.loads(shown)["items"] if item["spec"]["app"] == "teleop"]
+    found = json.loads(world.text("info", "teleop", "-o", "json", "--robot", "amr-07"))
+    assert found["app"]["metadata"]["uid"] == instance["spec"]["appUID"]
+    assert [each["metadata"]["uid"] for each in found["instances"]] == [instance["metadata"]["uid"]]
+    text = world.text("info", "teleop")
+    assert all(item["name"] in text for item in instance["status"]["components"])
+    missing = world.run("info", "teleop", "--robot", "amr-08", "-n", NAMESPACE)
+    assert (missing.returncode, "it has: amr-07" in missing.stderr) == (4, True)
+
+
+def test_an_instance_object_that_somebody_deleted_is_no_reason_to_fail(world: World) -> None:
+    world.plane.kubectl("delete", "robotappinstances", "-n", NAMESPACE, "-l", "robotics.io/app=teleop", "--wait=false")
+    assert "teleop" in world.text("info", "teleop")
+    assert "amr-07" in world.text("explain", "teleop", "--scheduler-url", world.scheduler_url)
+    until = time.monotonic() + 60
+    while "robot amr-07, domain" not in world.text("info", "teleop"):
+        assert time.monotonic() < until, world.text("info", "teleop")
+        time.sleep(0.2)
+
+
 def test_kubectl_completes_our_commands_and_the_names_in_the_cluster(world: World) -> None:
     assert world.completed("expl")[0].startswith("explain\t")
     assert world.completed("info", "-n", NAMESPACE, "te") == ["teleop", ":4"]
+    assert world.completed("info", "-n", NAMESPACE, "teleop", "--robot", "a") == ["amr-07", ":4"]
 
 
 def test_domains_and_devices_name_their_holders(world: World) -> None:
@@ -148,7 +171,7 @@ def test_render_of_a_file_shows_the_defaults_and_stores_nothing(world: World) ->
     done = world.run("render", "-f", str(EXAMPLES / "minimal.yaml"), "-n", "default")
     assert done.returncode == 0, done.stderr
     (app,) = yaml.safe_load_all(done.stdout)
-    assert app["spec"]["schedulerName"] == "ros-aware-scheduler"
+    assert app["spec"]["components"][0]["qosClass"] == "system_default"
     assert "minimal" not in world.plane.kubectl("get", "robotapps", "-n", "default", "-o", "name")
 
 
@@ -158,6 +181,14 @@ def test_render_of_a_wrong_file_names_the_field(world: World) -> None:
     assert done.returncode == 1
     assert "imgae" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_lint_finds_what_the_server_refuses_and_asks_nobody(world: World) -> None:
+    text = (EXAMPLES / "minimal.yaml").read_text().replace("image:", "imgae:")
+    done = world.run("lint", "-", identity="tenant", stdin=text)
+    assert done.returncode == 1
+    assert "unknown field; did you mean image?" in done.stdout
+    assert world.run("lint", *map(str, sorted(EXAMPLES.glob("*.yaml")))).returncode == 0
 
 
 def test_a_tenant_is_told_what_to_ask_for(world: World) -> None:

@@ -1,17 +1,31 @@
 """Our kinds on the real API server: what is stored, shown, selected and refused."""
 
+import re
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
 import yaml
 from tests.support import crds
-from tests.support.apiobjects import AMR_07, app, claim, component, device, domain, edge, holder, pool, telemetry
+from tests.support.apiobjects import (
+    AMR_07,
+    app,
+    claim,
+    component,
+    device,
+    domain,
+    edge,
+    holder,
+    instance,
+    pool,
+    telemetry,
+)
 from tests.support.cel_rules import with_defaults
 
 from robotapp_api.model.base import Model
 from robotapp_api.model.claim import RobotClaim
 from robotapp_api.model.conditions import initial_conditions
+from robotapp_api.model.instance import RobotAppInstance
 from robotapp_api.model.pool import DomainPool
 from robotapp_api.model.robotapp import RobotApp
 from robotapp_api.model.telemetry import NodeTelemetry
@@ -29,17 +43,20 @@ SAMPLES: list[tuple[type[Model], dict[str, Any]]] = [
         app(
             "full",
             robots=AMR_07,
-            dds={"shareWith": [{"name": "other"}]},
+            ros2={"shareWith": [{"name": "other"}]},
             components=[
                 component(
-                    devices=[{"name": "bus", "type": "can"}], requires=[{"type": "gpu"}], params={"configMap": "p"}
+                    devices=[{"name": "bus", "type": "can"}],
+                    requires=[{"type": "gpu"}],
+                    parameters=[{"configMapKeyRef": {"name": "p", "key": "params.yaml"}}],
                 ),
-                component("operator", ready={"topic": "/odom"}, policies={"deadline": "50ms"}),
+                component("operator", ready={"topic": {"name": "/odom"}}, policies={"deadline": "50ms"}),
             ],
             edges=[edge(latency={"budget": "30ms"})],
         ),
     ),
     (RobotClaim, claim("dds.samples.c.7", domain=domain(pool="samples"))),
+    (RobotAppInstance, instance("samples")),
     (DomainPool, pool("samples")),
     (NodeTelemetry, {key: value for key, value in telemetry("sample-node").items() if key != "status"}),
 ]
@@ -55,6 +72,7 @@ def _deleted(control_plane: ControlPlane) -> Iterator[None]:
     """No operator shall meet the objects made here."""
     yield
     control_plane.api.delete(crds.collection("RobotApp"))
+    control_plane.api.delete(crds.collection("RobotAppInstance"))
     control_plane.api.delete(crds.collection("RobotClaim"))
     control_plane.api.delete(crds.collection("NodeTelemetry"))
 
@@ -108,12 +126,26 @@ def test_kubectl_shows_the_columns(control_plane: ControlPlane) -> None:
     assert "columns" in control_plane.kubectl("get", "robotics", "-A")
 
 
+def test_instances_show_their_app_and_their_robot(control_plane: ControlPlane) -> None:
+    obj = instance("columns-amr-07")
+    create(control_plane, obj)
+    summary = {"ready": "3/3", "budget": "18/30ms", "devices": "2/2", "nodes": "amr-07,edge-1"}
+    set_status(control_plane, obj, {"phase": "Running", "summary": summary, "domain": 7})
+    table = control_plane.kubectl("get", "rai", "columns-amr-07").splitlines()
+    columns = ["NAME", "APP", "ROBOT", "READY", "PHASE", "DOMAIN", "BUDGET", "DEVICES", "NODES", "AGE"]
+    assert table[0].split() == columns
+    row = ["columns-amr-07", "teleop", "amr-07", "3/3", "Running", "7", "18/30ms", "2/2", "amr-07,edge-1"]
+    assert table[1].split()[:9] == row
+    selected = control_plane.api.get(f"{crds.collection('RobotAppInstance')}?fieldSelector=spec.appUID=u-1")
+    assert "columns-amr-07" in {each["metadata"]["name"] for each in selected["items"]}
+
+
 def test_claims_show_their_thing_and_holder(control_plane: ControlPlane) -> None:
     obj = claim("dev.n0123456789.columns", device=device(id="columns"), holder=holder(instance="amr-07"))
     obj["metadata"]["annotations"] = {"robotics.io/thing": "can0 on amr-07", "robotics.io/holder": "default/teleop"}
     create(control_plane, obj)
     header, row = control_plane.kubectl("get", "robotclaims", obj["metadata"]["name"]).splitlines()
-    assert header.split() == ["NAME", "KIND", "THING", "HOLDER", "INSTANCE", "NODE", "PHASE", "AGE"]
+    assert header.split() == ["NAME", "HOLDERKIND", "THING", "HOLDER", "INSTANCE", "NODE", "PHASE", "AGE"]
     assert row.split()[1:9] == ["RobotApp", "can0", "on", "amr-07", "default/teleop", "amr-07", "amr-07", "Reserved"]
 
 
@@ -123,10 +155,30 @@ def test_every_field_has_an_explain_text(control_plane: ControlPlane) -> None:
         name: schema for name, schema in document["components"]["schemas"].items() if name.startswith("io.robotics")
     }
     checked = sum(_count_described(schema, name) for name, schema in kinds.items())
-    assert checked > 600
-    text = control_plane.kubectl("explain", "robotapps.spec.edges.latency.budget")
-    assert "Round-trip time the nodes of the two ends may have between them" in text
-    assert "minHz" in control_plane.kubectl("explain", "robotapps.spec", "--recursive")
+    assert checked > 700
+
+
+@pytest.mark.parametrize(
+    ("field", "text"),
+    [
+        ("robotapp.spec.edges.latency.budget", "Round-trip time the nodes of the two ends may have between them"),
+        ("robotapp.spec.components.runsOn", "Tiers of nodes the component may run on, best first"),
+        ("robotapp.spec.components.template.spec.nodeName", "Refused: a pod with a node never meets the scheduler"),
+        ("robotapp.spec.components.livenessProbe.periodSeconds", "How often (in seconds) to perform the probe"),
+        ("robotapp.status.troubled.reason", "Word for programs"),
+        ("rai.status.edges.p95", "Round-trip time between the two nodes, 95th percentile"),
+        ("domainpool.spec.quota.default", "absent means no limit, 0 means none"),
+    ],
+)
+def test_kubectl_explains_a_field(control_plane: ControlPlane, field: str, text: str) -> None:
+    assert text in " ".join(control_plane.kubectl("explain", field).split())
+
+
+def test_kubectl_lists_the_fields_of_an_app_for_somebody_who_writes_the_first_one(control_plane: ControlPlane) -> None:
+    tree = control_plane.kubectl("explain", "robotapp.spec", "--recursive")
+    for wanted in ("distro", "nodeSelector", "minRate", "configMapKeyRef", "preStop", "sharing"):
+        assert re.search(rf"^ +{wanted}\t", tree, re.MULTILINE), wanted
+    assert re.search(r"^ +distro\t<string> -required-$", tree, re.MULTILINE)
 
 
 def _count_described(schema: dict[str, Any], path: str) -> int:
@@ -143,9 +195,10 @@ def _count_described(schema: dict[str, Any], path: str) -> int:
     [
         ({"latencyBudgt": "30ms"}, "latencyBudgt"),
         ({"ports": [{"containerPort": 1, "hostPort": 1}]}, "hostPort"),
-        ({"volumes": [{"name": "v", "hostPath": {"path": "/"}}]}, "hostPath"),
+        ({"template": {"spec": {"volumes": [{"name": "v", "hostPath": {"path": "/"}}]}}}, "hostPath"),
         ({"resources": {"claims": [{"name": "gpu"}]}}, "claims"),
-        ({"hostNetwork": True}, "hostNetwork"),
+        ({"template": {"spec": {"hostNetwork": True}}}, "hostNetwork"),
+        ({"template": {"metadata": {"namespace": "other"}}}, "namespace"),
     ],
 )
 def test_unknown_and_withheld_fields_are_refused_or_pruned(
@@ -164,9 +217,11 @@ def test_unknown_and_withheld_fields_are_refused_or_pruned(
     [
         ({"components": []}, "should have at least 1 items"),
         ({"components": [component("Driver")]}, "should match"),
-        ({"components": [component(runsOn="Boat")]}, 'supported values: "Robot", "Edge", "Cloud", "Any"'),
+        ({"components": [component(runsOn=["Boat"])]}, 'supported values: "Robot", "Edge", "Cloud"'),
         ({"ros": {}}, "spec.ros.distro: Required value"),
-        ({"dds": {"domain": 233}}, "less than or equal to 232"),
+        ({"ros2": {"domain": 233}}, "less than or equal to 232"),
+        ({"ros2": {"rmw": "fastrtps"}}, "spec.ros2.rmw"),
+        ({"placement": {"fallback": {"steps": ["Onboard"]}}}, 'supported values: "RelaxPreferred", "Wait"'),
         (
             {"connectivity": {"grace": "5 minutes"}},
             'spec.connectivity.grace: Invalid value: "5 minutes": write a number and a unit (us, ms, s, m or h)',
@@ -262,8 +317,11 @@ def test_claims_are_selected_by_fields_nobody_can_change(
 def test_telemetry_lists_are_written_as_a_whole(control_plane: ControlPlane) -> None:
     obj = telemetry("bounds")
     create(control_plane, {key: value for key, value in obj.items() if key != "status"})
-    rtt = [{"peer": f"node-{number}", "p50Us": 900, "p95Us": 2100, "lossPercent": 0.5} for number in range(64)]
-    status = {"intervalSeconds": 10, "seq": 1, "kernel": {"realtime": True}, "rtt": rtt, "load": {"cpuPercent": 12.5}}
+    rtt = [
+        {"peer": f"node-{number}", "p50Us": 900, "p95Us": 2100, "lossPPM": 5000, "seq": 3, "everyRounds": 4}
+        for number in range(64)
+    ]
+    status = {"intervalSeconds": 10, "seq": 1, "kernel": {"realtime": True}, "rtt": rtt, "load": {"cpuPercent": 12}}
     assert set_status(control_plane, obj, status)["status"]["rtt"] == rtt
     with pytest.raises(ApiStatusError, match="must have at most 64 items"):
         set_status(control_plane, obj, {"rtt": [*rtt, {"peer": "one-more"}]})

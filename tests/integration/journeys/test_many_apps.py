@@ -23,7 +23,7 @@ def test_apps_beyond_the_pool_wait_and_are_told_what_to_do_and_start_when_others
     assert found.problems == ()
     assert (found.ready, found.waiting) == (4, 2)
     for message in found.messages:
-        for part in ("4 of 4", pools.four, "delete", "DomainPool", "spec.dds.pool"):
+        for part in ("4 of 4", pools.four, "delete", "DomainPool", "spec.ros2.pool"):
             assert part in message
 
 
@@ -36,7 +36,7 @@ def test_an_app_for_each_robot_has_as_many_domains_as_robots(world: World, pools
 def test_nothing_is_written_while_nothing_changes(world: World, pools: Pools) -> None:
     began = datetime.now(UTC)
     names = [f"calm-{number}" for number in range(3)]
-    world.create_all([plain_app(name, dds={"pool": pools.twelve}) for name in names])
+    world.create_all([plain_app(name, ros2={"pool": pools.twelve}) for name in names])
     world.watch.until_ready(*names, within_s=120)
     writers = {each.partition(" ")[0] for each in quiet.by_object(quiet.writes_since(world.cp, began))}
     assert writers == {OPERATOR_ACCOUNT, SCHEDULER_ACCOUNT}  # the log does show who writes

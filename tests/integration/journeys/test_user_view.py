@@ -17,6 +17,7 @@ from robotapp_testbed import wait_until
 
 pytestmark = pytest.mark.live
 
+EXAMPLES = sorted((Path(__file__).parents[3] / "examples").glob("*.yaml"))
 TELEOP = Path(__file__).parents[3] / "examples" / "teleop.yaml"
 PATIENCE_S = 60.0
 """For what takes a second or two on an idle machine."""
@@ -50,6 +51,16 @@ def test_the_example_is_waited_for_and_the_table_says_domain_robot_and_budget(wo
     assert told() == [EventReason.DOMAIN_ALLOCATED, EventReason.PLACED]
 
 
+@pytest.mark.parametrize("source", ["README.md", *(f"examples/{path.name}" for path in EXAMPLES)])
+def test_the_apps_of_readme_and_examples_are_taken_as_they_are_written(world: World, source: str) -> None:
+    text = (TELEOP.parents[1] / source).read_text()
+    if source == "README.md":
+        text = text.partition("```yaml\n")[2].partition("```")[0]
+    assert "created (server dry run)" in world.kubectl(
+        "apply", "--dry-run=server", "--validate=strict", "-f", "-", stdin=text
+    )
+
+
 def test_applying_twice_changes_nothing(world: World, pools: Pools) -> None:
     app = _teleop(world, pools)
     for extra in ([], ["--server-side", "--force-conflicts"]):
@@ -66,7 +77,7 @@ def test_applying_twice_changes_nothing(world: World, pools: Pools) -> None:
 
 
 def test_deletion_is_not_held_up_by_an_operator_that_is_down_and_leaves_nothing(world: World, pools: Pools) -> None:
-    world.create(plain_app("orphaned", dds={"pool": pools.twelve}))
+    world.create(plain_app("orphaned", ros2={"pool": pools.twelve}))
     world.watch.until_ready("orphaned", within_s=PATIENCE_S)
     world.operator.kill()
     try:
@@ -86,7 +97,7 @@ def test_a_stopped_operator_ends_at_once_and_its_successor_need_not_wait(world: 
 
     def end_s(number: int) -> float:
         name = f"served-{number}"
-        world.create(plain_app(name, dds={"pool": pools.twelve}))
+        world.create(plain_app(name, ros2={"pool": pools.twelve}))
         world.watch.until_ready(name, within_s=PATIENCE_S)
         began_s = time.monotonic()
         assert world.operator.stop() == 0
@@ -96,12 +107,12 @@ def test_a_stopped_operator_ends_at_once_and_its_successor_need_not_wait(world: 
         return took_s
 
     assert any(end_s(number) < 0.9 * KOPF_WAITS_S for number in range(3))
-    world.create(plain_app("after", dds={"pool": pools.twelve}))
+    world.create(plain_app("after", ros2={"pool": pools.twelve}))
     world.watch.until_ready("after", within_s=PATIENCE_S)
 
 
 def test_a_domain_written_into_a_deployment_by_hand_is_taken_out_again(world: World, pools: Pools) -> None:
-    world.create(plain_app("edited", parts=("only",), dds={"pool": pools.twelve}))
+    world.create(plain_app("edited", parts=("only",), ros2={"pool": pools.twelve}))
     world.watch.until_ready("edited", within_s=PATIENCE_S)
     number = world.app("edited")["status"]["summary"]["domain"]
     world.kubectl("set", "env", "deployment", "--selector", "robotics.io/app=edited", "ROS_DOMAIN_ID=99")
@@ -113,7 +124,7 @@ def test_a_domain_written_into_a_deployment_by_hand_is_taken_out_again(world: Wo
 
 
 def test_an_app_too_big_for_every_node_is_told_how_many_and_what_to_ask_next(world: World, pools: Pools) -> None:
-    app = plain_app("big", parts=("giant",), dds={"pool": pools.twelve})
+    app = plain_app("big", parts=("giant",), ros2={"pool": pools.twelve})
     app["spec"]["components"][0]["resources"] = {"requests": {"cpu": "5000"}}
     world.create(app)
     parts = ("0 of 1 placed", "giant", "nodes are available", "Insufficient cpu", "kubectl robotapp explain big")
@@ -126,9 +137,9 @@ def test_an_app_too_big_for_every_node_is_told_how_many_and_what_to_ask_next(wor
 
 
 def test_an_app_whose_number_is_taken_is_told_by_whom_and_three_ways_out(world: World, pools: Pools) -> None:
-    world.create(plain_app("first", parts=("only",), dds={"pool": pools.twelve, "domain": 5}))
+    world.create(plain_app("first", parts=("only",), ros2={"pool": pools.twelve, "domain": 5}))
     world.watch.until_ready("first", within_s=PATIENCE_S)
-    world.create(plain_app("late", parts=("only",), dds={"pool": pools.twelve, "domain": 5}))
+    world.create(plain_app("late", parts=("only",), ros2={"pool": pools.twelve, "domain": 5}))
     _said(
         world,
         "late",
@@ -142,8 +153,8 @@ def _teleop(world: World, pools: Pools) -> dict[str, Any]:
     """The example, for a robot and a pool of this world."""
     app: dict[str, Any] = yaml.safe_load(TELEOP.read_text())
     robot = next(node.robot for node in world.nodes if node.robot)
-    app["spec"]["robots"] = {"selector": {"matchLabels": {str(Label.ROBOT): robot}}}
-    app["spec"]["dds"] = {"pool": pools.twelve}
+    app["spec"]["robots"] = {"nodeSelector": {"matchLabels": {str(Label.ROBOT): robot}}}
+    app["spec"]["ros2"] = {"pool": pools.twelve}
     return app
 
 

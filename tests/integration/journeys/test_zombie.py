@@ -128,7 +128,7 @@ def test_a_late_change_of_a_deleted_template_does_not_bring_it_back(plane: Contr
 
 def _create(world: World, name: str, domain: int) -> str:
     """Create an app of one component on the pool of this one domain; its uid."""
-    world.create(plain_app(name, parts=("only",), dds={"pool": f"one-{domain}", "discovery": {"mode": "Multicast"}}))
+    world.create(plain_app(name, parts=("only",), ros2={"pool": f"one-{domain}", "discovery": {"mode": "Multicast"}}))
     return str(world.app(name)["metadata"]["uid"])
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 import pytest
-from tests.support import real_pods
+from tests.support import real_pods, teleop
 
 from robotapp_api.model.names import SYSTEM_NAMESPACE
 from robotapp_testbed import components_as_pods, wait_until
@@ -78,8 +78,7 @@ def test_an_app_is_planned_bound_and_started_by_them(cluster: RealNodes) -> None
 
         assert wait_until(lambda: len(running()) == 2, timeout_s=90, poll_s=0.1)
         said = {real_logs(cluster, namespace, name) for name in running()}
-        app = cluster.api.get(f"/apis/robotics.io/v1alpha1/namespaces/{namespace}/robotapps/pair")
-        assert said == {f"domain {app['status']['instances'][0]['domain']}"}
+        assert said == {f"domain {teleop.domain(cluster, namespace, 'pair')}"}
 
 
 def real_logs(cp: RealNodes, namespace: str, name: str) -> str:

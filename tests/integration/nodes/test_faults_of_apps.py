@@ -51,10 +51,10 @@ def app(plane: RealNodes, real_namespace: str) -> Iterator[Tenant]:
         tenant.apply(
             "teleop",
             running("console"),
-            running("driver", runsOn="Robot"),
-            robots={"selector": {"matchLabels": {"robotics.io/robot": "robot-1"}}},
+            running("driver", runsOn=["Robot"]),
+            robots={"nodeSelector": {"matchLabels": {"robotics.io/robot": "robot-1"}}},
             edges=[{"topic": "/cmd_vel", "from": "console", "to": "driver", "latency": {"budget": "80ms"}}],
-            dds={"pool": ids, "discovery": {"mode": "Multicast"}},  # no image of a discovery server
+            ros2={"pool": ids, "discovery": {"mode": "Multicast"}},  # no image of a discovery server
         )
         tenant.wait_ready("teleop", timeout_s=READY_S)
         yield tenant
@@ -122,7 +122,7 @@ def test_telemetry_says_what_was_measured_on_the_links(plane: RealNodes) -> None
     plane.switch.set_link("robot-1", "edge-1", delay_ms=20)
     try:
         measured = MeasuredTelemetry(plane).measure()["robot-1", "edge-1"]
-        assert measured.loss_percent == 0
+        assert measured.loss_ppm == 0
         eventually(lambda: 40_000 <= written_us() < 80_000, timeout_s=NOTICED_S)
     finally:
         plane.switch.set_link("robot-1", "edge-1", delay_ms=0)
@@ -150,17 +150,17 @@ def test_it_outlives_12_seconds_without_the_switch(app: Tenant, plane: RealNodes
     def away() -> None:
         switch.kill()
         time.sleep(CUT_S)  # longer than the lease of a DDS participant
-        assert loss_percent() == 100
+        assert loss_ppm() == 1_000_000
 
     def again() -> None:
         switch.start().wait_ready()
         plane.plug_switch()
 
-    def loss_percent() -> float:
-        return MeasuredTelemetry(plane).measure()["robot-1", "edge-1"].loss_percent
+    def loss_ppm() -> int:
+        return MeasuredTelemetry(plane).measure()["robot-1", "edge-1"].loss_ppm
 
     survives(app, away, again, seen=False)
-    eventually(lambda: loss_percent() == 0, timeout_s=NOTICED_S)  # the kernel asks for lost neighbours once a second
+    eventually(lambda: loss_ppm() == 0, timeout_s=NOTICED_S)  # the kernel asks for lost neighbours once a second
 
 
 def test_a_container_that_dies_is_started_again_with_the_same_domain(app: Tenant, plane: RealNodes) -> None:
@@ -182,3 +182,50 @@ def test_a_robot_that_crashes_comes_back_with_its_app(app: Tenant, plane: RealNo
     app.wait_ready("teleop", timeout_s=READY_S)
     eventually(lambda: containers(app)["driver"] != before, timeout_s=READY_S)
     assert (claims(app), node_of(app, "driver")) == (held, "robot-1")
+
+
+READS_ITS_FILES = 'for file in $(echo "$ROBOTAPP_PARAMETER_FILES" | tr : " "); do cat "$file"; echo; done; echo "$@"; exec sleep 100000'
+
+
+def test_parameter_files_arrive_in_their_order_and_another_content_starts_the_pod_anew(
+    plane: RealNodes, real_namespace: str
+) -> None:
+    tenant = Tenant(plane, real_namespace)
+    config = {"common.yaml": "common", "robot-1.yaml": "for robot-1"}
+    plane.kubectl("apply", "-n", real_namespace, "-f", "-", stdin=config_map("drv", config))
+    secret = {"apiVersion": "v1", "kind": "Secret", "metadata": {"name": "key"}, "stringData": {"s.yaml": "secret"}}
+    plane.kubectl("apply", "-n", real_namespace, "-f", "-", stdin=secret)
+    inline = "/**: {ros__parameters: {v: 1.0}}"
+    files = [
+        {"configMapKeyRef": {"name": "drv", "key": "common.yaml"}},
+        {"configMapKeyRef": {"name": "drv", "key": "$(ROBOTAPP_ROBOT).yaml", "optional": True}},
+        {"configMapKeyRef": {"name": "drv", "key": "nobody.yaml", "optional": True}},
+        {"secretKeyRef": {"name": "key", "key": "s.yaml"}},
+        {"inline": inline},
+    ]
+    driver = running("driver", command=["sh", "-c"], parameters=files, runsOn=["Robot"])
+    driver["args"] = [READS_ITS_FILES, "driver"]
+    with pool(plane, f"pool-{secrets.token_hex(3)}") as ids:
+        selector = {"matchLabels": {"robotics.io/robot": "robot-1"}}
+        tenant.apply("files", driver, robots={"nodeSelector": selector}, ros2={"pool": ids})
+        tenant.wait_ready("files", timeout_s=READY_S)
+        paths = [f"--params-file /etc/robotapp/parameters/{number}.yaml" for number in (0, 1, 3, 4)]
+        said = f"common\nfor robot-1\nsecret\n{inline}\n--ros-args {' '.join(paths)}"
+        eventually(lambda: log_of(tenant, plane) == said, timeout_s=READY_S)
+        config["common.yaml"] = "something else"
+        plane.kubectl("apply", "-n", real_namespace, "-f", "-", stdin=config_map("drv", config))
+        eventually(lambda: log_of(tenant, plane) == said.replace("common", "something else", 1), timeout_s=READY_S)
+        tenant.delete("files")
+        eventually(lambda: not tenant.claims(), timeout_s=READY_S)
+
+
+def config_map(name: str, data: dict[str, str]) -> dict[str, Any]:
+    return {"apiVersion": "v1", "kind": "ConfigMap", "metadata": {"name": name}, "data": data}
+
+
+def log_of(tenant: Tenant, plane: RealNodes) -> str:
+    """What the one pod that is not going has said."""
+    pods = [pod for pod in tenant.listed("pods") if "deletionTimestamp" not in pod["metadata"]]
+    if len(pods) != 1:
+        return ""
+    return plane.kubectl("logs", "-n", tenant.namespace, pods[0]["metadata"]["name"], check=False).strip()

@@ -113,7 +113,7 @@ def _restarts(cp: RealNodes, place: str, app: str) -> list[int]:
 
 def test_two_apps_that_shout_by_multicast_never_hear_each_other(cluster: RealNodes, place: str) -> None:
     nodes = {"operator": "edge-1", "robot": "robot-1"}
-    apps = [teleop.app(name, nodes=nodes, dds={"discovery": {"mode": "Multicast"}}) for name in ("one", "two")]
+    apps = [teleop.app(name, nodes=nodes, ros2={"discovery": {"mode": "Multicast"}}) for name in ("one", "two")]
     teleop.apply(cluster, place, apps)
     for name in ("one", "two"):
         assert wait_until(lambda name=name: len(teleop.trips(cluster, place, name)) > 200, timeout_s=90, poll_s=0.5)  # type: ignore[misc] # mypy sees no type for a default

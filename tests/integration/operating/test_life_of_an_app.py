@@ -7,15 +7,15 @@ from typing import Any
 import pytest
 from tests.support.live import HandBinder, Tenant, eventually, part, pool
 
-from robotapp_api.model.names import FLEET_CONFIG_MAP
+from robotapp_api.model.names import FLEET_CONFIG_MAP, Annotation
 from robotapp_api.serving.tls import AUTHENTICATION
 from robotapp_testbed import ControlPlane, namespaces, product, topology
 
 pytestmark = pytest.mark.usefixtures("operator")
 
 OPERATOR = "system:serviceaccount:robotapp-system:robotapp-operator"
-ANY_ROBOT = {"selector": {"matchLabels": {"robotics.io/tier": "robot"}}, "instances": "Any"}
-EACH_ROBOT = {"selector": {"matchLabels": {"robotics.io/tier": "robot"}}}
+ANY_ROBOT = {"nodeSelector": {"matchLabels": {"robotics.io/tier": "robot"}}, "assignment": "Any"}
+EACH_ROBOT = {"nodeSelector": {"matchLabels": {"robotics.io/tier": "robot"}}}
 
 
 def env_of(deployment: dict[str, Any]) -> dict[str, str]:
@@ -23,17 +23,26 @@ def env_of(deployment: dict[str, Any]) -> dict[str, str]:
     return {item["name"]: item.get("value", "") for item in container["env"]}
 
 
+def domains_of(tenant: Tenant, name: str) -> dict[str, int]:
+    """Domain of each of the two instances of an app, by its robot."""
+    return {item["spec"]["robot"]: item["status"]["domain"] for item in tenant.wait_instances(name, 2)}
+
+
 def test_an_applied_app_becomes_ready_with_one_claimed_domain(tenant: Tenant, ids: str) -> None:
-    tenant.apply("teleop", part("operator"), part("driver", runsOn="Robot"), robots=ANY_ROBOT, dds={"pool": ids})
+    tenant.apply("teleop", part("operator"), part("driver", runsOn=["Robot"]), robots=ANY_ROBOT, ros2={"pool": ids})
     app = tenant.wait_ready("teleop")
     (claim,) = tenant.claims()
     domain = claim["spec"]["domain"]["id"]
     assert claim["metadata"]["name"] == f"dds.{ids}.c.{domain}"
     assert {env_of(item)["ROS_DOMAIN_ID"] for item in tenant.deployments()} == {str(domain)}
-    (instance,) = app["status"]["instances"]
-    assert claim["spec"]["holder"]["instance"] == instance["robot"]
-    driver = next(item for item in instance["components"] if item["name"] == "driver")
-    assert driver["node"] == instance["robot"]
+    (instance,) = tenant.wait_instances("teleop")
+    assert claim["spec"]["holder"]["instance"] == instance["spec"]["robot"]
+    driver = next(item for item in instance["status"]["components"] if item["name"] == "driver")
+    assert driver["node"] == instance["spec"]["robot"]
+    assert instance["status"]["domain"] == domain
+    counts = {"desired": 1, "ready": 1}
+    assert {key: value for key, value in app["status"]["instanceCounts"].items() if value} == counts
+    assert app["status"].get("troubled", []) == []
     assert app["status"]["observedGeneration"] == app["metadata"]["generation"]
     assert app["status"]["phase"] == "Running"
     summary = app["status"]["summary"]
@@ -42,9 +51,9 @@ def test_an_applied_app_becomes_ready_with_one_claimed_domain(tenant: Tenant, id
 
 
 def test_one_instance_and_one_domain_per_robot(tenant: Tenant, ids: str) -> None:
-    tenant.apply("fleet", part("driver", runsOn="Robot"), robots=EACH_ROBOT, dds={"pool": ids})
-    app = tenant.wait_ready("fleet")
-    domains = {item["robot"]: item["domain"] for item in app["status"]["instances"]}
+    tenant.apply("fleet", part("driver", runsOn=["Robot"]), robots=EACH_ROBOT, ros2={"pool": ids})
+    assert tenant.wait_ready("fleet")["status"]["instanceCounts"]["desired"] == 2
+    domains = domains_of(tenant, "fleet")
     assert len(domains) == len(set(domains.values())) == 2
     for deployment in tenant.deployments():
         robot = deployment["metadata"]["labels"]["robotics.io/instance"]
@@ -52,7 +61,7 @@ def test_one_instance_and_one_domain_per_robot(tenant: Tenant, ids: str) -> None
 
 
 def test_deleting_an_app_leaves_nothing(tenant: Tenant, ids: str) -> None:
-    tenant.apply("gone", dds={"pool": ids})
+    tenant.apply("gone", ros2={"pool": ids})
     tenant.wait_ready("gone")
     tenant.delete("gone")
     # The garbage collector learns about new kinds every 30 s; after that it takes a second.
@@ -60,7 +69,7 @@ def test_deleting_an_app_leaves_nothing(tenant: Tenant, ids: str) -> None:
 
 
 def test_a_removed_component_is_pruned_and_an_added_one_appears(tenant: Tenant, ids: str) -> None:
-    tenant.apply("shape", part("a"), part("b"), dds={"pool": ids})
+    tenant.apply("shape", part("a"), part("b"), ros2={"pool": ids})
     tenant.wait_ready("shape")
     (claim,) = tenant.claims()
     tenant.edit("shape", components=[part("a"), part("c")])
@@ -74,8 +83,13 @@ def test_a_removed_component_is_pruned_and_an_added_one_appears(tenant: Tenant, 
 def test_fields_taken_out_of_the_spec_leave_the_deployment(tenant: Tenant, ids: str) -> None:
     """Server-side apply removes only what the same manager applied: the first write was a POST."""
     selector = {"kubernetes.io/os": "linux"}
-    rich = part("a", nodeSelector=selector, resources={"requests": {"cpu": "1000m"}}, env=[{"name": "X", "value": "1"}])
-    tenant.apply("lean", rich, dds={"pool": ids})
+    rich = part(
+        "a",
+        template={"spec": {"nodeSelector": selector}},
+        resources={"requests": {"cpu": "1000m"}},
+        env=[{"name": "X", "value": "1"}],
+    )
+    tenant.apply("lean", rich, ros2={"pool": ids})
     eventually(tenant.deployments)
     tenant.edit("lean", components=[part("a")])
 
@@ -91,7 +105,7 @@ def test_fields_taken_out_of_the_spec_leave_the_deployment(tenant: Tenant, ids: 
 
 
 def test_replicas_may_grow_and_shrink_with_their_strategy(tenant: Tenant, ids: str) -> None:
-    tenant.apply("many", part("a", replicas=2), dds={"pool": ids})
+    tenant.apply("many", part("a", replicas=2), ros2={"pool": ids})
     tenant.wait_ready("many")
     for replicas, strategy in ((1, "Recreate"), (2, "RollingUpdate")):
         tenant.edit("many", components=[part("a", replicas=replicas)])
@@ -100,7 +114,7 @@ def test_replicas_may_grow_and_shrink_with_their_strategy(tenant: Tenant, ids: s
 
 
 def test_drift_is_repaired_and_costs_one_write(tenant: Tenant, ids: str) -> None:
-    tenant.apply("steady", part("a"), dds={"pool": ids})
+    tenant.apply("steady", part("a"), ros2={"pool": ids})
     tenant.wait_ready("steady")
     (deployment,) = tenant.deployments()
     path = f"/apis/apps/v1/namespaces/{tenant.namespace}/deployments/{deployment['metadata']['name']}"
@@ -116,7 +130,7 @@ def test_drift_is_repaired_and_costs_one_write(tenant: Tenant, ids: str) -> None
 
 
 def test_a_deleted_child_comes_back(tenant: Tenant, ids: str) -> None:
-    tenant.apply("back", part("a"), dds={"pool": ids})
+    tenant.apply("back", part("a"), ros2={"pool": ids})
     tenant.wait_ready("back")
     (deployment,) = tenant.deployments()
     name = deployment["metadata"]["name"]
@@ -129,7 +143,7 @@ def test_a_deleted_child_comes_back(tenant: Tenant, ids: str) -> None:
 
 
 def test_suspend_stops_the_pods_and_keeps_the_claim(tenant: Tenant, ids: str) -> None:
-    tenant.apply("pause", dds={"pool": ids})
+    tenant.apply("pause", ros2={"pool": ids})
     tenant.wait_ready("pause")
     (claim,) = tenant.claims()
     tenant.edit("pause", suspend=True)
@@ -142,7 +156,7 @@ def test_suspend_stops_the_pods_and_keeps_the_claim(tenant: Tenant, ids: str) ->
 
 
 def test_an_app_under_another_scheduler_is_released_from_its_gate(tenant: Tenant, ids: str) -> None:
-    tenant.apply("gated", part("a"), dds={"pool": ids}, schedulerName="by-hand")
+    tenant.apply("gated", part("a"), ros2={"pool": ids}, schedulerName="by-hand")
     tenant.wait_ready("gated")
     assert tenant.deployments()[0]["spec"]["template"]["spec"]["schedulingGates"] == [{"name": "robotics.io/domain"}]
 
@@ -162,12 +176,13 @@ def test_another_parameters_file_rolls_the_pods(tenant: Tenant, ids: str) -> Non
         tenant.cp.kubectl("apply", "-n", tenant.namespace, "-f", "-", stdin=body)
 
     write("speed: 1")
-    tenant.apply("tuned", part("a", args=["run"], params={"configMap": "drv"}), dds={"pool": ids})
+    file = {"configMapKeyRef": {"name": "drv", "key": "params.yaml"}}
+    tenant.apply("tuned", part("a", args=["run"], parameters=[file]), ros2={"pool": ids})
     tenant.wait_ready("tuned")
 
     def mark() -> str:
         annotations = tenant.deployments()[0]["spec"]["template"]["metadata"]["annotations"]
-        return str(annotations["robotics.io/params-hash"])
+        return str(annotations[Annotation.PARAMETERS_HASH])
 
     before = mark()
     write("speed: 2")
@@ -192,11 +207,10 @@ def test_another_parameters_file_rolls_the_pods(tenant: Tenant, ids: str) -> Non
 
 
 def test_the_fleet_view_shows_where_things_run_and_vanishes_with_them(tenant: Tenant, ids: str) -> None:
-    tenant.apply("seen", part("driver", runsOn="Robot"), robots=EACH_ROBOT, dds={"pool": ids})
-    app = tenant.wait_ready("seen")
+    tenant.apply("seen", part("driver", runsOn=["Robot"]), robots=EACH_ROBOT, ros2={"pool": ids})
+    tenant.wait_ready("seen")
     wanted = {
-        f"app.seen.{item['robot']}": f"domain={item['domain']} driver@{item['robot']}"
-        for item in app["status"]["instances"]
+        f"app.seen.{robot}": f"domain={domain} driver@{robot}" for robot, domain in domains_of(tenant, "seen").items()
     }
 
     def view() -> dict[str, str]:
@@ -213,11 +227,11 @@ def test_latency_is_measured_where_the_edges_are_and_judged(
     installed_plane: ControlPlane, nodes: topology.Topology, tenant: Tenant, ids: str
 ) -> None:
     edge = {"topic": "/cmd_vel", "from": "operator", "to": "driver", "latency": {"budget": "30ms"}}
-    parts = [part("operator", runsOn="Cloud"), part("driver", runsOn="Robot")]
+    parts = [part("operator", runsOn=["Cloud"]), part("driver", runsOn=["Robot"])]
     with topology.SimulatedTelemetry(installed_plane, nodes) as telemetry:
-        tenant.apply("near", *parts, robots=ANY_ROBOT, edges=[edge], dds={"pool": ids})
-        app = tenant.wait_ready("near")
-        robot = app["status"]["instances"][0]["robot"]
+        tenant.apply("near", *parts, robots=ANY_ROBOT, edges=[edge], ros2={"pool": ids})
+        tenant.wait_ready("near")
+        robot = tenant.claims()[0]["spec"]["holder"]["instance"]
         found = tenant.wait("near", "BudgetMet", "False", reason="BudgetExceeded")
         assert "/cmd_vel operator -> driver" in found["message"]
         assert "of 30ms" in found["message"]
@@ -245,10 +259,10 @@ def test_an_operator_of_one_namespace_leaves_the_others_alone(
             installed_plane, name="operator-narrow", namespaces=other, no_leader_election=True, sweep_seconds=1
         )
         try:
-            Tenant(installed_plane, other).apply("here", part("a"), dds={"pool": own})
+            Tenant(installed_plane, other).apply("here", part("a"), ros2={"pool": own})
             Tenant(installed_plane, other).wait_ready("here")
         finally:
             process.stop()
-        tenant.apply("there", part("a"), dds={"pool": ids})
+        tenant.apply("there", part("a"), ros2={"pool": ids})
         tenant.wait_ready("there")  # by the operator of all namespaces
         assert tenant.namespace not in process.log_text()

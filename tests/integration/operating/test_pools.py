@@ -1,18 +1,52 @@
 """How full a pool is can be read off `kubectl get domainpools`."""
 
+import secrets
 import time
 from datetime import UTC, datetime
 from itertools import pairwise
+from typing import Any
 
 import pytest
 from tests.support import quiet
-from tests.support.live import POOLS, Tenant, eventually, part
+from tests.support.appwatch import condition
+from tests.support.live import POOLS, Tenant, eventually, part, pool
 
 from robotapp_operator.controller import POOL_REST_S
 from robotapp_operator.informers import POOL_DELAY_S
 from robotapp_testbed import ControlPlane
 
 pytestmark = pytest.mark.usefixtures("operator")
+
+
+def test_a_quota_of_zero_means_none_and_an_absent_one_no_limit(installed_plane: ControlPlane, tenant: Tenant) -> None:
+    named = {"default": 0, "namespaces": {tenant.namespace: 1}}
+    cases: list[tuple[dict[str, Any], int]] = [({}, 2), ({"quota": {"default": 0}}, 0), ({"quota": named}, 1)]
+    for number, (spec, most) in enumerate(cases):
+        with pool(installed_plane, f"quota-{secrets.token_hex(3)}", **spec) as name:
+            apps = [f"app-{number}-{which}" for which in "ab"]
+            for app in apps[:most]:
+                tenant.apply(app, part("a"), ros2={"pool": name})
+                tenant.wait_ready(app)
+            for app in apps[most:]:
+                tenant.apply(app, part("a"), ros2={"pool": name})
+                said = tenant.wait(app, "Allocated", "False", reason="QuotaExceeded")["message"]
+                assert f"DomainPool {name}" in said
+            for app in apps:
+                tenant.delete(app)
+            eventually(lambda: not tenant.claims(), timeout_s=90, what=tenant.claims)
+
+
+def test_a_pool_that_serves_nobody_says_so(installed_plane: ControlPlane) -> None:
+    with pool(installed_plane, f"quota-{secrets.token_hex(3)}", quota={"default": 0}) as name:
+
+        def usable() -> dict[str, Any]:
+            return dict(condition(installed_plane.api.get(f"{POOLS}/{name}"), "Usable"))
+
+        eventually(lambda: usable().get("status") == "False", what=usable)
+        assert usable()["reason"] == "QuotaIsZero"
+        assert "leave it out for no limit" in usable()["message"]
+        installed_plane.api.patch(f"{POOLS}/{name}", {"spec": {"quota": {"default": None}}})
+        eventually(lambda: usable().get("status") == "True", what=usable)
 
 
 def test_kubectl_shows_how_full_a_pool_is_and_nothing_is_written_at_rest(
@@ -33,7 +67,7 @@ def test_kubectl_shows_how_full_a_pool_is_and_nothing_is_written_at_rest(
     eventually(lambda: used() == "0/119", what=used)
     began = datetime.now(UTC)
     for number in range(10):
-        tenant.apply(f"app-{number}", part("a"), dds={"pool": ids})
+        tenant.apply(f"app-{number}", part("a"), ros2={"pool": ids})
     for number in range(10):
         tenant.wait_ready(f"app-{number}")
     eventually(lambda: used() == "10/119", what=used)

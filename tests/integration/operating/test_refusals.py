@@ -11,22 +11,45 @@ from robotapp_testbed import ControlPlane, topology
 from robotapp_testbed.process import Process
 from robotapp_testbed.telemetry import PATH as TELEMETRY
 
-ROBOTS = {"selector": {"matchLabels": {"robotics.io/robot": "nobody"}}}
+ROBOTS = {"nodeSelector": {"matchLabels": {"robotics.io/robot": "nobody"}}}
 REFUSED: list[tuple[str, dict[str, Any], str, str]] = [
     ("distro", {"ros": {"distro": "humbel"}}, "UnknownDistro", 'did you mean "humble"?'),
     ("version", {"ros": {"distro": "noetic", "version": 2}}, "InvalidSpec", "spec.ros.version"),
-    ("dds-ros1", {"ros": {"distro": "noetic"}, "dds": {}}, "InvalidSpec", "remove spec.dds"),
+    ("ros2-ros1", {"ros": {"distro": "noetic"}, "ros2": {}}, "InvalidSpec", "remove spec.ros2"),
     ("ros1-ros2", {"ros1": {}}, "InvalidSpec", "remove spec.ros1"),
-    ("mode", {"dds": {"rmw": "rmw_zenoh_cpp", "discovery": {"mode": "Server"}}}, "InvalidSpec", "mode"),
+    ("mode", {"ros2": {"rmw": "rmw_zenoh_cpp", "discovery": {"mode": "Server"}}}, "InvalidSpec", "mode"),
     ("master", {"placement": {"masterNode": "ghost"}}, "InvalidSpec", 'no node "ghost"'),
     ("robots", {"robots": ROBOTS}, "NoMatchingRobot", "no robot matches"),
     (
         "env",
         {"components": [part("a", env=[{"name": "RMW_IMPLEMENTATION", "value": "x"}])]},
         "InvalidSpec",
-        "spec.dds.rmw",
+        "spec.ros2.rmw",
     ),
-    ("params", {"components": [part("a", params={"configMap": "c"})]}, "InvalidSpec", "write command or args"),
+    ("parameters", {"components": [part("a", parameters=[{"inline": "{}"}])]}, "InvalidSpec", "write command or args"),
+    (
+        "yaml",
+        {"components": [part("a", args=["run"], parameters=[{"inline": "speed: [1"}])]},
+        "InvalidSpec",
+        "spec.components[0].parameters[0].inline: is no YAML",
+    ),
+    (
+        "count",
+        {"components": [part("a", devices=[{"name": "bus", "type": "can", "count": 2}])]},
+        "InvalidSpec",
+        "write 2 entries with names of their own",
+    ),
+    (
+        "edges",
+        {
+            "components": [part("a"), part("b"), part("c")],
+            "edges": [
+                {"topic": "/odom", "from": "a", "to": to, "rateHz": rate} for to, rate in (("b", "0.5"), ("c", 20))
+            ],
+        },
+        "InvalidSpec",
+        "a offers /odom with rateHz 20, but 0.5 stands at another edge of it",
+    ),
     (
         "chain",
         {
@@ -58,8 +81,24 @@ def test_what_admission_cannot_decide_becomes_a_condition(
 
 
 @pytest.mark.usefixtures("operator")
+def test_what_a_field_cannot_do_yet_is_said_although_the_app_is_accepted(tenant: Tenant, ids: str) -> None:
+    shared = {"name": "bus", "type": "can", "sharing": "Namespace"}
+    tenant.apply("early", part("a", devices=[shared]), ros2={"pool": ids})
+    found = tenant.wait("early", "Accepted", "True")
+    assert "spec.components[0].devices[0].sharing: Namespace acts as Cluster" in found["message"]
+
+
+@pytest.mark.usefixtures("operator")
+def test_device_claims_are_unknown_under_a_scheduler_that_is_not_ours(tenant: Tenant, ids: str) -> None:
+    bus = {"name": "bus", "type": "can"}
+    tenant.apply("foreign", part("a", devices=[bus]), ros2={"pool": ids}, schedulerName="by-hand")
+    found = tenant.wait("foreign", "Allocated", "Unknown", reason="NotOurScheduler")
+    assert "by-hand" in found["message"]
+
+
+@pytest.mark.usefixtures("operator")
 def test_a_mended_spec_starts(tenant: Tenant, ids: str) -> None:
-    tenant.apply("mend", part("a"), ros={"distro": "humbel"}, dds={"pool": ids})
+    tenant.apply("mend", part("a"), ros={"distro": "humbel"}, ros2={"pool": ids})
     tenant.wait("mend", "Accepted", "False")
     tenant.edit("mend", ros={"distro": "humble"})
     tenant.wait_ready("mend")
@@ -68,8 +107,8 @@ def test_a_mended_spec_starts(tenant: Tenant, ids: str) -> None:
 @pytest.mark.usefixtures("operator")
 def test_a_robot_that_appears_later_is_served(installed_plane: ControlPlane, tenant: Tenant, ids: str) -> None:
     name = f"late-{secrets.token_hex(2)}"
-    selector = {"selector": {"matchLabels": {"robotics.io/robot": name}}}
-    tenant.apply("late", part("a", runsOn="Robot"), robots=selector, dds={"pool": ids})
+    selector = {"nodeSelector": {"matchLabels": {"robotics.io/robot": name}}}
+    tenant.apply("late", part("a", runsOn=["Robot"]), robots=selector, ros2={"pool": ids})
     tenant.wait("late", "Accepted", "False", reason="NoMatchingRobot")
     installed_plane.kubectl("label", "node", "edge-2", f"robotics.io/robot={name}")
     try:
@@ -84,10 +123,10 @@ def test_an_exhausted_pool_says_so_and_serves_whoever_waits_when_an_app_goes(
 ) -> None:
     with pool(installed_plane, f"p-{secrets.token_hex(3)}", ids="7-8") as ids:
         for name in ("one", "two"):
-            tenant.apply(name, part("a"), dds={"pool": ids})
+            tenant.apply(name, part("a"), ros2={"pool": ids})
         for name in ("one", "two"):
             tenant.wait_ready(name)
-        tenant.apply("three", part("a"), dds={"pool": ids})
+        tenant.apply("three", part("a"), ros2={"pool": ids})
         found = tenant.wait("three", "Allocated", "False", reason="DomainExhausted")
         assert "2 of 2 domain ids" in found["message"]
         assert "delete an app" in found["message"]
@@ -103,7 +142,7 @@ def test_an_exhausted_pool_says_so_and_serves_whoever_waits_when_an_app_goes(
 @pytest.mark.usefixtures("operator")
 def test_a_missing_pool_is_named_and_served_once_it_exists(installed_plane: ControlPlane, tenant: Tenant) -> None:
     name = f"p-{secrets.token_hex(3)}"
-    tenant.apply("early", part("a"), dds={"pool": name})
+    tenant.apply("early", part("a"), ros2={"pool": name})
     assert name in tenant.wait("early", "Allocated", "False", reason="PoolNotFound")["message"]
     with pool(installed_plane, name):
         tenant.wait_ready("early")
@@ -118,16 +157,23 @@ def test_a_quota_refusal_is_shown_with_the_servers_words(tenant: Tenant, ids: st
     eventually(
         lambda: tenant.cp.api.get(f"/api/v1/namespaces/{tenant.namespace}/resourcequotas/none")["status"].get("hard")
     )
-    tenant.apply("poor", part("a"), dds={"pool": ids})
+    tenant.apply("poor", part("a"), ros2={"pool": ids})
     found = tenant.wait("poor", "Ready", "False", reason="QuotaRefused", timeout_s=60)
     assert "exceeded quota" in found["message"]
-    (instance,) = tenant.app("poor")["status"]["instances"]
-    assert "raise the quota" in instance["components"][0]["message"]
+    (told,) = tenant.app("poor")["status"]["troubled"]
+    assert told["reason"] == "QuotaRefused"
+    eventually(lambda: "raise the quota" in message_of(tenant, "poor", "a"), what=lambda: tenant.instances("poor"))
+
+
+def message_of(tenant: Tenant, name: str, component: str) -> str:
+    """What the only RobotAppInstance of an app says about a component."""
+    found = [item for each in tenant.instances(name) for item in each["status"].get("components", ())]
+    return next((item.get("message", "") for item in found if item["name"] == component), "")
 
 
 @pytest.mark.usefixtures("operator")
 def test_crash_loops_and_image_trouble_reach_ready(tenant: Tenant, ids: str) -> None:
-    tenant.apply("sick", part("a"), dds={"pool": ids})
+    tenant.apply("sick", part("a"), ros2={"pool": ids})
     tenant.wait_ready("sick")
     (pod,) = [item for item in tenant.listed("pods") if item["metadata"]["labels"].get("robotics.io/component") == "a"]
     waiting = {"waiting": {"reason": "CrashLoopBackOff", "message": "back-off"}}
@@ -153,7 +199,7 @@ def test_crash_loops_and_image_trouble_reach_ready(tenant: Tenant, ids: str) -> 
 
 @pytest.mark.usefixtures("operator")
 def test_a_name_somebody_else_uses_is_not_taken_over(tenant: Tenant, ids: str) -> None:
-    tenant.apply("first", part("a"), dds={"pool": ids})
+    tenant.apply("first", part("a"), ros2={"pool": ids})
     tenant.wait_ready("first")
     (deployment,) = tenant.deployments()
     name = deployment["metadata"]["name"]
@@ -171,7 +217,7 @@ def test_a_name_somebody_else_uses_is_not_taken_over(tenant: Tenant, ids: str) -
         },
     }
     tenant.cp.api.create(f"/apis/apps/v1/namespaces/{tenant.namespace}/deployments", foreign)
-    tenant.apply("first", part("a"), dds={"pool": ids})
+    tenant.apply("first", part("a"), ros2={"pool": ids})
     found = tenant.wait("first", "Stalled", "True", reason="FailedCreate")
     assert "belongs to somebody else" in found["message"]
     (left,) = [item for item in tenant.listed("apps/deployments") if item["metadata"]["name"] == name]
@@ -180,7 +226,7 @@ def test_a_name_somebody_else_uses_is_not_taken_over(tenant: Tenant, ids: str) -
 
 @pytest.mark.usefixtures("operator")
 def test_a_child_that_lost_its_labels_is_found_again(tenant: Tenant, ids: str) -> None:
-    tenant.apply("bare", part("a"), dds={"pool": ids})
+    tenant.apply("bare", part("a"), ros2={"pool": ids})
     tenant.wait_ready("bare")
     (deployment,) = tenant.deployments()
     path = f"/apis/apps/v1/namespaces/{tenant.namespace}/deployments/{deployment['metadata']['name']}"
@@ -212,7 +258,7 @@ def test_refused_apps_neither_stop_the_operator_nor_delay_healthy_ones(
 def start_s(tenant: Tenant, name: str, pool: str) -> float:
     """Seconds until a healthy app is Ready."""
     began_s = time.monotonic()
-    tenant.apply(name, part("a"), dds={"pool": pool})
+    tenant.apply(name, part("a"), ros2={"pool": pool})
     tenant.wait_ready(name)
     return time.monotonic() - began_s
 
@@ -226,11 +272,11 @@ def test_two_components_that_want_the_same_device_are_told_that_one_must_go(
         [topology.robot(name, zone="hall-1", devices=[topology.Device("can-can0", "can", interface="can0")])]
     )
     bus = [{"name": "bus", "type": "can", "interface": "can0"}]
-    robots = {"selector": {"matchLabels": {"robotics.io/robot": name}}}
+    robots = {"nodeSelector": {"matchLabels": {"robotics.io/robot": name}}}
     topology.apply(installed_plane, world)
     try:
-        parts = [part(each, runsOn="Robot", devices=bus) for each in "lr"]
-        tenant.apply("twins", *parts, robots=robots, dds={"pool": ids})
+        parts = [part(each, runsOn=["Robot"], devices=bus) for each in "lr"]
+        tenant.apply("twins", *parts, robots=robots, ros2={"pool": ids})
         tenant.wait("twins", "Allocated", "False", reason="WaitingForDevices")
         with topology.SimulatedTelemetry(installed_plane, world):
             try:

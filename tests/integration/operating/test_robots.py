@@ -1,9 +1,12 @@
 """Robots come and go: what runs for a robot goes with it, and its domain comes back."""
 
+import re
 import secrets
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
+from tests.support.appwatch import condition
 from tests.support.live import Tenant, eventually, part
 
 from robotapp_testbed import ControlPlane
@@ -22,11 +25,44 @@ def robot(installed_plane: ControlPlane) -> Iterator[str]:
     installed_plane.kubectl("annotate", "node", "edge-2", f"{ALLOWED}-")
 
 
+def test_a_robot_with_two_computers_waits_until_one_of_them_is_its_primary_one(
+    installed_plane: ControlPlane, tenant: Tenant, ids: str, robot: str
+) -> None:
+    both = {"nodeSelector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}
+    installed_plane.kubectl("label", "node", "edge-1", f"robotics.io/robot={robot}")
+    try:
+        tenant.apply("fleet", part("driver", runsOn=["Robot"]), robots=both, ros2={"pool": ids})
+
+        def told() -> dict[str, Any]:
+            found = tenant.app("fleet")["status"].get("troubled", [])
+            return next((item for item in found if item["instance"] == robot), {})
+
+        eventually(lambda: told().get("reason") == "RobotNodeUnclear", what=lambda: tenant.app("fleet"))
+        assert "robotics.io/robot-primary" in told()["message"]
+        assert {"edge-1", "edge-2"} <= set(re.findall(r"edge-\d", told()["message"]))
+        wanted = {robot: ["False", "False"], "robot-1": ["True", "True"], "robot-2": ["True", "True"]}
+
+        def said() -> dict[str, list[str]]:
+            """Accepted and Ready of each RobotAppInstance, by its robot."""
+            return {
+                item["spec"]["robot"]: [str(condition(item, kind).get("status")) for kind in ("Accepted", "Ready")]
+                for item in tenant.instances("fleet")
+            }
+
+        eventually(lambda: said() == wanted, what=said)
+        assert robot not in {claim["spec"]["holder"]["instance"] for claim in tenant.claims()}
+        installed_plane.kubectl("label", "node", "edge-1", "robotics.io/robot-primary=true")
+        tenant.wait_ready("fleet")
+        eventually(lambda: not tenant.app("fleet")["status"].get("troubled"), what=lambda: tenant.app("fleet"))
+    finally:
+        installed_plane.kubectl("label", "node", "edge-1", "robotics.io/robot-", "robotics.io/robot-primary-")
+
+
 def test_a_revoked_robot_stops_the_apps_pods_says_why_and_gives_the_domain_back(
     installed_plane: ControlPlane, tenant: Tenant, ids: str, robot: str
 ) -> None:
-    selector = {"selector": {"matchLabels": {"robotics.io/robot": robot}}}
-    tenant.apply("guest", part("driver", runsOn="Robot"), robots=selector, dds={"pool": ids})
+    selector = {"nodeSelector": {"matchLabels": {"robotics.io/robot": robot}}}
+    tenant.apply("guest", part("driver", runsOn=["Robot"]), robots=selector, ros2={"pool": ids})
     tenant.wait_ready("guest")
     assert len(tenant.claims()) == 1
     installed_plane.kubectl("annotate", "node", "edge-2", f"{ALLOWED}=other")
@@ -43,7 +79,7 @@ def test_a_robot_that_leaves_gives_back_its_own_domain_and_no_other(
     installed_plane: ControlPlane, tenant: Tenant, ids: str, robot: str
 ) -> None:
     selector = {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}
-    tenant.apply("fleet", part("driver", runsOn="Robot"), robots={"selector": selector}, dds={"pool": ids})
+    tenant.apply("fleet", part("driver", runsOn=["Robot"]), robots={"nodeSelector": selector}, ros2={"pool": ids})
     tenant.wait_ready("fleet")
     before = {claim["spec"]["holder"]["instance"] for claim in tenant.claims()}
     assert robot in before

@@ -10,7 +10,8 @@ from typing import Any
 
 import pytest
 from tests.support import quiet
-from tests.support.live import Tenant, eventually, part, pool
+from tests.support.appwatch import condition
+from tests.support.live import Tenant, eventually, instances_of, part, pool
 
 from robotapp_api.model.names import Label
 from robotapp_testbed import ControlPlane, product
@@ -30,8 +31,9 @@ def running(cp: ControlPlane, **flags: object) -> Iterator[Process]:
 
 
 def domains(tenant: Tenant) -> list[int]:
-    """Ids of all ready instances."""
-    return [item["domain"] for app in tenant.apps() for item in app["status"].get("instances", ()) if item["ready"]]
+    """Ids of all instances that say they are ready."""
+    found = [item for app in tenant.apps() for item in instances_of(tenant.cp, app)]
+    return [item["status"]["domain"] for item in found if condition(item, "Ready").get("status") == "True"]
 
 
 def all_ready(tenant: Tenant, count: int) -> Callable[[], bool]:
@@ -43,7 +45,7 @@ def test_an_operator_killed_in_the_middle_of_a_burst_loses_nothing(
 ) -> None:
     with running(installed_plane) as first:
         for number in range(10):
-            tenant.apply(f"app-{number}", part("a"), dds={"pool": ids})
+            tenant.apply(f"app-{number}", part("a"), ros2={"pool": ids})
         eventually(tenant.claims)
         first.kill()
     with running(installed_plane):
@@ -55,7 +57,7 @@ def test_deletion_needs_no_operator_and_the_next_one_frees_the_domain(
     installed_plane: ControlPlane, tenant: Tenant, ids: str
 ) -> None:
     with running(installed_plane):
-        tenant.apply("gone", part("a"), dds={"pool": ids})
+        tenant.apply("gone", part("a"), ros2={"pool": ids})
         tenant.wait_ready("gone")
     tenant.delete("gone")
     assert tenant.apps() == []
@@ -69,10 +71,10 @@ def test_an_app_whose_id_went_to_another_stops_and_is_served_again_once_it_is_fr
     """As after a restored backup. The stopped template must not keep the other's claim in use."""
     with pool(installed_plane, f"p-{secrets.token_hex(3)}", ids="7") as ids:
         with running(installed_plane):
-            tenant.apply("first", part("a"), dds={"pool": ids})
+            tenant.apply("first", part("a"), ros2={"pool": ids})
             tenant.wait_ready("first")
         (claim,) = tenant.claims()
-        second = tenant.apply("second", part("a"), dds={"pool": ids})
+        second = tenant.apply("second", part("a"), ros2={"pool": ids})
         hand_over(installed_plane, claim, to=second)
         with running(installed_plane):
             tenant.wait_ready("second")
@@ -106,7 +108,7 @@ def stopped(tenant: Tenant, app: str) -> bool:
 def test_two_operators_at_work_agree_and_then_rest(installed_plane: ControlPlane, tenant: Tenant, ids: str) -> None:
     with running(installed_plane), running(installed_plane):
         for number in range(8):
-            tenant.apply(f"app-{number}", part("a"), part("b"), dds={"pool": ids})
+            tenant.apply(f"app-{number}", part("a"), part("b"), ros2={"pool": ids})
         eventually(all_ready(tenant, 8), timeout_s=120, what=lambda: domains(tenant))
         assert len(set(domains(tenant))) == len(tenant.claims()) == 8
         assert len(tenant.deployments()) == 16
@@ -119,7 +121,7 @@ def test_an_operator_at_rest_writes_nothing_and_its_successor_finds_everything_i
 ) -> None:
     with running(installed_plane):
         for number in range(5):
-            tenant.apply(f"app-{number}", part("a"), dds={"pool": ids})
+            tenant.apply(f"app-{number}", part("a"), ros2={"pool": ids})
         eventually(all_ready(tenant, 5), timeout_s=120, what=lambda: domains(tenant))
         rests(tenant)
         assert written(tenant, seconds=10.0) == {}
@@ -136,9 +138,9 @@ def test_an_operator_that_wakes_up_late_does_not_revive_a_dead_apps_children(
     """Stopped between apply and write, its app is deleted and re-created: the late write must name the new app only."""
     with pool(installed_plane, f"p-{secrets.token_hex(3)}", ids="7") as ids, running(installed_plane) as late:
         late.pause()
-        first = tenant.apply("twin", part("a"), dds={"pool": ids})
+        first = tenant.apply("twin", part("a"), ros2={"pool": ids})
         tenant.delete("twin")
-        second = tenant.apply("twin", part("a"), dds={"pool": ids})
+        second = tenant.apply("twin", part("a"), ros2={"pool": ids})
         late.resume()
         tenant.wait_ready("twin")
         owners = {item["metadata"]["ownerReferences"][0]["uid"] for item in tenant.deployments()}
@@ -150,10 +152,10 @@ def test_an_app_created_again_under_its_name_gets_running_again(
     installed_plane: ControlPlane, tenant: Tenant, ids: str
 ) -> None:
     with running(installed_plane):
-        old = tenant.apply("phoenix", part("a"), dds={"pool": ids})
+        old = tenant.apply("phoenix", part("a"), ros2={"pool": ids})
         tenant.wait_ready("phoenix")
         tenant.delete("phoenix")
-        new = tenant.apply("phoenix", part("a"), dds={"pool": ids})
+        new = tenant.apply("phoenix", part("a"), ros2={"pool": ids})
         tenant.wait_ready("phoenix", timeout_s=90)
         assert new["metadata"]["uid"] != old["metadata"]["uid"]
         eventually(lambda: [c["spec"]["holder"]["uid"] for c in tenant.claims()] == [new["metadata"]["uid"]])
@@ -164,14 +166,14 @@ def test_the_lease_lets_one_work_and_the_other_take_over(
 ) -> None:
     space = {"no_leader_election": False, "lease_namespace": "robotapp-system"}
     with running(installed_plane, **space) as first, running(installed_plane, **space) as second:
-        tenant.apply("one", part("a"), dds={"pool": ids})
+        tenant.apply("one", part("a"), ros2={"pool": ids})
         tenant.wait_ready("one")
         leaders = ["starts to work" in process.log_text() for process in (first, second)]
         assert sum(leaders) == 1
         leader, other = (first, second) if leaders[0] else (second, first)
         assert leader.stop() == 0
         eventually(lambda: "starts to work" in other.log_text(), what=other.log_text)
-        tenant.apply("two", part("a"), dds={"pool": ids})
+        tenant.apply("two", part("a"), ros2={"pool": ids})
         tenant.wait_ready("two")
 
 

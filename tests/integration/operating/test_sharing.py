@@ -1,4 +1,4 @@
-"""dds.shareWith as a user sees it: sharers go where their owner goes, without waiting and without a restart of anything."""
+"""ros2.shareWith as a user sees it: sharers go where their owner goes, without waiting and without a restart of anything."""
 
 import time
 from typing import Any
@@ -37,11 +37,11 @@ def held(tenant: Tenant) -> set[int]:
 
 
 def test_a_sharer_follows_its_owner_to_another_domain(tenant: Tenant, ids: str) -> None:
-    tenant.apply("mapper", part("a"), dds={"pool": ids, "domain": 5})
-    tenant.apply("teleop", part("b"), dds=share("mapper"))
+    tenant.apply("mapper", part("a"), ros2={"pool": ids, "domain": 5})
+    tenant.apply("teleop", part("b"), ros2=share("mapper"))
     tenant.wait_ready("teleop")
     assert (named(tenant, "teleop"), shown(tenant, "teleop")) == ({"5"}, "5")
-    tenant.edit("mapper", dds={"pool": ids, "domain": 7})
+    tenant.edit("mapper", ros2={"pool": ids, "domain": 7})
     eventually(lambda: named(tenant, "teleop") == {"7"}, timeout_s=PROMPT_S, what=lambda: named(tenant, "teleop"))
     eventually(lambda: shown(tenant, "teleop") == "7", timeout_s=PROMPT_S)
     for name in ("mapper", "teleop"):
@@ -51,13 +51,13 @@ def test_a_sharer_follows_its_owner_to_another_domain(tenant: Tenant, ids: str) 
 
 def test_an_app_whose_owner_is_created_later_becomes_ready_promptly(tenant: Tenant, ids: str) -> None:
     """Three in a chain, the last one first: each has backed off, or says that its owner does not exist."""
-    tenant.apply("viewer", part("c"), dds=share("teleop"))
+    tenant.apply("viewer", part("c"), ros2=share("teleop"))
     tenant.wait("viewer", "Allocated", "False", reason="InvalidSpec")
-    tenant.apply("teleop", part("b"), dds=share("mapper"))
+    tenant.apply("teleop", part("b"), ros2=share("mapper"))
     text = tenant.wait("teleop", "Ready", "False", reason="InvalidSpec")["message"]
     assert "mapper, which does not exist: create it or remove it" in text
     time.sleep(4)  # long enough to have backed off for some seconds
-    tenant.apply("mapper", part("a"), dds={"pool": ids})
+    tenant.apply("mapper", part("a"), ros2={"pool": ids})
     for name in ("mapper", "teleop", "viewer"):
         tenant.wait_ready(name, timeout_s=PROMPT_S)
     assert named(tenant, "viewer") == named(tenant, "teleop") == named(tenant, "mapper")
@@ -65,20 +65,20 @@ def test_an_app_whose_owner_is_created_later_becomes_ready_promptly(tenant: Tena
 
 
 def test_sharers_of_an_owner_that_is_replaced_go_to_its_successors_domain(tenant: Tenant, ids: str) -> None:
-    tenant.apply("mapper", part("a"), dds={"pool": ids, "domain": 5})
-    tenant.apply("teleop", part("b"), dds=share("mapper"))
+    tenant.apply("mapper", part("a"), ros2={"pool": ids, "domain": 5})
+    tenant.apply("teleop", part("b"), ros2=share("mapper"))
     tenant.wait_ready("teleop")
     tenant.delete("mapper")
     tenant.wait("teleop", "Ready", "False", reason="InvalidSpec", timeout_s=PROMPT_S)
-    tenant.apply("mapper", part("a"), dds={"pool": ids, "domain": 7})
+    tenant.apply("mapper", part("a"), ros2={"pool": ids, "domain": 7})
     eventually(lambda: named(tenant, "teleop") == {"7"}, timeout_s=PROMPT_S, what=lambda: named(tenant, "teleop"))
     tenant.wait_ready("teleop")
     eventually(lambda: held(tenant) == {7}, what=lambda: held(tenant))
 
 
 def test_a_ring_has_one_domain_and_its_leader_follows_a_member_that_leaves(tenant: Tenant, ids: str) -> None:
-    tenant.apply("b", part("b"), dds=share("a"))
-    tenant.apply("a", part("a"), dds=share("b") | {"pool": ids})
+    tenant.apply("b", part("b"), ros2=share("a"))
+    tenant.apply("a", part("a"), ros2=share("b") | {"pool": ids})
     for name in ("a", "b"):
         tenant.wait_ready(name)
     (claim,) = tenant.claims()
@@ -89,7 +89,7 @@ def test_a_ring_has_one_domain_and_its_leader_follows_a_member_that_leaves(tenan
     assert [item["metadata"]["uid"] for item in tenant.claims()] == [claim["metadata"]["uid"]]
     assert tenant.claims()[0]["status"]["phase"] == "Reserved"
     tenant.edit("a", suspend=False)
-    tenant.edit("b", dds={"pool": ids, "shareWith": None})
+    tenant.edit("b", ros2={"pool": ids, "shareWith": None})
     eventually(lambda: [item["spec"]["holder"]["name"] for item in tenant.claims()] == ["b"], what=tenant.claims)
     for name in ("a", "b"):
         tenant.wait_ready(name)

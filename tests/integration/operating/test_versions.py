@@ -30,7 +30,7 @@ def template_generation(tenant: Tenant) -> tuple[bool, int]:
 
 
 def test_on_demand_waits_for_approval_of_this_version(tenant: Tenant, ids: str) -> None:
-    tenant.apply("held", part("a"), dds={"pool": ids}, update={"policy": "OnDemand"})
+    tenant.apply("held", part("a"), ros2={"pool": ids}, update={"operator": "OnDemand"})
     tenant.wait_ready("held")
     version = deployment(tenant)["metadata"]["annotations"][RENDERED_BY]
     mark(tenant, links=True, **OLD)
@@ -44,7 +44,7 @@ def test_on_demand_waits_for_approval_of_this_version(tenant: Tenant, ids: str) 
 
 
 def test_on_demand_rolls_the_users_own_edit_at_once(tenant: Tenant, ids: str) -> None:
-    tenant.apply("edited", part("a"), dds={"pool": ids}, update={"policy": "OnDemand"})
+    tenant.apply("edited", part("a"), ros2={"pool": ids}, update={"operator": "OnDemand"})
     tenant.wait_ready("edited")
     mark(tenant, links=True, **OLD)
     tenant.wait("edited", "Progressing", "False", reason="UpdateHeld")
@@ -54,7 +54,7 @@ def test_on_demand_rolls_the_users_own_edit_at_once(tenant: Tenant, ids: str) ->
 
 
 def test_automatic_takes_over_from_an_older_operator(tenant: Tenant, ids: str) -> None:
-    tenant.apply("taken", part("a"), dds={"pool": ids})
+    tenant.apply("taken", part("a"), ros2={"pool": ids})
     tenant.wait_ready("taken")
     mark(tenant, links=True, **OLD)
     eventually(lambda: template_generation(tenant)[0] is False)
@@ -62,7 +62,7 @@ def test_automatic_takes_over_from_an_older_operator(tenant: Tenant, ids: str) -
 
 
 def test_a_newer_operators_template_is_left_alone(tenant: Tenant, ids: str) -> None:
-    tenant.apply("ahead", part("a"), dds={"pool": ids})
+    tenant.apply("ahead", part("a"), ros2={"pool": ids})
     tenant.wait_ready("ahead")
     mark(tenant, links=True, **{RENDERED_BY: "99.0.0", "robotics.io/content-hash": "of-a-newer-version"})
     tenant.wait_ready("ahead")

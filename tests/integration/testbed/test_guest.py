@@ -70,7 +70,7 @@ def test_an_app_becomes_ready_there_and_the_cluster_is_left_as_it_was(
     with guest_of(cluster) as plane, ExitStack() as stack:
         demo._tell_on(stage, plane, stack)
         assert "node/amr-07" in inventory(cluster)
-    assert stage.held == 3
+    assert stage.held == 4
     assert inventory(cluster) == before
 
 

@@ -63,7 +63,10 @@ def test_children_go_with_their_app_from_the_first_moment() -> None:
                 "apiVersion": "robotics.io/v1alpha1",
                 "kind": "RobotApp",
                 "metadata": {"name": "parent"},
-                "spec": {"components": [{"name": "only", "image": "registry.invalid/only:1"}]},
+                "spec": {
+                    "ros": {"distro": "humble"},
+                    "components": [{"name": "only", "image": "registry.invalid/only:1"}],
+                },
             },
         )
         owner = {

@@ -85,12 +85,13 @@ def test_telemetry_is_accepted_and_labelled_as_simulated(installed_plane: Contro
     with SimulatedTelemetry(installed_plane, world) as telemetry:
         telemetry.set_rtt("topo-edge", "topo-amr", 45.0)
         telemetry.unplug("topo-amr", "can0")
-        telemetry.set_load("topo-amr", cpu=30.5, memory=40)
+        telemetry.set_load("topo-amr", cpu=30, memory=40)
     stored = installed_plane.api.get(f"{TELEMETRY}/topo-amr")
     assert stored["metadata"]["labels"]["robotics.io/simulated"] == "true"
-    assert {"peer": "topo-edge", "p50Us": 45_000, "p95Us": 45_000, "lossPercent": 0} in stored["status"]["rtt"]
+    wanted = {"peer": "topo-edge", "p50Us": 45_000, "p95Us": 45_000, "lossPPM": 0, "seq": stored["status"]["seq"]}
+    assert wanted in stored["status"]["rtt"]
     assert stored["status"]["devices"][0]["present"] is False
-    assert stored["status"]["load"] == {"cpuPercent": 30.5, "memoryPercent": 40}
+    assert stored["status"]["load"] == {"cpuPercent": 30, "memoryPercent": 40}
 
 
 def test_an_agent_measures_whom_it_is_asked_to(installed_plane: ControlPlane) -> None:

@@ -19,7 +19,6 @@ FIELDS = st.sampled_from(
         "preferred_zones",
         "hardware_requirements",
         "peer_pods",
-        "formatVersion",
     )
 )
 TEXTS = st.one_of(

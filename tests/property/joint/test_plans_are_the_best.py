@@ -4,9 +4,9 @@ from random import Random
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.support.joint_problems import brute_force, field_problem, small_problem
+from tests.support.joint_problems import brute_force, brute_force_in_order, field_problem, small_problem, small_ranks
 
-from robotapp_scheduler.joint.problem import INF
+from robotapp_scheduler.joint.problem import INF, with_tiers
 from robotapp_scheduler.joint.solve import Limits, solve
 
 RANDOM = st.integers(0, 2**32).map(Random)
@@ -34,6 +34,36 @@ def test_however_little_time_and_memory_the_optimum_lies_between_bound_and_plan(
     assert found.bound <= best + 1e-6
     assert best <= found.cost + 1e-6
     assert found.rows is None or abs(problem.total(found.rows) - found.cost) < 1e-6
+
+
+@settings(deadline=None)
+@given(RANDOM)
+def test_given_time_tiers_decide_before_every_other_cost(random: Random) -> None:
+    plain = small_problem(random)
+    ranks = small_ranks(random, plain)
+    tiered = with_tiers(plain, ranks)
+    found, (fewest, best) = solve(tiered, TO_THE_END, lambda: 0.0), brute_force_in_order(plain, ranks)
+    assert (found.rows is None) == (best == INF) == found.impossible
+    if found.rows is not None:
+        assert sum(int(ranks[pod, row]) for pod, row in enumerate(found.rows)) == fewest
+        assert found.tiers == fewest * tiered.step
+        assert abs(plain.total(found.rows) - best) < 1e-4
+        assert found.gap < 1e-6
+
+
+@settings(deadline=None)
+@given(RANDOM, st.integers(1, 3), st.sampled_from((8, 1 << 20)), st.sampled_from((0.0, 0.01, 0.5)))
+def test_a_gap_that_is_a_number_proves_that_no_plan_has_earlier_tiers(
+    random: Random, steps: int, cells: int, gap: float
+) -> None:
+    plain = small_problem(random)
+    ranks = small_ranks(random, plain)
+    limits = Limits(seconds=1e9, steps=steps, cells=cells, gap=gap)
+    found, (fewest, best) = solve(with_tiers(plain, ranks), limits, lambda: 0.0), brute_force_in_order(plain, ranks)
+    if found.rows is not None and found.gap < INF:
+        assert sum(int(ranks[pod, row]) for pod, row in enumerate(found.rows)) == fewest
+        cost = plain.total(found.rows)
+        assert cost - best <= found.gap * cost + 1e-4
 
 
 @settings(deadline=None, max_examples=10)

@@ -10,7 +10,7 @@ from tests.support.factories import VERSION, after, component, make_app
 from robotapp_operator.plan.changes import Observed, Plan, plan, ref_of, wanted_children
 from robotapp_operator.plan.children import Child
 from robotapp_operator.plan.objects import ChildRef, Deployment, Service
-from robotapp_operator.plan.template import ParamsFile
+from robotapp_operator.plan.parameters import ParameterState
 from robotapp_operator.plan.wish import App, Domain, wish_of
 
 NAMES = st.sampled_from(
@@ -22,7 +22,7 @@ COMPONENTS = st.lists(
         component,
         NAMES,
         image=st.sampled_from(["r/a:1", "r/b:2"]),
-        runsOn=st.sampled_from(["Robot", "Edge", "Cloud", "Any"]),
+        runsOn=st.lists(st.sampled_from(["Robot", "Edge", "Cloud"]), unique=True),
         replicas=st.integers(1, 3),
         args=st.lists(SMALL_TEXT, max_size=2),
         env=st.lists(
@@ -30,8 +30,13 @@ COMPONENTS = st.lists(
             max_size=1,
         ),
         resources=st.sampled_from([{}, {"requests": {"cpu": "500m"}}, {"limits": {"memory": "1Gi"}}]),
-        nodeSelector=st.dictionaries(st.sampled_from(["x", "y"]), st.sampled_from(["1", "2"]), max_size=2),
-        params=st.sampled_from([None, {"configMap": "c"}]),
+        template=st.builds(
+            lambda labels: {"spec": {"nodeSelector": labels}},
+            st.dictionaries(st.sampled_from(["x", "y"]), st.sampled_from(["1", "2"]), max_size=2),
+        ),
+        parameters=st.sampled_from(
+            [[], [{"configMapKeyRef": {"name": "c", "key": "k"}}, {"inline": "/**: {ros__parameters: {a: 1}}"}]]
+        ),
     ),
     min_size=1,
     max_size=4,
@@ -41,9 +46,9 @@ ROS = st.sampled_from(
     [
         {},
         {"ros": {"distro": "jazzy"}},
-        {"dds": {"rmw": "rmw_cyclonedds_cpp"}},
-        {"dds": {"rmw": "rmw_zenoh_cpp"}},
-        {"dds": {"discovery": {"mode": "Multicast"}}},
+        {"ros2": {"rmw": "rmw_cyclonedds_cpp"}},
+        {"ros2": {"rmw": "rmw_zenoh_cpp"}},
+        {"ros2": {"discovery": {"mode": "Multicast"}}},
         {"ros": {"distro": "noetic"}},
     ]
 )
@@ -67,7 +72,10 @@ def children(draw: st.DrawFn, app: App) -> list[Child]:
     number = draw(st.integers(1, 101))
     domain = Domain(number, f"dds.default.c.{number}") if app.ros_version == 2 else None
     return wanted_children(
-        wish_of(app, robot), domain=domain, params={"driver": ParamsFile("k", "h")}, running=not app.spec.suspend
+        wish_of(app, robot),
+        domain=domain,
+        parameters={"driver": ParameterState(hash="h")},
+        running=not app.spec.suspend,
     )
 
 

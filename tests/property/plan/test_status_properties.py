@@ -8,14 +8,18 @@ from hypothesis import strategies as st
 from tests.support.factories import component, make_app, telemetry
 
 from robotapp_api.claims.instances import Instance
+from robotapp_api.model.instance import InstanceStatus
 from robotapp_api.model.names import Condition, Reason
 from robotapp_api.model.status import RobotAppStatus
 from robotapp_operator.plan.app import Problem
 from robotapp_operator.plan.compare import content_hash, covers
 from robotapp_operator.plan.components import ComponentView
-from robotapp_operator.plan.facts import AppFacts, InstanceFacts
-from robotapp_operator.plan.latency import edge_views, steady_p95
-from robotapp_operator.plan.status import render_status
+from robotapp_operator.plan.facts import AppFacts, InstanceFacts, of_instance
+from robotapp_operator.plan.instance_status import render_instance, same_instance_status
+from robotapp_operator.plan.latency import REST_S, EdgeKey, EdgeView, Rest, edge_views, publish, worst_first
+from robotapp_operator.plan.status import MAX_STATUS_BYTES, render_status
+from robotapp_operator.plan.text import stored_bytes
+from robotapp_operator.plan.troubled import MAX_TROUBLED
 
 TEXT = st.text(max_size=2000)
 NODES = st.sampled_from(["edge-1", "edge-2", "amr-07", "n" * 253])
@@ -55,9 +59,9 @@ def instances(draw: st.DrawFn, robot: str) -> InstanceFacts:
     placed = {name: draw(NODES) for name in ("a", "b") if draw(st.booleans())}
     edges = make_app(component("a"), component("b"), edges=EDGES).spec.edges
     return InstanceFacts(
-        instance=Instance(robot, "amr-07" if robot else ""),
+        instance=Instance(robot, "amr-07" if robot else "", draw(st.sampled_from(["", "label one"])) if robot else ""),
         components=(draw(views("a")), draw(views("b"))),
-        edges=tuple(edge_views(edges, placed=placed, robot_node="", telemetry=table)),
+        edges=worst_first(edge_views(edges, placed=placed, robot_node="", telemetry=table)),
         domain=draw(st.none() | st.integers(0, 232)),
         needs_domain=draw(st.booleans()),
         devices_wanted=draw(st.integers(0, 3)),
@@ -81,7 +85,7 @@ def facts(draw: st.DrawFn, previous: dict[str, Any] | None = None) -> AppFacts:
         instances=tuple(draw(instances(robot)) for robot in sorted(robots)),
         previous=previous or {},
         now=draw(st.sampled_from(["2026-01-01T00:00:00Z", "2026-01-01T00:00:01Z"])),
-        latency_rested=draw(st.booleans()),
+        notes=tuple(draw(st.lists(TEXT, max_size=2))),
         rmw="rmw_fastrtps_cpp",
         discovery="Server",
         bug=draw(st.just("") | TEXT.map(lambda text: text[:512])),
@@ -93,10 +97,10 @@ def again(found: AppFacts, status: dict[str, Any], *, now: str) -> AppFacts:
     return AppFacts(
         app=found.app,
         problems=found.problems,
+        notes=found.notes,
         instances=found.instances,
         previous=json.loads(json.dumps(status)),
         now=now,
-        latency_rested=True,
         rmw=found.rmw,
         discovery=found.discovery,
         bug=found.bug,
@@ -109,7 +113,36 @@ def test_every_status_is_within_the_bounds_of_the_api(found: AppFacts) -> None:
     status = render_status(found)
     RobotAppStatus.model_validate(status)
     assert [item["type"] for item in status["conditions"]] == [kind.value for kind in Condition]
-    assert len(json.dumps(status)) < 256 * 1024
+    assert stored_bytes(status) <= MAX_STATUS_BYTES
+    assert len(status["troubled"]) <= MAX_TROUBLED
+
+
+@given(facts())
+@settings(deadline=None)
+def test_every_instance_is_within_the_bounds_of_the_api_and_settles(found: AppFacts) -> None:
+    for instance in found.instances:
+        first = render_instance(of_instance(found, instance, previous={}))
+        InstanceStatus.model_validate(first)
+        assert stored_bytes(first) <= MAX_STATUS_BYTES
+        later = again(found, first, now="2027-01-01T00:00:00Z")
+        second = render_instance(of_instance(later, instance, previous=later.previous))
+        latest = again(found, second, now="2028-01-01T00:00:00Z")
+        third = render_instance(of_instance(latest, instance, previous=latest.previous))
+        assert same_instance_status(third, second)
+
+
+@given(facts())
+@settings(deadline=None)
+def test_troubles_name_instances_of_the_app_once_and_none_that_is_only_well(found: AppFacts) -> None:
+    troubles = render_status(found)["troubled"]
+    by_name = {instance.name: instance for instance in found.instances}
+    assert len({item["instance"] for item in troubles}) == len(troubles)
+    for item in troubles:
+        instance = by_name[item["instance"]]
+        over = any(edge.met is False for edge in instance.edges)
+        assert (
+            not instance.ready or instance.unclear or instance.cut_off or over or instance.refusal or instance.trouble
+        )
 
 
 @given(facts())
@@ -145,13 +178,40 @@ def test_transition_times_move_exactly_with_the_status(before: AppFacts, found: 
         assert moved == (old["status"] != new["status"])
 
 
-@given(st.none() | st.integers(1, 10**6), st.none() | st.integers(1, 10**6), st.booleans(), st.booleans())
-def test_a_published_figure_is_the_old_or_the_new_one(
-    old: int | None, new: int | None, changed: bool, rested: bool
+TIMES_MS = st.none() | st.floats(0.1, 60)
+
+
+def measured(*times_ms: float | None) -> list[EdgeView]:
+    """An edge per time, each between its own pair of nodes."""
+    found = []
+    for number, time_ms in enumerate(times_ms):
+        edge = {"topic": f"/t{number}", "from": "operator", "to": "driver", "latency": {"budget": "30ms"}}
+        table = {} if time_ms is None else {"edge-1": telemetry("edge-1", amr=time_ms)}
+        placed = {"operator": "edge-1", "driver": "amr"}
+        found += edge_views(make_app(edges=[edge]).spec.edges, placed=placed, robot_node="", telemetry=table)
+    return found
+
+
+@given(st.lists(st.tuples(st.floats(0.1, 40), TIMES_MS, TIMES_MS), min_size=1, max_size=30))
+@settings(deadline=None, max_examples=50)
+def test_published_figures_are_old_or_new_ones_worst_first_and_a_later_look_is_asked_for(
+    rounds: list[tuple[float, float | None, float | None]],
 ) -> None:
-    shown = steady_p95(old, new, verdict_changed=changed, rested=rested)
-    assert shown in (old, new)
-    assert steady_p95(shown, new, verdict_changed=False, rested=rested) == shown
+    shown: dict[EdgeKey, EdgeView] = {}
+    rest, now_s = Rest(), 0.0
+    for pause_s, one, other in rounds:
+        now_s += pause_s
+        now = {view.key: view for view in measured(one, other)}
+        found = publish(list(now.values()), shown, rest, now_s=now_s)
+        assert found.edges == worst_first(found.edges)
+        assert found.again_s > now_s
+        for edge in found.edges:
+            assert edge.figures in (now[edge.key].figures, shown[edge.key].figures if edge.key in shown else None)
+            if edge.met != now[edge.key].met:
+                assert found.again_s <= now_s + 2 * REST_S
+        shown = {edge.key: edge for edge in found.edges}
+        again = publish(list(now.values()), shown, rest, now_s=now_s)
+        assert again.edges == found.edges, "looking twice shows the same"
 
 
 @given(JSON)

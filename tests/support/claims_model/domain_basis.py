@@ -57,7 +57,7 @@ def swap(items: tuple[Any, ...], old: Any, new: Any = None) -> tuple[Any, ...]:
 
 @dataclass
 class Basis:
-    """apps and names: RobotApp and Deployment of each instance. specs: values people may write to `dds.domain`."""
+    """apps and names: RobotApp and Deployment of each instance. specs: values people may write to `ros2.domain`."""
 
     apps: tuple[int, ...] = (0, 1)
     names: tuple[int, ...] = (0, 1)

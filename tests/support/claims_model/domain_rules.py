@@ -13,7 +13,7 @@ from tests.support import claims_objects as make
 from robotapp_api.claims import bind, domain, release, usage
 from robotapp_api.claims.domain import DomainPlan, DomainRequest
 from robotapp_api.claims.identity import Found, domain_spec, id_order, same_tuple
-from robotapp_api.claims.objects import App, AppSpec, Claim, Dds, Deployment, Holder, Meta, Pod, ReplicaSet
+from robotapp_api.claims.objects import App, AppSpec, Claim, Deployment, Holder, Meta, Pod, ReplicaSet, Ros2
 from robotapp_api.claims.release import Release
 from robotapp_api.client.errors import ApiError, Forbidden, means_gone
 
@@ -115,7 +115,7 @@ class DomainRules:
     def wants(self, who: Instance, number: int, held: tuple[int, ...], named: int, want: int | None) -> bool:
         """want: what the app's spec says; None when the app is gone."""
         holder = self.holder(who)
-        spec = AppSpec(dds=Dds(domain=None if want == AUTO else want))
+        spec = AppSpec(ros2=Ros2(domain=None if want == AUTO else want))
         app = (
             None if want is None else App(metadata=Meta(name=holder.name, namespace="team", uid=holder.uid), spec=spec)
         )

@@ -5,6 +5,7 @@ from tests.support.reference_scheduler.model import ClusterDump, Config, Json, S
 from tests.support.reference_scheduler.outcome import NO_NODES, Decision, fit_message
 from tests.support.reference_scheduler.preemption import preempt
 from tests.support.reference_scheduler.state import State, name_of
+from tests.support.reference_scheduler.tiers import keep_earliest, rank
 
 _DEFAULTS = Config()
 _LAST = "DynamicResources"
@@ -20,6 +21,7 @@ def decide(cluster: ClusterDump, pod: Json, config: Config = _DEFAULTS) -> Decis
     decision.refused = filtering.pre_filter(state)
     if decision.refused is None:
         _filter(state, decision)
+    keep_earliest(state, decision)
     if decision.feasible:
         if len(decision.feasible) > 1:
             _score(state, decision)
@@ -36,8 +38,8 @@ def decide(cluster: ClusterDump, pod: Json, config: Config = _DEFAULTS) -> Decis
 def _filter(state: State, decision: Decision) -> None:
     nominated = (state.pod.get("status") or {}).get("nominatedNodeName")
     for node in state.nodes:
-        if name_of(node) == nominated and filtering.refusal(state, node) is None:
-            # Its own nomination is taken at once, without a look at the other nodes.
+        if name_of(node) == nominated and filtering.refusal(state, node) is None and not _earlier(state, node):
+            # Its own nomination is taken at once, without a look at the other nodes but those of earlier tiers.
             decision.feasible.append(name_of(node))
             decision.promised = True
             return
@@ -47,6 +49,17 @@ def _filter(state: State, decision: Decision) -> None:
             decision.feasible.append(name_of(node))
         else:
             decision.rejections[name_of(node)] = refused
+
+
+def _earlier(state: State, node: Json) -> bool:
+    """Is a node of an earlier tier feasible?"""
+    tiers = state.config.tiers
+    return any(
+        rank(other, tiers) < rank(node, tiers)
+        and filtering.outside(state, other) is None
+        and filtering.refusal(state, other) is None
+        for other in state.nodes
+    )
 
 
 def _score(state: State, decision: Decision) -> None:

@@ -88,6 +88,8 @@ class Config:
     volume_shape: tuple[tuple[int, int], ...] = ((0, 10), (100, 0))
     weights: Mapping[str, int] = field(default_factory=dict)
     """Plugin to weight where it is not the default."""
+    tiers: tuple[str, ...] = ()
+    """Not kube-scheduler's: `runsOn` of the pod's component, the best tier first. See `tiers.py`."""
 
 
 @dataclass(frozen=True)

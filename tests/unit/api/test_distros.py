@@ -5,7 +5,6 @@ from datetime import date
 import pytest
 
 from robotapp_api.model.distros import DISTROS, nearest
-from robotapp_api.model.robotapp import RobotApp
 
 
 def test_every_ros_2_distribution_has_a_middleware_and_no_ros_1_one_has() -> None:
@@ -24,8 +23,3 @@ def test_support_ends_after_its_last_day() -> None:
 )
 def test_the_nearest_name_is_offered_for_a_typo(typo: str, meant: str) -> None:
     assert nearest(typo) == meant
-
-
-def test_the_default_distribution_is_known_and_supported() -> None:
-    app = RobotApp.model_validate({"spec": {"components": [{"name": "a", "image": "i"}]}})
-    assert not DISTROS[app.spec.ros.distro].is_past_end_of_life(date(2026, 11, 1))

@@ -4,23 +4,32 @@ from typing import Any
 
 import pytest
 from pydantic import ValidationError
+from tests.support.apiobjects import ROS
 
 from robotapp_api.model.base import dump
 from robotapp_api.model.claim import RobotClaim
+from robotapp_api.model.pool import DomainPool
 from robotapp_api.model.robotapp import RobotApp
 
 
 def app(**spec: Any) -> dict[str, Any]:
-    return {"metadata": {"name": "teleop"}, "spec": {"components": [{"name": "driver", "image": "i"}], **spec}}
+    return {
+        "metadata": {"name": "teleop"},
+        "spec": {"ros": ROS, "components": [{"name": "driver", "image": "i"}], **spec},
+    }
 
 
-def test_the_minimal_object_needs_a_name_and_an_image() -> None:
+def test_the_minimal_object_needs_a_distribution_a_name_and_an_image() -> None:
     spec = RobotApp.model_validate(app()).spec
-    assert (spec.ros.distro, spec.ros.version, spec.components[0].runs_on) == ("humble", None, "Any")
-    assert spec.dds is None
+    assert (spec.ros.version, spec.components[0].runs_on, spec.scheduler_name) == (None, (), None)
+    assert spec.ros2 is None
     assert spec.components[0].on_disconnect is None
     with pytest.raises(ValidationError, match="image"):
-        RobotApp.model_validate({"spec": {"components": [{"name": "driver"}]}})
+        RobotApp.model_validate(app(components=[{"name": "driver"}]))
+    with pytest.raises(ValidationError, match="distro"):
+        RobotApp.model_validate(app(ros={}))
+    with pytest.raises(ValidationError, match="ros"):
+        RobotApp.model_validate({"spec": {"components": [{"name": "driver", "image": "i"}]}})
 
 
 def test_a_new_app_has_all_seven_conditions_as_unknown() -> None:
@@ -33,7 +42,7 @@ def test_a_new_app_has_all_seven_conditions_as_unknown() -> None:
 
 def test_python_keywords_keep_their_wire_names() -> None:
     wire = app(
-        edges=[{"topic": "/cmd_vel", "from": "driver", "to": "@robot"}],
+        edges=[{"kind": "Topic", "topic": "/cmd_vel", "from": "driver", "to": "@robot"}],
         placement={"reschedule": {"for": "20s"}},
         components=[{"name": "driver", "image": "i", "sharedData": {"with": ["driver"]}}],
     )
@@ -51,21 +60,34 @@ def test_fields_of_a_newer_schema_are_ignored() -> None:
 
 def test_core_fields_are_kept_as_written_with_their_empty_objects() -> None:
     volumes = [{"name": "tmp", "emptyDir": {}}]
-    parsed = RobotApp.model_validate(app(components=[{"name": "a", "image": "i", "volumes": volumes}]))
-    assert dump(parsed)["spec"]["components"][0]["volumes"] == volumes
+    component = {"name": "a", "image": "i", "template": {"spec": {"volumes": volumes}}}
+    parsed = RobotApp.model_validate(app(components=[component]))
+    assert dump(parsed)["spec"]["components"][0]["template"]["spec"]["volumes"] == volumes
 
 
 def test_dump_writes_no_nulls_and_no_lists_nobody_wrote() -> None:
     dumped = dump(RobotApp.model_validate(app(edges=[])))
     assert dumped["spec"]["edges"] == []
     assert "devices" not in dumped["spec"]["components"][0]
-    assert "dds" not in dumped["spec"]
+    assert "ros2" not in dumped["spec"]
     assert dumped["metadata"] == {"name": "teleop"}
 
 
 def test_dump_and_parse_are_inverse() -> None:
-    first = RobotApp.model_validate(app(dds={"domain": 7}, robots={"selector": {"matchLabels": {"a": "b"}}}))
+    first = RobotApp.model_validate(app(ros2={"domain": 7}, robots={"nodeSelector": {"matchLabels": {"a": "b"}}}))
     assert dump(RobotApp.model_validate(dump(first))) == dump(first)
+
+
+def test_a_pool_without_a_quota_has_no_limit_and_zero_means_none() -> None:
+    assert DomainPool.model_validate({"spec": {}}).spec.quota.default is None
+    written = DomainPool.model_validate({"spec": {"quota": {"default": 0, "namespaces": {"team-a": 0}}}}).spec.quota
+    assert (written.default, written.namespaces) == (0, {"team-a": 0})
+
+
+def test_a_parameter_file_keeps_the_text_ros_reads() -> None:
+    written = [{"inline": "/**: {ros__parameters: {gain: 1.0}}"}]
+    parsed = RobotApp.model_validate(app(components=[{"name": "a", "image": "i", "parameters": written}]))
+    assert dump(parsed)["spec"]["components"][0]["parameters"] == written
 
 
 def test_models_are_frozen() -> None:

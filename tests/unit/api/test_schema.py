@@ -47,6 +47,12 @@ def test_a_changed_or_missing_file_is_named_with_its_first_difference(tmp_path: 
     assert "scope: Namespaced" in check(tmp_path, FILES)[0]
 
 
+def test_a_client_can_apply_the_definition_of_an_app_without_the_server() -> None:
+    """Client-side apply keeps a copy in an annotation, and all annotations together may have 256 KiB."""
+    compact = json.dumps(yaml.safe_load(FILES[Path("crds/robotapps.yaml")]), separators=(",", ":"), ensure_ascii=False)
+    assert len(compact.encode()) <= 256 * 1024
+
+
 def test_yaml_has_no_anchors_and_reads_back() -> None:
     for path, text in FILES.items():
         if path.parts[0] == "crds":

@@ -56,5 +56,5 @@ def test_robots_side_is_pinned_and_the_operators_kept_off_it() -> None:
     app = teleop._app("a", "default-scheduler")
     operator, robot = app["spec"]["components"]
     assert operator["separateFrom"] == ["robot"]
-    assert robot["nodeSelector"] == {"kubernetes.io/hostname": "robot-1"}
+    assert robot["template"]["spec"]["nodeSelector"] == {"kubernetes.io/hostname": "robot-1"}
     assert app["spec"]["schedulerName"] == "default-scheduler"

@@ -50,52 +50,52 @@ def test_an_empty_master_node_and_no_zones_say_nothing() -> None:
 
 def test_hardware_is_claimed_where_it_can_have_one_owner_and_required_otherwise() -> None:
     found = component(
-        "scheduler: {affinity: {hardware_requirements: [{type: can, interface: can0}, {type: can}, {type: usb, model: cam}, {type: gpu, model: nvidia}]}}"
+        "scheduler: {affinity: {hardware_requirements: [{type: can, interface: can0}, {type: can}, {type: usb, model: cam}, {type: gpu, model: nvidia}, {type: lidar, interface: eth1}, {type: gpu, model: nvidia}]}}"
     )
     assert found["devices"] == [
         {"name": "can", "type": "can", "interface": "can0"},
         {"name": "can-2", "type": "can"},
         {"name": "usb", "type": "usb", "model": "cam"},
     ]
-    assert found["requires"] == [{"type": "gpu", "model": "nvidia"}]
+    assert found["requires"] == [{"type": "gpu", "model": "nvidia"}, {"type": "lidar", "interface": "eth1"}]
 
 
 def test_peers_inside_the_app_are_told_from_foreign_ones() -> None:
     block = "components: {operator_ui: {scheduler: {shared_data: {peer_pods: [base_driver, mapper], pvc: [map-pvc]}}}}"
     found = spec(orchestration(block, TWO))["components"][1]
-    assert found["sharedData"] == {"with": ["base-driver"], "peerPods": ["mapper"], "claims": ["map-pvc"]}
+    assert found["sharedData"] == {"with": ["base-driver"], "peerPods": ["mapper"], "claimNames": ["map-pvc"]}
 
 
 @pytest.mark.parametrize("key", ["shared_data", "shared-data"])
 def test_shared_data_in_both_spellings(key: str) -> None:
-    assert component(f"scheduler: {{{key}: {{pvc: [p]}}}}")["sharedData"] == {"claims": ["p"]}
+    assert component(f"scheduler: {{{key}: {{pvc: [p]}}}}")["sharedData"] == {"claimNames": ["p"]}
 
 
 @pytest.mark.parametrize(("text", "domain"), [("auto", None), ("7", 7), ('"12"', 12), ("215", 215)])
 def test_the_domain_is_allocated_or_asked_for(text: str, domain: int | None) -> None:
-    assert spec(orchestration(f"scheduler: {{dds_domain: {text}}}")).get("dds", {}).get("domain") == domain
+    assert spec(orchestration(f"scheduler: {{dds_domain: {text}}}")).get("ros2", {}).get("domain") == domain
 
 
 def test_the_common_block_holds_for_every_package_and_the_packages_own_wins() -> None:
     block = """\
 scheduler: {policies: {latency_budget: 30ms, qos_class: sensor_data}}
-components: {base_driver: {runsOn: Robot, scheduler: {policies: {qos_class: realtime}}}}"""
+components: {base_driver: {runsOn: [Robot], scheduler: {policies: {qos_class: realtime}}}}"""
     driver, panel = spec(orchestration(block, TWO))["components"]
     assert (driver["qosClass"], driver["policies"], driver["runsOn"]) == (
         "realtime",
         {"latencyBudget": "30ms"},
-        "Robot",
+        ["Robot"],
     )
     assert (panel["qosClass"], panel["policies"]) == ("sensor_data", {"latencyBudget": "30ms"})
 
 
 def test_the_words_of_robotapp_are_taken_as_they_are_with_templates() -> None:
     block = """\
-robotapp: {robots: {selector: {matchLabels: {robotics.io/robot: '{{ robot }}'}}}, dds: {pool: lab}}
+robotapp: {robots: {nodeSelector: {matchLabels: {robotics.io/robot: '{{ robot }}'}}}, ros2: {pool: lab}}
 components: {base-driver: {replicas: 2, resources: {requests: {cpu: 100m}}}}"""
     found = spec("vars: {robot: amr-07}\n" + orchestration(block))
-    assert found["robots"]["selector"]["matchLabels"] == {"robotics.io/robot": "amr-07"}
-    assert found["dds"] == {"pool": "lab"}
+    assert found["robots"]["nodeSelector"]["matchLabels"] == {"robotics.io/robot": "amr-07"}
+    assert found["ros2"] == {"pool": "lab"}
     assert found["components"][0]["replicas"] == 2
 
 
@@ -116,20 +116,27 @@ components: {base-driver: {replicas: 2, resources: {requests: {cpu: 100m}}}}"""
         ("scheduler: {dds_domain: 300}", "'300' is not a DDS domain; allowed: auto, or a number from 0 to 232"),
         ("scheduler: {dds_domain: 150}", "domain 150 is outside 1-101 and 215-232"),
         ("scheduler: {dds_domain: 1, dds-domain: 2}", "says the same as"),
-        (
-            "scheduler: {affinity: {hardware_requirements: [{type: gpu, interface: x}]}}",
-            "interface belongs to can, gpio, serial, usb",
-        ),
         ("components: {nobody: {}}", "there is no package nobody"),
         (
             "components: {base_driver: {imag: x}}",
             "spec.components[0].imag is not a field of RobotApp (did you mean image?)",
         ),
+        ("components: {base_driver: {runsOn: Robot}}", 'spec.components[0].runsOn must be a list, found "Robot"'),
+        (
+            "components: {base_driver: {template: {spec: {nodeName: n}}}}",
+            "nodeName cannot be set in the template; write nodeSelector",
+        ),
+        (
+            "components: {base_driver: {template: {spec: {resourceClaims: [{name: a}]}}}}",
+            "write devices of the component",
+        ),
+        ("components: {base_driver: {tolerations: []}}", "spec.components[0].tolerations is not a field of RobotApp"),
+        ("robotapp: {dds: {domain: 7}}", "spec.dds is not a field of RobotApp"),
         ("components: {base_driver: {name: x}}", "the component is named by its package"),
         ("components: {base_driver: {replicas: 0.5}}", "spec.components[0].replicas must be a whole number, found 0.5"),
         ("robotapp: {components: []}", "components are given under orchestration.components.<package>"),
-        ("robotapp: {update: {policy: Sometimes}}", '"Sometimes" is not allowed; allowed: Automatic, OnDemand'),
-        ("robotapp: {dds: {domain: -1}}", "spec.dds.domain must be at least 0, found -1"),
+        ("robotapp: {update: {operator: Sometimes}}", '"Sometimes" is not allowed; allowed: Automatic, OnDemand'),
+        ("robotapp: {ros2: {domain: -1}}", "spec.ros2.domain must be at least 0, found -1"),
         ("name: '!!'", "has no letter or digit to make a name of"),
         (f"name: {'x' * 41}", "is longer than 40 characters"),
     ],
@@ -138,6 +145,26 @@ def test_what_is_wrong_in_the_block_is_said_with_its_line(block: str, message: s
     text = refusal(orchestration(block))
     assert message in text
     assert text.startswith("Rigelfile:10: ")
+
+
+def test_what_the_block_has_no_word_for_is_said_in_robotapps_words() -> None:
+    block = """\
+components:
+  base_driver:
+    runsOn: [Edge, Robot]
+    devices: [{name: cam, type: usb, usbID: '8086:0b3a', sharing: Namespace}]
+    template: {spec: {priorityClassName: high, terminationGracePeriodSeconds: 5}}
+    readinessProbe: {exec: {command: [ready]}}
+    parameters: [{inline: '/**: {ros__parameters: {v: 1.0}}'}, {configMapKeyRef: {name: drv, key: $(ROBOTAPP_ROBOT).yaml, optional: true}}]
+robotapp: {placement: {gang: None}, edges: [{topic: /odom, from: base-driver, to: '@robot', rateHz: 500m}]}"""
+    found = spec(orchestration(block))
+    driver = found["components"][0]
+    assert driver["runsOn"] == ["Edge", "Robot"]
+    assert driver["devices"] == [{"name": "cam", "type": "usb", "usbID": "8086:0b3a", "sharing": "Namespace"}]
+    assert driver["template"]["spec"] == {"priorityClassName": "high", "terminationGracePeriodSeconds": 5}
+    assert driver["readinessProbe"] == {"exec": {"command": ["ready"]}}
+    assert driver["parameters"][1]["configMapKeyRef"]["key"] == "$(ROBOTAPP_ROBOT).yaml"
+    assert (found["placement"], found["edges"][0]["rateHz"]) == ({"gang": "None"}, "500m")
 
 
 def test_our_words_win_over_the_scheduler_block() -> None:
@@ -183,6 +210,20 @@ class TestRos1:
 
     def test_its_image_is_carried_over(self) -> None:
         assert spec(orchestration("ros_master_image: ros:noetic", self.NOETIC))["ros1"] == {"image": "ros:noetic"}
+
+    def test_a_domain_is_a_setting_of_ros_2(self) -> None:
+        text = refusal(orchestration("scheduler: {dds_domain: 7}", self.NOETIC))
+        assert text == "Rigelfile:10: spec.ros2 has the settings of ROS 2, and noetic is ROS 1: remove them"
+
+    def test_its_settings_are_refused_for_ros_2(self) -> None:
+        text = refusal(orchestration("robotapp: {ros1: {image: 'ros:noetic'}}"))
+        assert text == "Rigelfile:10: spec.ros1 has the settings of ROS 1, and humble is ROS 2: remove them"
+
+    def test_a_distro_in_robotapps_words_decides_for_packages_that_name_none(self) -> None:
+        text = "packages: [{package: a, image: i, dockerfile: d, env: [{name: ROS_DOMAIN_ID, value: 7}]}]\n"
+        found = rendered(orchestration("{ros_master_image: 'ros:noetic', robotapp: {ros: {distro: noetic}}}", text))
+        assert found.app["spec"]["ros1"] == {"image": "ros:noetic"}
+        assert found.notes == ("Rigelfile:1: env ROS_DOMAIN_ID has no meaning for ROS 1 (noetic) and is left out",)
 
     def test_a_master_for_ros_2_is_noted(self) -> None:
         (note,) = rendered(orchestration("deploy_ros_master: true")).notes

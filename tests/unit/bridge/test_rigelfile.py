@@ -82,13 +82,13 @@ def test_environment_variables_are_taken_as_typed() -> None:
     ]
 
 
-def test_what_all_components_share_moves_to_dds() -> None:
+def test_what_all_components_share_moves_to_ros2() -> None:
     text = (
         ONE
         + "    env: [{name: RMW_IMPLEMENTATION, value: rmw_cyclonedds_cpp}, {name: ROS_DOMAIN_ID, value: 42}, {name: A, value: b}]\n"
     )
     found = spec(text)
-    assert found["dds"] == {"rmw": "rmw_cyclonedds_cpp", "domain": 42}
+    assert found["ros2"] == {"rmw": "rmw_cyclonedds_cpp", "domain": 42}
     assert found["components"][0]["env"] == [{"name": "A", "value": "b"}]
 
 

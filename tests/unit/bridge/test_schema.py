@@ -8,6 +8,8 @@ from rigel_bridge.schema import problems, robotapp_schema
 
 OBJECT = {"type": "object", "required": ["a"], "properties": {"a": {"type": "integer", "minimum": 1, "maximum": 3}}}
 SMALL = {"rule": "self.matches('^[a-z]$')", "message": "write a small letter"}
+ALWAYS = {"rule": "self == 'Always'", "message": "leave it out"}
+NOTHING = {"rule": "size(self) == 0", "message": "write devices"}
 
 
 def messages(value: Any, schema: dict[str, Any]) -> list[str]:
@@ -30,6 +32,8 @@ def messages(value: Any, schema: dict[str, Any]) -> list[str]:
         ("abc", {"type": "string", "maxLength": 2}, "must have at most 2 characters, found 3"),
         ("A", {"type": "string", "pattern": "^[a-z]$"}, '"A" does not look like ^[a-z]$'),
         ("A", {"type": "string", "x-kubernetes-validations": [SMALL]}, '"A": write a small letter'),
+        ("Never", {"type": "string", "x-kubernetes-validations": [ALWAYS]}, '"Never": leave it out'),
+        ([1], {"type": "array", "x-kubernetes-validations": [NOTHING]}, "[1]: write devices"),
         (
             "fast",
             {"type": "string", "enum": ["slow", "faster"]},
@@ -49,6 +53,11 @@ def messages(value: Any, schema: dict[str, Any]) -> list[str]:
 )
 def test_each_keyword_finds_its_problem(value: Any, schema: dict[str, Any], message: str) -> None:
     assert message in messages(value, schema)
+
+
+def test_a_kept_rule_is_silent() -> None:
+    assert messages("Always", {"type": "string", "x-kubernetes-validations": [ALWAYS]}) == []
+    assert messages([], {"type": "array", "x-kubernetes-validations": [NOTHING]}) == []
 
 
 def test_rules_that_are_more_than_a_pattern_stay_with_the_api_server() -> None:
@@ -86,6 +95,7 @@ def test_the_checker_knows_every_keyword_of_the_shipped_schema() -> None:
             "maxLength",
         ),
         *("minimum", "maximum", "minItems", "maxItems", "maxProperties", "x-kubernetes-int-or-string", "anyOf"),
+        "x-kubernetes-preserve-unknown-fields",
         # no restriction of a single object, or left to the API server
         *("description", "default", "format", "x-kubernetes-validations"),
         *("x-kubernetes-list-type", "x-kubernetes-list-map-keys", "x-kubernetes-map-type"),

@@ -1,5 +1,6 @@
 import itertools
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -71,9 +72,9 @@ def test_a_device_in_use_is_never_freed_and_a_wanted_one_waits_for_a_successor(
         assert decision is (Release.DELETE if over else Release.WAIT)
 
 
-def app(*, suspend: bool = False, name: str = "driver", replicas: int = 1, exclusive: bool = True) -> App:
+def app(*, suspend: bool = False, name: str = "driver", replicas: int = 1, sharing: str = "Exclusive") -> App:
     part = Component(
-        name=name, replicas=replicas, devices=(DeviceRequirement(name="bus", type="can", exclusive=exclusive),)
+        name=name, replicas=replicas, devices=(DeviceRequirement(name="bus", type="can", sharing=sharing),)
     )
     return App(metadata=Meta(uid="app-1"), spec=AppSpec(suspend=suspend, components=(part,)))
 
@@ -86,11 +87,22 @@ def app(*, suspend: bool = False, name: str = "driver", replicas: int = 1, exclu
         (app(suspend=True), False),
         (app(name="camera"), False),
         (app(replicas=0), False),
-        (app(exclusive=False), False),
+        (app(sharing="Namespace"), False),
+        (app(sharing="Cluster"), False),
     ],
 )
 def test_an_app_wants_devices_while_it_runs_and_its_component_asks(found: App | None, wanted: bool) -> None:
     assert device.wants_devices(found, ME) is wanted
+
+
+def test_a_device_is_exclusive_unless_its_sharing_says_otherwise_and_keeps_its_usb_id_on_the_wire() -> None:
+    found = msgspec.json.decode(b'{"name": "cam", "type": "usb", "usbID": "8086:0b3a"}', type=DeviceRequirement)
+    assert found == DeviceRequirement(name="cam", type="usb", usb_id="8086:0b3a", count=1, sharing="Exclusive")
+    assert [DeviceRequirement(sharing=value).exclusive for value in ("Exclusive", "Namespace", "Cluster")] == [
+        True,
+        False,
+        False,
+    ]
 
 
 def test_another_uid_wants_nothing_of_the_old_ones_devices() -> None:
@@ -98,7 +110,7 @@ def test_another_uid_wants_nothing_of_the_old_ones_devices() -> None:
 
 
 @pytest.mark.parametrize(
-    ("match", "identity", "fits"),
+    ("usb_id", "identity", "fits"),
     [
         ("8086:0b3a", "usb:8086:0B3A:123", True),
         ("8086:0B3A", "8086:0b3a", True),
@@ -118,9 +130,9 @@ def test_another_uid_wants_nothing_of_the_old_ones_devices() -> None:
     ],
 )
 def test_usb_identities_match_by_vendor_product_and_serial_others_as_they_are(
-    match: str, identity: str, fits: bool
+    usb_id: str, identity: str, fits: bool
 ) -> None:
-    assert device.identity_fits(match, identity) is fits
+    assert device.identity_fits(usb_id, identity) is fits
 
 
 @pytest.mark.parametrize(
@@ -132,7 +144,7 @@ def test_usb_identities_match_by_vendor_product_and_serial_others_as_they_are(
         (DeviceRequirement(type="usb", model="zed"), False),
         (DeviceRequirement(type="usb", interface="video0"), True),
         (DeviceRequirement(type="usb", interface="video1"), False),
-        (DeviceRequirement(type="usb", match="8086:0b3a"), True),
+        (DeviceRequirement(type="usb", usb_id="8086:0b3a"), True),
     ],
 )
 def test_a_device_fits_by_everything_the_requirement_names(requirement: DeviceRequirement, fits: bool) -> None:

@@ -1,3 +1,4 @@
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -146,11 +147,14 @@ def test_the_holder_of_a_taken_id_is_named_within_the_namespace_only() -> None:
         (PoolQuota(default=2), 1, False),
         (PoolQuota(default=2), 2, True),
         (PoolQuota(default=2, namespaces={"team": 5}), 4, False),
+        (PoolQuota(namespaces={"team": 5}), 4, False),
+        (PoolQuota(namespaces={"team": 5}), 5, True),
+        (PoolQuota(namespaces={"other": 0}), 200, False),
+        (PoolQuota(default=0, namespaces={"team": 5}), 4, False),
         (PoolQuota(default=0, namespaces={"team": 5}), 5, True),
-        (PoolQuota(default=2, namespaces={"team": 0}), 50, False),
     ],
 )
-def test_the_quota_of_a_namespace_is_its_own_or_the_default_and_zero_is_no_limit(
+def test_the_quota_of_a_namespace_is_its_own_or_the_default_and_unlimited_when_both_are_absent(
     quota: PoolQuota, held: int, over: bool
 ) -> None:
     refusal = domain.over_quota(ASK, pool(quota=quota), held=held)
@@ -158,6 +162,39 @@ def test_the_quota_of_a_namespace_is_its_own_or_the_default_and_zero_is_no_limit
     if refusal is not None:
         assert refusal.reason == Reason.QUOTA_EXCEEDED
         assert f"holds {held} of the" in refusal.message
+        assert "delete an app there, or ask for a higher quota in DomainPool default" in refusal.message
+
+
+@pytest.mark.parametrize(
+    ("quota", "field"),
+    [
+        (PoolQuota(default=0), "spec.quota.default"),
+        (PoolQuota(default=0, namespaces={"other": 3}), "spec.quota.default"),
+        (PoolQuota(namespaces={"team": 0}), "spec.quota.namespaces.team"),
+        (PoolQuota(default=2, namespaces={"team": 0}), "spec.quota.namespaces.team"),
+    ],
+)
+@pytest.mark.parametrize("held", [0, 3])
+def test_a_quota_of_zero_is_no_domain_at_all_and_the_message_names_the_field_and_the_cure(
+    quota: PoolQuota, field: str, held: int
+) -> None:
+    refusal = domain.over_quota(ASK, pool(quota=quota), held=held)
+    assert refusal is not None
+    assert refusal.reason == Reason.QUOTA_EXCEEDED
+    assert f"gives namespace team 0 domain ids ({field})" in refusal.message
+    assert "use another pool (spec.ros2.pool), or ask for a quota above 0 in DomainPool default" in refusal.message
+
+
+@pytest.mark.parametrize(
+    ("json", "quota"),
+    [
+        ("{}", PoolQuota(default=None)),
+        ('{"default": 0}', PoolQuota(default=0)),
+        ('{"namespaces": {"team": 0}}', PoolQuota(namespaces={"team": 0})),
+    ],
+)
+def test_an_absent_quota_is_not_a_quota_of_zero_on_the_wire(json: str, quota: PoolQuota) -> None:
+    assert msgspec.json.decode(json, type=PoolQuota) == quota
 
 
 def test_isolation_discovery_stays_where_it_is_and_else_takes_the_least_used_shared_id() -> None:

@@ -138,6 +138,13 @@ async def test_an_explicit_id_is_given_or_its_holder_is_named() -> None:
     assert "team/teleop" in second.message
 
 
+async def test_a_namespace_with_a_quota_of_zero_gets_no_domain_at_all() -> None:
+    store = fresh("1-9", quota={"default": 0})
+    outcome = await ensure_domain(store.client(), app(store))
+    assert (outcome.id, outcome.reason) == (None, Reason.QUOTA_EXCEEDED)
+    assert store.all(ROBOTCLAIMS) == []
+
+
 async def test_quota_and_missing_pool_are_values_with_what_to_do() -> None:
     store = fresh("1-9", quota={"default": 1})
     await ensure(store, app(store))
@@ -150,7 +157,7 @@ async def test_quota_and_missing_pool_are_values_with_what_to_do() -> None:
 
 async def test_isolation_discovery_takes_no_claim() -> None:
     store = fresh(sharedIds="90-91")
-    request = app(store, dds={"isolation": "Discovery"})
+    request = app(store, ros2={"isolation": "Discovery"})
     outcome = await ensure_domain(
         store.client(), DomainRequest(request.holder, isolation="Discovery"), shared_uses={90: 4, 91: 1}
     )
@@ -160,7 +167,7 @@ async def test_isolation_discovery_takes_no_claim() -> None:
 async def test_an_app_that_shares_waits_for_the_owners_domain_and_then_carries_it() -> None:
     store = fresh()
     owner = app(store, "mapper")
-    request = app(store, dds={"shareWith": [{"name": "mapper"}]})
+    request = app(store, ros2={"shareWith": [{"name": "mapper"}]})
     sharing = DomainRequest(request.holder, share_with=(("team", "mapper"),))
     waiting = await ensure(store, sharing)
     assert waiting.reason == Reason.PENDING
@@ -237,7 +244,7 @@ async def test_whatever_the_spec_asks_for_in_vain_the_pods_keep_the_id_they_hold
     store.put(DOMAINPOOLS, pool_json("", name="full"))
     store.put(DOMAINPOOLS, pool_json("4-5", name="per-node", scope="Node"))
     app(store, "idle")
-    request = app(store, dds={"shareWith": [{"name": name} for _, name in change.get("share_with", ())]})
+    request = app(store, ros2={"shareWith": [{"name": name} for _, name in change.get("share_with", ())]})
     held = await ensure(store, DomainRequest(request.holder))
     store.put(DEPLOYMENTS, deployment_json(held.id, uid=request.holder.uid))
     refused = await ensure(store, DomainRequest(request.holder, **change))
@@ -314,8 +321,8 @@ async def test_the_bind_check_reads_the_named_claim_or_finds_it_by_holder() -> N
 async def test_the_bind_check_knows_apps_that_share_and_shared_ids() -> None:
     store = fresh(sharedIds="90-91")
     held = await ensure(store, app(store, "mapper"))
-    sharer = app(store, dds={"shareWith": [{"name": "mapper"}]}).holder.uid
-    loose = app(store, "loose", dds={"isolation": "Discovery"}).holder.uid
+    sharer = app(store, ros2={"shareWith": [{"name": "mapper"}]}).holder.uid
+    loose = app(store, "loose", ros2={"isolation": "Discovery"}).holder.uid
     plain = app(store, "plain").holder.uid
 
     def child(name: str, uid: str) -> dict[str, str]:

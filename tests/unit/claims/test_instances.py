@@ -2,10 +2,11 @@
 
 import dataclasses
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_api.claims.instances import Instance, RobotWish, admits, instances_of
+from robotapp_api.claims.instances import Instance, Primary, RobotWish, admits, instances_of, primary_node
 from robotapp_api.claims.objects import Meta
 from robotapp_api.model.names import Annotation, Label
 
@@ -41,8 +42,65 @@ def test_nodes_that_are_no_robots_never_match() -> None:
     assert names(instances_of(everything, nodes, running=(), claimed=())) == ["a"]
 
 
-def test_a_robot_of_several_computers_is_one_instance_on_the_first_of_them() -> None:
-    assert each(node("a", name="n2"), node("a", name="n1")) == (Instance("a", "n1"),)
+def computer(name: str, *, primary: str = "", robot: str = "a", **labels: str) -> Meta:
+    return node(robot, name=name, **({str(Label.ROBOT_PRIMARY): primary} if primary else {}), **labels)
+
+
+@pytest.mark.parametrize("primary", ["", "true", "false"])
+def test_a_robots_only_computer_is_its_node_whatever_its_label(primary: str) -> None:
+    assert each(computer("n1", primary=primary)) == (Instance("a", "n1"),)
+
+
+@pytest.mark.parametrize("other", ["", "false", "True"])
+def test_of_several_computers_the_one_labelled_primary_is_the_robots_node(other: str) -> None:
+    assert each(computer("n1", primary=other), computer("n2", primary="true")) == (Instance("a", "n2"),)
+
+
+@pytest.mark.parametrize(
+    ("labelled", "told"),
+    [
+        ((), "robot a has 3 nodes (n1, n2, n3) and none is labelled robotics.io/robot-primary=true: label the one"),
+        (("n1", "n3"), "robot a has 2 nodes labelled robotics.io/robot-primary=true (n1, n3): leave the label on one"),
+    ],
+)
+def test_a_robot_with_none_or_several_primary_computers_is_an_instance_without_node_and_says_what_to_label(
+    labelled: tuple[str, ...], told: str
+) -> None:
+    (found,) = each(*(computer(name, primary="true" if name in labelled else "") for name in ("n3", "n1", "n2")))
+    assert (found.robot, found.node) == ("a", "")
+    assert found.problem.startswith(told)
+
+
+def test_a_message_names_at_most_four_nodes_of_a_robot() -> None:
+    problem = primary_node("a", [computer(f"n{number}") for number in range(6)]).problem
+    assert "6 nodes (n0, n1, n2, n3 and 2 more)" in problem
+
+
+def test_a_robot_without_nodes_has_no_primary_one() -> None:
+    assert primary_node("a", []) == Primary("", "robot a has no node: label its computer robotics.io/robot=a")
+
+
+def test_the_primary_computer_counts_even_if_the_selector_names_only_another_one_of_the_robot() -> None:
+    wish = RobotWish("u", "team", {"matchLabels": {"arm": "left"}})
+    nodes = [computer("n1", primary="true"), computer("n2", arm="left"), computer("n3", robot="b")]
+    assert instances_of(wish, nodes, running=(), claimed=()) == (Instance("a", "n1"),)
+
+
+@pytest.mark.parametrize("wish", [EACH, ANY])
+def test_a_running_instance_stays_one_when_its_robot_gets_a_second_computer(wish: RobotWish) -> None:
+    nodes = [computer("n1"), computer("n2"), node("b")]
+    found = instances_of(wish, nodes, running={"a"}, claimed=())
+    assert names(found)[0] == "a"
+    assert found[0].node == ""
+    assert found[0].problem
+
+
+def test_any_does_not_begin_on_a_robot_whose_primary_computer_is_unknown_while_there_is_another() -> None:
+    unclear, others = [computer("n1"), computer("n2")], [node("b"), node("c")]
+    for uid in range(20):
+        wish = dataclasses.replace(ANY, uid=f"uid-{uid}")
+        assert names(instances_of(wish, unclear + others, running=(), claimed=()))[0] in {"b", "c"}
+    assert names(instances_of(ANY, unclear, running=(), claimed=())) == ["a"]
 
 
 def test_a_robot_admits_everybody_unless_it_lists_namespaces_and_nobody_with_an_empty_list() -> None:
@@ -75,6 +133,24 @@ def test_any_moves_when_its_robot_is_gone_or_no_longer_admits_it() -> None:
 
 
 some = st.frozensets(st.sampled_from("abcd"))
+fleets = st.lists(st.tuples(st.sampled_from("abc"), st.sampled_from(["", "true", "false"])), max_size=8)
+
+
+@given(fleets, st.randoms(use_true_random=False))
+def test_a_robots_node_is_its_only_one_or_its_only_primary_one_in_any_order(
+    fleet: list[tuple[str, str]], chance: object
+) -> None:
+    nodes = [computer(f"n{number}", robot=robot, primary=label) for number, (robot, label) in enumerate(fleet)]
+    found = {instance.robot: instance for instance in each(*nodes)}
+    assert set(found) == {robot for robot, _ in fleet}
+    for robot, instance in found.items():
+        mine = [(meta.name, label) for meta, (other, label) in zip(nodes, fleet, strict=True) if other == robot]
+        labelled = [name for name, label in mine if label == "true"]
+        expected = mine[0][0] if len(mine) == 1 else labelled[0] if len(labelled) == 1 else ""
+        assert instance.node == expected
+        assert bool(instance.problem) is not bool(expected)
+    shuffled = sorted(nodes, key=lambda _: chance.random())  # type: ignore[attr-defined]  # hypothesis' Random
+    assert {instance.robot: instance for instance in each(*shuffled)} == found
 
 
 @given(some, some, some, some, st.randoms(use_true_random=False))

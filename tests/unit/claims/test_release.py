@@ -4,7 +4,7 @@ import pytest
 from tests.support.claims_objects import claim, device_claim, domain_claim, pod, pod_holder
 
 from robotapp_api.claims import release
-from robotapp_api.claims.objects import App, AppSpec, Dds, Meta, Pod, Ros, SharedApp
+from robotapp_api.claims.objects import App, AppSpec, Meta, Pod, Ros, Ros2, SharedApp
 from robotapp_api.claims.release import Release, release_domain
 
 
@@ -25,8 +25,8 @@ def test_every_destructive_write_carries_uid_and_version() -> None:
     assert (found.uid, found.resource_version) == ("c", "12")
 
 
-def app(**dds: object) -> App:
-    return App(metadata=Meta(name="teleop", namespace="team", uid="app-1"), spec=AppSpec(dds=Dds(**dds)))  # type: ignore[arg-type]  # a factory
+def app(**ros2: object) -> App:
+    return App(metadata=Meta(name="teleop", namespace="team", uid="app-1"), spec=AppSpec(ros2=Ros2(**ros2)))  # type: ignore[arg-type]  # a factory
 
 
 def test_gone_is_a_404_or_another_uid() -> None:
@@ -69,7 +69,7 @@ def test_of_two_claims_exactly_one_is_wanted_and_it_is_the_one_the_deployments_n
         assert not named or wanted == list(named)
 
 
-def test_an_app_without_dds_section_never_wants_a_device_claim_as_domain() -> None:
+def test_an_app_without_a_ros2_section_never_wants_a_device_claim_as_domain() -> None:
     assert not release.wants_domain(app(), device_claim(), [], named=())
 
 

@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_api.claims.objects import App, AppSpec, Dds, Meta, SharedApp
+from robotapp_api.claims.objects import App, AppSpec, Meta, Ros2, SharedApp
 from robotapp_api.claims.share import owner_of, sharer_instance
 
 
@@ -15,7 +15,7 @@ def world(**shares: str) -> dict[tuple[str, str], App]:
             SharedApp(name=other.rpartition("/")[2], namespace=other.rpartition("/")[0]) for other in wanted.split()
         )
         meta = Meta(name=short, namespace=namespace or "team", uid=name)
-        apps[meta.namespace, short] = App(metadata=meta, spec=AppSpec(dds=Dds(share_with=others)))
+        apps[meta.namespace, short] = App(metadata=meta, spec=AppSpec(ros2=Ros2(share_with=others)))
     return apps
 
 

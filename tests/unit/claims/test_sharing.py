@@ -28,8 +28,8 @@ class World:
 
     def app(self, name: str, *others: str, instance: str = "", **spec: object) -> DomainRequest:
         """Create or edit an app that shares with `others`."""
-        dds = {"shareWith": [{"name": other} for other in others]} if others else {}
-        body = app_json(name, **({"dds": dds} | spec))
+        ros2 = {"shareWith": [{"name": other} for other in others]} if others else {}
+        body = app_json(name, **({"ros2": ros2} | spec))
         uid = self.store.put(ROBOTAPPS, body)["metadata"]["uid"]
         holder = app_holder(uid, name=name, instance=instance)
         return DomainRequest(holder, share_with=tuple(("team", other) for other in others))
@@ -66,7 +66,7 @@ class World:
 async def test_while_the_owner_moves_a_sharer_carries_the_id_the_owner_wants(order: tuple[int, int]) -> None:
     world = World()
     old, new = order
-    owner = world.app("mapper", dds={"domain": new})
+    owner = world.app("mapper", ros2={"domain": new})
     for number in order:
         world.claim(number, owner)
     world.deployment(old, owner)
@@ -88,7 +88,7 @@ async def test_of_two_equal_claims_the_owners_templates_decide_then_the_order_of
 
 async def test_a_claim_of_another_pool_is_not_the_one_to_join() -> None:
     world = World()
-    owner = world.app("mapper", dds={"pool": "field"})
+    owner = world.app("mapper", ros2={"pool": "field"})
     world.claim(5, owner)
     sharer = world.app("teleop", "mapper")
     assert (await world.ensure(sharer)).id is None
@@ -129,7 +129,7 @@ async def test_an_owner_with_a_domain_per_robot_is_joined_robot_by_robot(instanc
     assert "spec.robots" in outcome.message
 
 
-@pytest.mark.parametrize("spec", [{"dds": {"isolation": "Discovery"}}, {"dds": None, "ros": {"distro": "noetic"}}])
+@pytest.mark.parametrize("spec", [{"ros2": {"isolation": "Discovery"}}, {"ros2": None, "ros": {"distro": "noetic"}}])
 async def test_an_owner_that_claims_no_domain_is_named_instead_of_waited_for(spec: Json) -> None:
     world = World()
     owner = world.app("mapper", **spec)

@@ -102,7 +102,7 @@ async def test_the_claim_an_instance_does_not_want_leaves_and_the_other_stays() 
     ids=["left the fleet", "is no robot any more", "admits other namespaces only"],
 )
 async def test_an_instance_whose_robot_was_lost_gives_its_domain_back(after: dict[str, dict[str, str]]) -> None:
-    world = World(robots={"selector": {"matchLabels": {"fleet": "a"}}})
+    world = World(robots={"nodeSelector": {"matchLabels": {"fleet": "a"}}})
     holder = app_holder(world.app.uid, instance="amr-1")
     world.store.put(NODES, {"metadata": {"name": "n1", "labels": {"fleet": "a", "robotics.io/robot": "amr-1"}}})
     name = await world.domain(holder)
@@ -114,7 +114,7 @@ async def test_an_instance_whose_robot_was_lost_gives_its_domain_back(after: dic
 
 
 async def test_an_app_for_any_robot_keeps_one_instance() -> None:
-    world = World(robots={"selector": {"matchLabels": {"fleet": "a"}}, "instances": "Any"})
+    world = World(robots={"nodeSelector": {"matchLabels": {"fleet": "a"}}, "assignment": "Any"})
     for robot in ("amr-1", "amr-2"):
         world.store.put(NODES, {"metadata": {"name": robot, "labels": {"fleet": "a", "robotics.io/robot": robot}}})
     names = [await world.domain(app_holder(world.app.uid, instance=robot)) for robot in ("amr-1", "amr-2")]

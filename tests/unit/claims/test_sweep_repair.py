@@ -46,7 +46,7 @@ async def test_a_lost_claim_that_somebody_else_has_is_told_and_not_taken() -> No
 async def test_an_app_that_shares_neither_repairs_nor_conflicts() -> None:
     world = World()
     name = await world.domain()
-    sharer = world.new_app("sharer", dds={"shareWith": [{"name": "teleop"}]})
+    sharer = world.new_app("sharer", ros2={"shareWith": [{"name": "teleop"}]})
     notes = {"robotics.io/domain-claim": name}
     pod = pod_json(number(name), name="s", uid=sharer.uid, node="edge-1", phase="Running", annotations=notes)
     pod["metadata"]["labels"]["robotics.io/app"] = "sharer"
@@ -78,7 +78,7 @@ async def test_a_namespaced_sweep_tells_of_a_thing_that_somebody_in_another_name
 
 
 async def test_a_claim_per_zone_is_made_again_although_the_pod_runs_in_another_zone() -> None:
-    world = World(robots={"selector": {"matchLabels": {"fleet": "a"}}}, dds={"pool": "halls"})
+    world = World(robots={"nodeSelector": {"matchLabels": {"fleet": "a"}}}, ros2={"pool": "halls"})
     world.store.put(DOMAINPOOLS, pool_json("1-3", name="halls", scope="Zone"))
     for name, zone in (("robot-1", "hall-1"), ("edge-1", "cellar")):
         labels = {"topology.kubernetes.io/zone": zone, "fleet": "a"}

@@ -3,9 +3,9 @@
 import pytest
 import typer
 from click import Command
-from tests.support.cli import ROBOTAPPS, Stage, robotapp
+from tests.support.cli import INSTANCES, ROBOTAPPS, Stage, instance, robotapp
 
-from robotapp_cli.completion import complete_names
+from robotapp_cli.completion import complete_names, complete_robots
 
 
 def context(**params: object) -> typer.Context:
@@ -22,6 +22,15 @@ def test_names_that_begin_alike_are_offered(stage: Stage) -> None:
     assert complete_names(context(kubeconfig=str(stage.kubeconfig), namespace="other"), "te") == ["team"]
 
 
+def test_robots_are_those_of_the_app_on_the_command_line(stage: Stage) -> None:
+    stage.add(INSTANCES, instance("amr-08"), instance("amr-07"), instance("bot-1"), instance("", app="one"))
+    stage.add(INSTANCES, instance("amr-09", app="patrol"))
+    given = {"kubeconfig": str(stage.kubeconfig)}
+    assert complete_robots(context(**given, name="teleop"), "amr") == ["amr-07", "amr-08"]
+    assert complete_robots(context(**given, name="one"), "") == []
+    assert complete_robots(context(**given), "amr") == ["amr-07", "amr-08", "amr-09"]
+
+
 def test_without_a_cluster_there_is_silence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("KUBECONFIG", "/nowhere")
-    assert complete_names(context(), "te") == []
+    assert complete_names(context(), "te") == complete_robots(context(), "te") == []

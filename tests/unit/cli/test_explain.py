@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.support.cli import ROBOTAPPS, Stage, pod, robotapp
+from tests.support.cli import INSTANCES, ROBOTAPPS, Stage, instance, pod, robotapp
 
 EDGE = {"topic": "/cmd_vel", "from": "panel", "to": "driver", "latency": {"budget": "30ms"}}
 OBSERVED = {
@@ -17,16 +17,7 @@ OBSERVED = {
     "measured": False,
     "nodes": ["edge-1", "amr-07"],
 }
-STATUS = {
-    "instances": [
-        {
-            "robot": "amr-07",
-            "domain": 7,
-            "components": [{"name": "panel", "message": "quota exceeded"}],
-            "edges": [OBSERVED],
-        }
-    ]
-}
+SEEN = {"domain": 7, "components": [{"name": "panel", "message": "quota exceeded"}], "edges": [OBSERVED]}
 RECORD: dict[str, Any] = {
     "node": "edge-1",
     "runnerUp": "edge-2",
@@ -69,7 +60,8 @@ WAITING = {
 
 @pytest.fixture
 def placed(stage: Stage) -> Stage:
-    stage.add(ROBOTAPPS, robotapp(edges=[EDGE], status=STATUS))
+    stage.add(ROBOTAPPS, robotapp(edges=[EDGE]))
+    stage.add(INSTANCES, instance(**SEEN))
     stage.add("/pods", pod("driver-1", "driver", node="amr-07"), pod("panel-1", "panel", node="edge-1"))
     stage.scheduler.records = {
         "panel-1": RECORD,
@@ -100,6 +92,14 @@ def test_how_the_pods_were_planned_together_is_said_once(placed: Stage) -> None:
     for name, record in placed.scheduler.records.items():
         placed.scheduler.records[name] = {**record, "planned": why}
     assert placed.text("explain", "teleop", "--scheduler-url", placed.scheduler.url).count(why) == 1
+
+
+def test_why_a_tier_of_runs_on_was_taken_is_said_for_the_component(placed: Stage) -> None:
+    why = "no node of tier Edge was feasible: tier Robot is next in runsOn"
+    name, record = next(iter(placed.scheduler.records.items()))
+    placed.scheduler.records[name] = {**record, "tier": why}
+    text = placed.text("explain", "teleop", "--scheduler-url", placed.scheduler.url)
+    assert [line for line in text.splitlines() if line.endswith(f": {why}")]
 
 
 def test_the_users_token_goes_to_the_scheduler(placed: Stage) -> None:
@@ -142,7 +142,10 @@ def test_what_the_scheduler_decided_again_to_answer_is_marked(placed: Stage) -> 
 @pytest.mark.parametrize(
     ("conditions", "text"),
     [
-        ([("Accepted", "False", "spec.dds: wrong"), ("Allocated", "Unknown", "waits")], "no pod yet: spec.dds: wrong"),
+        (
+            [("Accepted", "False", "spec.ros2: wrong"), ("Allocated", "Unknown", "waits")],
+            "no pod yet: spec.ros2: wrong",
+        ),
         ([("Accepted", "True", ""), ("Allocated", "False", "domain 5 is taken")], "no pod yet: domain 5 is taken"),
         ([("Allocated", "True", ""), ("Ready", "False", "quota is used up")], "no pod yet: quota is used up"),
         ([("Allocated", "Unknown", "")], "no pod yet"),
@@ -194,7 +197,8 @@ def test_what_is_no_address_is_wrong_usage(placed: Stage, url: str) -> None:
 
 
 def test_without_a_scheduler_pod_the_condition_of_a_waiting_pod_is_shown(stage: Stage) -> None:
-    stage.add(ROBOTAPPS, robotapp(status=STATUS))
+    stage.add(ROBOTAPPS, robotapp())
+    stage.add(INSTANCES, instance(**SEEN))
     stage.add("/pods", pod("driver-1", "driver", conditions=[WAITING]))
     text = stage.text("explain", "teleop")
     assert "0/5 nodes are available: 5 were full." in text
@@ -215,6 +219,47 @@ def test_unknown_components_and_robots_are_not_found(placed: Stage) -> None:
         result = placed.run("explain", "teleop", option, value)
         assert result.exit_code == 4
         assert f"it has: {known}" in result.stderr
+
+
+def test_pods_of_an_instance_that_has_no_object_are_explained_all_the_same(placed: Stage) -> None:
+    placed.add("/pods", pod("driver-2", "driver", node="amr-08", instance="amr-08"))
+    text = placed.text("explain", "teleop", "--scheduler-url", placed.scheduler.url)
+    assert "fleet/teleop, robot amr-08\n" in text
+    assert "amr-08" in placed.text("explain", "teleop", "--robot", "amr-08", "--scheduler-url", placed.scheduler.url)
+
+
+def test_an_object_of_another_app_of_the_same_name_is_not_ours(placed: Stage) -> None:
+    placed.add(INSTANCES, instance("amr-09", uid="another"))
+    assert "amr-09" not in placed.text("explain", "teleop", "--scheduler-url", placed.scheduler.url)
+
+
+def test_what_keeps_one_instance_from_having_pods_is_said_before_what_is_said_of_the_app(stage: Stage) -> None:
+    refused = {"type": "Accepted", "status": "False", "reason": "RobotNodeUnclear", "message": "amr-07 has two nodes"}
+    busy = {"type": "Ready", "status": "False", "message": "1 of 2 instances are ready"}
+    stage.add(ROBOTAPPS, robotapp(status={"conditions": [busy]}))
+    stage.add(INSTANCES, instance(conditions=[refused]))
+    assert "no pod yet: amr-07 has two nodes" in stage.text("explain", "teleop")
+
+
+def test_of_an_app_of_many_robots_those_in_trouble_are_explained(placed: Stage) -> None:
+    for number in range(20):
+        phase = "Degraded" if number == 7 else "Running"
+        placed.add(INSTANCES, instance(f"bot-{number:02}", phase=phase))
+    placed.add(INSTANCES, instance(**SEEN, phase="Running"))
+    url = placed.scheduler.url
+    text = placed.text("explain", "teleop", "--scheduler-url", url)
+    assert [line for line in text.splitlines() if line.startswith("fleet/teleop")] == ["fleet/teleop, robot bot-07"]
+    assert "20 more instances are not shown: kubectl robotapp explain teleop --robot NAME; all of them: -o wide" in text
+    assert len(placed.data("explain", "teleop", "--scheduler-url", url)["instances"]) == 21
+    assert placed.text("explain", "teleop", "--scheduler-url", url, "-o", "wide").count("fleet/teleop, robot") == 21
+    assert placed.text("explain", "teleop", "--robot", "amr-07", "--scheduler-url", url).startswith(
+        "fleet/teleop, robot amr-07"
+    )
+
+
+def test_an_edge_that_is_no_topic_says_what_it_is(placed: Stage) -> None:
+    placed.add(INSTANCES, instance(edges=[{**OBSERVED, "kind": "Service", "topic": "/plan"}]))
+    assert "/plan (Service)" in placed.text("explain", "teleop", "--scheduler-url", placed.scheduler.url)
 
 
 def test_an_app_without_pods_is_shown(stage: Stage) -> None:

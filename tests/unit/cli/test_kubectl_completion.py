@@ -26,7 +26,7 @@ def ask(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> 
 
 def test_commands_options_and_values_are_offered_and_no_files_beside_them(ask: Ask) -> None:
     commands = ask("")
-    assert {"list", "info", "explain"} <= {line.partition("\t")[0] for line in commands}
+    assert {"list", "info", "explain", "lint"} <= {line.partition("\t")[0] for line in commands}
     assert commands[-1] == ":4"
     assert ask("list", "--all") == ["--all-namespaces\tAll namespaces.", ":4"]
     assert ask("list", "-o", "") == ["table", "wide", "json", "yaml", ":4"]
@@ -37,6 +37,6 @@ def test_names_come_from_the_cluster(stage: Stage, ask: Ask) -> None:
     assert ask("info", "--kubeconfig", str(stage.kubeconfig), "te") == ["telemetry", "teleop", ":4"]
 
 
-@pytest.mark.parametrize("words", [("render", "-f", ""), ("simulate", ""), ("info", "it's \"odd")])
+@pytest.mark.parametrize("words", [("render", "-f", ""), ("simulate", ""), ("lint", ""), ("info", "it's \"odd")])
 def test_where_nothing_is_known_the_shell_may_offer_files(ask: Ask, words: tuple[str, ...]) -> None:
     assert ask(*words) == [":0"]

@@ -85,7 +85,7 @@ def test_missing_hardware_is_named_as_the_component_asks_for_it() -> None:
         "requires": [{"type": "gpu", "model": "nvidia"}],
         "devices": [
             {"name": "bus", "type": "can", "interface": "can0"},
-            {"name": "eye", "type": "usb", "match": "8086:0b3a"},
+            {"name": "eye", "type": "usb", "usbID": "8086:0b3a"},
         ],
     }
     wanted = hardware(app, "driver")

@@ -25,8 +25,8 @@ def test_a_wish_is_met_by_the_rule_that_claims_use() -> None:
     devices = index(
         TelemetryDevice(id="cam", type="usb", model="d435", interface="video0", identity="usb:8086:0B3A:123")
     )
-    fitting = ({}, {"model": "d435", "interface": "video0"}, {"match": "8086:0b3a"}, {"match": "usb:8086:0b3a:123"})
-    others = ({"model": "zed"}, {"interface": "video1"}, {"match": "8086:0b3b"}, {"match": "8086:0b3a:124"})
+    fitting = ({}, {"model": "d435", "interface": "video0"}, {"usb_id": "8086:0b3a"}, {"usb_id": "usb:8086:0b3a:123"})
+    others = ({"model": "zed"}, {"interface": "video1"}, {"usb_id": "8086:0b3b"}, {"usb_id": "8086:0b3a:124"})
     assert [devices.capable(DeviceWish("cam", "usb", **fields)) for fields in fitting] == [{"n"}] * 4
     assert [devices.capable(DeviceWish("cam", "usb", **fields)) for fields in others] == [set()] * 4
     assert devices.capable(DeviceWish("bus", "can")) == set()

@@ -64,7 +64,7 @@ def ring(size: int, *, cloud_pods: str) -> SchedulerCore:
         core.cluster.apply_telemetry(telemetry(name, rtt_ms={**near, "cloud": CLOUD_MS}))
     names = [f"c{i}" for i in range(size)]
     edges = [wire(name, names[(i + 1) % size]) for i, name in enumerate(names)]
-    core.cluster.apply_app(app_object(*({"name": name} for name in names), edges=edges, allOrNothing=True))
+    core.cluster.apply_app(app_object(*({"name": name} for name in names), edges=edges, placement={"gang": "All"}))
     for name in names:
         for owned in chain(name):
             core.cluster.apply_owner(owned)

@@ -1,6 +1,6 @@
 from typing import Any
 
-from tests.support.pod_groups import arrive, depart, tell
+from tests.support.pod_groups import arrive, tell
 from tests.support.scheduling import (
     Clock,
     app_object,
@@ -132,33 +132,6 @@ def test_parts_the_operator_adds_are_not_waited_for_and_do_not_wait() -> None:
     assert set(run(core)) == {"roscore"}
 
 
-def test_a_single_replica_waits_until_its_predecessor_is_gone() -> None:
-    core = make_core(*three_nodes())
-    teleop(core, {"name": "driver", "runsOn": "Robot"})  # type: ignore[arg-type]  # a component with fields
-    old = member_pod("driver", uid="old", node="n0")
-    old.metadata.deletion_timestamp = "2026-01-01T00:00:00Z"
-    core.cluster.apply_pod(old)
-    arrive(core, member_pod("driver", uid="new"))
-    (queued,) = core.queue.gated()
-    assert queued.gate is not None
-    assert queued.gate.code == PodReason.WAITING_FOR_PREDECESSOR
-    assert "teleop-driver-abc-old on n0" in queued.gate.reason
-    depart(core, old)
-    assert set(run(core)) == {"driver"}
-
-
-def test_failover_does_not_wait_for_a_pod_nobody_can_reach_but_keep_does() -> None:
-    for policy, placed in (("Failover", {"driver"}), ("Keep", set[str]())):
-        core = make_core(*three_nodes())
-        teleop(core, {"name": "driver", "onDisconnect": policy})  # type: ignore[arg-type]  # a component with fields
-        core.cluster.apply_pod(member_pod("driver", uid="old", node="n0"))
-        arrive(core, member_pod("driver", uid="new"))
-        assert run(core) == {}
-        lost = make_node("n0", taints=[{"key": "node.kubernetes.io/unreachable", "effect": "NoExecute"}])
-        tell(core, Event("nodes", core.cluster.apply_node(lost), None, lost))
-        assert set(run(core)) == placed
-
-
 def test_two_pods_of_a_single_replica_do_not_both_start() -> None:
     core = make_core(*three_nodes())
     teleop(core, "driver")
@@ -169,7 +142,7 @@ def test_two_pods_of_a_single_replica_do_not_both_start() -> None:
     assert len(core.cluster.placed) == 1
 
 
-def test_all_or_nothing_places_nobody_when_one_cannot_be_placed() -> None:
+def test_the_gang_places_nobody_when_one_cannot_be_placed() -> None:
     core = make_core(*three_nodes())
     teleop(core, "driver", "planner")
     for pod in (member_pod("driver"), member_pod("planner", cpu="64")):
@@ -192,13 +165,13 @@ def test_an_app_that_no_longer_asks_for_all_is_tried_again_at_once() -> None:
     arrive(core, member_pod("driver"), member_pod("planner", cpu="64"))
     assert run(core) == {}
     old = app_object({"name": "driver"}, {"name": "planner"})
-    new = app_object({"name": "driver"}, {"name": "planner"}, placement={"allOrNothing": False}, generation=2)
+    new = app_object({"name": "driver"}, {"name": "planner"}, placement={"gang": "None"}, generation=2)
     tell(core, Event("robotapps", core.cluster.apply_app(new), old, new))
     assert set(run(core)) == {"driver"}
 
 
-def test_without_all_or_nothing_and_for_late_members_the_rest_is_placed() -> None:
-    for running, placement in ((False, {"allOrNothing": False}), (True, {})):
+def test_without_the_gang_and_for_late_members_the_rest_is_placed() -> None:
+    for running, placement in ((False, {"gang": "None"}), (True, {})):
         core = make_core(*three_nodes())
         teleop(core, "driver", "planner", "map", placement=placement)
         pods = [member_pod("driver"), member_pod("planner", cpu="64")]

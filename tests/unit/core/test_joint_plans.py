@@ -175,6 +175,66 @@ def test_the_problem_holds_what_binds_the_pods() -> None:
     assert named["cd", Relation.RTT].budget_us == 100_000.0
 
 
+def tiered(room: int) -> tuple[SchedulerCore, list[QueuedPod]]:
+    """Four components of a chain that all prefer the edge, where `room` of them fit, to the big robot, where all would score."""
+    core = make_core(
+        make_node("robot", cpu="64", memory="64Gi", labels={str(Label.TIER): "robot"}),
+        make_node("e1", cpu=f"{room}", labels={str(Label.TIER): "edge"}),
+        make_node("far", cpu="64", memory="64Gi", labels={str(Label.TIER): "edge"}),
+    )
+    core.cluster.apply_telemetry(telemetry("robot", rtt_ms={"e1": 10, "far": 90}))
+    core.cluster.apply_telemetry(telemetry("e1", rtt_ms={"far": 90}))
+    names = ("driver", "a", "b", "c", "d")
+    order = {"runsOn": ["Edge", "Robot"]}
+    teleop(core, *({"name": name, **order} for name in names), edges=[edge("driver", name) for name in names[1:]])
+    for name in names:
+        where = {"nodeSelector": {"kubernetes.io/hostname": "robot"}} if name == "driver" else {}
+        arrive(core, member_pod(name, cpu="900m", **where))
+    return core, core.queue.pop()
+
+
+def test_in_a_plan_as_many_pods_as_fit_are_on_the_earlier_tier_and_the_others_fall_back_within_the_budgets() -> None:
+    for room in (1, 2, 4, 5):
+        core, batch = tiered(room)
+        _, advice = planned(core, batch)
+        where = placed(core, batch, advice)
+        on = list(where.values())
+        assert (on.count("e1"), on.count("far"), len(on)) == (min(room, 4), 0, 5)
+        assert core.plans == {"optimal": 1}
+
+
+def test_a_pod_that_falls_back_so_that_more_others_need_not_is_told_so() -> None:
+    core = make_core(
+        make_node("robot", cpu="64", memory="64Gi", labels={str(Label.TIER): "robot"}),
+        make_node("e1", cpu="4", labels={str(Label.TIER): "edge"}),
+    )
+    core.cluster.apply_telemetry(telemetry("robot", rtt_ms={"e1": 10}))
+    order = {"runsOn": ["Edge", "Robot"]}
+    edges = [edge("big", "a"), edge("big", "b")]
+    teleop(core, *({"name": name, **order} for name in ("big", "a", "b")), edges=edges)
+    arrive(core, member_pod("big", cpu="3500m", priority=1), member_pod("a", cpu="1"), member_pod("b", cpu="1"))
+    batch = core.queue.pop()
+    _, advice = planned(core, batch)
+    assert placed(core, batch, advice) == {"big": "robot", "a": "e1", "b": "e1"}
+    said = {}
+    for queued in batch:
+        record = core.explain.get(queued.info.uid)
+        assert record is not None
+        said[queued.info.labels[Label.COMPONENT]] = record.tier
+    in_order = "tier Edge comes first in runsOn; 1 feasible node(s) of later tiers were left out"
+    assert said == {
+        "big": "tier Robot: a node of tier Edge was feasible for this pod, but not in the plan of its group",
+        "a": in_order,
+        "b": in_order,
+    }
+
+
+def test_without_a_plan_pods_of_a_group_fall_back_one_by_one() -> None:
+    core, batch = tiered(2)
+    where = placed(core, batch, None)
+    assert sorted(where.values()) == ["e1", "e1", "robot", "robot", "robot"]
+
+
 def test_who_must_keep_apart_rather_waits_than_meets_a_peer_that_has_no_other_place() -> None:
     for budget, where in (("60ms", "e1"), ("5ms", "")):
         core = field()
@@ -205,6 +265,10 @@ def test_a_solution_is_put_in_words() -> None:
     assert advice_of(posed, Solution(rows, 100.0, 100.0, 1)).result == "optimal"
     bounded = advice_of(posed, Solution(rows, 100.0, 80.0, 1))
     assert (bounded.result, bounded.why[-32:]) == ("bounded", "; no plan is more than 20 % better"[-32:])
+    open_tiers = advice_of(posed, Solution(rows, 100.0, 20.0, 1, tiers=64.0))
+    assert (open_tiers.result, open_tiers.why.partition("; ")[2]) == (
+        "bounded", "a plan with more of them on earlier tiers is not ruled out",
+    )  # fmt: skip
     assert advice_of(posed, Solution(None, float("inf"), 3.0, 1)).result == "none"
     impossible = advice_of(posed, Solution(None, float("inf"), float("inf"), 1))
     assert (impossible.result, dict(impossible.nodes)) == ("impossible", {})

@@ -59,12 +59,13 @@ def test_a_robot_app_keeps_both_ends_of_its_edges() -> None:
 
 def test_telemetry_decodes() -> None:
     telemetry = msgspec.json.decode(
-        b'{"metadata":{"name":"n"},"status":{"rtt":[{"peer":"m","p50Us":1500,"p95Us":2500}],"load":{"cpuPercent":12}}}',
+        b'{"metadata":{"name":"n"},"status":{"rtt":[{"peer":"m","p50Us":1500,"p95Us":2500}],"load":{"cpuPercent":12,"memoryPercent":100}}}',
         type=NodeTelemetry,
     )
     assert telemetry.status.rtt[0].p95_us == 2500
     assert telemetry.status.load is not None
-    assert telemetry.status.load.cpu_percent == 12
+    assert (telemetry.status.load.cpu_percent, telemetry.status.load.memory_percent) == (12, 100)
+    assert telemetry.status.load.gpu_percent is None
 
 
 def test_a_node_with_an_image_nobody_named_is_read_as_the_api_server_writes_it() -> None:

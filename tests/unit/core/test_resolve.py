@@ -1,5 +1,6 @@
 from typing import Any
 
+import pytest
 from tests.support.scheduling import app_object, chain, make_cluster, make_info, make_node, make_pod, member_pod
 
 from robotapp_api.model.names import Annotation, Label
@@ -68,13 +69,52 @@ def test_the_robot_end_is_the_node_of_the_instance() -> None:
     assert context(cluster, "a", instance="").endpoints == ()
 
 
+def computers(*primary: str) -> Cluster:
+    """A robot of two computers, those named labelled as primary."""
+    cluster = app_cluster(
+        {"name": "a", "policies": {"latencyBudget": "40ms"}}, {"name": "driver", "runsOn": ["Robot"]},
+        edges=[{"topic": "/t", "from": "a", "to": "@robot"}, {"topic": "/u", "from": "a", "to": "driver"}],
+    )  # fmt: skip
+    for name in ("robot", "robot-2"):
+        labels = {str(Label.ROBOT): "amr"} | ({str(Label.ROBOT_PRIMARY): "true"} if name in primary else {})
+        cluster.apply_node(make_node(name, labels=labels))
+    return cluster
+
+
+def test_of_a_robot_with_several_computers_the_primary_one_is_the_robot_end() -> None:
+    found = {end.what: end.nodes for end in context(computers("robot-2"), "a").endpoints}
+    assert found == {"/t to @robot": ("robot-2",), "/u to driver": ("robot", "robot-2")}
+    bare = annotated(computers("robot-2"), {str(Label.ROBOT): "amr"}, policies='{"latency_budget":"30ms"}')
+    assert bare is not None
+    assert bare.endpoints == (Endpoint("robot amr", ("robot-2",), 30_000),)
+
+
+@pytest.mark.parametrize("primary", [(), ("robot", "robot-2")])
+def test_while_none_or_several_computers_are_primary_the_nearest_of_all_counts(primary: tuple[str, ...]) -> None:
+    assert context(computers(*primary), "a").endpoints[0].nodes == ("robot", "robot-2")
+
+
+def test_services_and_actions_are_named_by_their_kind() -> None:
+    edges = [{"kind": kind, "topic": "/plan", "from": "a", "to": "b"} for kind in ("Topic", "Service", "Action")]
+    cluster = app_cluster({"name": "a"}, {"name": "b"}, edges=edges)
+    cluster.apply_pod(member_pod("b", instance="amr", node="edge"))
+    assert [end.what for end in context(cluster, "a").endpoints] == [
+        "/plan to b", "service /plan to b", "action /plan to b",
+    ]  # fmt: skip
+
+
+def test_the_order_of_tiers_is_kept_where_there_is_one() -> None:
+    cluster = app_cluster({"name": "a", "runsOn": ["Edge", "Robot"]}, {"name": "b", "runsOn": ["Robot"]}, {"name": "c"})
+    assert [context(cluster, name).tiers for name in "abc"] == [("Edge", "Robot"), (), ()]
+
+
 def test_a_preferred_edge_and_a_movable_peer_of_a_tied_pod_do_not_exclude_nodes() -> None:
     edges = [
         {"topic": "/soft", "from": "a", "to": "b", "latency": {"budget": "5ms", "enforce": "Preferred"}},
         {"topic": "/hard", "from": "driver", "to": "b", "latency": {"budget": "5ms"}},
         {"topic": "/two", "from": "driver", "to": "base", "latency": {"budget": "5ms"}},
     ]
-    tied = {"runsOn": "Robot"}
+    tied = {"runsOn": ["Robot"]}
     cluster = app_cluster(
         {"name": "a"}, {"name": "b"}, {"name": "driver", **tied}, {"name": "base", **tied}, edges=edges
     )
@@ -99,12 +139,29 @@ def test_a_components_own_budget_covers_edges_without_one_else_the_robot() -> No
 
 
 def test_devices_are_held_for_app_instance_and_component_and_gpus_never() -> None:
-    devices = [{"name": "cam", "type": "usb", "match": "8086:0b3a"}, {"name": "gpu", "type": "gpu", "model": "nvidia"}]
-    cluster = app_cluster({"name": "a", "devices": devices, "requires": [{"type": "lidar"}]})
+    devices = [{"name": "cam", "type": "usb", "usbID": "8086:0b3a"}, {"name": "gpu", "type": "gpu", "model": "nvidia"}]
+    cluster = app_cluster({"name": "a", "devices": devices, "requires": [{"type": "lidar", "interface": "front"}]})
     found = context(cluster, "a")
-    assert [wish.name for wish in found.devices] == ["cam"]
-    assert found.hardware == (Hardware("lidar"), Hardware("gpu", "nvidia"))
+    assert [(wish.name, wish.usb_id) for wish in found.devices] == [("cam", "8086:0b3a")]
+    assert found.hardware == (Hardware("lidar", interface="front"), Hardware("gpu", "nvidia"))
     assert found.holder == DeviceHolder("app-1", "default", "amr", "a", "uid-teleop-a")
+
+
+def test_only_exclusive_devices_are_held_and_a_count_asks_for_as_many() -> None:
+    devices = [
+        {"name": "bus", "type": "can", "count": 2},
+        {"name": "tap", "type": "can", "sharing": "Namespace"},
+        {"name": "mic", "type": "usb", "sharing": "Cluster"},
+    ]
+    found = context(app_cluster({"name": "a", "devices": devices}), "a")
+    assert [(wish.name, wish.exclusive) for wish in found.devices] == [
+        ("bus", True), ("bus", True), ("tap", False), ("mic", False),
+    ]  # fmt: skip
+
+
+def test_claims_of_shared_data_are_named_by_claim_names() -> None:
+    cluster = app_cluster({"name": "a", "sharedData": {"claimNames": ["map-pvc"]}})
+    assert context(cluster, "a").volume_claims == ("map-pvc",)
 
 
 def test_peers_to_join_and_to_avoid_are_resolved_to_nodes() -> None:
@@ -124,7 +181,7 @@ def test_peers_to_join_and_to_avoid_are_resolved_to_nodes() -> None:
 
 def test_components_keep_apart_whichever_of_the_two_asks_for_it_and_whichever_comes_first() -> None:
     cluster = app_cluster(
-        {"name": "console", "separateFrom": ["driver", "arm"]}, {"name": "driver", "runsOn": "Robot"}, {"name": "arm"},
+        {"name": "console", "separateFrom": ["driver", "arm"]}, {"name": "driver", "runsOn": ["Robot"]}, {"name": "arm"},
     )  # fmt: skip
     assert context(cluster, "console").apart == ("robot",), "the driver will be there"
     cluster.apps.expect({Member("app-1", "amr", "arm"): ("edge",)})

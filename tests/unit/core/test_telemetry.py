@@ -1,3 +1,4 @@
+import msgspec
 import numpy as np
 import pytest
 from tests.support.scheduling import Clock, make_cluster, make_node, telemetry
@@ -5,6 +6,7 @@ from tests.support.scheduling import Clock, make_cluster, make_node, telemetry
 from robotapp_api.model.names import Label
 from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.robotics import NodeTelemetry
 
 
 def zoned(clock: Clock | None = None, **zones: str) -> Cluster:
@@ -46,6 +48,13 @@ def test_nodes_without_a_zone_are_unknown_unless_measured() -> None:
     cluster.apply_node(make_node("bare"))
     cluster.apply_telemetry(telemetry("a", rtt_ms={"b": 5}))
     assert cluster.rtt.between("bare", "a", 50) == (None, "unknown")
+
+
+def test_a_peer_that_answered_no_probe_is_unknown_and_not_near() -> None:
+    cluster = zoned(a="z1", b="z2")
+    raw = {"metadata": {"name": "a"}, "status": {"rtt": [{"peer": "b", "lossPPM": 1_000_000}]}}
+    cluster.apply_telemetry(msgspec.convert(raw, NodeTelemetry))
+    assert cluster.rtt.between("a", "b", 95) == (None, "unknown")
 
 
 def test_a_reading_older_than_three_intervals_is_unknown_by_our_own_clock() -> None:

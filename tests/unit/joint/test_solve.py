@@ -8,7 +8,7 @@ from tests.support.joint_problems import brute_force, field_problem
 
 from robotapp_scheduler.joint.latencies import Latencies, Measured
 from robotapp_scheduler.joint.message import decode_problem, decode_solution, encode_problem, encode_solution
-from robotapp_scheduler.joint.problem import INF, Edge, Problem, Relation
+from robotapp_scheduler.joint.problem import INF, Edge, Problem, Relation, with_tiers
 from robotapp_scheduler.joint.solve import Limits, Solution, solve
 
 
@@ -93,7 +93,7 @@ def test_an_unknown_rtt_costs_what_it_says_and_a_soft_budget_its_penalty() -> No
 
 def test_without_pods_or_rows_nothing_is_done() -> None:
     none = Problem(np.empty((0, 3)), np.empty((0, 1), np.int64), np.zeros((1, 3), np.int64), (), flat(3, {}))
-    assert solve(none, Limits(), ticking) == ([], 0.0, 0.0, 0)
+    assert solve(none, Limits(), ticking) == Solution([], 0.0, 0.0, 0)
     nowhere = Problem(np.empty((1, 0)), np.zeros((1, 1), np.int64), np.zeros((1, 0), np.int64), (), flat(0, {}))
     assert solve(nowhere, Limits(), ticking).rows is None
 
@@ -110,12 +110,76 @@ def test_when_time_is_up_the_best_plan_so_far_is_given_with_a_true_bound() -> No
     assert hard.total(hurried.rows) == hurried.cost
 
 
+# Tiers
+
+RANKS = np.array([[1, 0, 0], [1, 0, 0]], dtype=np.int32)
+"""Both pods: row 0 is of the second tier."""
+
+
+def test_an_earlier_tier_is_worth_any_cost_of_rows_and_edges() -> None:
+    rtt = flat(3, {(0, 1): 1.0, (0, 2): 1.0, (1, 2): 90_000})
+    cost = [[0, 1e6, INF], [0, INF, 1e6]]
+    alone = problem(cost, [Edge(0, 1, per_us=100.0)], rtt)
+    assert solve(alone, Limits(), ticking).rows == [0, 0]
+    found = solve(with_tiers(alone, RANKS), Limits(), ticking)
+    assert found.rows == [1, 2]
+    assert (found.tiers, found.gap, found.cost) == (0.0, 0.0, 2e6 + 9e6)
+
+
+def test_no_tier_is_worth_a_broken_rule_and_then_the_later_one_is_taken() -> None:
+    rtt = flat(3, {(0, 1): 1.0, (0, 2): 1.0, (1, 2): 90_000})
+    cost = [[5, 0, INF], [INF, INF, 0]]
+    tiered = with_tiers(problem(cost, [Edge(0, 1, per_us=1.0, budget_us=10_000)], rtt), RANKS)
+    found = solve(tiered, Limits(), ticking)
+    assert found.rows == [0, 2]
+    assert found.tiers == tiered.step
+    assert (found.cost - found.tiers, found.gap) == (6.0, 0.0)
+
+
+def test_as_few_places_of_later_tiers_as_there_is_no_room_for() -> None:
+    edges = [Edge(a, b, per_us=1.0) for a in range(4) for b in range(a)]
+    ranks = np.array([[0, 1]] * 4, dtype=np.int32)
+    apart = flat(2, {(0, 1): 50_000})
+    tiered = with_tiers(problem([[900, 0]] * 4, edges, apart, demand=[1] * 4, free=[3, 4]), ranks)
+    found = solve(tiered, Limits(), ticking)
+    assert found.rows is not None
+    assert sorted(found.rows) == [0, 0, 0, 1]
+    assert found.tiers == tiered.step
+
+
+def test_without_a_choice_of_tiers_the_problem_is_the_same_object() -> None:
+    one = problem([[1, INF]], [], flat(2, {}))
+    assert with_tiers(one, np.array([[0, 0]], dtype=np.int32)) is one
+    assert with_tiers(one, np.array([[0, 3]], dtype=np.int32)) is one, "the pod cannot be on the later one"
+
+
+def test_a_gap_is_a_share_of_the_other_costs_and_no_number_while_earlier_tiers_are_not_ruled_out() -> None:
+    assert Solution([0], 1010.0, 1009.0, 1, tiers=1000.0).gap == 0.1
+    assert Solution([0], 1010.0, 999.0, 1, tiers=1000.0).gap == INF
+    assert Solution([0], 1000.0, 1000.0, 1, tiers=1000.0).gap == 0.0
+
+
+def test_a_step_is_beyond_whatever_edges_can_cost() -> None:
+    known = flat(2, {(0, 1): 40_000})
+    for edge, most in (
+        (Edge(0, 1, per_us=1.0, budget_us=10_000, unknown=INF), 10_000),
+        (Edge(0, 1, per_us=1.0, unknown=70_000.0), 70_000),
+        (Edge(0, 1, per_us=1.0, budget_us=10_000, hard=False, penalty=5_000), 45_000),
+        (Edge(0, 1, Relation.APART), 0),
+    ):
+        tiered = with_tiers(problem([[1, 2], [0, 3]], [edge], known), np.array([[0, 1], [0, 0]], dtype=np.int32))
+        assert 2 * (most + 5) < tiered.step <= 4 * (most + 5)
+        assert tiered.of_tiers(3 * tiered.step + most + 5) == 3 * tiered.step
+
+
 def test_a_problem_and_its_solution_survive_the_way_to_the_worker_and_back() -> None:
     there = field_problem(Random(1), pods=4, edges=4, rows=30)
+    there = with_tiers(there, np.array([[row % 3 for row in range(30)]] * 4, dtype=np.int32))
     back, limits = decode_problem(encode_problem(there, Limits(seconds=1e9, steps=5)))
     assert limits == Limits(seconds=1e9, steps=5)
     solution = solve(there, limits, ticking)
     assert solve(back, limits, ticking) == solution
+    assert back.step == there.step > 0
     assert decode_solution(encode_solution(solution)) == solution
     impossible = Solution(None, INF, INF, 1)
     assert decode_solution(encode_solution(impossible)) == impossible

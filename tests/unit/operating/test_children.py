@@ -1,14 +1,14 @@
 """One instance's children against an API server: the protocol's order, fences and turns."""
 
 import asyncio
-import hashlib
 from collections.abc import AsyncIterator
 from typing import Any
 
+import msgspec
 import pytest
 from tests.support.apiserver import FakeApiServer
 from tests.support.clients import client_for, configmap
-from tests.support.factories import app_body
+from tests.support.factories import app_body, make_node
 from tests.support.factories import robots as robot_nodes
 
 from robotapp_api.client import ApiClient, NotFound
@@ -19,11 +19,12 @@ from robotapp_operator.children import Children
 from robotapp_operator.execute import StartOver
 from robotapp_operator.memory import Memory
 from robotapp_operator.params_watch import ParamsWatch
-from robotapp_operator.plan.objects import Deployment, Service
+from robotapp_operator.plan.objects import ConfigMap, Deployment, Service
+from robotapp_operator.plan.parameters import parameter_states
 from robotapp_operator.queue import Queue
 
 VERSION = "1.2.0"
-MULTICAST = {"dds": {"discovery": {"mode": "Multicast"}}}
+MULTICAST = {"ros2": {"discovery": {"mode": "Multicast"}}}
 
 
 class World:
@@ -194,7 +195,7 @@ async def test_an_instance_that_is_no_longer_wanted_is_pruned(world: World) -> N
     await world.pool()
     uid = await world.app()
     await world.children.reconcile(uid, "")
-    robots = {"selector": {"matchLabels": {"robotics.io/robot": "amr-07"}}}
+    robots = {"nodeSelector": {"matchLabels": {"robotics.io/robot": "amr-07"}}}
     world.cache.nodes.update(robot_nodes("amr-07"))
     await world.edit("teleop", robots=robots)
     await world.mirror()
@@ -209,17 +210,33 @@ async def test_an_instance_that_is_no_longer_wanted_is_pruned(world: World) -> N
 async def test_what_runs_for_the_last_robot_goes_when_the_robot_does(world: World, revoked: bool) -> None:
     await world.pool()
     world.cache.nodes.update(robot_nodes("amr-07"))
-    uid = await world.app(robots={"selector": {"matchLabels": {"robotics.io/robot": "amr-07"}}})
+    uid = await world.app(robots={"nodeSelector": {"matchLabels": {"robotics.io/robot": "amr-07"}}})
     await world.children.reconcile(uid, "amr-07")
     await world.mirror()
     assert len(await world.deployments()) == 2
     if revoked:
-        world.cache.nodes["n-amr-07"].metadata.annotations[Annotation.ALLOWED_NAMESPACES] = "other"
+        only_others = {Annotation.ALLOWED_NAMESPACES.value: "other"}
+        world.cache.nodes["n-amr-07"] = make_node("n-amr-07", robot="amr-07", annotations=only_others)
     else:
         world.cache.nodes.clear()
     await world.edit("teleop", ros={"distro": "humbel"})
     assert await world.children.reconcile(uid, "amr-07")
     assert await world.deployments() == []
+
+
+async def test_an_instance_whose_robot_has_no_clear_node_is_not_started_and_one_that_runs_goes_on(world: World) -> None:
+    await world.pool()
+    uid = await world.app(robots={"nodeSelector": {"matchLabels": {"robotics.io/robot": "amr-07"}}})
+    world.cache.nodes.update({name: make_node(name, robot="amr-07") for name in ("one", "other")})
+    assert await world.children.reconcile(uid, "amr-07")
+    assert await world.deployments() == []
+    assert await world.claims() == []
+    del world.cache.nodes["other"]
+    await world.children.reconcile(uid, "amr-07")
+    await world.mirror()
+    world.cache.nodes["other"] = make_node("other", robot="amr-07")
+    assert await world.children.reconcile(uid, "amr-07")
+    assert len(await world.deployments()) == 2
 
 
 async def test_a_refused_spec_leaves_what_runs_alone(world: World) -> None:
@@ -249,14 +266,24 @@ async def test_no_template_is_written_before_the_parameters_file_was_read(world:
     """Else every start of the operator would roll the pods twice: once for a file it has not seen, and back."""
     await world.pool()
     await world.client.create(CONFIGMAPS, configmap("drv", **{"params.yaml": "1"}))
-    tuned = {"name": "driver", "image": "x", "args": ["run"], "params": {"configMap": "drv"}}
+    tuned = {
+        "name": "driver",
+        "image": "x",
+        "args": ["run"],
+        "parameters": [{"configMapKeyRef": {"name": "drv", "key": "params.yaml"}}],
+    }
     uid = await world.app(components=[tuned])
     watching = asyncio.create_task(world.params.run())
     try:
         assert await world.children.reconcile(uid, "")
         (deployment,) = await world.deployments()
-        hashed = deployment["spec"]["template"]["metadata"]["annotations"][Annotation.PARAMS_HASH]
-        assert hashed == hashlib.sha256(b"1").hexdigest()[:16]
+        marks = deployment["spec"]["template"]["metadata"]["annotations"]
+        (app,) = [record.app for record in world.cache.apps.values()]
+        assert app is not None
+        read = parameter_states(
+            app, "", {"default/drv": msgspec.convert(configmap("drv", **{"params.yaml": "1"}), ConfigMap)}
+        )
+        assert marks[Annotation.PARAMETERS_HASH] == read["driver"].hash
         await world.client.delete(ROBOTAPPS, "teleop", namespace="default")
         await world.children.reconcile(uid, "")
         assert repr(world.params) == "<ParamsWatch: 0 ConfigMaps of 0 apps>"
@@ -265,7 +292,7 @@ async def test_no_template_is_written_before_the_parameters_file_was_read(world:
 
 
 async def test_ros_1_needs_no_pool(world: World) -> None:
-    uid = await world.app(ros={"distro": "noetic"}, dds=None)
+    uid = await world.app(ros={"distro": "noetic"}, ros2=None)
     assert await world.children.reconcile(uid, "")
     assert len(await world.deployments()) == 3
     assert await world.claims() == []

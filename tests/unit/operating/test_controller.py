@@ -1,109 +1,28 @@
 """Keys to work, errors to retry classes."""
 
-from collections.abc import Callable
-from typing import Any
-
+import msgspec
 import pytest
-from prometheus_client.parser import text_string_to_metric_families
-from tests.support.factories import app_body, make_deployment, robots
+from tests.support.controlling import World
+from tests.support.factories import app_body, make_app, make_deployment, robots
 
 from robotapp_api.claims.domain import DomainOutcome
 from robotapp_api.client import TooManyRequests, Unreachable
 from robotapp_api.model.names import Label, Reason
-from robotapp_operator.cache import Cache
-from robotapp_operator.controller import BUG_DELAY_S, FLEET_REST_S, POOL_REST_S, STATUS_REST_S, Controller
+from robotapp_operator.controller import (
+    BUG_DELAY_S,
+    FIRST_OBJECT_S,
+    FLEET_REST_S,
+    POOL_REST_S,
+    STATUS_REST_S,
+    YIELD_S,
+)
 from robotapp_operator.execute import StartOver
+from robotapp_operator.informers import ORPHAN_S
 from robotapp_operator.keys import Work
-from robotapp_operator.memory import Memory
-from robotapp_operator.metrics import Metrics
-from robotapp_operator.queue import Key, Queue
+from robotapp_operator.plan.instance_object import AppInstance, wanted_object
+from robotapp_operator.queue import Key
 
-EACH = {"selector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}
-
-
-class Clock:
-    now_s = 0.0
-
-    def __call__(self) -> float:
-        return self.now_s
-
-
-class Worker:
-    """Stands for every collaborator: notes calls, answers or raises what the test says."""
-
-    def __init__(self) -> None:
-        self.calls: list[tuple[Any, ...]] = []
-        self.answer: Any = True
-        self.forget: Callable[[str], None] = lambda _: None
-        self.effect: Callable[[], None] = lambda: None
-
-    async def work(self, *args: Any) -> Any:
-        self.calls.append(args)
-        self.effect()
-        if isinstance(self.answer, BaseException):
-            raise self.answer
-        return self.answer
-
-    reconcile = report = publish = open = work
-
-
-class World:
-    def __init__(self) -> None:
-        self.clock = Clock()
-        self.cache = Cache()
-        self.memory = Memory()
-        self.metrics = Metrics()
-        self.queue = Queue(clock=self.clock, jitter=lambda: 0.5)
-        self.children, self.reporter, self.fleet, self.gates, self.probes, self.pools = (Worker() for _ in range(6))
-        self.children.forget = self.memory.forget
-        self.listed: list[dict[str, Any]] = []
-        self.while_listing: Callable[[], None] = lambda: None
-        self.woken = 0
-        self.controller = Controller(
-            self.cache,
-            self.queue,
-            self.memory,
-            self.metrics,
-            children=self.children,  # type: ignore[arg-type] - doubles
-            reporter=self.reporter,  # type: ignore[arg-type]
-            fleet=self.fleet,  # type: ignore[arg-type]
-            gates=self.gates,  # type: ignore[arg-type]
-            probes=self.probes,  # type: ignore[arg-type]
-            pools=self.pools,  # type: ignore[arg-type]
-            list_apps=self._list,
-            wake_sweep=self._wake,
-        )
-
-    async def _list(self) -> list[dict[str, Any]]:
-        self.while_listing()
-        return self.listed
-
-    def _wake(self) -> None:
-        self.woken += 1
-
-    async def handle(self, key: Key) -> None:
-        self.queue.add(key)
-        item = self.queue.pop()
-        assert item is not None
-        await self.controller._handle(*item)
-
-    def due(self, seconds: float = 0.0) -> set[Key]:
-        """Everything that becomes due within `seconds`."""
-        self.clock.now_s += seconds
-        found = set()
-        while item := self.queue.pop():
-            found.add(item[0])
-            self.queue.done(item[0])
-        return found
-
-    def reconciles(self) -> dict[tuple[str, str], float]:
-        families = text_string_to_metric_families(self.metrics.render().decode())
-        return {
-            (sample.labels["controller"], sample.labels["result"]): sample.value
-            for family in families
-            for sample in family.samples
-            if sample.name == "controller_runtime_reconcile_total"
-        }
+EACH = {"nodeSelector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}
 
 
 @pytest.fixture
@@ -120,6 +39,55 @@ async def test_an_app_asks_for_its_instances_and_its_status_at_once(world: World
         Key(Work.CHILDREN, "uid-1", "b"),
         Key(Work.STATUS, "uid-1"),
     }
+    assert {Key(Work.INSTANCE, "uid-1", "a"), Key(Work.INSTANCE, "uid-1", "b")} < world.due(FIRST_OBJECT_S)
+
+
+async def test_objects_of_instances_that_are_gone_are_visited_too(world: World) -> None:
+    world.cache.update_app(app_body())
+    body = wanted_object(make_app(), "gone")
+    body["metadata"] |= {"uid": "u", "resourceVersion": "1"}
+    world.cache.put_instance_object(msgspec.convert(body, AppInstance))
+    await world.handle(Key(Work.APP, "uid-1"))
+    assert Key(Work.INSTANCE, "uid-1", "gone") in world.due(FIRST_OBJECT_S)
+    world.cache.forget_app("uid-1")
+    await world.handle(Key(Work.APP, "uid-1"))
+    assert world.due(ORPHAN_S) == {Key(Work.INSTANCE, "uid-1", "gone")}
+
+
+async def test_an_object_is_looked_at_again_when_that_is_asked_for(world: World) -> None:
+    key = Key(Work.INSTANCE, "uid-1", "a")
+    world.cache.update_app(app_body())
+    world.objects.answer = 5.0
+    await world.handle(key)
+    assert world.objects.calls == [("uid-1", "a")]
+    assert world.due(4.9) == set()
+    assert world.due(0.2) == {key}
+
+
+async def test_a_status_is_looked_at_again_when_that_is_asked_for(world: World) -> None:
+    world.cache.update_app(app_body())
+    world.reporter.answer = 30.0
+    await world.handle(Key(Work.STATUS, "uid-1"))
+    assert Key(Work.STATUS, "uid-1") not in world.due(29)
+    assert Key(Work.STATUS, "uid-1") in world.due(2)
+
+
+async def test_background_work_goes_on_while_others_wait_but_slowly(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pauses: list[float] = []
+
+    async def pause(seconds: float) -> None:
+        pauses.append(seconds)
+
+    monkeypatch.setattr("robotapp_operator.controller.asyncio.sleep", pause)
+    world.cache.update_app(app_body())
+    world.queue.add(Key(Work.INSTANCE, "uid-1", "a"))
+    world.queue.add(Key(Work.CHILDREN, "uid-1", "a"))
+    world.objects.effect = world.queue.close
+    await world.controller._background_worker()
+    assert pauses == [YIELD_S]
+    assert world.objects.calls == [("uid-1", "a")]
 
 
 async def test_instances_that_are_no_longer_wanted_are_visited_too(world: World) -> None:
@@ -149,7 +117,7 @@ async def test_a_refused_app_still_visits_instances_that_are_no_longer_its_own(w
 
 
 async def test_a_deleted_app_is_forgotten_and_its_claims_are_swept_soon(world: World) -> None:
-    world.memory.of("uid-1").bug = "x"
+    world.memory.of("uid-1").bugs["app", ""] = "x"
     await world.handle(Key(Work.APP, "uid-1"))
     assert len(world.memory) == 0
     assert world.woken == 1
@@ -168,9 +136,9 @@ async def test_a_changed_outcome_is_reported(world: World) -> None:
     full = DomainOutcome(Reason.DOMAIN_EXHAUSTED, "full")
     world.children.effect = lambda: world.memory.of("uid-1").outcomes.update({"": full})
     await world.handle(Key(Work.CHILDREN, "uid-1", ""))
-    assert world.due() == {Key(Work.STATUS, "uid-1")}
+    assert world.due(1) == {Key(Work.STATUS, "uid-1"), Key(Work.INSTANCE, "uid-1", "")}
     await world.handle(Key(Work.CHILDREN, "uid-1", ""))
-    assert world.due() == set()
+    assert world.due(1) == set()
 
 
 async def test_whoever_waits_for_a_domain_tries_again_when_one_may_be_free(world: World) -> None:
@@ -206,12 +174,15 @@ async def test_a_bug_is_logged_counted_shown_and_does_not_stop_the_others(
     world.children.answer = KeyError("spec")
     await world.handle(Key(Work.CHILDREN, "uid-1", ""))
     assert "Traceback" in caplog.text
-    assert "KeyError in children" in world.memory.of("uid-1").bug
-    assert world.due() == {Key(Work.STATUS, "uid-1")}
+    assert "KeyError in children" in world.memory.of("uid-1").bug()
+    assert "KeyError in children" in world.memory.of("uid-1").bug("")
+    assert world.memory.of("uid-1").bug("another") == ""
+    assert world.due() == {Key(Work.STATUS, "uid-1"), Key(Work.INSTANCE, "uid-1", "")}
     assert world.due(BUG_DELAY_S) == {Key(Work.CHILDREN, "uid-1", "")}
     world.children.answer = True
     await world.handle(Key(Work.CHILDREN, "uid-1", ""))
-    assert world.memory.of("uid-1").bug == ""
+    assert world.memory.of("uid-1").bug() == ""
+    assert world.due() == {Key(Work.STATUS, "uid-1"), Key(Work.INSTANCE, "uid-1", "")}
 
 
 async def test_statuses_fleet_views_and_pools_rest_between_two_writes(world: World) -> None:
@@ -256,7 +227,7 @@ async def test_an_app_that_comes_or_goes_while_the_list_is_under_way_is_not_misj
     assert set(world.cache.apps) == {"uid-coming"}
 
 
-@pytest.mark.parametrize("work", [Work.CHILDREN, Work.STATUS, Work.GATES])
+@pytest.mark.parametrize("work", [Work.CHILDREN, Work.STATUS, Work.GATES, Work.INSTANCE])
 async def test_an_app_that_goes_while_it_is_worked_on_leaves_no_memory(world: World, work: Work) -> None:
     world.cache.update_app(app_body())
 
@@ -264,9 +235,9 @@ async def test_an_app_that_goes_while_it_is_worked_on_leaves_no_memory(world: Wo
         world.cache.forget_app("uid-1")
         world.memory.of("uid-1").held["a"] = ("x",)
 
-    for worker in (world.children, world.reporter, world.gates):
+    for worker in (world.children, world.reporter, world.gates, world.objects):
         worker.effect = going
-        worker.answer = False
+        worker.answer = None
     await world.handle(Key(work, "uid-1", "a"))
     assert len(world.memory) == 0
     assert world.queue.retry(Key(work, "uid-1", "a")) == 1, "its failures are forgotten too"

@@ -14,12 +14,12 @@ from robotapp_operator.plan.changes import Change, Observed, Plan, plan, wanted_
 from robotapp_operator.plan.objects import ChildRef
 from robotapp_operator.plan.wish import Domain, wish_of
 
-APP = make_app(dds={"discovery": {"mode": "Multicast"}})
-NEWER = make_app(dds={"discovery": {"mode": "Multicast"}}, generation=2, suspend=True)
+APP = make_app(ros2={"discovery": {"mode": "Multicast"}})
+NEWER = make_app(ros2={"discovery": {"mode": "Multicast"}}, generation=2, suspend=True)
 
 
 def children(running: bool = True) -> list[Any]:
-    return wanted_children(wish_of(APP, ""), domain=Domain(7, "c"), params={}, running=running)
+    return wanted_children(wish_of(APP, ""), domain=Domain(7, "c"), parameters={}, running=running)
 
 
 def fresh() -> Plan:

@@ -1,8 +1,11 @@
 """From caches to facts."""
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import msgspec
+import pytest
 from tests.support.claims_objects import pool_json
 from tests.support.factories import (
     VERSION,
@@ -11,30 +14,29 @@ from tests.support.factories import (
     component,
     domain_claim,
     make_app,
+    make_node,
     make_pod,
     robots,
 )
 
 from robotapp_api.claims.domain import DomainOutcome
-from robotapp_api.claims.identity import id_order
-from robotapp_api.claims.objects import Pool
+from robotapp_api.claims.identity import claim_name_device, id_order
+from robotapp_api.claims.objects import Claim, Pool
 from robotapp_api.model.names import Reason
+from robotapp_operator import gather
 from robotapp_operator.cache import Cache
-from robotapp_operator.gather import app_facts, cached_domain, params_file, params_files, wanted_instances
+from robotapp_operator.gather import cached_domain, instance_facts, problems_now, wanted_instances
 from robotapp_operator.plan.changes import Observed, plan, wanted_children
-from robotapp_operator.plan.objects import ConfigMap, Deployment, ReplicaSet
+from robotapp_operator.plan.facts import InstanceFacts
+from robotapp_operator.plan.objects import ConfigMap, Deployment, ReplicaSet, Telemetry
 from robotapp_operator.plan.wish import App, Domain, wish_of
 
-EACH = {"selector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}
-
-
-def config_map(**data: str) -> ConfigMap:
-    return msgspec.convert({"metadata": {"name": "drv", "namespace": "default"}, "data": data}, ConfigMap)
+EACH = {"nodeSelector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}
 
 
 def with_children(cache: Cache, app: App, robot: str = "", *, number: int = 7) -> dict[Any, Observed]:
     wish = wish_of(app, robot)
-    wanted = wanted_children(wish, domain=Domain(number, f"dds.default.c.{number}"), params={}, running=True)
+    wanted = wanted_children(wish, domain=Domain(number, f"dds.default.c.{number}"), parameters={}, running=True)
     found = after(plan(app, wanted, {}, version=VERSION, settled={}), {}, app)
     for ref, item in found.items():
         index: Any = cache.deployments if isinstance(item, Deployment) else cache.services
@@ -63,8 +65,8 @@ def test_whatever_is_not_plain_goes_to_the_api_server() -> None:
         assert cached_domain(app, "", cache, None) is None
     cache = Cache()
     cache.claims.put(app.uid, "a", domain_claim(7))
-    assert cached_domain(make_app(dds={"domain": 8}), "", cache, None) is None
-    assert cached_domain(make_app(dds={"isolation": "Discovery"}), "", cache, None) is None
+    assert cached_domain(make_app(ros2={"domain": 8}), "", cache, None) is None
+    assert cached_domain(make_app(ros2={"isolation": "Discovery"}), "", cache, None) is None
 
 
 def test_of_two_claims_the_domain_is_the_one_the_spec_then_the_templates_then_the_hash_choose() -> None:
@@ -77,19 +79,19 @@ def test_of_two_claims_the_domain_is_the_one_the_spec_then_the_templates_then_th
     with_children(cache, app, number=second)
     assert cached_domain(app, "", cache, None) == Domain(second, f"dds.default.c.{second}")
     for number in (5, 7):
-        found = cached_domain(make_app(dds={"domain": number}), "", cache, None)
+        found = cached_domain(make_app(ros2={"domain": number}), "", cache, None)
         assert found == Domain(number, f"dds.default.c.{number}")
 
 
 def test_the_same_id_of_two_pools_is_two_domains() -> None:
-    app, cache = make_app(dds={"domain": 7, "pool": "field"}), Cache()
+    app, cache = make_app(ros2={"domain": 7, "pool": "field"}), Cache()
     for pool in ("default", "field", "attic"):
         cache.claims.put(app.uid, pool, domain_claim(7, pool=pool))
     assert cached_domain(app, "", cache, None) == Domain(7, "dds.field.c.7")
 
 
 def test_an_unclaimed_domain_is_remembered_from_the_last_answer_while_the_pool_shares_it() -> None:
-    app, cache = make_app(dds={"isolation": "Discovery"}), Cache()
+    app, cache = make_app(ros2={"isolation": "Discovery"}), Cache()
     cache.pools["default"] = msgspec.convert(pool_json("1-80", sharedIds="90-91"), Pool)
     answer = DomainOutcome(Reason.ALLOCATED, "shared", id=90)
     assert cached_domain(app, "", cache, answer) == Domain(90, "")
@@ -106,8 +108,8 @@ def sharing(cache: Cache, *apps: tuple[str, str]) -> dict[str, App]:
     """Apps by name, each with the name it shares with or ""."""
     found = {}
     for name, other in apps:
-        dds = {"dds": {"shareWith": [{"name": other}]}} if other else {}
-        record = cache.update_app(app_body(name, uid=f"uid-{name}", **dds))
+        ros2 = {"ros2": {"shareWith": [{"name": other}]}} if other else {}
+        record = cache.update_app(app_body(name, uid=f"uid-{name}", **ros2))
         assert record.app is not None
         found[name] = record.app
     return found
@@ -141,8 +143,8 @@ def test_a_ring_has_one_leader_and_nobody_knows_where_a_broken_chain_leads() -> 
 
 def test_a_sharers_status_shows_the_last_answer_until_its_owner_is_in_the_caches() -> None:
     cache = Cache()
-    body = app_body(dds={"shareWith": [{"name": "mapper"}]})
-    (instance,) = facts_of(cache, body, outcomes={"": ANSWER}).instances
+    body = app_body(ros2={"shareWith": [{"name": "mapper"}]})
+    instance = facts_of(cache, body, outcome=ANSWER)
     assert (instance.domain, instance.refusal) == (5, None)
 
 
@@ -171,7 +173,7 @@ def test_of_an_app_and_its_successor_the_newer_one_answers_to_the_name() -> None
 
 
 def test_any_follows_the_claim_until_it_runs_and_then_stays() -> None:
-    app = make_app(robots=EACH | {"instances": "Any"})
+    app = make_app(robots=EACH | {"assignment": "Any"})
     cache = Cache()
     cache.nodes.update(robots("a", "b", "c"))
     for robot in ("b", "c"):
@@ -181,34 +183,12 @@ def test_any_follows_the_claim_until_it_runs_and_then_stays() -> None:
     assert wanted_instances(app, cache)[0].robot == "b"
 
 
-def test_the_parameters_key_is_the_robots_own_then_the_common_then_the_only_one() -> None:
-    params = (
-        make_app(component("a", args=["x"], params={"configMap": "drv", "perRobot": True})).spec.components[0].params
-    )
-    assert params is not None
-    assert params_file(params, "amr-07", config_map(**{"amr-07.yaml": "1", "params.yaml": "2"})).key == "amr-07.yaml"
-    assert params_file(params, "amr-08", config_map(**{"amr-07.yaml": "1", "params.yaml": "2"})).key == "params.yaml"
-    assert params_file(params, "", config_map(**{"drv.yaml": "1"})).key == "drv.yaml"
-
-
-def test_the_hash_follows_the_content_and_is_empty_without_it() -> None:
-    params = make_app(component("a", args=["x"], params={"configMap": "drv"})).spec.components[0].params
-    assert params is not None
-    one, two = (params_file(params, "", config_map(**{"params.yaml": text})).hash for text in "12")
-    assert one != two
-    assert params_file(params, "", None).hash == ""
-
-
-def test_only_components_with_parameters_have_a_file() -> None:
-    app = make_app(component("a", args=["x"], params={"configMap": "drv"}), component("b"))
-    cache = Cache()
-    cache.config_maps["default/drv"] = config_map(**{"params.yaml": "1"})
-    assert set(params_files(app, "", cache)) == {"a"}
-
-
-def facts_of(cache: Cache, body: dict[str, Any], **changes: Any) -> Any:
-    given: dict[str, Any] = {"outcomes": {}, "troubles": {}, "held": {}, "now": "t", "latency_rested": True}
-    return app_facts(cache.update_app(body), cache, **(given | changes))
+def facts_of(cache: Cache, body: dict[str, Any], *, outcome: DomainOutcome | None = None) -> InstanceFacts:
+    """Of the only instance."""
+    app = cache.update_app(body).app
+    assert app is not None
+    (instance,) = wanted_instances(app, cache)
+    return instance_facts(app, instance, cache, outcome=outcome, trouble=None, held=())
 
 
 def test_pods_belong_to_a_component_through_the_chain_of_owners() -> None:
@@ -222,28 +202,21 @@ def test_pods_belong_to_a_component_through_the_chain_of_owners() -> None:
     for name, owner in (("p", "rs"), ("imposter", "alien")):
         owners = [{"uid": owner, "controller": True}]
         cache.pods.put(app.uid, name, make_pod(name, node=f"on-{name}", metadata={"ownerReferences": owners}))
-    facts = facts_of(cache, app_body())
-    nodes = {view.name: view.nodes for view in facts.instances[0].components}
+    nodes = {view.name: view.nodes for view in facts_of(cache, app_body()).components}
     assert nodes == {"operator": (), "driver": ("on-p",)}
 
 
 def test_a_refusal_is_shown_until_a_claim_stands() -> None:
     cache = Cache()
-    refused = {"": DomainOutcome(Reason.DOMAIN_EXHAUSTED, "full")}
-    assert facts_of(cache, app_body(), outcomes=refused).instances[0].refusal == (Reason.DOMAIN_EXHAUSTED, "full")
+    refused = DomainOutcome(Reason.DOMAIN_EXHAUSTED, "full")
+    assert facts_of(cache, app_body()).undecided
+    instance = facts_of(cache, app_body(), outcome=refused)
+    assert (instance.refusal, instance.undecided) == ((Reason.DOMAIN_EXHAUSTED, "full"), False)
     cache.claims.put("uid-1", "a", domain_claim(7))
-    (instance,) = facts_of(cache, app_body(), outcomes=refused).instances
+    instance = facts_of(cache, app_body(), outcome=refused)
     assert instance.refusal is None
     assert instance.domain == 7
     assert instance.claims == ("dds.default.c.7",)
-
-
-def test_an_unreadable_app_has_no_facts_and_a_refused_one_no_instances() -> None:
-    cache = Cache()
-    assert facts_of(cache, app_body(components="none")) is None
-    refused = facts_of(cache, app_body(uid="uid-2", ros={"distro": "humbel"}))
-    assert refused.problems
-    assert refused.instances == ()
 
 
 def test_children_of_another_owner_are_not_ours() -> None:
@@ -252,19 +225,102 @@ def test_children_of_another_owner_are_not_ours() -> None:
     for item in with_children(cache, other).values():
         if isinstance(item, Deployment):
             cache.deployments.put("uid-1", item.metadata.name, item)
-    (instance,) = facts_of(cache, app_body()).instances
-    assert not any(view.exists for view in instance.components)
+    assert not facts_of(cache, app_body()).exists
 
 
 def test_discovery_counts_as_ready_with_one_of_its_servers() -> None:
     cache = Cache()
     app = make_app()
     children = with_children(cache, app)
-    assert facts_of(cache, app_body()).instances[0].infrastructure_ready is False
+    assert facts_of(cache, app_body()).infrastructure_ready is False
     first = next(item for ref, item in children.items() if "discovery" in ref.name and isinstance(item, Deployment))
     assert isinstance(first, Deployment)
     first.status.ready_replicas = 1
-    assert facts_of(cache, app_body()).instances[0].infrastructure_ready is True
+    assert facts_of(cache, app_body()).infrastructure_ready is True
+
+
+def test_a_missing_parameter_file_is_named() -> None:
+    cache = Cache()
+    file = {"configMapKeyRef": {"name": "drv", "key": "params.yaml"}}
+    body = app_body(components=[component("driver", args=["x"], parameters=[file])])
+    with_children(cache, make_app(component("driver", args=["x"], parameters=[file])))
+    (view,) = facts_of(cache, body).components
+    assert view.message.startswith("there is no ConfigMap drv")
+    cache.config_maps["default/drv"] = msgspec.convert(
+        {"metadata": {"name": "drv", "namespace": "default"}, "data": {"params.yaml": "1"}}, ConfigMap
+    )
+    (view,) = facts_of(cache, body).components
+    assert view.message == ""
+
+
+CAN = {"metadata": {"name": "n"}, "status": {"devices": [{"id": "can0", "type": "can"}]}}
+HELD = {
+    "metadata": {"name": claim_name_device("n-a", "can0")},
+    "spec": {
+        "device": {"node": "n-a", "type": "can", "id": "can0"},
+        "holder": {"apiVersion": "v1", "kind": "Pod", "namespace": "default", "name": "thief", "uid": "t"},
+    },
+}
+
+
+@pytest.mark.parametrize("tiers", [["Robot"], ["Robot", "Edge"], []])
+def test_who_has_the_device_of_a_robot_is_found_among_its_own_nodes(tiers: list[str]) -> None:
+    cache = Cache()
+    cache.nodes.update(robots("a", "b"))
+    bus = component("driver", runsOn=tiers, devices=[{"name": "bus", "type": "can"}])
+    one = {"nodeSelector": {"matchLabels": {"robotics.io/robot": "a"}}}
+    body = app_body(components=[bus], robots=one)
+    for node in ("n-a", "n-b"):
+        cache.telemetry[node] = msgspec.convert(CAN, Telemetry)
+    assert facts_of(cache, body).busy == ""
+    claim = msgspec.convert(HELD, Claim)
+    cache.claims.put("t", claim.name, claim)
+    assert "held by pod default/thief" in facts_of(cache, body).busy
+
+
+# Answers that depend on all nodes
+
+
+def count_questions(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Names of the rules that were asked, each time."""
+    asked: list[str] = []
+
+    def counted(name: str, real: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+        asked.append(name)
+        return real(*args, **kwargs)
+
+    for name in ("instances_of", "problems_of"):
+        monkeypatch.setattr(gather, name, partial(counted, name, getattr(gather, name)))
+    return asked
+
+
+def test_which_instances_there_are_is_worked_out_once_for_all_keys(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = count_questions(monkeypatch)
+    app, cache = make_app(robots=EACH), Cache()
+    cache.nodes.update(robots("a", "b"))
+    for _ in range(3):
+        assert [instance.robot for instance in wanted_instances(app, cache)] == ["a", "b"]
+        assert problems_now(app, cache) == ()
+    assert asked == ["instances_of", "problems_of"]
+    cache.nodes["n-b"] = make_node("n-b", robot="b", tier="robot", ready=False)
+    wanted_instances(app, cache)
+    assert len(asked) == 2, "who has no say in it asks nobody"
+    del cache.nodes["n-b"]
+    assert [instance.robot for instance in wanted_instances(app, cache)] == ["a"]
+    other = make_app(robots={"nodeSelector": {"matchLabels": {"robotics.io/robot": "z"}}}, generation=2)
+    assert wanted_instances(other, cache) == ()
+    assert [problem.reason for problem in problems_now(other, cache)] == [Reason.NO_MATCHING_ROBOT]
+
+
+def test_any_robot_is_chosen_anew_when_one_is_claimed_or_out_of_reach() -> None:
+    app, cache = make_app(robots=EACH | {"assignment": "Any"}), Cache()
+    cache.nodes.update(robots("a", "b"))
+    (first,) = wanted_instances(app, cache)
+    cache.nodes[first.node] = make_node(first.node, robot=first.robot, ready=False)
+    (second,) = wanted_instances(app, cache)
+    assert second.robot != first.robot
+    cache.claims.put(app.uid, "c", domain_claim(7, instance=first.robot))
+    assert wanted_instances(app, cache) == (first,)
 
 
 def test_the_cache_forgets_what_is_dropped() -> None:

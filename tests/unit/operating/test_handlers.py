@@ -80,8 +80,8 @@ def test_an_app_of_the_same_name_is_another_app() -> None:
 
 def test_whoever_follows_an_app_hears_of_its_birth_edit_and_death_but_not_of_its_status() -> None:
     world = World()
-    world.see("ADDED", app_body("sharer", uid="uid-2", dds={"shareWith": [{"name": "teleop"}]}))
-    world.see("ADDED", app_body("next", uid="uid-3", dds={"shareWith": [{"name": "sharer"}]}))
+    world.see("ADDED", app_body("sharer", uid="uid-2", ros2={"shareWith": [{"name": "teleop"}]}))
+    world.see("ADDED", app_body("next", uid="uid-3", ros2={"shareWith": [{"name": "sharer"}]}))
     followers = {Key(Work.APP, "uid-2"), Key(Work.APP, "uid-3")}
     assert set(world.see("ADDED", app_body())) == followers | {Key(Work.APP, "uid-1")}
     assert world.see("MODIFIED", version(app_body(), 11) | {"status": {"phase": "Running"}}) == [
@@ -93,7 +93,7 @@ def test_whoever_follows_an_app_hears_of_its_birth_edit_and_death_but_not_of_its
 
 def test_an_edit_ends_the_back_off_of_the_app_and_of_its_followers() -> None:
     world = World()
-    world.see("ADDED", app_body("sharer", uid="uid-2", dds={"shareWith": [{"name": "teleop"}]}))
+    world.see("ADDED", app_body("sharer", uid="uid-2", ros2={"shareWith": [{"name": "teleop"}]}))
     keys = {Key(Work.CHILDREN, uid, "") for uid in ("uid-1", "uid-2", "uid-3")}
     for key in keys:
         world.queue.add(key)

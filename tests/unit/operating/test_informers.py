@@ -4,30 +4,34 @@ from typing import Any
 
 import msgspec
 import pytest
-from tests.support.factories import app_body, domain_claim, make_node, make_pod, robots, telemetry
+from tests.support.factories import app_body, domain_claim, make_app, make_node, make_pod, robots, telemetry
 
 from robotapp_api.claims.objects import Meta, Pool
 from robotapp_api.client import ApiClient, Change, Endpoint
 from robotapp_api.model.names import SCHEDULING_GATE, Annotation, Label
 from robotapp_operator.cache import Cache
-from robotapp_operator.informers import Informers
-from robotapp_operator.keys import Work
+from robotapp_operator.informers import BACK_S, ORPHAN_S, Informers
+from robotapp_operator.keys import BACKGROUND, Work
+from robotapp_operator.plan.instance_object import AppInstance, wanted_object
 from robotapp_operator.plan.objects import Deployment, Pod, ReplicaSet, Telemetry
 from robotapp_operator.queue import Key, Queue
 
 LABELS = {Label.APP_UID.value: "uid-1", Label.INSTANCE.value: "a"}
 CHILDREN = Key(Work.CHILDREN, "uid-1", "a")
 STATUS = Key(Work.STATUS, "uid-1")
+INSTANCE = Key(Work.INSTANCE, "uid-1", "a")
+OBSERVED = {STATUS, INSTANCE}
+"""Something is to be told of instance a, and of no other."""
 FLEET = Key(Work.FLEET, "ns/default")
 POOL = Key(Work.POOL, "pool/default")
-EACH = {"selector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}
+EACH = {"nodeSelector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}
 
 
 class World:
     def __init__(self) -> None:
         self.now_s = 0.0
         self.cache = Cache()
-        self.queue = Queue(clock=lambda: self.now_s, jitter=lambda: 0.0)
+        self.queue = Queue(clock=lambda: self.now_s, jitter=lambda: 0.0, background=BACKGROUND)
         self.swept = 0
         client = ApiClient(Endpoint("http://localhost"), user_agent="test")
         self.informers = Informers(client, self.cache, self.queue, namespaces=(), wake_sweep=self._wake)
@@ -40,8 +44,11 @@ class World:
         kind = "ADDED" if old is None else "DELETED" if new is None else "MODIFIED"
         getattr(self.informers, handler)(Change(kind, key, old, new))
         self.now_s += 10
+        return self.due()
+
+    def due(self) -> set[Key]:
         found = set()
-        while item := self.queue.pop():
+        while item := self.queue.pop() or self.queue.pop(background=True):
             found.add(item[0])
             self.queue.done(item[0])
         return found
@@ -74,16 +81,16 @@ def pool(ids: str) -> Pool:
 
 
 def test_a_new_or_deleted_deployment_plans_its_instance(world: World) -> None:
-    assert world.see("_deployment", None, deployment()) == {CHILDREN, STATUS}
+    assert world.see("_deployment", None, deployment()) == {CHILDREN, *OBSERVED}
     assert world.cache.deployments.of("uid-1")
-    assert world.see("_deployment", deployment(), None) == {CHILDREN, STATUS}
+    assert world.see("_deployment", deployment(), None) == {CHILDREN, *OBSERVED}
     assert not world.cache.deployments.of("uid-1")
     assert world.swept == 1
 
 
 def test_a_deployments_progress_is_status_only(world: World) -> None:
     revised = deployment(annotations={"deployment.kubernetes.io/revision": "2"})
-    assert world.see("_deployment", deployment(), revised) == {STATUS}
+    assert world.see("_deployment", deployment(), revised) == OBSERVED
 
 
 def test_an_edited_deployment_is_looked_at_for_drift(world: World) -> None:
@@ -92,7 +99,7 @@ def test_an_edited_deployment_is_looked_at_for_drift(world: World) -> None:
         deployment(labels={**LABELS, "x": "y"}),
         deployment(ownerReferences=[{"uid": "o"}]),
     ):
-        assert world.see("_deployment", deployment(), edited) == {CHILDREN, STATUS}
+        assert world.see("_deployment", deployment(), edited) == {CHILDREN, *OBSERVED}
 
 
 def test_a_service_plans_its_instance(world: World) -> None:
@@ -102,7 +109,7 @@ def test_a_service_plans_its_instance(world: World) -> None:
 def test_a_replica_set_links_pods_to_their_deployment(world: World) -> None:
     body = {"metadata": {"uid": "rs", "labels": LABELS, "ownerReferences": [{"uid": "d", "controller": True}]}}
     replica_set = msgspec.convert(body, ReplicaSet)
-    assert world.see("_replica_set", None, replica_set) == {STATUS}
+    assert world.see("_replica_set", None, replica_set) == OBSERVED
     assert world.cache.replica_sets == {"rs": "d"}
     assert world.see("_replica_set", replica_set, replica_set) == set()
     world.see("_replica_set", replica_set, None)
@@ -110,12 +117,12 @@ def test_a_replica_set_links_pods_to_their_deployment(world: World) -> None:
 
 
 def test_a_pods_life_is_status_and_its_place_the_fleets_business(world: World) -> None:
-    assert world.see("_pod", None, pod()) == {STATUS, FLEET}
-    assert world.see("_pod", pod(), pod("edge-1")) == {STATUS, FLEET}
-    assert world.see("_pod", pod("edge-1"), pod("edge-1")) == {STATUS}
+    assert world.see("_pod", None, pod()) == {*OBSERVED, FLEET}
+    assert world.see("_pod", pod(), pod("edge-1")) == {*OBSERVED, FLEET}
+    assert world.see("_pod", pod("edge-1"), pod("edge-1")) == OBSERVED
     assert world.swept == 0
-    assert world.see("_pod", pod("edge-1"), pod("edge-1", phase="Failed")) == {STATUS}
-    assert world.see("_pod", pod("edge-1"), None) == {STATUS, FLEET}
+    assert world.see("_pod", pod("edge-1"), pod("edge-1", phase="Failed")) == OBSERVED
+    assert world.see("_pod", pod("edge-1"), None) == {*OBSERVED, FLEET}
     assert world.swept == 2
 
 
@@ -133,8 +140,8 @@ def test_a_bare_pod_is_only_in_the_fleet_view(world: World) -> None:
 
 def test_a_claim_wakes_its_holder_and_a_freed_one_whoever_waits(world: World) -> None:
     claim = domain_claim(7, instance="a")
-    assert world.see("_claim", None, claim) == {CHILDREN, STATUS, POOL}
-    assert world.see("_claim", claim, None) == {CHILDREN, STATUS, POOL, Key(Work.WAITING, "pool/default")}
+    assert world.see("_claim", None, claim) == {CHILDREN, *OBSERVED, POOL}
+    assert world.see("_claim", claim, None) == {CHILDREN, *OBSERVED, POOL, Key(Work.WAITING, "pool/default")}
     assert not world.cache.claims
 
 
@@ -142,9 +149,9 @@ def test_an_adoption_of_ours_is_no_news(world: World) -> None:
     """Else a key that fails after it has adopted would wake itself for ever, and never back off."""
     claim = domain_claim(7, instance="a")
     adopted = msgspec.structs.replace(claim, status=msgspec.structs.replace(claim.status, attempt=1))
-    assert world.see("_claim", claim, adopted) == {STATUS}
+    assert world.see("_claim", claim, adopted) == OBSERVED
     drained = domain_claim(7, instance="a", phase="Draining")
-    assert world.see("_claim", adopted, drained) == {CHILDREN, STATUS, POOL}
+    assert world.see("_claim", adopted, drained) == {CHILDREN, *OBSERVED, POOL}
 
 
 def test_a_claim_ends_the_back_off_of_its_holder_and_of_its_pods_gates(world: World) -> None:
@@ -154,11 +161,11 @@ def test_a_claim_ends_the_back_off_of_its_holder_and_of_its_pods_gates(world: Wo
         world.queue.pop()
         world.queue.retry(key, at_least_s=300)
     gates = Key(Work.GATES, "uid-1", "a")
-    assert world.see("_claim", None, domain_claim(7, instance="a")) == {CHILDREN, STATUS, POOL, gates}
+    assert world.see("_claim", None, domain_claim(7, instance="a")) == {CHILDREN, *OBSERVED, POOL, gates}
 
 
 def test_a_claim_wakes_whoever_joins_it_at_once(world: World) -> None:
-    world.cache.update_app(app_body("sharer", uid="uid-2", dds={"shareWith": [{"name": "teleop"}]}))
+    world.cache.update_app(app_body("sharer", uid="uid-2", ros2={"shareWith": [{"name": "teleop"}]}))
     claims = [
         msgspec.structs.replace(domain_claim(number, instance=robot), metadata=Meta(name=robot))
         for number, robot in enumerate("abc", 1)
@@ -167,6 +174,7 @@ def test_a_claim_wakes_whoever_joins_it_at_once(world: World) -> None:
         assert Key(Work.APP, "uid-2") in world.see("_claim", None, claim), "the only instance is no longer the only one"
     assert world.see("_claim", None, claims[2]) == {
         Key(Work.CHILDREN, "uid-1", "c"),
+        Key(Work.INSTANCE, "uid-1", "c"),
         STATUS,
         POOL,
         Key(Work.CHILDREN, "uid-2", "c"),
@@ -175,11 +183,11 @@ def test_a_claim_wakes_whoever_joins_it_at_once(world: World) -> None:
 
 
 def test_another_id_in_the_owners_templates_wakes_whoever_joins_it(world: World) -> None:
-    world.cache.update_app(app_body("sharer", uid="uid-2", dds={"shareWith": [{"name": "teleop"}]}))
+    world.cache.update_app(app_body("sharer", uid="uid-2", ros2={"shareWith": [{"name": "teleop"}]}))
     container = {"name": "main", "env": [{"name": "ROS_DOMAIN_ID", "value": "7"}]}
     named = msgspec.structs.replace(deployment(), spec={"template": {"spec": {"containers": [container]}}})
     assert Key(Work.APP, "uid-2") in world.see("_deployment", None, named)
-    assert world.see("_deployment", named, named) == {STATUS}
+    assert world.see("_deployment", named, named) == OBSERVED
     assert Key(Work.APP, "uid-2") in world.see("_deployment", named, None)
 
 
@@ -202,28 +210,72 @@ def test_a_pool_wakes_whoever_waits_when_its_spec_changes_and_not_when_its_statu
 def test_a_nodes_heartbeat_is_nobodys_business(world: World) -> None:
     world.cache.update_app(app_body(uid="uid-2", robots=EACH))
     (node,) = robots("a").values()
-    assert Key(Work.APP, "uid-2") in world.see("_node", None, node)
+    assert Key(Work.ROBOTS, "uid-2") in world.see("_node", None, node)
     assert world.see("_node", node, node) == set()
 
 
-def test_a_nodes_label_readiness_or_owner_plans_apps_with_robots(world: World) -> None:
+def test_a_nodes_label_or_owner_concerns_apps_that_choose_robots(world: World) -> None:
     world.cache.update_app(app_body(uid="uid-2", robots=EACH))
     node = make_node("n", robot="a")
     for changed in (
         make_node("n", robot="b"),
-        make_node("n", robot="a", ready=False),
         make_node("n", robot="a", annotations={Annotation.ALLOWED_NAMESPACES: "x"}),
     ):
-        assert world.see("_node", node, changed) == {Key(Work.APP, "uid-2")}
-    assert world.see("_node", node, None) == {Key(Work.APP, "uid-2")}
+        assert world.see("_node", node, changed) == {Key(Work.ROBOTS, "uid-2")}
+    assert world.see("_node", node, None) == {Key(Work.ROBOTS, "uid-2")}
     assert world.cache.nodes == {}
 
 
-def test_new_telemetry_concerns_apps_on_that_node(world: World) -> None:
-    assert world.see("_telemetry", None, telemetry("edge-1")) == set()
+def test_a_robot_that_is_out_of_reach_concerns_its_own_instances_and_who_takes_any(world: World) -> None:
+    world.cache.update_app(app_body(uid="uid-2", robots=EACH))
+    world.cache.update_app(app_body(uid="uid-3", robots=EACH | {"assignment": "Any"}))
+    for robot in ("a", "b"):
+        child = msgspec.structs.replace(deployment(labels={Label.APP_UID: "uid-2", Label.INSTANCE: robot}))
+        world.cache.deployments.put("uid-2", robot, child)
+    ready, lost = make_node("n", robot="a"), make_node("n", robot="a", ready=False)
+    world.see("_node", None, ready)
+    assert world.see("_node", ready, lost) == {
+        Key(Work.STATUS, "uid-2"),
+        Key(Work.INSTANCE, "uid-2", "a"),
+        Key(Work.ROBOTS, "uid-3"),
+    }
+
+
+def test_an_app_that_names_a_node_hears_of_nodes_that_come_and_go(world: World) -> None:
+    world.cache.update_app(app_body(uid="uid-2", placement={"masterNode": "n"}))
+    assert world.see("_node", None, make_node("n")) == {Key(Work.ROBOTS, "uid-2")}
+
+
+EDGE = {"topic": "/t", "from": "operator", "to": "driver"}
+
+
+def test_new_round_trip_times_concern_instances_with_both_ends_there(world: World) -> None:
+    world.cache.update_app(app_body(generation=2, edges=[EDGE]))
+    assert world.see("_telemetry", None, telemetry("edge-1", amr=3)) == set()
+    for name, node, instance in (("p", "edge-1", "a"), ("q", "amr", "a"), ("r", "edge-1", "b"), ("s", "other", "b")):
+        labels = {Label.APP_UID.value: "uid-1", Label.INSTANCE.value: instance}
+        world.cache.pods.put("uid-1", name, make_pod(name, node=node, metadata={"labels": labels}))
+    before, after = telemetry("edge-1", amr=3, other=4), telemetry("edge-1", amr=5, other=4)
+    version = world.cache.version_of("uid-1", "a"), world.cache.version_of("uid-1", "b")
+    assert world.see("_telemetry", before, after) == OBSERVED
+    assert world.cache.version_of("uid-1", "a") > version[0]
+    assert world.cache.version_of("uid-1", "b") == version[1]
+    assert world.see("_telemetry", after, after) == set()
+    assert world.see("_telemetry", telemetry("amr"), telemetry("amr", edge_1=3)) == OBSERVED
+    assert world.see("_telemetry", telemetry("amr", edge_1=3), None) == OBSERVED
+
+
+def test_the_robot_itself_is_an_end(world: World) -> None:
+    world.cache.update_app(app_body(generation=2, edges=[EDGE | {"to": "@robot"}], robots=EACH))
+    world.cache.nodes["amr"] = make_node("amr", robot="a")
     world.see("_pod", None, pod("edge-1"))
-    assert world.see("_telemetry", None, telemetry("edge-1")) == {STATUS}
-    assert world.see("_telemetry", None, telemetry("edge-2")) == set()
+    assert world.see("_telemetry", None, telemetry("edge-1", amr=3)) == OBSERVED
+    assert world.see("_telemetry", None, telemetry("amr", edge_1=3)) == OBSERVED
+
+
+def test_apps_without_edges_do_not_mind_round_trip_times(world: World) -> None:
+    world.see("_pod", None, pod("edge-1"))
+    assert world.see("_telemetry", None, telemetry("edge-1", edge_1=3)) == set()
 
 
 def test_a_device_that_comes_or_goes_concerns_every_app_that_wants_one(world: World) -> None:
@@ -233,10 +285,70 @@ def test_a_device_that_comes_or_goes_concerns_every_app_that_wants_one(world: Wo
     fitted = msgspec.convert(
         {"metadata": {"name": "edge-1"}, "status": {"devices": [{"id": "can0", "type": "can"}]}}, Telemetry
     )
-    found = Key(Work.STATUS, "uid-2")
+    found, versions = Key(Work.STATUS, "uid-2"), {world.cache.devices_version}
     assert world.see("_telemetry", bare, fitted) == {found}
+    versions.add(world.cache.devices_version)
     assert world.see("_telemetry", fitted, fitted) == set()
+    versions.add(world.cache.devices_version)
     assert world.see("_telemetry", fitted, None) == {found}
+    versions.add(world.cache.devices_version)
+    assert len(versions) == 3
+
+
+# RobotAppInstances
+
+
+def instance_object(version: int = 5, *, uid: str = "u", app_uid: str = "uid-1", name: str = "teleop") -> AppInstance:
+    body: dict[str, Any] = wanted_object(make_app(name=name, uid=app_uid), "a")
+    body["metadata"] |= {"uid": uid, "resourceVersion": str(version)}
+    return msgspec.convert(body, AppInstance)
+
+
+def test_an_object_that_somebody_writes_or_deletes_is_looked_at(world: World) -> None:
+    assert world.see("_instance_object", None, instance_object()) == {INSTANCE}
+    assert world.see("_instance_object", instance_object(), instance_object(6)) == {INSTANCE}
+    assert world.see("_instance_object", instance_object(6), None) == {INSTANCE}
+    assert world.cache.instance_object_named == {}
+
+
+def test_the_echo_of_our_own_write_is_no_news(world: World) -> None:
+    world.cache.put_instance_object(instance_object(6))
+    assert world.see("_instance_object", instance_object(5), instance_object(6)) == set()
+
+
+def test_an_object_comes_back_after_a_moment_and_an_orphan_waits_for_its_app(world: World) -> None:
+    world.informers._instance_object(Change("DELETED", "k", instance_object(), None))
+    assert world.queue.next_due_s() == BACK_S
+    world.now_s += BACK_S
+    assert world.due() == {INSTANCE}
+    world.informers._instance_object(Change("ADDED", "k", None, instance_object(app_uid="uid-9", name="unknown")))
+    assert world.queue.next_due_s() == ORPHAN_S
+
+
+def test_what_bears_the_name_of_another_apps_object_concerns_that_app_too(world: World) -> None:
+    old = instance_object(app_uid="uid-0")
+    assert world.see("_instance_object", None, old) == {Key(Work.INSTANCE, "uid-0", "a"), INSTANCE}
+    assert world.see("_instance_object", old, None) == {Key(Work.INSTANCE, "uid-0", "a"), INSTANCE}
+
+
+def test_a_pod_that_is_given_to_another_app_leaves_the_first(world: World) -> None:
+    world.cache.update_app(app_body("other", uid="uid-2"))
+    mine = pod("edge-1")
+    world.see("_pod", None, mine)
+    theirs = make_pod(node="edge-1", metadata={"labels": {Label.APP_UID.value: "uid-2", Label.INSTANCE.value: "a"}})
+    world.see("_pod", mine, theirs)
+    assert not world.cache.pods.of("uid-1")
+    assert world.cache.pods.on_node("edge-1") == {("uid-2", "a")}
+
+
+@pytest.mark.parametrize("size", [10, 1000])
+def test_a_pods_event_concerns_one_instance_however_many_there_are(world: World, size: int) -> None:
+    for number in range(size):
+        labels = {Label.APP_UID.value: "uid-1", Label.INSTANCE.value: f"r-{number}"}
+        world.cache.pods.put(
+            "uid-1", f"p-{number}", make_pod(f"p-{number}", node="edge-1", metadata={"labels": labels})
+        )
+    assert world.see("_pod", pod(), pod("edge-1")) == {*OBSERVED, FLEET}
 
 
 def test_no_config_map_is_watched_from_the_start(world: World) -> None:

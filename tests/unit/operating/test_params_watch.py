@@ -40,7 +40,8 @@ class World:
 
 def app(uid: str, *config_maps: str) -> App:
     def part(number: int, name: str) -> dict[str, Any]:
-        return {"name": f"c{number}", "image": "x", "args": ["run"], "params": {"configMap": name}}
+        files = [{"configMapKeyRef": {"name": name, "key": "params.yaml"}}]
+        return {"name": f"c{number}", "image": "x", "args": ["run"], "parameters": files}
 
     components = [part(number, name) for number, name in enumerate(config_maps)] or [{"name": "c", "image": "x"}]
     return make_app(*components, uid=uid)

@@ -71,6 +71,40 @@ def test_groups_take_turns() -> None:
     assert popped(queue) == ["big-0", "small", "big-1", "big-2"]
 
 
+def test_background_work_is_for_those_who_ask_for_it() -> None:
+    clock = Clock()
+    queue = Queue(clock=clock, jitter=lambda: 0.5, background=("slow",))
+    slow = Key("slow", "app", "a")
+    queue.add(slow)
+    assert not queue.crowded
+    assert queue.pop() is None
+    queue.add(key("b"))
+    assert queue.crowded
+    assert popped(queue) == ["b"]
+    assert not queue.crowded
+    clock.now_s += 7
+    assert queue.overdue_s == 7
+    assert queue.depth == 1
+    item = queue.pop(background=True)
+    assert item == (slow, 7)
+    assert queue.pop(background=True) is None
+
+
+async def test_each_kind_of_worker_wakes_for_its_own_work() -> None:
+    clock = Clock()
+    queue = Queue(clock=clock, jitter=lambda: 0.5, background=("slow",))
+    ordinary, background = asyncio.create_task(queue.get()), asyncio.create_task(queue.get(background=True))
+    await asyncio.sleep(0)
+    slow = Key("slow", "app", "a")
+    queue.add(slow)
+    async with asyncio.timeout(5):
+        assert await background == (slow, 0)
+    assert not ordinary.done()
+    queue.add(key("b"))
+    async with asyncio.timeout(5):
+        assert await ordinary == (key("b"), 0)
+
+
 def test_a_status_does_not_wait_behind_all_instances_of_its_app() -> None:
     queue, _ = make_queue()
     for number in range(3):

@@ -1,5 +1,6 @@
 """Statuses are written when they differ, and never for the wrong object."""
 
+import json
 from collections.abc import AsyncIterator
 from datetime import UTC, datetime
 from typing import Any
@@ -7,15 +8,19 @@ from typing import Any
 import pytest
 from tests.support.apiserver import FakeApiServer
 from tests.support.clients import client_for
-from tests.support.factories import app_body, domain_claim
+from tests.support.controlling import place
+from tests.support.factories import app_body, domain_claim, robots, telemetry
 
 from robotapp_api.claims.domain import DomainOutcome
 from robotapp_api.client import ApiClient
 from robotapp_api.client.resources import ROBOTAPPS
 from robotapp_api.model.names import Reason
 from robotapp_api.model.status import RobotAppStatus
+from robotapp_operator import observer, reporter
 from robotapp_operator.cache import Cache
 from robotapp_operator.memory import Memory
+from robotapp_operator.observer import Observer
+from robotapp_operator.plan.pace import BURST
 from robotapp_operator.plan.record import parse_record
 from robotapp_operator.reporter import Reporter, same_status, unreadable_status
 
@@ -38,14 +43,23 @@ class World:
         self.memory = Memory()
         self.recorder = Recorder()
         self.today = datetime(2026, 1, 1, tzinfo=UTC)
+        self.now_s = 0.0
         self.conflict = ""
+        self.changed: list[tuple[str, str]] = []
+        watching = Observer(
+            self.cache,
+            self.memory,
+            clock=lambda: self.now_s,
+            on_change=lambda uid, instance: self.changed.append((uid, instance)),
+        )
         self.reporter = Reporter(
             client,
             self.cache,
             self.memory,
+            watching,
             self.recorder,  # type: ignore[arg-type] - a double
             conflict_of=lambda _: self.conflict,
-            clock=lambda: 0.0,
+            clock=lambda: self.now_s,
             now=lambda: self.today,
         )
 
@@ -158,8 +172,96 @@ async def test_an_app_this_version_cannot_read_says_so(world: World) -> None:
     assert world.patches() == 1
 
 
+async def test_a_restless_app_is_written_once_per_second_and_asks_for_a_later_look(world: World) -> None:
+    uid = await world.app()
+    seen = []
+    for number in range(100):
+        world.now_s += 0.1
+        world.cache.claims.put(uid, "c", domain_claim(number + 1, uid=uid))
+        before = world.patches()
+        wait_s = await world.reporter.report(uid)
+        if world.patches() == before:
+            assert wait_s is not None
+            assert wait_s <= 1.0
+        else:
+            seen.append(world.now_s)
+    assert len(seen) <= BURST + 10
+    world.now_s += 1.0
+    await world.reporter.report(uid)
+    assert (await world.status())["summary"]["domain"] == "100"
+
+
+async def test_a_new_generation_is_observed_at_once_however_restless_the_app_was(world: World) -> None:
+    uid = await world.app()
+    for number in range(2 * BURST):
+        world.cache.claims.put(uid, "c", domain_claim(number + 1, uid=uid))
+        await world.reporter.report(uid)
+    edited = await world.client.patch(ROBOTAPPS, "teleop", {"spec": {"suspend": True}}, namespace="default")
+    world.cache.update_app(edited)
+    assert await world.reporter.report(uid) is None
+    assert (await world.status())["observedGeneration"] == 2
+
+
+async def test_only_the_instance_that_changed_is_computed_anew(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    names = [f"r-{number:02}" for number in range(20)]
+    world.cache.nodes.update(robots(*names))
+    uid = await world.app(
+        robots={"nodeSelector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}
+    )
+    computed: list[str] = []
+    real = observer.instance_facts
+
+    def counted(app: Any, instance: Any, *args: Any, **kwargs: Any) -> Any:
+        computed.append(instance.robot)
+        return real(app, instance, *args, **kwargs)
+
+    monkeypatch.setattr(observer, "instance_facts", counted)
+    await world.reporter.report(uid)
+    assert sorted(computed) == names
+    computed.clear()
+    world.cache.claims.put(uid, "c", domain_claim(7, uid=uid, instance="r-07"))
+    await world.reporter.report(uid)
+    assert computed == ["r-07"]
+    assert world.changed == [(uid, "r-07")]
+
+
+async def test_newer_figures_of_another_operator_stand(world: World) -> None:
+    edge = {"topic": "/t", "from": "operator", "to": "driver", "latency": {"budget": "90ms"}}
+    uid = await world.app(edges=[edge])
+    world.memory.of(uid).outcomes[""] = DomainOutcome(Reason.DOMAIN_EXHAUSTED, "full")
+    place(world.cache, uid, operator="edge-1", driver="amr")
+    mine = world.memory.of(uid)
+    texts = []
+    for ms in (40, 50, 60):
+        # An instance of a large fleet may publish at any time; here the only one does.
+        mine.instance("").rest.figures_s = float("-inf")
+        world.cache.telemetry["edge-1"] = telemetry("edge-1", amr=ms)
+        world.cache.touch(uid, "")
+        world.now_s += 5
+        await world.reporter.report(uid)
+        texts.append((await world.status())["summary"]["budget"])
+    assert texts == ["40/90ms", "50/90ms", "50/90ms"], "the third has to wait"
+    stored = await world.client.get(ROBOTAPPS, "teleop", namespace="default")
+    theirs = json.loads(json.dumps(stored["status"]).replace("50/90ms", "60/90ms").replace("50ms of", "60ms of"))
+    world.cache.update_app(await world.client.replace(ROBOTAPPS, stored | {"status": theirs}, subresource="status"))
+    before = world.patches()
+    assert await world.reporter.report(uid) is None
+    assert world.patches() == before
+    assert (await world.status())["summary"]["budget"] == "60/90ms"
+
+
+async def test_an_app_of_which_nothing_changed_is_not_even_rendered(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    uid = await world.app()
+    for _ in range(2):
+        await world.reporter.report(uid)
+    monkeypatch.setattr(reporter, "render_status", None)
+    assert await world.reporter.report(uid) is None
+
+
 def test_fields_of_other_writers_do_not_count_as_difference() -> None:
-    assert same_status({"phase": "Running"}, {"phase": "Running", "links": {"a": "b"}})
+    assert same_status({"phase": "Running"}, {"phase": "Running", "matrix": {"a": "b"}})
     assert not same_status({"phase": "Running"}, {"phase": "Pending"})
     assert not same_status({"phase": "Running"}, {})
 

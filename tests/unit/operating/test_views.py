@@ -1,6 +1,7 @@
 """What the operator publishes beside statuses: fleet view, probe lists, open gates, health."""
 
 from collections.abc import AsyncIterator
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import aiohttp
@@ -8,7 +9,7 @@ import msgspec
 import pytest
 from tests.support.apiserver import FakeApiServer
 from tests.support.clients import client_for
-from tests.support.factories import app_body, domain_claim, make_pod, robots
+from tests.support.factories import app_body, domain_claim, make_node, make_pod, robots
 
 from robotapp_api.claims.objects import Pool
 from robotapp_api.client import ApiClient, NotFound
@@ -55,7 +56,7 @@ async def world() -> AsyncIterator[World]:
 
 
 async def test_a_pools_status_is_written_when_it_changed_and_only_then(world: World) -> None:
-    pools = Pools(world.client, world.cache)
+    pools = Pools(world.client, world.cache, now=lambda: datetime(2026, 1, 1, tzinfo=UTC))
     body = {"metadata": {"name": "default"}, "spec": {"scope": "Cluster", "ids": "1-3"}}
     await world.client.create(DOMAINPOOLS, body)
 
@@ -72,7 +73,7 @@ async def test_a_pools_status_is_written_when_it_changed_and_only_then(world: Wo
     assert await published() == ("1/3", 1)
     assert await published() == ("1/3", 0)
     await world.client.delete(DOMAINPOOLS, "default")
-    world.cache.claims.clear()
+    world.cache.claims.drop("uid-1", "c")
     before = world.writes()
     await pools.publish("default")
     assert world.writes() == before + 1, "refused, and settled by the watch"
@@ -82,7 +83,7 @@ async def test_a_pools_status_is_written_when_it_changed_and_only_then(world: Wo
 
 
 async def test_a_pools_status_is_never_written_to_another_pool_of_the_same_name(world: World) -> None:
-    pools = Pools(world.client, world.cache)
+    pools = Pools(world.client, world.cache, now=lambda: datetime(2026, 1, 1, tzinfo=UTC))
     for ids in ("1-3", "1-9"):
         body = {"metadata": {"name": "default"}, "spec": {"scope": "Cluster", "ids": ids}}
         created = await world.client.create(DOMAINPOOLS, body)
@@ -91,6 +92,52 @@ async def test_a_pools_status_is_never_written_to_another_pool_of_the_same_name(
             await world.client.delete(DOMAINPOOLS, "default")
     await pools.publish("default")
     assert "status" not in await world.client.get(DOMAINPOOLS, "default")
+
+
+@pytest.mark.parametrize(
+    ("quota", "status"),
+    [
+        ({}, "True"),
+        ({"default": 3}, "True"),
+        ({"default": 0}, "False"),
+        ({"default": 0, "namespaces": {"team-a": 0}}, "False"),
+        ({"default": 0, "namespaces": {"team-a": 2}}, "True"),
+        ({"namespaces": {"team-a": 0}}, "True"),
+    ],
+)
+async def test_a_pool_that_no_namespace_may_use_says_so(world: World, quota: dict[str, Any], status: str) -> None:
+    pools = Pools(world.client, world.cache, now=lambda: datetime(2026, 1, 1, tzinfo=UTC))
+    body = {"metadata": {"name": "default"}, "spec": {"scope": "Cluster", "ids": "1-3", "quota": quota}}
+    await world.client.create(DOMAINPOOLS, body)
+    world.cache.pools["default"] = await world.client.get(DOMAINPOOLS, "default", as_type=Pool)
+    await pools.publish("default")
+    (condition,) = (await world.client.get(DOMAINPOOLS, "default"))["status"]["conditions"]
+    assert (condition["type"], condition["status"]) == ("Usable", status)
+    if status == "False":
+        assert condition["reason"] == "QuotaIsZero"
+        assert "leave it out for no limit" in condition["message"]
+
+
+async def test_a_pools_condition_keeps_its_time_while_its_status_stands(world: World) -> None:
+    today = datetime(2026, 1, 1, tzinfo=UTC)
+    pools = Pools(world.client, world.cache, now=lambda: today)
+    created = await world.client.create(
+        DOMAINPOOLS, {"metadata": {"name": "default"}, "spec": {"scope": "Cluster", "ids": "1-3"}}
+    )
+
+    async def since() -> str:
+        world.cache.pools["default"] = await world.client.get(DOMAINPOOLS, "default", as_type=Pool)
+        await pools.publish("default")
+        (condition,) = (await world.client.get(DOMAINPOOLS, "default"))["status"]["conditions"]
+        return str(condition["lastTransitionTime"])
+
+    assert created
+    assert await since() == "2026-01-01T00:00:00Z"
+    today += timedelta(days=1)
+    world.cache.claims.put("uid-1", "c", domain_claim(1))
+    assert await since() == "2026-01-01T00:00:00Z"
+    await world.client.patch(DOMAINPOOLS, "default", {"spec": {"quota": {"default": 0}}})
+    assert await since() == "2026-01-02T00:00:00Z"
 
 
 async def test_the_fleet_view_is_written_once_and_follows(world: World) -> None:
@@ -139,7 +186,7 @@ async def test_a_config_map_of_somebody_else_is_left_alone(world: World) -> None
 
 async def test_agents_are_asked_for_the_pairs_in_use_and_no_longer_when_they_are_not(world: World) -> None:
     edges = [{"topic": "/t", "from": "operator", "to": "@robot"}, {"topic": "/u", "from": "operator", "to": "driver"}]
-    robot = {"selector": {"matchLabels": {"robotics.io/robot": "r"}}}
+    robot = {"nodeSelector": {"matchLabels": {"robotics.io/robot": "r"}}}
     world.cache.update_app(app_body(edges=edges, robots=robot))
     world.cache.nodes.update(robots("r"))
     world.place("operator", "edge-1", robot="r")
@@ -157,6 +204,22 @@ async def test_agents_are_asked_for_the_pairs_in_use_and_no_longer_when_they_are
     world.cache.forget_app("uid-1")
     await probes.publish()
     assert (await world.client.get(NODETELEMETRIES, "edge-1"))["spec"]["probe"] == []
+
+
+async def test_the_robot_is_its_primary_node_and_none_while_that_is_unclear(world: World) -> None:
+    robot = {"nodeSelector": {"matchLabels": {"robotics.io/robot": "r"}}}
+    world.cache.update_app(app_body(edges=[{"topic": "/t", "from": "operator", "to": "@robot"}], robots=robot))
+    for name in ("one", "two"):
+        world.cache.nodes[name] = make_node(name, robot="r")
+    world.place("operator", "edge-1", robot="r")
+    stored = await world.client.create(NODETELEMETRIES, {"metadata": {"name": "edge-1"}})
+    world.cache.telemetry["edge-1"] = msgspec.convert(stored, Telemetry)
+    probes = Probes(world.client, world.cache)
+    await probes.publish()
+    assert world.cache.telemetry["edge-1"].spec.probe == []
+    world.cache.nodes["two"] = make_node("two", robot="r", robot_primary="true")
+    await probes.publish()
+    assert world.cache.telemetry["edge-1"].spec.probe == ["two"]
 
 
 async def gated_pod(world: World, *, domain: int = 7) -> dict[str, Any]:

@@ -4,10 +4,10 @@ import pytest
 from tests.support.factories import by_name, component, make_app, make_node, robots
 
 from robotapp_api.model.names import Annotation, Reason
-from robotapp_operator.plan.app import problems_of
+from robotapp_operator.plan.app import notes_of, problems_of
 from robotapp_operator.plan.wish import App
 
-ROBOTS = {"selector": {"matchLabels": {"robotics.io/robot": "amr-07"}}}
+ROBOTS = {"nodeSelector": {"matchLabels": {"robotics.io/robot": "amr-07"}}}
 
 
 def only_problem(app: App, **nodes: object) -> tuple[str, str, str]:
@@ -33,21 +33,21 @@ def test_a_distro_unlike_any_other_is_answered_with_the_list() -> None:
     ("spec", "field", "says"),
     [
         ({"ros": {"distro": "noetic", "version": 2}}, "spec.ros.version", "ROS 1 distribution; write version: 1"),
-        ({"ros": {"distro": "noetic"}, "dds": {}}, "spec.dds", "remove spec.dds"),
+        ({"ros": {"distro": "noetic"}, "ros2": {}}, "spec.ros2", "remove spec.ros2"),
         ({"ros1": {"master": "Managed"}}, "spec.ros1", "remove spec.ros1"),
         ({"ros": {"distro": "noetic"}, "ros1": {"master": "External"}}, "spec.ros1.uri", "http://"),
         (
-            {"dds": {"rmw": "rmw_cyclonedds_cpp", "discovery": {"mode": "Server"}}},
-            "spec.dds.discovery.mode",
+            {"ros2": {"rmw": "rmw_cyclonedds_cpp", "discovery": {"mode": "Server"}}},
+            "spec.ros2.discovery.mode",
             "Fast DDS only",
         ),
-        ({"dds": {"discovery": {"mode": "Router"}}}, "spec.dds.discovery.mode", "rmw_zenoh_cpp only"),
+        ({"ros2": {"discovery": {"mode": "Router"}}}, "spec.ros2.discovery.mode", "rmw_zenoh_cpp only"),
         (
-            {"dds": {"rmw": "rmw_zenoh_cpp", "discovery": {"mode": "Multicast"}}},
-            "spec.dds.discovery.mode",
+            {"ros2": {"rmw": "rmw_zenoh_cpp", "discovery": {"mode": "Multicast"}}},
+            "spec.ros2.discovery.mode",
             "Auto or Router",
         ),
-        ({"dds": {"discovery": {"mode": "Peers"}}}, "spec.dds.discovery.mode", "came with Iron"),
+        ({"ros2": {"discovery": {"mode": "Peers"}}}, "spec.ros2.discovery.mode", "came with Iron"),
         ({"placement": {"masterNode": "ghost"}}, "spec.placement.masterNode", 'no node "ghost"'),
         (
             {"edges": [{"topic": "/t", "from": "operator", "to": "nobody"}]},
@@ -63,14 +63,14 @@ def test_contradictions_of_the_spec_are_refused(spec: dict[str, object], field: 
 
 
 def test_fast_dds_takes_peers_from_iron_on() -> None:
-    assert problems_of(make_app(ros={"distro": "jazzy"}, dds={"discovery": {"mode": "Peers"}}), {}) == ()
+    assert problems_of(make_app(ros={"distro": "jazzy"}, ros2={"discovery": {"mode": "Peers"}}), {}) == ()
 
 
 def test_localhost_discovery_is_refused_between_components_but_not_alone() -> None:
-    alone = make_app(component("solo"), dds={"discovery": {"mode": "Localhost"}})
+    alone = make_app(component("solo"), ros2={"discovery": {"mode": "Localhost"}})
     assert problems_of(alone, {}) == ()
     edge = {"topic": "/cmd_vel", "from": "operator", "to": "driver"}
-    pair = make_app(dds={"discovery": {"mode": "Localhost"}}, edges=[edge])
+    pair = make_app(ros2={"discovery": {"mode": "Localhost"}}, edges=[edge])
     assert "keeps operator and driver apart" in only_problem(pair)[2]
 
 
@@ -92,13 +92,21 @@ def test_what_cannot_be_shared_needs_a_limit(resource: str) -> None:
 
 
 def test_parameters_need_a_command_line_they_can_be_appended_to() -> None:
-    bare = make_app(component("a", params={"configMap": "c"}))
+    bare = make_app(component("a", parameters=[{"configMapKeyRef": {"name": "c", "key": "k.yaml"}}]))
     assert "write command or args of a" in only_problem(bare)[2]
-    assert problems_of(make_app(component("a", args=["run"], params={"configMap": "c"})), {}) == ()
+    assert (
+        problems_of(
+            make_app(component("a", args=["run"], parameters=[{"configMapKeyRef": {"name": "c", "key": "k.yaml"}}])), {}
+        )
+        == ()
+    )
 
 
 def test_ros_1_has_no_parameter_files() -> None:
-    app = make_app(component("a", args=["run"], params={"configMap": "c"}), ros={"distro": "noetic"})
+    app = make_app(
+        component("a", args=["run"], parameters=[{"configMapKeyRef": {"name": "c", "key": "k.yaml"}}]),
+        ros={"distro": "noetic"},
+    )
     assert "rosparam" in only_problem(app)[2]
 
 
@@ -121,7 +129,7 @@ def test_a_name_in_colocate_with_must_be_a_component() -> None:
 
 
 def test_a_selector_without_robots_lists_the_robots_there_are() -> None:
-    app = make_app(robots={"selector": {"matchLabels": {"robotics.io/robot": "amr-99"}}})
+    app = make_app(robots={"nodeSelector": {"matchLabels": {"robotics.io/robot": "amr-99"}}})
     (problem,) = problems_of(app, robots("amr-07", "amr-08"))
     assert problem.reason == Reason.NO_MATCHING_ROBOT
     assert "amr-07, amr-08" in problem.message
@@ -148,3 +156,97 @@ def test_every_problem_is_reported_not_only_the_first() -> None:
 def test_a_problem_prints_its_field_first() -> None:
     (problem,) = problems_of(make_app(placement={"masterNode": "ghost"}), {})
     assert str(problem).startswith("spec.placement.masterNode: ")
+
+
+@pytest.mark.parametrize(
+    ("fields", "field", "says"),
+    [
+        ({"env": [{"name": "ROBOTAPP_ROBOT", "value": "x"}]}, "env", "belongs to the operator"),
+        ({"devices": [{"name": "c", "type": "can", "count": 2}]}, "devices[0].count", "write 2 entries"),
+        ({"ready": {"topic": {"name": "/odom", "minRate": 0}}}, "ready.topic.minRate", "0 is no rate"),
+        (
+            {"template": {"spec": {"volumes": [{"name": "robotapp-parameters", "emptyDir": {}}]}}},
+            "template.spec.volumes[0].name",
+            "write another name",
+        ),
+        ({"parameters": [{"inline": "a: [b"}]}, "parameters[0].inline", "is no YAML"),
+        ({"parameters": [{"inline": "- a"}]}, "parameters[0].inline", "must be a mapping"),
+        ({"parameters": [{"inline": "/**: {v: 1.0}"}]}, "parameters[0].inline", "/**/v must be a mapping"),
+        ({"parameters": [{"inline": "/**: {}"}]}, "parameters[0].inline", "/** is empty"),
+        (
+            {"parameters": [{"configMapKeyRef": {"name": "c", "key": "$(ROBOTAPP_ROBOT).yaml"}}]},
+            "parameters[0]",
+            "the app has none",
+        ),
+    ],
+)
+def test_what_a_component_cannot_have_is_refused(fields: dict[str, object], field: str, says: str) -> None:
+    _, at, message = only_problem(make_app(component("a", args=["run"], **fields)))
+    assert at == f"spec.components[0].{field}"
+    assert says in message
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "/**: {ros__parameters: {v: 1.0}}",
+        "driver: {ros__parameters: {}}",
+        "ns: {driver: {ros__parameters: {list: [1.0, 2.0], nested: {a: true}}}}",
+    ],
+)
+def test_parameter_files_as_ros_reads_them_are_accepted(text: str) -> None:
+    assert problems_of(make_app(component("a", args=["run"], parameters=[{"inline": text}])), {}) == ()
+
+
+def test_inline_files_have_to_fit_into_the_annotations_of_a_pod() -> None:
+    file = {"inline": f"/**: {{ros__parameters: {{v: {'x' * 60_000}}}}}"}
+    assert problems_of(make_app(component("a", args=["run"], parameters=[file] * 3)), {}) == ()
+    assert "192 KiB together" in only_problem(make_app(component("a", args=["run"], parameters=[file] * 4)))[2]
+
+
+def edge(**fields: object) -> dict[str, object]:
+    return {"topic": "/odom", "from": "driver", "to": "operator"} | fields
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "field"),
+    [
+        ({"type": "nav_msgs/msg/Odometry"}, {"type": "std_msgs/msg/String"}, "type"),
+        ({"rateHz": 20}, {"rateHz": 10}, "rateHz"),
+        ({"qos": {"reliability": "reliable"}}, {"qos": {"reliability": "best_effort"}}, "qos.reliability"),
+    ],
+)
+def test_edges_of_one_publisher_must_not_contradict_each_other(
+    one: dict[str, object], other: dict[str, object], field: str
+) -> None:
+    parts = [component(name) for name in ("driver", "operator", "logger")]
+    app = make_app(*parts, edges=[edge(**one), edge(to="logger", **other)])
+    _, at, message = only_problem(app)
+    assert at == f"spec.edges[1].{field}"
+    assert "the first is spec.edges[0]" in message
+    assert problems_of(make_app(*parts, edges=[edge(**one), edge(to="logger")]), {}) == ()
+    assert problems_of(make_app(*parts, edges=[edge(**one), edge(kind="Service", to="logger", **other)]), {}) == ()
+
+
+def test_equal_rates_in_other_words_are_no_contradiction() -> None:
+    parts = [component(name) for name in ("driver", "operator", "logger")]
+    assert problems_of(make_app(*parts, edges=[edge(rateHz="500m"), edge(to="logger", rateHz="0.5")]), {}) == ()
+
+
+def test_fields_without_effect_are_told_and_do_not_refuse_the_app() -> None:
+    app = make_app(
+        component("a", devices=[{"name": "c", "type": "can", "sharing": "Namespace", "onLoss": "Restart"}]),
+        component("b", onDisconnect="Stop"),
+        placement={"objective": "Balance", "reschedule": {"when": "BudgetExceeded"}},
+        ros2={"transport": "SHM"},
+    )
+    assert problems_of(app, {}) == ()
+    assert [note.partition(": ")[0] for note in notes_of(app)] == [
+        "spec.placement.objective",
+        "spec.placement.reschedule.when",
+        "spec.ros2.transport",
+        "spec.components[0].devices[0].sharing",
+        "spec.components[0].devices[0].onLoss",
+        "spec.components[1].onDisconnect",
+    ]
+    assert notes_of(make_app()) == ()

@@ -16,7 +16,7 @@ DOMAIN = Domain(7, "dds.default.c.7")
 
 
 def wanted(app: App, *, domain: Domain | None = DOMAIN, running: bool = True) -> list[Child]:
-    return wanted_children(wish_of(app, ""), domain=domain, params={}, running=running)
+    return wanted_children(wish_of(app, ""), domain=domain, parameters={}, running=running)
 
 
 def planned(
@@ -68,8 +68,8 @@ def test_ros_1_needs_no_domain() -> None:
 
 
 def test_a_removed_component_is_deleted_with_nothing_else() -> None:
-    app = make_app(component("driver"), component("logger"))
-    fewer = make_app(component("driver"), generation=2)
+    app = make_app(component("driver"), component("eyes"), component("logger"))
+    fewer = make_app(component("driver"), component("eyes"), generation=2)
     result = planned(fewer, wanted(fewer), settled_world(app))
     assert [item.metadata.name.rsplit("-", 1)[0] for item in result.deletes] == ["teleop-logger"]
     assert not result.changes
@@ -130,7 +130,7 @@ def test_defaults_and_canonical_quantities_of_the_server_are_no_drift() -> None:
 
 
 def test_a_field_we_no_longer_render_is_noticed_by_the_hash() -> None:
-    app = make_app(component("driver", nodeSelector={"a": "b"}), component("eyes"))
+    app = make_app(component("driver", template={"spec": {"nodeSelector": {"a": "b"}}}), component("eyes"))
     plain = make_app(component("driver"), component("eyes"), generation=2)
     assert len(planned(plain, wanted(plain), settled_world(app)).changes) == 1
 
@@ -179,7 +179,7 @@ def test_an_older_operator_leaves_a_newer_ones_template_alone() -> None:
 
 def held_world(**spec: Any) -> tuple[App, dict[ChildRef, Observed]]:
     """An app whose driver was rendered by an older operator with another template."""
-    app = make_app(update={"policy": "OnDemand"}, **spec)
+    app = make_app(update={"operator": "OnDemand"}, **spec)
     observed = settled_world(app)
     ref = driver_of(observed)
     old = bent(observed[ref], spec__template__spec__enableServiceLinks=True)
@@ -212,7 +212,7 @@ def test_on_demand_never_holds_the_users_own_edit_or_another_domain() -> None:
 def test_automatic_rolls_with_the_operator() -> None:
     app, observed = held_world()
     automatic = make_app()
-    assert app.spec.update.policy == "OnDemand"
+    assert app.spec.update.operator == "OnDemand"
     assert len(planned(automatic, wanted(automatic), observed).changes) == 1
 
 

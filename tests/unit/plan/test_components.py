@@ -133,3 +133,14 @@ def test_servers_and_clients_of_one_start_belong_together() -> None:
     assert cut_off([born("s0", 1), born("s1", 1)], [born("a", 0)]) == ()
     assert cut_off([], [born("a", 0)]) == ()
     assert cut_off([make_pod("unborn")], [make_pod("unborn too")]) == ()
+
+
+def test_a_parameter_file_that_does_not_exist_is_named_until_the_component_is_ready() -> None:
+    part = make_app(component("driver")).spec.components[0]
+    missing = ("there is no ConfigMap drv",)
+    waiting = component_view(part, make_deployment(), [make_pod(node="e")], missing=missing)
+    assert waiting.reason == Reason.FAILED_CREATE
+    assert waiting.message == "there is no ConfigMap drv: create it, or write optional: true"
+    assert component_view(part, make_deployment(ready=1), [make_pod(node="e")], missing=missing).message == ""
+    pulling = make_pod(node="e", waiting=("ErrImagePull", "x"))
+    assert component_view(part, make_deployment(), [pulling], missing=missing).reason == Reason.IMAGE_PULL

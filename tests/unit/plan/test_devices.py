@@ -31,7 +31,9 @@ NODES = {
 
 
 def device_trouble(app: App, instance: Instance, *, telemetry: dict[str, Telemetry], claims: list[Claim]) -> str:
-    return devices.device_trouble(app, instance, claims=claims, telemetry=telemetry, nodes=NODES)
+    return devices.device_trouble(
+        app, instance, claims={claim.name: claim for claim in claims}, telemetry=telemetry, nodes=NODES
+    )
 
 
 def node_with(*devices: str, node: str = "amr-07") -> dict[str, Telemetry]:
@@ -88,34 +90,35 @@ def test_an_app_without_robots_waits_only_when_every_fitting_device_anywhere_is_
 
 
 def both(**second: Any) -> App:
-    return make_app(component("l", runsOn="Robot", devices=[BUS]), component("r", devices=[BUS], **second))
+    return make_app(component("l", runsOn=["Robot"], devices=[BUS]), component("r", devices=[BUS], **second))
 
 
 def test_two_components_that_want_one_device_are_told_that_one_must_go() -> None:
-    text = device_trouble(both(runsOn="Robot"), ON_ROBOT, claims=[], telemetry=node_with("can0", "can1"))
+    text = device_trouble(both(runsOn=["Robot"]), ON_ROBOT, claims=[], telemetry=node_with("can0", "can1"))
     assert text == ("l and r both want can-can0 on amr-07, which only one can have: remove the device from one of them")
 
 
 def test_that_one_of_them_holds_it_changes_nothing_and_somebody_else_is_not_the_reason() -> None:
     for uid in ("uid-1", "other"):
         claims = [claim_of("can-can0", uid=uid)]
-        text = device_trouble(both(runsOn="Robot"), ON_ROBOT, claims=claims, telemetry=node_with("can0"))
+        text = device_trouble(both(runsOn=["Robot"]), ON_ROBOT, claims=claims, telemetry=node_with("can0"))
         assert text.startswith("l and r both want can-can0 on amr-07")
 
 
 def test_a_component_that_may_run_elsewhere_takes_the_device_there() -> None:
     fleet = node_with("can0") | node_with("can0", node="edge-1") | node_with("can0", node="amr-08")
-    for where in ("Edge", "Any"):
+    where: list[str]
+    for where in (["Edge"], ["Cloud", "Edge"], []):
         assert device_trouble(both(runsOn=where), ON_ROBOT, claims=[], telemetry=fleet) == ""
     elsewhere = [claim_of("can-can0", uid="other", node="edge-1")]
-    assert "on edge-1 is held" in device_trouble(both(runsOn="Edge"), ON_ROBOT, claims=elsewhere, telemetry=fleet)
+    assert "on edge-1 is held" in device_trouble(both(runsOn=["Edge"]), ON_ROBOT, claims=elsewhere, telemetry=fleet)
 
 
 def test_a_component_that_wants_more_than_there_is_is_named_with_its_wishes() -> None:
     bus = {"type": "can"}
     greedy = make_app(
-        component("l", runsOn="Robot", devices=[{**bus, "name": "front"}, {**bus, "name": "rear"}]),
-        component("r", runsOn="Robot", devices=[{**bus, "name": "arm"}]),
+        component("l", runsOn=["Robot"], devices=[{**bus, "name": "front"}, {**bus, "name": "rear"}]),
+        component("r", runsOn=["Robot"], devices=[{**bus, "name": "arm"}]),
     )
     text = device_trouble(greedy, ON_ROBOT, claims=[], telemetry=node_with("can0", "can1"))
     assert text == (
@@ -126,7 +129,7 @@ def test_a_component_that_wants_more_than_there_is_is_named_with_its_wishes() ->
 
 def test_a_component_with_a_node_selector_takes_only_what_is_there() -> None:
     fleet = node_with("can0") | node_with("can0", node="edge-1")
-    app = both(nodeSelector={"robotics.io/robot": "amr-07"})
+    app = both(template={"spec": {"nodeSelector": {"robotics.io/robot": "amr-07"}}})
     assert device_trouble(app, ON_ROBOT, claims=[], telemetry=fleet).startswith("l and r both want")
 
 

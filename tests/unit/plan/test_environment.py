@@ -5,14 +5,14 @@ from xml.etree import ElementTree as ET
 import pytest
 from tests.support.factories import component, make_app
 
+from robotapp_api.checks.middleware import resolve_mode
 from robotapp_operator.plan.environment import cyclone_config, ros2_environment
-from robotapp_operator.plan.middleware import resolve_mode
 from robotapp_operator.plan.wish import Wish, wish_of
 
 
 def wish(rmw: str | None = None, *, distro: str = "humble", mode: str = "Auto", **dds: object) -> Wish:
     fields = {"discovery": {"mode": mode}, **dds, **({"rmw": rmw} if rmw else {})}
-    return wish_of(make_app(component("a"), component("b"), ros={"distro": distro}, dds=fields), "amr-07")
+    return wish_of(make_app(component("a"), component("b"), ros={"distro": distro}, ros2=fields), "amr-07")
 
 
 def variables(of: Wish) -> dict[str, str]:

@@ -10,36 +10,38 @@ from tests.support.factories import component, make_app
 
 from robotapp_operator.plan.changes import wanted_children
 from robotapp_operator.plan.compare import content_hash
-from robotapp_operator.plan.template import ParamsFile
+from robotapp_operator.plan.parameters import ParameterState
 from robotapp_operator.plan.wish import Domain, wish_of
 
 FULL = component(
     "full",
     args=["run"],
     env=[{"name": "A", "value": "1"}],
-    params={"configMap": "c"},
+    parameters=[{"inline": "/**: {ros__parameters: {v: 1.0}}"}, {"configMapKeyRef": {"name": "c", "key": "k.yaml"}}],
     devices=[{"name": "can", "type": "can", "interface": "can0"}],
     requires=[{"type": "gpu", "model": "nvidia"}],
-    ready={"topic": "/odom", "minHz": 20},
-    runsOn="Robot",
+    ready={"topic": {"name": "/odom", "minRate": 20}},
+    runsOn=["Robot"],
 )
 SPECS: dict[str, tuple[str, dict[str, Any]]] = {
     "minimal": ("", {"components": [component("main")]}),
-    "robot": ("amr-07", {"components": [component("main", runsOn="Robot"), component("free")]}),
+    "robot": ("amr-07", {"components": [component("main", runsOn=["Robot"]), component("free")]}),
     "full": ("amr-07", {"components": [FULL]}),
-    "cyclone": ("", {"dds": {"rmw": "rmw_cyclonedds_cpp"}}),
-    "zenoh": ("", {"ros": {"distro": "jazzy"}, "dds": {"rmw": "rmw_zenoh_cpp"}}),
+    "on board as a fallback": ("amr-07", {"components": [component("main", runsOn=["Edge", "Robot"])]}),
+    "cyclone": ("", {"ros2": {"rmw": "rmw_cyclonedds_cpp"}}),
+    "zenoh": ("", {"ros": {"distro": "jazzy"}, "ros2": {"rmw": "rmw_zenoh_cpp"}}),
     "noetic": ("", {"ros": {"distro": "noetic"}}),
     "foreign scheduler": ("amr-07", {"components": [FULL], "schedulerName": "default-scheduler"}),
 }
 GOLDEN: dict[str, list[str]] = {
-    "minimal": ["61b67e4970798e3d", "b29a2d0a8f5f7d35", "205531292e02efe6"],
-    "robot": ["bf42162e8817bf43", "754b9edaf3852026", "da5697d5f046b05f", "b1fa196915e0f77f"],
-    "full": ["bf42162e8817bf43", "754b9edaf3852026", "a72815d336aa3436"],
-    "cyclone": ["2c52025c256928ec", "a3406b90d2e95ba0"],
-    "zenoh": ["0a16f057825f2c19", "1328fba6f74b7876", "e632ddf84d53a434"],
-    "noetic": ["33a02f946f55469f", "b30a87b72dcb0e90", "f782e02be61b229c"],
-    "foreign scheduler": ["206b76dab81675a3", "95aeb65b610dfacc", "a84d37a51e065fee"],
+    "minimal": ["9101de08c1bd35b2"],
+    "robot": ["bf42162e8817bf43", "754b9edaf3852026", "69550fc09d67047c", "3d626e2390517167"],
+    "full": ["0ddf31987aab32c0"],
+    "on board as a fallback": ["db2c668e58d2ef0b"],
+    "cyclone": ["a4b5072d02df9d87", "6a214261f5706159"],
+    "zenoh": ["0a16f057825f2c19", "5e558dd1604e1ad1", "2a5ec09b559e04c6"],
+    "noetic": ["33a02f946f55469f", "df945259d7216be1", "b61feba86447e18d"],
+    "foreign scheduler": ["08be2ac72aa0e8ad"],
 }
 
 
@@ -48,8 +50,8 @@ def templates(robot: str, spec: dict[str, Any]) -> list[str]:
     app = make_app(*fields.pop("components", ()), **fields)
     wish = wish_of(app, robot)
     domain = Domain(7, "dds.default.c.7") if app.ros_version == 2 else None
-    params = {part.name: ParamsFile("params.yaml", "0123456789abcdef") for part in app.spec.components}
-    children = wanted_children(wish, domain=domain, params=params, running=True)
+    state = {part.name: ParameterState(hash="0123456789abcdef") for part in app.spec.components if part.parameters}
+    children = wanted_children(wish, domain=domain, parameters=state, running=True)
     return [content_hash(child.spec["template"]) for child in children if "template" in child.spec]
 
 

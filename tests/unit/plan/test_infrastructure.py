@@ -52,8 +52,16 @@ def test_servers_go_where_every_component_may_go() -> None:
     taint = {"key": "pool", "operator": "Equal", "value": "robotics", "effect": "NoSchedule"}
     own = {"key": "gpu", "operator": "Exists"}
     components = [
-        {"name": "sense", "image": "a:1", "tolerations": [taint], "nodeSelector": {"pool": "robotics", "disk": "ssd"}},
-        {"name": "plan", "image": "a:1", "tolerations": [own, taint], "nodeSelector": {"pool": "robotics"}},
+        {
+            "name": "sense",
+            "image": "a:1",
+            "template": {"spec": {"tolerations": [taint], "nodeSelector": {"pool": "robotics", "disk": "ssd"}}},
+        },
+        {
+            "name": "plan",
+            "image": "a:1",
+            "template": {"spec": {"tolerations": [own, taint], "nodeSelector": {"pool": "robotics"}}},
+        },
     ]
     for server in deployments(parts(components=components)):
         assert pod_spec(server)["tolerations"] == [taint]
@@ -64,7 +72,7 @@ def test_servers_go_where_every_component_may_go() -> None:
 
 
 def test_infrastructure_has_a_role_and_no_component_and_no_domain() -> None:
-    for spec in ({}, {"dds": {"rmw": "rmw_zenoh_cpp"}}, {"ros": {"distro": "noetic"}}):
+    for spec in ({}, {"ros2": {"rmw": "rmw_zenoh_cpp"}}, {"ros": {"distro": "noetic"}}):
         for child in deployments(parts(**spec)):
             labels = child.spec["template"]["metadata"]["labels"]
             assert Label.ROLE in labels
@@ -75,12 +83,12 @@ def test_infrastructure_has_a_role_and_no_component_and_no_domain() -> None:
 
 def test_images_follow_the_distribution_unless_written() -> None:
     assert pod_spec(parts(ros={"distro": "jazzy"})[0])["containers"][0]["image"] == "ros:jazzy-ros-base"
-    assert pod_spec(parts(dds={"discovery": {"image": "own"}})[0])["containers"][0]["image"] == "own"
+    assert pod_spec(parts(ros2={"discovery": {"image": "own"}})[0])["containers"][0]["image"] == "own"
     assert pod_spec(parts(ros={"distro": "noetic"}, ros1={"image": "own"})[0])["containers"][0]["image"] == "own"
 
 
 def test_the_zenoh_router_comes_from_the_first_component_and_listens_on_ipv4() -> None:
-    deployment, service = parts(dds={"rmw": "rmw_zenoh_cpp"})
+    deployment, service = parts(ros2={"rmw": "rmw_zenoh_cpp"})
     container = pod_spec(deployment)["containers"][0]
     assert container["image"] == "reg/operator:1"
     assert "0.0.0.0:7447" in container["env"][0]["value"]
@@ -98,8 +106,8 @@ def test_a_managed_master_answers_on_its_port_and_may_be_pinned_to_a_node() -> N
 
 def test_external_masters_cyclone_and_multicast_need_nothing() -> None:
     assert parts(ros={"distro": "noetic"}, ros1={"master": "External", "uri": "http://m:1"}) == []
-    assert parts(dds={"rmw": "rmw_cyclonedds_cpp"}) == []
-    assert parts(dds={"discovery": {"mode": "Multicast"}}) == []
+    assert parts(ros2={"rmw": "rmw_cyclonedds_cpp"}) == []
+    assert parts(ros2={"discovery": {"mode": "Multicast"}}) == []
 
 
 def test_the_headless_service_publishes_starting_pods_of_the_instance() -> None:

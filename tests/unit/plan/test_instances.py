@@ -7,8 +7,8 @@ from robotapp_api.claims.instances import Instance
 from robotapp_operator.plan.instances import allowed_robots, instances_of, matching_robots
 
 ALL = {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}
-EACH = {"selector": ALL}
-ANY = {"selector": ALL, "instances": "Any"}
+EACH = {"nodeSelector": ALL}
+ANY = {"nodeSelector": ALL, "assignment": "Any"}
 
 
 def test_an_app_without_robots_has_one_nameless_instance() -> None:

@@ -1,9 +1,21 @@
 """Edges against their budgets."""
 
-import pytest
+import random
+from itertools import pairwise
+
 from tests.support.factories import make_app, telemetry
 
-from robotapp_operator.plan.latency import EdgeView, edge_views, round_trip_us, steady_p95
+from robotapp_operator.plan.latency import (
+    MOST_US,
+    EdgeKey,
+    EdgeView,
+    Rest,
+    edge_views,
+    publish,
+    round_trip_us,
+    shown_ms,
+    worst_first,
+)
 
 EDGES = [
     {"topic": "/cmd_vel", "from": "operator", "to": "driver", "latency": {"budget": "30ms"}},
@@ -13,9 +25,9 @@ EDGES = [
 TELEMETRY = {"edge-1": telemetry("edge-1", amr_07=12), "amr-07": telemetry("amr-07", edge_1=15)}
 
 
-def views(**placed: str) -> list[EdgeView]:
+def views(**placed: str) -> tuple[EdgeView, ...]:
     app = make_app(edges=EDGES)
-    return edge_views(app.spec.edges, placed=placed, robot_node="", telemetry=TELEMETRY)
+    return worst_first(edge_views(app.spec.edges, placed=placed, robot_node="", telemetry=TELEMETRY))
 
 
 def test_the_worse_direction_counts() -> None:
@@ -58,19 +70,106 @@ def test_the_robot_itself_can_be_an_end() -> None:
     assert view.met is True
 
 
-@pytest.mark.parametrize(
-    ("before", "now", "changed", "rested", "shown"),
-    [
-        (None, 10, False, False, 10),
-        (100, None, False, False, None),
-        (100, 119, False, True, 100),
-        (100, 120, False, True, 120),
-        (100, 80, False, True, 80),
-        (100, 200, False, False, 100),
-        (100, 101, True, False, 101),
-    ],
-)
-def test_published_figures_move_by_a_fifth_once_a_minute_or_with_the_verdict(
-    before: int | None, now: int | None, changed: bool, rested: bool, shown: int | None
-) -> None:
-    assert steady_p95(before, now, verdict_changed=changed, rested=rested) == shown
+def seen(ms: float | None, *, budget: str = "20ms", driver: str = "amr-07", topic: str = "/t") -> EdgeView:
+    """One edge whose ends are `ms` apart."""
+    edge = {"topic": topic, "from": "operator", "to": "driver", "latency": {"budget": budget}}
+    table = {} if ms is None else {"edge-1": telemetry("edge-1", **{driver.replace("-", "_"): ms})}
+    placed = {"operator": "edge-1", "driver": driver}
+    (view,) = edge_views(make_app(edges=[edge]).spec.edges, placed=placed, robot_node="", telemetry=table)
+    return view
+
+
+class Board:
+    """What is shown of an instance, minute by minute."""
+
+    def __init__(self) -> None:
+        self.rest = Rest()
+        self.shown: dict[EdgeKey, EdgeView] = {}
+        self.again_s = 0.0
+
+    def show(self, now_s: float, *views: EdgeView) -> list[float | None]:
+        found = publish(views, self.shown, self.rest, now_s=now_s)
+        self.shown = {view.key: view for view in found.edges}
+        self.again_s = found.again_s
+        return [None if view.p95_us is None else view.p95_us / 1000 for view in found.edges]
+
+
+def test_a_figure_moves_by_a_fifth_and_once_a_minute() -> None:
+    board = Board()
+    assert board.show(0, seen(10)) == [10]
+    assert board.show(1, seen(11.9)) == [10]
+    assert board.again_s == float("inf")
+    assert board.show(2, seen(12)) == [10]
+    assert board.again_s == 60
+    assert board.show(60, seen(12)) == [12]
+    assert board.show(61, seen(9)) == [12]
+
+
+def test_a_first_figure_a_lost_one_and_another_place_are_shown_at_once() -> None:
+    board = Board()
+    assert board.show(0, seen(None)) == [None]
+    assert board.show(1, seen(10)) == [10]
+    assert board.show(2, seen(11, driver="amr-08")) == [11]
+    assert board.show(3, seen(None, driver="amr-08")) == [None]
+
+
+def test_another_verdict_is_shown_at_once_but_not_back_and_forth() -> None:
+    board = Board()
+    board.show(0, seen(19))
+    assert board.show(5, seen(21)) == [21]
+    assert board.show(6, seen(19)) == [21]
+    assert board.again_s == 60
+    assert board.show(59, seen(5)) == [21]
+    assert board.show(60, seen(5)) == [5]
+    assert board.show(61, seen(21)) == [5]
+    assert board.again_s == 120
+
+
+def test_another_budget_is_judged_at_once() -> None:
+    board = Board()
+    board.show(0, seen(19))
+    assert board.show(1, seen(20, budget="10ms")) == [20]
+
+
+def test_one_figure_that_must_be_shown_takes_the_others_along() -> None:
+    board = Board()
+    board.show(0, seen(10), seen(10, topic="/u"))
+    assert board.show(5, seen(21), seen(13, topic="/u")) == [21, 13]
+
+
+def test_edges_stay_in_the_order_of_what_is_shown() -> None:
+    board = Board()
+    assert board.show(0, seen(10), seen(9, topic="/u")) == [10, 9]
+    assert board.show(1, seen(9), seen(10, topic="/u")) == [10, 9]
+
+
+def test_under_noise_figures_are_shown_once_a_minute() -> None:
+    """A fifth up and down around the budget, an hour long, every two seconds."""
+    board, times = Board(), []
+    noise = random.Random(7)
+    before: list[float | None] = []
+    for now_s in range(0, 3600, 2):
+        found = board.show(now_s, seen(20 * noise.uniform(0.8, 1.2)), seen(noise.uniform(8, 12), topic="/u"))
+        if found != before:
+            times.append(now_s)
+        before = found
+    assert 50 < len(times) <= 62
+    for start in range(0, 3600, 10):
+        assert sum(start <= time < start + 600 for time in times) <= 11, "one per minute, and one in advance"
+
+
+def test_noise_within_the_budget_is_shown_exactly_once_a_minute() -> None:
+    board, times = Board(), []
+    noise = random.Random(7)
+    before: list[float | None] = []
+    for now_s in range(0, 3600, 2):
+        found = board.show(now_s, seen(10 * noise.uniform(0.8, 1.2)))
+        if found != before:
+            times.append(now_s)
+        before = found
+    assert all(later - sooner >= 60 for sooner, later in pairwise(times))
+
+
+def test_times_beyond_all_bounds_are_shown_as_the_longest() -> None:
+    assert shown_ms(18_000) == "18ms"
+    assert shown_ms(2**62) == shown_ms(MOST_US)

@@ -1,7 +1,6 @@
-"""Phase, conditions, instances and the table line."""
+"""Phase, conditions, counts and the table line of an app."""
 
 import dataclasses
-import json
 from collections.abc import Mapping
 from typing import Any
 
@@ -14,8 +13,9 @@ from robotapp_api.model.status import RobotAppStatus
 from robotapp_operator.plan.app import Problem
 from robotapp_operator.plan.components import ComponentView
 from robotapp_operator.plan.facts import AppFacts, InstanceFacts
-from robotapp_operator.plan.latency import edge_views
-from robotapp_operator.plan.status import MAX_DETAIL_BYTES, domains_text, ranges, render_status
+from robotapp_operator.plan.latency import EdgeView, edge_views, worst_first
+from robotapp_operator.plan.status import MAX_STATUS_BYTES, domains_text, ranges, render_status
+from robotapp_operator.plan.text import stored_bytes
 
 UP = ComponentView(name="driver", replicas=1, ready=True, exists=True, bound=True, rolling=False, nodes=("edge-1",))
 STARTING = dataclasses.replace(UP, ready=False)
@@ -45,11 +45,11 @@ def message(status: Mapping[str, Any], kind: Condition) -> str:
     return str(found)
 
 
-def edges(*, p95_ms: float | None = 18, budget: str = "30ms") -> tuple[Any, ...]:
+def edges(*, p95_ms: float | None = 18, budget: str = "30ms") -> tuple[EdgeView, ...]:
     app = make_app(edges=[EDGE | {"latency": {"budget": budget}}])
     table = {"edge-1": telemetry("edge-1", amr=p95_ms)} if p95_ms is not None else {}
     placed = {"operator": "edge-1", "driver": "amr"}
-    return tuple(edge_views(app.spec.edges, placed=placed, robot_node="", telemetry=table))
+    return worst_first(edge_views(app.spec.edges, placed=placed, robot_node="", telemetry=table))
 
 
 def test_all_is_well() -> None:
@@ -64,10 +64,11 @@ def test_all_is_well() -> None:
         "Progressing": ("False", "UpToDate"),
         "Stalled": ("False", "NotStalled"),
     }
+    assert status["instanceCounts"] == {"desired": 1, "ready": 1, "offline": 0, "completed": 0, "failed": 0}
+    assert status["troubled"] == []
     assert status["summary"] == {
         "ready": "1/1",
-        "readyComponents": 1,
-        "desiredComponents": 1,
+        "robots": "-",
         "domain": "7",
         "budget": "18/30ms",
         "nodes": "edge-1",
@@ -141,12 +142,26 @@ def test_an_app_without_a_domain_rolls_nothing_out() -> None:
 def test_another_scheduler_claims_no_devices() -> None:
     status = status_of(instance(devices_wanted=1), app={"schedulerName": "default-scheduler"})
     assert condition(status, Condition.ALLOCATED) == ("Unknown", Reason.NOT_OUR_SCHEDULER)
+    assert "leave spec.schedulerName out" in message(status, Condition.ALLOCATED)
 
 
-@pytest.mark.parametrize(("asked", "said"), [(9, "spec.dds.domain 9 is not used"), (7, ""), (None, "")])
+def test_where_another_scheduler_is_the_operators_setting_ours_is_to_be_written() -> None:
+    app = dataclasses.replace(make_app(), default_scheduler="volcano")
+    status = render_status(AppFacts(app=app, instances=(instance(devices_wanted=1),), now="2026-01-01T00:00:00Z"))
+    assert "write spec.schedulerName: ros-aware-scheduler" in message(status, Condition.ALLOCATED)
+
+
+def test_a_suspended_app_keeps_its_domain_and_waits_for_no_device() -> None:
+    idle = dataclasses.replace(WAITING, replicas=0)
+    status = status_of(instance(idle, devices_wanted=2), app={"suspend": True})
+    assert condition(status, Condition.ALLOCATED) == ("True", Reason.ALLOCATED)
+    assert message(status, Condition.ALLOCATED) == "domain 7; 0 of 2 devices"
+
+
+@pytest.mark.parametrize(("asked", "said"), [(9, "spec.ros2.domain 9 is not used"), (7, ""), (None, "")])
 def test_a_domain_asked_for_beside_share_with_is_said_to_be_unused(asked: int | None, said: str) -> None:
-    dds = {"shareWith": [{"name": "leader"}], **({} if asked is None else {"domain": asked})}
-    status = status_of(instance(UP, domain=7), app={"dds": dds})
+    ros2 = {"shareWith": [{"name": "leader"}], **({} if asked is None else {"domain": asked})}
+    status = status_of(instance(UP, domain=7), app={"ros2": ros2})
     assert condition(status, Condition.ALLOCATED) == ("True", Reason.ALLOCATED)
     assert message(status, Condition.ALLOCATED).startswith("domain 7")
     assert message(status, Condition.ALLOCATED).partition("; ")[2].startswith(said)
@@ -176,7 +191,7 @@ def test_failures_of_children_reach_ready_and_the_table(reason: Reason) -> None:
     assert "1 of 2 components are ready; logger: the cause" in message(status, Condition.READY)
     assert status["summary"]["message"] == message(status, Condition.READY)
     assert status["phase"] == Phase.DEGRADED
-    assert status["instances"][0]["components"][0]["message"] == "the cause"
+    assert status["troubled"] == [{"instance": "", "reason": reason.value, "message": "logger: the cause"}]
 
 
 def test_a_budget_that_is_exceeded_names_the_worst_edge() -> None:
@@ -196,18 +211,6 @@ def test_without_budgets_nothing_is_exceeded() -> None:
     assert condition(status_of(instance()), Condition.BUDGET_MET) == ("True", Reason.NO_BUDGET)
 
 
-def test_published_latency_is_steady_between_small_changes() -> None:
-    first = status_of(instance(edges=edges(p95_ms=18)))
-    second = status_of(instance(edges=edges(p95_ms=19)), previous=first)
-    assert second["instances"] == first["instances"]
-    third = status_of(instance(edges=edges(p95_ms=25)), previous=first)
-    assert third["summary"]["budget"] == "25/30ms"
-    hurried = status_of(instance(edges=edges(p95_ms=25)), previous=first, latency_rested=False)
-    assert hurried["summary"]["budget"] == "18/30ms"
-    over = status_of(instance(edges=edges(p95_ms=31)), previous=first, latency_rested=False)
-    assert over["summary"]["budget"] == "31/30ms"
-
-
 def test_suspended_apps_say_how_to_start_them() -> None:
     idle = dataclasses.replace(WAITING, replicas=0)
     status = status_of(instance(idle), app={"suspend": True})
@@ -217,8 +220,12 @@ def test_suspended_apps_say_how_to_start_them() -> None:
     assert status_of(instance(UP), app={"suspend": True})["phase"] == Phase.STOPPING
 
 
-def test_a_robot_out_of_reach_is_offline() -> None:
-    assert status_of(instance(robot="amr-07", robot_online=False))["phase"] == Phase.OFFLINE
+def test_a_robot_out_of_reach_is_offline_counted_and_named() -> None:
+    status = status_of(instance(STARTING, robot="amr-07", robot_online=False))
+    assert status["phase"] == Phase.OFFLINE
+    assert status["instanceCounts"]["offline"] == 1
+    assert condition(status, Condition.READY) == ("False", Reason.ROBOT_OFFLINE)
+    assert "node n-amr-07" in status["troubled"][0]["message"]
 
 
 def test_what_ran_and_fails_is_degraded_what_starts_is_placing() -> None:
@@ -255,34 +262,43 @@ def test_pods_without_a_discovery_server_are_named() -> None:
     assert "driver-1, operator-2" in message(status, Condition.STALLED)
 
 
-def test_worst_instances_come_first() -> None:
-    status = status_of(instance(robot="a"), instance(STARTING, robot="b"), instance(robot="c", edges=edges(p95_ms=99)))
-    assert [item["robot"] for item in status["instances"]] == ["b", "c", "a"]
+def test_a_thousand_instances_are_counted_and_ten_of_them_named() -> None:
+    failing = dataclasses.replace(STARTING, reason=Reason.CRASH_LOOP, message="x" * 1024)
+    crowd = [
+        instance(*([failing] if number < 100 else [UP]), robot=f"r-{number:04}", domain=number % 200)
+        for number in range(1000)
+    ]
+    status = status_of(*crowd, app={"robots": {"nodeSelector": {"matchLabels": {"a": "b"}}}})
+    assert status["instanceCounts"] == {"desired": 1000, "ready": 900, "offline": 0, "completed": 0, "failed": 0}
+    assert [item["instance"] for item in status["troubled"]] == [f"r-{number:04}" for number in range(10)]
+    assert status["summary"]["ready"] == status["summary"]["robots"] == "900/1000"
+    assert stored_bytes(status) < MAX_STATUS_BYTES
 
 
-def test_many_instances_are_cut_and_counted() -> None:
-    crowd = [instance(robot=f"r-{number:04}", domain=number % 200) for number in range(1000)]
-    status = status_of(*crowd)
-    assert len(status["instances"]) == 128
-    assert status["summary"]["omitted"] == 872
-    assert status["summary"]["readyComponents"] == 1000
+def test_an_app_with_an_unclear_robot_is_accepted_and_the_others_go_on() -> None:
+    lost = dataclasses.replace(WAITING, exists=False)
+    unclear = dataclasses.replace(
+        instance(lost, robot="b", domain=None), instance=Instance("b", "", "robot b has 2 nodes: label one")
+    )
+    status = status_of(instance(robot="a"), unclear)
+    assert condition(status, Condition.ACCEPTED) == ("True", Reason.ACCEPTED)
+    assert "1 of 2 instances are for robots whose primary node is unclear (b)" in message(status, Condition.ACCEPTED)
+    assert condition(status, Condition.READY) == ("False", Reason.ROBOT_NODE_UNCLEAR)
+    assert condition(status, Condition.PROGRESSING) == ("False", Reason.ROBOT_NODE_UNCLEAR)
+    assert condition(status, Condition.ALLOCATED) == ("Unknown", Reason.ROBOT_NODE_UNCLEAR)
+    assert status["instanceCounts"] == {"desired": 2, "ready": 1, "offline": 0, "completed": 0, "failed": 1}
+    assert status["troubled"] == [
+        {"instance": "b", "reason": "RobotNodeUnclear", "message": "robot b has 2 nodes: label one"}
+    ]
 
 
-def test_a_status_stays_below_its_size_with_the_largest_messages() -> None:
-    loud = [dataclasses.replace(STARTING, name=f"c-{number}", message="x" * 1024) for number in range(64)]
-    status = status_of(*(instance(*loud, robot=f"r-{number}") for number in range(64)))
-    assert len(json.dumps(status)) < 256 * 1024
-    assert len(json.dumps(status["instances"])) <= MAX_DETAIL_BYTES
-    assert status["summary"]["omitted"] > 0
-
-
-def test_moves_are_a_record_and_survive() -> None:
-    moves = [{"robot": "", "component": "driver", "count": 2}]
-    assert status_of(instance(), previous={"moves": moves})["moves"] == moves
+def test_what_is_accepted_without_effect_is_said() -> None:
+    status = status_of(instance(), notes=("devices[0].count: 1 is used",))
+    assert message(status, Condition.ACCEPTED) == "the spec is understood; devices[0].count: 1 is used"
 
 
 def test_robots_are_counted_when_the_app_has_some() -> None:
-    robots = {"selector": {"matchLabels": {"a": "b"}}}
+    robots = {"nodeSelector": {"matchLabels": {"a": "b"}}}
     status = status_of(instance(robot="a"), instance(STARTING, robot="b"), app={"robots": robots})
     assert status["summary"]["robots"] == "1/2"
     assert status["summary"]["ready"] == "1/2"

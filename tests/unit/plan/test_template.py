@@ -1,24 +1,28 @@
 """The pod template of a component."""
 
+import dataclasses
 from typing import Any
 
+import msgspec
 import pytest
 from tests.support.factories import component, make_app
 
 from robotapp_api.model.names import SCHEDULING_GATE, Annotation, Label
-from robotapp_operator.plan.template import ParamsFile, pod_template
+from robotapp_operator.plan.objects import ConfigMap
+from robotapp_operator.plan.parameters import NONE, ParameterState, parameter_states
+from robotapp_operator.plan.template import pod_template
 from robotapp_operator.plan.wish import Domain, wish_of
 
 DOMAIN = Domain(7, "dds.default.c.7")
 
 
 def template(
-    *, robot: str = "", params: ParamsFile | None = None, app: dict[str, Any] | None = None, **fields: Any
+    *, robot: str = "", state: ParameterState = NONE, app: dict[str, Any] | None = None, **fields: Any
 ) -> dict[str, Any]:
     whole = make_app(component("driver", **fields), component("other"), **(app or {}))
     wish = wish_of(whole, robot)
     domain = DOMAIN if whole.ros_version == 2 else None
-    return pod_template(whole.spec.components[0], wish, domain=domain, params=params or ParamsFile())
+    return pod_template(whole.spec.components[0], wish, domain=domain, state=state)
 
 
 def env_of(rendered: dict[str, Any]) -> dict[str, Any]:
@@ -46,7 +50,7 @@ def test_the_domain_is_a_literal_and_its_claim_is_named() -> None:
 
 def test_robots_get_no_api_token_unless_their_author_named_an_account() -> None:
     assert template()["spec"]["automountServiceAccountToken"] is False
-    assert template(serviceAccountName="ours")["spec"]["automountServiceAccountToken"] is True
+    assert template(template={"spec": {"serviceAccountName": "ours"}})["spec"]["automountServiceAccountToken"] is True
 
 
 def test_nothing_empty_is_rendered() -> None:
@@ -59,14 +63,14 @@ def test_nothing_empty_is_rendered() -> None:
 
 
 def test_a_robots_component_is_tied_to_that_robot() -> None:
-    assert required_terms(template(robot="amr-07", runsOn="Robot")) == [
+    assert required_terms(template(robot="amr-07", runsOn=["Robot"])) == [
         [{"key": Label.ROBOT, "operator": "In", "values": ["amr-07"]}]
     ]
 
 
 def test_without_robots_runs_on_names_a_tier() -> None:
     for tier in ("Robot", "Edge", "Cloud"):
-        (term,) = required_terms(template(runsOn=tier))
+        (term,) = required_terms(template(runsOn=[tier]))
         assert term == [{"key": Label.TIER, "operator": "In", "values": [tier.lower()]}]
     assert "affinity" not in template()["spec"]
 
@@ -78,7 +82,7 @@ def test_a_free_component_of_a_robots_instance_never_lands_on_another_robot() ->
 
 
 def test_pods_on_the_robot_stay_for_ever_when_it_is_out_of_reach() -> None:
-    lost = [item for item in template(robot="r", runsOn="Robot")["spec"]["tolerations"] if "node." in item["key"]]
+    lost = [item for item in template(robot="r", runsOn=["Robot"])["spec"]["tolerations"] if "node." in item["key"]]
     assert [item["key"] for item in lost] == ["node.kubernetes.io/not-ready", "node.kubernetes.io/unreachable"]
     assert all("tolerationSeconds" not in item for item in lost)
 
@@ -91,30 +95,93 @@ def test_pods_elsewhere_move_after_the_grace_period() -> None:
 
 
 def test_robot_taints_are_tolerated_for_that_robot_only() -> None:
-    own = template(robot="amr-07", runsOn="Robot")["spec"]["tolerations"]
+    own = template(robot="amr-07", runsOn=["Robot"])["spec"]["tolerations"]
     assert {"key": Label.ROBOT, "operator": "Equal", "value": "amr-07"} in own
-    assert all(item["key"] not in (Label.ROBOT, Label.TIER) for item in template(runsOn="Edge")["spec"]["tolerations"])
+    assert all(
+        item["key"] not in (Label.ROBOT, Label.TIER) for item in template(runsOn=["Edge"])["spec"]["tolerations"]
+    )
 
 
 def test_the_components_own_tolerations_come_first() -> None:
     mine = {"key": "x", "operator": "Exists"}
-    assert template(tolerations=[mine])["spec"]["tolerations"][0] == mine
+    assert template(template={"spec": {"tolerations": [mine]}})["spec"]["tolerations"][0] == mine
 
 
-def test_params_are_mounted_passed_and_roll_the_pods() -> None:
-    app = make_app(component("driver", args=["run"], params={"configMap": "drv"}))
-    rendered = pod_template(
-        app.spec.components[0], wish_of(app, ""), domain=DOMAIN, params=ParamsFile("amr-07.yaml", "abc")
-    )
+def config_map(name: str, **data: str) -> ConfigMap:
+    return msgspec.convert({"metadata": {"name": name}, "data": data}, ConfigMap)
+
+
+FILES: list[dict[str, Any]] = [
+    {"inline": "/**: {ros__parameters: {v: 1.0}}"},
+    {"configMapKeyRef": {"name": "drv", "key": "base.yaml"}},
+    {"configMapKeyRef": {"name": "drv", "key": "$(ROBOTAPP_ROBOT).yaml", "optional": True}},
+    {"secretKeyRef": {"name": "s", "key": "p.yaml"}},
+]
+
+
+def with_files(config_maps: dict[str, ConfigMap]) -> dict[str, Any]:
+    app = make_app(component("driver", args=["run"], parameters=FILES))
+    state = parameter_states(app, "amr-07", config_maps)["driver"]
+    return pod_template(app.spec.components[0], wish_of(app, "amr-07"), domain=DOMAIN, state=state)
+
+
+def test_parameter_files_are_mounted_in_one_volume_and_passed_in_their_order() -> None:
+    rendered = with_files({"default/drv": config_map("drv", **{"base.yaml": "a", "amr-07.yaml": "b"})})
     (volume,) = rendered["spec"]["volumes"]
-    assert volume["configMap"] == {"name": "drv", "items": [{"key": "amr-07.yaml", "path": "params.yaml"}]}
+    inline, shared, own, secret = volume["projected"]["sources"]
+    field = {"fieldPath": "metadata.annotations['robotics.io/parameters-0']"}
+    assert inline == {"downwardAPI": {"items": [{"path": "0.yaml", "fieldRef": field}]}}
+    assert shared == {"configMap": {"name": "drv", "items": [{"key": "base.yaml", "path": "1.yaml"}]}}
+    assert own == {"configMap": {"name": "drv", "items": [{"key": "amr-07.yaml", "path": "2.yaml"}]}}
+    assert secret == {"secret": {"name": "s", "items": [{"key": "p.yaml", "path": "3.yaml"}]}}
+    paths = [f"/etc/robotapp/parameters/{number}.yaml" for number in range(4)]
     assert rendered["spec"]["containers"][0]["args"] == [
         "run",
         "--ros-args",
-        "--params-file",
-        "/etc/robotapp/params/params.yaml",
+        *(word for path in paths for word in ("--params-file", path)),
     ]
-    assert rendered["metadata"]["annotations"][Annotation.PARAMS_HASH] == "abc"
+    assert env_of(rendered)["ROBOTAPP_PARAMETER_FILES"] == ":".join(paths)
+    assert rendered["metadata"]["annotations"]["robotics.io/parameters-0"] == FILES[0]["inline"]
+
+
+def test_an_optional_file_that_is_not_there_is_left_out() -> None:
+    rendered = with_files({"default/drv": config_map("drv", **{"base.yaml": "a"})})
+    assert "/etc/robotapp/parameters/2.yaml" not in rendered["spec"]["containers"][0]["args"]
+    assert len(rendered["spec"]["volumes"][0]["projected"]["sources"]) == 3
+
+
+def test_what_a_named_config_map_holds_rolls_the_pods_and_other_keys_do_not() -> None:
+    def digest(**data: str) -> str:
+        annotations = with_files({"default/drv": config_map("drv", **data)})["metadata"]["annotations"]
+        return str(annotations[Annotation.PARAMETERS_HASH])
+
+    one = digest(**{"base.yaml": "a"})
+    assert one == digest(**{"base.yaml": "a", "other.yaml": "x"})
+    assert len({one, digest(**{"base.yaml": "b"}), digest(**{"base.yaml": "a", "amr-07.yaml": "a"})}) == 3
+
+
+def test_a_required_file_that_is_not_there_is_told() -> None:
+    app = make_app(component("driver", args=["run"], parameters=FILES))
+    assert parameter_states(app, "amr-07", {})["driver"].missing == ("there is no ConfigMap drv",)
+    found = parameter_states(app, "amr-07", {"default/drv": config_map("drv")})["driver"]
+    assert found.missing == ("ConfigMap drv has no key base.yaml",)
+
+
+def test_no_files_change_nothing() -> None:
+    rendered = template(args=["run"])
+    assert rendered["spec"]["containers"][0]["args"] == ["run"]
+    assert "volumes" not in rendered["spec"]
+
+
+def test_the_environment_names_app_instance_robot_component_and_distribution() -> None:
+    found = env_of(template(robot="amr-07"))
+    assert {key: found[key] for key in sorted(found) if key.startswith("ROBOTAPP_") or key == "ROS_DISTRO"} == {
+        "ROBOTAPP_APP": "teleop",
+        "ROBOTAPP_COMPONENT": "driver",
+        "ROBOTAPP_INSTANCE": "amr-07",
+        "ROBOTAPP_ROBOT": "amr-07",
+        "ROS_DISTRO": "humble",
+    }
 
 
 def test_our_variables_come_first_and_the_components_own_value_wins() -> None:
@@ -159,9 +226,7 @@ def test_other_schedulers_get_pod_affinity_towards_earlier_components_only() -> 
         component("a", colocateWith=["b"]), component("b", separateFrom=["c"]), component("c"), schedulerName="other"
     )
     wish = wish_of(app, "")
-    first, second, third = (
-        pod_template(part, wish, domain=DOMAIN, params=ParamsFile())["spec"] for part in app.spec.components
-    )
+    first, second, third = (pod_template(part, wish, domain=DOMAIN, state=NONE)["spec"] for part in app.spec.components)
     assert "affinity" not in first
     (term,) = second["affinity"]["podAffinity"]["requiredDuringSchedulingIgnoredDuringExecution"]
     assert term["labelSelector"]["matchLabels"][Label.COMPONENT] == "a"
@@ -169,7 +234,7 @@ def test_other_schedulers_get_pod_affinity_towards_earlier_components_only() -> 
 
 
 def test_cyclone_pods_have_a_name_of_their_own_and_await_the_others() -> None:
-    app = {"dds": {"rmw": "rmw_cyclonedds_cpp"}}
+    app = {"ros2": {"rmw": "rmw_cyclonedds_cpp"}}
     spec = template(app=app)["spec"]
     assert spec["hostname"] == "driver"
     assert spec["subdomain"].startswith("teleop-peers-")
@@ -179,12 +244,12 @@ def test_cyclone_pods_have_a_name_of_their_own_and_await_the_others() -> None:
 
 
 def test_multicast_needs_neither_names_nor_waiting() -> None:
-    spec = template(app={"dds": {"discovery": {"mode": "Multicast"}}})["spec"]
+    spec = template(app={"ros2": {"discovery": {"mode": "Multicast"}}})["spec"]
     assert not {"hostname", "subdomain", "initContainers"} & spec.keys()
 
 
 def test_the_components_own_init_containers_run_after_the_wait() -> None:
-    spec = template(initContainers=[{"name": "own", "image": "x"}])["spec"]
+    spec = template(template={"spec": {"initContainers": [{"name": "own", "image": "x"}]}})["spec"]
     assert [step["name"] for step in spec["initContainers"]] == ["wait-for-names", "own"]
 
 
@@ -200,22 +265,17 @@ def test_an_external_master_is_used_as_written() -> None:
     assert env_of(template(app=app))["ROS_MASTER_URI"] == "http://m:11311"
 
 
-@pytest.mark.parametrize(
-    ("ready", "probe"),
-    [
-        ({"httpGet": {"port": 80}}, {"httpGet": {"port": 80}}),
-        ({"tcpSocket": {"port": 80}}, {"tcpSocket": {"port": 80}}),
-        ({"exec": {"command": ["true"]}}, {"exec": {"command": ["true"]}}),
-    ],
-)
-def test_plain_probes_are_passed_on(ready: dict[str, Any], probe: dict[str, Any]) -> None:
-    assert template(ready=ready)["spec"]["containers"][0]["readinessProbe"] == probe
+@pytest.mark.parametrize("kind", ["livenessProbe", "readinessProbe", "startupProbe"])
+def test_plain_probes_are_passed_on(kind: str) -> None:
+    probe = {"httpGet": {"port": 80}}
+    assert template(**{kind: probe})["spec"]["containers"][0][kind] == probe
 
 
 def test_topics_and_lifecycle_are_asked_rarely() -> None:
     for ready, says in (
-        ({"topic": "/odom"}, "ros2 topic echo --once /odom"),
-        ({"topic": "/odom", "minHz": 20}, "rate >= 20"),
+        ({"topic": {"name": "/odom"}}, "ros2 topic echo --once /odom"),
+        ({"topic": {"name": "/odom", "minRate": 20}}, "rate >= 20"),
+        ({"topic": {"name": "/odom", "minRate": "500m"}}, "rate >= 0.5"),
         ({"lifecycle": "Active"}, "ros2 lifecycle get /driver"),
     ):
         probe = template(ready=ready)["spec"]["containers"][0]["readinessProbe"]
@@ -224,44 +284,72 @@ def test_topics_and_lifecycle_are_asked_rarely() -> None:
 
 
 def test_a_ros_1_topic_is_asked_with_the_tools_of_ros_1() -> None:
-    rendered = template(app={"ros": {"distro": "noetic"}}, ready={"topic": "/odom"})
+    rendered = template(app={"ros": {"distro": "noetic"}}, ready={"topic": {"name": "/odom"}})
     assert "rostopic echo -n 1 /odom" in rendered["spec"]["containers"][0]["readinessProbe"]["exec"]["command"][-1]
 
 
-def test_everything_of_a_pod_spec_is_passed_on() -> None:
+def test_everything_of_the_container_is_passed_on() -> None:
     fields: dict[str, Any] = {
         "command": ["c"],
         "args": ["a"],
+        "workingDir": "/w",
         "envFrom": [{"secretRef": {"name": "s"}}],
         "ports": [{"containerPort": 1}],
-        "volumes": [{"name": "v", "emptyDir": {}}],
         "volumeMounts": [{"name": "v", "mountPath": "/v"}],
         "resources": {"requests": {"cpu": "1"}},
         "imagePullPolicy": "Always",
+        "securityContext": {"runAsUser": 1},
+        "lifecycle": {"preStop": {"exec": {"command": ["stop"]}}, "postStart": {"exec": {"command": ["go"]}}},
+    }
+    main = template(**fields)["spec"]["containers"][0]
+    assert {name: main[name] for name in fields} == fields
+
+
+def test_everything_of_the_template_is_passed_on() -> None:
+    spec: dict[str, Any] = {
+        "volumes": [{"name": "v", "emptyDir": {}}],
         "imagePullSecrets": [{"name": "s"}],
         "nodeSelector": {"a": "b"},
         "priorityClassName": "p",
-        "securityContext": {"runAsUser": 1},
-        "podSecurityContext": {"fsGroup": 1},
+        "serviceAccountName": "a",
+        "securityContext": {"fsGroup": 1},
         "runtimeClassName": "r",
         "terminationGracePeriodSeconds": 5,
-        "preStop": {"exec": {"command": ["stop"]}},
     }
-    spec = template(**fields)["spec"]
-    main = spec["containers"][0]
-    for name in (
-        "command",
-        "args",
-        "envFrom",
-        "ports",
-        "volumeMounts",
-        "resources",
-        "imagePullPolicy",
-        "securityContext",
-    ):
-        assert main[name] == fields[name]
-    for name in ("volumes", "imagePullSecrets", "nodeSelector", "priorityClassName", "runtimeClassName"):
-        assert spec[name] == fields[name]
-    assert spec["securityContext"] == {"fsGroup": 1}
-    assert spec["terminationGracePeriodSeconds"] == 5
-    assert main["lifecycle"] == {"preStop": {"exec": {"command": ["stop"]}}}
+    metadata = {"labels": {"team": "nav"}, "annotations": {"example.com/x": "y"}}
+    rendered = template(template={"metadata": metadata, "spec": spec})
+    assert {name: rendered["spec"][name] for name in spec} == spec
+    assert rendered["metadata"]["labels"]["team"] == "nav"
+    assert rendered["metadata"]["labels"][Label.COMPONENT] == "driver"
+    assert rendered["metadata"]["annotations"]["example.com/x"] == "y"
+
+
+@pytest.mark.parametrize(
+    ("runs_on", "robot", "terms"),
+    [
+        (["Edge", "Robot"], "amr-07", [("robot", ["amr-07"]), ("tier", ["edge"])]),
+        (["Robot", "Edge", "Cloud"], "amr-07", [("robot", ["amr-07"]), ("tier", ["edge", "cloud"])]),
+        (["Edge", "Robot"], "", [("tier", ["edge", "robot"])]),
+        (["Edge", "Cloud"], "amr-07", [("tier", ["edge", "cloud"])]),
+    ],
+)
+def test_runs_on_allows_its_tiers_and_on_board_only_the_own_robot(
+    runs_on: list[str], robot: str, terms: list[tuple[str, list[str]]]
+) -> None:
+    found = required_terms(template(robot=robot, runsOn=runs_on))
+    assert [[(item["key"], item["values"]) for item in term] for term in found] == [
+        [(f"robotics.io/{key}", values)] for key, values in terms
+    ]
+
+
+def test_a_component_that_falls_back_on_board_tolerates_its_robot_but_moves_when_it_is_lost() -> None:
+    found = template(robot="amr-07", runsOn=["Edge", "Robot"])["spec"]["tolerations"]
+    assert {"key": Label.ROBOT, "operator": "Equal", "value": "amr-07"} in found
+    assert all("tolerationSeconds" in item for item in found if item["key"].startswith("node.kubernetes.io/"))
+
+
+def test_apps_without_a_scheduler_take_the_operators() -> None:
+    app = dataclasses.replace(make_app(), default_scheduler="batch")
+    rendered = pod_template(app.spec.components[0], wish_of(app, ""), domain=DOMAIN, state=NONE)
+    assert rendered["spec"]["schedulerName"] == "batch"
+    assert template()["spec"]["schedulerName"] == "ros-aware-scheduler"

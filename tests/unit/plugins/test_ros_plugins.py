@@ -174,7 +174,7 @@ def test_every_requirement_must_be_met_and_devices_match_what_agents_see() -> No
     cluster = hardware_cluster()
     camera = {"id": "usb-cam", "type": "usb", "model": "d435", "identity": "usb:8086:0b3a:77"}
     cluster.apply_telemetry(telemetry("gpu", devices=[camera]))
-    wish = DeviceWish("cam", "usb", match="8086:0b3a")
+    wish = DeviceWish("cam", "usb", usb_id="8086:0b3a")
     nodes = Nodes(cluster)
     info = pod(hardware=(Hardware("gpu"),), devices=(wish,))
     assert passing(HardwareAffinityFilter().filter(info, nodes), nodes) == {"gpu"}
@@ -292,7 +292,7 @@ def test_an_empty_node_scores_100_and_a_node_without_anything_too() -> None:
 
 def test_measured_load_replaces_requests_where_an_agent_reports_it() -> None:
     cluster = make_cluster(make_node("a", cpu="4"), make_node("b", cpu="4"))
-    cluster.apply_telemetry(telemetry("a", load={"cpuPercent": 80.0, "memoryPercent": 40.0}))
+    cluster.apply_telemetry(telemetry("a", load={"cpuPercent": 80, "memoryPercent": 40}))
     plugin = LoadBalanceScore(LoadBalanceArgs(source="Telemetry"))
     assert scores(plugin.score(pod(), Nodes(cluster))) == [35.0, 100.0]
 

@@ -11,12 +11,14 @@ from robotapp_testbed.guest import GUEST_LABEL, TAINT, OwnKubectl
 
 def test_every_component_is_kept_on_the_simulated_nodes() -> None:
     mine = {"key": "gpu", "operator": "Exists"}
-    app = {"spec": {"components": [{"name": "a", "tolerations": [mine], "nodeSelector": {"x": "y"}}, {"name": "b"}]}}
-    first, second = confine(app)["spec"]["components"]
+    template = {"metadata": {"labels": {"a": "b"}}, "spec": {"tolerations": [mine], "nodeSelector": {"x": "y"}}}
+    app = {"spec": {"components": [{"name": "a", "template": template}, {"name": "b"}]}}
+    first, second = (component["template"] for component in confine(app)["spec"]["components"])
     toleration = {"key": TAINT["key"], "operator": "Exists"}
-    assert first["tolerations"] == [mine, toleration]
-    assert first["nodeSelector"] == {"x": "y", GUEST_LABEL: "true"}
-    assert second["tolerations"] == [toleration]
+    assert first["metadata"] == template["metadata"]
+    assert first["spec"]["tolerations"] == [mine, toleration]
+    assert first["spec"]["nodeSelector"] == {"x": "y", GUEST_LABEL: "true"}
+    assert second["spec"]["tolerations"] == [toleration]
     assert app["spec"]["components"][1] == {"name": "b"}
 
 

@@ -37,7 +37,10 @@ class LatencyFilter:
     name = "LatencyFilter"
     reads = ("ros.endpoints",)
     node_reads = ("rtt", "annotations")
-    events = Change.NODE_ADDED | Change.ANNOTATIONS | Change.RTT | Change.POD_ADDED | Change.POD_REMOVED | Change.APPS
+    events = (
+        Change.NODE_ADDED | Change.ANNOTATIONS | Change.LABELS  # which zone a node is in, and which one is `@robot`
+        | Change.RTT | Change.POD_ADDED | Change.POD_REMOVED | Change.APPS
+    )  # fmt: skip
     resolvable = False
     Args = LatencyFilterArgs
 

@@ -15,13 +15,13 @@ round-trip min/avg/max = 30.100/34.866/44.000 ms
 
 
 def test_what_busybox_says_becomes_figures() -> None:
-    assert figures(BUSYBOX) == Rtt(30_500, 44_000, 25.0)
+    assert figures(BUSYBOX) == Rtt(30_500, 44_000, 250_000)
 
 
 def test_a_node_that_does_not_answer_has_no_round_trip() -> None:
     silent = "PING 10.244.2.1\n\n--- 10.244.2.1 ping statistics ---\n4 packets transmitted, 0 packets received\n"
-    assert figures(silent) == figures("") == Rtt(None, None, 100.0)
-    assert Rtt(None, None, 100.0).status("edge-1") == {"peer": "edge-1", "lossPercent": 100.0}
+    assert figures(silent) == figures("") == Rtt(None, None, 1_000_000)
+    assert figures("").status("edge-1", seq=7) == {"peer": "edge-1", "lossPPM": 1_000_000, "seq": 7}
 
 
 @given(st.lists(st.floats(0.01, 5000), min_size=1, max_size=50), st.integers(0, 10))
@@ -32,4 +32,4 @@ def test_figures_are_values_that_were_measured_in_order(times_ms: list[float], l
     assert rtt.p50_us in measured
     assert rtt.p95_us in measured
     assert rtt.p50_us <= rtt.p95_us
-    assert rtt.loss_percent == round(100 * lost / (len(times_ms) + lost), 1)
+    assert rtt.loss_ppm == round(1_000_000 * lost / (len(times_ms) + lost))

@@ -1,0 +1,1 @@
+"""`lint`: what is wrong with a file, found without a cluster. Text in, findings out; files and printing are the command's."""

@@ -1,0 +1,82 @@
+"""The list of checks, and those that are not about the schema. A new rule about a file is one more function in `CHECKS`.
+
+A check takes a subject and yields findings by path. It runs after those before it and may look at what they found.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import Final
+
+from pydantic import ValidationError
+
+from robotapp_api.checks.problem import Problem
+from robotapp_api.checks.spec import spec_notes, spec_problems
+from robotapp_api.model.robotapp import RobotAppSpec
+from robotapp_cli.lint.cel_rules import broken_rules
+from robotapp_cli.lint.findings import Finding, Path, Severity, Why, steps
+from robotapp_cli.lint.structure import empty_fields, list_keys, structure
+from robotapp_cli.lint.subject import Subject
+
+Check = Callable[[Subject], Iterator[Finding]]
+
+
+def written_status(subject: Subject) -> Iterator[Finding]:
+    """A status in a file, such as one that kubectl get wrote."""
+    if "status" in subject.written:
+        text = "status is what the operator observes, and the API server ignores it in a file; remove it"
+        yield Finding(("status",), text, Severity.WARNING, Why.IGNORED_FIELD, at_key=True)
+
+
+def rules(subject: Subject) -> Iterator[Finding]:
+    """The rules of the definition, with the message the API server shows."""
+    known = _refused(subject)
+    for broken in broken_rules(subject.definition.schema, subject.stored, unsound=subject.unsound):
+        if broken.path not in known:  # a value that does not fit its pattern breaks rules as well
+            yield Finding(broken.path, broken.shown, reason=broken.reason or Why.BROKEN_RULE)
+
+
+def operator_problems(subject: Subject) -> Iterator[Finding]:
+    """What the operator would refuse with Accepted=False."""
+    spec, known = _spec(subject), _refused(subject)
+    for problem in spec_problems(spec) if spec else ():
+        finding = _of(problem, Severity.ERROR)
+        if finding.path not in known:  # a rule of the definition has said it already
+            yield finding
+
+
+def operator_notes(subject: Subject) -> Iterator[Finding]:
+    """What the operator accepts but cannot do yet."""
+    spec = _spec(subject)
+    for problem in spec_notes(spec) if spec else ():
+        yield _of(problem, Severity.WARNING)
+
+
+CHECKS: Final[tuple[Check, ...]] = (
+    written_status,
+    structure,
+    empty_fields,
+    list_keys,
+    rules,
+    operator_problems,
+    operator_notes,
+)
+
+
+def _refused(subject: Subject) -> set[Path]:
+    """Where the checks before found an error."""
+    return {finding.path for finding in subject.found if finding.severity is Severity.ERROR}
+
+
+def _spec(subject: Subject) -> RobotAppSpec | None:
+    """The spec of a RobotApp as the operator reads it; None where it is not complete."""
+    if subject.definition.kind != "RobotApp" or subject.unsound:
+        return None
+    try:
+        return RobotAppSpec.model_validate(subject.stored["spec"])
+    except ValidationError:
+        if _refused(subject):
+            return None
+        raise
+
+
+def _of(problem: Problem, severity: Severity) -> Finding:
+    return Finding(steps(problem.field), problem.message, severity, str(problem.reason))

@@ -1,0 +1,65 @@
+"""Names that fields had before v1alpha1 was reshaped, and what to write now. Only for messages: nothing accepts them."""
+
+from typing import Final
+
+from robotapp_cli.lint.findings import Path, fields_only
+
+_POD_FIELDS: Final = (
+    "volumes",
+    "imagePullSecrets",
+    "initContainers",
+    "tolerations",
+    "nodeSelector",
+    "priorityClassName",
+    "serviceAccountName",
+    "runtimeClassName",
+    "terminationGracePeriodSeconds",
+)
+_COMPONENT: Final = "spec.components"
+
+FIELDS: Final[dict[str, str]] = {
+    "spec.dds": "write ros2",
+    "spec.ros2.network": "remove it: every pod has a network of its own",
+    "spec.robots.selector": "write nodeSelector",
+    "spec.robots.instances": "write assignment",
+    "spec.update.policy": "write operator",
+    "spec.placement.allOrNothing": "write gang: All in place of true, gang: None in place of false",
+    **{f"{_COMPONENT}.{name}": f"write template.spec.{name}" for name in _POD_FIELDS},
+    f"{_COMPONENT}.podSecurityContext": "write template.spec.securityContext",
+    f"{_COMPONENT}.preStop": "write lifecycle.preStop",
+    f"{_COMPONENT}.params": "write parameters: [{configMapKeyRef: {name, key}}]; $(ROBOTAPP_ROBOT) in key makes it one file per robot",
+    f"{_COMPONENT}.lifecycle.managed": "remove it; ready: {lifecycle: Active} waits for a lifecycle node",
+    f"{_COMPONENT}.ready.minHz": "write topic: {name, minRate}",
+    **{
+        f"{_COMPONENT}.ready.{check}": "write readinessProbe beside ready" for check in ("exec", "httpGet", "tcpSocket")
+    },
+    f"{_COMPONENT}.devices.match": "write usbID",
+    f"{_COMPONENT}.devices.exclusive": "write sharing: Exclusive in place of true, sharing: Cluster in place of false",
+    f"{_COMPONENT}.sharedData.claims": "write claimNames",
+}
+"""Path without positions → what to write instead."""
+
+VALUES: Final[dict[tuple[str, object], str]] = {
+    (f"{_COMPONENT}.runsOn", "Any"): "leave runsOn out: absent means any tier",
+    (f"{_COMPONENT}.runsOn", "Robot"): "write [Robot]",
+    (f"{_COMPONENT}.runsOn", "Edge"): "write [Edge]",
+    (f"{_COMPONENT}.runsOn", "Cloud"): "write [Cloud]",
+    (
+        "spec.placement.fallback.steps",
+        "Onboard",
+    ): "remove it and write runsOn: [Edge, Robot], which falls back on board",
+}
+"""Path without positions and a value that was once possible there."""
+
+
+def of_field(path: Path) -> str:
+    """What to write in place of a field that is gone; "" when there was none of that name."""
+    return FIELDS.get(fields_only(path), "")
+
+
+def of_value(path: Path, value: object) -> str:
+    """What to write in place of a value that is gone; "" when there was none."""
+    where = fields_only(path)
+    if where == f"{_COMPONENT}.ready.topic" and isinstance(value, str):
+        return f"write topic: {{name: {value}}}"
+    return VALUES.get((where, value), "") if isinstance(value, str) else ""

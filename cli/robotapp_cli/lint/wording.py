@@ -1,0 +1,194 @@
+"""Sentences for what does not fit a schema: what it is, what is possible, what to write."""
+
+import difflib
+import json
+from collections.abc import Iterable, Mapping
+from typing import Any, Final, NamedTuple
+
+from robotapp_api.model import scalars
+from robotapp_api.model.robots import LABEL_KEY
+from robotapp_cli.lint import old_names
+from robotapp_cli.lint.findings import Path
+
+Schema = dict[str, Any]
+
+_LONGEST: Final = 60
+_MOST_LISTED: Final = 12
+_TYPES: Final = {
+    "string": "text",
+    "integer": "a whole number",
+    "number": "a number",
+    "boolean": "true or false",
+    "array": "a list",
+    "object": "a mapping of fields",
+}
+_BY_PATTERN: Final = {
+    scalars.LABEL_PATTERN: "lower-case letters, digits and -, such as camera-driver",
+    scalars.SUBDOMAIN_PATTERN: "lower-case letters, digits, - and ., such as camera-driver",
+    scalars.QUANTITY_PATTERN: "a quantity, such as 20, 500m, 40M or 512Mi",
+    LABEL_KEY: "a label key, such as robotics.io/robot",
+}
+_BY_FIELD: Final = {
+    "distro": "a ROS distribution in lower case, such as jazzy",
+    "rmw": "the name of a ROS middleware, such as rmw_fastrtps_cpp",
+    "topic": "letters, digits, _ and /, such as /cmd_vel",
+    "name": "letters, digits, _ and /, such as /odom",
+    "type": "a ROS interface, such as geometry_msgs/msg/Twist",
+    "from": "the name of a component, or @robot",
+    "to": "the name of a component, or @robot",
+    "usbID": "vid:pid or vid:pid:serial, such as 8086:0b3a",
+    "key": "letters, digits, -, _ and ., such as params.yaml",
+    "labels": "at most 63 letters, digits, -, _ and ., such as team-a",
+    "ids": "ascending ranges, such as 1-101,215-232",
+    "sharedIds": "ascending ranges, such as 90-101",
+}
+"""What a pattern means, by the field it belongs to."""
+_SIZES: Final = {"Length": "characters", "Items": "entries", "Properties": "entries"}
+
+
+class Misfit(NamedTuple):
+    """A value that does not fit its schema."""
+
+    path: Path
+    keyword: str
+    """Of the schema: what does not hold, such as maxLength."""
+    limit: Any
+    """What the keyword says."""
+    value: Any
+    schema: Schema
+
+
+def message(error: Misfit, elsewhere: Mapping[str, str]) -> str:
+    """The sentence about it. `elsewhere`: where the whole object has a field of a name."""
+    match error.keyword:
+        case "type":
+            return _wrong_type(error)
+        case "required":
+            return _missing(error)
+        case "additionalProperties":
+            return _unknown(error, elsewhere)
+        case "enum":
+            return _not_listed(error)
+        case "pattern":
+            return _not_matched(error)
+        case kind:
+            return _out_of_bounds(kind, error)
+
+
+def quoted(value: Any) -> str:
+    """The value as JSON, cut where it is long."""
+    text = json.dumps(value, ensure_ascii=False, default=str)
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
+
+
+def _described(value: Any) -> str:
+    if value is None:
+        return "empty"
+    if isinstance(value, dict):
+        return "a mapping"
+    if isinstance(value, list):
+        return "a list"
+    kind = "" if isinstance(value, bool) else "the text " if isinstance(value, str) else "the number "
+    return f"{kind}{quoted(value)}"
+
+
+def _wrong_type(error: Misfit) -> str:
+    value, wanted = error.value, error.limit
+    kinds = [wanted] if isinstance(wanted, str) else list(wanted)
+    what = " or ".join(_TYPES[kind] for kind in kinds)
+    cure = old_names.of_value(error.path, value) or _type_cure(value, kinds, error.schema)
+    return f"must be {what}, but is {_described(value)}" + (f"; {cure}" if cure else "")
+
+
+def _type_cure(value: Any, kinds: list[str], schema: Schema) -> str:
+    if "string" in kinds and isinstance(value, bool):
+        return "put it in quotes (YAML reads yes, no, on and off as true and false)"
+    if "string" in kinds and isinstance(value, int | float):
+        return f'put it in quotes: "{value}"'
+    if isinstance(value, str) and ("integer" in kinds or "boolean" in kinds):
+        plain = value.isascii() and value.isdigit() if "integer" in kinds else value in ("true", "false")
+        return "remove the quotes" if plain else ""
+    if "array" in kinds:
+        return "begin each entry with -" if isinstance(value, dict) else f"write [{quoted(value)}]" if value else ""
+    if "object" in kinds and schema.get("properties"):
+        return f"its fields are {_listed(schema['properties'])}"
+    return ""
+
+
+def _missing(error: Misfit) -> str:
+    name, schema = str(error.path[-1]), _properties(error)[str(error.path[-1])]
+    text = str(schema.get("description", "")).partition(". ")[0].rstrip(".")
+    return f"this field is missing; write {name}: {_skeleton(schema)}" + (f" ({text})" if text else "")
+
+
+def _skeleton(schema: Schema) -> str:
+    if len(schema.get("enum", ())) == 1:
+        return str(schema["enum"][0])
+    if schema.get("type") == "object" and schema.get("required"):
+        return "{" + ", ".join(f"{name}: …" for name in schema.get("required", ())) + "}"
+    return f"[{_skeleton(schema['items'])}]" if schema.get("type") == "array" else "…"
+
+
+def meant(error: Misfit) -> str:
+    """The field beside an unknown one that was meant by it, if there is one."""
+    new = old_names.of_field(error.path).removeprefix("write ")
+    allowed = _properties(error)
+    return new if new in allowed else nearest(str(error.path[-1]), allowed)
+
+
+def _properties(error: Misfit) -> Schema:
+    found: Schema = error.schema["properties"]
+    return found
+
+
+def _unknown(error: Misfit, elsewhere: Mapping[str, str]) -> str:
+    name, allowed = str(error.path[-1]), _properties(error)
+    if cure := old_names.of_field(error.path):
+        return f"unknown field; {cure}"
+    if near := meant(error):
+        return f"unknown field; did you mean {near}?"
+    if name in elsewhere:
+        return f"unknown field; a field of this name is {elsewhere[name]}"
+    return f"unknown field; fields here are {_listed(sorted(allowed))}"
+
+
+def _not_listed(error: Misfit) -> str:
+    value, allowed = error.value, error.limit
+    cure = old_names.of_value(error.path, value)
+    near = nearest(value, [each for each in allowed if isinstance(each, str)]) if isinstance(value, str) else ""
+    cure = cure or (f"did you mean {near}?" if near else "")
+    return f"{quoted(value)} is not possible; write {' or '.join(map(str, allowed))}" + (f" ({cure})" if cure else "")
+
+
+def _not_matched(error: Misfit) -> str:
+    words = _BY_PATTERN.get(error.limit) or _BY_FIELD.get(field_of(error.path))
+    return f"{quoted(error.value)} is not possible; write {words or f'what matches {error.limit}'}"
+
+
+def field_of(path: Path) -> str:
+    """The name that says what a value means: that of the list or map it stands in, for an entry of one."""
+    names = [step for step in path if isinstance(step, str)]
+    return "labels" if names[-2:-1] == ["labels"] else names[-1] if names else ""
+
+
+def _out_of_bounds(kind: str, error: Misfit) -> str:
+    """A bound of a number, or of the size of text, a list or a map."""
+    limit, value = error.limit, error.value
+    what = _SIZES.get(kind.removeprefix("min").removeprefix("max"), "")
+    size = f"has {len(value)} {what}" if what else f"is {quoted(value)}"
+    if kind.startswith("min"):
+        return f"{size}; write at least {limit}" if not what or limit > 1 else "must not be empty"
+    return f"{size}; write at most {limit}"
+
+
+def nearest(name: str, allowed: Iterable[str]) -> str:
+    """The allowed name somebody may have meant, or ""."""
+    by_case = {each.lower(): each for each in allowed}
+    found = difflib.get_close_matches(name[:_LONGEST].lower(), by_case, n=1, cutoff=0.7)
+    return by_case[found[0]] if found else ""
+
+
+def _listed(names: Iterable[str]) -> str:
+    found = list(names)
+    more = len(found) - _MOST_LISTED
+    return ", ".join(found[:_MOST_LISTED]) + (f" and {more} more" if more > 0 else "")

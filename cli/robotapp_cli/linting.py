@@ -1,0 +1,98 @@
+"""`lint`: read files, check them, print what is wrong. Nothing here needs a cluster or a kubeconfig."""
+
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from robotapp_cli.failures import Exit
+from robotapp_cli.files import content
+from robotapp_cli.lint.findings import Located, Severity
+from robotapp_cli.lint.linter import Report, lint
+from robotapp_cli.lint.reading import MOST_TEXT
+from robotapp_cli.output import Output, write_structured
+
+_LONGEST: Final = 2000
+"""Characters of a message: parts of the file stand in some."""
+
+
+@dataclass(frozen=True, slots=True)
+class Checked:
+    """One file with what was found in it."""
+
+    name: str
+    report: Report
+
+
+def show_lint(files: Sequence[Path], output: Output) -> Exit:
+    """Print the findings of all files. Raises CliError for a file that cannot be read."""
+    checked = [Checked(str(path), lint(content(path, most_bytes=MOST_TEXT))) for path in files]
+    if output.structured:
+        write_structured(_structured(checked), output)
+    else:
+        lines = [line(each.name, found) for each in checked for found in each.report.findings]
+        _write([*lines, _totals(checked)])
+    return Exit.REFUSED if _count(checked)[Severity.ERROR] else Exit.OK
+
+
+def line(file: str, found: Located) -> str:
+    """One finding as compilers print theirs, so that editors find the place."""
+    where = f"{found.path}: " if found.path else ""
+    return _printable(f"{file}:{found.place.line}:{found.place.column}: {found.severity}: {where}{found.message}")
+
+
+def _printable(text: str) -> str:
+    """On one line and without what a terminal would obey: text of the file may be in it."""
+    cut = text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
+    return "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in cut)
+
+
+def _write(lines: Sequence[str]) -> None:
+    encoding = sys.stdout.encoding or "utf-8"
+    for each in lines:
+        sys.stdout.write(each.encode(encoding, "backslashreplace").decode(encoding) + "\n")
+
+
+def _count(checked: Sequence[Checked]) -> Counter[Severity]:
+    return Counter(found.severity for each in checked for found in each.report.findings)
+
+
+def _totals(checked: Sequence[Checked]) -> str:
+    """`2 errors, 1 warning in 1 RobotApp; 3 objects of other kinds were not checked`."""
+    counts, kinds = _count(checked), sum((each.report.checked for each in checked), Counter[str]())
+    found = [_number(counts[severity], severity.value) for severity in Severity if counts[severity]]
+    what = " and ".join(_number(kinds[kind], kind) for kind in sorted(kinds)) or "no RobotApp"
+    skipped = sum(each.report.skipped for each in checked)
+    noun = "object of another kind was" if skipped == 1 else "objects of other kinds were"
+    more = f"; {skipped} {noun} not checked" if skipped else ""
+    return f"{', '.join(found) or 'nothing wrong'} in {what}{more}"
+
+
+def _number(count: int, noun: str) -> str:
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
+def _structured(checked: Sequence[Checked]) -> dict[str, Any]:
+    counts = _count(checked)
+    return {
+        "findings": [_entry(each.name, found) for each in checked for found in each.report.findings],
+        "errors": counts[Severity.ERROR],
+        "warnings": counts[Severity.WARNING],
+        "checked": dict(sum((each.report.checked for each in checked), Counter[str]())),
+        "skipped": sum(each.report.skipped for each in checked),
+    }
+
+
+def _entry(file: str, found: Located) -> dict[str, str | int]:
+    return {
+        "file": file,
+        "line": found.place.line,
+        "column": found.place.column,
+        "severity": found.severity.value,
+        "object": found.object,
+        "path": found.path,
+        "reason": str(found.reason),
+        "message": found.message,
+    }

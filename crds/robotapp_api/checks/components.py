@@ -1,0 +1,98 @@
+"""Checks of one component: environment, resources, devices, template."""
+
+from collections.abc import Iterator
+from typing import Final
+
+from robotapp_api.checks.parameters import parameter_problems
+from robotapp_api.checks.problem import Problem, invalid
+from robotapp_api.model.component import Component
+from robotapp_api.model.names import PARAMETERS_VOLUME
+from robotapp_api.values.quantity import parse_milli
+
+SET_FOR_ALL: Final = {
+    "ROS_DOMAIN_ID": "spec.ros2.domain",
+    "RMW_IMPLEMENTATION": "spec.ros2.rmw",
+    "ROS_MASTER_URI": "spec.ros1",
+}
+"""Variables a component may not set itself, and the field that does it for all components alike."""
+RESERVED_PREFIX: Final = "ROBOTAPP_"
+
+
+def component_problems(component: Component, at: str, *, ros_version: int) -> Iterator[Problem]:
+    """`at`: where the component stands, such as `spec.components[0]`."""
+    yield from _resource_problems(component, at)
+    yield from _environment_problems(component, at)
+    yield from parameter_problems(component, at, ros_version=ros_version)
+    yield from _device_problems(component, at)
+    yield from _ready_problems(component, at, ros_version=ros_version)
+    for index, volume in enumerate(component.template.spec.volumes):
+        if volume.get("name") == PARAMETERS_VOLUME:
+            yield invalid(
+                f"{at}.template.spec.volumes[{index}].name",
+                f"{PARAMETERS_VOLUME} is the volume of the parameter files; write another name",
+            )
+
+
+def component_notes(component: Component, at: str) -> Iterator[Problem]:
+    """What of the component has no effect yet."""
+    for index, device in enumerate(component.devices):
+        where = f"{at}.devices[{index}]"
+        if device.sharing == "Namespace":
+            yield invalid(
+                f"{where}.sharing", "Namespace acts as Cluster: nothing keeps other namespaces from the device"
+            )
+        if device.on_loss != "Keep":
+            yield invalid(f"{where}.onLoss", f"{device.on_loss} has no effect yet; the pod is kept")
+    if component.on_disconnect == "Stop":
+        yield invalid(f"{at}.onDisconnect", "Stop is not built yet: the pod is evicted after connectivity.grace, and its successor waits until it has ended")
+
+
+def _resource_problems(component: Component, at: str) -> Iterator[Problem]:
+    """What the API server would refuse in the pod, in the words of its container."""
+    limits = component.resources.get("limits") or {}
+    for name in component.resources.get("requests") or {}:
+        if ("/" in name or name.startswith("hugepages-")) and name not in limits:
+            yield invalid(
+                f'{at}.resources.requests["{name}"]',
+                f"{name} cannot be given to two pods at once, so it needs a limit; write it under limits, the request follows it",
+            )
+
+
+def _environment_problems(component: Component, at: str) -> Iterator[Problem]:
+    for variable in component.env:
+        name = variable.get("name", "")
+        if name in SET_FOR_ALL:
+            yield invalid(
+                f"{at}.env", f"{name} of {component.name} is set for all components alike; use {SET_FOR_ALL[name]}"
+            )
+        elif name.startswith(RESERVED_PREFIX):
+            yield invalid(
+                f"{at}.env",
+                f"{name} of {component.name}: {RESERVED_PREFIX}… belongs to the operator; write another name",
+            )
+
+
+def _device_problems(component: Component, at: str) -> Iterator[Problem]:
+    for index, device in enumerate(component.devices):
+        if device.count > 1:
+            yield invalid(
+                f"{at}.devices[{index}].count",
+                f"one entry is one device so far; write {device.count} entries with names of their own and without count",
+            )
+
+
+def _ready_problems(component: Component, at: str, *, ros_version: int) -> Iterator[Problem]:
+    ready = component.ready
+    if ready is None:
+        return
+    if ready.lifecycle and ros_version == 1:
+        yield invalid(f"{at}.ready.lifecycle", "ROS 1 has no lifecycle nodes; write ready.topic or readinessProbe")
+    if ready.topic and ready.topic.min_rate is not None and not _is_rate(ready.topic.min_rate):
+        yield invalid(f"{at}.ready.topic.minRate", f'{ready.topic.min_rate} is no rate; write for example 20 or "0.5"')
+
+
+def _is_rate(quantity: str | int) -> bool:
+    try:
+        return parse_milli(quantity) > 0
+    except ValueError:
+        return False

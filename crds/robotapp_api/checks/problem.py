@@ -1,0 +1,20 @@
+"""What a check finds: a reason code, the field, and a sentence with the cure."""
+
+from typing import NamedTuple
+
+from robotapp_api.model.names import Reason
+
+
+class Problem(NamedTuple):
+    """`field` is written as in YAML, such as `spec.components[0].env`; "" for the object as a whole."""
+
+    reason: Reason
+    field: str
+    message: str
+
+    def __str__(self) -> str:
+        return f"{self.field}: {self.message}" if self.field else self.message
+
+
+def invalid(field: str, message: str) -> Problem:
+    return Problem(Reason.INVALID_SPEC, field, message)

@@ -1,0 +1,143 @@
+"""Checks of a whole spec that the API server cannot make: what is wrong, most basic first, and what has no effect yet."""
+
+from collections.abc import Iterator
+
+from robotapp_api.checks.components import component_notes, component_problems
+from robotapp_api.checks.edges import edge_problems
+from robotapp_api.checks.middleware import mode_problem
+from robotapp_api.checks.problem import Problem, invalid
+from robotapp_api.checks.ros import discovery_of, rmw_of, ros_version_of
+from robotapp_api.model.distros import DISTROS, nearest
+from robotapp_api.model.names import ROBOT_END, Reason
+from robotapp_api.model.robotapp import RobotAppSpec
+
+
+def spec_problems(spec: RobotAppSpec) -> Iterator[Problem]:
+    """Every problem that needs no look at the cluster; none means that the spec is understood."""
+    yield from _ros_problems(spec)
+    yield from _middleware_problems(spec)
+    for index, component in enumerate(spec.components):
+        yield from component_problems(component, f"spec.components[{index}]", ros_version=ros_version_of(spec))
+    yield from _keys_without_robot(spec)
+    yield from _unknown_names(spec)
+    yield from _contradictions(spec)
+    yield from edge_problems(spec.edges)
+
+
+def spec_notes(spec: RobotAppSpec) -> Iterator[Problem]:
+    """Fields that are stored and understood but have no effect yet, as far as they are not left at their defaults."""
+    if spec.placement.objective != "Latency":
+        yield invalid(
+            "spec.placement.objective", f"{spec.placement.objective} has no effect yet; places are chosen by latency"
+        )
+    if spec.placement.reschedule.when != "Never":
+        yield invalid(
+            "spec.placement.reschedule.when", f"{spec.placement.reschedule.when} has no effect yet; nothing moves"
+        )
+    if spec.ros2 and spec.ros2.transport == "SHM":
+        yield invalid("spec.ros2.transport", "SHM has no effect yet; pods of one node do not share memory")
+    for index, component in enumerate(spec.components):
+        yield from component_notes(component, f"spec.components[{index}]")
+
+
+def _ros_problems(spec: RobotAppSpec) -> Iterator[Problem]:
+    distro = spec.ros.distro
+    known = DISTROS.get(distro)
+    if known is None:
+        near = nearest(distro)
+        cure = f'did you mean "{near}"?' if near else f"known are {', '.join(DISTROS)}"
+        yield Problem(Reason.UNKNOWN_DISTRO, "spec.ros.distro", f'"{distro}" is no known ROS distribution; {cure}')
+    elif spec.ros.version not in (None, known.version):
+        yield invalid(
+            "spec.ros.version",
+            f"{distro} is a ROS {known.version} distribution; write version: {known.version} or leave it out",
+        )
+    if ros_version_of(spec) == 1 and spec.ros2 is not None:
+        yield invalid(
+            "spec.ros2",
+            f"{distro} is ROS 1, which has a master instead of DDS; remove spec.ros2 (settings of the master: spec.ros1)",
+        )
+    if ros_version_of(spec) == 2 and spec.ros1 is not None:
+        yield invalid(
+            "spec.ros1",
+            f"{distro} is ROS 2, which has no master; remove spec.ros1 (settings of the middleware: spec.ros2)",
+        )
+    if ros_version_of(spec) == 1 and spec.ros1 and spec.ros1.master == "External" and not spec.ros1.uri:
+        yield invalid(
+            "spec.ros1.uri", "an external master needs its address, for example uri: http://master.example:11311"
+        )
+
+
+def _middleware_problems(spec: RobotAppSpec) -> Iterator[Problem]:
+    if ros_version_of(spec) == 1:
+        return
+    mode = discovery_of(spec)
+    wrong = mode_problem(mode=mode, rmw=rmw_of(spec), distro=spec.ros.distro)
+    if wrong:
+        yield invalid("spec.ros2.discovery.mode", wrong)
+    talking = [edge for edge in spec.edges if ROBOT_END not in (edge.from_, edge.to) and edge.from_ != edge.to]
+    if mode == "Localhost" and talking:
+        edge = talking[0]
+        yield invalid(
+            "spec.ros2.discovery.mode",
+            f"Localhost keeps {edge.from_} and {edge.to} apart: every component has its own loopback; write mode: Auto",
+        )
+
+
+def _keys_without_robot(spec: RobotAppSpec) -> Iterator[Problem]:
+    """Names of robots in keys of parameter files, in an app that has none."""
+    for index, component in enumerate(spec.components if spec.robots is None else ()):
+        for position, file in enumerate(component.parameters):
+            ref = file.config_map_key_ref or file.secret_key_ref
+            if ref is not None and "$(" in ref.key:
+                yield invalid(
+                    f"spec.components[{index}].parameters[{position}]",
+                    f"key {ref.key} names the robot, but the app has none; write spec.robots, or the key as it is",
+                )
+
+
+def _unknown_names(spec: RobotAppSpec) -> Iterator[Problem]:
+    names = {component.name for component in spec.components}
+    listed_names = ", ".join(sorted(names))
+    for index, component in enumerate(spec.components):
+        shared = component.shared_data.with_ if component.shared_data else ()
+        for field, listed in (
+            ("colocateWith", component.colocate_with),
+            ("separateFrom", component.separate_from),
+            ("sharedData.with", shared),
+        ):
+            for name in listed:
+                if name not in names:
+                    yield invalid(
+                        f"spec.components[{index}].{field}",
+                        f'"{name}" is no component of this app; components are {listed_names}',
+                    )
+    for index, edge in enumerate(spec.edges):
+        for field, end in (("from", edge.from_), ("to", edge.to)):
+            if end not in names and end != ROBOT_END:
+                yield invalid(
+                    f"spec.edges[{index}].{field}",
+                    f'"{end}" is no component of this app; components are {listed_names}, the robot itself is {ROBOT_END}',
+                )
+
+
+def _contradictions(spec: RobotAppSpec) -> Iterator[Problem]:
+    """ColocateWith is transitive, so A with B and B with C forbids A separate from C."""
+    group = {component.name: component.name for component in spec.components}
+
+    def find(name: str) -> str:
+        while group[name] != name:
+            name = group[name]
+        return name
+
+    for component in spec.components:
+        for name in component.colocate_with:
+            if name in group:
+                group[find(name)] = find(component.name)
+    for index, component in enumerate(spec.components):
+        for name in component.separate_from:
+            if name in group and find(name) == find(component.name):
+                yield invalid(
+                    f"spec.components[{index}].separateFrom",
+                    f"{component.name} must be apart from {name}, but colocateWith ties both to one node; remove one of the two",
+                )

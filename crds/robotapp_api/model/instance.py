@@ -1,0 +1,163 @@
+"""RobotAppInstance: what the operator observed of one instance of an app. A leaf: nothing is decided from it."""
+
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field, StringConstraints
+
+from robotapp_api.model import names
+from robotapp_api.model.base import Model, ObjectMeta, Observed
+from robotapp_api.model.conditions import Conditions, initial_conditions
+from robotapp_api.model.edge import EdgeKind
+from robotapp_api.model.markers import Column, Kind, ListMap, Rule
+from robotapp_api.model.names import Phase
+from robotapp_api.model.scalars import AppName, Count, DomainId, Duration, ShortText, Text, Timestamp
+from robotapp_api.model.status import BudgetText, PairText, PhaseText
+
+BriefMessage = Annotated[str, StringConstraints(max_length=256)]
+EdgeText = Annotated[str, StringConstraints(max_length=255)]
+
+
+class InstanceSpec(Model):
+    """Which instance of which app this is."""
+
+    RULES = (
+        Rule(
+            rule="self == oldSelf",
+            message="an instance never becomes another one; the operator deletes this object and creates a new one",
+            reason="FieldValueForbidden",
+        ),
+    )
+
+    app: AppName
+    """RobotApp the instance belongs to."""
+    app_uid: Annotated[str, StringConstraints(min_length=1, max_length=36), Field(alias="appUID")]
+    """Uid of that RobotApp; another app of the same name has other instances."""
+    instance: ShortText = ""
+    """Name of the instance within the app; empty for an app without robots."""
+    robot: ShortText = ""
+    """Robot of the instance; empty for an app without robots."""
+
+
+class ComponentStatus(Observed):
+    """One component of an instance."""
+
+    name: ShortText
+    """Component."""
+    node: Text = ""
+    """Node its pod is bound to; empty while it waits."""
+    ready: bool = False
+    """All its replicas are ready."""
+    restarts: Count = 0
+    """Container restarts of its pods."""
+    message: BriefMessage = ""
+    """Why it is not ready and what to do."""
+
+
+class EdgeStatus(Observed):
+    """One edge of an instance."""
+
+    kind: EdgeKind = "Topic"
+    """What `topic` names."""
+    topic: EdgeText
+    """Topic, service or action of the edge."""
+    from_: Annotated[ShortText, Field(alias="from")]
+    """Component that publishes or serves."""
+    to: ShortText
+    """Component that subscribes or calls."""
+    budget: Duration | None = None
+    """Budget of the edge."""
+    p95: Duration | None = None
+    """Round-trip time between the two nodes, 95th percentile. Written anew when the verdict changes, or at most once a minute
+    when it has changed by a fifth."""
+    measured: bool = False
+    """The time was measured for this pair of nodes; otherwise it is unknown."""
+    met: bool | None = None
+    """The budget holds; absent while unknown."""
+    nodes: Annotated[tuple[Text, ...], Field(max_length=2)] = ()
+    """Nodes of the two ends."""
+
+
+class Move(Observed):
+    """When a component was moved to another node."""
+
+    component: ShortText
+    """Component that moved."""
+    times: Annotated[tuple[Timestamp, ...], Field(max_length=32)] = ()
+    """Times of its latest moves."""
+
+
+class InstanceSummary(Observed):
+    """Values combined for the columns of kubectl get."""
+
+    ready: PairText = ""
+    """Ready and desired components, such as 3/3."""
+    budget: BudgetText = ""
+    """Worst round-trip time and its budget, such as 18/30ms."""
+    devices: PairText = ""
+    """Held and wanted devices, such as 2/2."""
+    nodes: Text = ""
+    """Nodes in use, cut to the column."""
+    message: BriefMessage = ""
+    """What is wrong first, and what to do."""
+
+
+class InstanceStatus(Observed):
+    """The observation; only the operator writes it."""
+
+    STORED: ClassVar = frozenset({"phase", "conditions"})
+
+    phase: PhaseText = Phase.PENDING.value
+    """Phase of the instance, in the words of a RobotApp's phase."""
+    conditions: Conditions = initial_conditions()
+    """The conditions of a RobotApp, about this instance alone."""
+    summary: InstanceSummary = InstanceSummary()
+    """Combined values for the columns."""
+    domain: DomainId | None = None
+    """ROS_DOMAIN_ID the instance holds."""
+    components: Annotated[tuple[ComponentStatus, ...], Field(max_length=64)] = ()
+    """Components, worst first."""
+    edges: Annotated[tuple[EdgeStatus, ...], Field(max_length=64)] = ()
+    """Edges, worst first."""
+    edges_omitted: Count = 0
+    """Edges that had no room in the list above."""
+    claims: Annotated[tuple[Text, ...], Field(max_length=64)] = ()
+    """RobotClaims the instance holds."""
+    moves: Annotated[tuple[Move, ...], ListMap("component"), Field(max_length=64)] = ()
+    """Components that were moved to another node. Nothing moves them yet."""
+
+
+class RobotAppInstance(Model):
+    """What runs of one instance of a RobotApp: its components, edges, claims and conditions. The operator writes it, and
+    writes it again when it was deleted; nothing is decided from it.
+    """
+
+    CRD: ClassVar = Kind(
+        plural="robotappinstances",
+        singular="robotappinstance",
+        short_names=("rai",),
+        namespaced=True,
+        columns=(
+            Column("App", ".spec.app"),
+            Column("Robot", ".spec.robot"),
+            Column("Ready", ".status.summary.ready"),
+            Column("Phase", ".status.phase"),
+            Column("Domain", ".status.domain", type="integer"),
+            Column("Budget", ".status.summary.budget"),
+            Column("Devices", ".status.summary.devices"),
+            Column("Nodes", ".status.summary.nodes"),
+            Column("Age", ".metadata.creationTimestamp", type="date"),
+            Column("Message", ".status.summary.message", wide=True),
+        ),
+        selectable=(".spec.app", ".spec.appUID", ".spec.robot", ".status.phase"),
+    )
+
+    api_version: Literal["robotics.io/v1alpha1"] = names.API_VERSION
+    """Version of the schema this object is written in."""
+    kind: Literal["RobotAppInstance"] = "RobotAppInstance"
+    """Kind of this object."""
+    metadata: ObjectMeta = ObjectMeta()
+    """Name, namespace, labels and annotations."""
+    spec: InstanceSpec
+    """Which instance of which app this is; never changes."""
+    status: InstanceStatus = InstanceStatus()
+    """The observation; only the operator writes it."""

@@ -1,0 +1,193 @@
+"""Writes RobotAppInstances: one object per instance of an app, created, brought up to date, and deleted with it.
+
+A RobotAppInstance is a leaf: no decision reads it. So a wrong one is deleted by its uid and created again, and so is a missing
+one.
+"""
+
+import logging
+from collections.abc import Callable, Mapping
+from datetime import datetime
+from typing import Any, Final
+
+import msgspec
+
+from robotapp_api.client import AlreadyExists, ApiClient, Conflict, NotFound
+from robotapp_api.client.errors import means_gone
+from robotapp_api.client.resources import ROBOTAPPINSTANCES, ROBOTAPPS
+from robotapp_api.client.times import whole_seconds
+from robotapp_operator.cache import Cache
+from robotapp_operator.gather import instances_by_name
+from robotapp_operator.memory import InstanceMemory, Memory
+from robotapp_operator.observer import Observer
+from robotapp_operator.plan.facts import AppFacts, of_instance
+from robotapp_operator.plan.instance_object import AppInstance, is_as_wanted, object_name, wanted_object
+from robotapp_operator.plan.instance_status import render_instance, same_instance_status
+from robotapp_operator.plan.pace import is_urgent
+from robotapp_operator.plan.wish import App
+
+log = logging.getLogger(__name__)
+
+Again = float | None
+"""Seconds after which to look again although nothing has happened; None: not before something does."""
+SOON_S: Final = 1.0
+"""Pause after a lost race: by then the watch has delivered what another writer did."""
+
+
+class InstanceObjects:
+    """`conflict_of` gives, by app uid and instance, what it shares against its will, or "". `now` is the wall clock."""
+
+    def __init__(
+        self,
+        client: ApiClient,
+        cache: Cache,
+        memory: Memory,
+        observer: Observer,
+        *,
+        conflict_of: Callable[[str, str], str],
+        clock: Callable[[], float],
+        now: Callable[[], datetime],
+    ) -> None:
+        self._client = client
+        self._cache = cache
+        self._memory = memory
+        self._observer = observer
+        self._conflict_of = conflict_of
+        self._clock = clock
+        self._now = now
+
+    async def publish(self, uid: str, instance: str) -> Again:
+        """Bring the object of one instance up to date."""
+        record = self._cache.apps.get(uid)
+        present = list(self._cache.instance_objects.of_instance(uid, instance).values())
+        if record is None:
+            return await self._sweep(present)
+        if record.deleting or record.app is None:
+            return None
+        app = record.app
+        if instance not in instances_by_name(app, self._cache):
+            return await self._delete(present)
+        wrong = [item for item in present if not is_as_wanted(item, app, instance)]
+        named = self._cache.instance_object_named.get(f"{app.namespace}/{object_name(app.name, instance)}")
+        if named is not None and named not in present:
+            wrong.append(named)
+        if wrong:
+            return await self._delete(wrong)
+        memory = self._memory.of(uid).instance(instance)
+        if named is None:
+            return await self._create(app, instance, memory)
+        memory.created = True
+        memory.found(named.metadata.resource_version)
+        return await self._write(app, instance, named, memory)
+
+    async def _create(self, app: App, instance: str, memory: InstanceMemory) -> Again:
+        if memory.created and not await self._is_alive(app):
+            return None  # the object was deleted together with its app, whose own event has not arrived yet
+        try:
+            answer = await self._client.create(ROBOTAPPINSTANCES, wanted_object(app, instance))
+        except AlreadyExists:
+            return await self._look(app, instance)
+        self._keep(answer)
+        memory.created = True
+        memory.writing.wrote(self._clock(), urgent=True)
+        return 0.0
+
+    async def _look(self, app: App, instance: str) -> Again:
+        """Put the object that already has this name into the cache; the next run judges it."""
+        try:
+            self._keep(
+                await self._client.get(ROBOTAPPINSTANCES, object_name(app.name, instance), namespace=app.namespace)
+            )
+        except NotFound:
+            return SOON_S
+        return 0.0
+
+    async def _write(self, app: App, instance: str, item: AppInstance, memory: InstanceMemory) -> Again:
+        facts = self._facts(app, instance, item)
+        if facts is None:
+            return None
+        seen = (facts.instances[0], facts.problems, facts.bug, facts.conflict, item.metadata.resource_version)
+        again_s = self._figures_due(memory)
+        if memory.stored == seen:
+            return again_s
+        status = render_instance(facts)
+        if same_instance_status(status, item.status):
+            memory.writing.same()
+            memory.stored = seen
+            return again_s
+        now_s = self._clock()
+        urgent = is_urgent(item.status, status)
+        due_s = memory.writing.due_s(now_s, urgent=urgent, ready=facts.instances[0].ready)
+        if due_s > now_s:
+            return due_s - now_s
+        meta = item.metadata
+        # Not by uid: a status of our kinds is written whatever uid is named, and the name may be another object's by now.
+        body = {
+            "metadata": {"name": meta.name, "namespace": meta.namespace, "resourceVersion": meta.resource_version},
+            "status": status,
+        }
+        try:
+            answer = await self._client.apply(ROBOTAPPINSTANCES, body, subresource="status")
+        except (NotFound, Conflict) as race:
+            log.info("status of RobotAppInstance %s/%s not written: %s", meta.namespace, meta.name, race)
+            return SOON_S
+        self._keep(answer)
+        memory.version = answer["metadata"]["resourceVersion"]
+        memory.writing.wrote(now_s, urgent=urgent)
+        return again_s
+
+    def _facts(self, app: App, instance: str, item: AppInstance) -> AppFacts | None:
+        """The facts to render; None while the status written before the operator's start still holds."""
+        record = self._cache.apps[app.uid]
+        found = self._observer.without_instances(record, now=whole_seconds(self._now()))
+        if found is None:
+            return None
+        own = self._observer.instance(app, instances_by_name(app, self._cache)[instance])
+        if own.undecided and not found.problems and item.status.get("summary"):
+            return None
+        return of_instance(
+            found,
+            own,
+            previous=item.status,
+            bug=self._memory.of(app.uid).bug(instance),
+            conflict=self._conflict_of(app.uid, instance),
+        )
+
+    def _figures_due(self, memory: InstanceMemory) -> Again:
+        due_s = memory.facts_until_s
+        return None if due_s == float("inf") else max(0.0, due_s - self._clock())
+
+    async def _sweep(self, present: list[AppInstance]) -> Again:
+        """Delete objects whose app does not exist. The cache may merely not have the app yet, so the API server is read first."""
+        for item in present:
+            if await self._uid_of(item.spec.app, item.metadata.namespace) != item.spec.app_uid:
+                await self._delete([item])
+        return None
+
+    async def _is_alive(self, app: App) -> bool:
+        return await self._uid_of(app.name, app.namespace) == app.uid
+
+    async def _uid_of(self, name: str, namespace: str) -> str:
+        """Uid of the app of this name, "" when there is none or it is being deleted."""
+        try:
+            body = await self._client.get(ROBOTAPPS, name, namespace=namespace)
+        except NotFound as error:
+            if not means_gone(error, name):
+                raise
+            return ""
+        meta: Mapping[str, Any] = body["metadata"]
+        return "" if meta.get("deletionTimestamp") else str(meta["uid"])
+
+    async def _delete(self, items: list[AppInstance]) -> Again:
+        """Delete by uid, because another object may have the name by now. The DELETED event wakes the key that creates the next one."""
+        for item in items:
+            meta = item.metadata
+            if meta.deletion_timestamp is not None:
+                continue
+            try:
+                await self._client.delete(ROBOTAPPINSTANCES, meta.name, namespace=meta.namespace, uid=meta.uid)
+            except (NotFound, Conflict):
+                log.debug("RobotAppInstance %s/%s is gone already", meta.namespace, meta.name)
+        return None
+
+    def _keep(self, answer: Mapping[str, Any]) -> None:
+        self._cache.put_instance_object(msgspec.convert(answer, AppInstance))

@@ -1,0 +1,153 @@
+"""The facts of each instance, computed when something they depend on has changed, and otherwise remembered.
+
+A change of one pod makes the facts of one instance stale. The others cost one comparison each.
+"""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from robotapp_api.claims.instances import Instance
+from robotapp_api.values.duration import parse_us
+from robotapp_operator.cache import Cache
+from robotapp_operator.gather import cached_domain, instance_facts, instances_by_name, problems_now
+from robotapp_operator.memory import AppMemory, InstanceMemory, Memory
+from robotapp_operator.plan.app import notes_of
+from robotapp_operator.plan.facts import AppFacts, InstanceFacts
+from robotapp_operator.plan.instance_object import object_name
+from robotapp_operator.plan.latency import EdgeKey, EdgeView, publish
+from robotapp_operator.plan.parameters import config_maps_of
+from robotapp_operator.plan.record import Record
+from robotapp_operator.plan.wish import App, wish_of
+
+
+class Observer:
+    """`clock` is monotonic. `on_change` is called with the app's uid and the name of an instance whose facts have changed."""
+
+    def __init__(
+        self, cache: Cache, memory: Memory, *, clock: Callable[[], float], on_change: Callable[[str, str], None]
+    ) -> None:
+        self._cache = cache
+        self._memory = memory
+        self._clock = clock
+        self._on_change = on_change
+
+    def app(self, record: Record, *, now: str) -> AppFacts | None:
+        """Facts of the app and all its instances; None when its spec cannot be parsed. `now`: RFC 3339, whole seconds."""
+        found = self.without_instances(record, now=now)
+        if found is None:
+            return None
+        instances = tuple(
+            self.instance(found.app, instance) for instance in instances_by_name(found.app, self._cache).values()
+        )
+        return dataclasses.replace(found, instances=instances)
+
+    def without_instances(self, record: Record, *, now: str) -> AppFacts | None:
+        app = record.app
+        if app is None:
+            return None
+        wish = wish_of(app, "")
+        return AppFacts(
+            app=app,
+            problems=problems_now(app, self._cache),
+            notes=self._cache.answers.get(app, "notes", None, lambda: notes_of(app)),
+            previous=record.status,
+            now=now,
+            rmw=wish.rmw,
+            discovery=wish.discovery,
+        )
+
+    def instance(self, app: App, instance: Instance) -> InstanceFacts:
+        memory = self._memory.of(app.uid)
+        own = memory.instance(instance.robot)
+        stamp = self._stamp(app, instance, memory, own)
+        now_s = self._clock()
+        if own.facts is not None and own.stamp == stamp and now_s < own.facts_until_s:
+            return own.facts
+        before = own.facts
+        found = instance_facts(
+            app,
+            instance,
+            self._cache,
+            outcome=memory.outcomes.get(instance.robot),
+            trouble=memory.troubles.get(instance.robot),
+            held=memory.held.get(instance.robot, ()),
+        )
+        found = self._publish(app, found, own, now_s)
+        if before == found and before is not None:
+            found = before  # the same object, so that callers can compare by identity
+        own.facts, own.stamp = found, self._stamp(app, instance, memory, own, facts=found)
+        if before is not None and found is not before:
+            self._on_change(app.uid, instance.robot)
+        return found
+
+    def _stamp(
+        self,
+        app: App,
+        instance: Instance,
+        memory: AppMemory,
+        own: InstanceMemory,
+        *,
+        facts: InstanceFacts | None = None,
+    ) -> tuple[object, ...]:
+        """Equal stamps mean equal facts, apart from figures that may be published later."""
+        facts = facts or own.facts
+        node = self._cache.nodes.get(instance.node)
+        outcome = memory.outcomes.get(instance.robot)
+        borrowed = app.spec.ros2 is not None and (app.share_with or app.spec.ros2.isolation == "Discovery")
+        return (
+            app.spec,
+            instance,
+            self._cache.version_of(app.uid, instance.robot),
+            node is None or node.ready,
+            outcome,
+            memory.troubles.get(instance.robot),
+            memory.held.get(instance.robot, ()),
+            cached_domain(app, instance.robot, self._cache, outcome) if borrowed else None,
+            self._config_maps(app),
+            self._cache.devices_version if facts and facts.devices_held < facts.devices_wanted else None,
+        )
+
+    def _config_maps(self, app: App) -> tuple[object, ...]:
+        """Those with parameter files of the app, as they are now."""
+        names = self._cache.answers.get(app, "config maps", None, lambda: sorted(config_maps_of(app)))
+        return tuple(self._cache.config_maps.get(name) for name in names)
+
+    def _publish(self, app: App, found: InstanceFacts, own: InstanceMemory, now_s: float) -> InstanceFacts:
+        if own.shown is None:
+            own.shown = self._shown_before(app, found)
+        published = publish(found.edges, own.shown, own.rest, now_s=now_s)
+        own.shown = {edge.key: edge for edge in published.edges}
+        own.facts_until_s = published.again_s
+        return dataclasses.replace(found, edges=published.edges)
+
+    def _shown_before(self, app: App, found: InstanceFacts) -> dict[EdgeKey, EdgeView]:
+        """The figures in the stored object, so that a restart of the operator alone changes nothing."""
+        name = f"{app.namespace}/{object_name(app.name, found.instance.robot)}"
+        item = self._cache.instance_object_named.get(name)
+        if item is None or item.spec.app_uid != app.uid:
+            return {}
+        edges = item.status.get("edges")
+        stored = {_key(edge): edge for edge in (edges if isinstance(edges, list) else ()) if isinstance(edge, dict)}
+        return {view.key: _as_stored(view, stored[view.key]) for view in found.edges if view.key in stored}
+
+
+def _key(edge: Mapping[str, Any]) -> EdgeKey:
+    return str(edge.get("kind")), str(edge.get("topic")), str(edge.get("from")), str(edge.get("to"))
+
+
+def _as_stored(view: EdgeView, stored: Mapping[str, Any]) -> EdgeView:
+    """The figures of a stored edge. A judged median is not stored, so today's takes its place."""
+    try:
+        p95_us = parse_us(stored["p95"]) if "p95" in stored else None
+    except (TypeError, ValueError):
+        p95_us = None
+    nodes = tuple(stored.get("nodes") or ())
+    percentile = view.edge.latency.percentile if view.edge.latency else 95
+    return dataclasses.replace(
+        view,
+        nodes=view.nodes if nodes == tuple(node for node in view.nodes if node) else ("", ""),
+        p95_us=p95_us,
+        judged_us=p95_us if percentile == 95 else view.judged_us,
+        measured=bool(stored.get("measured")),
+    )

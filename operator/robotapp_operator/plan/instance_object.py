@@ -1,0 +1,73 @@
+"""RobotAppInstance as the operator reads and writes it: one object per instance of an app.
+
+A leaf: Deployments, pods and claims belong to the RobotApp, so this object can be deleted at any time and comes back.
+"""
+
+from typing import Any
+
+import msgspec
+
+from robotapp_api.model.names import API_VERSION, Label
+from robotapp_api.values.naming import child_name
+from robotapp_operator.plan.objects import Meta
+from robotapp_operator.plan.wish import App
+
+
+class AppInstanceSpec(msgspec.Struct, rename="camel", kw_only=True, frozen=True):
+    app: str = ""
+    app_uid: str = msgspec.field(default="", name="appUID")
+    instance: str = ""
+    robot: str = ""
+
+
+class AppInstance(msgspec.Struct, rename="camel", kw_only=True):
+    """A RobotAppInstance; its status as plain JSON, because it is only compared."""
+
+    metadata: Meta
+    spec: AppInstanceSpec = AppInstanceSpec()
+    status: dict[str, Any] = {}
+
+    @property
+    def version_number(self) -> int:
+        """ResourceVersion as a number: which of two copies of this object is newer."""
+        text = self.metadata.resource_version
+        return int(text) if text.isdecimal() else 0
+
+
+def object_name(app: str, instance: str) -> str:
+    """Name of the object of one instance. No other child has it: a child that is part of an instance has a part in its hash."""
+    return child_name(app, instance)
+
+
+def wanted_object(app: App, instance: str) -> dict[str, Any]:
+    """The object to create. blockOwnerDeletion is false, so that a foreground deletion of the app does not wait for it."""
+    labels = {Label.APP.value: app.name, Label.APP_UID.value: app.uid, Label.INSTANCE.value: instance}
+    owner = {
+        "apiVersion": API_VERSION,
+        "kind": "RobotApp",
+        "name": app.name,
+        "uid": app.uid,
+        "controller": True,
+        "blockOwnerDeletion": False,
+    }
+    return {
+        "metadata": {
+            "name": object_name(app.name, instance),
+            "namespace": app.namespace,
+            "labels": labels,
+            "ownerReferences": [owner],
+        },
+        "spec": {"app": app.name, "appUID": app.uid, "instance": instance, "robot": instance},
+    }
+
+
+def is_as_wanted(item: AppInstance, app: App, instance: str) -> bool:
+    """Is this the object of the app's instance, with its owner and the labels people look for?"""
+    wanted = wanted_object(app, instance)
+    meta = item.metadata
+    return (
+        msgspec.to_builtins(item.spec) == wanted["spec"]
+        and (meta.namespace, meta.name) == (app.namespace, wanted["metadata"]["name"])
+        and meta.controller_uid() == app.uid
+        and wanted["metadata"]["labels"].items() <= meta.labels.items()
+    )

@@ -1,0 +1,85 @@
+"""The status of a RobotAppInstance: what is observed of one instance, within a size that does not depend on the app."""
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+from robotapp_operator.plan.conditions import MAX_BRIEF, conditions, ready
+from robotapp_operator.plan.facts import AppFacts
+from robotapp_operator.plan.latency import EdgeView, shown_ms
+from robotapp_operator.plan.status import (
+    MAX_STATUS_BYTES,
+    budget_text,
+    devices_text,
+    nodes_text,
+    phase,
+    ready_text,
+    written,
+)
+from robotapp_operator.plan.text import clip, stored_bytes
+
+MAX_EDGES: Final = 64
+MAX_CLAIMS: Final = 64
+OURS: Final = ("phase", "conditions", "summary", "domain", "components", "edges", "edgesOmitted", "claims")
+"""What the operator writes. `moves` is a record of others and stays as it is."""
+
+
+def render_instance(facts: AppFacts) -> dict[str, Any]:
+    """The status as plain JSON. `facts` are those of one instance (`of_instance`); equal facts give an equal status.
+
+    Edges get the room that conditions and components leave.
+    """
+    (instance,) = facts.instances
+    verdict = ready(facts)
+    components = sorted(instance.components, key=lambda component: (-component.badness, component.name))
+    status: dict[str, Any] = {
+        "phase": phase(facts).value,
+        "conditions": conditions(facts),
+        "summary": written(
+            ready=ready_text(facts),
+            budget=budget_text(instance.edges),
+            devices=devices_text(facts.instances),
+            nodes=nodes_text(facts.instances),
+            message="" if verdict.status == "True" else clip(verdict.message, MAX_BRIEF),
+        ),
+        "components": [
+            {
+                "name": component.name,
+                "ready": component.ready,
+                "restarts": component.restarts,
+                **written(node=component.node, message=clip(component.message, MAX_BRIEF)),
+            }
+            for component in components
+        ],
+        **written(domain=instance.domain, claims=list(instance.claims[:MAX_CLAIMS])),
+    }
+    room = MAX_STATUS_BYTES - stored_bytes(status) - len(',"edges":[],"edgesOmitted":256')
+    edges = _fitting([_edge(edge) for edge in instance.edges[:MAX_EDGES]], room)
+    return status | written(edges=edges, edgesOmitted=(len(instance.edges) - len(edges)) or None)
+
+
+def same_instance_status(wanted: Mapping[str, Any], have: Mapping[str, Any]) -> bool:
+    return all(wanted.get(field) == have.get(field) for field in OURS)
+
+
+def _fitting(edges: list[dict[str, Any]], room: int) -> list[dict[str, Any]]:
+    for index, edge in enumerate(edges):
+        room -= stored_bytes(edge) + len(",")
+        if room < 0:
+            return edges[:index]
+    return edges
+
+
+def _edge(edge: EdgeView) -> dict[str, Any]:
+    return {
+        "kind": edge.edge.kind,
+        "topic": edge.edge.topic,
+        "from": edge.edge.from_,
+        "to": edge.edge.to,
+        "measured": edge.measured,
+        **written(
+            nodes=[node for node in edge.nodes if node],
+            budget=edge.edge.latency.budget if edge.edge.latency else None,
+            p95=None if edge.p95_us is None else shown_ms(edge.p95_us),
+            met=edge.met,
+        ),
+    }

@@ -1,0 +1,93 @@
+"""When a status may be written: urgent changes soon, mere progress seldom."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any, Final
+
+from robotapp_api.model.names import Condition, Phase, Reason
+
+BURST: Final = 3
+"""Writes of an app's status without a pause: its generation observed, a domain, ready."""
+EVERY_S: Final = 1.0
+EDGES_PER_S: Final = 64
+"""The server checks the whole spec again with each status write; that takes longer the more edges there are."""
+SETTLED_S: Final = 0.5
+"""An urgent change is written when it has lasted this long: a starting pod passes through states that end at once."""
+URGENT_REST_S: Final = 1.0
+PROGRESS_REST_S: Final = (3.0, 10.0)
+"""Pauses between writes that only show how far a start has come: the first, and every further one."""
+_ARRIVED = frozenset({Phase.RUNNING, Phase.DEGRADED, Phase.OFFLINE, Phase.SUSPENDED, Phase.FAILED})
+_ON_THE_WAY = frozenset({Reason.PENDING, Reason.COMPONENTS_NOT_READY, Reason.UNSCHEDULABLE})
+"""A pod that has just been made is often refused once, until the others of its group are there."""
+_TELLING = frozenset({Condition.READY, Condition.ACCEPTED, Condition.BUDGET_MET})
+
+
+@dataclasses.dataclass(slots=True)
+class Bucket:
+    """Writes of one app's status: `BURST` at once, and one per period in the long run. Times are monotonic seconds."""
+
+    tokens: float = BURST
+    at_s: float = float("-inf")
+
+    def wait_s(self, now_s: float, *, edges: int) -> float:
+        """0 when one may be written now."""
+        missing = 1.0 - self._filled(now_s, edges)
+        return max(0.0, missing * _period_s(edges))
+
+    def take(self, now_s: float, *, edges: int) -> None:
+        self.tokens = self._filled(now_s, edges) - 1.0
+        self.at_s = now_s
+
+    def _filled(self, now_s: float, edges: int) -> float:
+        return min(float(BURST), self.tokens + (now_s - self.at_s) / _period_s(edges))
+
+
+def _period_s(edges: int) -> float:
+    return EVERY_S * max(1.0, edges / EDGES_PER_S)
+
+
+@dataclasses.dataclass(slots=True)
+class Writing:
+    """What is known of the writes of one RobotAppInstance.
+
+    `differs_s`: since when its status differs from the stored one. `steps`: writes in a row that only showed progress.
+    """
+
+    written_s: float = float("-inf")
+    differs_s: float | None = None
+    steps: int = 0
+
+    def due_s(self, now_s: float, *, urgent: bool, ready: bool) -> float:
+        """The second at which the difference is to be written."""
+        if self.differs_s is None:
+            self.differs_s = now_s
+        if urgent:
+            return max(self.differs_s + (0.0 if ready else SETTLED_S), self.written_s + URGENT_REST_S)
+        return self.written_s + PROGRESS_REST_S[min(self.steps, len(PROGRESS_REST_S) - 1)]
+
+    def wrote(self, now_s: float, *, urgent: bool) -> None:
+        quiet = now_s - self.written_s > 2 * PROGRESS_REST_S[-1]
+        self.steps = 0 if urgent or quiet else self.steps + 1
+        self.written_s, self.differs_s = now_s, None
+
+    def same(self) -> None:
+        self.differs_s = None
+
+
+def is_urgent(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool:
+    """Does the instance run now, fail for a new reason, or no longer fail?"""
+    if after.get("phase") != before.get("phase") and after.get("phase") in _ARRIVED:
+        return True
+    old, new = _verdicts(before), _verdicts(after)
+    turned = [kind for kind in new if old.get(kind) != new[kind]]
+    fails = any(new[kind][0] == "False" and new[kind][1] not in _ON_THE_WAY for kind in turned)
+    mended = any(old.get(kind, ("",))[0] == "False" for kind in turned if kind != Condition.READY)
+    return fails or mended
+
+
+def _verdicts(status: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
+    return {
+        item["type"]: (item.get("status", ""), item.get("reason", ""))
+        for item in status.get("conditions") or ()
+        if item["type"] in _TELLING
+    }

@@ -1,0 +1,134 @@
+"""ROS parameter files of a component: one projected volume, and an argument per file in the order in which they are written.
+
+Inline files travel in annotations of the pod and arrive by the downward API: they change together with the template, and
+the operator needs no right to write ConfigMaps. Secrets are mounted and never read.
+"""
+
+import dataclasses
+import hashlib
+from collections.abc import Mapping
+from typing import Any, Final
+
+from robotapp_api.model.component import Component
+from robotapp_api.model.names import PARAMETERS_PREFIX, PARAMETERS_VOLUME, Annotation
+from robotapp_api.model.parameters import ConfigMapKey, Parameters
+from robotapp_operator.plan.objects import ConfigMap
+from robotapp_operator.plan.wish import App, Wish
+
+PARAMETERS_PATH: Final = "/etc/robotapp/parameters"
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class ParameterState:
+    """What a component's files depend on besides the spec: `absent` are positions of optional files that do not exist,
+    `hash` is over the content of the ConfigMap keys ("" without any), `missing` names required ones that do not exist.
+    """
+
+    absent: frozenset[int] = frozenset()
+    hash: str = ""
+    missing: tuple[str, ...] = ()
+
+
+NONE: Final = ParameterState()
+
+
+def config_maps_of(app: App) -> frozenset[str]:
+    """`namespace/name` of every ConfigMap the app takes parameter files from."""
+    return frozenset(
+        f"{app.namespace}/{file.config_map_key_ref.name}"
+        for component in app.spec.components
+        for file in component.parameters
+        if file.config_map_key_ref
+    )
+
+
+def parameter_states(app: App, robot: str, config_maps: Mapping[str, ConfigMap]) -> dict[str, ParameterState]:
+    """Per component with parameters. config_maps: by `namespace/name`; those that do not exist are left out."""
+    return {
+        component.name: _state(component, app, robot, config_maps)
+        for component in app.spec.components
+        if component.parameters
+    }
+
+
+def _state(component: Component, app: App, robot: str, config_maps: Mapping[str, ConfigMap]) -> ParameterState:
+    absent: set[int] = set()
+    missing: list[str] = []
+    digest = hashlib.sha256()
+    read = False
+    for position, file in enumerate(component.parameters):
+        ref = file.config_map_key_ref
+        if ref is None:
+            continue
+        read = True
+        key = expanded(ref.key, robot)
+        found = config_maps.get(f"{app.namespace}/{ref.name}")
+        content = found.data.get(key) if found else None
+        if content is None and ref.optional:
+            absent.add(position)
+        elif content is None:
+            missing.append(f"ConfigMap {ref.name} has no key {key}" if found else f"there is no ConfigMap {ref.name}")
+        digest.update(f"{position}:{content is None}:".encode() + (content or "").encode() + b"\0")
+    return ParameterState(frozenset(absent), digest.hexdigest()[:16] if read else "", tuple(missing))
+
+
+def expanded(key: str, robot: str) -> str:
+    """A key with the names of robot and instance, which are the same so far."""
+    return key.replace("$(ROBOTAPP_ROBOT)", robot).replace("$(ROBOTAPP_INSTANCE)", robot)
+
+
+def parameter_paths(component: Component, state: ParameterState) -> list[str]:
+    """The files in the container, in the order in which they are passed."""
+    present = (position for position in range(len(component.parameters)) if position not in state.absent)
+    return [f"{PARAMETERS_PATH}/{_name(position)}" for position in present]
+
+
+def parameter_arguments(component: Component, state: ParameterState) -> list[str]:
+    paths = parameter_paths(component, state)
+    return ["--ros-args", *(word for path in paths for word in ("--params-file", path))] if paths else []
+
+
+def parameter_annotations(component: Component, state: ParameterState) -> dict[str, str]:
+    """The inline files, and the hash that rolls the pod when a ConfigMap changes."""
+    inline = {
+        _annotation(position): file.inline
+        for position, file in enumerate(component.parameters)
+        if file.inline is not None
+    }
+    return inline | ({Annotation.PARAMETERS_HASH.value: state.hash} if state.hash else {})
+
+
+def parameter_volume(component: Component, wish: Wish, state: ParameterState) -> list[dict[str, Any]]:
+    """One volume with all files, none when there are none."""
+    sources = [
+        _source(file, position, wish.robot)
+        for position, file in enumerate(component.parameters)
+        if position not in state.absent
+    ]
+    return [{"name": PARAMETERS_VOLUME, "projected": {"sources": sources}}] if sources else []
+
+
+def parameter_mount(component: Component, state: ParameterState) -> list[dict[str, Any]]:
+    if not parameter_paths(component, state):
+        return []
+    return [{"name": PARAMETERS_VOLUME, "mountPath": PARAMETERS_PATH, "readOnly": True}]
+
+
+def _source(file: Parameters, position: int, robot: str) -> dict[str, Any]:
+    path = _name(position)
+    if file.inline is not None:
+        field = f"metadata.annotations['{_annotation(position)}']"
+        return {"downwardAPI": {"items": [{"path": path, "fieldRef": {"fieldPath": field}}]}}
+    ref = file.config_map_key_ref or file.secret_key_ref
+    if ref is None:  # refused by the schema; a file that is nothing mounts nothing
+        return {"downwardAPI": {"items": []}}
+    kind = "configMap" if isinstance(ref, ConfigMapKey) else "secret"
+    return {kind: {"name": ref.name, "items": [{"key": expanded(ref.key, robot), "path": path}]}}
+
+
+def _name(position: int) -> str:
+    return f"{position}.yaml"
+
+
+def _annotation(position: int) -> str:
+    return f"{PARAMETERS_PREFIX}{position}"

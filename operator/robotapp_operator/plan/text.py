@@ -1,0 +1,30 @@
+"""How much room a text takes in a status, and texts cut to their room."""
+
+import json
+from typing import Any, Final
+
+ELLIPSIS: Final = "…"
+_LONGER: Final = {"<": 5, ">": 5, "&": 5, "\u2028": 3, "\u2029": 3}
+"""Characters the API server stores as \\uXXXX, and by how much that is longer."""
+
+
+def stored_bytes(value: Any) -> int:
+    """Bytes of a JSON value as the API server stores it."""
+    text = json.dumps(value, ensure_ascii=False, separators=(",", ":"))
+    return len(text.encode(errors="replace")) + sum(text.count(char) * more for char, more in _LONGER.items())
+
+
+def clip(text: str, limit: int) -> str:
+    """`text` in at most `limit` bytes as stored; … stands for what was cut off."""
+    if _bytes(text) <= limit:
+        return text
+    room = limit - _bytes(ELLIPSIS)
+    for index, char in enumerate(text):
+        room -= _bytes(char)
+        if room < 0:
+            return text[:index] + ELLIPSIS
+    return text
+
+
+def _bytes(text: str) -> int:
+    return stored_bytes(text) - len('""')

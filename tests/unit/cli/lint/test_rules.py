@@ -1,0 +1,104 @@
+"""The rules of the definitions and the operator's checks, offline: what the API server says, at the line it is about."""
+
+from typing import Any
+
+import pytest
+import yaml
+from tests.support.apiobjects import app, component, edge
+from tests.support.rule_cases import CASES, RuleCase
+
+from robotapp_api.model.names import Reason
+from robotapp_cli.lint.findings import Located, Severity
+from robotapp_cli.lint.linter import lint
+
+KINDS = ("RobotApp", "DomainPool")
+PARAMETERS = [pytest.param(case, id=f"{kind}: {case}") for kind in KINDS for case in CASES[kind] if case.before is None]
+_OPERATORS = frozenset(Reason)
+SERVERS = frozenset({"FieldValueInvalid", "FieldValueForbidden", "FieldValueRequired", "FieldValueDuplicate"})
+
+
+def found(obj: dict[str, Any]) -> list[Located]:
+    return lint(yaml.safe_dump(obj, sort_keys=False).encode()).findings
+
+
+def errors(obj: dict[str, Any]) -> list[Located]:
+    return [each for each in found(obj) if each.severity is Severity.ERROR]
+
+
+@pytest.mark.parametrize("case", PARAMETERS)
+def test_what_a_rule_refuses_is_refused_in_the_same_words_without_a_cluster(case: RuleCase) -> None:
+    refusals = errors(case.bad)
+    assert [each for each in refusals if each.message.endswith(case.says)], refusals
+
+
+@pytest.mark.parametrize("case", PARAMETERS)
+def test_what_the_api_server_accepts_breaks_no_rule_and_fits_the_schema(case: RuleCase) -> None:
+    assert [each for each in found(case.good) if each.reason not in _OPERATORS] == []
+
+
+def test_a_rule_points_at_the_field_it_is_about() -> None:
+    text = """\
+apiVersion: robotics.io/v1alpha1
+kind: RobotApp
+metadata: {name: teleop}
+spec:
+  ros: {distro: jazzy}
+  ros2:
+    pool: default
+    domain: 150
+  components:
+  - {name: a, image: i}
+  - name: b
+    image: i
+    replicas: 2
+    devices: [{name: cam, type: usb}]
+"""
+    places = {each.path: tuple(each.place) for each in lint(text.encode()).findings}
+    assert places == {"spec.ros2.domain": (8, 13), "spec.components[1].replicas": (13, 15)}
+
+
+def test_a_rule_about_a_default_points_at_what_is_nearest_to_it() -> None:
+    (refusal,) = errors(app(ros1={"master": "External"}, ros={"distro": "noetic"}))
+    assert refusal.path == "spec.ros1.uri"
+    assert refusal.message.startswith("an External master needs its address")
+
+
+def test_rules_are_not_applied_to_what_they_could_not_read_but_to_everything_else() -> None:
+    broken = app(components=[component("a", replicas="two"), component("b", colocateWith=["b"])])
+    messages = [each.message for each in errors(broken)]
+    assert messages == [
+        'must be a whole number, but is the text "two"',
+        "component b names itself in colocateWith or separateFrom; remove it there",
+    ]
+
+
+def test_what_only_the_operator_refuses_is_found_with_its_reason() -> None:
+    (refusal,) = errors(app(ros={"distro": "jazy"}))
+    assert (refusal.path, refusal.reason) == ("spec.ros.distro", Reason.UNKNOWN_DISTRO)
+    assert refusal.message == '"jazy" is no known ROS distribution; did you mean "jazzy"?'
+
+
+def test_what_a_rule_has_said_the_operators_check_does_not_say_again() -> None:
+    wrong = app(components=[component(env=[{"name": "ROS_DOMAIN_ID", "value": "7"}])])
+    (refusal,) = errors(wrong)
+    assert refusal.reason in SERVERS
+
+
+def test_the_operators_checks_wait_until_the_spec_is_complete() -> None:
+    wrong = app(ros={"distro": "jazy"}, components=[{"name": "a"}])
+    assert [each.reason for each in errors(wrong)] == ["MissingField"]
+
+
+def test_what_has_no_effect_yet_is_a_warning() -> None:
+    (note,) = found(app(placement={"objective": "Balance"}))
+    assert (note.severity, note.path) == (Severity.WARNING, "spec.placement.objective")
+    assert "has no effect yet" in note.message
+
+
+def test_contradicting_edges_are_found_at_the_edge() -> None:
+    wrong = app(
+        components=[component("a"), component("b"), component("c")],
+        edges=[edge("a", "b", rateHz=20), edge("a", "c", rateHz="0.5")],
+    )
+    (refusal,) = errors(wrong)
+    assert refusal.path == "spec.edges[1].rateHz"

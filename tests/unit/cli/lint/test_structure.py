@@ -1,0 +1,248 @@
+"""The schema, offline: every wrong value is refused by its path, with what to write instead."""
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+import yaml
+from tests.support.apiobjects import app, component, edge, pool
+from tests.support.gone_fields import GONE_FIELDS, GONE_VALUES, with_field
+from tests.support.malformed import full_app, malformed_apps
+
+from robotapp_api.model.robotapp import RobotApp
+from robotapp_api.schema.crd import schema_of
+from robotapp_cli.lint import wording
+from robotapp_cli.lint.definitions import KINDS, definition
+from robotapp_cli.lint.findings import Located, Path, Severity
+from robotapp_cli.lint.linter import MOST_FINDINGS, lint
+
+GONE = {path: value for path, value in GONE_FIELDS["RobotApp"].items() if not path.startswith("status.")}
+
+
+def found(obj: dict[str, Any]) -> list[Located]:
+    return lint(json.dumps(obj, ensure_ascii=False).encode()).findings
+
+
+def only(obj: dict[str, Any]) -> tuple[str, str]:
+    (finding,) = found(obj)
+    return finding.path, finding.message
+
+
+def of_component(**fields: Any) -> tuple[str, str]:
+    path, message = only(app(components=[component(**fields)]))
+    return path.removeprefix("spec.components[0]"), message
+
+
+def test_the_full_app_has_nothing_wrong_in_its_schema() -> None:
+    assert {each.reason for each in found(full_app())} <= {
+        "InvalidSpec"
+    }  # ROS 1 and 2 together are the operator's matter
+
+
+def test_every_wrong_value_is_refused_by_its_path() -> None:
+    for case in malformed_apps(schema_of(RobotApp)):
+        paths = [each.path for each in found(case.obj) if each.severity is Severity.ERROR]
+        assert any(path == case.field or path.startswith((f"{case.field}[", f"{case.field}.")) for path in paths), (
+            case.field,
+            paths,
+        )
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_pattern_has_words_with_an_example(kind: str) -> None:
+    for path, pattern in patterns(definition(kind).schema, ()):
+        text = wording.message(wording.Misfit(path, "pattern", pattern, "?", {}), {})
+        assert pattern not in text
+        assert "such as" in text or "@robot" in text, text
+
+
+def patterns(schema: dict[str, Any], path: Path) -> Iterator[tuple[Path, str]]:
+    if "pattern" in schema:
+        yield path, schema["pattern"]
+    for key, member in schema.get("properties", {}).items():
+        yield from patterns(member, (*path, key))
+    for key, step in (("items", 0), ("additionalProperties", "any")):
+        if key in schema:
+            yield from patterns(schema[key], (*path, step))
+
+
+class TestOldNames:
+    @pytest.mark.parametrize("path", GONE)
+    def test_a_name_that_is_gone_is_refused_with_what_to_write_now(self, path: str) -> None:
+        field = path.replace("[]", "[0]")
+        messages = [each.message for each in found(with_field("RobotApp", path, GONE[path])) if each.path == field]
+        (message,) = messages
+        assert message.startswith("unknown field; ")
+        assert "write" in message or "remove" in message, message
+
+    @pytest.mark.parametrize("path", GONE_VALUES["RobotApp"])
+    def test_a_value_that_is_gone_is_refused_with_what_to_write_now(self, path: str) -> None:
+        field = path.replace("[]", "[0]")
+        wrong = with_field("RobotApp", path, GONE_VALUES["RobotApp"][path])
+        (message,) = [each.message for each in found(wrong) if each.path.startswith(field)]
+        assert "write" in message or "quotes" in message, message
+
+    def test_a_renamed_field_that_is_required_is_not_called_missing_as_well(self) -> None:
+        wrong = app(robots={"selector": {"matchLabels": {"robotics.io/robot": "amr-07"}}})
+        assert only(wrong) == ("spec.robots.selector", "unknown field; write nodeSelector")
+
+
+class TestFields:
+    def test_a_misspelled_field_is_recognised_and_its_right_name_not_called_missing(self) -> None:
+        wrong = app(components=[{"name": "a", "imgae": "i"}])
+        assert only(wrong) == ("spec.components[0].imgae", "unknown field; did you mean image?")
+
+    def test_a_field_at_the_wrong_place_is_sent_to_its_place(self) -> None:
+        assert only(app(isolation="Domain")) == (
+            "spec.isolation",
+            "unknown field; a field of this name is spec.ros2.isolation",
+        )
+
+    def test_for_any_other_field_the_possible_ones_are_listed(self) -> None:
+        assert only(app(ros={"distro": "jazzy", "zzz": 1})) == (
+            "spec.ros.zzz",
+            "unknown field; fields here are distro, version",
+        )
+
+    def test_a_missing_field_is_shown_as_it_is_written(self) -> None:
+        wrong = app()
+        del wrong["spec"]["ros"]
+        path, message = only(wrong)
+        assert path == "spec.ros"
+        assert message.startswith("this field is missing; write ros: {distro: …} (ROS version")
+
+    def test_a_field_without_a_value_is_a_warning_because_the_api_server_drops_it(self) -> None:
+        wrong = app(edges=None)
+        (finding,) = found(wrong)
+        assert (finding.severity, finding.path) == (Severity.WARNING, "spec.edges")
+
+    def test_a_required_field_without_a_value_is_missing(self) -> None:
+        assert of_component(image=None)[1].startswith("this field is missing; write image")
+
+    def test_a_status_in_a_file_is_a_warning(self) -> None:
+        (finding,) = found({**app(), "status": {"phase": "Running"}})
+        assert (finding.severity, finding.path) == (Severity.WARNING, "status")
+
+
+class TestValues:
+    @pytest.mark.parametrize(
+        ("fields", "path", "message"),
+        [
+            ({"env": [{"name": "A", "value": 7}]}, ".env[0].value", 'must be text, but is the number 7; put it in quotes: "7"'),
+            (
+                {"env": [{"name": "A", "value": True}]},
+                ".env[0].value",
+                "must be text, but is true; put it in quotes (YAML reads yes, no, on and off as true and false)",
+            ),
+            ({"replicas": "2"}, ".replicas", 'must be a whole number, but is the text "2"; remove the quotes'),
+            ({"args": "ros2"}, ".args", 'must be a list, but is the text "ros2"; write ["ros2"]'),
+            ({"devices": {"name": "a"}}, ".devices", "must be a list, but is a mapping; begin each entry with -"),
+            ({"policies": "fast"}, ".policies", "must be a mapping of fields, but is the text"),
+            ({"args": [None]}, ".args[0]", "must be text, but is empty"),
+            ({"replicas": 0}, ".replicas", "is 0; write at least 1"),
+            ({"replicas": 33}, ".replicas", "is 33; write at most 32"),
+            ({"image": ""}, ".image", "must not be empty"),
+            ({"colocateWith": [f"c{at}" for at in range(9)]}, ".colocateWith", "has 9 entries; write at most 8"),
+            ({"qosClass": "real_time"}, ".qosClass", '"real_time" is not possible; write realtime or sensor_data'),
+            ({"resources": {"limits": {"cpu": 0.5}}}, ".resources.limits.cpu", 'put it in quotes: "0.5"'),
+            ({"resources": {"limits": {"cpu": "2 cores"}}}, ".resources.limits.cpu", "write a quantity, such as 20, 500m"),
+            ({"ports": [{"containerPort": 70_000}]}, ".ports[0].containerPort", "is 70000; write at most 65535"),
+            ({"requires": [{"type": "GPU"}]}, ".requires[0].type", "write lower-case letters, digits and -"),
+        ],
+    )  # fmt: skip
+    def test_a_wrong_value_is_named_with_what_to_write(self, fields: dict[str, Any], path: str, message: str) -> None:
+        where, said = of_component(**fields)
+        assert where == path
+        assert message in said
+
+    def test_quantities_are_numbers_or_text_as_the_api_server_takes_them(self) -> None:
+        resources = {"limits": {"cpu": 2, "memory": "1Gi", "nvidia.com/gpu": 1}}
+        assert found(app(components=[component(resources=resources)])) == []
+
+    def test_numbers_that_do_not_fit_their_format_are_refused(self) -> None:
+        ports = [{"containerPort": 80, "name": "a" * 16}]
+        security = {"runAsUser": 2**63}
+        findings = found(app(components=[component(ports=ports, securityContext=security)]))
+        assert [each.path for each in findings] == ["spec.components[0].securityContext.runAsUser"]
+
+    def test_a_line_end_is_not_overlooked_at_the_end_of_a_name(self) -> None:
+        assert of_component(name="driver\n")[0] == ".name"
+
+
+class TestLists:
+    def test_entries_with_the_same_key_are_refused_with_both_lines(self) -> None:
+        text = yaml.safe_dump(app(components=[component("a"), component("b"), component("a")]), sort_keys=False)
+        (finding,) = lint(text.encode()).findings
+        assert finding.path == "spec.components[2]"
+        first = text.splitlines().index("  - name: a") + 1
+        assert finding.message.startswith(f'name "a" stands already at spec.components[0] (line {first}); remove one')
+
+    def test_keys_count_with_their_defaults(self) -> None:
+        path, message = only(app(edges=[edge(), edge(kind="Topic")]))
+        assert path == "spec.edges[1]"
+        assert 'kind "Topic", topic "/cmd_vel"' in message
+        assert found(app(edges=[edge(), edge(kind="Service")])) == []
+
+    def test_a_set_holds_a_value_once(self) -> None:
+        wrong = app(components=[component("a", colocateWith=["b", "b"]), component("b")])
+        assert only(wrong)[0] == "spec.components[0].colocateWith[1]"
+
+
+class TestObjects:
+    @pytest.mark.parametrize(
+        ("head", "path", "message"),
+        [
+            ({"apiVersion": "robotics.io/v1"}, "apiVersion", "write robotics.io/v1alpha1"),
+            ({"apiVersion": "robotic.io/v1alpha1"}, "apiVersion", "write robotics.io/v1alpha1"),
+            ({"apiVersion": None}, "apiVersion", "write apiVersion: robotics.io/v1alpha1"),
+            ({"kind": "Robotapp"}, "kind", "did you mean RobotApp?"),
+            ({"kind": None}, "kind", "write kind: RobotApp"),
+            ({"metadata": {}}, "metadata.name", "this field is missing"),
+            ({"metadata": {"name": "Tele_op"}}, "metadata.name", "write lower-case letters, digits, - and ."),
+            ({"metadata": {"name": "a", "lables": {}}}, "metadata.lables", "did you mean labels?"),
+            ({"metadata": {"name": "a", "labels": {"b": 1}}}, "metadata.labels.b", 'put it in quotes: "1"'),
+            ({"spce": {}}, "spce", "did you mean spec?"),
+        ],
+    )
+    def test_the_frame_of_an_object_is_checked_too(self, head: dict[str, Any], path: str, message: str) -> None:
+        where, said = only({**app(), **head})
+        assert where == path
+        assert message in said
+
+    def test_a_generated_name_is_a_name(self) -> None:
+        assert found({**app(), "metadata": {"generateName": "teleop-"}}) == []
+
+    def test_other_kinds_are_counted_and_left_alone(self) -> None:
+        texts = [
+            yaml.safe_dump(each)
+            for each in (
+                {"apiVersion": "v1", "kind": "ConfigMap", "data": {"a": 1}},
+                {"apiVersion": "example.com/v1", "kind": "RobotApp"},
+                {"apiVersion": "robotics.io/v1alpha1", "kind": "RobotClaim"},
+                app(),
+            )
+        ]
+        report = lint("---\n".join(texts).encode())
+        assert (report.findings, dict(report.checked), report.skipped) == ([], {"RobotApp": 1}, 3)
+
+    def test_lists_are_taken_apart_and_paths_begin_at_the_list(self) -> None:
+        wrong = {"apiVersion": "v1", "kind": "List", "items": [pool(), app(suspend="no")]}
+        assert only(wrong)[0] == "items[1].spec.suspend"
+
+    @pytest.mark.parametrize("text", ["just text", "[1, 2]", "7", "{apiVersion: v1, kind: List, items: [7]}"])
+    def test_what_is_no_object_is_said(self, text: str) -> None:
+        (finding,) = lint(text.encode()).findings
+        assert finding.message.startswith("an object is a mapping of fields")
+
+    def test_findings_name_their_object_and_come_in_the_order_of_their_lines(self) -> None:
+        texts = [yaml.safe_dump(each) for each in (pool(ids="x"), app(zzz=1), app("second", suspend=7))]
+        findings = lint("---\n".join(texts).encode()).findings
+        assert [each.object for each in findings] == ["DomainPool/default", "RobotApp/teleop", "RobotApp/second"]
+        assert [each.place.line for each in findings] == sorted(each.place.line for each in findings)
+
+    def test_thousands_of_mistakes_are_cut_off(self) -> None:
+        wrong = app(components=[component(env=[{"name": 7, "value": 7} for _ in range(1000)])])
+        findings = found(wrong)
+        assert len(findings) == MOST_FINDINGS + 1
+        assert sum(each.reason == "TooMany" for each in findings) == 1

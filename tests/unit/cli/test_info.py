@@ -1,0 +1,177 @@
+"""info: one app, its instances from their RobotAppInstance objects, its edges, what happened."""
+
+import pytest
+from tests.support.cli import INSTANCES, ROBOTAPPS, UID, Stage, instance, robotapp
+
+SUMMARY = {
+    "ready": "2/2",
+    "domain": "7",
+    "robots": "1/1",
+    "budget": "18/30ms",
+    "devices": "1/1",
+    "rmw": "rmw_fastrtps_cpp",
+    "nodes": "amr-07",
+}
+EDGE = {
+    "topic": "/cmd_vel",
+    "from": "panel",
+    "to": "driver",
+    "budget": "30ms",
+    "p95": "18ms",
+    "measured": True,
+    "met": True,
+    "nodes": ["edge-1", "amr-07"],
+}
+STATUS = {
+    "phase": "Running",
+    "observedGeneration": 1,
+    "summary": SUMMARY,
+    "conditions": [
+        {
+            "type": "Ready",
+            "status": "True",
+            "reason": "AllComponentsReady",
+            "message": "2 of 2",
+            "lastTransitionTime": "2026-01-01T00:00:00Z",
+        },
+        {"type": "Stalled", "status": "False", "reason": "NotStalled"},
+    ],
+    "instanceCounts": {"desired": 1, "ready": 1},
+}
+SEEN = {
+    "domain": 7,
+    "phase": "Running",
+    "summary": {"ready": "2/2", "budget": "18/30ms", "devices": "1/1", "nodes": "amr-07"},
+    "components": [
+        {"name": "driver", "node": "amr-07", "ready": True},
+        {"name": "panel", "ready": False, "message": "ImagePullBackOff"},
+    ],
+    "edges": [EDGE],
+}
+
+
+class TestInfo:
+    def test_shows_conditions_components_and_edges_with_bars(self, stage: Stage) -> None:
+        stage.add(ROBOTAPPS, robotapp(status=STATUS))
+        stage.add(INSTANCES, instance(**SEEN), instance("amr-09", uid="another app of that name"))
+        text = stage.text("info", "teleop", PYTHONIOENCODING="utf-8")
+        assert "robot amr-07, domain 7, Running" in text
+        assert "amr-09" not in text
+        assert "fleet/teleop  Running  ready 2/2" in text
+        assert "AllComponentsReady" in text
+        assert "NotStalled" not in text, "what is well and says False is left out"
+        assert "ImagePullBackOff" in text
+        (edge,) = [line for line in text.splitlines() if "/cmd_vel" in line]
+        assert "18/30 ms" in edge
+        assert "measured" in edge
+        assert edge.count("█") + edge.count("#") == 7
+
+    def test_an_instance_without_a_robot_is_shown(self, stage: Stage) -> None:
+        stage.add(ROBOTAPPS, robotapp(status=STATUS))
+        stage.add(INSTANCES, instance("", **SEEN))
+        assert "\ninstance, domain 7, Running\n" in stage.text("info", "teleop")
+
+    def test_kinds_of_edges_are_shown_where_they_are_no_topics_and_omitted_ones_are_counted(self, stage: Stage) -> None:
+        stage.add(ROBOTAPPS, robotapp(status=STATUS))
+        edges = [{**EDGE, "kind": "Topic"}, {**EDGE, "kind": "Action", "topic": "/dock"}]
+        stage.add(INSTANCES, instance(**{**SEEN, "edges": edges}, edgesOmitted=192))
+        text = stage.text("info", "teleop")
+        assert "/dock (Action)" in text
+        assert "(Topic)" not in text
+        assert "and 192 edges that are better than these" in text
+
+    def test_structured_output_has_the_instances_beside_the_app(self, stage: Stage) -> None:
+        stage.add(ROBOTAPPS, robotapp(status=STATUS))
+        stage.add(INSTANCES, instance(**SEEN), instance("amr-08"))
+        found = stage.data("info", "teleop")
+        assert found["app"]["status"]["instanceCounts"] == {"desired": 1, "ready": 1}
+        assert [each["spec"]["robot"] for each in found["instances"]] == ["amr-08", "amr-07"], (
+            "what is not well is first"
+        )
+        (only,) = stage.data("info", "teleop", "--robot", "amr-07")["instances"]
+        assert only["status"]["domain"] == 7
+
+    def test_instances_that_are_not_written_yet_are_counted(self, stage: Stage) -> None:
+        stage.add(ROBOTAPPS, robotapp(status={**STATUS, "instanceCounts": {"desired": 3, "ready": 0}}))
+        stage.add(INSTANCES, instance(**SEEN))
+        text = stage.text("info", "teleop")
+        assert "instances 0/3 ready" in text
+        assert "2 of the app's instances have no RobotAppInstance yet" in text
+
+    def test_an_unknown_robot_is_not_found(self, stage: Stage) -> None:
+        stage.add(ROBOTAPPS, robotapp(status=STATUS))
+        stage.add(INSTANCES, *(instance(f"bot-{number:02}") for number in range(12)))
+        result = stage.run("info", "teleop", "--robot", "amr-07")
+        assert result.exit_code == 4
+        assert "teleop has no instance on robot amr-07; it has: bot-00, bot-01" in result.stderr
+        assert result.stderr.endswith("bot-09 and 2 more\n")
+
+    def test_says_when_the_operator_is_behind(self, stage: Stage) -> None:
+        app = robotapp(status=STATUS)
+        app["metadata"]["generation"] = 2
+        stage.add(ROBOTAPPS, app)
+        assert "has not seen the latest change" in stage.text("info", "teleop")
+
+    def test_shows_the_latest_events(self, stage: Stage) -> None:
+        stage.add(ROBOTAPPS, robotapp(status=STATUS))
+        for number in range(12):
+            event = {
+                "metadata": {"name": f"e{number}", "namespace": "fleet"},
+                "regarding": {"uid": UID},
+                "reason": f"Reason{number}",
+                "note": "n",
+            }
+            stage.add(
+                "events.k8s.io/events",
+                {**event, "eventTime": f"2026-01-01T00:00:{number:02}.000000Z", "type": "Normal"},
+            )
+        text = stage.text("info", "teleop")
+        assert "Reason11" in text
+        assert "Reason3 " not in text
+
+    def test_a_new_app_without_status_is_shown(self, stage: Stage) -> None:
+        stage.add(ROBOTAPPS, robotapp())
+        assert "fleet/teleop  Pending" in stage.text("info", "teleop")
+
+
+class TestInfoOfAFleet:
+    """An app of many robots: what is wrong in full, what is well as a line each."""
+
+    @pytest.fixture
+    def fleet(self, stage: Stage) -> Stage:
+        troubled = [
+            {"instance": "bot-13", "reason": "RobotNodeUnclear", "message": "bot-13 has two nodes"},
+            {"instance": "bot-02", "reason": "ComponentsNotReady", "message": "panel waits"},
+        ]
+        counts = {"desired": 30, "ready": 28, "failed": 1, "offline": 1}
+        stage.add(ROBOTAPPS, robotapp(status={**STATUS, "instanceCounts": counts, "troubled": troubled}))
+        for number in range(30):
+            phase = {13: "Failed", 2: "Degraded"}.get(number, "Running")
+            stage.add(INSTANCES, instance(f"bot-{number:02}", **{**SEEN, "phase": phase}))
+        return stage
+
+    def test_the_troubled_ones_come_first_and_in_full(self, fleet: Stage) -> None:
+        lines = fleet.text("info", "teleop").splitlines()
+        assert "instances 28/30 ready, 1 offline, 1 failed" in lines[0]
+        heads = [line for line in lines if line.startswith("robot ")]
+        assert heads == ["robot bot-13, domain 7, Failed", "robot bot-02, domain 7, Degraded"]
+        assert "  RobotNodeUnclear: bot-13 has two nodes" in lines
+
+    def test_the_others_are_a_line_each_with_how_to_see_more(self, fleet: Stage) -> None:
+        text = fleet.text("info", "teleop")
+        rows = [line.split() for line in text.splitlines() if line.startswith("bot-")]
+        assert len(rows) == 28
+        assert rows[0] == ["bot-00", "2/2", "Running", "7", "18/30ms", "1/1", "amr-07"]
+        assert "kubectl robotapp info teleop --robot bot-00; all of them: -o wide" in text
+
+    def test_one_robot_or_all_of_them_can_be_asked_for(self, fleet: Stage) -> None:
+        text = fleet.text("info", "teleop", "--robot", "bot-05")
+        assert [line for line in text.splitlines() if "bot-" in line] == ["robot bot-05, domain 7, Running"]
+        assert fleet.text("info", "teleop", "-o", "wide").count("robot bot-") == 30
+
+    def test_not_more_than_ten_are_shown_in_full(self, stage: Stage) -> None:
+        stage.add(ROBOTAPPS, robotapp(status=STATUS))
+        stage.add(INSTANCES, *(instance(f"bot-{number:02}", phase="Offline") for number in range(12)))
+        text = stage.text("info", "teleop")
+        assert text.count("robot bot-") == 10 + 1, "ten heads and the hint"
+        assert [line.split()[0] for line in text.splitlines() if line.startswith("bot-")] == ["bot-10", "bot-11"]

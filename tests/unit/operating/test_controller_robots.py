@@ -1,0 +1,81 @@
+"""What a change of the nodes asks for, and what a fleet costs."""
+
+from typing import Any
+
+import pytest
+from tests.support.controlling import World
+from tests.support.factories import app_body, make_node, robots
+
+from robotapp_operator.controller import FIRST_OBJECT_S, ROBOTS_REST_S
+from robotapp_operator.keys import Work
+from robotapp_operator.queue import Key
+
+EACH = {"nodeSelector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}
+
+
+@pytest.fixture
+def world() -> World:
+    return World()
+
+
+async def planned(world: World, *names: str, **spec: Any) -> None:
+    """An app with these robots whose work is done."""
+    world.cache.update_app(app_body(robots=EACH, **spec))
+    world.cache.nodes.update(robots(*names))
+    await world.handle(Key(Work.APP, "uid-1"))
+    world.due(60)
+
+
+async def test_a_robot_that_comes_asks_for_its_own_instance_alone(world: World) -> None:
+    await planned(world, *(f"r-{number}" for number in range(50)))
+    world.cache.nodes.update(robots("new"))
+    await world.handle(Key(Work.ROBOTS, "uid-1"))
+    assert world.due(ROBOTS_REST_S) == {
+        Key(Work.CHILDREN, "uid-1", "new"),
+        Key(Work.INSTANCE, "uid-1", "new"),
+        Key(Work.STATUS, "uid-1"),
+        Key(Work.FLEET, "ns/default"),
+    }
+    await world.handle(Key(Work.ROBOTS, "uid-1"))
+    assert world.due(60) == set()
+
+
+async def test_a_robot_that_leaves_takes_its_instance_along_and_what_is_remembered_of_it(world: World) -> None:
+    await planned(world, "a", "b")
+    world.memory.of("uid-1").held["b"] = ("x",)
+    del world.cache.nodes["n-b"]
+    await world.handle(Key(Work.ROBOTS, "uid-1"))
+    found = world.due(FIRST_OBJECT_S)
+    assert {Key(Work.CHILDREN, "uid-1", "b"), Key(Work.INSTANCE, "uid-1", "b")} <= found
+    assert Key(Work.CHILDREN, "uid-1", "a") not in found
+    assert world.memory.of("uid-1").held == {}
+
+
+async def test_a_robot_that_gets_a_second_computer_is_another_instance_to_look_at(world: World) -> None:
+    await planned(world, "a", "b")
+    world.cache.nodes["second"] = make_node("second", robot="a")
+    await world.handle(Key(Work.ROBOTS, "uid-1"))
+    assert Key(Work.CHILDREN, "uid-1", "a") in world.due()
+
+
+@pytest.mark.parametrize("before", [("a",), ()])
+async def test_an_app_that_is_accepted_or_refused_now_is_planned_anew(world: World, before: tuple[str, ...]) -> None:
+    await planned(world, *before)
+    world.cache.nodes.clear()
+    world.cache.nodes.update(robots(*({"a"} - set(before))))
+    await world.handle(Key(Work.ROBOTS, "uid-1"))
+    assert world.due() == {Key(Work.APP, "uid-1")}
+
+
+async def test_nodes_of_an_app_that_is_going_or_gone_are_nobodys_business(world: World) -> None:
+    await world.handle(Key(Work.ROBOTS, "nobody"))
+    assert world.due(60) == set()
+    assert len(world.memory) == 0
+
+
+async def test_the_status_of_a_large_fleet_is_looked_at_less_often(world: World) -> None:
+    await planned(world, *(f"r-{number}" for number in range(500)))
+    await world.handle(Key(Work.STATUS, "uid-1"))
+    world.queue.add(Key(Work.STATUS, "uid-1"))
+    assert Key(Work.STATUS, "uid-1") not in world.due(0.4)
+    assert Key(Work.STATUS, "uid-1") in world.due(0.2)

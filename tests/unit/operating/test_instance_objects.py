@@ -1,0 +1,388 @@
+"""One RobotAppInstance per instance: created, told what is observed, deleted, and deleted when it is a wrong one."""
+
+import json
+from collections.abc import AsyncIterator
+from datetime import UTC, datetime
+from typing import Any
+
+import msgspec
+import pytest
+from tests.support.apiserver import FakeApiServer
+from tests.support.apiserver.store import Key as Stored
+from tests.support.clients import client_for
+from tests.support.controlling import place
+from tests.support.factories import app_body, domain_claim, make_app, make_node, robots, telemetry
+
+from robotapp_api.claims.domain import DomainOutcome
+from robotapp_api.client import ApiClient, NotFound
+from robotapp_api.client.resources import ROBOTAPPINSTANCES, ROBOTAPPS
+from robotapp_api.model.instance import RobotAppInstance
+from robotapp_api.model.names import Reason
+from robotapp_operator.cache import Cache
+from robotapp_operator.instance_objects import SOON_S, InstanceObjects
+from robotapp_operator.memory import Memory
+from robotapp_operator.observer import Observer
+from robotapp_operator.plan.instance_object import AppInstance, object_name, wanted_object
+from robotapp_operator.plan.pace import PROGRESS_REST_S, SETTLED_S, URGENT_REST_S
+
+EACH = {"nodeSelector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}
+REFUSED = DomainOutcome(Reason.DOMAIN_EXHAUSTED, "full")
+QUIET_S = 60.0
+
+
+class World:
+    """A server and one operator. No informers: `mirror` does their work for RobotAppInstances."""
+
+    def __init__(self, api: FakeApiServer, client: ApiClient) -> None:
+        self.api = api
+        self.client = client
+        self.cache = Cache()
+        self.memory = Memory()
+        self.now_s = 1000.0
+        self.conflicts: dict[tuple[str, str], str] = {}
+        observer = Observer(self.cache, self.memory, clock=lambda: self.now_s, on_change=lambda *_: None)
+        self.objects = InstanceObjects(
+            client,
+            self.cache,
+            self.memory,
+            observer,
+            conflict_of=lambda uid, instance: self.conflicts.get((uid, instance), ""),
+            clock=lambda: self.now_s,
+            now=lambda: datetime(2026, 1, 1, tzinfo=UTC),
+        )
+
+    async def app(self, name: str = "teleop", **spec: Any) -> str:
+        body = app_body(name, **spec)
+        body["metadata"] = {"name": name, "namespace": "default"}
+        return self.cache.update_app(await self.client.create(ROBOTAPPS, body)).uid
+
+    async def stored(self) -> list[dict[str, Any]]:
+        items = (await self.client.list(ROBOTAPPINSTANCES)).items
+        for item in items:
+            RobotAppInstance.model_validate(item)
+        return items
+
+    async def mirror(self) -> None:
+        live = {item["metadata"]["uid"]: msgspec.convert(item, AppInstance) for item in await self.stored()}
+        for known in list(self.cache.instance_object_named.values()):
+            if known.metadata.uid not in live:
+                self.cache.drop_instance_object(known)
+        for item in live.values():
+            self.cache.put_instance_object(item)
+
+    async def settle(self, uid: str, instance: str = "", *, most: int = 10) -> None:
+        """Let the key be worked on as often as it asks for, and as the events of its writes would have it."""
+        for _ in range(most):
+            await self.mirror()
+            before = self.writes()
+            again_s = await self.objects.publish(uid, instance)
+            if again_s is None and self.writes() == before:
+                return
+            self.now_s += again_s or 0.0
+        raise AssertionError("it never comes to rest")
+
+    def writes(self) -> int:
+        return sum(method != "GET" for method, _ in self.api.requests)
+
+    def refuse(self, uid: str, instance: str = "") -> None:
+        self.memory.of(uid).outcomes[instance] = REFUSED
+
+
+@pytest.fixture
+async def world() -> AsyncIterator[World]:
+    async with FakeApiServer() as api, client_for(api.endpoint, field_manager="robotapp-operator") as client:
+        yield World(api, client)
+
+
+def ready_of(item: dict[str, Any]) -> tuple[str, str]:
+    (found,) = [each for each in item["status"]["conditions"] if each["type"] == "Ready"]
+    return found["status"], found["reason"]
+
+
+async def test_an_instance_gets_its_object_and_then_what_is_observed(world: World) -> None:
+    uid = await world.app()
+    assert await world.objects.publish(uid, "") == 0.0
+    (item,) = await world.stored()
+    assert item["spec"] == {"app": "teleop", "appUID": uid, "instance": "", "robot": ""}
+    assert item["metadata"]["name"] == object_name("teleop", "")
+    assert await world.objects.publish(uid, "") == PROGRESS_REST_S[0], "it merely starts"
+    world.now_s += PROGRESS_REST_S[0]
+    await world.objects.publish(uid, "")
+    (item,) = await world.stored()
+    assert item["status"]["summary"]["ready"] == "0/2"
+    assert world.writes() == 3, "the app, the object, its status"
+
+
+async def test_at_rest_nothing_is_written(world: World) -> None:
+    uid = await world.app()
+    await world.settle(uid)
+    before = world.writes()
+    world.now_s += 3600
+    await world.mirror()
+    assert await world.objects.publish(uid, "") is None
+    world.cache.touch(uid, "")
+    assert await world.objects.publish(uid, "") is None
+    assert world.writes() == before
+
+
+async def test_a_failure_is_told_after_a_moment(world: World) -> None:
+    uid = await world.app()
+    await world.objects.publish(uid, "")
+    world.now_s += QUIET_S
+    world.refuse(uid)
+    assert await world.objects.publish(uid, "") == pytest.approx(SETTLED_S)
+    world.now_s += SETTLED_S
+    await world.objects.publish(uid, "")
+    (item,) = await world.stored()
+    assert ready_of(item) == ("False", "DomainExhausted")
+
+
+async def test_what_is_over_again_at_once_is_never_told(world: World) -> None:
+    uid = await world.app()
+    await world.settle(uid)
+    before = world.writes()
+    world.now_s += QUIET_S
+    world.refuse(uid)
+    assert await world.objects.publish(uid, "") is not None
+    del world.memory.of(uid).outcomes[""]
+    world.now_s += SETTLED_S
+    assert await world.objects.publish(uid, "") is None
+    assert world.writes() == before
+
+
+async def test_two_urgent_news_are_a_second_apart(world: World) -> None:
+    uid = await world.app()
+    await world.objects.publish(uid, "")
+    world.refuse(uid)
+    assert await world.objects.publish(uid, "") == pytest.approx(URGENT_REST_S)
+
+
+async def test_who_deletes_an_object_gets_it_back(world: World) -> None:
+    uid = await world.app()
+    await world.settle(uid)
+    (first,) = await world.stored()
+    await world.client.delete(ROBOTAPPINSTANCES, first["metadata"]["name"], namespace="default")
+    await world.settle(uid)
+    (second,) = await world.stored()
+    assert second["metadata"]["uid"] != first["metadata"]["uid"]
+    assert second["status"] == first["status"]
+
+
+async def test_an_object_that_went_with_its_app_does_not_come_back(world: World) -> None:
+    """The event of the object came before that of its app."""
+    uid = await world.app()
+    await world.settle(uid)
+    (item,) = await world.stored()
+    await world.client.delete(ROBOTAPPS, "teleop", namespace="default")
+    await world.client.delete(ROBOTAPPINSTANCES, item["metadata"]["name"], namespace="default")
+    await world.settle(uid)
+    assert await world.stored() == []
+
+
+async def test_an_app_that_is_being_deleted_gets_no_object(world: World) -> None:
+    body = app_body()
+    body["metadata"]["deletionTimestamp"] = "2026-01-01T00:00:00Z"
+    world.cache.update_app(body)
+    assert await world.objects.publish("uid-1", "") is None
+    assert await world.stored() == []
+
+
+async def test_an_app_this_version_cannot_read_gets_none(world: World) -> None:
+    uid = await world.app(components="none")
+    assert await world.objects.publish(uid, "") is None
+    assert await world.stored() == []
+
+
+async def test_a_robot_that_leaves_takes_its_object_along(world: World) -> None:
+    world.cache.nodes.update(robots("a", "b"))
+    uid = await world.app(robots=EACH)
+    for robot in ("a", "b"):
+        await world.settle(uid, robot)
+    assert {item["spec"]["robot"] for item in await world.stored()} == {"a", "b"}
+    del world.cache.nodes["n-b"]
+    for robot in ("a", "b"):
+        await world.settle(uid, robot)
+    assert {item["spec"]["robot"] for item in await world.stored()} == {"a"}
+
+
+async def test_an_app_that_is_created_anew_gets_objects_of_its_own(world: World) -> None:
+    old = await world.app()
+    await world.settle(old)
+    await world.client.delete(ROBOTAPPS, "teleop", namespace="default")
+    world.cache.forget_app(old)
+    new = await world.app()
+    await world.settle(new)
+    (item,) = await world.stored()
+    assert item["spec"]["appUID"] == new
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"spec": {"app": "teleop", "appUID": "another", "instance": "", "robot": ""}},
+        {"spec": {"app": "other", "appUID": "other", "instance": "x", "robot": "x"}},
+        {"spec": {"app": "teleop", "appUID": "{uid}", "instance": "", "robot": "amr-07"}},
+        {"metadata": {"ownerReferences": []}},
+        {"metadata": {"labels": {}}},
+    ],
+    ids=["of another app", "of an unknown app", "of another robot", "without an owner", "without labels"],
+)
+async def test_a_wrong_object_under_the_name_is_deleted_and_made_anew(world: World, wrong: dict[str, Any]) -> None:
+    uid = await world.app()
+    body = wanted_object(make_app(uid=uid), "")
+    body["metadata"] |= wrong.get("metadata", {})
+    body["spec"] = wrong.get("spec", body["spec"])
+    body["spec"]["appUID"] = body["spec"]["appUID"].replace("{uid}", uid)
+    forged = await world.client.create(ROBOTAPPINSTANCES, body)
+    await world.settle(uid)
+    (item,) = await world.stored()
+    assert item["metadata"]["uid"] != forged["metadata"]["uid"]
+    assert item["spec"] == {"app": "teleop", "appUID": uid, "instance": "", "robot": ""}
+
+
+async def test_an_object_under_another_name_is_deleted(world: World) -> None:
+    uid = await world.app()
+    await world.settle(uid)
+    body = wanted_object(make_app(uid=uid), "")
+    body["metadata"]["name"] = "copy"
+    await world.client.create(ROBOTAPPINSTANCES, body)
+    await world.settle(uid)
+    assert [item["metadata"]["name"] for item in await world.stored()] == [object_name("teleop", "")]
+
+
+async def test_an_orphan_is_swept_and_one_of_an_app_not_yet_announced_is_not(world: World) -> None:
+    await world.client.create(ROBOTAPPINSTANCES, wanted_object(make_app(name="gone", uid="uid-gone"), ""))
+    early = await world.app("early")
+    await world.client.create(ROBOTAPPINSTANCES, wanted_object(make_app(name="early", uid=early), ""))
+    world.cache.forget_app(early)
+    await world.mirror()
+    for uid in ("uid-gone", early):
+        assert await world.objects.publish(uid, "") is None
+    assert [item["spec"]["app"] for item in await world.stored()] == ["early"]
+
+
+async def test_a_404_that_does_not_name_the_app_makes_no_orphan(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    await world.client.create(ROBOTAPPINSTANCES, wanted_object(make_app(uid="uid-9"), ""))
+    await world.mirror()
+
+    async def not_served(*_: Any, **__: Any) -> Any:
+        raise NotFound("the server could not find the requested resource", status=404)
+
+    monkeypatch.setattr(world.client, "get", not_served)
+    with pytest.raises(NotFound):
+        await world.objects.publish("uid-9", "")
+    assert len(await world.stored()) == 1
+
+
+async def test_an_object_the_cache_does_not_know_yet_is_taken_over_not_created_twice(world: World) -> None:
+    uid = await world.app()
+    first = await world.client.create(ROBOTAPPINSTANCES, wanted_object(make_app(uid=uid), ""))
+    assert await world.objects.publish(uid, "") == 0.0
+    await world.settle(uid)
+    (item,) = await world.stored()
+    assert item["metadata"]["uid"] == first["metadata"]["uid"]
+
+
+async def test_a_name_that_is_taken_for_a_moment_is_tried_again(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    uid = await world.app()
+    await world.client.create(ROBOTAPPINSTANCES, wanted_object(make_app(uid=uid), ""))
+
+    async def gone(*_: Any, **__: Any) -> Any:
+        raise NotFound("gone", status=404)
+
+    monkeypatch.setattr(world.client, "get", gone)
+    assert await world.objects.publish(uid, "") == SOON_S
+
+
+async def test_a_status_is_never_written_over_what_was_not_seen(world: World) -> None:
+    uid = await world.app()
+    await world.objects.publish(uid, "")
+    (item,) = await world.stored()
+    key = Stored("robotics.io/robotappinstances", "default", item["metadata"]["name"])
+    world.api.store.overwrite(key, item | {"status": {"phase": "Forged"}})
+    world.now_s += QUIET_S
+    assert await world.objects.publish(uid, "") == SOON_S
+    assert (await world.stored())[0]["status"] == {"phase": "Forged"}
+    await world.mirror()
+    world.now_s += SOON_S
+    await world.settle(uid)
+    assert (await world.stored())[0]["status"]["phase"] == "Pending"
+
+
+async def measured(world: World, uid: str, ms: float) -> None:
+    world.cache.telemetry["edge-1"] = telemetry("edge-1", amr=ms)
+    world.cache.touch(uid, "")
+    await world.settle(uid)
+
+
+async def test_figures_that_another_operator_published_are_taken_over_not_fought(world: World) -> None:
+    edge = {"topic": "/t", "from": "operator", "to": "driver", "latency": {"budget": "90ms"}}
+    uid = await world.app(edges=[edge])
+    place(world.cache, uid, operator="edge-1", driver="amr")
+    world.memory.of(uid).outcomes[""] = REFUSED
+    await measured(world, uid, 40)
+    (item,) = await world.stored()
+    assert item["status"]["edges"][0]["p95"] == "40ms"
+    theirs = json.loads(json.dumps(item["status"]).replace('"40ms"', '"45ms"').replace("40/90ms", "45/90ms"))
+    for condition in theirs["conditions"]:
+        condition["message"] = condition["message"].replace("40ms of", "45ms of")
+    await world.client.replace(ROBOTAPPINSTANCES, item | {"status": theirs}, subresource="status")
+    before = world.writes()
+    world.now_s += QUIET_S
+    await measured(world, uid, 41)
+    (item,) = await world.stored()
+    assert item["status"]["edges"][0]["p95"] == "45ms"
+    assert world.writes() == before
+    world.now_s += QUIET_S
+    await measured(world, uid, 20)
+    (item,) = await world.stored()
+    assert item["status"]["edges"][0]["p95"] == "20ms"
+
+
+async def test_after_a_start_a_refusal_that_was_not_asked_about_yet_stands(world: World) -> None:
+    uid = await world.app()
+    world.refuse(uid)
+    await world.settle(uid)
+    before = world.writes()
+    world.memory.forget(uid)
+    world.now_s += QUIET_S
+    assert await world.objects.publish(uid, "") is None
+    assert world.writes() == before
+    world.cache.claims.put(uid, "c", domain_claim(7, uid=uid))
+    await world.settle(uid)
+    assert (await world.stored())[0]["status"]["domain"] == 7
+
+
+async def test_bugs_and_conflicts_are_told_where_they_are(world: World) -> None:
+    world.cache.nodes.update(robots("a", "b"))
+    uid = await world.app(robots=EACH)
+    world.memory.of(uid).bugs["children", "a"] = "KeyError in children"
+    world.conflicts[uid, "b"] = "domain 7 is held by somebody else"
+    found = {}
+    for robot in ("a", "b"):
+        world.refuse(uid, robot)
+        await world.settle(uid, robot)
+    for item in await world.stored():
+        found[item["spec"]["robot"]] = {each["type"]: each["reason"] for each in item["status"]["conditions"]}
+    assert (found["a"]["Stalled"], found["a"]["Allocated"]) == ("ReconcileError", "DomainExhausted")
+    assert (found["b"]["Stalled"], found["b"]["Allocated"]) == ("NotStalled", "ClaimConflict")
+
+
+async def test_a_robot_whose_node_is_unclear_is_told_so_and_the_others_are_not(world: World) -> None:
+    world.cache.nodes.update(robots("a") | {name: make_node(name, robot="b") for name in ("one", "two")})
+    uid = await world.app(robots=EACH)
+    for robot in ("a", "b"):
+        await world.settle(uid, robot)
+    accepted = {
+        item["spec"]["robot"]: next(each for each in item["status"]["conditions"] if each["type"] == "Accepted")
+        for item in await world.stored()
+    }
+    assert accepted["a"]["status"] == "True"
+    assert (accepted["b"]["status"], accepted["b"]["reason"]) == ("False", "RobotNodeUnclear")
+
+
+async def test_a_refused_app_has_objects_that_say_so(world: World) -> None:
+    uid = await world.app(ros={"distro": "humbel"})
+    await world.settle(uid)
+    (item,) = await world.stored()
+    assert item["status"]["phase"] == "Failed"

@@ -1,0 +1,223 @@
+"""Which facts are computed anew, when, and who hears of it."""
+
+from typing import Any
+
+import msgspec
+import pytest
+from tests.support.controlling import place
+from tests.support.factories import app_body, domain_claim, make_app, make_deployment, make_node, telemetry
+
+from robotapp_api.claims.domain import DomainOutcome
+from robotapp_api.claims.objects import Claim
+from robotapp_api.model.names import Label, Reason
+from robotapp_operator import observer as module
+from robotapp_operator.cache import Cache
+from robotapp_operator.gather import wanted_instances
+from robotapp_operator.memory import Memory
+from robotapp_operator.observer import Observer
+from robotapp_operator.plan.facts import InstanceFacts
+from robotapp_operator.plan.instance_object import AppInstance, wanted_object
+from robotapp_operator.plan.objects import ConfigMap, Telemetry
+from robotapp_operator.plan.wish import App
+
+UID = "uid-1"
+NOW = "2026-01-01T00:00:00Z"
+EDGE = {"topic": "/t", "from": "operator", "to": "driver", "latency": {"budget": "30ms"}}
+
+
+class World:
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now_s = 0.0
+        self.cache = Cache()
+        self.memory = Memory()
+        self.changed: list[tuple[str, str]] = []
+        self.computed = 0
+        self.observer = Observer(
+            self.cache, self.memory, clock=lambda: self.now_s, on_change=lambda *which: self.changed.append(which)
+        )
+        real = module.instance_facts
+
+        def counted(*args: Any, **kwargs: Any) -> InstanceFacts:
+            self.computed += 1
+            return real(*args, **kwargs)
+
+        monkeypatch.setattr(module, "instance_facts", counted)
+
+    def app(self, **spec: Any) -> App:
+        found = self.cache.update_app(app_body(**spec)).app
+        assert found is not None
+        return found
+
+    def facts(self, app: App) -> InstanceFacts:
+        (instance,) = wanted_instances(app, self.cache)
+        return self.observer.instance(app, instance)
+
+    def measure(self, ms: float) -> None:
+        """As the informers do."""
+        self.cache.telemetry["edge-1"] = telemetry("edge-1", amr=ms)
+        self.cache.touch(UID, "")
+
+
+@pytest.fixture
+def world(monkeypatch: pytest.MonkeyPatch) -> World:
+    return World(monkeypatch)
+
+
+def test_facts_are_computed_once_and_remembered(world: World) -> None:
+    app = world.app()
+    first = world.facts(app)
+    assert world.facts(app) is first
+    assert world.computed == 1
+    assert world.changed == [], "who asks first needs no telling"
+
+
+def test_an_event_that_changes_nothing_leaves_the_very_same_facts(world: World) -> None:
+    app = world.app()
+    first = world.facts(app)
+    world.cache.touch(UID, "")
+    assert world.facts(app) is first
+    assert world.computed == 2
+    assert world.changed == []
+
+
+def test_whatever_facts_depend_on_makes_others(world: World) -> None:
+    file = {"configMapKeyRef": {"name": "drv", "key": "k"}}
+    parts = [{"name": "driver", "image": "x", "args": ["run"], "parameters": [file]}]
+    robots = {"nodeSelector": {"matchLabels": {"robotics.io/robot": "a"}}}
+    world.cache.nodes["n"] = make_node("n", robot="a")
+    app = world.app(components=parts, robots=robots)
+    child = make_deployment("driver")
+    child.metadata.labels.update({Label.COMPONENT: "driver", Label.INSTANCE: "a"})
+    memory = world.memory.of(UID)
+    found = [world.facts(app)]
+    steps: list[Any] = [
+        lambda: memory.outcomes.update(a=DomainOutcome(Reason.DOMAIN_EXHAUSTED, "full")),
+        lambda: memory.troubles.update(a=(Reason.QUOTA_REFUSED, "no")),
+        lambda: memory.held.update(a=("x",)),
+        lambda: world.cache.nodes.update(n=make_node("n", robot="a", ready=False)),
+        lambda: world.cache.nodes.update(m=make_node("m", robot="a")),
+        lambda: world.cache.claims.put(UID, "c", domain_claim(7, instance="a")),
+    ]
+    for step in steps:
+        step()
+        found.append(world.facts(app))
+        assert found[-1] != found[-2], step
+    assert world.changed == [(UID, "a")] * len(steps)
+    computed = world.computed
+    world.cache.config_maps["default/drv"] = msgspec.convert(
+        {"metadata": {"name": "drv"}, "data": {"k": "1"}}, ConfigMap
+    )
+    world.facts(app)
+    assert world.computed == computed + 1
+
+
+def test_another_spec_makes_other_facts(world: World) -> None:
+    world.facts(world.app())
+    world.facts(world.app(generation=2, components=[{"name": "only", "image": "x"}]))
+    assert world.computed == 2
+    assert world.changed == [(UID, "")]
+
+
+CAN = {"metadata": {"name": "n"}, "status": {"devices": [{"id": "can0", "type": "can"}]}}
+
+
+def test_who_waits_for_a_device_looks_again_when_one_changes_hands_and_others_do_not(world: World) -> None:
+    holder = {"apiVersion": "v1", "kind": "Pod", "namespace": "default", "name": "thief", "uid": "t"}
+    thing = {"node": "n", "type": "can", "id": "can0"}
+    claim = msgspec.convert({"metadata": {"name": "dev.n.can0"}, "spec": {"device": thing, "holder": holder}}, Claim)
+    world.cache.nodes["n"] = make_node("n")
+    world.cache.telemetry["n"] = msgspec.convert(CAN, Telemetry)
+    waiting = world.app(components=[{"name": "a", "image": "x", "devices": [{"name": "bus", "type": "can"}]}])
+    content = world.app(uid="uid-2", app_name="content")
+    assert world.facts(waiting).busy == ""
+    world.facts(content)
+    computed = world.computed
+    world.cache.claims.put("t", claim.name, claim)
+    world.facts(content)
+    assert world.computed == computed
+    world.facts(waiting)
+    assert world.computed == computed + 1
+
+
+def test_who_borrows_a_domain_follows_its_owner(world: World) -> None:
+    sharer = world.app(uid="uid-2", app_name="sharer", ros2={"shareWith": [{"name": "teleop"}]})
+    world.app()
+    assert world.facts(sharer).domain is None
+    world.cache.claims.put(UID, "c", domain_claim(7))
+    assert world.facts(sharer).domain == 7
+
+
+def test_figures_that_must_rest_are_looked_at_when_they_may_be_shown(world: World) -> None:
+    app = world.app(edges=[EDGE])
+    place(world.cache, UID, operator="edge-1", driver="amr")
+    world.measure(10)
+    assert [edge.p95_us for edge in world.facts(app).edges] == [10_000]
+    world.now_s = 5
+    world.measure(15)
+    first = world.facts(app)
+    assert [edge.p95_us for edge in first.edges] == [10_000]
+    assert world.memory.of(UID).instance("").facts_until_s == 60
+    world.now_s = 59
+    assert world.facts(app) is first
+    world.now_s = 60
+    assert [edge.p95_us for edge in world.facts(app).edges] == [15_000]
+    assert world.changed == [(UID, "")]
+
+
+def test_after_a_start_the_figures_that_are_shown_stand(world: World) -> None:
+    body = wanted_object(make_app(), "")
+    body["metadata"] |= {"uid": "u", "resourceVersion": "1"}
+    shown = {
+        "kind": "Topic",
+        "topic": "/t",
+        "from": "operator",
+        "to": "driver",
+        "p95": "12ms",
+        "measured": True,
+        "met": True,
+    }
+    body["status"] = {"edges": [shown | {"nodes": ["edge-1", "amr"]}, {"p95": 3}, "nonsense"]}
+    world.cache.put_instance_object(msgspec.convert(body, AppInstance))
+    app = world.app(edges=[EDGE])
+    place(world.cache, UID, operator="edge-1", driver="amr")
+    world.measure(13)
+    assert [edge.p95_us for edge in world.facts(app).edges] == [12_000]
+
+
+@pytest.mark.parametrize("nodes", [["elsewhere", "amr"], [], None])
+def test_after_a_start_figures_of_other_places_do_not_stand(world: World, nodes: list[str] | None) -> None:
+    body = wanted_object(make_app(), "")
+    body["metadata"] |= {"uid": "u", "resourceVersion": "1"}
+    body["status"] = {
+        "edges": [{"kind": "Topic", "topic": "/t", "from": "operator", "to": "driver", "p95": "12ms", "nodes": nodes}]
+    }
+    world.cache.put_instance_object(msgspec.convert(body, AppInstance))
+    app = world.app(edges=[EDGE])
+    place(world.cache, UID, operator="edge-1", driver="amr")
+    world.measure(13)
+    assert [edge.p95_us for edge in world.facts(app).edges] == [13_000]
+
+
+def test_a_refused_app_is_observed_all_the_same_and_an_unreadable_one_is_not(world: World) -> None:
+    world.app(ros={"distro": "humbel"})
+    facts = world.observer.app(world.cache.apps[UID], now=NOW)
+    assert facts is not None
+    assert facts.problems
+    assert len(facts.instances) == 1
+    record = world.cache.update_app(app_body(uid="uid-2", components="none"))
+    assert world.observer.app(record, now=NOW) is None
+
+
+def test_what_has_no_effect_yet_is_noted(world: World) -> None:
+    world.app(placement={"objective": "Balance"})
+    facts = world.observer.app(world.cache.apps[UID], now=NOW)
+    assert facts is not None
+    assert any("spec.placement.objective" in note for note in facts.notes)
+
+
+def test_everything_is_computed_anew_once_in_a_while(world: World) -> None:
+    app = world.app()
+    world.facts(app)
+    world.memory.forget_facts()
+    world.facts(app)
+    assert world.computed == 2

@@ -1,0 +1,103 @@
+"""When a status may be written."""
+
+from typing import Any
+
+import pytest
+
+from robotapp_operator.plan.pace import BURST, PROGRESS_REST_S, SETTLED_S, URGENT_REST_S, Bucket, Writing, is_urgent
+
+
+def writes(seconds: int, *, edges: int = 0) -> list[float]:
+    """When an app that changes all the time is written, looked at ten times per second."""
+    bucket, found = Bucket(), []
+    for tick in range(seconds * 10):
+        now_s = 1000 + tick / 10
+        if bucket.wait_s(now_s, edges=edges) <= 0:
+            bucket.take(now_s, edges=edges)
+            found.append(now_s)
+    return found
+
+
+def test_a_burst_and_then_one_write_per_second() -> None:
+    found = writes(10)
+    assert found[:BURST] == [1000, 1000.1, 1000.2]
+    assert len(found) <= BURST + 10
+
+
+def test_the_largest_apps_are_written_every_four_seconds() -> None:
+    assert len(writes(40, edges=256)) <= BURST + 10
+
+
+def test_a_first_write_that_cannot_wait_is_paid_for_later() -> None:
+    bucket = Bucket()
+    for _ in range(BURST + 1):
+        bucket.take(1000, edges=0)
+    assert bucket.wait_s(1000, edges=0) == pytest.approx(2.0)
+
+
+def status(phase: str = "Pending", **conditions: tuple[str, str]) -> dict[str, Any]:
+    listed = [{"type": kind, "status": state, "reason": reason} for kind, (state, reason) in conditions.items()]
+    return {"phase": phase, "conditions": listed}
+
+
+NEW = status(Ready=("Unknown", "Pending"), Accepted=("Unknown", "Pending"), BudgetMet=("Unknown", "Pending"))
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "urgent"),
+    [
+        (NEW, status("Placing", Ready=("False", "ComponentsNotReady"), Accepted=("True", "Accepted")), False),
+        (NEW, status("Placing", Ready=("False", "Unschedulable")), False),
+        (NEW, status("Pending", BudgetMet=("True", "NoBudget")), False),
+        (NEW, status("Running", Ready=("True", "AllComponentsReady")), True),
+        (NEW, status("Pending", Ready=("False", "CrashLoop")), True),
+        (NEW, status("Pending", Accepted=("False", "RobotNodeUnclear")), True),
+        (status("Running"), status("Degraded"), True),
+        (status("Running"), status("Offline"), True),
+        (status("Degraded"), status("Placing"), False),
+        (
+            status("Running", BudgetMet=("True", "WithinBudget")),
+            status("Running", BudgetMet=("False", "BudgetExceeded")),
+            True,
+        ),
+        (
+            status("Running", BudgetMet=("False", "BudgetExceeded")),
+            status("Running", BudgetMet=("True", "WithinBudget")),
+            True,
+        ),
+        (status(Accepted=("False", "RobotNodeUnclear")), status(Accepted=("True", "Accepted")), True),
+    ],
+)
+def test_what_somebody_waits_for_is_urgent(before: dict[str, Any], after: dict[str, Any], urgent: bool) -> None:
+    assert is_urgent(before, after) is urgent
+
+
+def test_progress_waits_longer_from_step_to_step() -> None:
+    writing = Writing()
+    writing.wrote(0, urgent=True)
+    first, further = PROGRESS_REST_S
+    assert writing.due_s(1, urgent=False, ready=False) == first
+    writing.wrote(first, urgent=False)
+    assert writing.due_s(first + 1, urgent=False, ready=False) == first + further
+    writing.wrote(first + further, urgent=False)
+    assert writing.due_s(first + further + 1, urgent=False, ready=False) == first + 2 * further
+
+
+def test_readiness_is_written_at_once_and_a_failure_when_it_has_stood_for_a_moment() -> None:
+    writing = Writing()
+    writing.wrote(0, urgent=True)
+    assert writing.due_s(10, urgent=True, ready=True) == 10
+    writing.same()
+    assert writing.due_s(20, urgent=True, ready=False) == 20 + SETTLED_S
+    assert writing.due_s(20.4, urgent=True, ready=False) == 20 + SETTLED_S, "counted from when it began"
+    writing.wrote(20.5, urgent=True)
+    assert writing.due_s(20.6, urgent=True, ready=True) == 20.5 + URGENT_REST_S
+
+
+def test_after_a_quiet_time_progress_is_prompt_again() -> None:
+    writing = Writing()
+    for now_s in (0, 5, 15):
+        writing.wrote(now_s, urgent=False)
+    assert writing.due_s(16, urgent=False, ready=False) == 15 + PROGRESS_REST_S[1]
+    writing.wrote(100, urgent=False)
+    assert writing.due_s(101, urgent=False, ready=False) == 100 + PROGRESS_REST_S[0]
