@@ -2,6 +2,8 @@
 
 from typing import Any
 
+import msgspec
+
 from robotapp_api.claims.identity import claim_name, device_spec, domain_spec, holder_of_app, holder_of_pod
 from robotapp_api.claims.objects import (
     Claim,
@@ -13,6 +15,7 @@ from robotapp_api.claims.objects import (
     EnvVar,
     Holder,
     Meta,
+    OwnerReference,
     Pod,
     PodSpec,
     PodStatus,
@@ -20,7 +23,7 @@ from robotapp_api.claims.objects import (
     ReplicaSetStatus,
     Template,
 )
-from robotapp_api.model.names import Annotation, Label
+from robotapp_api.model.names import API_VERSION, Annotation, Label
 
 Json = dict[str, Any]
 
@@ -69,6 +72,19 @@ def labels(uid: str = "app-1", instance: str = "", component: str = "driver", ap
     }
 
 
+def owned_by(of: dict[str, str]) -> tuple[OwnerReference, ...]:
+    """The owner that labels promise. A chain of one link proves as much as Kubernetes' own of three."""
+    uid, name = of.get(Label.APP_UID, ""), of.get(Label.APP, "")
+    if not uid:
+        return ()
+    return (OwnerReference(api_version=API_VERSION, kind="RobotApp", name=name, uid=uid, controller=True),)
+
+
+def owners_json(of: dict[str, str]) -> list[Json]:
+    found: list[Json] = msgspec.to_builtins(owned_by(of))
+    return found
+
+
 def pod_spec(*numbers: int | str, node: str = "") -> PodSpec:
     containers = tuple(Container(env=(EnvVar(name="ROS_DOMAIN_ID", value=str(number)),)) for number in numbers)
     return PodSpec(containers=containers or (Container(),), node_name=node)
@@ -90,6 +106,7 @@ def pod(
             uid=uid,
             labels=labels() if of is None else of,
             annotations=annotations or {},
+            owner_references=owned_by(labels() if of is None else of),
         ),
         spec=pod_spec(*numbers, node=node),
         status=PodStatus(phase=phase),
@@ -112,6 +129,7 @@ def deployment(
             uid=f"uid-{name}",
             resource_version=version,
             labels=labels() if of is None else of,
+            owner_references=owned_by(labels() if of is None else of),
         ),
         spec=DeploymentSpec(
             template=Template(metadata=Meta(annotations=annotations), spec=pod_spec(*numbers)), replicas=replicas
@@ -120,8 +138,9 @@ def deployment(
 
 
 def replica_set(*numbers: int, wanted: int = 1, present: int = 1, of: dict[str, str] | None = None) -> ReplicaSet:
+    of = labels() if of is None else of
     return ReplicaSet(
-        metadata=Meta(name="rs", namespace="team", uid="rs-1", labels=labels() if of is None else of),
+        metadata=Meta(name="rs", namespace="team", uid="rs-1", labels=of, owner_references=owned_by(of)),
         spec=DeploymentSpec(template=Template(spec=pod_spec(*numbers)), replicas=wanted),
         status=ReplicaSetStatus(replicas=present),
     )
@@ -156,12 +175,18 @@ def deployment_json(
     instance: str = "",
     replicas: int = 1,
     claim: str = "",
+    app: str = "teleop",
 ) -> Json:
     template: Json = {"spec": {"containers": [{"name": "main", "env": env_json(number)}]}}
     if claim:
         template["metadata"] = {"annotations": {str(Annotation.DOMAIN_CLAIM): claim}}
     return {
-        "metadata": {"name": name, "namespace": "team", "labels": labels(uid, instance)},
+        "metadata": {
+            "name": name,
+            "namespace": "team",
+            "labels": labels(uid, instance, app=app),
+            "ownerReferences": owners_json(labels(uid, app=app)),
+        },
         "spec": {"replicas": replicas, "template": template},
     }
 
@@ -176,6 +201,7 @@ def pod_json(
     node: str = "",
     phase: str = "Pending",
     annotations: dict[str, str] | None = None,
+    app: str = "teleop",
 ) -> Json:
     """A pod of the app with this uid, or a bare one when uid is empty."""
     spec: Json = {"containers": [{"name": "main", "env": env_json(number)}]}
@@ -185,8 +211,9 @@ def pod_json(
         "metadata": {
             "name": name,
             "namespace": "team",
-            "labels": labels(uid, instance, component) if uid else {},
+            "labels": labels(uid, instance, component, app) if uid else {},
             "annotations": annotations or {},
+            "ownerReferences": owners_json(labels(uid, app=app)),
         },
         "spec": spec,
         "status": {"phase": phase},

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import msgspec
 
-from robotapp_api.model.names import ClaimPhase, Label
+from robotapp_api.model.names import GROUP, SCHEDULER_NAME, THESIS_SCHEDULER_NAME, ClaimPhase, Label
 
 ROS_DOMAIN_ID: Final = "ROS_DOMAIN_ID"
 EXCLUSIVE: Final = "Exclusive"
@@ -22,6 +22,18 @@ class Object(msgspec.Struct, rename="camel", frozen=True, kw_only=True, gc=False
     """
 
 
+class OwnerReference(Object, frozen=True, kw_only=True):
+    api_version: str = ""
+    kind: str = ""
+    name: str = ""
+    uid: str = ""
+    controller: bool = False
+
+    @property
+    def is_app(self) -> bool:
+        return self.kind == "RobotApp" and self.api_version.startswith(f"{GROUP}/")
+
+
 class Meta(Object, frozen=True, kw_only=True):
     name: str = ""
     namespace: str = ""
@@ -30,6 +42,7 @@ class Meta(Object, frozen=True, kw_only=True):
     generation: int = 0
     labels: dict[str, str] = {}
     annotations: dict[str, str] = {}
+    owner_references: tuple[OwnerReference, ...] = ()
     deletion_timestamp: str | None = None
 
     @property
@@ -147,6 +160,12 @@ class PodSpec(Object, frozen=True, kw_only=True):
     containers: tuple[Container, ...] = ()
     init_containers: tuple[Container, ...] = ()
     node_name: str = ""
+    scheduler_name: str = ""
+
+    @property
+    def bound_by_us(self) -> bool:
+        """Nobody but our scheduler binds such a pod, and it does so only after the bind check (rule 1)."""
+        return bool(self.node_name) and self.scheduler_name in {SCHEDULER_NAME, THESIS_SCHEDULER_NAME}
 
 
 class PodStatus(Object, frozen=True, kw_only=True):

@@ -1,13 +1,15 @@
 """The other direction of the sweep: something runs with a grant whose claim is gone, for example deleted by hand.
 
 The claim is created again for who runs. If somebody else holds the thing by then, nobody is robbed silently: both are
-told (ClaimConflict) and a person decides.
+told (ClaimConflict) and a person decides. The functions here find candidates by labels and annotations; the caller asks
+whether the pod is what it says (`membership`), before anything is written or told.
 """
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
+from robotapp_api.claims.domain import pool_ids
 from robotapp_api.claims.identity import (
     Found,
     claim_name,
@@ -22,7 +24,7 @@ from robotapp_api.claims.identity import (
     scope_part,
     thing_text,
 )
-from robotapp_api.claims.objects import Claim, ClaimSpec, Holder, Meta, Pod
+from robotapp_api.claims.objects import App, Claim, ClaimSpec, Holder, Meta, Pod, Pool
 from robotapp_api.claims.usage import named_ids
 from robotapp_api.model.names import Annotation, Label
 
@@ -42,17 +44,22 @@ class Missing:
 
 @dataclass(frozen=True, slots=True)
 class ClaimConflict:
-    """Somebody runs with a thing that another one holds. Told about, never resolved by stealing."""
+    """Somebody runs with a thing that another one holds. Told about, never resolved by stealing.
+
+    checked: whether who runs was let in by us at some time. Any tenant can have a pod bound by another scheduler and write
+    anybody's claim on it; that is no matter of a holder in another namespace.
+    """
 
     runs: Holder
     holds: Holder
     claim: str
     thing: str
+    checked: bool = True
 
     @property
-    def parties(self) -> tuple[Holder, Holder]:
+    def parties(self) -> tuple[Holder, ...]:
         """Both are told: either may be the one whose pods should go."""
-        return self.runs, self.holds
+        return (self.runs, self.holds) if self.checked or self.runs.namespace == self.holds.namespace else (self.runs,)
 
     def message(self, *, for_namespace: str) -> str:
         runs = holder_text(self.runs, for_namespace=for_namespace)
@@ -150,6 +157,22 @@ def missing_claims(
     }
 
 
+def refusal(missing: Missing, app: App, pool: Pool | None) -> str:
+    """Why a claim is not made again for a pod of this app: it stands on what no claim could have given it. "" if nothing."""
+    holder, domain = missing.spec.holder, missing.spec.domain
+    if domain is None:
+        known = {component.name for component in app.spec.components}
+        return "" if holder.component in known else f"the app has no component {holder.component!r}"
+    if pool is None:
+        return f"there is no DomainPool {domain.pool}"
+    if pool.spec.scope != domain.scope:
+        return f"DomainPool {domain.pool} has scope {pool.spec.scope}"
+    asked = app.spec.dds is not None and app.spec.dds.pool == domain.pool and app.spec.dds.domain == domain.id
+    if domain.id in pool.spec.reserved or not (asked or domain.id in pool_ids(pool)):
+        return f"DomainPool {domain.pool} does not hand out domain {domain.id}"
+    return ""
+
+
 def conflicts(pods: Iterable[Pod], claims: Mapping[str, Claim], *, places: Mapping[str, str]) -> list[ClaimConflict]:
     """Running pods whose thing another holder has."""
     found = {}
@@ -159,6 +182,10 @@ def conflicts(pods: Iterable[Pod], claims: Mapping[str, Claim], *, places: Mappi
             if claim is not None and same_tuple(needed.spec, claim.spec) is Found.TAKEN:
                 key = (claim.name, needed.spec.holder.uid, needed.spec.holder.instance)
                 found[key] = ClaimConflict(
-                    runs=needed.spec.holder, holds=claim.holder, claim=claim.name, thing=thing_text(claim.spec)
+                    runs=needed.spec.holder,
+                    holds=claim.holder,
+                    claim=claim.name,
+                    thing=thing_text(claim.spec),
+                    checked=not pod.metadata.app_uid or pod.spec.bound_by_us,
                 )
     return list(found.values())

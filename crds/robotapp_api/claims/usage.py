@@ -1,22 +1,25 @@
 """Rule 3: which objects still use a domain id.
 
 A Deployment, a ReplicaSet that has or wants pods, and a pod that has not ended, pending ones included, use the ids that
-their ROS_DOMAIN_ID names. They count for the app uid and instance of their labels, and for the claim their annotation
-names (apps that share a domain). The literal decides and the annotation only adds: users can edit an annotation of a
-running pod, but not its environment.
+their ROS_DOMAIN_ID names, for the app uid and instance of their labels in their own namespace, and for the claim their
+annotation names (apps that share a domain). Labels are what anybody may write, so a Deployment or ReplicaSet counts only
+if its owners prove it (`membership`); a live pod of the holder's namespace counts without that, because it transmits
+whoever owns it. The literal decides and the annotation only adds: users can edit an annotation of a running pod, but not
+its environment.
 """
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
 from robotapp_api.claims.identity import domain_literal
+from robotapp_api.claims.membership import AppRef, Owners
 from robotapp_api.claims.objects import ROS_DOMAIN_ID, Claim, Deployment, EnvVar, Holder, Meta, Pod, PodSpec, ReplicaSet
 from robotapp_api.model.names import Annotation
 
-InstanceKey = tuple[str, str]
-"""(app uid, instance)."""
+InstanceKey = tuple[str, str, str]
+"""(namespace, app uid, instance)."""
 _SHOWN: Final = 32
 """Characters of a user's text that go into a message."""
 
@@ -43,12 +46,11 @@ def deployment_ids(deployment: Deployment) -> frozenset[int]:
 
 
 def key_of(meta: Meta) -> InstanceKey | None:
-    """Labels decide whose object this is, not the chain of owners: orphans would wait for ever."""
-    return (meta.app_uid, meta.instance) if meta.app_uid else None
+    return (meta.namespace, meta.app_uid, meta.instance) if meta.app_uid else None
 
 
 def holder_key(holder: Holder) -> InstanceKey:
-    return (holder.uid, holder.instance)
+    return (holder.namespace, holder.uid, holder.instance)
 
 
 def counts(replica_set: ReplicaSet) -> bool:
@@ -60,54 +62,99 @@ def counts(replica_set: ReplicaSet) -> bool:
 class Usage:
     """What the workloads of one snapshot use. Read it only against claims that were read before the snapshot."""
 
-    ids: dict[InstanceKey, set[int]] = field(default_factory=lambda: defaultdict(set))
-    claims: set[str] = field(default_factory=set)
-    """Claim names in annotations of RobotApp children."""
+    live: dict[InstanceKey, set[int]] = field(default_factory=lambda: defaultdict(set))
+    """Ids of pods that have not ended, by their labels."""
+    owned: dict[InstanceKey, set[int]] = field(default_factory=lambda: defaultdict(set))
+    """Ids of Deployments and ReplicaSets whose owners lead to the app that their labels name."""
     deployments: dict[InstanceKey, set[int]] = field(default_factory=lambda: defaultdict(set))
-    """Ids that Deployments name: rule 4 prefers them."""
+    """Ids that such Deployments name: rule 4 prefers them."""
+    named_by_pods: set[tuple[str, str]] = field(default_factory=set)
+    """(namespace, claim) of live pods: apps of one namespace may share without asking."""
+    checked: set[str] = field(default_factory=set)
+    """Claims that pods name which our scheduler has bound: it saw then that their app may use them."""
+    named: dict[str, set[AppRef]] = field(default_factory=lambda: defaultdict(set))
+    """By claim: the apps whose objects name it."""
+    owners: Owners = field(default_factory=Owners)
 
     def __repr__(self) -> str:
-        return f"<Usage of {len(self.ids)} instances, {len(self.claims)} claims named>"
+        return (
+            f"<Usage of {len(self.live)} running and {len(self.owned)} owned instances, {len(self.named)} claims named>"
+        )
 
     def add_deployment(self, deployment: Deployment) -> None:
+        self.owners.add(deployment.metadata)
         template = deployment.spec.template
-        self._add(deployment.metadata, template.metadata, template.spec)
-        if key := key_of(deployment.metadata):
+        key = self._add(deployment.metadata, template.metadata, template.spec)
+        if key is not None:
             self.deployments[key] |= deployment_ids(deployment)
 
     def add_replica_set(self, replica_set: ReplicaSet) -> None:
+        """After the Deployments: they are its owners."""
+        self.owners.add(replica_set.metadata)
         if counts(replica_set):
             template = replica_set.spec.template
             self._add(replica_set.metadata, template.metadata, template.spec)
 
     def add_pod(self, pod: Pod) -> None:
-        if not pod.terminal:
-            self._add(pod.metadata, pod.metadata, pod.spec)
-
-    def _add(self, meta: Meta, template: Meta, spec: PodSpec) -> None:
-        key = key_of(meta)
-        if key is None:
+        """After its owners."""
+        key = key_of(pod.metadata)
+        if pod.terminal or key is None:
             return
-        ids = named_ids(spec)
-        if ids:
-            self.ids[key] |= ids
-        claim = template.annotations.get(Annotation.DOMAIN_CLAIM, "")
-        if any(claim.endswith(f".{number}") for number in ids):
-            self.claims.add(claim)
+        ids = named_ids(pod.spec)
+        self.live[key] |= ids
+        claim = _named_claim(pod.metadata, ids)
+        if not claim:
+            return
+        self.named_by_pods.add((pod.metadata.namespace, claim))
+        if pod.spec.bound_by_us:
+            self.checked.add(claim)
+        app = self.owners.app_of(pod.metadata)
+        if app is not None:
+            self.named[claim].add(app)
 
-    def uses(self, claim: Claim) -> bool:
-        """Whether anything of the holder's instance, or of an app that shares, still names this domain claim."""
-        domain = claim.spec.domain
-        return domain is not None and (
-            claim.name in self.claims or domain.id in self.ids.get(holder_key(claim.holder), ())
+    def _add(self, meta: Meta, template: Meta, spec: PodSpec) -> InstanceKey | None:
+        """Count what proves its owner; its key, or None for what does not."""
+        key, app = key_of(meta), self.owners.app_of(meta)
+        if key is None or app is None:
+            return None
+        ids = named_ids(spec)
+        self.owned[key] |= ids
+        if claim := _named_claim(template, ids):
+            self.named[claim].add(app)
+        return key
+
+    def uses(self, claim: Claim, *, app_exists: bool) -> bool:
+        """Whether anything of the holder's own, or a live pod that shares, still names this domain claim.
+
+        app_exists: whether the holder's app was read after the claim. Without it only live pods count: those of an app
+        that was deleted alone (`--cascade=orphan`) go on, but an empty Deployment would pin the id for ever.
+        """
+        domain, key = claim.spec.domain, holder_key(claim.holder)
+        if domain is None:
+            return False
+        return (
+            domain.id in self.live.get(key, ())
+            or (claim.holder.namespace, claim.name) in self.named_by_pods
+            or claim.name in self.checked
+            or (app_exists and domain.id in self.owned.get(key, ()))
         )
+
+    def sharers(self, claim: Claim) -> frozenset[AppRef]:
+        """Other apps whose objects name this claim. Whether they exist and may share it is for the caller to ask."""
+        return frozenset(app for app in self.named.get(claim.name, ()) if app.uid != claim.holder.uid)
 
     def named_by_deployments(self, holder: Holder) -> frozenset[int]:
         return frozenset(self.deployments.get(holder_key(holder), ()))
 
-    def named_by_instance(self, uid: str) -> dict[str, frozenset[int]]:
+    def named_by_instance(self, namespace: str, uid: str) -> dict[str, frozenset[int]]:
         """Per instance of one app that has Deployments: the ids they name."""
-        return {key[1]: frozenset(ids) for key, ids in self.deployments.items() if key[0] == uid}
+        return {key[2]: frozenset(ids) for key, ids in self.deployments.items() if key[:2] == (namespace, uid)}
+
+
+def _named_claim(meta: Meta, ids: Collection[int]) -> str:
+    """The claim an annotation names, as far as the environment backs it."""
+    claim = meta.annotations.get(Annotation.DOMAIN_CLAIM, "")
+    return claim if any(claim.endswith(f".{number}") for number in ids) else ""
 
 
 def usage_of(

@@ -131,10 +131,15 @@ async def _create(client: Api, request: DomainRequest, pool: Pool, plan: DomainP
     namespace = request.holder.namespace
     if rules.quota_of(pool, namespace) is None:
         return await _try_candidates(client, request, pool, plan)
-    async with _TURNS.setdefault((request.pool, namespace), asyncio.Lock()):
+    async with turn(request.pool, namespace):
         mine = [c for c in await pool_claims(client, request) if c.holder.namespace == namespace]
         refusal = rules.over_quota(request, pool, held=len(mine))
         return refusal or await _try_candidates(client, request, pool, plan)
+
+
+def turn(pool: str, namespace: str) -> asyncio.Lock:
+    """For who counts a namespace's claims of a pool and then creates one."""
+    return _TURNS.setdefault((pool, namespace), asyncio.Lock())
 
 
 async def _try_candidates(client: Api, request: DomainRequest, pool: Pool, plan: DomainPlan) -> DomainOutcome:
@@ -203,7 +208,8 @@ async def _join(client: Api, request: DomainRequest, owner: AppKey, deployments:
     if app is not None:
         theirs = usage_of(deployments=await app_deployments(client, app))
         claims = await instance_claims(client, app.metadata.uid)
-        claim = claim_to_join(app, request.holder.instance, claims, named=theirs.named_by_instance(app.metadata.uid))
+        named_ids_of = theirs.named_by_instance(app.metadata.namespace, app.metadata.uid)
+        claim = claim_to_join(app, request.holder.instance, claims, named=named_ids_of)
     if claim is None or claim.draining:
         text = waiting_text(named, request.holder.instance, {claim.holder.instance for claim in claims})
         if claim is None or claim.spec.domain is None:

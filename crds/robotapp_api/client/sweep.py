@@ -17,7 +17,9 @@ from robotapp_api.claims.device import PodUse, pod_use, release_device, wants_de
 from robotapp_api.claims.objects import Claim, Pod
 from robotapp_api.claims.release import Release, pod_lost, release_domain
 from robotapp_api.claims.repair import ClaimConflict
+from robotapp_api.client.claim_errors import Troubles
 from robotapp_api.client.claim_repair import repair
+from robotapp_api.client.claim_usage import used, used_elsewhere
 from robotapp_api.client.claim_writes import Api, Refused, delete_claim, drain, touch
 from robotapp_api.client.errors import ClientError, describe
 from robotapp_api.client.giving_back import give_back
@@ -131,18 +133,15 @@ class Sweeper:
                 continue
 
     async def sweep_once(self) -> None:
-        """One pass. Raises what a read or write raised; whatever it has done so far stands on its own."""
+        """One pass. Raises what a listing raised; what goes wrong with one claim is counted, and the others go on."""
         view = await read_view(self._client, self._namespaces)
         self._rests.start_pass(view.claims)
+        troubles = Troubles(self.counts)
         for claim in view.claims:
-            decision = await self._decide(view, claim)
-            try:
-                await self._act(view, claim, decision)
-            except Refused:
-                self.counts["refused"] += 1  # somebody else wrote to it: the next pass sees what
-        pods = [*view.pods.values(), *self._granted_pods()]
-        places = await view.places(pods)
-        conflicts = await repair(self._client, pods, view.known.values(), places=places, counts=self.counts)
+            with troubles.of(claim.name):
+                await self._act(view, claim, await self._decide(view, claim))
+        conflicts = await repair(view, [*view.pods.values(), *self._granted_pods()], self.counts, troubles)
+        troubles.tell()
         self.counts["passes"] += 1
         self._on_conflicts(conflicts)
 
@@ -152,17 +151,17 @@ class Sweeper:
         return await (self._decide_device(view, claim) if claim.spec.device else self._decide_domain(view, claim))
 
     async def _decide_domain(self, view: View, claim: Claim) -> Release:
-        used = view.usage.uses(claim)
-        wanted = not used and await view.wants(claim)
-        if not used and not wanted:
-            elsewhere = await view.used_elsewhere(claim)
+        is_used = await used(view, claim)
+        wanted = not is_used and await view.wants(claim)
+        if not is_used and not wanted:
+            elsewhere = await used_elsewhere(view, claim)
             if elsewhere is None:
                 return Release.KEEP  # a sweep of all namespaces (the scheduler's) sees who shares it
-            used = elsewhere
+            is_used = elsewhere
         return release_domain(
             draining=claim.draining,
             wanted=wanted,
-            used=used,
+            used=is_used,
             rested=claim.draining and self._rests.rested(claim, view.rest_s(claim)),
         )
 

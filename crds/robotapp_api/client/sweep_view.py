@@ -1,6 +1,6 @@
 """What one sweep pass knows: claims first, then everything that could use them, then single holders on demand.
 
-Every read here is a quorum read made after the claims were read. An error of any kind ends the pass: nothing may be
+Every read here is a quorum read made after the claims were read. An error is raised, whatever it is: nothing may be
 concluded from an answer that did not come.
 """
 
@@ -91,26 +91,23 @@ class View:
         siblings = [c for c in self.claims if c.spec.domain and same_holder(c.holder, claim.holder)]
         return wants_domain(app, claim, siblings, named=self.usage.named_by_deployments(claim.holder))
 
-    async def used_elsewhere(self, claim: Claim) -> bool | None:
-        """Whether apps of other namespaces, which share it, use a domain. None: we may not look, so nobody can say.
-
-        Asked only before something is given back, and read after the claim like everything else.
-        """
+    async def usage_everywhere(self) -> Usage | None:
+        """What the workloads of all namespaces use, read once per pass; None when we may not list them."""
         if self.everywhere:
-            return False
+            return self.usage
         if self._elsewhere is None and not self._blind:
             try:
                 self._elsewhere = (await _workloads(self.client, None))[0]
             except Forbidden:
                 self._blind = True
-        return self._elsewhere.uses(claim) if self._elsewhere is not None else None
+        return self._elsewhere
 
     async def instance_exists(self, app: App, instance: str) -> bool:
         uid = app.metadata.uid
         if uid not in self._instances:
             nodes = await self._robot_nodes() if app.spec.robots else ()
             claimed = {claim.holder.instance for claim in self.claims if claim.holder.uid == uid}
-            running = {key[1] for key in self.usage.deployments if key[0] == uid}
+            running = self.usage.named_by_instance(app.metadata.namespace, uid).keys()
             found = instances_of(wish_of(app), nodes, running=running, claimed=claimed)
             self._instances[uid] = frozenset(one.robot for one in found)
         return instance in self._instances[uid]

@@ -16,18 +16,10 @@ class Struct(msgspec.Struct, rename="camel", kw_only=True):
     """Base: camelCase on the wire, absent fields take their default."""
 
 
-class OwnerReference(Struct):
-    kind: str = ""
-    name: str = ""
-    uid: str = ""
-    controller: bool = False
-
-
 class Meta(claims.Meta, frozen=True, kw_only=True):
-    """What the claim rules read of metadata, and who owns the object since when."""
+    """What the claim rules read of metadata, and since when the object exists."""
 
     creation_timestamp: str | None = None
-    owner_references: tuple[OwnerReference, ...] = ()
 
     def controller_uid(self) -> str:
         """Uid of the owner that controls this object, "" without one."""

@@ -11,9 +11,11 @@ from robotapp_api.claims.domain import DomainOutcome, DomainRequest
 from robotapp_api.claims.identity import claim_object, domain_spec, id_order
 from robotapp_api.claims.objects import Claim, Pod
 from robotapp_api.claims.repair import ClaimConflict
+from robotapp_api.client.claim_errors import Troubles
 from robotapp_api.client.claim_repair import repair
 from robotapp_api.client.claims import ensure_domain
 from robotapp_api.client.resources import DEPLOYMENTS, DOMAINPOOLS, PODS, ROBOTAPPS, ROBOTCLAIMS
+from robotapp_api.client.sweep_view import read_view
 from robotapp_api.model.names import Reason
 
 Json = dict[str, object]
@@ -41,7 +43,9 @@ class World:
     def deployment(self, number: int | None, request: DomainRequest) -> None:
         holder = request.holder
         name = f"{holder.name}-{holder.instance or 'all'}"
-        self.store.put(DEPLOYMENTS, deployment_json(number, uid=holder.uid, name=name, instance=holder.instance))
+        self.store.put(
+            DEPLOYMENTS, deployment_json(number, uid=holder.uid, name=name, instance=holder.instance, app=holder.name)
+        )
 
     def pod(self, number: int, request: DomainRequest, claim: Claim) -> Pod:
         body = pod_json(
@@ -50,16 +54,16 @@ class World:
             uid=request.holder.uid,
             node="edge-1",
             annotations={"robotics.io/domain-claim": claim.name},
+            app=request.holder.name,
         )
-        body["metadata"]["labels"]["robotics.io/app"] = request.holder.name
         return msgspec.convert(self.store.put(PODS, body | {"status": {"phase": "Running"}}), Pod)
 
     async def ensure(self, request: DomainRequest) -> DomainOutcome:
         return await ensure_domain(self.store.client(), request)
 
     async def repair(self, *pods: Pod) -> list[ClaimConflict]:
-        claims = [msgspec.convert(claim, Claim) for claim in self.store.all(ROBOTCLAIMS)]
-        return await repair(self.store.client(), pods, claims, places={}, counts=Counter())
+        counts = Counter[str]()
+        return await repair(await read_view(self.store.client(), None), pods, counts, Troubles(counts))
 
 
 @pytest.mark.parametrize("order", [(5, 7), (7, 5)])

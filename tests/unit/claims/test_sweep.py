@@ -9,18 +9,17 @@ from tests.support.claims_objects import pool_json
 from tests.support.clients import until
 from tests.support.sweep_world import World, refuse
 
-from robotapp_api.client.errors import Forbidden, NotFound
+from robotapp_api.client.errors import Forbidden, NotFound, ServerError, TooManyRequests, Unreachable
 from robotapp_api.client.resources import (
     DOMAINPOOLS,
+    ROBOTAPPS,
     ROBOTCLAIMS,
 )
 from robotapp_api.client.sweep import Sweeper
 
 
-@pytest.mark.parametrize(
-    "what", ["list robotclaims", "list deployments", "list replicasets", "list pods", "get robotapps"]
-)
-async def test_a_403_anywhere_ends_the_pass_without_a_write(what: str) -> None:
+@pytest.mark.parametrize("what", ["list robotclaims", "list deployments", "list replicasets", "list pods"])
+async def test_a_403_to_a_listing_ends_the_pass_without_a_write(what: str) -> None:
     world = World()
     await world.domain()
     world.delete_app()
@@ -35,9 +34,43 @@ async def test_a_404_of_something_else_than_the_object_is_no_proof_that_it_is_go
     world = World()
     name = await world.domain()
     gate = refuse("get robotapps", NotFound("404 page not found", status=404, reason=""))
-    with pytest.raises(NotFound):
-        await Sweeper(world.store.client(before=gate)).sweep_once()
+    await Sweeper(world.store.client(before=gate)).sweep_once()
     assert world.phase(name) == "Reserved"
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        Forbidden("no", status=403, reason="Forbidden"),
+        ServerError("cannot decode", status=500),
+        ValueError("a bug"),
+    ],
+    ids=["403", "500", "bug"],
+)
+async def test_the_error_of_one_claim_concludes_nothing_about_it_and_does_not_end_the_pass(error: Exception) -> None:
+    world = World()
+    odd = await world.domain()
+    others = [await world.domain(world.new_app(name)) for name in ("a", "b")]
+    for name in ("teleop", "a", "b"):
+        world.store.remove(ROBOTAPPS, name, "team")
+    sweeper = Sweeper(world.store.client(before=refuse("get robotapps teleop", error)))
+    await sweeper.sweep_once()
+    assert world.phase(odd) == "Reserved"
+    assert [world.phase(name) for name in others] == ["Draining", "Draining"]
+    assert (sweeper.counts["failed claims"], sweeper.counts["passes"]) == (1, 1)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [Unreachable("reset", maybe_applied=False), TooManyRequests("slow down", status=429)],
+    ids=["unreachable", "429"],
+)
+async def test_what_stands_in_the_way_of_every_request_ends_the_pass(error: Exception) -> None:
+    world = World()
+    await world.domain()
+    world.delete_app()
+    with pytest.raises(type(error)):
+        await Sweeper(world.store.client(before=refuse("get robotapps", error))).sweep_once()
 
 
 async def test_claims_are_read_before_everything_they_are_judged_by() -> None:

@@ -47,22 +47,39 @@ async def test_the_claim_of_a_live_app_is_kept_before_it_has_deployments_and_whi
     assert world.phase(name) == "Reserved"
 
 
-@pytest.mark.parametrize("kind", ["deployment", "replica set", "pending pod", "terminating pod"])
-async def test_whatever_still_names_the_id_keeps_it_after_the_app(kind: str) -> None:
-    world = World()
-    name = await world.domain()
+def workload(world: World, kind: str, claim: str) -> None:
     uid = world.app.uid
-    template = deployment_json(number(name), uid=uid)
+    template = deployment_json(number(claim), uid=uid)
     if kind == "deployment":
         world.store.put(DEPLOYMENTS, template)
     elif kind == "replica set":
         world.store.put(REPLICASETS, template | {"status": {"replicas": 1}})
     else:
-        pod = pod_json(number(name), name="p", uid=uid)
+        pod = pod_json(number(claim), name="p", uid=uid)
+        pod["metadata"]["ownerReferences"] = []
         if kind == "terminating pod":
             pod["metadata"]["deletionTimestamp"] = "2026-01-01T00:00:00Z"
             pod["spec"]["nodeName"] = "edge-1"
         world.store.put(PODS, pod)
+
+
+@pytest.mark.parametrize("kind", ["deployment", "replica set"])
+async def test_what_may_start_pods_keeps_the_id_while_the_app_exists_and_no_longer(kind: str) -> None:
+    world = World(dds={"pool": "another"})  # so that the app itself does not want the id
+    name = await world.domain()
+    workload(world, kind, name)
+    await world.sweep()
+    assert world.phase(name) == "Reserved"
+    world.delete_app()
+    await world.sweep()
+    assert world.phase(name) == "Draining"
+
+
+@pytest.mark.parametrize("kind", ["pending pod", "terminating pod"])
+async def test_a_live_pod_keeps_its_id_after_the_app_whoever_owns_it(kind: str) -> None:
+    world = World()
+    name = await world.domain()
+    workload(world, kind, name)
     world.delete_app()
     for _ in range(3):
         await world.sweep(after_s=100)
@@ -131,6 +148,7 @@ async def test_a_namespaced_sweep_keeps_a_domain_that_an_app_of_another_namespac
     name = await world.domain()
     pod = pod_json(number(name), name="sharer", uid="app-2", annotations={"robotics.io/domain-claim": name})
     pod["metadata"]["namespace"] = "other"
+    pod["spec"] |= {"nodeName": "edge-1", "schedulerName": "ros-aware-scheduler"}
     world.store.put(PODS, pod)
     world.delete_app()
     world.sweeper = world.another(namespaces=("team",))

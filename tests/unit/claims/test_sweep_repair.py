@@ -48,9 +48,8 @@ async def test_an_app_that_shares_neither_repairs_nor_conflicts() -> None:
     name = await world.domain()
     sharer = world.new_app("sharer", ros2={"shareWith": [{"name": "teleop"}]})
     notes = {"robotics.io/domain-claim": name}
-    pod = pod_json(number(name), name="s", uid=sharer.uid, node="edge-1", phase="Running", annotations=notes)
-    pod["metadata"]["labels"]["robotics.io/app"] = "sharer"
-    world.store.put(PODS, pod)
+    pod = pod_json(number(name), name="s", uid=sharer.uid, node="edge-1", annotations=notes, app="sharer")
+    world.store.put(PODS, pod | {"status": {"phase": "Running"}})
     await world.sweep()
     assert world.conflicts == []
     world.store.remove(ROBOTCLAIMS, name)

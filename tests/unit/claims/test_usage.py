@@ -12,6 +12,7 @@ from tests.support.claims_objects import (
     replica_set,
 )
 
+from robotapp_api.claims.membership import AppRef
 from robotapp_api.claims.objects import Deployment, Pod, ReplicaSet
 from robotapp_api.claims.usage import named_ids, usage_of
 
@@ -42,26 +43,33 @@ seven = domain_claim(7)
     ],
 )
 def test_an_id_is_used_by_what_names_it_and_can_still_run(objects: dict[str, list[object]], used: bool) -> None:
-    assert usage_of(**objects).uses(seven) is used  # type: ignore[arg-type]  # a table of keyword arguments
+    assert usage_of(**objects).uses(seven, app_exists=True) is used  # type: ignore[arg-type]  # a table of keyword arguments
 
 
-def test_an_app_that_shares_keeps_the_owners_claim_in_use() -> None:
+def test_an_app_that_names_the_owners_claim_is_to_be_asked_whether_it_shares() -> None:
     sharer = labels("app-2", app="mapper")
-    assert usage_of(deployments=[deployment(7, of=sharer, claim=seven.name)]).uses(seven)
-    assert not usage_of(deployments=[deployment(7, of=sharer)]).uses(seven)
+    named = usage_of(deployments=[deployment(7, of=sharer, claim=seven.name)])
+    assert named.sharers(seven) == {AppRef("team", "mapper", "app-2")}
+    assert not named.uses(seven, app_exists=True)
+    assert not usage_of(deployments=[deployment(7, of=sharer)]).sharers(seven)
+
+
+def test_a_live_pod_of_the_namespace_that_names_the_claim_keeps_it() -> None:
+    sharer = pod(7, of=labels("app-2"), annotations={"robotics.io/domain-claim": seven.name})
+    assert usage_of(pods=[sharer]).uses(seven, app_exists=False)
 
 
 def test_an_annotation_that_the_environment_does_not_back_keeps_nothing() -> None:
-    assert not usage_of(deployments=[deployment(8, of=labels("app-2"), claim=seven.name)]).uses(seven)
+    assert not usage_of(deployments=[deployment(8, of=labels("app-2"), claim=seven.name)]).sharers(seven)
 
 
 def test_taking_the_annotation_off_a_running_pod_does_not_free_its_id() -> None:
     marked = pod(7, annotations={"robotics.io/domain-claim": "dds.default.c.8"})
-    assert usage_of(pods=[marked]).uses(seven)
+    assert usage_of(pods=[marked]).uses(seven, app_exists=True)
 
 
 def test_a_device_claim_is_never_used_as_a_domain() -> None:
-    assert not usage_of(deployments=[deployment(7)]).uses(device_claim())
+    assert not usage_of(deployments=[deployment(7)]).uses(device_claim(), app_exists=True)
 
 
 def test_deployments_say_which_ids_are_preferred_but_pods_do_not() -> None:
@@ -102,7 +110,9 @@ def _usage(found: list[Deployment | ReplicaSet | Pod]) -> set[tuple[str, str, in
         pods=[one for one in found if isinstance(one, Pod)],
     )
     holders = [app_holder("a"), app_holder("b"), app_holder("a", instance="r")]
-    return {(h.uid, h.instance, n) for h in holders for n in range(5) if usage.uses(domain_claim(n, h))}
+    return {
+        (h.uid, h.instance, n) for h in holders for n in range(5) if usage.uses(domain_claim(n, h), app_exists=True)
+    }
 
 
 @given(st.lists(objects, max_size=8), st.lists(objects, max_size=4))
@@ -118,4 +128,4 @@ def test_use_does_not_depend_on_the_order_of_objects(found: list[Deployment | Re
 
 @pytest.mark.parametrize("written", ["9" * 5000, "0x7", "\u0667", "07", "7\n"])
 def test_an_id_that_is_no_plain_number_names_nothing_and_breaks_nothing(written: str) -> None:
-    assert not usage_of(deployments=[deployment(written)]).uses(seven)
+    assert not usage_of(deployments=[deployment(written)]).uses(seven, app_exists=True)
