@@ -156,9 +156,14 @@ class Queue:
         return delay_s
 
     def forget(self, group: str) -> None:
-        """Drop back-off and rest of a group that no longer exists."""
+        """Drop back-off and rest of a group that does not exist.
+
+        What is still to be worked on keeps them until it is done: pods that only say they belong to an app are looked
+        after too (orphans), and would be so without a pause.
+        """
+        waiting = self._due.keys() | self._ready_keys | self._active
         for table in (self._failures, self._rest_until, self._back_off_until):
-            for key in [key for key in table if key.group == group]:
+            for key in [key for key in table if key.group == group and key not in waiting]:
                 del table[key]
 
     def next_due_s(self) -> float | None:

@@ -4,8 +4,10 @@ Every read here is a quorum read made after the claims were read. An error is ra
 concluded from an answer that did not come.
 """
 
+import re
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import Final
 
 from robotapp_api.claims.identity import same_holder
 from robotapp_api.claims.instances import instances_of, wish_of
@@ -28,6 +30,7 @@ from robotapp_api.client.resources import (
 from robotapp_api.model.names import Label
 
 DEFAULT_QUARANTINE_S = 60
+_OBJECT_NAME: Final = re.compile(r"[a-z0-9]([-a-z0-9.]{0,251}[a-z0-9])?")
 
 
 class Named(Object, frozen=True, kw_only=True):
@@ -162,7 +165,13 @@ async def _children(client: Api, resource: Resource, namespaces: Collection[str]
 
 
 async def find(client: Api, resource: Resource, name: str, namespace: str, as_type: type[T]) -> T | None:
-    """The object, or None when it is gone. Raises every other error, which ends the pass."""
+    """The object, or None when it is gone. Raises every other error, which ends what is being decided.
+
+    The name may come from a label or an annotation, which hold anything: what is no name at all names nothing, and must
+    not become part of a path.
+    """
+    if not _OBJECT_NAME.fullmatch(name):
+        return None
     try:
         return await client.get(resource, name, namespace=namespace, as_type=as_type)
     except NotFound as error:

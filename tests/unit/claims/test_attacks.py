@@ -3,11 +3,11 @@
 from typing import Any
 
 import pytest
-from tests.support.claims_objects import app_json, deployment_json, labels, owners_json, pod_json, pool_json
+from tests.support.claims_objects import app_json, deployment_json, labels, owners_json, pod, pod_json, pool_json
 from tests.support.sweep_world import World, number
 
 from robotapp_api.claims.domain import DomainRequest
-from robotapp_api.client.claims import ensure_domain
+from robotapp_api.client.claims import check_bind_all, ensure_domain, find_claim
 from robotapp_api.client.resources import DEPLOYMENTS, DOMAINPOOLS, PODS, REPLICASETS, ROBOTAPPS, ROBOTCLAIMS
 
 Json = dict[str, Any]
@@ -60,8 +60,8 @@ async def test_an_attackers_own_app_does_not_share_a_domain_unasked(victim: tupl
     world.store.put(DEPLOYMENTS, elsewhere(forged))
     notes = {"robotics.io/domain-claim": name}
     for node in ("", "edge-1"):  # bound by a scheduler that makes no bind check
-        pod = pod_json(number(name), name=f"forged-{node}", uid=uid, app="own", node=node, annotations=notes)
-        world.store.put(PODS, elsewhere(pod))
+        bound = pod_json(number(name), name=f"forged-{node}", uid=uid, app="own", node=node, annotations=notes)
+        world.store.put(PODS, elsewhere(bound))
     assert not await pinned(world, name)
     assert world.conflicts == []
 
@@ -164,7 +164,23 @@ async def test_a_device_claim_is_made_again_for_a_component_of_the_app_alone() -
     world = World()
     for component, made in (("stranger", 0), ("driver", 1)):
         grants = {"granted.robotics.io/devices": "can-can0"}
-        pod = pod_json(name="p", uid=world.app.uid, component=component, node="edge-1", annotations=grants)
-        world.store.put(PODS, pod | {"status": {"phase": "Running"}})
+        driver = pod_json(name="p", uid=world.app.uid, component=component, node="edge-1", annotations=grants)
+        world.store.put(PODS, driver | {"status": {"phase": "Running"}})
         await world.sweep()
         assert len(world.store.all(ROBOTCLAIMS)) == made
+
+
+@pytest.mark.parametrize(
+    "name", ["", "a/status", "a b", "a\r\nb", "..", "a?watch=1", "a%2fb", "UPPER", "\u0661", "a" * 254, "-a", "a-"]
+)
+async def test_what_a_label_or_annotation_says_is_asked_for_only_if_it_can_be_a_name(name: str) -> None:
+    asked: list[str] = []
+
+    async def note(what: str) -> None:
+        asked.append(what)
+
+    client = World().store.client(before=note)
+    assert await find_claim(client, name) is None
+    forged = pod(7, annotations={"robotics.io/domain-claim": name} if name else None)
+    assert [verdict.allowed for verdict in await check_bind_all(client, [forged])] == [False]
+    assert [what for what in asked if what.startswith("get robotclaims")] == []

@@ -240,7 +240,25 @@ async def test_an_app_that_goes_while_it_is_worked_on_leaves_no_memory(world: Wo
         worker.answer = None
     await world.handle(Key(work, "uid-1", "a"))
     assert len(world.memory) == 0
-    assert world.queue.retry(Key(work, "uid-1", "a")) == 1, "its failures are forgotten too"
+    world.due(60)
+    assert world.queue.retry(Key(work, "uid-1", "a")) == 1, "once it is done with, its failures are forgotten too"
+
+
+async def test_gated_pods_that_belong_to_no_app_we_know_back_off(world: World) -> None:
+    """Anybody can make them. Each was looked at once a second, and at every event about its pod."""
+    key = Key(Work.GATES, "forged", "")
+    world.gates.answer = False
+    world.queue.add(key)
+    for _ in range(600):
+        while item := world.queue.pop():
+            await world.controller._handle(*item)
+        world.queue.add(Key(Work.STATUS, "forged"))  # what a pod's event asks for, besides its gate
+        world.queue.add(key)
+        world.clock.now_s += 0.5
+    assert len(world.gates.calls) <= 11  # in five minutes
+    world.gates.answer = True
+    world.due(61)
+    assert world.queue.retry(key) == 1, "nothing is remembered of a pod that is gone"
 
 
 async def test_asking_for_what_is_not_known_remembers_nothing(world: World) -> None:

@@ -279,6 +279,15 @@ async def test_a_404_that_does_not_name_the_pod_is_no_reason_to_forget_its_gate(
         await Gates(world.client, world.cache).open("uid-1", "")
 
 
+async def test_a_gated_pod_in_another_namespace_does_not_make_the_apps_own_gates_wait(world: World) -> None:
+    await gated_pod(world)
+    await claim(world, "Draining")
+    app = app_body(uid="uid-1")
+    app["metadata"]["namespace"] = "somewhere-else"
+    world.cache.update_app(app)
+    assert await Gates(world.client, world.cache).open("uid-1", "")
+
+
 async def test_a_pod_that_is_gone_or_another_needs_no_gate(world: World) -> None:
     await gated_pod(world)
     await world.client.delete(PODS, "p", namespace="default")
