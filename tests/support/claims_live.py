@@ -60,7 +60,7 @@ class Live:
         holder = request.holder
         name = f"{holder.name}-driver"
         fence = outcome.fences.get(name)
-        body = deployment_json(outcome.id, uid=holder.uid, name=name, claim=outcome.claim)
+        body = deployment_json(outcome.id, uid=holder.uid, name=name, claim=outcome.claim, app=holder.name)
         labels = body["metadata"]["labels"]
         template = body["spec"]["template"]
         template["metadata"]["labels"] = labels
@@ -91,7 +91,8 @@ class Live:
         gates: Sequence[Json] = (),
     ) -> Json:
         notes = {"robotics.io/domain-claim": claim} if claim else {}
-        body = pod_json(number, name=name, uid=holder.uid if holder else "", annotations=notes)
+        uid, app = (holder.uid, holder.name) if holder else ("", "")
+        body = pod_json(number, name=name, uid=uid, annotations=notes, app=app)
         body["metadata"]["namespace"] = self.namespace
         body["spec"] |= {"schedulerName": "nobody", "terminationGracePeriodSeconds": 0, "schedulingGates": [*gates]}
         body["spec"]["containers"][0]["image"] = "x"

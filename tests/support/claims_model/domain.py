@@ -5,19 +5,24 @@ version for a conditional write falls back to idle: that write would be refused 
 only people's changes, pods, ids and processes are bounded.
 
 DOUBLE  two live pods of different instances with one id     LOST  a live pod whose claim is missing or another's
+FORGED  a claim made for a pod that only says whose it is
 FLAP    a template moved although its instance holds the id it has     DUP  two claims for an instance without rival
 """
 
 from collections.abc import Iterator
+from itertools import product
 from typing import Any
 
 from tests.support.claims_model.domain_basis import (
     CHECKED,
     DELETED,
+    DEPLOYMENT,
     IDLE,
     LIVE,
     ORPHANED,
     PENDING,
+    POD,
+    REPLICA_SET,
     RESTING,
     RUNNING,
     TERMINATING,
@@ -28,7 +33,7 @@ from tests.support.claims_model.domain_basis import (
     swap,
 )
 from tests.support.claims_model.domain_operators import Operators
-from tests.support.claims_model.domain_rules import AUTO, NONE
+from tests.support.claims_model.domain_rules import ALONE, AUTO, ELSEWHERE, NONE
 from tests.support.claims_model.domain_sweepers import Sweepers
 from tests.support.claims_model.explore import Move
 
@@ -38,6 +43,7 @@ class DomainModel(Operators, Sweepers):
 
     def moves(self, s: State) -> Iterator[Move]:
         yield from self._people(s)
+        yield from self._attacker(s)
         yield from self._pods(s)
         yield from self._manager(s)
         yield from self._sets(s)
@@ -72,6 +78,16 @@ class DomainModel(Operators, Sweepers):
                     yield move(s, f"h{h} wants {want}", False, changes=left, wants=put(s.wants, h, want))
             elif self._state(s, h) == ORPHANED and self._deployment(s, h):
                 yield move(s, f"delete orphan h{h}", False, changes=left, **self._set_deployment(s, h, None))
+
+    def _attacker(self, s: State) -> Iterator[Move]:
+        """Writes look-alikes of what any instance may have. A live pod of the instance's own namespace is no look-alike."""
+        if len(s.forged) >= self.forgeries:
+            return
+        for kind, how in product((DEPLOYMENT, REPLICA_SET, POD), (ELSEWHERE, ALONE)):
+            for h, x in product(range(len(self.names)), range(self.ids)):
+                one = (kind, h, x, how)
+                if (kind, how) != (POD, ALONE) and one not in s.forged:
+                    yield move(s, f"attacker forges {one}", False, forged=swap(s.forged, None, one))
 
     def _touches(self, s: State, op: tuple[Any, ...], app: int) -> bool:
         return self.fenced and self.apps[op[1]] == app and s.deployments[self.names[op[1]]] is not None
@@ -164,8 +180,8 @@ class DomainModel(Operators, Sweepers):
         return all(self._at_rest(s, h) for h in range(len(self.names)) if h not in unserved)
 
     def _orphan_without_claim(self, s: State, h: int) -> bool:
-        """Pods of an orphaned Deployment whose instance nobody wanted: they wait, as they should."""
-        return bool(self.specs) and self._state(s, h) == ORPHANED and not self._own(s, h)
+        """Pods of an orphaned Deployment made while none lived, the id being free by then: they wait, as they should."""
+        return self._state(s, h) == ORPHANED and not self._own(s, h)
 
     def _at_rest(self, s: State, h: int) -> bool:
         """Exactly what the Deployment says: one claim, one pod; without an id only if every id is another's."""

@@ -3,12 +3,13 @@
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from tests.support.claims_model.domain_rules import AUTO, NONE, DomainRules, Instance
+from tests.support.claims_model.domain_rules import AUTO, NONE, DomainRules, Forged, Instance
 from tests.support.claims_model.explore import Move
 
 IDLE = ("idle",)
 RESTING: tuple[Any, ...] = (-1, 0, 0, 0, (), NONE)
 LIVE, DELETED, ORPHANED, TO_COME = "LGON"
+DEPLOYMENT, REPLICA_SET, POD = "DSP"
 PENDING, CHECKED, RUNNING, TERMINATING = "PCRT"
 
 
@@ -29,6 +30,8 @@ class State(NamedTuple):
     operators: tuple[tuple[Any, ...], ...]
     sweepers: tuple[tuple[Any, ...], ...]
     """(id, stage, instance, draining, ids the instance held, id its Deployment named)."""
+    forged: tuple[tuple[str, int, int, str], ...] = ()
+    """What an attacker has written and never takes away: (kind, instance it imitates, id, how)."""
 
 
 FIELD = {name: index for index, name in enumerate(State._fields)}
@@ -77,6 +80,8 @@ class Basis:
     """Structure mutant: the sweep lists pods before it reads the claims."""
     cached_check: bool = False
     """Structure mutant: the bind check may have been read before the pod existed."""
+    forgeries: int = 0
+    """Objects the attacker may write."""
     no_duplicates: bool = False
     only: str = ""
     rules: DomainRules = field(default_factory=DomainRules)
@@ -114,6 +119,9 @@ class Basis:
     def _deployment(self, s: State, h: int) -> tuple[int, int, int] | None:
         found = s.deployments[self.names[h]]
         return found if found and found[0] == h else None
+
+    def _forged(self, s: State, kind: str) -> Forged:
+        return tuple((self.who[h], x, how) for what, h, x, how in s.forged if what == kind)
 
     def _named(self, s: State, h: int) -> int:
         found = self._deployment(s, h)

@@ -3,7 +3,7 @@
 from typing import Any
 
 from tests.support import claims_objects as make
-from tests.support.claims_model.domain_rules import DomainRules, Instance
+from tests.support.claims_model.domain_rules import ELSEWHERE, DomainRules, Instance
 
 from robotapp_api.claims import bind, usage
 from robotapp_api.claims.domain import DomainPlan, Step
@@ -42,14 +42,14 @@ class HistoryCounts(DomainRules):
 class AnyChildKeepsAll(DomainRules):
     """L2: any object of an instance keeps all its claims."""
 
-    def uses_deployments(self, who: Instance, number: int, found: tuple[tuple[Instance, int], ...]) -> bool:
-        return super().uses_deployments(who, number, tuple((owner, number) for owner, _ in found))
+    def uses_deployments(self, who: Instance, number: int, found: Any, *rest: Any) -> bool:
+        return super().uses_deployments(who, number, tuple((owner, number) for owner, _ in found), *rest)
 
-    def uses_sets(self, who: Instance, number: int, found: tuple[tuple[Instance, int, int], ...]) -> bool:
-        return super().uses_sets(who, number, tuple((owner, number, up) for owner, _, up in found))
+    def uses_sets(self, who: Instance, number: int, found: Any, *rest: Any) -> bool:
+        return super().uses_sets(who, number, tuple((owner, number, up) for owner, _, up in found), *rest)
 
-    def uses_pods(self, who: Instance, number: int, found: tuple[tuple[Instance, int], ...]) -> bool:
-        return super().uses_pods(who, number, tuple((owner, number) for owner, _ in found))
+    def uses_pods(self, who: Instance, number: int, found: Any, *rest: Any) -> bool:
+        return super().uses_pods(who, number, tuple((owner, number) for owner, _ in found), *rest)
 
 
 class OwnerChain(DomainRules):
@@ -89,10 +89,10 @@ class RandomOrder(DomainRules):
 class PodsOnly(DomainRules):
     """M3: only pods use an id."""
 
-    def uses_deployments(self, who: Instance, number: int, found: Any) -> bool:  # noqa: ARG002 - never
+    def uses_deployments(self, *_: Any) -> bool:  # never
         return False
 
-    def uses_sets(self, who: Instance, number: int, found: Any) -> bool:  # noqa: ARG002 - never
+    def uses_sets(self, *_: Any) -> bool:
         return False
 
 
@@ -139,3 +139,37 @@ class BindOnDraining(DomainRules):
         if claim is not None and claim.spec.domain is not None:
             claim = make.domain_claim(claim.spec.domain.id, claim.holder)
         return bind.bind_verdict(pod, claim).allowed
+
+
+class NoRepairs(DomainRules):
+    """Nothing is made for who runs, so that a search looks for pins alone."""
+
+    def repairs(self, *_: Any) -> bool:
+        return False
+
+
+class LabelsProve(NoRepairs):
+    """A1: whose labels an object wears, to whom it belongs, wherever it is and whoever owns it."""
+
+    def exists(self, app_state: str) -> bool:  # noqa: ARG002 - nobody asks
+        return True
+
+    def forge(self, obj: Any, how: str) -> Any:  # noqa: ARG002 - nobody looks
+        return obj
+
+
+class OwnersUnchecked(NoRepairs):
+    """A2: owner references are believed without asking whether the app exists."""
+
+    def exists(self, app_state: str) -> bool:  # noqa: ARG002 - nobody asks
+        return True
+
+    def forge(self, obj: Any, how: str) -> Any:
+        return obj if how == ELSEWHERE else super().forge(obj, how)
+
+
+class RepairsByLabel(DomainRules):
+    """A3: a claim is made for whatever pod says that it stands on it."""
+
+    def repairs(self, *_: Any) -> bool:
+        return True

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
+from msgspec import structs
 from tests.support import claims_objects as make
 
 from robotapp_api.claims import bind, domain, release, usage
@@ -23,6 +24,9 @@ NONE = -1
 """No id: an app that wants no domain, a Deployment that names none."""
 Instance = tuple[int, int]
 """(number of the RobotApp, number of the instance)."""
+ELSEWHERE, ALONE = "elsewhere", "alone"
+Forged = tuple[tuple[Instance, int, str], ...]
+"""(instance it imitates, id, how)."""
 
 
 @cache
@@ -36,7 +40,17 @@ class DomainRules:
     """Product rules. `memo` wraps each method once per object, so that mutants do not share answers."""
 
     def __init__(self) -> None:
-        for name in ("plans", "keeps", "uses_deployments", "uses_sets", "uses_pods", "wants", "may_bind", "met"):
+        for name in (
+            "plans",
+            "keeps",
+            "uses_deployments",
+            "uses_sets",
+            "uses_pods",
+            "wants",
+            "may_bind",
+            "met",
+            "repairs",
+        ):
             setattr(self, name, cache(getattr(self, name)))
 
     def holder(self, who: Instance) -> Holder:
@@ -96,21 +110,53 @@ class DomainRules:
 
     # Rules 2 and 3
 
-    def uses_deployments(self, who: Instance, number: int, found: tuple[tuple[Instance, int], ...]) -> bool:
+    def uses_deployments(
+        self, who: Instance, number: int, found: tuple[tuple[Instance, int], ...], app_state: str, forged: Forged
+    ) -> bool:
         objects = [self.deployment(owner, named, on=1) for owner, named in found]
-        return usage.usage_of(deployments=objects).uses(self.claim(who, number, 0))
+        objects += [self.forge(self.deployment(owner, named, on=0), how) for owner, named, how in forged]
+        return usage.usage_of(deployments=objects).uses(self.claim(who, number, 0), app_exists=self.exists(app_state))
 
-    def uses_sets(self, who: Instance, number: int, found: tuple[tuple[Instance, int, int], ...]) -> bool:
+    def uses_sets(
+        self, who: Instance, number: int, found: tuple[tuple[Instance, int, int], ...], app_state: str, forged: Forged
+    ) -> bool:
         """found: (owner, id, wanted pods)."""
         objects = [make.replica_set(n, wanted=up, present=up, of=self.labels(owner)) for owner, n, up in found]
-        return self.usage_of_sets(objects).uses(self.claim(who, number, 0))
+        objects += [self.forge(make.replica_set(n, of=self.labels(owner)), how) for owner, n, how in forged]
+        return bool(self.usage_of_sets(objects).uses(self.claim(who, number, 0), app_exists=self.exists(app_state)))
 
     def usage_of_sets(self, objects: list[ReplicaSet]) -> Any:
         return usage.usage_of(replica_sets=objects)
 
-    def uses_pods(self, who: Instance, number: int, found: tuple[tuple[Instance, int], ...]) -> bool:
+    def uses_pods(
+        self, who: Instance, number: int, found: tuple[tuple[Instance, int], ...], forged: Forged = ()
+    ) -> bool:
         objects = [make.pod(n, of=self.labels(owner), phase="Running") for owner, n in found]
-        return usage.usage_of(pods=objects).uses(self.claim(who, number, 0))
+        objects += [self.forged_pod(owner, n, how) for owner, n, how in forged]
+        return usage.usage_of(pods=objects).uses(self.claim(who, number, 0), app_exists=False)
+
+    def exists(self, app_state: str) -> bool:
+        return app_state == "L"
+
+    # The attacker: labels and owners as anybody may write them
+
+    def forge(self, obj: Any, how: str) -> Any:
+        """The true object's look-alike: `elsewhere` in another namespace, `alone` without owners."""
+        changed = {"owner_references": ()} if how == ALONE else {"namespace": "attacker"}
+        return structs.replace(obj, metadata=structs.replace(obj.metadata, **changed))
+
+    def forged_pod(self, who: Instance, number: int, how: str) -> Pod:
+        """Bound by a scheduler that checks nothing, with the annotation of whom it imitates."""
+        notes = {"robotics.io/domain-claim": f"dds.default.c.{number}"}
+        pod = make.pod(number, of=self.labels(who), node="edge-1", phase="Running", annotations=notes)
+        found: Pod = self.forge(pod, how)
+        return found
+
+    def repairs(self, who: Instance, number: int, how: str, app_state: str) -> bool:
+        """Whether a sweep makes a claim because of a forged pod that runs."""
+        pod = self.forged_pod(who, number, how)
+        app = usage.usage_of(pods=[pod]).owners.app_of(pod.metadata)
+        return app is not None and app.namespace == self.holder(who).namespace and self.exists(app_state)
 
     def wants(self, who: Instance, number: int, held: tuple[int, ...], named: int, want: int | None) -> bool:
         """want: what the app's spec says; None when the app is gone."""

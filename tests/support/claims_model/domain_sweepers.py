@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import Any
 
-from tests.support.claims_model.domain_basis import LIVE, RESTING, Basis, State, move, put
+from tests.support.claims_model.domain_basis import DEPLOYMENT, LIVE, POD, REPLICA_SET, RESTING, Basis, State, move, put
 from tests.support.claims_model.domain_rules import AUTO, NONE
 from tests.support.claims_model.explore import Move
 
@@ -19,6 +19,7 @@ class Sweepers(Basis):
             for x, claim in enumerate(s.claims):
                 if claim:
                     yield from self._begin(s, k, x, claim)
+            yield from self._repair(s)
             return
         yield move(s, "S dies", False, sweepers=self._sweeps(s, k))
         x, stage, h, draining, *_ = sweeper
@@ -28,6 +29,13 @@ class Sweepers(Basis):
             yield from self._release(s, k, x, h, draining)
         else:
             yield from self._look(s, k, sweeper)
+
+    def _repair(self, s: State) -> Iterator[Move]:
+        """A true pod never runs without its claim (LOST), so every repair there could be is the attacker's doing."""
+        for what, h, x, how in s.forged:
+            if what == POD and s.claims[x] is None and self.rules.repairs(self.who[h], x, how, self._state(s, h)):
+                changed = {"claims": put(s.claims, x, (h, 0)), "operators": self._ops(s, claim=x)}
+                yield move(s, f"!FORGED: S makes id{x} for h{h}, whose pod is {how}", True, **changed)
 
     def _begin(self, s: State, k: int, x: int, claim: tuple[int, int]) -> Iterator[Move]:
         """Claims read; what the instance held, and soon named, is remembered for the question who wants.
@@ -72,13 +80,17 @@ class Sweepers(Basis):
 
     def _used(self, s: State, stage: int, h: int, x: int) -> bool:
         """Stage 1 Deployments, 2 ReplicaSets, 3 pods."""
-        who = self.who[h]
+        who, state = self.who[h], self._state(s, h)
         if stage == 1:
-            return self.rules.uses_deployments(who, x, tuple((self.who[d[0]], d[1]) for d in s.deployments if d))
+            found = tuple((self.who[d[0]], d[1]) for d in s.deployments if d)
+            return self.rules.uses_deployments(who, x, found, state, self._forged(s, DEPLOYMENT))
         if stage == 2:
             sets = ((divmod(i, self.ids), v) for i, v in enumerate(s.sets) if v)
-            return self.rules.uses_sets(who, x, tuple((self.who[i[0]], i[1], int(v == 1)) for i, v in sets))
-        return self.rules.uses_pods(who, x, tuple(sorted({(self.who[p[0]], p[1]) for p in s.pods})))
+            up = tuple((self.who[i[0]], i[1], int(v == 1)) for i, v in sets)
+            return self.rules.uses_sets(who, x, up, state, self._forged(s, REPLICA_SET))
+        return self.rules.uses_pods(
+            who, x, tuple(sorted({(self.who[p[0]], p[1]) for p in s.pods})), self._forged(s, POD)
+        )
 
     def _judge(self, s: State, k: int, following: tuple[Any, ...], *, wanted: bool, used: bool) -> Iterator[Move]:
         x, stage, h, draining, *_ = following

@@ -91,6 +91,30 @@ domain("R8", "forced template writes: still safe", "OK", mutants.Forced, quick=F
 domain("R9", "forced template writes move a running app", "FLAP", mutants.Forced, quick=False, specs=(), pods=2)
 domain("R10", "scaled-down ReplicaSets are kept as history", **SOLO, history=True)
 
+FORGED: dict[str, Any] = {"forgeries": 1}
+"""An attacker writes one look-alike of anything, at any time, and leaves it."""
+domain("R11", "attacker, 2 apps, 1 id, 1 change", quick=False, **ONE, **FORGED, pods=2)
+domain("R11s", "attacker, 2 apps, 1 id, 1 change, prompt controllers", **ONE, **FORGED, pods=2, lag=False, operators=1)
+domain("R12", "2 look-alikes, 2 apps, 1 id", quick=False, **ONE, forgeries=2, pods=2, lag=False, operators=1)
+domain("R13", "attacker, 1 app, 2 ids, 2 changes", quick=False, **SOLO, **FORGED, changes=2)
+domain("R13s", "attacker, 1 app, 2 ids, 1 change", quick=False, **SOLO, **FORGED, operators=1)
+domain(
+    "R14",
+    "attacker, app re-created under its name, 1 id",
+    quick=False,
+    **{**AGAIN, "ids": 1},
+    **FORGED,
+    changes=2,
+    pods=2,
+    operators=1,
+)
+for number, about, expect, weak in (
+    ("A1", "labels prove whose object it is", "STUCK", mutants.LabelsProve),
+    ("A2", "owner references are believed", "STUCK", mutants.OwnersUnchecked),
+    ("A3", "repairs for whoever says so", "FORGED", mutants.RepairsByLabel),
+):
+    domain(number, about, expect, weak, **ONE, **FORGED, pods=2, lag=False, operators=1)
+
 domain("U1", "no bind check", "DOUBLE", mutants.NoBindCheck, live=False, **ONE, lag=False, pods=2, only="DOUBLE")
 domain(
     "U2",
@@ -124,7 +148,16 @@ domain(
 
 domain("M1", "create without LIST", "FLAP|STUCK", mutants.NoList, specs=(), pods=2, lag=False, operators=1)
 domain("M2", "random order of ids", "DUP", mutants.RandomOrder, **SOLO, changes=0, no_duplicates=True)
-domain("M3", "pods alone count as use", "STUCK|LOST", mutants.PodsOnly, quick=False, specs=(), pods=2)
+# Deployments keep an id for their app, which wants it anyway; for orphans live pods alone do (A1).
+domain(
+    "M3",
+    "pods alone count as use: no harm behind the bind check",
+    "OK",
+    mutants.PodsOnly,
+    quick=False,
+    specs=(),
+    pods=2,
+)
 domain(
     "M3s",
     "pods alone count as use, no bind check",
