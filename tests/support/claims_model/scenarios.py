@@ -96,7 +96,7 @@ FORGED: dict[str, Any] = {"forgeries": 1}
 domain("R11", "attacker, 2 apps, 1 id, 1 change", quick=False, **ONE, **FORGED, pods=2)
 domain("R11s", "attacker, 2 apps, 1 id, 1 change, prompt controllers", **ONE, **FORGED, pods=2, lag=False, operators=1)
 domain("R12", "2 look-alikes, 2 apps, 1 id", quick=False, **ONE, forgeries=2, pods=2, lag=False, operators=1)
-domain("R13", "attacker, 1 app, 2 ids, 2 changes", quick=False, **SOLO, **FORGED, changes=2)
+domain("R13", "attacker, 1 app, 2 ids, 2 changes", quick=False, **SOLO, **FORGED, changes=2, lag=False, operators=1)
 domain("R13s", "attacker, 1 app, 2 ids, 1 change", quick=False, **SOLO, **FORGED, operators=1)
 domain(
     "R14",
