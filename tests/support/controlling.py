@@ -7,13 +7,14 @@ import msgspec
 from prometheus_client.parser import text_string_to_metric_families
 from tests.support.factories import make_deployment, make_pod
 
+from robotapp_api.claims.objects import OwnerReference
 from robotapp_api.model.names import Label
 from robotapp_operator.cache import Cache
 from robotapp_operator.controller import Controller
 from robotapp_operator.keys import BACKGROUND
 from robotapp_operator.memory import Memory
 from robotapp_operator.metrics import Metrics
-from robotapp_operator.plan.objects import OwnerReference, ReplicaSet
+from robotapp_operator.plan.objects import ReplicaSet
 from robotapp_operator.queue import Key, Queue
 
 

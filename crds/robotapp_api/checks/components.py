@@ -44,7 +44,10 @@ def component_notes(component: Component, at: str) -> Iterator[Problem]:
         if device.on_loss != "Keep":
             yield invalid(f"{where}.onLoss", f"{device.on_loss} has no effect yet; the pod is kept")
     if component.on_disconnect == "Stop":
-        yield invalid(f"{at}.onDisconnect", "Stop is not built yet: the pod is evicted after connectivity.grace, and its successor waits until it has ended")
+        yield invalid(
+            f"{at}.onDisconnect",
+            "Stop is not built yet: the pod is evicted after connectivity.grace, and its successor waits until it has ended",
+        )
 
 
 def _resource_problems(component: Component, at: str) -> Iterator[Problem]:

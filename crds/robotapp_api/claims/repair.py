@@ -167,7 +167,7 @@ def refusal(missing: Missing, app: App, pool: Pool | None) -> str:
         return f"there is no DomainPool {domain.pool}"
     if pool.spec.scope != domain.scope:
         return f"DomainPool {domain.pool} has scope {pool.spec.scope}"
-    asked = app.spec.dds is not None and app.spec.dds.pool == domain.pool and app.spec.dds.domain == domain.id
+    asked = app.spec.ros2 is not None and app.spec.ros2.pool == domain.pool and app.spec.ros2.domain == domain.id
     if domain.id in pool.spec.reserved or not (asked or domain.id in pool_ids(pool)):
         return f"DomainPool {domain.pool} does not hand out domain {domain.id}"
     return ""

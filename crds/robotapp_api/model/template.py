@@ -104,7 +104,9 @@ class TemplateSpec(Model):
     ephemeral_containers: Annotated[
         JsonList,
         WithJsonSchema(_OBJECTS),
-        _refused("ephemeralContainers", "leave it out: kubectl debug adds them to a running pod", empty="size(self) == 0"),
+        _refused(
+            "ephemeralContainers", "leave it out: kubectl debug adds them to a running pod", empty="size(self) == 0"
+        ),
     ] = ()
     """Refused: kubectl debug adds them to a running pod."""
 

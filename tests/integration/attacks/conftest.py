@@ -33,7 +33,11 @@ class Attacker:
     async def app(self, pool: str) -> Holder:
         body = {
             "metadata": {"name": "own", "namespace": self.namespace},
-            "spec": {"components": [{"name": "driver", "image": "x"}], "dds": {"pool": pool}},
+            "spec": {
+                "ros": {"distro": "humble"},
+                "components": [{"name": "driver", "image": "x"}],
+                "ros2": {"pool": pool},
+            },
         }
         uid = (await self.client.create(ROBOTAPPS, body))["metadata"]["uid"]
         return holder_of_app(namespace=self.namespace, name="own", uid=uid)

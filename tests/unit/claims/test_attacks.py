@@ -53,7 +53,7 @@ async def test_an_empty_deployment_with_forged_labels_pins_nobodys_domain(
 
 async def test_an_attackers_own_app_does_not_share_a_domain_unasked(victim: tuple[World, str]) -> None:
     world, name = victim
-    own = app_json("own", dds={"shareWith": [{"name": "teleop", "namespace": "team"}]})
+    own = app_json("own", ros2={"shareWith": [{"name": "teleop", "namespace": "team"}]})
     own["metadata"]["namespace"] = "attacker"
     uid = world.store.put(ROBOTAPPS, own)["metadata"]["uid"]
     forged = deployment_json(number(name), uid=uid, name="forged", replicas=0, claim=name, app="own")
@@ -67,8 +67,8 @@ async def test_an_attackers_own_app_does_not_share_a_domain_unasked(victim: tupl
 
 
 async def test_a_sharer_in_another_namespace_keeps_the_owners_domain_as_long_as_both_name_each_other() -> None:
-    world = World(dds={"pool": "another", "shareWith": [{"name": "mapper", "namespace": "zoo"}]})
-    sharer = app_json("mapper", dds={"shareWith": [{"name": "teleop", "namespace": "team"}]})
+    world = World(ros2={"pool": "another", "shareWith": [{"name": "mapper", "namespace": "zoo"}]})
+    sharer = app_json("mapper", ros2={"shareWith": [{"name": "teleop", "namespace": "team"}]})
     sharer["metadata"]["namespace"] = "zoo"  # of a ring the first in name order owns the domain
     uid = world.store.put(ROBOTAPPS, sharer)["metadata"]["uid"]
     name = await world.domain()
@@ -77,7 +77,7 @@ async def test_a_sharer_in_another_namespace_keeps_the_owners_domain_as_long_as_
     world.store.put(DEPLOYMENTS, deployment)
     await world.sweep()
     assert world.phase(name) == "Reserved"
-    world.store.put(ROBOTAPPS, app_json("teleop", dds={"pool": "another"}))
+    world.store.put(ROBOTAPPS, app_json("teleop", ros2={"pool": "another"}))
     await world.sweep()
     assert world.phase(name) == "Draining"
 
@@ -148,7 +148,7 @@ async def test_an_app_on_somebody_elses_domain_past_our_scheduler_is_told_itself
     ids=["reserved", "reserved in range", "out of range", "shared", "over quota", "no pool", "another scope"],
 )
 async def test_a_running_pod_makes_no_claim_that_its_app_could_not_have(lock: str, pool: Json) -> None:
-    world = World(dds={"domain": 1})
+    world = World(ros2={"domain": 1})
     held = (await ensure_domain(world.store.client(), DomainRequest(world.app, requested_id=1))).claim
     world.store.put(DOMAINPOOLS, pool_json("1-3", quarantine_s=60, **pool))
     notes = {"robotics.io/domain-claim": lock}

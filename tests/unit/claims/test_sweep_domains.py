@@ -65,7 +65,7 @@ def workload(world: World, kind: str, claim: str) -> None:
 
 @pytest.mark.parametrize("kind", ["deployment", "replica set"])
 async def test_what_may_start_pods_keeps_the_id_while_the_app_exists_and_no_longer(kind: str) -> None:
-    world = World(dds={"pool": "another"})  # so that the app itself does not want the id
+    world = World(ros2={"pool": "another"})  # so that the app itself does not want the id
     name = await world.domain()
     workload(world, kind, name)
     await world.sweep()
