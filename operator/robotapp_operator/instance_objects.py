@@ -116,7 +116,10 @@ class InstanceObjects:
             return again_s
         now_s = self._clock()
         urgent = is_urgent(item.status, status)
-        due_s = memory.writing.due_s(now_s, urgent=urgent, ready=facts.instances[0].ready)
+        due_s = memory.writing.due_s(
+            now_s, moved=memory.waiting != status, urgent=urgent, ready=facts.instances[0].ready
+        )
+        memory.waiting = status
         if due_s > now_s:
             return due_s - now_s
         meta = item.metadata

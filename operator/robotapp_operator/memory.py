@@ -21,7 +21,7 @@ class InstanceMemory:
 
     `facts_until_s`: when other latency figures may be published. `shown`: the figures that are, None until they are read from
     the object. `version`: resourceVersion of the object as we left or found it. `stored`: the facts that it is known to show.
-    `created`: there has been one.
+    `created`: there has been one. `waiting`: the latest status that was not the stored one.
     """
 
     facts: InstanceFacts | None = None
@@ -33,6 +33,7 @@ class InstanceMemory:
     version: str = ""
     stored: tuple[object, ...] = ()
     created: bool = False
+    waiting: dict[str, Any] = dataclasses.field(default_factory=dict)
 
     def found(self, version: str) -> None:
         """The object has this resourceVersion now. After a write by another operator, the figures in the object count as published:

@@ -14,8 +14,10 @@ EDGES_PER_S: Final = 64
 SETTLED_S: Final = 0.5
 """An urgent change is written when it has lasted this long: a starting pod passes through states that end at once."""
 URGENT_REST_S: Final = 1.0
-PROGRESS_REST_S: Final = (3.0, 10.0)
+PROGRESS_REST_S: Final = (15.0, 60.0)
 """Pauses between writes that only show how far a start has come: the first, and every further one."""
+STILL_S: Final = 10.0
+"""A difference that has not changed for so long is written although the pause is not over."""
 _ARRIVED = frozenset({Phase.RUNNING, Phase.DEGRADED, Phase.OFFLINE, Phase.SUSPENDED, Phase.FAILED})
 _ON_THE_WAY = frozenset({Reason.PENDING, Reason.COMPONENTS_NOT_READY, Reason.UNSCHEDULABLE})
 """A pod that has just been made is often refused once, until the others of its group are there."""
@@ -48,25 +50,30 @@ def _period_s(edges: int) -> float:
 
 @dataclasses.dataclass(slots=True)
 class Writing:
-    """What is known of the writes of one RobotAppInstance.
+    """What is known of the writes of one RobotAppInstance. Times are monotonic seconds.
 
-    `differs_s`: since when its status differs from the stored one. `steps`: writes in a row that only showed progress.
+    `differs_s`: since when its status differs from the stored one. `moved_s`: when that difference last changed. `steps`:
+    writes in a row that only showed progress.
     """
 
     written_s: float = float("-inf")
     differs_s: float | None = None
+    moved_s: float = float("-inf")
     steps: int = 0
 
-    def due_s(self, now_s: float, *, urgent: bool, ready: bool) -> float:
-        """The second at which the difference is to be written."""
+    def due_s(self, now_s: float, *, moved: bool, urgent: bool, ready: bool) -> float:
+        """The second at which the status, which differs from the stored one, is to be written. moved: it has changed."""
         if self.differs_s is None:
             self.differs_s = now_s
+        if moved:
+            self.moved_s = now_s
         if urgent:
             return max(self.differs_s + (0.0 if ready else SETTLED_S), self.written_s + URGENT_REST_S)
-        return self.written_s + PROGRESS_REST_S[min(self.steps, len(PROGRESS_REST_S) - 1)]
+        rest_s = PROGRESS_REST_S[min(self.steps, len(PROGRESS_REST_S) - 1)]
+        return min(self.written_s + rest_s, self.moved_s + STILL_S)
 
     def wrote(self, now_s: float, *, urgent: bool) -> None:
-        quiet = now_s - self.written_s > 2 * PROGRESS_REST_S[-1]
+        quiet = now_s - self.written_s > PROGRESS_REST_S[-1]
         self.steps = 0 if urgent or quiet else self.steps + 1
         self.written_s, self.differs_s = now_s, None
 

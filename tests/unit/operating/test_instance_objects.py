@@ -23,11 +23,11 @@ from robotapp_operator.instance_objects import SOON_S, InstanceObjects
 from robotapp_operator.memory import Memory
 from robotapp_operator.observer import Observer
 from robotapp_operator.plan.instance_object import AppInstance, object_name, wanted_object
-from robotapp_operator.plan.pace import PROGRESS_REST_S, SETTLED_S, URGENT_REST_S
+from robotapp_operator.plan.pace import SETTLED_S, STILL_S, URGENT_REST_S
 
 EACH = {"nodeSelector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}
 REFUSED = DomainOutcome(Reason.DOMAIN_EXHAUSTED, "full")
-QUIET_S = 60.0
+QUIET_S = 120.0
 
 
 class World:
@@ -105,8 +105,8 @@ async def test_an_instance_gets_its_object_and_then_what_is_observed(world: Worl
     (item,) = await world.stored()
     assert item["spec"] == {"app": "teleop", "appUID": uid, "instance": "", "robot": ""}
     assert item["metadata"]["name"] == object_name("teleop", "")
-    assert await world.objects.publish(uid, "") == PROGRESS_REST_S[0], "it merely starts"
-    world.now_s += PROGRESS_REST_S[0]
+    assert await world.objects.publish(uid, "") == STILL_S, "it merely starts"
+    world.now_s += STILL_S
     await world.objects.publish(uid, "")
     (item,) = await world.stored()
     assert item["status"]["summary"]["ready"] == "0/2"

@@ -4,7 +4,16 @@ from typing import Any
 
 import pytest
 
-from robotapp_operator.plan.pace import BURST, PROGRESS_REST_S, SETTLED_S, URGENT_REST_S, Bucket, Writing, is_urgent
+from robotapp_operator.plan.pace import (
+    BURST,
+    PROGRESS_REST_S,
+    SETTLED_S,
+    STILL_S,
+    URGENT_REST_S,
+    Bucket,
+    Writing,
+    is_urgent,
+)
 
 
 def writes(seconds: int, *, edges: int = 0) -> list[float]:
@@ -72,32 +81,56 @@ def test_what_somebody_waits_for_is_urgent(before: dict[str, Any], after: dict[s
     assert is_urgent(before, after) is urgent
 
 
+def progress(writing: Writing, now_s: float, *, moved: bool = True) -> float:
+    return writing.due_s(now_s, moved=moved, urgent=False, ready=False)
+
+
 def test_progress_waits_longer_from_step_to_step() -> None:
     writing = Writing()
     writing.wrote(0, urgent=True)
     first, further = PROGRESS_REST_S
-    assert writing.due_s(1, urgent=False, ready=False) == first
+    assert progress(writing, first - 1) == first
     writing.wrote(first, urgent=False)
-    assert writing.due_s(first + 1, urgent=False, ready=False) == first + further
+    assert progress(writing, first + further - 1) == first + further
     writing.wrote(first + further, urgent=False)
-    assert writing.due_s(first + further + 1, urgent=False, ready=False) == first + 2 * further
+    assert progress(writing, first + 2 * further - 1) == first + 2 * further
+
+
+def test_progress_that_has_come_to_a_halt_is_written_soon() -> None:
+    writing = Writing()
+    writing.wrote(0, urgent=False)
+    assert progress(writing, 2) == 2 + STILL_S
+    assert progress(writing, 3, moved=False) == 2 + STILL_S
+    assert progress(writing, 4) == 4 + STILL_S
+
+
+def test_a_start_that_moves_all_the_time_is_written_three_times_within_a_minute() -> None:
+    writing, writes = Writing(), [0.0]
+    writing.wrote(0, urgent=True)
+    for tick in range(1, 600):
+        now_s = tick / 10
+        if progress(writing, now_s) <= now_s:
+            writing.wrote(now_s, urgent=False)
+            writes.append(now_s)
+    assert len(writes) + 1 <= 3, "the created object, this, and that it is ready"
 
 
 def test_readiness_is_written_at_once_and_a_failure_when_it_has_stood_for_a_moment() -> None:
     writing = Writing()
     writing.wrote(0, urgent=True)
-    assert writing.due_s(10, urgent=True, ready=True) == 10
+    assert writing.due_s(10, moved=True, urgent=True, ready=True) == 10
     writing.same()
-    assert writing.due_s(20, urgent=True, ready=False) == 20 + SETTLED_S
-    assert writing.due_s(20.4, urgent=True, ready=False) == 20 + SETTLED_S, "counted from when it began"
+    assert writing.due_s(20, moved=True, urgent=True, ready=False) == 20 + SETTLED_S
+    assert writing.due_s(20.4, moved=True, urgent=True, ready=False) == 20 + SETTLED_S, "counted from when it began"
     writing.wrote(20.5, urgent=True)
-    assert writing.due_s(20.6, urgent=True, ready=True) == 20.5 + URGENT_REST_S
+    assert writing.due_s(20.6, moved=True, urgent=True, ready=True) == 20.5 + URGENT_REST_S
 
 
 def test_after_a_quiet_time_progress_is_prompt_again() -> None:
     writing = Writing()
-    for now_s in (0, 5, 15):
+    for now_s in (0, 15, 75):
         writing.wrote(now_s, urgent=False)
-    assert writing.due_s(16, urgent=False, ready=False) == 15 + PROGRESS_REST_S[1]
-    writing.wrote(100, urgent=False)
-    assert writing.due_s(101, urgent=False, ready=False) == 100 + PROGRESS_REST_S[0]
+    assert writing.steps > 1
+    assert progress(writing, 500) <= 500
+    writing.wrote(500, urgent=False)
+    assert progress(writing, 514) == 500 + PROGRESS_REST_S[0]

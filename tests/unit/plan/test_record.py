@@ -36,6 +36,15 @@ def test_a_status_write_reuses_the_parsed_spec() -> None:
     assert second.wish_mark == first.wish_mark
 
 
+def test_an_app_that_names_no_scheduler_gets_the_operators() -> None:
+    silent = parse_record(app_body(), default_scheduler="volcano").app
+    named = parse_record(app_body(schedulerName="default-scheduler"), default_scheduler="volcano").app
+    assert silent is not None
+    assert named is not None
+    assert (silent.scheduler_name, silent.our_scheduler) == ("volcano", False)
+    assert named.scheduler_name == "default-scheduler"
+
+
 def test_another_generation_is_parsed_anew() -> None:
     first = parse_record(app_body())
     second = parse_record(app_body(generation=2, suspend=True), known=first)
