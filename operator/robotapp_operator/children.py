@@ -52,7 +52,7 @@ class Children:
         """Bring one instance's children in place. True when all is written; raises StartOver when others keep writing."""
         record = self._cache.apps.get(uid)
         if record is not None and record.app is not None:
-            await self._params.read(record.app)
+            await self._read_params(record.app)
         if self._settled(uid, robot):
             return True
         for turn in range(TURNS):
@@ -68,6 +68,13 @@ class Children:
         """The app is gone: whatever is kept for its next run is not needed any more."""
         self._memory.forget(uid)
         self._params.forget(uid)
+
+    async def _read_params(self, app: App) -> None:
+        """Only of an app that is accepted: what nobody will run must cost nothing."""
+        if problems_now(app, self._cache):
+            self._params.forget(app.uid)
+        else:
+            await self._params.read(app)
 
     def _settled(self, uid: str, robot: str) -> bool:
         """Do the caches already show what we would write?"""
@@ -92,7 +99,7 @@ class Children:
         app = await self._fresh_app(uid)
         if app is None:
             return True
-        await self._params.read(app)
+        await self._read_params(app)
         instance = find_instance(wanted_instances(app, self._cache), robot)
         if instance is not None and problems_now(app, self._cache):
             return True

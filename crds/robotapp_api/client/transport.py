@@ -83,7 +83,7 @@ class HttpTransport:
         self._max_connections = max_connections
         self._connections: Connections | None = None
         self._streams: Streams | None = None
-        self._headers: dict[tuple[str, str | None], bytes] = {}
+        self._headers: dict[tuple[str, str, str | None], bytes] = {}
         self._tasks: set[asyncio.Task[None]] = set()
 
     def __repr__(self) -> str:
@@ -178,7 +178,7 @@ class HttpTransport:
         connections = self._open()
         if " " in path or not path.isprintable():
             raise ValueError(f"{path!r} is not an escaped path")
-        key = (content_type, self._endpoint.credentials.authorization)
+        key = (self._accept(path), content_type, self._endpoint.credentials.authorization)
         headers = self._headers.get(key) or self._request_headers(key, connections.host_header)
         if body is None:
             return f"{method} {connections.prefix}{path} HTTP/1.1\r\n".encode() + headers
@@ -212,15 +212,15 @@ class HttpTransport:
                 await credentials.refresh(seen_generation=generation)
             yield stream
 
-    def _watch_headers(self) -> dict[str, str]:
-        headers = {"Accept": "application/json", "User-Agent": self._user_agent}
-        authorization = self._endpoint.credentials.authorization
-        return headers if authorization is None else headers | {"Authorization": authorization}
+    def _accept(self, _path: str) -> str:
+        return "application/json"
 
-    def _request_headers(self, key: tuple[str, str | None], host: str) -> bytes:
-        """The constant end of a request's head, built once per content type and token."""
-        content_type = {"Content-Type": key[0]} if key[0] else {}
-        headers = {"Host": host, **self._watch_headers()} | content_type
+    def _request_headers(self, key: tuple[str, str, str | None], host: str) -> bytes:
+        """The constant end of a request's head, built once per kind of answer, content type and token."""
+        accept, content_type, authorization = key
+        headers = {"Host": host, "Accept": accept, "User-Agent": self._user_agent}
+        headers |= {"Authorization": authorization} if authorization is not None else {}
+        headers |= {"Content-Type": content_type} if content_type else {}
         lines = [f"{name}: {value}\r\n" for name, value in headers.items()]
         if any("\r" in line[:-2] or "\n" in line[:-2] for line in lines):
             raise ValueError("a header of the request contains a line break")

@@ -44,7 +44,7 @@
 - apiGroups: [""]
   resources: [services]
   verbs: [get, list, watch, create, patch, delete]
-# Parameter files, each watched by its name; who needs which is only known when an app says so.
+# Parameter files: metadata watched per namespace in use, contents read by name; who needs which only an app can say.
 - apiGroups: [""]
   resources: [configmaps]
   verbs: [get, list, watch]

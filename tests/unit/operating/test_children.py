@@ -1,6 +1,7 @@
 """One instance's children against an API server: the protocol's order, fences and turns."""
 
 import asyncio
+import hashlib
 from collections.abc import AsyncIterator
 from typing import Any
 
@@ -280,13 +281,33 @@ async def test_no_template_is_written_before_the_parameters_file_was_read(world:
         marks = deployment["spec"]["template"]["metadata"]["annotations"]
         (app,) = [record.app for record in world.cache.apps.values()]
         assert app is not None
+        kept = hashlib.sha256(b"1").hexdigest()[:32]  # in place of the file
         read = parameter_states(
-            app, "", {"default/drv": msgspec.convert(configmap("drv", **{"params.yaml": "1"}), ConfigMap)}
+            app, "", {"default/drv": msgspec.convert(configmap("drv", **{"params.yaml": kept}), ConfigMap)}
         )
         assert marks[Annotation.PARAMETERS_HASH] == read["driver"].hash
         await world.client.delete(ROBOTAPPS, "teleop", namespace="default")
         await world.children.reconcile(uid, "")
-        assert repr(world.params) == "<ParamsWatch: 0 ConfigMaps of 0 apps>"
+        assert repr(world.params) == "<ParamsWatch: 0 namespaces of 0 apps>"
+    finally:
+        watching.cancel()
+
+
+async def test_an_app_that_is_not_accepted_makes_nobody_read_a_config_map(world: World) -> None:
+    await world.pool()
+    wrong = {
+        "name": "driver",
+        "image": "x",
+        "args": ["run"],
+        "parameters": [{"configMapKeyRef": {"name": "absent", "key": "params.yaml"}}],
+        "colocateWith": ["nobody"],
+    }
+    uid = await world.app(components=[wrong])
+    watching = asyncio.create_task(world.params.run())
+    try:
+        assert await world.children.reconcile(uid, "")
+        assert not [path for _, path in world.api.requests if "/configmaps" in path]
+        assert repr(world.params) == "<ParamsWatch: 0 namespaces of 0 apps>"
     finally:
         watching.cancel()
 

@@ -1,6 +1,7 @@
 """Which ConfigMaps are followed, for whom, and until when."""
 
 import asyncio
+import hashlib
 from collections.abc import AsyncIterator
 from typing import Any
 
@@ -62,12 +63,39 @@ async def test_what_an_app_names_is_read_and_nothing_else(world: World) -> None:
     await world.write("secretive", "2")
     await world.watch.read(app("uid-1", "drv", "missing"))
     assert set(world.cache.config_maps) == {"default/drv"}
-    asked = [path for method, path in world.api.requests if method == "GET" and "/configmaps" in path]
-    assert {path.partition("fieldSelector=")[2].partition("&")[0] for path in asked} == {
-        "metadata.name%3Ddrv",
-        "metadata.name%3Dmissing",
-    }
-    assert all("/namespaces/default/" in path for path in asked)
+    assert gets(world) == ["/api/v1/namespaces/default/configmaps/drv"]
+
+
+def gets(world: World) -> list[str]:
+    """Of single ConfigMaps: only there are contents read."""
+    return [path for method, path in world.api.requests if method == "GET" and "/configmaps/" in path]
+
+
+async def test_absent_names_cost_one_watch_per_namespace(world: World) -> None:
+    """64 names that do not exist were 64 watches: with 200 such apps one tenant ended the operator of all."""
+    for number in range(20):
+        await world.watch.read(app(f"uid-{number}", *(f"absent-{number}-{name}" for name in range(64))))
+    await until(lambda: world.api.watching == 1)
+    assert len([path for method, path in world.api.requests if "/configmaps" in path]) == 2  # a list and a watch
+    assert repr(world.watch) == "<ParamsWatch: 1 namespaces of 20 apps>"
+
+
+async def test_of_a_large_file_a_hash_is_kept(world: World) -> None:
+    await world.write("drv", "x" * 1_000_000)
+    await world.watch.read(app("uid-1", "drv"))
+    kept = world.cache.config_maps["default/drv"]
+    assert len(kept.data["params.yaml"]) < 100
+    await world.client.patch(CONFIGMAPS, "drv", {"data": {"params.yaml": "y"}}, namespace="default")
+    await until(lambda: world.cache.config_maps["default/drv"].data != kept.data)
+
+
+async def test_a_file_changed_while_it_is_read_is_read_again(world: World) -> None:
+    await world.write("drv", "0")
+    await world.watch.read(app("uid-1", "drv"))
+    for text in range(1, 30):
+        await world.client.patch(CONFIGMAPS, "drv", {"data": {"params.yaml": str(text)}}, namespace="default")
+    wanted = hashlib.sha256(b"29").hexdigest()[:32]
+    await until(lambda: world.cache.config_maps["default/drv"].data["params.yaml"] == wanted)
 
 
 async def test_an_app_without_parameters_waits_for_nothing() -> None:
@@ -82,7 +110,7 @@ async def test_a_change_wakes_the_apps_that_name_it_and_a_deletion_too(world: Wo
     await world.watch.read(app("uid-3", "other"))
     assert world.asked() == set()
     both = {Key(Work.APP, "uid-1"), Key(Work.APP, "uid-2")}
-    await until(lambda: world.api.watching == 2)
+    await until(lambda: world.api.watching == 1)
     await world.write("drv", "1")
     await until(lambda: world.cache.config_maps)
     assert world.asked() == both
@@ -100,7 +128,7 @@ async def test_a_watch_ends_with_the_last_app_that_names_the_file(world: World) 
     await world.watch.read(app("uid-2"))
     await until(lambda: world.api.watching == 0)
     assert world.cache.config_maps == {}
-    assert repr(world.watch) == "<ParamsWatch: 0 ConfigMaps of 0 apps>"
+    assert repr(world.watch) == "<ParamsWatch: 0 namespaces of 0 apps>"
     world.watch.forget("nobody")
     await world.watch.read(app("uid-2", "drv"))
     assert set(world.cache.config_maps) == {"default/drv"}
