@@ -50,6 +50,8 @@ from robotapp_operator.wake import wake_status
 
 log = logging.getLogger(__name__)
 
+REVIEWS: Final = 4
+"""Connections for questions about callers of our port: strangers never stand in line before our own work."""
 DRAIN_S: Final = 10.0
 
 
@@ -219,21 +221,23 @@ async def _port(operator: Operator, stop: Stop) -> AsyncIterator[None]:
     if not settings.health_port:
         yield
         return
-    health = Health(
-        silence_s=operator.silence_s,
-        overdue_s=lambda: operator.queue.overdue_s,
-        synced=operator.ready,
-        metrics=operator.metrics.render,
-        gate=Gatekeeper(operator.client),
-    )
-    tls = await loaded(TlsPort(settings.tls_cert_file, settings.tls_private_key_file))
-    await health.start(settings.health_port, tls.context)
-    following = _supervised(tls.run(operator.client), stop)
-    try:
-        yield
-    finally:
-        await health.stop()
-        await _ended(following)
+    agent = f"{OPERATOR_MANAGER}-port/{__version__}"
+    async with ApiClient(operator.client.endpoint, user_agent=agent, max_connections=REVIEWS) as asking:
+        health = Health(
+            silence_s=operator.silence_s,
+            overdue_s=lambda: operator.queue.overdue_s,
+            synced=operator.ready,
+            metrics=operator.metrics.render,
+            gate=Gatekeeper(asking),
+        )
+        tls = await loaded(TlsPort(settings.tls_cert_file, settings.tls_private_key_file))
+        await health.start(settings.health_port, tls.context)
+        following = _supervised(tls.run(operator.client), stop)
+        try:
+            yield
+        finally:
+            await health.stop()
+            await _ended(following)
 
 
 async def _elected(operator: Operator, client: ApiClient, namespace: str, stop: Stop) -> None:

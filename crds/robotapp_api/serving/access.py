@@ -4,21 +4,34 @@ A caller is known by a bearer token (TokenReview) or by a client certificate tha
 API server's own authority; then the common name is the user and the organisations are the groups, as everywhere in
 Kubernetes. An explanation shows pods and node names, so it takes the right to get pods in that namespace; node names are
 shown only to those who may get nodes (SubjectAccessReview). Answers are remembered for a few seconds.
+
+Whoever reaches the port can make us ask, so how often is limited: strangers per address and all together, callers the
+API server has confirmed each for themselves, whatever strangers do. Give it a client with few connections of its own.
 """
 
+import hashlib
 import time
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Generic, TypeVar
 
 from robotapp_api.client.api import ApiClient
 from robotapp_api.client.resources import Resource
+from robotapp_api.serving.limits import Buckets, TooManyError
 
 TOKEN_REVIEWS = Resource("authentication.k8s.io", "v1", "tokenreviews", "TokenReview", namespaced=False)
 ACCESS_REVIEWS = Resource("authorization.k8s.io", "v1", "subjectaccessreviews", "SubjectAccessReview", namespaced=False)
 REMEMBER_S = 10.0
 CACHE_LIMIT = 1000
+TRUSTED_S = 600.0
+"""How long a caller that was confirmed is no stranger."""
+STRANGERS_PER_S, STRANGERS_AT_ONCE = 20.0, 40
+ADDRESS_PER_S, ADDRESS_AT_ONCE = 5.0, 20
+CALLER_PER_S, CALLER_AT_ONCE = 10.0, 40
 AUTHENTICATED = "system:authenticated"
+_K = TypeVar("_K")
+_V = TypeVar("_V")
 
 
 class Access(StrEnum):
@@ -46,6 +59,15 @@ class Caller:
 
     token: str = ""
     user: User | None = None
+    address: str = field(default="", compare=False)
+    """Where it asks from."""
+
+    @property
+    def key(self) -> str:
+        """The same for the same identity; tokens are not kept."""
+        if self.user is not None:
+            return f"user {self.user.name} {' '.join(self.user.groups)}"
+        return hashlib.sha256(self.token.encode()).hexdigest()
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,16 +76,39 @@ class _Answer:
     until_s: float
 
 
+class _Kept(dict[_K, _V], Generic[_K, _V]):
+    """What was kept longest makes room: no flood of one kind of keys empties it at once."""
+
+    def keep(self, key: _K, value: _V) -> None:
+        self.pop(key, None)
+        if len(self) >= CACHE_LIMIT:
+            del self[next(iter(self))]
+        self[key] = value
+
+
 class Gatekeeper:
-    """Decides per (caller, question). Raises `ClientError` when the API server cannot be asked."""
+    """Decides per (caller, question). Raises `ClientError` when the API server cannot be asked, `TooManyError` when the
+    caller asks too often.
+    """
 
     def __init__(self, client: ApiClient, *, clock: Callable[[], float] = time.monotonic) -> None:
         self._client = client
         self._clock = clock
-        self._answers: dict[tuple[Caller, tuple[str, ...]], _Answer] = {}
+        self._answers: _Kept[tuple[str, tuple[str, ...]], _Answer] = _Kept()
+        self._unknown: _Kept[str, float] = _Kept()
+        """Tokens that are none, and until when we need not ask again."""
+        self._trusted: _Kept[str, tuple[str, float]] = _Kept()
+        """Callers that were confirmed: as which user, and until when they are no strangers."""
+        self._all = Buckets(per_s=STRANGERS_PER_S, burst=STRANGERS_AT_ONCE, clock=clock)
+        self._addresses = Buckets(per_s=ADDRESS_PER_S, burst=ADDRESS_AT_ONCE, clock=clock)
+        self._callers = Buckets(per_s=CALLER_PER_S, burst=CALLER_AT_ONCE, clock=clock)
 
     def __repr__(self) -> str:
         return f"<Gatekeeper {len(self._answers)} answers remembered>"
+
+    def who(self, caller: Caller) -> str:
+        """The user that was confirmed last for this caller, whichever of its tokens it brings."""
+        return self._trusted.get(caller.key, ("", 0.0))[0]
 
     async def access(self, caller: Caller, namespace: str) -> Access:
         """What this caller may see of the pods of a namespace."""
@@ -90,19 +135,34 @@ class Gatekeeper:
     async def _remembered(
         self, caller: Caller, question: tuple[str, ...], ask: Callable[[User], Awaitable[Access]]
     ) -> Access:
-        known = self._answers.get((caller, question))
-        if known and known.until_s > self._clock():
+        now_s, key = self._clock(), caller.key
+        known = self._answers.get((key, question))
+        if known and known.until_s > now_s:
             return known.access
+        if self._unknown.get(key, now_s) > now_s or not (caller.token or caller.user):
+            return Access.UNKNOWN_CALLER
+        self._take_turn(caller, now_s)
         user = caller.user or await self._user_of(caller.token)
-        access = Access.UNKNOWN_CALLER if user is None else await ask(user)
-        if len(self._answers) >= CACHE_LIMIT:
-            self._answers.clear()
-        self._answers[caller, question] = _Answer(access, self._clock() + REMEMBER_S)
+        if user is None:
+            self._trusted.pop(key, None)
+            self._unknown.keep(key, now_s + REMEMBER_S)
+            return Access.UNKNOWN_CALLER
+        self._trusted.keep(key, (user.name, now_s + TRUSTED_S))
+        access = await ask(user)
+        self._answers.keep((key, question), _Answer(access, self._clock() + REMEMBER_S))
         return access
 
+    def _take_turn(self, caller: Caller, now_s: float) -> None:
+        """Raises TooManyError. A certificate was checked by the TLS layer: nobody is a stranger with one."""
+        name, until_s = self._trusted.get(caller.key, ("", 0.0))
+        if caller.user is not None or until_s > now_s:
+            wait_s = self._callers.wait_s(caller.user.name if caller.user else name)
+        else:
+            wait_s = self._addresses.wait_s(caller.address) or self._all.wait_s("")
+        if wait_s:
+            raise TooManyError("too many questions about who may see what; ask again later", wait_s)
+
     async def _user_of(self, token: str) -> User | None:
-        if not token:
-            return None
         review = await self._client.create(TOKEN_REVIEWS, {"spec": {"token": token}})
         status = review.get("status") or {}
         if not status.get("authenticated"):

@@ -1,5 +1,6 @@
 """Pages that are not for everybody: who asks is settled first, then what they may see; every refusal says what would help."""
 
+import math
 from collections.abc import Awaitable
 from typing import Any, Final, Protocol
 
@@ -8,6 +9,7 @@ from aiohttp import web
 
 from robotapp_api.client.errors import ClientError
 from robotapp_api.serving.access import Access, Caller, certified
+from robotapp_api.serving.limits import TooManyError
 
 WHO_ARE_YOU: Final = "send a bearer token of the cluster (Authorization: Bearer $(kubectl create token ...)) or a client certificate of it"
 A_ROLE_THAT_MAY: Final = (
@@ -53,6 +55,8 @@ async def asked(answer: Awaitable[Access]) -> Access | web.Response:
         return await answer
     except ClientError as error:
         return problem(503, f"the API server cannot say who you are: {error}")
+    except TooManyError as error:
+        return too_many(error)
 
 
 def caller(request: web.Request) -> Caller:
@@ -60,13 +64,20 @@ def caller(request: web.Request) -> Caller:
     certificate = request.transport.get_extra_info("peercert") if request.transport else None
     user = certified(certificate.get("subject")) if certificate else None
     if user is not None:
-        return Caller(user=user)
+        return Caller(user=user, address=request.remote or "")
     scheme, _, token = request.headers.get("Authorization", "").partition(" ")
-    return Caller(token=token.strip() if scheme.lower() == "bearer" else "")
+    return Caller(token=token.strip() if scheme.lower() == "bearer" else "", address=request.remote or "")
 
 
 def as_json(value: Any, status: int = 200) -> web.Response:
     return web.Response(status=status, body=msgspec.json.encode(value), content_type="application/json")
+
+
+def too_many(error: TooManyError) -> web.Response:
+    """With the header that well-behaved clients wait by."""
+    answer = problem(429, str(error))
+    answer.headers["Retry-After"] = str(math.ceil(error.retry_s))
+    return answer
 
 
 def problem(status: int, text: str) -> web.Response:

@@ -1,12 +1,18 @@
 """A port of ours: open, or a sentence for the person who started us."""
 
+import asyncio
+import errno
+import socket
 import ssl
+from typing import Final
 
 from aiohttp import web
 
 from robotapp_api.serving.pages import list_pages
 
 _STOPPING_S = 5.0
+_BACKLOG: Final = 128
+_PAUSES_S: Final = (0.1, 0.2, 0.4, 0.8)
 
 
 class PortError(Exception):
@@ -15,12 +21,44 @@ class PortError(Exception):
 
 async def opened(app: web.Application, *, host: str | None, port: int, tls: ssl.SSLContext | None) -> web.AppRunner:
     """What serves the application, to be cleaned up at the end; port 0 takes a free one. Raises `PortError`."""
-    list_pages(app)
-    runner = web.AppRunner(app, access_log=None, handle_signals=False, shutdown_timeout=_STOPPING_S)
-    await runner.setup()
+    runner = await _runner(app)
     try:
         await web.TCPSite(runner, host, port, ssl_context=tls).start()
     except OSError as error:
         await runner.cleanup()
-        raise PortError(f"{error.strerror or error}: --health-port names another port") from error
+        raise _taken(f"{error.strerror or error}") from error
     return runner
+
+
+async def serving(app: web.Application, listener: socket.socket, *, tls: ssl.SSLContext | None) -> web.AppRunner:
+    """The same on what `listening` gave, perhaps in another process."""
+    runner = await _runner(app)
+    await web.SockSite(runner, listener, ssl_context=tls).start()
+    return runner
+
+
+async def listening(host: str, port: int) -> socket.socket:
+    """An open port that nobody serves yet: who connects waits. Raises `PortError`.
+
+    A process that served the port for one that was killed may need a moment to notice.
+    """
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    for pause_s in (*_PAUSES_S, None):
+        try:
+            return socket.create_server((host, port), family=family, backlog=_BACKLOG)
+        except OSError as error:
+            if pause_s is None or error.errno != errno.EADDRINUSE:
+                raise _taken(f"{host} port {port}: {error.strerror or error}") from error
+        await asyncio.sleep(pause_s)
+    raise AssertionError("the last attempt returns or raises")
+
+
+async def _runner(app: web.Application) -> web.AppRunner:
+    list_pages(app)
+    runner = web.AppRunner(app, access_log=None, handle_signals=False, shutdown_timeout=_STOPPING_S)
+    await runner.setup()
+    return runner
+
+
+def _taken(why: str) -> PortError:
+    return PortError(f"{why}: --health-port names another port")

@@ -40,16 +40,29 @@ class Explainer:
 
     def __call__(self, namespace: str, name: str, *, with_nodes: bool, full: bool) -> Mapping[str, Any] | None:
         """The explanation as JSON, None for a pod that is not ours or not known."""
+        recorded = None if full else self.recorded(namespace, name, with_nodes=with_nodes)
+        if recorded is not None:
+            return recorded
+        record, pod = self._core.explain.find(namespace, name), self._pod(namespace, name)
+        if pod is None:
+            return None
+        found = self._again(pod, recorded=None if record is None else self._told(record), full=full and with_nodes)
+        if full and not with_nodes:
+            found["note"] = NO_NODES
+        return self._shown(found, with_nodes=with_nodes)
+
+    def recorded(self, namespace: str, name: str, *, with_nodes: bool) -> Mapping[str, Any] | None:
+        """The decision as it was made, None when nobody remembers it. Takes no time."""
         record = self._core.explain.find(namespace, name)
-        if record is not None and not full:
-            found = self._told(record) | {"recomputed": False}
-        else:
-            pod = self._pod(namespace, name)
-            if pod is None:
-                return None
-            found = self._again(pod, recorded=None if record is None else self._told(record), full=full and with_nodes)
-            if full and not with_nodes:
-                found["note"] = NO_NODES
+        return (
+            None if record is None else self._shown(self._told(record) | {"recomputed": False}, with_nodes=with_nodes)
+        )
+
+    def knows(self, namespace: str, name: str) -> bool:
+        """Whether there is a pod of ours to decide about again."""
+        return self._pod(namespace, name) is not None
+
+    def _shown(self, found: dict[str, Any], *, with_nodes: bool) -> dict[str, Any]:
         found["config"] = self._digest()
         return found if with_nodes else without_nodes(found)
 

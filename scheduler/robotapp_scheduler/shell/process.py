@@ -7,6 +7,7 @@ import os
 import signal
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from robotapp_api.client.api import ApiClient, Json
@@ -15,8 +16,6 @@ from robotapp_api.client.lease import LeaderElection, candidate_identity
 from robotapp_api.client.login import load as login
 from robotapp_api.client.sweep import PENDING_S, Sweeper
 from robotapp_api.model.names import SCHEDULER_MANAGER, EventReason
-from robotapp_api.serving.access import Gatekeeper
-from robotapp_api.serving.tls import TlsPort, loaded
 from robotapp_scheduler import config as configuration
 from robotapp_scheduler.config import ConfigError, SchedulerConfig
 from robotapp_scheduler.core.changes import Change, Event
@@ -26,8 +25,10 @@ from robotapp_scheduler.core.groups import groups_of
 from robotapp_scheduler.core.profiles import Catalogue, Profile
 from robotapp_scheduler.options import Options
 from robotapp_scheduler.plugins.registry import catalogue
-from robotapp_scheduler.shell import collector, health, huge_pages, vigil
-from robotapp_scheduler.shell.answers import Answers, Everything
+from robotapp_scheduler.port.desk import Desk
+from robotapp_scheduler.port.door import Door
+from robotapp_scheduler.port.pages import pages
+from robotapp_scheduler.shell import collector, huge_pages, vigil
 from robotapp_scheduler.shell.binder import Binder
 from robotapp_scheduler.shell.claim_users import ClaimUsers
 from robotapp_scheduler.shell.config_source import LastGood, NoSource, Source, sources
@@ -37,6 +38,7 @@ from robotapp_scheduler.shell.evict import Evictor
 from robotapp_scheduler.shell.explaining import Explainer
 from robotapp_scheduler.shell.feed import Feed
 from robotapp_scheduler.shell.group_report import GroupReporter
+from robotapp_scheduler.shell.health import Checks
 from robotapp_scheduler.shell.intake import Intake
 from robotapp_scheduler.shell.kubelet_refusals import KubeletRefusals
 from robotapp_scheduler.shell.logs import without_broken_off
@@ -48,7 +50,6 @@ from robotapp_scheduler.shell.published import publish
 from robotapp_scheduler.shell.reload import Reloader, Running, first
 from robotapp_scheduler.shell.report import Reporter
 from robotapp_scheduler.shell.reserve import Reserver, granted_pods
-from robotapp_scheduler.shell.simulating import Simulator
 from robotapp_scheduler.shell.timing import Stopwatch, time_plugins
 from robotapp_scheduler.shell.volume_writes import INTERESTING, VolumeWriter
 from robotapp_scheduler.shell.watchdog import Watchdog
@@ -97,16 +98,18 @@ class Scheduler:
             pending_s=PENDING_S,
             on_conflicts=self.events.conflicts,
         )
-        self._explainer = Explainer(
-            self.core, waiting=self.intake.waiting.values, digest=lambda: self.running.config.digest, clock=CLOCK
-        )
+        self.desk = self._made_desk()
         self._reloader = Reloader(
             running, self._source, catalogue=catalogue(), swap=self._swap, tell=self._tell, last_good=last_good
         )
         self._election = self._candidate()
-        self._simulator = Simulator(running)
         publish(
-            self.metrics, self.core, client=client, running=running, simulator=self._simulator, domains=self.domains
+            self.metrics,
+            self.core,
+            client=client,
+            running=running,
+            simulations=lambda: self.desk.simulations,
+            domains=self.domains,
         )
 
     def __repr__(self) -> str:
@@ -186,20 +189,16 @@ class Scheduler:
 
     async def run(self) -> int:
         """Run until stopped. The exit status: 0 after a clean stop, 1 when leadership was lost."""
-        options = self._options
-        tls = await loaded(TlsPort(options.tls_certificate, options.tls_key))
-        runner, port = await health.serve(
-            self._pages(), host=options.health_host, port=options.health_port, tls=tls.context
-        )
-        self.port = port
-        log.info("serving health, metrics and explanations on port %d", port)
+        door = await Door.opened(self._options, self.desk)
+        self.port = door.port
+        log.info("serving health, metrics and explanations on port %d", door.port)
         collector.filling()
         try:
             async with asyncio.TaskGroup() as group:
                 background = [
                     group.create_task(self.feed.run(), name="feed"),
                     group.create_task(self.events.run(), name="events"),
-                    group.create_task(tls.run(self._client), name="tls"),
+                    group.create_task(door.run(), name="port"),
                     group.create_task(self.reporter.run(), name="conditions"),
                     group.create_task(self.group_reporter.run(), name="conditions of groups"),
                     group.create_task(self._reloader.run(), name="configuration"),
@@ -215,7 +214,7 @@ class Scheduler:
         finally:
             collector.released()
             await self.planner.close()
-            await runner.cleanup()
+            door.close()
         return 1 if self._lost else 0
 
     async def _first(self, work: asyncio.Task[None], stop: asyncio.Event) -> None:
@@ -335,19 +334,20 @@ class Scheduler:
 
     # --- What is published -----------------------------------------------------------------------------------------
 
-    def _pages(self) -> health.Pages:
-        gate = Everything() if self._options.insecure_explain else Gatekeeper(self._client)
-        return health.Pages(
-            answers=Answers(
-                gate=gate,
-                registry=self.metrics.registry,
-                explain=self._explainer,
-                config=self.running.as_json,
-                simulator=self._simulator,
-            ),
-            ready_checks={"informer-sync": self.feed.synced.is_set, "shutdown": lambda: not self._stop.is_set()},
-            live_checks={"leader-election": self._leads, "scheduling-loop": self._turns},
+    def _made_desk(self) -> Desk:
+        checks = Checks(
+            ready={"informer-sync": self.feed.synced.is_set, "shutdown": lambda: not self._stop.is_set()},
+            live={"leader-election": self._leads, "scheduling-loop": self._turns},
         )
+        explainer = Explainer(
+            self.core, waiting=self.intake.waiting.values, digest=lambda: self.running.config.digest, clock=CLOCK
+        )
+        return Desk(pages(checks, self.metrics.registry, self.running), explainer, in_copy=self._in_copy)
+
+    def _in_copy(self) -> None:
+        """What a copy of the process asks a plugin, and dies of, is no word about us."""
+        for name in self.core.scheduler_names:
+            vigil.unwatched(self.core.engine(name).profile)
 
     def _may_act(self) -> bool:
         """Whether our lease holds. Asked before every write of a leader: a process that was stopped wakes up in the
@@ -375,7 +375,9 @@ async def run(options: Options) -> int:
         running = await first(source, known, last_good)
         for warning in running.config.warnings:
             log.warning("%s", warning)
-        scheduler = Scheduler(client, running, options, source=source, last_good=last_good)
+        scheduler = Scheduler(
+            client, running, replace(options, kubeconfig=kubeconfig), source=source, last_good=last_good
+        )
         loop = asyncio.get_running_loop()
         loop.set_exception_handler(without_broken_off)
         for number in (signal.SIGTERM, signal.SIGINT):

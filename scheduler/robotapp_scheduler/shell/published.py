@@ -1,13 +1,12 @@
 """Metrics that are read when somebody scrapes: they cost nothing between scrapes."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from robotapp_api.client.api import ApiClient
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.shell.domain_claims import DomainClaims
 from robotapp_scheduler.shell.metrics import Metrics
 from robotapp_scheduler.shell.reload import Running
-from robotapp_scheduler.shell.simulating import Simulator
 
 
 def publish(
@@ -16,7 +15,7 @@ def publish(
     *,
     client: ApiClient,
     running: Running,
-    simulator: Simulator,
+    simulations: Callable[[], Mapping[str, int]],
     domains: DomainClaims,
 ) -> None:
     """Register what the core, the client, the claims and the configuration count themselves."""
@@ -56,10 +55,12 @@ def publish(
         labels=("result",),
         read=lambda: {(result,): float(count) for result, count in core.plans.items()},
     )
-    _publish_outside(metrics, client, running, simulator)
+    _publish_outside(metrics, client, running, simulations)
 
 
-def _publish_outside(metrics: Metrics, client: ApiClient, running: Running, simulator: Simulator) -> None:
+def _publish_outside(
+    metrics: Metrics, client: ApiClient, running: Running, simulations: Callable[[], Mapping[str, int]]
+) -> None:
     metrics.count(
         "api_requests",
         "Requests to the API server, by method and status; 0 is no answer",
@@ -76,7 +77,7 @@ def _publish_outside(metrics: Metrics, client: ApiClient, running: Running, simu
         "simulations",
         "Requests to /simulate, by HTTP status",
         labels=("status",),
-        read=lambda: {(status,): float(count) for status, count in simulator.finished.items()},
+        read=lambda: {(status,): float(count) for status, count in simulations().items()},
     )
     metrics.watch(
         "config_in_use",

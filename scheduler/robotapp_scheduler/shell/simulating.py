@@ -1,21 +1,19 @@
 """POST /simulate: the dump goes straight into a worker process, its answer comes back; one at a time.
 
-The body is never held here, and nothing of it is decoded in the process that places pods.
+The body is never held here, and nothing of it is decoded in the process that places pods: the port's does all this.
 """
 
 import asyncio
 import logging
 import sys
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Final
 
 import msgspec
 
-from robotapp_scheduler.shell.reload import Running
 from robotapp_scheduler.shell.workers import started, stdin_of
-from robotapp_scheduler.simulation.kinds import resources
 
 log = logging.getLogger(__name__)
 
@@ -34,58 +32,42 @@ class Simulated:
 
 
 class Simulator:
-    """`wanted` tells which kinds a dump should hold, `simulate` runs one."""
+    """`simulate` runs a dump. `order` gives what the worker is told besides: the configuration in use (`pages.order`)."""
 
     def __init__(
         self,
-        running: Running,
+        order: Callable[[], Awaitable[Mapping[str, Any]]],
         *,
         worker: tuple[str, ...] = WORKER,
         patience_s: float = PATIENCE_S,
         most: int = MOST_BODY,
     ) -> None:
-        self._running = running
+        self._order = order
         self._worker = worker
         self._patience_s = patience_s
         self._most = most
         self._busy = asyncio.Lock()
-        self.finished: dict[str, int] = {}
-        """Simulations by HTTP status, for a metric."""
 
     def __repr__(self) -> str:
         return f"<Simulator {'at work' if self._busy.locked() else 'idle'}>"
 
-    @staticmethod
-    def wanted() -> list[Mapping[str, Any]]:
-        """The resources a dump is made of, for clients that collect one."""
-        return [
-            {
-                "group": each.group,
-                "version": each.version,
-                "plural": each.plural,
-                "kind": each.kind,
-                "namespaced": each.namespaced,
-            }
-            for each in resources()
-        ]
-
     async def simulate(self, chunks: AsyncIterator[bytes], *, replay: int = 0) -> Simulated:
         """Feed a worker with these bytes. Refuses at once while another one works."""
         if self._busy.locked():
-            return self._counted(429, "another simulation runs; one at a time, try again in some seconds")
+            return self._refused(429, "another simulation runs; one at a time, try again in some seconds")
         async with self._busy:
             try:
                 async with asyncio.timeout(self._patience_s):
                     return await self._work(chunks, replay)
             except TimeoutError:
-                return self._counted(504, f"not finished within {self._patience_s:g} s, upload included")
+                return self._refused(504, f"not finished within {self._patience_s:g} s, upload included")
 
     async def _work(self, chunks: AsyncIterator[bytes], replay: int) -> Simulated:
         process = await started(self._worker, stderr=asyncio.subprocess.PIPE)
         try:
             sent = await self._send(process, chunks, replay)
             if not sent:
-                return self._counted(
+                return self._refused(
                     413, f"more than {self._most >> 20} MiB; use robotapp-scheduler simulate on a file"
                 )
             return await self._answer(process)
@@ -97,8 +79,7 @@ class Simulator:
 
     async def _send(self, process: asyncio.subprocess.Process, chunks: AsyncIterator[bytes], replay: int) -> bool:
         """False when the body is too long."""
-        running = self._running
-        given = {"config": running.text, "third_party": running.config.third_party, "replay": replay}
+        given = {**await self._order(), "replay": replay}
         left = self._most
         with suppress(BrokenPipeError, ConnectionResetError):  # a worker that ended early has said why
             stdin_of(process).write(msgspec.json.encode(given) + b"\n")
@@ -116,13 +97,12 @@ class Simulator:
         await process.wait()
         if process.returncode != 0 or not out:
             log.error("a simulation failed (%s): %s", process.returncode, errors.decode("utf-8", "replace")[-2000:])
-            return self._counted(500, "the simulation failed; the scheduler's log says why")
+            return self._refused(500, "the simulation failed; the scheduler's log says why")
         status = 400 if out.startswith(b'{"error"') else 200
-        self.finished[str(status)] = self.finished.get(str(status), 0) + 1
         return Simulated(status, out)
 
-    def _counted(self, status: int, text: str) -> Simulated:
-        self.finished[str(status)] = self.finished.get(str(status), 0) + 1
+    @staticmethod
+    def _refused(status: int, text: str) -> Simulated:
         return Simulated(status, msgspec.json.encode({"error": text}))
 
 

@@ -188,6 +188,12 @@ def opened(folder: Path | None, digest: str) -> Vigil | None:
     return vigil
 
 
+def unwatched(profile: Profile) -> None:
+    """Nobody is told any more what its plugins are asked."""
+    for loaded in profile.everywhere:
+        loaded.vigil = None
+
+
 def _alike(pod: PodInfo) -> str:
     owner = pod.controller
     return owner.uid if owner is not None and owner.uid else pod.uid

@@ -52,10 +52,12 @@ class Rig:
             )
 
         size = ("--nodes", nodes, "--placed", placed)
+        self._process = process
         self.stub = process("stub", "tests.support.free_api", *size, "--folder", folder)
         module = "robotapp_scheduler" if events else "tests.support.free_api.silent"
         flags = ("--kubeconfig", kubeconfig, "--config", _configuration(folder), "--log-format", "text")
-        self.scheduler = process("scheduler", module, *flags, "--health-host", "127.0.0.1", "--health-port", 0)
+        self._scheduler = (module, *flags, "--health-host", "127.0.0.1", "--health-port", 0)
+        self.scheduler = process("scheduler", *self._scheduler)
         self._kubeconfig = kubeconfig
         self.started: dict[str, float] = {}
 
@@ -84,6 +86,10 @@ class Rig:
         await self._client.__aexit__(kind, error, trace)
         await asyncio.to_thread(self.scheduler.stop)
         await asyncio.to_thread(self.stub.kill)
+
+    def copy(self, name: str) -> Process:
+        """Another process like the scheduler, to be started and stopped by the caller: it stands by."""
+        return self._process(name, *self._scheduler)
 
     def cpu_s(self) -> float:
         return process_use.cpu_seconds(self.scheduler.pid)

@@ -24,6 +24,11 @@ RUNNING_AFTER_S: Final = 0.1
 """From the bind until the kubelet's status comes, for all pods bound meanwhile at once."""
 STATUS: Final = b'{"kind":"Status","apiVersion":"v1","metadata":{},"status":"Success","code":201}'
 MISSING: Final = b'{"kind":"Status","apiVersion":"v1","status":"Failure","reason":"NotFound","code":404}'
+REVIEWS: Final = (
+    "/apis/authentication.k8s.io/v1/tokenreviews",
+    "/apis/authorization.k8s.io/v1/subjectaccessreviews",
+)
+GOOD_TOKEN: Final = "good-"
 SERVED: Final = [each for each in vars(resources).values() if isinstance(each, resources.Resource)]
 
 
@@ -36,6 +41,15 @@ class _Binding(msgspec.Struct):
 
 
 _BINDING = msgspec.json.Decoder(_Binding)
+
+
+def _reviewed(body: bytes) -> bytes:
+    """Tokens that begin so are users of that name, who may do everything."""
+    review = msgspec.json.decode(body)
+    token = review["spec"].get("token")
+    good = token is not None and token.startswith(GOOD_TOKEN)
+    known = {"authenticated": good, "user": {"username": token}} if token is not None else {"allowed": True}
+    return msgspec.json.encode(review | {"status": known})
 
 
 class Connection(asyncio.Protocol):
@@ -122,6 +136,8 @@ class FreeApi:
             self._control(client, path, query)
         elif "/leases" in path:
             self._lease(client, method, path, body)
+        elif path in REVIEWS:
+            client.reply(201, _reviewed(body))
         elif method == "POST":
             self._counts["events"] += path.endswith("/events")
             client.reply(201, body)

@@ -1,46 +1,66 @@
+"""The port's pages: who may see what, how often, and in which words they are refused."""
+
+import json
 from collections.abc import AsyncIterator, Mapping
 from typing import Any
 
 import aiohttp
+import msgspec
 import pytest
 from prometheus_client import CollectorRegistry
+from tests.support.scheduling import Clock
 
 from robotapp_api.client.errors import Unreachable
 from robotapp_api.serving.access import Access, Caller
+from robotapp_api.serving.port import opened
 from robotapp_scheduler.config import built_in
 from robotapp_scheduler.plugins.registry import catalogue
-from robotapp_scheduler.shell.answers import Answers
-from robotapp_scheduler.shell.health import Pages, serve
+from robotapp_scheduler.port.answers import AGAIN_AT_ONCE, AGAIN_PER_S, Answers, application
+from robotapp_scheduler.port.frames import AGAIN, Told
+from robotapp_scheduler.port.pages import order, pages
+from robotapp_scheduler.shell.health import Checks
 from robotapp_scheduler.shell.metrics import Metrics
 from robotapp_scheduler.shell.reload import Running
 from robotapp_scheduler.shell.simulating import Simulator
 
 
 class Site:
-    """The endpoint with switches for everything it asks."""
+    """The port with switches for everything it asks."""
 
     def __init__(self) -> None:
         self.ready = True
         self.live = True
         self.answer: Access | Exception = Access.ALL
         self.asked: list[tuple[str, str]] = []
+        self.remembered = True
+        self.again = 0
+        self.clock = Clock()
         self.metrics = Metrics(CollectorRegistry())
-        self.pages = Pages(
-            answers=Answers(
-                gate=self,
-                registry=self.metrics.registry,
-                explain=self.explain,
-                config=lambda: {"profiles": ["ours"]},
-                simulator=Simulator(Running(built_in(catalogue()))),
-            ),
-            ready_checks={"informers-sync": lambda: self.ready},
-            live_checks={"leader-election": lambda: self.live},
-        )
+        running = Running(built_in(catalogue()))
+        checks = Checks(ready={"informers-sync": lambda: self.ready}, live={"leader-election": lambda: self.live})
+        self.pages = pages(checks, self.metrics.registry, running)
 
-    @staticmethod
-    def explain(namespace: str, name: str, *, with_nodes: bool, full: bool) -> Mapping[str, Any] | None:
-        found = {"pod": name, "nodes": with_nodes} | ({"full": True} if full else {})
-        return found if namespace == "team-a" else None
+        async def given() -> Mapping[str, Any]:
+            return order(running)
+
+        answers = Answers(gate=self, scheduler=self, simulator=Simulator(given), clock=self.clock)
+        self.application = application(self, answers)
+
+    async def page(self, what: str) -> Told:
+        return Told(0, *self.pages[what]())
+
+    async def ask(
+        self, what: str, *, namespace: str = "", pod: str = "", with_nodes: bool = False, full: bool = False
+    ) -> Told:
+        if what.startswith("simulated"):
+            return Told(0, 200, b"")
+        self.again += what == "again"
+        if namespace != "team-a":
+            return Told(0, 404, b"")
+        if what == "explain" and not self.remembered:
+            return Told(0, AGAIN, b"")
+        found = {"pod": pod, "nodes": with_nodes} | ({"full": True} if full else {})
+        return Told(0, 200, msgspec.json.encode(found))
 
     async def access(self, caller: Caller, namespace: str) -> Access:
         self.asked.append((caller.token, namespace))
@@ -51,12 +71,15 @@ class Site:
     async def path(self, caller: Caller, verb: str, path: str) -> Access:
         return await self.access(caller, f"{verb} {path}")
 
+    def who(self, caller: Caller) -> str:
+        return caller.token[:3]
+
 
 @pytest.fixture
 async def site() -> AsyncIterator[tuple[Site, str]]:
     found = Site()
-    runner, port = await serve(found.pages, host="127.0.0.1", port=0)
-    yield found, f"http://127.0.0.1:{port}"
+    runner = await opened(found.application, host="127.0.0.1", port=0, tls=None)
+    yield found, f"http://127.0.0.1:{runner.addresses[0][1]}"
     await runner.cleanup()
 
 
@@ -112,7 +135,7 @@ async def test_metrics_are_for_who_may_get_the_path_and_health_is_for_everybody(
 
 async def test_configz_shows_what_the_process_runs_with_to_who_may_get_it(site: tuple[Site, str]) -> None:
     found, url = site
-    assert '"profiles":["ours"]' in (await get(f"{url}/configz", Authorization="Bearer t1"))[1]
+    assert '"schedulerName":"ros-aware-scheduler"' in (await get(f"{url}/configz", Authorization="Bearer t1"))[1]
     assert found.asked == [("t1", "get /configz")]
     for access, status in ((Access.FORBIDDEN, 403), (Access.UNKNOWN_CALLER, 401)):
         found.answer = access
@@ -122,6 +145,27 @@ async def test_configz_shows_what_the_process_runs_with_to_who_may_get_it(site: 
 async def test_the_full_table_is_asked_for_by_a_parameter(site: tuple[Site, str]) -> None:
     _, url = site
     assert '"full":true' in (await get(f"{url}/explain/team-a/p?full=1"))[1]
+
+
+async def test_a_user_has_few_decisions_made_again_whichever_token_it_brings_and_others_theirs(
+    site: tuple[Site, str],
+) -> None:
+    """Each is a copy of the process that places pods: 50 a second would be most of what it does."""
+    found, url = site
+    found.remembered = False
+    for number in range(AGAIN_AT_ONCE):
+        assert (await get(f"{url}/explain/team-a/p?full=1", Authorization=f"Bearer eve{number}"))[0] == 200
+    for path in ("explain/team-a/p?full=1", "explain/team-a/p"):
+        async with aiohttp.ClientSession() as session:
+            answer = await session.get(f"{url}/{path}", headers={"Authorization": "Bearer eve"})
+            assert (answer.status, answer.headers["Retry-After"]) == (429, str(int(1 / AGAIN_PER_S)))
+            assert "too often" in json.loads(await answer.text())["error"]
+    assert found.again == AGAIN_AT_ONCE
+    assert (await get(f"{url}/explain/team-a/p?full=1", Authorization="Bearer amy"))[0] == 200
+    found.clock.forward(1 / AGAIN_PER_S)
+    assert (await get(f"{url}/explain/team-a/p?full=1", Authorization="Bearer eve"))[0] == 200
+    found.remembered = True
+    assert (await get(f"{url}/explain/team-a/p", Authorization="Bearer eve"))[0] == 200
 
 
 async def test_explain_passes_the_bearer_token_and_hides_nodes_from_who_may_not_get_them(

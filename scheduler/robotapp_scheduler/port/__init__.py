@@ -1,0 +1,1 @@
+"""The HTTPS port: a process of its own beside the one that places pods, and how the two talk."""

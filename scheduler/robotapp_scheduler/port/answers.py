@@ -1,0 +1,154 @@
+"""The pages of the port: health for everybody; /metrics, /explain, /configz and /simulate for who may have them.
+
+Who asks is settled first, then what they may see and how often; every refusal says what would help.
+"""
+
+import time
+from collections.abc import Awaitable, Callable
+from typing import Final, Protocol
+
+from aiohttp import web
+from prometheus_client.exposition import CONTENT_TYPE_LATEST
+
+from robotapp_api.serving.access import Access, Caller
+from robotapp_api.serving.limits import Buckets, TooManyError
+from robotapp_api.serving.pages import PathGate, asked, caller, problem, refused, too_many, unknown_caller
+from robotapp_scheduler.port.frames import AGAIN, Told
+from robotapp_scheduler.port.remote import Scheduler
+from robotapp_scheduler.shell.simulating import Simulator
+
+A_ROLE_FOR_PODS: Final = "ClusterRole view may, ask for a RoleBinding of it there"
+EXPLAIN_PER_S, EXPLAIN_AT_ONCE = 10.0, 100
+AGAIN_PER_S, AGAIN_AT_ONCE = 0.5, 30
+OFTEN: Final = "you ask for explanations too often; ask again later"
+
+
+class Gate(PathGate, Protocol):
+    """Says what a caller may see, and as whom it is known; see `access.Gatekeeper`."""
+
+    async def access(self, caller: Caller, namespace: str) -> Access: ...
+    def who(self, caller: Caller) -> str: ...
+
+
+class Everything:
+    """The gate of a developer's own machine: everybody sees all."""
+
+    async def access(self, _caller: Caller, _namespace: str) -> Access:
+        return Access.ALL
+
+    async def path(self, _caller: Caller, _verb: str, _path: str) -> Access:
+        return Access.ALL
+
+    def who(self, caller: Caller) -> str:
+        return caller.address
+
+
+class Answers:
+    """Metrics, explanations, the configuration in use, simulations."""
+
+    def __init__(
+        self,
+        *,
+        gate: Gate,
+        scheduler: Scheduler,
+        simulator: Simulator,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._gate = gate
+        self._scheduler = scheduler
+        self._simulator = simulator
+        self._explained_by = Buckets(per_s=EXPLAIN_PER_S, burst=EXPLAIN_AT_ONCE, clock=clock)
+        self._again_by = Buckets(per_s=AGAIN_PER_S, burst=AGAIN_AT_ONCE, clock=clock)
+
+    def __repr__(self) -> str:
+        return f"<Answers behind {self._gate!r}>"
+
+    def add_to(self, router: web.UrlDispatcher) -> None:
+        """Register the pages."""
+        router.add_get("/metrics", self._metrics)
+        router.add_get("/configz", self._configz)
+        router.add_get("/explain/{namespace}/{pod}", self._explained)
+        router.add_get("/simulate", self._wanted)
+        router.add_post("/simulate", self._simulated)
+
+    async def _metrics(self, request: web.Request) -> web.Response:
+        refusal = await refused(self._gate, request, "get", "/metrics")
+        if refusal:
+            return refusal
+        told = await self._scheduler.page("metrics")
+        return web.Response(status=told.status, body=told.body, headers={"Content-Type": CONTENT_TYPE_LATEST})
+
+    async def _configz(self, request: web.Request) -> web.Response:
+        return await refused(self._gate, request, "get", "/configz") or _json(await self._scheduler.page("configz"))
+
+    async def _explained(self, request: web.Request) -> web.Response:
+        namespace, pod = request.match_info["namespace"], request.match_info["pod"]
+        access = await asked(self._gate.access(caller(request), namespace))
+        if not isinstance(access, Access):
+            return access
+        if access is Access.UNKNOWN_CALLER:
+            return unknown_caller(request)
+        if access is Access.FORBIDDEN:
+            return problem(403, f"you may not get pods in namespace {namespace}: {A_ROLE_FOR_PODS}")
+        try:
+            told = await self._explanation(request, with_nodes=access is Access.ALL)
+        except TooManyError as error:
+            return too_many(error)
+        if told.status == 404:
+            return problem(404, f"no decision is known for pod {namespace}/{pod}: it is not ours, or not seen yet")
+        return _json(told)
+
+    async def _explanation(self, request: web.Request, *, with_nodes: bool) -> Told:
+        """Raises TooManyError. What nobody remembers is decided again, which each user may ask for now and then."""
+        user = self._gate.who(caller(request))
+        self._count(self._explained_by, user)
+        namespace, pod = request.match_info["namespace"], request.match_info["pod"]
+        full = request.query.get("full", "") in {"1", "true"}
+        told = Told(0, AGAIN, b"")
+        if not full:
+            told = await self._scheduler.ask("explain", namespace=namespace, pod=pod, with_nodes=with_nodes)
+        if told.status == AGAIN:
+            self._count(self._again_by, user)
+            told = await self._scheduler.ask("again", namespace=namespace, pod=pod, with_nodes=with_nodes, full=full)
+        return told
+
+    @staticmethod
+    def _count(buckets: Buckets, user: str) -> None:
+        if wait_s := buckets.wait_s(user):
+            raise TooManyError(OFTEN, wait_s)
+
+    async def _wanted(self, request: web.Request) -> web.Response:
+        return await refused(self._gate, request, "get", "/simulate") or _json(await self._scheduler.page("kinds"))
+
+    async def _simulated(self, request: web.Request) -> web.Response:
+        refusal = await refused(self._gate, request, "post", "/simulate")
+        if refusal:
+            return refusal
+        replay = request.query.get("replay", "0")
+        if not replay.isdecimal() or len(replay) > 6:
+            return problem(400, "replay must be a number of pods")
+        found = await self._simulator.simulate(request.content.iter_chunked(1 << 16), replay=int(replay))
+        await self._scheduler.ask(f"simulated {found.status}")
+        return web.Response(status=found.status, body=found.body, content_type="application/json")
+
+
+def application(scheduler: Scheduler, answers: Answers) -> web.Application:
+    """The aiohttp application."""
+
+    def health(what: str) -> Callable[[web.Request], Awaitable[web.StreamResponse]]:
+        async def told(_: web.Request) -> web.StreamResponse:
+            found = await scheduler.page(what)
+            return web.Response(status=found.status, body=found.body, content_type="text/plain")
+
+        return told
+
+    app = web.Application()
+    app.router.add_get("/livez", health("livez"))
+    app.router.add_get("/healthz", health("livez"))
+    app.router.add_get("/readyz", health("readyz"))
+    answers.add_to(app.router)
+    return app
+
+
+def _json(told: Told) -> web.Response:
+    return web.Response(status=told.status, body=told.body, content_type="application/json")

@@ -1,0 +1,120 @@
+"""Work on what the event loop holds, without holding the loop: in a copy of the process that lives for a moment.
+
+The copy shares memory with us until one of the two writes, so it sees the cluster as it was in one moment, and whatever
+it does to it nobody else sees. To begin one takes some milliseconds, and then every page of memory we write is copied
+once: a few tens of milliseconds of our CPU in all. So one copy answers many questions, and there are few.
+"""
+
+import asyncio
+import contextlib
+import ctypes
+import gc
+import os
+import signal
+import socket
+import time
+import warnings
+from collections.abc import Callable
+from typing import Final, NoReturn
+
+PATIENCE_S: Final = 5.0
+LIFE_S: Final = 2.0
+"""How old what it knows may be."""
+NICE: Final = 10
+LENGTH: Final = 4
+MOST_BYTES: Final = 256 << 20
+PR_SET_PDEATHSIG: Final = 1
+Work = Callable[[bytes], bytes]
+
+
+class CopyError(Exception):
+    """There is no answer; the text says why. The copy has ended."""
+
+
+class Copy:
+    """Begins at once. `ask` one question at a time, then `end`; it ends by itself when it is old or we do."""
+
+    def __init__(self, work: Work, *, patience_s: float = PATIENCE_S) -> None:
+        """`work` must not use threads, locks of others, or the event loop."""
+        self._patience_s = patience_s
+        self._streams: tuple[asyncio.StreamReader, asyncio.StreamWriter] | None = None
+        self._began_s = time.monotonic()
+        self._ours, theirs = socket.socketpair()
+        self._pid = _fork()
+        if self._pid == 0:
+            self._ours.close()
+            _serve(work, theirs, LIFE_S + 2 * patience_s)
+        theirs.close()
+
+    def __repr__(self) -> str:
+        return f"<Copy {self._pid}>"
+
+    @property
+    def old(self) -> bool:
+        return time.monotonic() - self._began_s > LIFE_S
+
+    async def ask(self, question: bytes) -> bytes:
+        """What `work` makes of it. Raises CopyError."""
+        try:
+            async with asyncio.timeout(self._patience_s):
+                return await self._ask(question)
+        except TimeoutError as late:
+            await self.end()
+            raise CopyError(f"not ready within {self._patience_s:g} s") from late
+        except (OSError, EOFError) as error:
+            raise CopyError(f"it ended with {await self.end()} before it was ready") from error
+
+    async def end(self) -> int:
+        """Its exit status; negative by a signal. It is gone then."""
+        if self._streams is not None:
+            self._streams[1].close()
+        else:
+            self._ours.close()
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(self._pid, signal.SIGKILL)
+        return await asyncio.shield(asyncio.to_thread(_reaped, self._pid))
+
+    async def _ask(self, question: bytes) -> bytes:
+        if self._streams is None:
+            self._streams = await asyncio.open_unix_connection(sock=self._ours)
+        reader, writer = self._streams
+        writer.write(len(question).to_bytes(LENGTH, "big") + question)
+        size = int.from_bytes(await reader.readexactly(LENGTH), "big")
+        return await reader.readexactly(size)
+
+
+def _reaped(pid: int) -> int:
+    return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+
+
+def _fork() -> int:
+    with warnings.catch_warnings():  # of threads, which may hold locks: the copy waits for none
+        warnings.simplefilter("ignore", DeprecationWarning)
+        return os.fork()
+
+
+# --- In the copy ---------------------------------------------------------------------------------------------------------
+
+
+def _serve(work: Work, server: socket.socket, life_s: float) -> NoReturn:
+    """Nothing of ours may run here by signals, and nothing at its end."""
+    status = 1
+    try:
+        signal.set_wakeup_fd(-1)  # it is shared: the loop would take our signals for its own
+        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGALRM):
+            signal.signal(number, signal.SIG_DFL)
+        signal.setitimer(signal.ITIMER_REAL, life_s)
+        _LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)  # it holds the port open, and what else we had
+        gc.disable()  # it would touch, and so copy, every object there is
+        os.nice(NICE)
+        with server.makefile("rwb") as stream:
+            while (head := stream.read(LENGTH)) and len(head) == LENGTH:
+                found = work(stream.read(int.from_bytes(head, "big")))
+                stream.write(len(found).to_bytes(LENGTH, "big") + found)
+                stream.flush()
+        status = 0
+    finally:
+        os._exit(status)
+
+
+_LIBC: Final = ctypes.CDLL(None)

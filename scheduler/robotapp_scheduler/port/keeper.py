@@ -1,0 +1,112 @@
+"""The port's process: TLS, who may see what, and limits; asks the process that places pods only what is left then.
+
+`python -m robotapp_scheduler.port.keeper SETTINGS`, started by the scheduler, ends with it.
+"""
+
+import asyncio
+import contextlib
+import ctypes
+import logging
+import os
+import signal
+import socket
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+
+from robotapp_api.client.api import ApiClient
+from robotapp_api.client.errors import LoginError, Unreachable
+from robotapp_api.client.login import load as login
+from robotapp_api.model.names import SCHEDULER_MANAGER
+from robotapp_api.serving.access import Access, Caller, Gatekeeper
+from robotapp_api.serving.port import serving
+from robotapp_api.serving.tls import TlsPort, loaded
+from robotapp_scheduler.port.answers import Answers, Everything, Gate, application
+from robotapp_scheduler.port.frames import Settings
+from robotapp_scheduler.port.remote import Remote
+from robotapp_scheduler.shell import logs
+from robotapp_scheduler.shell.simulating import Simulator
+
+log = logging.getLogger(__name__)
+
+REVIEWS: Final = 4
+"""Connections for questions about callers."""
+REVIEW_S: Final = 5.0
+NICE: Final = 5
+PR_SET_PDEATHSIG: Final = 1
+
+
+class Nobody:
+    """The gate while nobody can be asked who a caller is."""
+
+    def __init__(self, why: str) -> None:
+        self._why = why
+
+    async def access(self, _caller: Caller, _namespace: str) -> Access:
+        raise Unreachable(self._why, maybe_applied=False)
+
+    async def path(self, _caller: Caller, _verb: str, _path: str) -> Access:
+        raise Unreachable(self._why, maybe_applied=False)
+
+    def who(self, _caller: Caller) -> str:
+        return ""
+
+
+async def run(settings: Settings) -> None:
+    """Serve until the scheduler is gone."""
+    reader, writer = await asyncio.open_unix_connection(sock=socket.socket(fileno=settings.desk))
+    remote = Remote(reader, writer)
+    talking = asyncio.create_task(remote.run())
+    listener = socket.socket(fileno=settings.listener)
+    tls = await loaded(TlsPort(_path(settings.tls_certificate), _path(settings.tls_key)))
+
+    async def order() -> Mapping[str, Any]:
+        found: Mapping[str, Any] = msgspec.json.decode((await remote.ask("order")).body)
+        return found
+
+    async with contextlib.AsyncExitStack() as stack:
+        gate: Gate = Everything()
+        try:
+            endpoint = await asyncio.to_thread(login, _path(settings.kubeconfig))
+        except LoginError as error:
+            log.warning("nobody can be asked who a caller is: %s", error)
+            gate = gate if settings.insecure else Nobody(str(error))
+        else:
+            client = ApiClient(
+                endpoint, user_agent=f"{SCHEDULER_MANAGER}-port", max_connections=REVIEWS, timeout_s=REVIEW_S
+            )
+            await stack.enter_async_context(client)
+            gate = gate if settings.insecure else Gatekeeper(client)
+            following = asyncio.create_task(tls.run(client))
+            stack.callback(following.cancel)
+        answers = Answers(gate=gate, scheduler=remote, simulator=Simulator(order))
+        runner = await serving(application(remote, answers), listener, tls=tls.context)
+        stack.push_async_callback(runner.cleanup)
+        await talking
+
+
+def main() -> None:
+    ctypes.CDLL(None).prctl(
+        PR_SET_PDEATHSIG, signal.SIGKILL
+    )  # else a killed scheduler's port would be taken for a while
+    for number in (signal.SIGINT, signal.SIGTERM):  # they are meant for the scheduler
+        signal.signal(number, signal.SIG_IGN)
+    os.nice(NICE)
+    settings = msgspec.json.decode(sys.argv[1], type=Settings)
+    logs.set_up(settings.log_format, settings.log_level)
+    with contextlib.suppress(ImportError):
+        import uvloop
+
+        asyncio.set_event_loop_policy(uvloop.EventLoopPolicy())
+    asyncio.run(run(settings))
+
+
+def _path(text: str | None) -> Path | None:
+    return Path(text) if text else None
+
+
+if __name__ == "__main__":
+    main()

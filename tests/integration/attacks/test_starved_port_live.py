@@ -1,0 +1,78 @@
+"""Strangers at the scheduler's port, on a real control plane: pods are bound all the same, by a process that has no work of it.
+
+`scripts/bench starve` measures it per bind, beside the same load on an idle copy.
+"""
+
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from tests.support.ports import ask, token
+from tests.support.process_use import cpu_seconds
+from tests.support.stage import Stage, nodes, pod
+
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.nodes import edge
+from robotapp_testbed.pins import REPOSITORY
+from robotapp_testbed.product import start_scheduler
+
+pytestmark = pytest.mark.live
+
+SECONDS = 8
+PODS = 20
+
+
+def test_bad_tokens_and_full_explanations_are_no_work_for_the_process_that_places_pods(
+    installed_plane: ControlPlane, stage: Stage
+) -> None:
+    with nodes(installed_plane, *(edge(f"edge-{number}") for number in range(10))):
+        scheduler = start_scheduler(installed_plane, name="starved", sweep_seconds=1, log_format="text")
+        try:
+            stage.create_pod(pod("asked"))
+            stage.wait_bound("asked")
+            path, admin = f"/explain/{stage.namespace}/asked", token(installed_plane, "admin")
+            assert ask(f"{scheduler.health_url}{path}", bearer=admin)[0] == 200
+            before_s = cpu_seconds(scheduler.pid)
+            command = ["tests.support.port_load", str(scheduler.health_url), "--path", path, "--token", admin]
+            load = subprocess.Popen(
+                [sys.executable, "-m", *command, "--seconds", str(SECONDS)], cwd=REPOSITORY, stdout=subprocess.PIPE
+            )
+            try:
+                for number in range(PODS):
+                    stage.create_pod(pod(f"meanwhile-{number}"))
+                    stage.wait_bound(f"meanwhile-{number}", timeout_s=10)
+                assert ask(f"{scheduler.health_url}{path}", bearer=admin)[0] == 200, "who is known is served meanwhile"
+                assert ask(f"{scheduler.health_url}/livez")[0] == 200
+                answers = json.loads(load.communicate(timeout=120)[0])
+            finally:
+                load.kill()
+                load.wait()
+            used_s = cpu_seconds(scheduler.pid) - before_s
+        finally:
+            scheduler.stop()
+    assert set(answers["bad"]) == {"401", "429"}
+    assert answers["bad"]["401"] < 100, "each is a question to the API server"
+    assert set(answers["full"]) == {"200", "429"}
+    assert answers["full"]["200"] < 60
+    assert used_s < 1.5, "4,400 requests at 0.4 ms each would be 1.8 s beside what the pods take"
+
+
+def test_the_port_is_served_again_after_its_process_died_and_no_pod_waits(
+    installed_plane: ControlPlane, stage: Stage
+) -> None:
+    with nodes(installed_plane, edge("edge-1")):
+        scheduler = start_scheduler(installed_plane, name="portless", sweep_seconds=1, log_format="text")
+        try:
+            (keeper,) = Path(f"/proc/{scheduler.pid}/task/{scheduler.pid}/children").read_text().split()
+            subprocess.run(["kill", "-KILL", keeper], check=True)
+            stage.create_pod(pod("meanwhile"))
+            stage.wait_bound("meanwhile", timeout_s=10)
+            began_s = time.monotonic()
+            assert ask(f"{scheduler.health_url}/livez")[0] == 200
+            assert time.monotonic() - began_s < 20
+            assert f"port {str(scheduler.health_url).rpartition(':')[2]} ended with -9" in scheduler.log_text()
+        finally:
+            scheduler.stop()

@@ -1,0 +1,150 @@
+"""What the process that places pods answers at once, what a copy of it decides again, and how often."""
+
+import asyncio
+import os
+import socket
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+from tests.support.clients import until
+from tests.support.scheduling import Clock, make_core, make_node, make_pod
+
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.port.copies import Copy, CopyError
+from robotapp_scheduler.port.desk import COPIES_AT_ONCE, Desk
+from robotapp_scheduler.port.frames import AGAIN, Told
+from robotapp_scheduler.port.remote import Remote
+from robotapp_scheduler.shell.explaining import Explainer
+
+
+class World:
+    """A scheduler that remembers pod "decided" and knows pod "waiting"."""
+
+    def __init__(self) -> None:
+        self.clock = Clock()
+        self.core = make_core(make_node("n1"), make_node("n2"))
+        self.core.schedule_one(PodInfo(make_pod("decided")))
+        self.known = known = [make_pod("decided"), make_pod("waiting")]
+        explain = Explainer(self.core, waiting=lambda: known, digest=lambda: "d1", clock=Clock())
+        self.made = 0
+        self.desk = Desk({"metrics": self._metrics, "broken": self._broken}, explain, clock=self.clock)
+        self.remote: Remote
+
+    def _metrics(self) -> tuple[int, bytes]:
+        self.made += 1
+        return 200, b"m"
+
+    def _broken(self) -> tuple[int, bytes]:
+        raise RuntimeError("no")
+
+
+@asynccontextmanager
+async def opened() -> AsyncIterator[World]:
+    world = World()
+    ours, theirs = socket.socketpair()
+    writers = []
+    async with asyncio.TaskGroup() as group:
+        reader, writer = await asyncio.open_unix_connection(sock=ours)
+        writers.append(writer)
+        group.create_task(world.desk.serve(reader, writer))
+        reader, writer = await asyncio.open_unix_connection(sock=theirs)
+        writers.append(writer)
+        world.remote = Remote(reader, writer)
+        group.create_task(world.remote.run())
+        yield world
+        for writer in writers:
+            writer.close()
+
+
+def body(told: Told) -> dict[str, Any]:
+    found: dict[str, Any] = msgspec.json.decode(told.body)
+    return found
+
+
+async def test_what_is_remembered_is_told_and_what_is_not_takes_another_question() -> None:
+    async with opened() as world:
+        told = await world.remote.ask("explain", namespace="default", pod="decided", with_nodes=True)
+        assert (told.status, body(told)["recomputed"]) == (200, False)
+        assert (await world.remote.ask("explain", namespace="default", pod="waiting")).status == AGAIN
+        assert (await world.remote.ask("explain", namespace="default", pod="nobody")).status == 404
+
+
+async def test_what_is_decided_again_is_decided_in_a_copy_of_the_process() -> None:
+    async with opened() as world:
+        before = len(world.core.explain), world.core.decisions()
+        told = await world.remote.ask("again", namespace="default", pod="waiting", with_nodes=True, full=True)
+        assert body(told)["full"]["table"]["nodes"] == ["n1", "n2"]
+        assert (len(world.core.explain), world.core.decisions()) == before
+        await until(lambda: not children(), what="the copy nobody asks any more has ended")
+
+
+async def test_copies_are_few_and_each_answers_many() -> None:
+    async with opened() as world:
+        for _ in range(20):
+            assert (await world.remote.ask("again", namespace="default", pod="waiting")).status == 200
+        for _ in range(COPIES_AT_ONCE - 1):
+            await world.desk._end_copy()
+            assert (await world.remote.ask("again", namespace="default", pod="waiting")).status == 200
+        await world.desk._end_copy()
+        told = await world.remote.ask("again", namespace="default", pod="waiting")
+        assert (told.status, "one at a time" in body(told)["error"]) == (429, True)
+
+
+async def test_a_pod_that_came_after_the_copy_began_gets_a_new_one() -> None:
+    async with opened() as world:
+        await world.remote.ask("again", namespace="default", pod="waiting")
+        world.known.append(make_pod("later"))
+        assert (await world.remote.ask("again", namespace="default", pod="later")).status == 200
+
+
+async def test_the_same_page_for_many_is_made_once_and_a_broken_one_says_so() -> None:
+    async with opened() as world:
+        told = await asyncio.gather(*(world.remote.page("metrics") for _ in range(50)))
+        assert ({each.body for each in told}, world.made) == ({b"m"}, 1)
+        assert (await world.remote.page("broken")).status == 500
+        await world.remote.ask("simulated 429")
+        assert world.desk.simulations == {"429": 1}
+
+
+async def test_a_copy_that_takes_too_long_or_dies_is_an_error_and_leaves_nobody() -> None:
+    began_s = time.monotonic()
+    for work, why, patience_s in (
+        (lambda _: time.sleep(60), "not ready", 0.2),
+        (lambda _: os._exit(3), "ended with 3", 10),
+        (lambda _: b"" + None, "ended with 1", 10),
+    ):
+        with pytest.raises(CopyError, match=why):
+            await Copy(work, patience_s=patience_s).ask(b"?")  # type: ignore[arg-type]
+    assert time.monotonic() - began_s < 20
+    assert not children()
+
+
+async def test_the_loop_turns_while_a_copy_works() -> None:
+    turns = 0
+
+    async def turning() -> None:
+        nonlocal turns
+        while True:
+            turns += 1
+            await asyncio.sleep(0)
+
+    def slow(asked: bytes) -> bytes:
+        time.sleep(0.3)
+        return asked * 3_000_000
+
+    task = asyncio.create_task(turning())
+    copy = Copy(slow)
+    assert await copy.ask(b"x") == b"x" * 3_000_000
+    await copy.end()
+    assert turns > 100
+    task.cancel()
+    await until(task.done)
+
+
+def children() -> str:
+    return Path(f"/proc/self/task/{os.getpid()}/children").read_text()
