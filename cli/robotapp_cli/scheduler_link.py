@@ -4,6 +4,7 @@ The API server's own pod proxy would do, were it not that it drops the Authoriza
 """
 
 import asyncio
+import ipaddress
 import re
 import ssl
 from collections.abc import AsyncIterator
@@ -20,6 +21,7 @@ from robotapp_cli.fields import Json, meta, status
 from robotapp_cli.session import Session, endpoint
 
 _SELECTOR: Final = "app.kubernetes.io/component=scheduler"
+_RELEASE: Final = "app.kubernetes.io/instance"
 _LEASE: Final = "robotapp-scheduler"
 _PORT: Final = 10259
 _PATIENCE_S: Final = 5.0
@@ -148,13 +150,16 @@ def _verify(tls: ssl.SSLContext) -> None:
 
 
 def _local(url: str) -> bool:
-    """Whether the address is on this machine: a port-forward of the user's own."""
+    """Whether the address is on this machine: a port-forward of the user's own. A name that begins with 127. is any name."""
     host = urlsplit(url).hostname or ""
-    return host in {"localhost", "::1"} or host.startswith("127.")
+    try:
+        return host == "localhost" or ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
 
 
 async def _scheduler_pod(session: Session, namespace: str) -> tuple[str, int]:
-    """The leading scheduler pod and its port."""
+    """The leading scheduler pod and its port. The user's token goes there, so it must be the one it says it is."""
     try:
         pods = (await session.client.list(PODS, namespace=namespace, label_selector=_SELECTOR)).items
     except ApiError as error:
@@ -162,17 +167,38 @@ async def _scheduler_pod(session: Session, namespace: str) -> tuple[str, int]:
     running = [pod for pod in pods if status(pod).get("phase") == "Running"]
     if not running:
         raise NoAnswerError(f"no scheduler pod runs in namespace {namespace}")
-    leader = await _leader(session, namespace)
-    running.sort(key=lambda pod: not leader.startswith(meta(pod)["name"]))
-    ports = [port for container in running[0]["spec"]["containers"] for port in container.get("ports") or []]
+    pod = _certain(running, await _leader(session, namespace), namespace=namespace)
+    ports = [port for container in pod["spec"]["containers"] for port in container.get("ports") or []]
     health = next((port["containerPort"] for port in ports if port.get("name") == "health"), _PORT)
-    return meta(running[0])["name"], int(health)
+    return meta(pod)["name"], int(health)
+
+
+def _certain(running: list[Json], leader: str, *, namespace: str) -> Json:
+    """The pod that holds the Lease, which only schedulers write; a label anybody in the namespace may set.
+
+    Who may not read the Lease gets any pod of the one release there is. Raises `NoAnswerError`.
+    """
+    cure = "name one with --scheduler-url"
+    if leader:
+        found = next((pod for pod in running if meta(pod)["name"] == leader), None)
+        if found is None:
+            held = f"Lease {namespace}/{_LEASE} is held by {leader}, which is no running scheduler pod"
+            raise NoAnswerError(f"{held} of this namespace: your token is not sent to another; {cure}")
+        return found
+    releases = {(meta(pod).get("labels") or {}).get(_RELEASE, "") for pod in running}
+    if releases == {""} or len(releases) > 1:
+        names = ", ".join(sorted(meta(pod)["name"] for pod in running))
+        raise NoAnswerError(
+            f"which of {names} in namespace {namespace} is the scheduler is not certain (Lease {_LEASE} cannot be read or has "
+            f"no holder, and they are not of one release, label {_RELEASE}): your token is sent to none; {cure}"
+        )
+    return running[0]
 
 
 async def _leader(session: Session, namespace: str) -> str:
     try:
         lease = await session.client.get(LEASES, _LEASE, namespace=namespace)
-    except ApiError:  # users seldom may read Leases; then any replica is asked
+    except ApiError:  # users seldom may read Leases
         return ""
     return str(lease.get("spec", {}).get("holderIdentity") or "")
 

@@ -111,8 +111,11 @@ def test_a_scheduler_on_this_machine_is_believed_without_a_certificate_anybody_s
     assert "cloud-1: 61.0 ms" in placed.text("explain", "teleop", "--scheduler-url", placed.scheduler.tls_url)
 
 
-def test_a_token_is_not_sent_without_encryption_to_another_machine(placed: Stage) -> None:
-    text = placed.text("explain", "teleop", "--scheduler-url", "http://scheduler.invalid:10259")
+@pytest.mark.parametrize(
+    "host", ["scheduler.invalid", "127.evil.invalid", "127.0.0.1.evil.invalid", "localhost.invalid"]
+)
+def test_a_token_is_not_sent_without_encryption_to_another_machine(placed: Stage, host: str) -> None:
+    text = placed.text("explain", "teleop", "--scheduler-url", f"http://{host}:10259")
     assert "is not encrypted" in text
     assert placed.scheduler.authorizations == []
 
@@ -267,6 +270,9 @@ def test_an_app_without_pods_is_shown(stage: Stage) -> None:
     assert stage.text("explain", "teleop").count("no pod yet") == 2
 
 
+_RELEASE = "app.kubernetes.io/instance"
+
+
 class TestPortForward:
     """kubectl is a script here; the real one needs a kubelet."""
 
@@ -282,7 +288,7 @@ class TestPortForward:
             )
         lease = {
             "metadata": {"name": "robotapp-scheduler", "namespace": "robotapp-system"},
-            "spec": {"holderIdentity": "sched-b_1"},
+            "spec": {"holderIdentity": "sched-b"},
         }
         placed.add("coordination.k8s.io/leases", lease)
         return placed
@@ -311,6 +317,36 @@ class TestPortForward:
             "--context",
             "x",
         ]
+
+    def test_a_pod_that_only_calls_itself_scheduler_gets_no_token(self, placed: Stage, tmp_path: Path) -> None:
+        def add(name: str, release: str) -> None:
+            labels = {"app.kubernetes.io/component": "scheduler"} | ({_RELEASE: release} if release else {})
+            metadata = {"name": name, "namespace": "robotapp-system", "labels": labels}
+            placed.add("/pods", {"metadata": metadata, "spec": {"containers": []}, "status": {"phase": "Running"}})
+
+        path = self.kubectl(tmp_path / "bin", f"touch {tmp_path}/called; exit 1")
+        add("nobodys", "")
+        assert "which of nobodys in namespace robotapp-system is the scheduler is not certain" in placed.text(
+            "explain", "teleop", PATH=path
+        )
+        add("ours", "robotapp")
+        assert "which of nobodys, ours" in placed.text("explain", "teleop", PATH=path)
+        lease = {
+            "metadata": {"name": "robotapp-scheduler", "namespace": "robotapp-system"},
+            "spec": {"holderIdentity": "ours-and-longer"},
+        }
+        placed.add("coordination.k8s.io/leases", lease)
+        assert "is held by ours-and-longer, which is no running scheduler pod" in placed.text(
+            "explain", "teleop", PATH=path
+        )
+        assert not (tmp_path / "called").exists()
+
+    def test_who_may_not_read_the_lease_gets_a_pod_of_the_one_release(self, placed: Stage, tmp_path: Path) -> None:
+        labels = {"app.kubernetes.io/component": "scheduler", _RELEASE: "robotapp"}
+        metadata = {"name": "ours", "namespace": "robotapp-system", "labels": labels}
+        placed.add("/pods", {"metadata": metadata, "spec": {"containers": []}, "status": {"phase": "Running"}})
+        path = self.kubectl(tmp_path / "bin", "echo 'error: pods is forbidden' >&2; exit 1")
+        assert "port-forward to ours failed: error: pods is forbidden" in placed.text("explain", "teleop", PATH=path)
 
     def test_a_failing_kubectl_is_quoted(self, with_scheduler_pod: Stage, tmp_path: Path) -> None:
         path = self.kubectl(tmp_path / "bin", "echo 'error: pods is forbidden' >&2; exit 1")
