@@ -76,6 +76,42 @@ def test_uninstalling_without_keep_leaves_nothing_not_even_users_apps(afterwards
         assert {"DomainPool//default", "RobotApp/default/left", f"Deployment/{NAMESPACE}/robotapp-operator"} <= during
         chart.uninstall()
         assert settled(chart, before) == set()
+        assert plane.kubectl("get", "leases", "-n", NAMESPACE, "-o", "name") == ""
+
+
+def test_a_rollback_across_keep_deletes_no_pool_and_no_app() -> None:
+    """At the first installation the pool is a hook: a revision without it, to which a rollback went back by deleting it."""
+    with ControlPlane(kwok=False, controller_manager=True) as plane:
+        chart = Chart(plane)
+        settle_namespace(chart)
+        before = everything(plane)
+        chart.install(NO_PODS)
+        chart.upgrade({**NO_PODS, "crds.keep": "false"})
+        plane.kubectl("create", "-f", "-", stdin=json.dumps(APP))
+        uid = plane.kubectl("get", "domainpool", "default", "--output=jsonpath={.metadata.uid}")
+        for revision in ("1", "2", "1", "2"):
+            plane.helm("rollback", "robotapp", revision, "--namespace", NAMESPACE, "--wait")
+            assert plane.kubectl("get", "domainpool", "default", "--output=jsonpath={.metadata.uid}") == uid
+            assert plane.kubectl("get", "robotapp", "left", "-n", "default", "-o", "name")
+        chart.uninstall()
+        assert settled(chart, before) == set()
+
+
+def test_leases_go_with_the_release_and_one_that_was_there_before_is_no_obstacle(free: Chart) -> None:
+    plane = free.plane
+    body = {
+        "apiVersion": "coordination.k8s.io/v1",
+        "kind": "Lease",
+        "metadata": {"name": "robotapp-scheduler", "namespace": NAMESPACE},
+    }
+    plane.kubectl("create", "-f", "-", stdin=json.dumps(body))
+    free.install(NO_WORKLOADS)
+    free.upgrade(NO_WORKLOADS)
+    free.uninstall()
+    assert plane.kubectl("get", "leases", "-n", NAMESPACE, "-o", "name").split() == [
+        "lease.coordination.k8s.io/robotapp-scheduler"
+    ]
+    plane.kubectl("delete", "lease", "robotapp-scheduler", "-n", NAMESPACE)
 
 
 def test_by_default_the_crds_the_pool_and_users_apps_stay(free: Chart) -> None:

@@ -298,13 +298,32 @@ def test_switches_leave_their_objects_out(chart: Chart) -> None:
         {"rbac.create": "false", "policies.enabled": "false", "domainPool.create": "false", "crds.enabled": "false"}
     )
     kinds = {item["kind"] for item in objects}
-    assert kinds == {"ServiceAccount", "ConfigMap", "Deployment"}
+    assert kinds == {"ServiceAccount", "ConfigMap", "Deployment", "Lease"}
 
 
 def test_crds_and_pool_are_kept_on_uninstall_unless_told_otherwise(chart: Chart) -> None:
     for keep, expected in (("true", {"keep"}), ("false", {None})):
-        objects = of_kind(chart.render({"crds.keep": keep}), "CustomResourceDefinition", "DomainPool")
+        objects = of_kind(chart.render({"crds.keep": keep}), "CustomResourceDefinition")  # the pool goes with its own
         assert {item["metadata"].get("annotations", {}).get("helm.sh/resource-policy") for item in objects} == expected
+
+
+def test_only_several_replicas_have_a_disruption_budget(chart: Chart, rendered: list[Object]) -> None:
+    assert of_kind(rendered, "PodDisruptionBudget") == []
+    objects = chart.render({"operator.replicas": "2", "scheduler.replicas": "2"})
+    budgets = {each["metadata"]["name"]: each["spec"] for each in of_kind(objects, "PodDisruptionBudget")}
+    assert set(budgets) == {"robotapp-operator", "robotapp-scheduler"}
+    for name, spec in budgets.items():
+        assert spec["maxUnavailable"] == 1
+        assert spec["selector"] == named(objects, "Deployment", name)["spec"]["selector"]
+
+
+def test_questions_about_callers_are_a_flow_of_their_own(rendered: list[Object]) -> None:
+    (flow,) = of_kind(rendered, "FlowSchema")
+    (rule,) = flow["spec"]["rules"]
+    asked = {resource for each in rule["resourceRules"] for resource in each["resources"]}
+    assert asked == {"tokenreviews", "subjectaccessreviews"}
+    assert {each["serviceAccount"]["name"] for each in rule["subjects"]} == {"robotapp-operator", "robotapp-scheduler"}
+    assert flow["spec"]["matchingPrecedence"] < 9000
 
 
 def test_the_default_pool_is_the_one_of_the_design(chart: Chart) -> None:
