@@ -10,7 +10,6 @@ import pytest
 from tests.support.claims_live import Live, live, until
 from tests.support.claims_objects import deployment_json
 from tests.support.clients import client_for
-from tests.support.stage import Stage
 
 from robotapp_api.claims.identity import holder_of_app
 from robotapp_api.claims.objects import Holder
@@ -102,9 +101,3 @@ async def attacker(installed_plane: ControlPlane, place: Live) -> AsyncIterator[
         installed_plane.kubectl("create", *rights)
         async with client_for(load(installed_plane.kubeconfig("tenant")), timeout_s=20) as client:
             yield Attacker(client, place.admin, namespace, place.node)
-
-
-@pytest.fixture
-def stage(installed_plane: ControlPlane, namespace: str) -> Stage:
-    """A stage like that of the scheduling tests."""
-    return Stage(installed_plane, namespace)

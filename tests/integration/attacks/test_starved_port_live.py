@@ -25,6 +25,11 @@ SECONDS = 8
 PODS = 20
 
 
+@pytest.fixture
+def stage(installed_plane: ControlPlane, namespace: str) -> Stage:
+    return Stage(installed_plane, namespace)
+
+
 def test_bad_tokens_and_full_explanations_are_no_work_for_the_process_that_places_pods(
     installed_plane: ControlPlane, stage: Stage
 ) -> None:
