@@ -2,37 +2,17 @@
 
 import json
 import re
-from typing import Any
 
 import pytest
-from tests.support.chart import CHART, NAMESPACE, NO_WORKLOADS, Chart, Object, flags, named, of_kind, rules
+from tests.support.chart import CHART, NAMESPACE, NO_WORKLOADS, Chart, Object, flags, named, of_kind, pod_spec, rules
 
 from robotapp_api.model.names import FLEET_CONFIG_MAP, SCHEDULER_NAME
-from robotapp_api.serving.pages import A_ROLE_THAT_MAY
 from robotapp_operator.plan.fleet import MAX_SHARDS
 from robotapp_testbed.failures import CommandError
 
 pytestmark = pytest.mark.live
 
-ALL_FLAGS = {
-    "metrics.podMonitor.enabled": "true",
-    "metrics.serviceMonitor.enabled": "true",
-    "networkPolicy.enabled": "true",
-    "imagePullSecrets[0]": "pull",
-    "commonLabels.team": "fleet",
-    "operator.podAnnotations.note": "kept",
-    "operator.nodeSelector.disk": "ssd",
-}
 WRITES = {"create", "update", "patch", "delete", "deletecollection"}
-
-
-@pytest.fixture(scope="module")
-def rendered(chart: Chart) -> list[Object]:
-    return chart.render(ALL_FLAGS)
-
-
-def pod_spec(objects: list[Object], component: str) -> Any:
-    return named(objects, "Deployment", f"robotapp-{component}")["spec"]["template"]["spec"]
 
 
 def test_no_role_has_a_wildcard(rendered: list[Object]) -> None:
@@ -171,46 +151,6 @@ def test_a_port_is_probed_and_scraped_over_tls(rendered: list[Object], component
         assert named(rendered, kind, f"robotapp-{component}")["spec"][field][0]["scheme"] == "https"
 
 
-@pytest.mark.parametrize("component", ["operator", "scheduler"])
-def test_a_port_is_scraped_with_a_token_that_may_get_metrics_and_nothing_else(
-    rendered: list[Object], component: str
-) -> None:
-    for kind, field in (("PodMonitor", "podMetricsEndpoints"), ("ServiceMonitor", "endpoints")):
-        shown = named(rendered, kind, f"robotapp-{component}")["spec"][field][0]["authorization"]["credentials"]
-        assert shown == {"name": "robotapp-metrics-token", "key": "token"}
-    secret = named(rendered, "Secret", "robotapp-metrics-token")
-    assert secret["metadata"]["annotations"] == {"kubernetes.io/service-account.name": "robotapp-metrics"}
-    bound = [
-        item["roleRef"]["name"]
-        for item in of_kind(rendered, "RoleBinding", "ClusterRoleBinding")
-        if any(subject["name"] == "robotapp-metrics" for subject in item["subjects"])
-    ]
-    assert bound == ["robotapp-metrics-reader"]
-    role = named(rendered, "ClusterRole", "robotapp-metrics-reader")
-    assert role["rules"] == [{"nonResourceURLs": ["/metrics"], "verbs": ["get"]}]
-
-
-def test_the_roles_a_refused_caller_is_told_of_may_get_the_pages(rendered: list[Object]) -> None:
-    told = {"robotapp-cluster-viewer": {"/configz", "/metrics", "/simulate"}, "robotapp-metrics-reader": {"/metrics"}}
-    for name, paths in told.items():
-        assert name in A_ROLE_THAT_MAY
-        allowed = [rule for rule in named(rendered, "ClusterRole", name)["rules"] if "get" in rule["verbs"]]
-        assert {path for rule in allowed for path in rule.get("nonResourceURLs", ())} == paths
-
-
-def test_without_monitors_there_is_no_token(chart: Chart) -> None:
-    objects = chart.render()
-    assert of_kind(objects, "Secret") == []
-    assert "robotapp-metrics" not in {item["metadata"]["name"] for item in of_kind(objects, "ServiceAccount")}
-
-
-@pytest.mark.parametrize("component", ["operator", "scheduler"])
-def test_a_given_certificate_is_mounted_and_served(chart: Chart, component: str) -> None:
-    spec = pod_spec(chart.render({f"{component}.tls.secretName": "cert"}), component)
-    assert "--tls-cert-file=/etc/robotapp-tls/tls.crt" in spec["containers"][0]["args"]
-    assert {"name": "tls", "secret": {"secretName": "cert"}} in spec["volumes"]
-
-
 def test_what_the_scheduler_remembers_of_its_plugins_outlives_its_process_and_needs_no_rights(chart: Chart) -> None:
     for values in ({}, {"scheduler.tls.secretName": "cert"}):
         spec = pod_spec(chart.render(values), "scheduler")
@@ -315,15 +255,6 @@ def test_only_several_replicas_have_a_disruption_budget(chart: Chart, rendered: 
     for name, spec in budgets.items():
         assert spec["maxUnavailable"] == 1
         assert spec["selector"] == named(objects, "Deployment", name)["spec"]["selector"]
-
-
-def test_questions_about_callers_are_a_flow_of_their_own(rendered: list[Object]) -> None:
-    (flow,) = of_kind(rendered, "FlowSchema")
-    (rule,) = flow["spec"]["rules"]
-    asked = {resource for each in rule["resourceRules"] for resource in each["resources"]}
-    assert asked == {"tokenreviews", "subjectaccessreviews"}
-    assert {each["serviceAccount"]["name"] for each in rule["subjects"]} == {"robotapp-operator", "robotapp-scheduler"}
-    assert flow["spec"]["matchingPrecedence"] < 9000
 
 
 def test_the_default_pool_is_the_one_of_the_design(chart: Chart) -> None:

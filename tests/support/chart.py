@@ -83,3 +83,8 @@ def everything(plane: ControlPlane) -> set[str]:
     template = '{range .items[*]}{.kind}/{.metadata.namespace}/{.metadata.name}{"\\n"}{end}'
     listed = plane.kubectl("get", ",".join(sorted(resources)), "--all-namespaces", f"--output=jsonpath={template}")
     return {*listed.split(), *(f"resource/{name}" for name in resources)}
+
+
+def pod_spec(objects: list[Object], component: str) -> Any:
+    """The pod of a component's Deployment."""
+    return named(objects, "Deployment", f"robotapp-{component}")["spec"]["template"]["spec"]

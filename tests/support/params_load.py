@@ -26,6 +26,10 @@ def rss_bytes() -> int:
     return int(Path("/proc/self/statm").read_text().split()[1]) * PAGE_BYTES
 
 
+def file_of(config_map: str) -> dict[str, object]:
+    return {"configMapKeyRef": {"name": config_map, "key": "params.yaml"}}
+
+
 def app(number: int, names: int, namespace: str) -> App:
     """An app whose every component names a ConfigMap of its own; none but the last may exist."""
     parts = [
