@@ -132,6 +132,8 @@ class InstanceObjects:
             answer = await self._client.apply(ROBOTAPPINSTANCES, body, subresource="status")
         except (NotFound, Conflict) as race:
             log.info("status of RobotAppInstance %s/%s not written: %s", meta.namespace, meta.name, race)
+            if isinstance(race, NotFound):  # its DELETED event may have come before the answer that put it here
+                self._cache.drop_instance_object(item)
             return SOON_S
         self._keep(answer)
         memory.version = answer["metadata"]["resourceVersion"]

@@ -1,12 +1,12 @@
 """Checks of one component: environment, resources, devices, template."""
 
-from collections.abc import Iterator
-from typing import Final
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, Final
 
 from robotapp_api.checks.parameters import parameter_problems
 from robotapp_api.checks.problem import Problem, invalid
 from robotapp_api.model.component import Component
-from robotapp_api.model.names import PARAMETERS_VOLUME
+from robotapp_api.model.names import PARAMETERS_VOLUME, WAITING_STEP
 from robotapp_api.values.quantity import parse_milli
 
 SET_FOR_ALL: Final = {
@@ -25,6 +25,7 @@ def component_problems(component: Component, at: str, *, ros_version: int) -> It
     yield from parameter_problems(component, at, ros_version=ros_version)
     yield from _device_problems(component, at)
     yield from _ready_problems(component, at, ros_version=ros_version)
+    yield from _init_container_problems(component, at)
     for index, volume in enumerate(component.template.spec.volumes):
         if volume.get("name") == PARAMETERS_VOLUME:
             yield invalid(
@@ -62,16 +63,30 @@ def _resource_problems(component: Component, at: str) -> Iterator[Problem]:
 
 
 def _environment_problems(component: Component, at: str) -> Iterator[Problem]:
-    for variable in component.env:
+    yield from _variable_problems(component.env, f"{at}.env", of=component.name)
+    for index, container in enumerate(component.template.spec.init_containers):
+        where = f"{at}.template.spec.initContainers[{index}].env"
+        yield from _variable_problems(container.get("env") or (), where, of=container.get("name", ""))
+
+
+def _variable_problems(variables: Iterable[Mapping[str, Any]], field: str, *, of: str) -> Iterator[Problem]:
+    for variable in variables:
         name = variable.get("name", "")
         if name in SET_FOR_ALL:
-            yield invalid(
-                f"{at}.env", f"{name} of {component.name} is set for all components alike; use {SET_FOR_ALL[name]}"
-            )
+            yield invalid(field, f"{name} of {of} is set for all components alike; use {SET_FOR_ALL[name]}")
         elif name.startswith(RESERVED_PREFIX):
+            yield invalid(field, f"{name} of {of}: {RESERVED_PREFIX}… belongs to the operator; write another name")
+
+
+def _init_container_problems(component: Component, at: str) -> Iterator[Problem]:
+    """Names are unique within a pod, and the component's own container and the operator's waiting step have theirs."""
+    taken = {component.name: "the component itself", WAITING_STEP: "the operator's own step"}
+    for index, container in enumerate(component.template.spec.init_containers):
+        name = container.get("name", "")
+        if name in taken:
             yield invalid(
-                f"{at}.env",
-                f"{name} of {component.name}: {RESERVED_PREFIX}… belongs to the operator; write another name",
+                f"{at}.template.spec.initContainers[{index}].name",
+                f"{name} is the name of {taken[name]}; write another name",
             )
 
 

@@ -1,18 +1,25 @@
 """Checks of ROS parameter files: can ROS read what is written inline, and can the files be passed at all?"""
 
 from collections.abc import Iterator, Mapping
+from functools import lru_cache
 from typing import Final
 
 import yaml
 
 from robotapp_api.checks.problem import Problem, invalid
 from robotapp_api.model.component import Component
+from robotapp_api.model.names import PARAMETERS_PATH
 from robotapp_api.values import strict_yaml
 
 MOST_INLINE_BYTES: Final = 196_608
 """Inline files of one component together: they travel in annotations of its pods, which hold 256 KiB in all."""
+MOST_APP_INLINE_BYTES: Final = 262_144
 _SECTION: Final = "ros__parameters"
 _DEEPEST: Final = 32
+_SHELLS: Final = frozenset({"sh", "bash", "dash", "ash", "zsh"})
+_HEEDED: Final = ("$@", "$*", "${@", "${*", "$1", "ROBOTAPP_PARAMETER_FILES")
+_SHOWN: Final = 60
+"""Characters of a script in a message."""
 
 
 def parameter_problems(component: Component, at: str, *, ros_version: int) -> Iterator[Problem]:
@@ -28,20 +35,52 @@ def parameter_problems(component: Component, at: str, *, ros_version: int) -> It
             f"{at}.parameters",
             f"parameter files are passed as arguments, which would replace the image's own command; write command or args of {component.name}",
         )
-    total = 0
-    for index, file in enumerate(component.parameters):
-        if file.inline is not None:
-            total += len(file.inline.encode())
-            wrong = inline_problem(file.inline)
-            if wrong:
-                yield invalid(f"{at}.parameters[{index}].inline", wrong)
+    elif script := _unheeding_script(component):
+        yield invalid(
+            f"{at}.parameters",
+            f'the shell of {component.name} takes the parameter files as $0, $1 …, and its script {script!r} passes them to nobody; write "$0" "$@" after the program, or use $ROBOTAPP_PARAMETER_FILES',
+        )
+    for index, mount in enumerate(component.volume_mounts):
+        if mount.get("mountPath", "").rstrip("/") == PARAMETERS_PATH:
+            yield invalid(
+                f"{at}.volumeMounts[{index}].mountPath",
+                f"{PARAMETERS_PATH} is where the parameter files are; write another path",
+            )
+    yield from _inline_problems(component, at)
+
+
+def _inline_problems(component: Component, at: str) -> Iterator[Problem]:
+    total = inline_bytes(component)
+    if total:
+        annotations = component.template.metadata.annotations
+        total += sum(len(key.encode()) + len(value.encode()) for key, value in annotations.items())
     if total > MOST_INLINE_BYTES:
         yield invalid(
             f"{at}.parameters",
-            f"inline files of one component may have {MOST_INLINE_BYTES >> 10} KiB together, these have {total >> 10}; write some of them into a ConfigMap",
+            f"inline files and template.metadata.annotations of one component may have {MOST_INLINE_BYTES >> 10} KiB together, these have {total >> 10}; write some of the files into a ConfigMap",
         )
+        return
+    for index, file in enumerate(component.parameters):
+        wrong = inline_problem(file.inline) if file.inline is not None else ""
+        if wrong:
+            yield invalid(f"{at}.parameters[{index}].inline", wrong)
 
 
+def inline_bytes(component: Component) -> int:
+    """Size of the component's inline files."""
+    return sum(len(file.inline.encode()) for file in component.parameters if file.inline is not None)
+
+
+def _unheeding_script(component: Component) -> str:
+    """The script of a `sh -c` that ends the command line, if it does not look at its arguments; "" otherwise."""
+    words = (*component.command, *component.args)
+    if len(words) < 3 or words[-2] != "-c" or words[0].rpartition("/")[2] not in _SHELLS:
+        return ""
+    script = words[-1]
+    return "" if any(heeded in script for heeded in _HEEDED) else script[:_SHOWN]
+
+
+@lru_cache(maxsize=64)
 def inline_problem(text: str) -> str:
     """Why ROS 2 could not read `text` as a parameter file, "" when it could."""
     try:

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from robotapp_api.checks.components import component_notes, component_problems
 from robotapp_api.checks.edges import edge_problems
 from robotapp_api.checks.middleware import mode_problem
+from robotapp_api.checks.parameters import MOST_APP_INLINE_BYTES, inline_bytes
 from robotapp_api.checks.problem import Problem, invalid
 from robotapp_api.checks.ros import discovery_of, rmw_of, ros_version_of
 from robotapp_api.model.distros import DISTROS, nearest
@@ -18,6 +19,7 @@ def spec_problems(spec: RobotAppSpec) -> Iterator[Problem]:
     yield from _middleware_problems(spec)
     for index, component in enumerate(spec.components):
         yield from component_problems(component, f"spec.components[{index}]", ros_version=ros_version_of(spec))
+    yield from _inline_files(spec)
     yield from _keys_without_robot(spec)
     yield from _unknown_names(spec)
     yield from _contradictions(spec)
@@ -81,6 +83,16 @@ def _middleware_problems(spec: RobotAppSpec) -> Iterator[Problem]:
         yield invalid(
             "spec.ros2.discovery.mode",
             f"Localhost keeps {edge.from_} and {edge.to} apart: every component has its own loopback; write mode: Auto",
+        )
+
+
+def _inline_files(spec: RobotAppSpec) -> Iterator[Problem]:
+    """All inline files are read whenever a spec is: an app has to leave time for others."""
+    total = sum(map(inline_bytes, spec.components))
+    if total > MOST_APP_INLINE_BYTES:
+        yield invalid(
+            "spec.components",
+            f"inline parameter files of one app may have {MOST_APP_INLINE_BYTES >> 10} KiB together, these have {total >> 10}; write some of them into a ConfigMap",
         )
 
 

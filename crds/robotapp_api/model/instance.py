@@ -82,7 +82,7 @@ class Move(Observed):
 
     component: ShortText
     """Component that moved."""
-    times: Annotated[tuple[Timestamp, ...], Field(max_length=32)] = ()
+    times: Annotated[tuple[Timestamp, ...], Field(max_length=4)] = ()
     """Times of its latest moves."""
 
 

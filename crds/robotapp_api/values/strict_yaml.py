@@ -47,6 +47,9 @@ def loads(text: str) -> object:
     except (ValueError, RecursionError) as error:
         # A date that is none, a number of a million digits, a million brackets: the parser lets these through.
         raise yaml.YAMLError(str(error)) from error
+    except (LookupError, AttributeError, TypeError, ArithmeticError) as error:
+        # A written tag on a value that is nothing of its kind, such as `!!bool x`: PyYAML's constructors expect the best.
+        raise yaml.YAMLError(f"a value does not fit the tag that is written before it ({error})") from error
     _bounded(document)
     return document
 

@@ -10,12 +10,22 @@ from robotapp_operator.plan.instances import allowed_robots, matching_robots
 from robotapp_operator.plan.objects import Node
 from robotapp_operator.plan.wish import App
 
-__all__ = ["Problem", "notes_of", "problems_of"]
+__all__ = ["Problem", "notes_of", "problems_alone", "problems_of", "problems_with"]
 
 
 def problems_of(app: App, nodes: Mapping[str, Node]) -> tuple[Problem, ...]:
     """Every problem of the spec, most basic first; empty means accepted."""
-    return (*spec_problems(app.spec), *_placement_problems(app, nodes))
+    return (*problems_alone(app), *problems_with(app, nodes))
+
+
+def problems_alone(app: App) -> tuple[Problem, ...]:
+    """What is wrong whatever nodes there are."""
+    return tuple(spec_problems(app.spec))
+
+
+def problems_with(app: App, nodes: Mapping[str, Node]) -> tuple[Problem, ...]:
+    """What is wrong with the nodes there are."""
+    return tuple(_placement_problems(app, nodes))
 
 
 def notes_of(app: App) -> tuple[str, ...]:

@@ -52,7 +52,8 @@ def render_instance(facts: AppFacts) -> dict[str, Any]:
         ],
         **written(domain=instance.domain, claims=list(instance.claims[:MAX_CLAIMS])),
     }
-    room = MAX_STATUS_BYTES - stored_bytes(status) - len(',"edges":[],"edgesOmitted":256')
+    kept = stored_bytes(facts.previous.get("moves") or [])  # a list that is not ours stays where it is
+    room = MAX_STATUS_BYTES - stored_bytes(status) - kept - len(',"edges":[],"edgesOmitted":256')
     edges = _fitting([_edge(edge) for edge in instance.edges[:MAX_EDGES]], room)
     return status | written(edges=edges, edgesOmitted=(len(instance.edges) - len(edges)) or None)
 

@@ -10,12 +10,10 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from robotapp_api.model.component import Component
-from robotapp_api.model.names import PARAMETERS_PREFIX, PARAMETERS_VOLUME, Annotation
+from robotapp_api.model.names import PARAMETERS_PATH, PARAMETERS_PREFIX, PARAMETERS_VOLUME, Annotation
 from robotapp_api.model.parameters import ConfigMapKey, Parameters
 from robotapp_operator.plan.objects import ConfigMap
 from robotapp_operator.plan.wish import App, Wish
-
-PARAMETERS_PATH: Final = "/etc/robotapp/parameters"
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@
 from typing import Any, Final
 
 from robotapp_api.model.component import Component
-from robotapp_api.model.names import SCHEDULING_GATE, Annotation
+from robotapp_api.model.names import SCHEDULING_GATE, WAITING_STEP, Annotation
 from robotapp_operator.plan.children import component_labels
 from robotapp_operator.plan.environment import ros2_environment
 from robotapp_operator.plan.parameters import (
@@ -129,7 +129,7 @@ def _waiting(component: Component, wish: Wish) -> list[dict[str, Any]]:
         f"until getent hosts $name >/dev/null || [ $i -ge {PEER_WAIT_S} ]; do sleep 1; i=$((i+1)); done; done"
     )
     step = _written(
-        name="wait-for-names",
+        name=WAITING_STEP,
         image=component.image,
         imagePullPolicy=component.image_pull_policy,
         securityContext=component.security_context,

@@ -13,9 +13,17 @@ from robotapp_operator.plan.wish import Wish
 DISCONNECTED: Final = ("node.kubernetes.io/not-ready", "node.kubernetes.io/unreachable")
 
 
-def on_disconnect(component: Component) -> str:
-    """Keep on the robot, Failover elsewhere, unless written."""
-    return component.on_disconnect or ("Keep" if component.runs_on == ("Robot",) else "Failover")
+def on_disconnect(component: Component, wish: Wish) -> str:
+    """Keep on the robot, Failover elsewhere, unless written.
+
+    Our scheduler holds a successor back while its predecessor may still drive; others do not, so with them a pod that may be
+    on a robot is kept as well.
+    """
+    if component.on_disconnect:
+        return component.on_disconnect
+    may_drive = "Robot" in component.runs_on or bool(wish.robot and not component.runs_on)
+    keep = component.runs_on == ("Robot",) or (may_drive and not wish.app.our_scheduler)
+    return "Keep" if keep else "Failover"
 
 
 def tolerations(component: Component, wish: Wish) -> list[dict[str, Any]]:
@@ -24,7 +32,7 @@ def tolerations(component: Component, wish: Wish) -> list[dict[str, Any]]:
     named = "Robot" in component.runs_on
     if named or (wish.robot and not component.runs_on):
         result += robot_tolerations(wish.robot)
-    keep = on_disconnect(component) == "Keep"
+    keep = on_disconnect(component, wish) == "Keep"
     grace_s = parse_us(wish.app.spec.connectivity.grace) // 1_000_000
     return result + disconnect_tolerations(None if keep else grace_s)
 

@@ -289,7 +289,7 @@ def count_questions(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         asked.append(name)
         return real(*args, **kwargs)
 
-    for name in ("instances_of", "problems_of"):
+    for name in ("instances_of", "problems_alone", "problems_with"):
         monkeypatch.setattr(gather, name, partial(counted, name, getattr(gather, name)))
     return asked
 
@@ -301,12 +301,14 @@ def test_which_instances_there_are_is_worked_out_once_for_all_keys(monkeypatch: 
     for _ in range(3):
         assert [instance.robot for instance in wanted_instances(app, cache)] == ["a", "b"]
         assert problems_now(app, cache) == ()
-    assert asked == ["instances_of", "problems_of"]
+    assert asked == ["instances_of", "problems_alone", "problems_with"]
     cache.nodes["n-b"] = make_node("n-b", robot="b", tier="robot", ready=False)
     wanted_instances(app, cache)
-    assert len(asked) == 2, "who has no say in it asks nobody"
+    assert len(asked) == 3, "who has no say in it asks nobody"
     del cache.nodes["n-b"]
     assert [instance.robot for instance in wanted_instances(app, cache)] == ["a"]
+    assert problems_now(app, cache) == ()
+    assert asked[3:] == ["instances_of", "problems_with"], "the spec itself is read once, whatever nodes come and go"
     other = make_app(robots={"nodeSelector": {"matchLabels": {"robotics.io/robot": "z"}}}, generation=2)
     assert wanted_instances(other, cache) == ()
     assert [problem.reason for problem in problems_now(other, cache)] == [Reason.NO_MATCHING_ROBOT]

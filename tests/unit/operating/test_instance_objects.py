@@ -294,6 +294,19 @@ async def test_a_name_that_is_taken_for_a_moment_is_tried_again(world: World, mo
     assert await world.objects.publish(uid, "") == SOON_S
 
 
+async def test_an_object_that_only_the_cache_still_has_is_made_again(world: World) -> None:
+    """Its DELETED event came before the answer to our own write, which put it back into the cache for good."""
+    uid = await world.app()
+    await world.objects.publish(uid, "")
+    (item,) = await world.stored()
+    await world.client.delete(ROBOTAPPINSTANCES, item["metadata"]["name"], namespace="default")
+    world.now_s += QUIET_S
+    assert await world.objects.publish(uid, "") == SOON_S
+    world.now_s += SOON_S
+    await world.objects.publish(uid, "")
+    assert [each["metadata"]["name"] for each in await world.stored()] == [item["metadata"]["name"]]
+
+
 async def test_a_status_is_never_written_over_what_was_not_seen(world: World) -> None:
     uid = await world.app()
     await world.objects.publish(uid, "")

@@ -170,6 +170,38 @@ def test_a_problem_prints_its_field_first() -> None:
             "write another name",
         ),
         ({"parameters": [{"inline": "a: [b"}]}, "parameters[0].inline", "is no YAML"),
+        ({"parameters": [{"inline": "/**: {ros__parameters: {t: !!bool x}}"}]}, "parameters[0].inline", "is no YAML"),
+        (
+            {
+                "command": ["/bin/sh", "-c"],
+                "args": ["exec ros2 run a b"],
+                "parameters": [{"inline": "/**: {ros__parameters: {}}"}],
+            },
+            "parameters",
+            "passes them to nobody",
+        ),
+        (
+            {
+                "parameters": [{"inline": "/**: {ros__parameters: {}}"}],
+                "volumeMounts": [{"name": "v", "mountPath": "/etc/robotapp/parameters/"}],
+            },
+            "volumeMounts[0].mountPath",
+            "write another path",
+        ),
+        (
+            {
+                "template": {
+                    "spec": {"initContainers": [{"name": "x", "env": [{"name": "ROS_DOMAIN_ID", "value": "7"}]}]}
+                }
+            },
+            "template.spec.initContainers[0].env",
+            "use spec.ros2.domain",
+        ),
+        (
+            {"template": {"spec": {"initContainers": [{"name": "a"}]}}},
+            "template.spec.initContainers[0].name",
+            "the component itself",
+        ),
         ({"parameters": [{"inline": "- a"}]}, "parameters[0].inline", "must be a mapping"),
         ({"parameters": [{"inline": "/**: {v: 1.0}"}]}, "parameters[0].inline", "/**/v must be a mapping"),
         ({"parameters": [{"inline": "/**: {}"}]}, "parameters[0].inline", "/** is empty"),
@@ -181,7 +213,7 @@ def test_a_problem_prints_its_field_first() -> None:
     ],
 )
 def test_what_a_component_cannot_have_is_refused(fields: dict[str, object], field: str, says: str) -> None:
-    _, at, message = only_problem(make_app(component("a", args=["run"], **fields)))
+    _, at, message = only_problem(make_app(component("a", **{"args": ["run"], **fields})))
     assert at == f"spec.components[0].{field}"
     assert says in message
 
@@ -196,6 +228,29 @@ def test_what_a_component_cannot_have_is_refused(fields: dict[str, object], fiel
 )
 def test_parameter_files_as_ros_reads_them_are_accepted(text: str) -> None:
     assert problems_of(make_app(component("a", args=["run"], parameters=[{"inline": text}])), {}) == ()
+
+
+@pytest.mark.parametrize(
+    "script", ['exec ros2 run a b "$0" "$@"', "for f in $ROBOTAPP_PARAMETER_FILES; do cat $f; done"]
+)
+def test_a_script_that_looks_at_its_files_is_accepted(script: str) -> None:
+    files = [{"inline": "/**: {ros__parameters: {}}"}]
+    app = make_app(component("a", command=["bash", "-c", script], parameters=files))
+    assert problems_of(app, {}) == ()
+
+
+def test_annotations_of_the_template_take_room_from_inline_files() -> None:
+    file = {"inline": f"/**: {{ros__parameters: {{v: {'x' * 60_000}}}}}"}
+    template = {"metadata": {"annotations": {f"example.com/{number}": "x" * 4000 for number in range(8)}}}
+    app = make_app(component("a", args=["run"], parameters=[file] * 3, template=template))
+    assert "192 KiB together" in only_problem(app)[2]
+
+
+def test_inline_files_of_one_app_are_bounded_because_reading_them_takes_time_from_others() -> None:
+    file = {"inline": f"/**: {{ros__parameters: {{v: {'x' * 60_000}}}}}"}
+    parts = [component(name, args=["run"], parameters=[file] * 3) for name in ("a", "b")]
+    _, field, message = only_problem(make_app(*parts))
+    assert (field, "256 KiB together" in message) == ("spec.components", True)
 
 
 def test_inline_files_have_to_fit_into_the_annotations_of_a_pod() -> None:
@@ -231,6 +286,8 @@ def test_edges_of_one_publisher_must_not_contradict_each_other(
 def test_equal_rates_in_other_words_are_no_contradiction() -> None:
     parts = [component(name) for name in ("driver", "operator", "logger")]
     assert problems_of(make_app(*parts, edges=[edge(rateHz="500m"), edge(to="logger", rateHz="0.5")]), {}) == ()
+    one, other = {"deadline": "1s", "lease": "90s"}, {"deadline": "1000ms", "lease": "1m30s"}
+    assert problems_of(make_app(*parts, edges=[edge(qos=one), edge(to="logger", qos=other)]), {}) == ()
 
 
 def test_fields_without_effect_are_told_and_do_not_refuse_the_app() -> None:

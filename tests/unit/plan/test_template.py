@@ -353,3 +353,19 @@ def test_apps_without_a_scheduler_take_the_operators() -> None:
     rendered = pod_template(app.spec.components[0], wish_of(app, ""), domain=DOMAIN, state=NONE)
     assert rendered["spec"]["schedulerName"] == "batch"
     assert template()["spec"]["schedulerName"] == "ros-aware-scheduler"
+
+
+@pytest.mark.parametrize(
+    ("runs_on", "robot", "kept"),
+    [(["Robot"], "r", True), (["Edge", "Robot"], "r", True), ([], "r", True), ([], "", False), (["Edge"], "r", False)],
+)
+def test_other_schedulers_do_not_wait_for_a_pod_that_may_still_drive_so_it_is_kept(
+    runs_on: list[str], robot: str, *, kept: bool
+) -> None:
+    app = {"schedulerName": "default-scheduler"}
+    lost = [
+        item for item in template(robot=robot, runsOn=runs_on, app=app)["spec"]["tolerations"] if "node." in item["key"]
+    ]
+    assert all(("tolerationSeconds" not in item) is kept for item in lost)
+    written = template(robot=robot, runsOn=runs_on, app=app, onDisconnect="Failover")["spec"]["tolerations"]
+    assert all("tolerationSeconds" in item for item in written if "node." in item["key"])
