@@ -9,6 +9,7 @@ from ros_nodes.trips import TRIP, Row, parse, summarise
 
 IMAGES = ("ros2", "ros1")
 TRIO_HZ = 20
+DOMAIN_S = 90.0
 TRIO_CAMERA = (10, 20_000)
 FOREIGN_HEARD = "it heard another app"
 RESTARTED = "a container was restarted"
@@ -108,11 +109,16 @@ def pods(cp: ControlPlane, namespace: str, name: str) -> dict[str, dict[str, Any
     }
 
 
-def domain(cp: ControlPlane, namespace: str, name: str) -> int | None:
-    """Of the app's only instance, once it has one."""
+def domain(cp: ControlPlane, namespace: str, name: str) -> int:
+    """Of the app's only instance. Its object is written after the app's own status, so it is waited for."""
     path = f"/apis/robotics.io/v1alpha1/namespaces/{namespace}/robotappinstances?labelSelector=robotics.io/app={name}"
-    instances = cp.api.get(path)["items"]
-    return instances[0].get("status", {}).get("domain") if instances else None
+
+    def known() -> list[int]:
+        return [item["status"]["domain"] for item in cp.api.get(path)["items"] if "domain" in item.get("status", {})]
+
+    if not wait_until(lambda: bool(known()), timeout_s=DOMAIN_S, poll_s=0.2):
+        raise AssertionError(f"no RobotAppInstance of {name} has a domain after {DOMAIN_S:g} s")
+    return known()[0]
 
 
 def rows(cp: ControlPlane, namespace: str, name: str) -> list[Row]:
