@@ -13,6 +13,7 @@ from tests.support.ports import ask
 from tests.support.stage import Json, Stage, deployment, nodes
 
 from robotapp_api.model.names import API_VERSION, Label
+from robotapp_scheduler.shell.planner import WORKER
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.nodes import SimulatedNode, edge
 from robotapp_testbed.process import Process
@@ -110,8 +111,9 @@ def how_planned(stage: Stage, app: str, scheduler: Process) -> str:
 
 
 def workers(process: Process) -> list[int]:
-    """The scheduler's child processes."""
-    return [int(pid) for pid in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()]
+    """The scheduler's child processes that plan; another one serves its port."""
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    return [int(pid) for pid in children if WORKER[-1].encode() in Path(f"/proc/{pid}/cmdline").read_bytes()]
 
 
 def world(*, cpu: str) -> list[SimulatedNode]:
