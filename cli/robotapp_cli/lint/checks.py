@@ -8,7 +8,6 @@ from typing import Final
 
 from pydantic import ValidationError
 
-from robotapp_api.checks.problem import Problem
 from robotapp_api.checks.spec import spec_notes, spec_problems
 from robotapp_api.model.robotapp import RobotAppSpec
 from robotapp_cli.lint.cel_rules import broken_rules
@@ -38,16 +37,16 @@ def operator_problems(subject: Subject) -> Iterator[Finding]:
     """What the operator would refuse with Accepted=False."""
     spec, known = _spec(subject), _refused(subject)
     for problem in spec_problems(spec) if spec else ():
-        finding = _of(problem, Severity.ERROR)
-        if finding.path not in known:  # a rule of the definition has said it already
-            yield finding
+        path = steps(problem.field)
+        if path not in known:  # else a rule of the definition has found it already
+            yield Finding(path, problem.message, reason=problem.reason)
 
 
 def operator_notes(subject: Subject) -> Iterator[Finding]:
     """What the operator accepts but cannot do yet."""
     spec = _spec(subject)
-    for problem in spec_notes(spec) if spec else ():
-        yield _of(problem, Severity.WARNING)
+    for note in spec_notes(spec) if spec else ():
+        yield Finding(steps(note.field), note.message, Severity.WARNING, Why.NOT_BUILT)
 
 
 CHECKS: Final[tuple[Check, ...]] = (
@@ -76,7 +75,3 @@ def _spec(subject: Subject) -> RobotAppSpec | None:
         if _refused(subject):
             return None
         raise
-
-
-def _of(problem: Problem, severity: Severity) -> Finding:
-    return Finding(steps(problem.field), problem.message, severity, str(problem.reason))

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Final
 
 from robotapp_api.checks.parameters import parameter_problems
-from robotapp_api.checks.problem import Problem, invalid
+from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.model.component import Component
 from robotapp_api.model.names import PARAMETERS_VOLUME, WAITING_STEP
 from robotapp_api.values.quantity import parse_milli
@@ -34,18 +34,16 @@ def component_problems(component: Component, at: str, *, ros_version: int) -> It
             )
 
 
-def component_notes(component: Component, at: str) -> Iterator[Problem]:
+def component_notes(component: Component, at: str) -> Iterator[Note]:
     """What of the component has no effect yet."""
     for index, device in enumerate(component.devices):
         where = f"{at}.devices[{index}]"
         if device.sharing == "Namespace":
-            yield invalid(
-                f"{where}.sharing", "Namespace acts as Cluster: nothing keeps other namespaces from the device"
-            )
+            yield Note(f"{where}.sharing", "Namespace acts as Cluster: nothing keeps other namespaces from the device")
         if device.on_loss != "Keep":
-            yield invalid(f"{where}.onLoss", f"{device.on_loss} has no effect yet; the pod is kept")
+            yield Note(f"{where}.onLoss", f"{device.on_loss} has no effect yet; the pod is kept")
     if component.on_disconnect == "Stop":
-        yield invalid(
+        yield Note(
             f"{at}.onDisconnect",
             "Stop is not built yet: the pod is evicted after connectivity.grace, and its successor waits until it has ended",
         )

@@ -1,4 +1,4 @@
-"""What a check finds: a reason code, the field, and a sentence with the cure."""
+"""What a check finds: a problem with its reason code, or a note; each with the field and a sentence with the cure."""
 
 from typing import NamedTuple
 
@@ -14,6 +14,16 @@ class Problem(NamedTuple):
 
     def __str__(self) -> str:
         return f"{self.field}: {self.message}" if self.field else self.message
+
+
+class Note(NamedTuple):
+    """A field that is accepted but does less than its name promises. No condition has a reason for it."""
+
+    field: str
+    message: str
+
+    def __str__(self) -> str:
+        return f"{self.field}: {self.message}"
 
 
 def invalid(field: str, message: str) -> Problem:

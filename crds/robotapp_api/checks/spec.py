@@ -6,7 +6,7 @@ from robotapp_api.checks.components import component_notes, component_problems
 from robotapp_api.checks.edges import edge_problems
 from robotapp_api.checks.middleware import mode_problem
 from robotapp_api.checks.parameters import MOST_APP_INLINE_BYTES, inline_bytes
-from robotapp_api.checks.problem import Problem, invalid
+from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.checks.ros import discovery_of, rmw_of, ros_version_of
 from robotapp_api.model.distros import DISTROS, nearest
 from robotapp_api.model.names import ROBOT_END, Reason
@@ -26,18 +26,18 @@ def spec_problems(spec: RobotAppSpec) -> Iterator[Problem]:
     yield from edge_problems(spec.edges)
 
 
-def spec_notes(spec: RobotAppSpec) -> Iterator[Problem]:
+def spec_notes(spec: RobotAppSpec) -> Iterator[Note]:
     """Fields that are stored and understood but have no effect yet, as far as they are not left at their defaults."""
     if spec.placement.objective != "Latency":
-        yield invalid(
+        yield Note(
             "spec.placement.objective", f"{spec.placement.objective} has no effect yet; places are chosen by latency"
         )
     if spec.placement.reschedule.when != "Never":
-        yield invalid(
+        yield Note(
             "spec.placement.reschedule.when", f"{spec.placement.reschedule.when} has no effect yet; nothing moves"
         )
     if spec.ros2 and spec.ros2.transport == "SHM":
-        yield invalid("spec.ros2.transport", "SHM has no effect yet; pods of one node do not share memory")
+        yield Note("spec.ros2.transport", "SHM has no effect yet; pods of one node do not share memory")
     for index, component in enumerate(spec.components):
         yield from component_notes(component, f"spec.components[{index}]")
 
