@@ -19,6 +19,7 @@ from robotapp_api.client.backoff import Backoff
 from robotapp_api.client.errors import AlreadyExists, ApiError, ClientError, NotFound, ServerError, TooManyRequests
 from robotapp_api.client.resources import EVENTS
 from robotapp_api.client.times import Now, as_micro_time, micro_time, utc_now
+from robotapp_api.values.buckets import Buckets
 
 log = logging.getLogger(__name__)
 
@@ -83,11 +84,6 @@ class _Series(msgspec.Struct, gc=False):
     patching: bool = False
 
 
-class _Bucket(msgspec.Struct, gc=False):
-    tokens: float
-    filled_at: float
-
-
 def reference(
     *, api_version: str, kind: str, name: str, namespace: str = "", uid: str = "", resource_version: str = ""
 ) -> Json:
@@ -129,8 +125,6 @@ class EventRecorder:
         self._client = client
         self._controller = controller
         self._instance = instance[:128]
-        self._burst = burst
-        self._refill_s = refill_s
         self._flush_s = flush_s
         self._now = now
         self._unique = unique or _counter()
@@ -142,7 +136,7 @@ class EventRecorder:
         self._all_written = asyncio.Event()
         self._retries: set[asyncio.Task[None]] = set()
         self._series: OrderedDict[_Key, _Series] = OrderedDict()
-        self._buckets: OrderedDict[str, _Bucket] = OrderedDict()
+        self._buckets = Buckets(per_s=1 / refill_s, burst=burst, clock=client.clock)
         self.stats = EventStats()
 
     def __repr__(self) -> str:
@@ -174,7 +168,7 @@ class EventRecorder:
             key = (who, kind, reason, action, note)
             if self._repeated(key, at):
                 return
-            if not self._allowed(who, at):
+            if self._buckets.wait_s(who) > 0:
                 self.stats.limited += 1
                 return
         namespace = regarding.get("namespace") or "default"  # where events of cluster-scoped objects live
@@ -218,21 +212,6 @@ class EventRecorder:
         self._queue.append(series)
         self._all_written.clear()
         self._next()
-        return True
-
-    def _allowed(self, who: str, at: float) -> bool:
-        bucket = self._buckets.get(who)
-        if bucket is None:
-            bucket = self._buckets[who] = _Bucket(float(self._burst), at)
-            while len(self._buckets) > REMEMBERED:
-                self._buckets.popitem(last=False)
-        else:
-            self._buckets.move_to_end(who)
-            bucket.tokens = min(self._burst, bucket.tokens + (at - bucket.filled_at) / self._refill_s)
-            bucket.filled_at = at
-        if bucket.tokens < 1:
-            return False
-        bucket.tokens -= 1
         return True
 
     def _flush(self, series: _Series, at: float) -> None:

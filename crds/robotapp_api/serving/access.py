@@ -18,7 +18,7 @@ from typing import Generic, TypeVar
 
 from robotapp_api.client.api import ApiClient
 from robotapp_api.client.resources import Resource
-from robotapp_api.serving.limits import Buckets, TooManyError
+from robotapp_api.values.buckets import Buckets
 
 TOKEN_REVIEWS = Resource("authentication.k8s.io", "v1", "tokenreviews", "TokenReview", namespaced=False)
 ACCESS_REVIEWS = Resource("authorization.k8s.io", "v1", "subjectaccessreviews", "SubjectAccessReview", namespaced=False)
@@ -32,6 +32,14 @@ CALLER_PER_S, CALLER_AT_ONCE = 10.0, 40
 AUTHENTICATED = "system:authenticated"
 _K = TypeVar("_K")
 _V = TypeVar("_V")
+
+
+class TooManyError(Exception):
+    """The caller asks too often; `retry_s` is when it may ask again."""
+
+    def __init__(self, text: str, retry_s: float) -> None:
+        super().__init__(text)
+        self.retry_s = retry_s
 
 
 class Access(StrEnum):

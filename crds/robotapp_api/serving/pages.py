@@ -8,8 +8,7 @@ import msgspec
 from aiohttp import web
 
 from robotapp_api.client.errors import ClientError
-from robotapp_api.serving.access import Access, Caller, certified
-from robotapp_api.serving.limits import TooManyError
+from robotapp_api.serving.access import Access, Caller, TooManyError, certified
 
 WHO_ARE_YOU: Final = "send a bearer token of the cluster (Authorization: Bearer $(kubectl create token ...)) or a client certificate of it"
 A_ROLE_THAT_MAY: Final = (

@@ -10,9 +10,9 @@ from typing import Final, Protocol
 from aiohttp import web
 from prometheus_client.exposition import CONTENT_TYPE_LATEST
 
-from robotapp_api.serving.access import Access, Caller
-from robotapp_api.serving.limits import Buckets, TooManyError
+from robotapp_api.serving.access import Access, Caller, TooManyError
 from robotapp_api.serving.pages import PathGate, asked, caller, problem, refused, too_many, unknown_caller
+from robotapp_api.values.buckets import Buckets
 from robotapp_scheduler.port.frames import AGAIN, Told
 from robotapp_scheduler.port.remote import Scheduler
 from robotapp_scheduler.shell.simulating import Simulator

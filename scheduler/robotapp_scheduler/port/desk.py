@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import msgspec
 
-from robotapp_api.serving.limits import Buckets
+from robotapp_api.values.buckets import Buckets
 from robotapp_scheduler.port.copies import Copy, CopyError
 from robotapp_scheduler.port.frames import AGAIN, FramesError, Question, Told, receive, send
 from robotapp_scheduler.shell.explaining import Explainer

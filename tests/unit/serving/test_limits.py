@@ -14,8 +14,8 @@ from robotapp_api.serving.access import (
     Access,
     Caller,
     Gatekeeper,
+    TooManyError,
 )
-from robotapp_api.serving.limits import MOST_KEYS, Buckets, TooManyError
 
 UNKNOWN = {"status": {"authenticated": False}}
 AMY = {"status": {"authenticated": True, "user": {"username": "amy"}}}
@@ -25,18 +25,6 @@ YES = {"status": {"allowed": True}}
 def keeper(*answers: object) -> tuple[Gatekeeper, ScriptedClient]:
     client = ScriptedClient().script("create", *answers)
     return Gatekeeper(client, clock=client.clock), client  # type: ignore[arg-type]
-
-
-def test_a_bucket_gives_its_burst_and_then_its_rate() -> None:
-    now = [0.0]
-    buckets = Buckets(per_s=2, burst=3, clock=lambda: now[0])
-    assert [buckets.wait_s("a") for _ in range(4)] == [0, 0, 0, 0.5]
-    assert buckets.wait_s("b") == 0
-    now[0] = 0.5
-    assert [buckets.wait_s("a") for _ in range(2)] == [0, 0.5]
-    for number in range(MOST_KEYS + 10):
-        buckets.wait_s(number)
-    assert repr(buckets) == f"<Buckets 2/s, {MOST_KEYS} keys>"
 
 
 async def test_500_bad_tokens_of_one_address_are_few_reviews() -> None:

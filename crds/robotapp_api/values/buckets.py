@@ -30,11 +30,3 @@ class Buckets:
         if len(self._left) > MOST_KEYS:
             del self._left[next(iter(self._left))]
         return wait_s
-
-
-class TooManyError(Exception):
-    """The caller asks too often; `retry_s` is when it may ask again."""
-
-    def __init__(self, text: str, retry_s: float) -> None:
-        super().__init__(text)
-        self.retry_s = retry_s
