@@ -22,7 +22,6 @@ LIFE_S: Final = 2.0
 """How old what it knows may be."""
 NICE: Final = 10
 LENGTH: Final = 4
-MOST_BYTES: Final = 256 << 20
 PR_SET_PDEATHSIG: Final = 1
 Work = Callable[[bytes], bytes]
 
@@ -83,6 +82,11 @@ class Copy:
         return await reader.readexactly(size)
 
 
+def end_with_parent() -> None:
+    """Let the kernel kill this process when the thread that began it ends, however it ends."""
+    _LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
 def _reaped(pid: int) -> int:
     return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
 
@@ -104,7 +108,7 @@ def _serve(work: Work, server: socket.socket, life_s: float) -> NoReturn:
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGALRM):
             signal.signal(number, signal.SIG_DFL)
         signal.setitimer(signal.ITIMER_REAL, life_s)
-        _LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)  # it holds the port open, and what else we had
+        end_with_parent()  # it holds the port open, and what else we had
         gc.disable()  # it would touch, and so copy, every object there is
         os.nice(NICE)
         with server.makefile("rwb") as stream:

@@ -5,7 +5,6 @@
 
 import asyncio
 import contextlib
-import ctypes
 import logging
 import os
 import signal
@@ -25,6 +24,7 @@ from robotapp_api.serving.access import Access, Caller, Gatekeeper
 from robotapp_api.serving.port import serving
 from robotapp_api.serving.tls import TlsPort, loaded
 from robotapp_scheduler.port.answers import Answers, Everything, Gate, application
+from robotapp_scheduler.port.copies import end_with_parent
 from robotapp_scheduler.port.frames import Settings
 from robotapp_scheduler.port.remote import Remote
 from robotapp_scheduler.shell import logs
@@ -36,7 +36,6 @@ REVIEWS: Final = 4
 """Connections for questions about callers."""
 REVIEW_S: Final = 5.0
 NICE: Final = 5
-PR_SET_PDEATHSIG: Final = 1
 
 
 class Nobody:
@@ -89,9 +88,7 @@ async def run(settings: Settings) -> None:
 
 
 def main() -> None:
-    ctypes.CDLL(None).prctl(
-        PR_SET_PDEATHSIG, signal.SIGKILL
-    )  # else a killed scheduler's port would be taken for a while
+    end_with_parent()  # else a killed scheduler's port would be taken for a while
     for number in (signal.SIGINT, signal.SIGTERM):  # they are meant for the scheduler
         signal.signal(number, signal.SIG_IGN)
     os.nice(NICE)
