@@ -23,6 +23,31 @@ Json = dict[str, Any]
 ROBOTAPPS = "robotics.io/robotapps"
 INSTANCES = "robotics.io/robotappinstances"
 UID = "11111111-2222-3333-4444-555555555555"
+SUMMARY = {
+    "ready": "2/2",
+    "domain": "7",
+    "robots": "1/1",
+    "budget": "18/30ms",
+    "devices": "1/1",
+    "rmw": "rmw_fastrtps_cpp",
+    "nodes": "amr-07",
+}
+STATUS = {
+    "phase": "Running",
+    "observedGeneration": 1,
+    "summary": SUMMARY,
+    "conditions": [
+        {
+            "type": "Ready",
+            "status": "True",
+            "reason": "AllComponentsReady",
+            "message": "2 of 2",
+            "lastTransitionTime": "2026-01-01T00:00:00Z",
+        },
+        {"type": "Stalled", "status": "False", "reason": "NotStalled"},
+    ],
+    "instanceCounts": {"desired": 1, "ready": 1},
+}
 
 
 class FakeScheduler:

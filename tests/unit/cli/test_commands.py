@@ -5,35 +5,9 @@ from typing import Any
 
 import pytest
 import yaml
-from tests.support.cli import ROBOTAPPS, UID, Stage, robotapp
+from tests.support.cli import ROBOTAPPS, STATUS, SUMMARY, UID, Stage, robotapp
 
 from robotapp_api.claims.identity import device_label
-
-SUMMARY = {
-    "ready": "2/2",
-    "domain": "7",
-    "robots": "1/1",
-    "budget": "18/30ms",
-    "devices": "1/1",
-    "rmw": "rmw_fastrtps_cpp",
-    "nodes": "amr-07",
-}
-STATUS = {
-    "phase": "Running",
-    "observedGeneration": 1,
-    "summary": SUMMARY,
-    "conditions": [
-        {
-            "type": "Ready",
-            "status": "True",
-            "reason": "AllComponentsReady",
-            "message": "2 of 2",
-            "lastTransitionTime": "2026-01-01T00:00:00Z",
-        },
-        {"type": "Stalled", "status": "False", "reason": "NotStalled"},
-    ],
-    "instanceCounts": {"desired": 1, "ready": 1},
-}
 
 
 def claim(name: str, *, namespace: str = "fleet", phase: str = "Bound", **thing: Any) -> dict[str, Any]:

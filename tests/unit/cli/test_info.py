@@ -1,17 +1,8 @@
 """info: one app, its instances from their RobotAppInstance objects, its edges, what happened."""
 
 import pytest
-from tests.support.cli import INSTANCES, ROBOTAPPS, UID, Stage, instance, robotapp
+from tests.support.cli import INSTANCES, ROBOTAPPS, STATUS, UID, Stage, instance, robotapp
 
-SUMMARY = {
-    "ready": "2/2",
-    "domain": "7",
-    "robots": "1/1",
-    "budget": "18/30ms",
-    "devices": "1/1",
-    "rmw": "rmw_fastrtps_cpp",
-    "nodes": "amr-07",
-}
 EDGE = {
     "topic": "/cmd_vel",
     "from": "panel",
@@ -21,22 +12,6 @@ EDGE = {
     "measured": True,
     "met": True,
     "nodes": ["edge-1", "amr-07"],
-}
-STATUS = {
-    "phase": "Running",
-    "observedGeneration": 1,
-    "summary": SUMMARY,
-    "conditions": [
-        {
-            "type": "Ready",
-            "status": "True",
-            "reason": "AllComponentsReady",
-            "message": "2 of 2",
-            "lastTransitionTime": "2026-01-01T00:00:00Z",
-        },
-        {"type": "Stalled", "status": "False", "reason": "NotStalled"},
-    ],
-    "instanceCounts": {"desired": 1, "ready": 1},
 }
 SEEN = {
     "domain": 7,
