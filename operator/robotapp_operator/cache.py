@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any, TypeVar
 
 from robotapp_api.claims.objects import Claim, Pool
-from robotapp_api.model.names import SCHEDULER_NAME, Label
+from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_operator.nodes import Nodes
 from robotapp_operator.plan.changes import Observed, ref_of
 from robotapp_operator.plan.instance_object import AppInstance
@@ -14,6 +14,7 @@ from robotapp_operator.plan.objects import (
     ChildRef,
     ConfigMap,
     Deployment,
+    Meta,
     Pod,
     ReplicaSet,
     Service,
@@ -95,14 +96,14 @@ class PodIndex(InstanceIndex[Pod]):
     """Pods of apps, also by the node they are bound to."""
 
     def __init__(self, changed: Changed) -> None:
-        super().__init__(_by_label, changed)
+        super().__init__(_labelled, changed)
         self._on_node: defaultdict[str, Counter[InstanceKey]] = defaultdict(Counter)
 
     def put(self, group: str, key: str, value: Pod) -> None:
         self._lift(group, key)
         super().put(group, key, value)
         if value.spec.node_name:
-            self._on_node[value.spec.node_name][group, _by_label(value)] += 1
+            self._on_node[value.spec.node_name][group, value.metadata.instance] += 1
 
     def drop(self, group: str, key: str) -> None:
         self._lift(group, key)
@@ -117,7 +118,7 @@ class PodIndex(InstanceIndex[Pod]):
         if before is None or not before.spec.node_name:
             return
         found = self._on_node[before.spec.node_name]
-        entry = group, _by_label(before)
+        entry = group, before.metadata.instance
         found[entry] -= 1
         if not found[entry]:
             del found[entry]
@@ -173,7 +174,11 @@ class Answers:
 
 
 class Cache:
-    """Every object the plan reads. Child indexes are keyed by the app uid in the label; owners are checked by readers."""
+    """Every object the plan reads.
+
+    Child indexes are keyed by the app uid in the label, which anybody may write on objects of their own. So objects of other
+    namespaces than the app's are kept out here, and owners are checked by readers.
+    """
 
     def __init__(self, *, default_scheduler: str = SCHEDULER_NAME) -> None:
         self._default_scheduler = default_scheduler
@@ -186,8 +191,8 @@ class Cache:
         self.telemetry: dict[str, Telemetry] = {}
         self.pools: dict[str, Pool] = {}
         self.config_maps: dict[str, ConfigMap] = {}
-        self.deployments: InstanceIndex[Deployment] = InstanceIndex(_by_label, self.touch)
-        self.services: InstanceIndex[Service] = InstanceIndex(_by_label, self.touch)
+        self.deployments: InstanceIndex[Deployment] = InstanceIndex(_labelled, self.touch)
+        self.services: InstanceIndex[Service] = InstanceIndex(_labelled, self.touch)
         self.pods = PodIndex(self.touch)
         self.bare_pods: Index[Pod] = Index()
         """By namespace: annotated pods of our scheduler without a RobotApp."""
@@ -236,6 +241,8 @@ class Cache:
         if known and record.version_number < known.version_number:
             return known
         self.apps[record.uid] = record
+        if known is None:
+            self._drop_foreign(record.uid)
         if record.app is not None:
             self.sharing.put(record.app, before=known.app if known else None)
         elif known and known.app:
@@ -274,6 +281,19 @@ class Cache:
 
     # Children and claims of one instance
 
+    def is_foreign(self, meta: Meta) -> bool:
+        """Does the object name an app of another namespace? No child does."""
+        record = self.apps.get(meta.app_uid)
+        return record is not None and record.namespace != meta.namespace
+
+    def _drop_foreign(self, uid: str) -> None:
+        """Forget objects that came before the app they name and are not in its namespace."""
+        indexes: tuple[InstanceIndex[Any], ...] = (self.deployments, self.services, self.pods)
+        for index in indexes:
+            for key, item in list(index.of(uid).items()):
+                if self.is_foreign(item.metadata):
+                    index.drop(uid, key)
+
     def children(self, uid: str, instance: str) -> dict[ChildRef, Observed]:
         """Cached children of one instance, by label."""
         found: dict[ChildRef, Observed] = {}
@@ -309,15 +329,17 @@ class Cache:
         """The instance's pods by the uid of the Deployment that owns their ReplicaSet: the chain decides, not the label."""
         found: dict[str, list[Pod]] = defaultdict(list)
         for pod in self.pods.of_instance(uid, instance).values():
-            owner = self.replica_sets.get(pod.metadata.controller_uid())
+            owner = self.replica_sets.get(pod.metadata.controller_uid)
             if owner:
                 found[owner].append(pod)
         return found
 
     def put_replica_set(self, replica_set: ReplicaSet) -> None:
         meta = replica_set.metadata
-        if self.replica_sets.get(meta.uid) != meta.controller_uid():
-            self.replica_sets[meta.uid] = meta.controller_uid()
+        if self.is_foreign(meta):
+            return
+        if self.replica_sets.get(meta.uid) != meta.controller_uid:
+            self.replica_sets[meta.uid] = meta.controller_uid
             self.touch(meta.app_uid, meta.instance)
 
     def drop_replica_set(self, replica_set: ReplicaSet) -> None:
@@ -325,8 +347,8 @@ class Cache:
             self.touch(replica_set.metadata.app_uid, replica_set.metadata.instance)
 
 
-def _by_label(item: Deployment | Service | Pod) -> str:
-    instance: str = item.metadata.labels.get(Label.INSTANCE, "")
+def _labelled(item: Deployment | Service | Pod) -> str:
+    instance: str = item.metadata.instance
     return instance
 
 

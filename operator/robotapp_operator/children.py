@@ -223,7 +223,8 @@ class Children:
         """Deployments per domain id over all apps, for pools with shared ids; only who shares one pays for the look at all."""
         if app.spec.ros2 is None or app.spec.ros2.isolation != "Discovery":
             return {}
-        named = (deployment_domain(item) for group in self._cache.deployments.values() for item in group.values())
+        groups = (self._cache.deployments.of(uid) for uid in self._cache.apps)
+        named = (deployment_domain(item) for group in groups for item in group.values())
         return dict(Counter(number for number in named if number is not None))
 
 

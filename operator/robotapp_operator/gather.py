@@ -189,7 +189,7 @@ def owned_deployments(app: App, robot: str, cache: Cache) -> list[Deployment]:
     found = (
         item
         for item in cache.deployments.of_instance(app.uid, robot).values()
-        if item.metadata.controller_uid() == app.uid
+        if item.metadata.controller_uid == app.uid
     )
     return sorted(found, key=lambda item: item.metadata.name)
 

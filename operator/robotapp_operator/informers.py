@@ -85,6 +85,8 @@ class Informers:
 
     def _deployment(self, change: Change) -> None:
         item = self._child(self._cache.deployments, change)
+        if item is None:
+            return
         before, now = change.old, change.new
         if (
             before is None
@@ -103,7 +105,9 @@ class Informers:
             wake_joined(self._cache, self._queue, owner, uid=uid, instance=label(item, Label.INSTANCE))
 
     def _service(self, change: Change) -> None:
-        self._children(self._child(self._cache.services, change))
+        item = self._child(self._cache.services, change)
+        if item is not None:
+            self._children(item)
 
     def _replica_set(self, change: Change) -> None:
         item: ReplicaSet = change.new or change.old
@@ -111,11 +115,13 @@ class Informers:
             self._cache.drop_replica_set(item)
         else:
             self._cache.put_replica_set(item)
-        if change.old is None:
+        if change.old is None and not self._cache.is_foreign(item.metadata):
             self._status(item)
 
     def _pod(self, change: Change) -> None:
-        pod: Pod = self._child(self._cache.pods, change)
+        pod: Pod | None = self._child(self._cache.pods, change)
+        if pod is None:
+            return
         self._status(pod)
         if change.new is not None and any(gate.name == SCHEDULING_GATE for gate in pod.spec.scheduling_gates):
             self._queue.add(Key(Work.GATES, label(pod, Label.APP_UID), label(pod, Label.INSTANCE)))
@@ -244,10 +250,13 @@ class Informers:
     # Keys
 
     def _child(self, index: Index[Any], change: Change) -> Any:
+        """The child that has changed. None: the object names an app of another namespace, and nothing comes of it."""
         item = change.new if change.new is not None else change.old
         uid, before = label(item, Label.APP_UID), change.old
         if before is not None and (change.new is None or label(before, Label.APP_UID) != uid):
             index.drop(label(before, Label.APP_UID), change.key)
+        if self._cache.is_foreign(item.metadata):
+            return None
         if change.new is not None:
             index.put(uid, change.key, item)
         return item
@@ -290,5 +299,5 @@ def _moved_peers(change: Change) -> set[str]:
     return {peer for peer in before.keys() | now.keys() if _times(before.get(peer)) != _times(now.get(peer))}
 
 
-def _times(entry: Rtt | None) -> tuple[int, int] | None:
-    return (entry.p50_us, entry.p95_us) if entry else None
+def _times(entry: Rtt | None) -> tuple[int | None, int | None]:
+    return (entry.p50_us, entry.p95_us) if entry else (None, None)

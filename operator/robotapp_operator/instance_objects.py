@@ -163,10 +163,10 @@ class InstanceObjects:
 
     async def _sweep(self, present: list[AppInstance]) -> Again:
         """Delete objects whose app does not exist. The cache may merely not have the app yet, so the API server is read first."""
-        for item in present:
-            if await self._uid_of(item.spec.app, item.metadata.namespace) != item.spec.app_uid:
-                await self._delete([item])
-        return None
+        gone = [
+            item for item in present if await self._uid_of(item.spec.app, item.metadata.namespace) != item.spec.app_uid
+        ]
+        return await self._delete(gone)
 
     async def _is_alive(self, app: App) -> bool:
         return await self._uid_of(app.name, app.namespace) == app.uid
@@ -184,15 +184,18 @@ class InstanceObjects:
 
     async def _delete(self, items: list[AppInstance]) -> Again:
         """Delete by uid, because another object may have the name by now. The DELETED event wakes the key that creates the next one."""
+        again_s: Again = None
         for item in items:
             meta = item.metadata
             if meta.deletion_timestamp is not None:
                 continue
             try:
                 await self._client.delete(ROBOTAPPINSTANCES, meta.name, namespace=meta.namespace, uid=meta.uid)
-            except (NotFound, Conflict):
+            except (NotFound, Conflict):  # its DELETED event may have come before the answer that put it here
                 log.debug("RobotAppInstance %s/%s is gone already", meta.namespace, meta.name)
-        return None
+                self._cache.drop_instance_object(item)
+                again_s = SOON_S
+        return again_s
 
     def _keep(self, answer: Mapping[str, Any]) -> None:
         self._cache.put_instance_object(msgspec.convert(answer, AppInstance))

@@ -1,7 +1,7 @@
 """Writes how full a DomainPool is, and whether it is of any use, into its status, and only when that changed."""
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from datetime import datetime
 from typing import Any
 
@@ -10,6 +10,7 @@ from robotapp_api.claims.objects import Pool
 from robotapp_api.client import ApiClient, Conflict, NotFound
 from robotapp_api.client.resources import DOMAINPOOLS
 from robotapp_api.client.times import whole_seconds
+from robotapp_api.model.conditions import condition
 from robotapp_api.model.names import PoolCondition, PoolReason
 from robotapp_operator.cache import Cache
 
@@ -61,14 +62,12 @@ def _usable(pool: Pool, *, now: str) -> dict[str, Any]:
         )
     else:
         status, reason, text = "True", PoolReason.USABLE, "namespaces may get ids within their quota"
-    before: Mapping[str, Any] = next(
-        (item for item in pool.status.get("conditions") or () if item["type"] == PoolCondition.USABLE), {}
+    return condition(
+        PoolCondition.USABLE.value,
+        status,
+        reason.value,
+        text,
+        before=pool.status.get("conditions") or (),
+        generation=pool.metadata.generation,
+        now=now,
     )
-    return {
-        "type": PoolCondition.USABLE.value,
-        "status": status,
-        "reason": reason.value,
-        "message": text,
-        "lastTransitionTime": before["lastTransitionTime"] if before.get("status") == status else now,
-        "observedGeneration": pool.metadata.generation,
-    }

@@ -10,7 +10,7 @@ from robotapp_api.client import ApiClient, Conflict, NotFound
 from robotapp_api.client.events import EventRecorder, reference
 from robotapp_api.client.resources import ROBOTAPPS
 from robotapp_api.client.times import whole_seconds
-from robotapp_api.model.conditions import NEVER
+from robotapp_api.model.conditions import condition
 from robotapp_api.model.names import API_VERSION, Condition, Phase, Reason
 from robotapp_operator.cache import Cache
 from robotapp_operator.memory import AppMemory, Memory
@@ -65,7 +65,9 @@ class Reporter:
         memory = self._memory.of(uid)
         facts = self._observer.app(record, now=self._timestamp())
         if facts is None:
-            await self._put(record, unreadable_status(record, self._timestamp()), memory)
+            status = unreadable_status(record, self._timestamp())
+            if not same_status(status, record.status):
+                await self._put(record, status, memory)
             return None
         observed = record.status.get("observedGeneration") == record.generation
         if observed and not facts.problems and any(instance.undecided for instance in facts.instances):
@@ -94,8 +96,6 @@ class Reporter:
         return again_s
 
     async def _put(self, record: Record, status: dict[str, Any], memory: AppMemory) -> None:
-        if same_status(status, record.status):
-            return
         # Not by uid: a status of our kinds is written whatever uid is named, and the name may be another app's by now.
         meta = {"name": record.name, "namespace": record.namespace, "resourceVersion": record.resource_version}
         body = {"metadata": meta, "status": status}
@@ -143,27 +143,19 @@ def same_status(wanted: dict[str, Any], have: Any) -> bool:
 def unreadable_status(record: Record, now: str) -> dict[str, Any]:
     """Status of an object this version cannot read: it says so instead of failing for ever in a log."""
     text = "; ".join(map(str, record.problems)) or "the spec cannot be read"
-    before = {item["type"]: item for item in record.status.get("conditions") or ()}
-    verdicts = {
-        Condition.ACCEPTED: ("False", Reason.INVALID_SPEC),
-        Condition.READY: ("False", Reason.INVALID_SPEC),
-        Condition.STALLED: ("True", Reason.INVALID_SPEC),
-    }
-    conditions = []
-    for kind in Condition:
-        state, reason = verdicts.get(kind, ("Unknown", Reason.INVALID_SPEC))
-        old = before.get(kind.value, {})
-        kept = old.get("status") == state and old.get("lastTransitionTime") != NEVER
-        conditions.append(
-            {
-                "type": kind.value,
-                "status": state,
-                "reason": reason.value,
-                "message": clip(text, MAX_MESSAGE),
-                "lastTransitionTime": old["lastTransitionTime"] if kept else now,
-                "observedGeneration": record.generation,
-            }
+    verdicts = {Condition.ACCEPTED: "False", Condition.READY: "False", Condition.STALLED: "True"}
+    conditions = [
+        condition(
+            kind.value,
+            verdicts.get(kind, "Unknown"),
+            Reason.INVALID_SPEC.value,
+            clip(text, MAX_MESSAGE),
+            before=record.status.get("conditions") or (),
+            generation=record.generation,
+            now=now,
         )
+        for kind in Condition
+    ]
     return {
         "observedGeneration": record.generation,
         "phase": Phase.FAILED.value,

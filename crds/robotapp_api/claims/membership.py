@@ -40,7 +40,7 @@ class Owners:
         """The RobotApp whose uid the object's label names, if its owners lead there; None for what only says so."""
         current = meta
         for _ in range(HOPS):
-            owner = next((one for one in current.owner_references if one.controller), None)
+            owner = current.controller
             if owner is None:
                 return None
             if owner.is_app:

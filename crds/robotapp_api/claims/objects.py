@@ -53,6 +53,16 @@ class Meta(Object, frozen=True, kw_only=True):
     def instance(self) -> str:
         return self.labels.get(Label.INSTANCE, "")
 
+    @property
+    def controller(self) -> OwnerReference | None:
+        """The owner that controls this object; there is at most one."""
+        return next((owner for owner in self.owner_references if owner.controller), None)
+
+    @property
+    def controller_uid(self) -> str:
+        """Its uid, "" without one."""
+        return self.controller.uid if self.controller else ""
+
 
 # Claims
 

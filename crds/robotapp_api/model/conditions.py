@@ -1,6 +1,7 @@
 """metav1.Condition and the seven a RobotApp has from its creation."""
 
-from typing import Annotated, Literal
+from collections.abc import Iterable, Mapping
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, StringConstraints
 
@@ -45,6 +46,32 @@ def initial_conditions() -> tuple[Condition, ...]:
         )
         for kind in names.Condition
     )
+
+
+def condition(
+    kind: str,
+    status: str,
+    reason: str,
+    message: str,
+    *,
+    before: Iterable[Mapping[str, Any]],
+    generation: int,
+    now: str,
+) -> dict[str, Any]:
+    """A condition as plain JSON. Its time stays that of `before` (all conditions so far) unless the status is another one.
+
+    The times of `initial_conditions` are no times of ours: the first status the operator writes is dated `now`.
+    """
+    old = next((item for item in before if item.get("type") == kind), {})
+    same = old.get("status") == status and old.get("observedGeneration") is not None
+    return {
+        "type": kind,
+        "status": status,
+        "reason": reason,
+        "message": message,
+        "lastTransitionTime": old["lastTransitionTime"] if same else now,
+        "observedGeneration": generation,
+    }
 
 
 Conditions = Annotated[tuple[Condition, ...], ListMap("type"), Field(max_length=16)]

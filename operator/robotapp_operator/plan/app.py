@@ -10,12 +10,7 @@ from robotapp_operator.plan.instances import allowed_robots, matching_robots
 from robotapp_operator.plan.objects import Node
 from robotapp_operator.plan.wish import App
 
-__all__ = ["Problem", "notes_of", "problems_alone", "problems_of", "problems_with"]
-
-
-def problems_of(app: App, nodes: Mapping[str, Node]) -> tuple[Problem, ...]:
-    """Every problem of the spec, most basic first; empty means accepted."""
-    return (*problems_alone(app), *problems_with(app, nodes))
+__all__ = ["Problem", "notes_of", "problems_alone", "problems_with"]
 
 
 def problems_alone(app: App) -> tuple[Problem, ...]:

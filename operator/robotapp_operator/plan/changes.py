@@ -77,7 +77,7 @@ def plan(
         over = observed.get(child.ref)
         if over is None:
             changes.append(Change(child, None))
-        elif over.metadata.controller_uid() != app.uid:
+        elif over.metadata.controller_uid != app.uid:
             foreign.append(f"{child.ref.kind} {child.ref.name}")
         elif in_place(child, over, settled):
             continue
@@ -140,9 +140,7 @@ def _prunable(app: App, item: Observed) -> bool:
     """Only what the app controls, and what we made: the owner chain decides, the label is the cross-check."""
     meta = item.metadata
     return (
-        meta.controller_uid() == app.uid
-        and meta.labels.get(Label.APP_UID) == app.uid
-        and meta.deletion_timestamp is None
+        meta.controller_uid == app.uid and meta.labels.get(Label.APP_UID) == app.uid and meta.deletion_timestamp is None
     )
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
+from robotapp_api.model.conditions import condition
 from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME, Condition, Reason
 from robotapp_operator.plan.facts import AppFacts, InstanceFacts
 from robotapp_operator.plan.latency import EdgeView, shown_ms
@@ -24,8 +25,7 @@ class Verdict(NamedTuple):
 
 def conditions(facts: AppFacts) -> list[dict[str, Any]]:
     """All seven as plain JSON, in the order of the enum; of an app, or by the same rules of one instance alone."""
-    previous = {item["type"]: item for item in _items(facts.previous.get("conditions"))}
-    return [_condition(kind, _RULES[kind](facts), facts, previous.get(kind.value)) for kind in Condition]
+    return [_condition(kind, _RULES[kind](facts), facts) for kind in Condition]
 
 
 def ready(facts: AppFacts) -> Verdict:
@@ -206,8 +206,7 @@ def stalled(facts: AppFacts) -> Verdict:
             return Verdict("True", instance.trouble[0], _named(facts, instance, instance.trouble[1]))
     for instance in facts.instances:
         if instance.cut_off:
-            text = f"all discovery servers were replaced since {_shown(instance.cut_off)} started; kubectl delete pod them one by one"
-            return Verdict("True", Reason.RESTART_NEEDED, _named(facts, instance, text))
+            return Verdict("True", Reason.RESTART_NEEDED, _named(facts, instance, cut_off_text(instance)))
     return Verdict("False", Reason.NOT_STALLED, "reconciling works")
 
 
@@ -220,6 +219,11 @@ _RULES: Final[Mapping[Condition, Callable[[AppFacts], Verdict]]] = {
     Condition.PROGRESSING: progressing,
     Condition.STALLED: stalled,
 }
+
+
+def cut_off_text(instance: InstanceFacts) -> str:
+    """What pods that know none of today's discovery servers need."""
+    return f"all discovery servers were replaced since {_shown(instance.cut_off)} started; kubectl delete pod these, one by one"
 
 
 def edge_text(edge: EdgeView) -> str:
@@ -282,15 +286,13 @@ def _items(value: object) -> list[dict[str, Any]]:
     return [item for item in value if isinstance(item, dict)] if isinstance(value, list) else []
 
 
-def _condition(kind: Condition, verdict: Verdict, facts: AppFacts, before: Mapping[str, Any] | None) -> dict[str, Any]:
-    same = (
-        before is not None and before.get("status") == verdict.status and before.get("observedGeneration") is not None
+def _condition(kind: Condition, verdict: Verdict, facts: AppFacts) -> dict[str, Any]:
+    return condition(
+        kind.value,
+        verdict.status,
+        verdict.reason.value,
+        clip(verdict.message, MAX_BRIEF if facts.alone else MAX_MESSAGE),
+        before=_items(facts.previous.get("conditions")),
+        generation=facts.generation,
+        now=facts.now,
     )
-    return {
-        "type": kind.value,
-        "status": verdict.status,
-        "reason": verdict.reason.value,
-        "message": clip(verdict.message, MAX_BRIEF if facts.alone else MAX_MESSAGE),
-        "lastTransitionTime": before["lastTransitionTime"] if same and before else facts.now,
-        "observedGeneration": facts.generation,
-    }

@@ -7,9 +7,10 @@ from typing import Any
 
 import msgspec
 
-from robotapp_api.model.names import API_VERSION, Label
+from robotapp_api.model.names import Label
 from robotapp_api.values.naming import child_name
-from robotapp_operator.plan.objects import Meta
+from robotapp_operator.plan.children import owner_reference
+from robotapp_operator.plan.objects import Meta, version_number
 from robotapp_operator.plan.wish import App
 
 
@@ -29,9 +30,7 @@ class AppInstance(msgspec.Struct, rename="camel", kw_only=True):
 
     @property
     def version_number(self) -> int:
-        """ResourceVersion as a number: which of two copies of this object is newer."""
-        text = self.metadata.resource_version
-        return int(text) if text.isdecimal() else 0
+        return version_number(self.metadata.resource_version)
 
 
 def object_name(app: str, instance: str) -> str:
@@ -42,14 +41,7 @@ def object_name(app: str, instance: str) -> str:
 def wanted_object(app: App, instance: str) -> dict[str, Any]:
     """The object to create. blockOwnerDeletion is false, so that a foreground deletion of the app does not wait for it."""
     labels = {Label.APP.value: app.name, Label.APP_UID.value: app.uid, Label.INSTANCE.value: instance}
-    owner = {
-        "apiVersion": API_VERSION,
-        "kind": "RobotApp",
-        "name": app.name,
-        "uid": app.uid,
-        "controller": True,
-        "blockOwnerDeletion": False,
-    }
+    owner = owner_reference(app) | {"blockOwnerDeletion": False}
     return {
         "metadata": {
             "name": object_name(app.name, instance),
@@ -68,6 +60,6 @@ def is_as_wanted(item: AppInstance, app: App, instance: str) -> bool:
     return (
         msgspec.to_builtins(item.spec) == wanted["spec"]
         and (meta.namespace, meta.name) == (app.namespace, wanted["metadata"]["name"])
-        and meta.controller_uid() == app.uid
+        and meta.controller_uid == app.uid
         and wanted["metadata"]["labels"].items() <= meta.labels.items()
     )

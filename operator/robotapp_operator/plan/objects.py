@@ -21,9 +21,10 @@ class Meta(claims.Meta, frozen=True, kw_only=True):
 
     creation_timestamp: str | None = None
 
-    def controller_uid(self) -> str:
-        """Uid of the owner that controls this object, "" without one."""
-        return next((owner.uid for owner in self.owner_references if owner.controller), "")
+
+def version_number(resource_version: str) -> int:
+    """ResourceVersion as a number, 0 when it is none: which of two copies of an object is newer."""
+    return int(resource_version) if resource_version.isdecimal() else 0
 
 
 class ObjectCondition(Struct):
@@ -132,9 +133,11 @@ class Node(Struct):
 
 
 class Rtt(Struct):
+    """One peer's round-trip times; None when no probe came back."""
+
     peer: str = ""
-    p50_us: int = 0
-    p95_us: int = 0
+    p50_us: int | None = None
+    p95_us: int | None = None
 
 
 class TelemetrySpec(Struct):

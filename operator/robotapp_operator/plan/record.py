@@ -9,6 +9,7 @@ from pydantic import ValidationError
 from robotapp_api.model.names import SCHEDULER_NAME, Reason
 from robotapp_api.model.robotapp import RobotAppSpec
 from robotapp_operator.plan.app import Problem
+from robotapp_operator.plan.objects import version_number
 from robotapp_operator.plan.wish import App
 
 
@@ -28,8 +29,7 @@ class Record:
 
     @property
     def version_number(self) -> int:
-        """ResourceVersion as a number: which of two copies of this object is newer."""
-        return int(self.resource_version) if self.resource_version.isdecimal() else 0
+        return version_number(self.resource_version)
 
     @property
     def wish_mark(self) -> tuple[object, ...]:

@@ -3,7 +3,7 @@
 from typing import Any, Final, NamedTuple
 
 from robotapp_api.model.names import Reason
-from robotapp_operator.plan.conditions import edge_text, what_is_missing
+from robotapp_operator.plan.conditions import cut_off_text, edge_text, what_is_missing
 from robotapp_operator.plan.facts import AppFacts, InstanceFacts
 from robotapp_operator.plan.text import clip
 
@@ -57,8 +57,7 @@ def _though_ready(instance: InstanceFacts) -> tuple[int, Reason, str] | None:
     if instance.unclear:
         return 4, Reason.ROBOT_NODE_UNCLEAR, instance.unclear
     if instance.cut_off:
-        pods = ", ".join(instance.cut_off[:8])
-        return 5, Reason.RESTART_NEEDED, f"all discovery servers were replaced since {pods} started; delete these pods"
+        return 5, Reason.RESTART_NEEDED, cut_off_text(instance)
     over = [edge for edge in instance.edges if edge.met is False]
     if over:
         return 6, Reason.BUDGET_EXCEEDED, f"{len(over)} edges are over budget, worst {edge_text(over[0])}"

@@ -331,6 +331,27 @@ def test_what_bears_the_name_of_another_apps_object_concerns_that_app_too(world:
     assert world.see("_instance_object", old, None) == {Key(Work.INSTANCE, "uid-0", "a"), INSTANCE}
 
 
+@pytest.mark.parametrize("handler", ["_deployment", "_service", "_replica_set", "_pod"])
+def test_an_object_of_another_namespace_wakes_nobody_and_counts_for_nobody(world: World, handler: str) -> None:
+    forged = deployment(namespace="elsewhere", ownerReferences=[{"uid": "uid-1", "controller": True}])
+    if handler == "_pod":
+        forged = msgspec.structs.replace(pod("n", gates=(SCHEDULING_GATE,)), metadata=forged.metadata)
+    assert world.see(handler, None, forged, key="elsewhere/x") == set()
+    assert world.see(handler, forged, None, key="elsewhere/x") == set()
+    world.see(handler, None, forged, key="elsewhere/x")
+    assert world.cache.running_instances("uid-1") == set()
+    assert world.cache.pods.on_node("n") == set()
+
+
+def test_an_object_that_came_before_the_app_of_another_namespace_is_forgotten_with_its_event(world: World) -> None:
+    world.cache.forget_app("uid-1")
+    world.see("_deployment", None, deployment(namespace="elsewhere"), key="elsewhere/x")
+    world.see("_deployment", None, deployment(labels=LABELS | {Label.INSTANCE.value: "b"}), key="default/x")
+    assert world.cache.running_instances("uid-1") == {"a", "b"}
+    world.cache.update_app(app_body())
+    assert world.cache.running_instances("uid-1") == {"b"}
+
+
 def test_a_pod_that_is_given_to_another_app_leaves_the_first(world: World) -> None:
     world.cache.update_app(app_body("other", uid="uid-2"))
     mine = pod("edge-1")

@@ -306,6 +306,17 @@ async def test_an_object_that_only_the_cache_still_has_is_made_again(world: Worl
     assert [each["metadata"]["name"] for each in await world.stored()] == [item["metadata"]["name"]]
 
 
+async def test_a_wrong_object_that_only_the_cache_still_has_keeps_nobody_from_the_right_one(world: World) -> None:
+    uid = await world.app()
+    body = wanted_object(make_app(uid=uid), "")
+    ghost = await world.client.create(ROBOTAPPINSTANCES, body | {"spec": body["spec"] | {"robot": "other"}})
+    await world.mirror()
+    await world.client.delete(ROBOTAPPINSTANCES, ghost["metadata"]["name"], namespace="default")
+    assert await world.objects.publish(uid, "") == SOON_S
+    await world.objects.publish(uid, "")
+    assert [each["spec"]["robot"] for each in await world.stored()] == [""]
+
+
 async def test_a_status_is_never_written_over_what_was_not_seen(world: World) -> None:
     uid = await world.app()
     await world.objects.publish(uid, "")

@@ -1,13 +1,20 @@
 """What admission cannot decide: each refusal names the field and what to write instead."""
 
+from collections.abc import Mapping
+
 import pytest
 from tests.support.factories import by_name, component, make_app, make_node, robots
 
 from robotapp_api.model.names import Annotation, Reason
-from robotapp_operator.plan.app import notes_of, problems_of
+from robotapp_operator.plan.app import Problem, notes_of, problems_alone, problems_with
+from robotapp_operator.plan.objects import Node
 from robotapp_operator.plan.wish import App
 
 ROBOTS = {"nodeSelector": {"matchLabels": {"robotics.io/robot": "amr-07"}}}
+
+
+def problems_of(app: App, nodes: Mapping[str, Node]) -> tuple[Problem, ...]:
+    return (*problems_alone(app), *problems_with(app, nodes))
 
 
 def only_problem(app: App, **nodes: object) -> tuple[str, str, str]:

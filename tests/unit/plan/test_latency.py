@@ -3,6 +3,7 @@
 import random
 from itertools import pairwise
 
+import msgspec
 from tests.support.factories import make_app, telemetry
 
 from robotapp_operator.plan.latency import (
@@ -16,6 +17,7 @@ from robotapp_operator.plan.latency import (
     shown_ms,
     worst_first,
 )
+from robotapp_operator.plan.objects import Telemetry
 
 EDGES = [
     {"topic": "/cmd_vel", "from": "operator", "to": "driver", "latency": {"budget": "30ms"}},
@@ -36,6 +38,11 @@ def test_the_worse_direction_counts() -> None:
 
 def test_an_unmeasured_pair_is_unknown_not_zero() -> None:
     assert round_trip_us("edge-1", "elsewhere", TELEMETRY) is None
+
+
+def test_a_pair_of_which_no_probe_came_back_is_unknown_not_zero() -> None:
+    lost = msgspec.convert({"metadata": {"name": "edge-1"}, "status": {"rtt": [{"peer": "amr-07"}]}}, Telemetry)
+    assert round_trip_us("edge-1", "amr-07", {"edge-1": lost}) is None
 
 
 def test_a_budget_of_the_median_is_judged_by_the_median() -> None:
