@@ -82,9 +82,8 @@ def test_pods_are_found_by_node_whatever_happened_to_them(steps: list[tuple[str,
 
 def test_every_change_of_an_instance_has_a_new_number_and_others_keep_theirs(cache: Cache) -> None:
     claim = domain_claim(7, instance="a")
-    replica_set = msgspec.convert(
-        {"metadata": {"uid": "rs", "labels": {Label.APP_UID.value: UID, Label.INSTANCE.value: "a"}}}, ReplicaSet
-    )
+    labels = {Label.APP_UID.value: UID, Label.INSTANCE.value: "a"}
+    replica_set = msgspec.convert({"metadata": {"uid": "rs", "namespace": "default", "labels": labels}}, ReplicaSet)
     steps = [
         lambda: cache.deployments.put(UID, "x", deployment("x", "a")),
         lambda: cache.pods.put(UID, "p", pod("p", "a")),

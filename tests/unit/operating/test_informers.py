@@ -107,7 +107,14 @@ def test_a_service_plans_its_instance(world: World) -> None:
 
 
 def test_a_replica_set_links_pods_to_their_deployment(world: World) -> None:
-    body = {"metadata": {"uid": "rs", "labels": LABELS, "ownerReferences": [{"uid": "d", "controller": True}]}}
+    body = {
+        "metadata": {
+            "uid": "rs",
+            "namespace": "default",
+            "labels": LABELS,
+            "ownerReferences": [{"uid": "d", "controller": True}],
+        }
+    }
     replica_set = msgspec.convert(body, ReplicaSet)
     assert world.see("_replica_set", None, replica_set) == OBSERVED
     assert world.cache.replica_sets == {"rs": "d"}
