@@ -123,24 +123,24 @@ def _print(found: Json, extra: Sequence[Json]) -> None:
     if found["placements"]:
         _print_placements(found["placements"], again=again)
     else:
-        console().print(_nothing(extra), soft_wrap=True)
+        console().print("No pod waits for this scheduler.", soft_wrap=True)
     blank_line()
     total = found["placed"] + found["refused"]
     lines = [f"{found['placed']} of {total} pods placed on {found['nodes']} nodes, configuration {found['config']}"]
     if again:
         lines.append(f"{found['moved']} pods placed again would be elsewhere")
     lines += [f"{count} pods wait for scheduler {name}" for name, count in found["otherSchedulers"].items()]
-    for line in [*lines, *found["problems"], found["note"]]:
+    for line in [*lines, *_left_out(extra), *found["problems"], found["note"]]:
         console().print(line, soft_wrap=True)
 
 
-def _nothing(extra: Sequence[Json]) -> str:
-    """Why nothing was placed; `extra` are the objects of the user's files."""
-    kinds = {str(obj.get("kind")) for obj in extra}
-    if "Pod" in kinds or not kinds & _OWNERS:
-        return "No pod waits for this scheduler."
-    named = " or ".join(sorted(kinds & _OWNERS))
-    return f"No pod waits for this scheduler, and the files hold none: a {named} becomes pods in a cluster only."
+def _left_out(extra: Sequence[Json]) -> Iterator[str]:
+    """Which objects of the user's files were not placed, although pods come of them."""
+    for obj in extra:
+        kind = str(obj.get("kind"))
+        if kind in _OWNERS:
+            name = obj["metadata"].get("name", "")
+            yield f"{kind} {name} of the files was left out: it becomes pods in a cluster only; give its pods"
 
 
 def _print_placements(placements: Sequence[Json], *, again: bool) -> None:

@@ -6,11 +6,15 @@ from robotapp_api.model.names import Reason
 
 
 class Problem(NamedTuple):
-    """`field` is written as in YAML, such as `spec.components[0].env`; "" for the object as a whole."""
+    """`field` is written as in YAML, such as `spec.components[0].env`; "" for the object as a whole.
+
+    `of_nodes`: the spec does not fit the nodes there are, so a change of a node heals it as well as one of the spec.
+    """
 
     reason: Reason
     field: str
     message: str
+    of_nodes: bool = False
 
     def __str__(self) -> str:
         return f"{self.field}: {self.message}" if self.field else self.message

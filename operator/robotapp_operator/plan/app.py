@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 
-from robotapp_api.checks.problem import Problem, invalid
+from robotapp_api.checks.problem import Problem
 from robotapp_api.checks.spec import spec_notes, spec_problems
 from robotapp_api.claims.instances import robot_of
 from robotapp_api.model.names import Annotation, Reason
@@ -31,14 +31,15 @@ def notes_of(app: App) -> tuple[str, ...]:
 def _placement_problems(app: App, nodes: Mapping[str, Node]) -> Iterator[Problem]:
     master = app.spec.placement.master_node
     if master and master not in nodes:
-        yield invalid("spec.placement.masterNode", f'there is no node "{master}"; kubectl get nodes shows the names')
+        text = f'there is no node "{master}"; kubectl get nodes shows the names'
+        yield Problem(Reason.INVALID_SPEC, "spec.placement.masterNode", text, of_nodes=True)
     if app.spec.robots is None:
         return
     matching = matching_robots(app, nodes)
     if not matching:
         robots = sorted({node.robot for node in nodes.values() if node.robot})
         shown = f"robots are {', '.join(robots[:8])}" if robots else "no node carries the label robotics.io/robot"
-        yield Problem(Reason.NO_MATCHING_ROBOT, "spec.robots.nodeSelector", f"no robot matches; {shown}")
+        yield Problem(Reason.NO_MATCHING_ROBOT, "spec.robots.nodeSelector", f"no robot matches; {shown}", of_nodes=True)
     elif not allowed_robots(app, nodes):
         node = matching[0]
         allowed = node.annotations.get(Annotation.ALLOWED_NAMESPACES, "")
@@ -46,4 +47,5 @@ def _placement_problems(app: App, nodes: Mapping[str, Node]) -> Iterator[Problem
             Reason.NOT_ALLOWED_ON_ROBOT,
             "spec.robots.nodeSelector",
             f'robot {robot_of(node)} admits apps of namespace "{allowed}" only (node annotation {Annotation.ALLOWED_NAMESPACES}), this is {app.namespace}',
+            of_nodes=True,
         )

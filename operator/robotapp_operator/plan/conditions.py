@@ -30,7 +30,7 @@ def conditions(facts: AppFacts) -> list[dict[str, Any]]:
 
 def ready(facts: AppFacts) -> Verdict:
     if facts.problems:
-        return Verdict("False", Reason.INVALID_SPEC, str(facts.problems[0]))
+        return Verdict("False", facts.problems[0].reason, str(facts.problems[0]))
     if facts.app.spec.suspend:
         return Verdict("False", Reason.SUSPENDED, "suspended; set spec.suspend: false to start the pods")
     total = sum(len(instance.components) for instance in facts.instances)
@@ -61,7 +61,7 @@ def allocated(facts: AppFacts) -> Verdict:
     if facts.conflict:
         return Verdict("False", Reason.CLAIM_CONFLICT, facts.conflict)
     if facts.problems:
-        return _not_accepted()
+        return _not_accepted(facts)
     return _domains_missing(facts) or _devices_missing(facts) or _all_allocated(facts)
 
 
@@ -121,7 +121,7 @@ def _devices(facts: AppFacts) -> tuple[int, int]:
 
 def placed(facts: AppFacts) -> Verdict:
     if facts.problems:
-        return _not_accepted()
+        return _not_accepted(facts)
     if facts.app.spec.suspend:
         return Verdict("Unknown", Reason.SUSPENDED, "no pods while suspended")
     parts = [component for instance in facts.instances for component in instance.components]
@@ -142,7 +142,12 @@ def placed(facts: AppFacts) -> Verdict:
 
 
 def budget_met(facts: AppFacts) -> Verdict:
+    if facts.problems:
+        return _not_accepted(facts)
     edges = [edge for instance in facts.instances for edge in instance.edges if edge.budget_us is not None]
+    planned = sum(edge.latency is not None for edge in facts.app.spec.edges)
+    if planned and not edges:
+        return Verdict("Unknown", Reason.NOT_MEASURED, f"{planned} edges have a budget; there is no instance yet")
     if not edges:
         return Verdict("True", Reason.NO_BUDGET, "no edge has a latency budget")
     over = [edge for edge in edges if edge.met is False]
@@ -198,7 +203,8 @@ def _blocked(instance: InstanceFacts) -> bool:
 
 def stalled(facts: AppFacts) -> Verdict:
     if facts.problems:
-        return Verdict("True", Reason.INVALID_SPEC, f"waits for a change of the spec: {facts.problems[0]}")
+        cure = "a change of the spec" if facts.refused else "a change of the nodes or of the spec"
+        return Verdict("True", facts.problems[0].reason, f"waits for {cure}: {facts.problems[0]}")
     if facts.bug:
         return Verdict("True", Reason.RECONCILE_ERROR, facts.bug)
     for instance in facts.instances:
@@ -267,8 +273,8 @@ def what_is_missing(instance: InstanceFacts) -> tuple[Reason, str] | None:
     return (Reason.DEVICE_BUSY, instance.busy) if instance.busy else None
 
 
-def _not_accepted() -> Verdict:
-    return Verdict("Unknown", Reason.INVALID_SPEC, "waits for an accepted spec")
+def _not_accepted(facts: AppFacts) -> Verdict:
+    return Verdict("Unknown", facts.problems[0].reason, "waits for an accepted spec")
 
 
 def _named(facts: AppFacts, instance: InstanceFacts, text: str) -> str:

@@ -91,6 +91,11 @@ class AppFacts:
     """What the app runs with or holds and another one holds or runs with."""
 
     @property
+    def refused(self) -> bool:
+        """Is the spec itself wrong, whatever nodes there are?"""
+        return any(not problem.of_nodes for problem in self.problems)
+
+    @property
     def generation(self) -> int:
         """Of the object the status is about. The spec of a RobotAppInstance never changes."""
         return 1 if self.alone else self.app.generation

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from datetime import date
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from robotapp_api.model.distros import DISTROS
 from robotapp_api.model.names import Condition, EventReason, Reason
@@ -15,29 +15,43 @@ class News(NamedTuple):
     warning: bool
 
 
-_REFUSED = frozenset({Reason.DOMAIN_EXHAUSTED, Reason.DOMAIN_TAKEN, Reason.QUOTA_EXCEEDED, Reason.POOL_NOT_FOUND})
+NOT_ACCEPTED: Final = frozenset(
+    {Reason.INVALID_SPEC, Reason.UNKNOWN_DISTRO, Reason.NOT_ALLOWED_ON_ROBOT, Reason.NO_MATCHING_ROBOT}
+)
+NOT_ALLOCATED: Final = frozenset(
+    {
+        Reason.DOMAIN_EXHAUSTED,
+        Reason.DOMAIN_TAKEN,
+        Reason.QUOTA_EXCEEDED,
+        Reason.POOL_NOT_FOUND,
+        Reason.CLAIM_CONFLICT,
+        Reason.DEVICE_BUSY,
+    }
+)
 _FAILED = frozenset({Reason.FAILED_CREATE, Reason.QUOTA_REFUSED, Reason.IMAGE_PULL, Reason.CRASH_LOOP})
 
 
 class _Turn(NamedTuple):
-    """A condition that has turned to this status, or to one of these reasons, is worth an event with its message."""
+    """A condition that has turned to this status, or to one of these reasons, is worth an event with its message.
+
+    `event` None: the event has the condition's own reason.
+    """
 
     kind: Condition
-    event: EventReason
+    event: EventReason | None = None
     warning: bool = True
     status: str = ""
     reasons: frozenset[Reason] = frozenset()
 
 
 _TURNS = (
-    _Turn(Condition.ACCEPTED, EventReason.INVALID_SPEC, status="False"),
-    _Turn(Condition.ALLOCATED, EventReason.DOMAIN_EXHAUSTED, reasons=_REFUSED),
-    _Turn(Condition.ALLOCATED, EventReason.CLAIM_CONFLICT, reasons=frozenset({Reason.CLAIM_CONFLICT})),
-    _Turn(Condition.ALLOCATED, EventReason.DEVICE_BUSY, reasons=frozenset({Reason.DEVICE_BUSY})),
+    _Turn(Condition.ACCEPTED, reasons=NOT_ACCEPTED),
+    _Turn(Condition.ALLOCATED, reasons=NOT_ALLOCATED),
     _Turn(Condition.READY, EventReason.CHILD_FAILED, reasons=_FAILED),
-    _Turn(Condition.PLACED, EventReason.PLACED, warning=False, status="True"),
+    _Turn(Condition.READY, reasons=frozenset({Reason.ROBOT_OFFLINE})),
+    _Turn(Condition.PLACED, warning=False, status="True"),
     _Turn(Condition.PLACED, EventReason.NODE_REJECTED, reasons=frozenset({Reason.UNSCHEDULABLE})),
-    _Turn(Condition.BUDGET_MET, EventReason.BUDGET_EXCEEDED, reasons=frozenset({Reason.BUDGET_EXCEEDED})),
+    _Turn(Condition.BUDGET_MET, reasons=frozenset({Reason.BUDGET_EXCEEDED})),
 )
 
 
@@ -51,7 +65,7 @@ def news_of(before: Mapping[str, Any], after: Mapping[str, Any], *, new_domains:
     for turn in _TURNS:
         status, reason, message = turned.get(turn.kind.value, ("", "", ""))
         if status and (status == turn.status or reason in turn.reasons):
-            news.append(News(turn.event, message, turn.warning))
+            news.append(News(turn.event or EventReason(reason), message, turn.warning))
     return news
 
 

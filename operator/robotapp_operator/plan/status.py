@@ -33,14 +33,19 @@ def render_status(facts: AppFacts) -> dict[str, Any]:
 
 
 def phase(facts: AppFacts) -> Phase:
-    """Phase of the app, or of the one instance the facts are about."""
+    """Phase of the app, or of the one instance the facts are about.
+
+    A robot out of reach makes its own instance Offline, the app only where there is no other instance.
+    """
     if facts.problems:
-        return Phase.FAILED
+        return Phase.FAILED if facts.refused else Phase.PENDING
     if facts.app.spec.suspend:
         pods = any(component.nodes for instance in facts.instances for component in instance.components)
         return Phase.STOPPING if pods else Phase.SUSPENDED
-    order = (Phase.OFFLINE, Phase.DEGRADED, Phase.PENDING, Phase.PLACING, Phase.RUNNING)
+    order = (Phase.DEGRADED, Phase.PENDING, Phase.PLACING, Phase.RUNNING)
     found = {instance_phase(instance, str(facts.previous.get("phase", ""))) for instance in facts.instances}
+    if Phase.OFFLINE in found:
+        return Phase.OFFLINE if len(found) == 1 else Phase.DEGRADED
     return next((candidate for candidate in order if candidate in found), Phase.PENDING)
 
 

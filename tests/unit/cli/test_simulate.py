@@ -80,15 +80,16 @@ def test_where_no_pod_waits_that_is_said(cluster: Stage) -> None:
     assert cluster.text("simulate", *url(cluster)).startswith("No pod waits for this scheduler.\n")
 
 
-def test_a_file_that_holds_what_is_no_pod_yet_is_told_so(cluster: Stage, tmp_path: Path) -> None:
-    cluster.scheduler.outcome = NONE
+@pytest.mark.parametrize("outcome", [NONE, ANSWER], ids=["nothing placed", "other pods placed"])
+def test_what_is_no_pod_yet_is_named_as_left_out(cluster: Stage, tmp_path: Path, outcome: Json) -> None:
+    cluster.scheduler.outcome = outcome
     app = tmp_path / "app.yaml"
     app.write_text("{kind: RobotApp, metadata: {name: teleop}}")
     text = cluster.text("simulate", str(app), *url(cluster))
-    assert "the files hold none: a RobotApp becomes pods in a cluster only." in text
+    assert "RobotApp teleop of the files was left out: it becomes pods in a cluster only" in text
     for kind in ("Pod", "Node"):
         app.write_text(f"{{kind: {kind}, metadata: {{name: other}}}}")
-        assert cluster.text("simulate", str(app), *url(cluster)).startswith("No pod waits for this scheduler.\n")
+        assert "left out" not in cluster.text("simulate", str(app), *url(cluster))
 
 
 def test_the_cluster_is_sent_without_what_no_rule_reads(cluster: Stage) -> None:

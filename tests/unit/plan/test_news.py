@@ -4,10 +4,11 @@ import dataclasses
 from datetime import date
 from typing import Any
 
+import pytest
 from tests.support.factories import make_app
 
-from robotapp_api.model.names import EventReason
-from robotapp_operator.plan.news import end_of_life, news_of
+from robotapp_api.model.names import EventReason, Reason
+from robotapp_operator.plan.news import NOT_ACCEPTED, NOT_ALLOCATED, end_of_life, news_of
 
 
 def status(**conditions: tuple[str, str, str]) -> dict[str, Any]:
@@ -40,6 +41,16 @@ def test_each_state_is_told_when_it_begins_and_not_again() -> None:
     told = ["InvalidSpec", "DomainExhausted", "ChildFailed", "Placed", "BudgetExceeded"]
     assert reasons({}, bad) == told
     assert reasons(bad, bad) == []
+
+
+@pytest.mark.parametrize("reason", sorted(NOT_ALLOCATED | NOT_ACCEPTED))
+def test_a_refusal_is_told_under_its_own_reason(reason: Reason) -> None:
+    kind = "Accepted" if reason in NOT_ACCEPTED else "Allocated"
+    assert reasons({}, status(**{kind: ("False", reason.value, "why")})) == [reason.value]
+
+
+def test_a_robot_out_of_reach_is_told() -> None:
+    assert reasons({}, status(Ready=("False", "RobotOffline", "node n"))) == ["RobotOffline"]
 
 
 def test_a_refusal_by_all_nodes_is_told_on_the_app_itself() -> None:

@@ -207,6 +207,13 @@ def test_an_unmeasured_budget_is_unknown() -> None:
     assert status["summary"]["budget"] == "?/30ms"
 
 
+def test_a_budget_of_an_app_that_does_not_run_is_unknown() -> None:
+    wrong = (Problem(Reason.INVALID_SPEC, "spec.ros", "wrong"),)
+    refused = status_of(problems=wrong, app={"edges": [EDGE]})
+    assert condition(refused, Condition.BUDGET_MET) == ("Unknown", Reason.INVALID_SPEC)
+    assert condition(status_of(app={"edges": [EDGE]}), Condition.BUDGET_MET) == ("Unknown", Reason.NOT_MEASURED)
+
+
 def test_without_budgets_nothing_is_exceeded() -> None:
     assert condition(status_of(instance()), Condition.BUDGET_MET) == ("True", Reason.NO_BUDGET)
 
@@ -226,6 +233,24 @@ def test_a_robot_out_of_reach_is_offline_counted_and_named() -> None:
     assert status["instanceCounts"]["offline"] == 1
     assert condition(status, Condition.READY) == ("False", Reason.ROBOT_OFFLINE)
     assert "node n-amr-07" in status["troubled"][0]["message"]
+
+
+def test_one_of_several_robots_out_of_reach_makes_the_app_degraded() -> None:
+    away = instance(STARTING, robot="amr-07", robot_online=False)
+    status = status_of(away, instance(UP, robot="amr-08"))
+    assert (status["phase"], status["instanceCounts"]["offline"]) == (Phase.DEGRADED, 1)
+    assert status_of(away, dataclasses.replace(away, instance=Instance("amr-08", "n")))["phase"] == Phase.OFFLINE
+
+
+def test_an_app_that_no_robot_matches_yet_waits_and_has_not_failed() -> None:
+    missing = Problem(Reason.NO_MATCHING_ROBOT, "spec.robots.nodeSelector", "no robot matches", of_nodes=True)
+    status = status_of(problems=(missing,), app={"edges": [EDGE]})
+    assert status["phase"] == Phase.PENDING
+    assert condition(status, Condition.READY) == ("False", Reason.NO_MATCHING_ROBOT)
+    assert condition(status, Condition.STALLED) == ("True", Reason.NO_MATCHING_ROBOT)
+    assert message(status, Condition.STALLED).startswith("waits for a change of the nodes or of the spec: ")
+    both = status_of(problems=(missing, Problem(Reason.INVALID_SPEC, "spec.ros", "wrong")))
+    assert both["phase"] == Phase.FAILED
 
 
 def test_what_ran_and_fails_is_degraded_what_starts_is_placing() -> None:
