@@ -62,7 +62,7 @@ def _holder(claim: Json) -> tuple[str, str, str]:
 
 
 async def show_devices(session: Session) -> None:
-    """Every device a node reports, with its holder; claims whose device is gone come last."""
+    """Every device a node reports, with its holder. A claimed one that no NodeTelemetry reports may be there all the same: a label of the node can name it."""
     telemetry = (await session.client.list(NODETELEMETRIES)).items
     claims = {
         (claim["spec"]["device"]["node"], claim["spec"]["device"]["id"]): claim
@@ -75,7 +75,7 @@ async def show_devices(session: Session) -> None:
         for device in status(node).get("devices") or []
     ]
     seen = {(row["node"], device_label(row["device"])) for row in rows}
-    rows += [_lost(claim) for key, claim in claims.items() if key not in seen]
+    rows += [_unreported(claim) for key, claim in claims.items() if key not in seen]
     if namespace := session.options.namespace:
         rows = [row for row in rows if not row["holder"] or row["holder"].startswith(f"{namespace}/")]
     rows.sort(key=lambda row: (row["node"], row["device"]))
@@ -108,9 +108,9 @@ def _device(node: str, device: Json, claims: dict[tuple[str, str], Json]) -> dic
     return found | _claim_fields(claim)
 
 
-def _lost(claim: Json) -> dict[str, str]:
+def _unreported(claim: Json) -> dict[str, str]:
     thing = claim["spec"]["device"]
-    found = {"node": thing["node"], "device": thing["id"], "type": thing["type"], "present": "no"}
+    found = {"node": thing["node"], "device": thing["id"], "type": thing["type"], "present": "unknown"}
     return found | dict.fromkeys(("model", "interface", "path"), "") | _claim_fields(claim)
 
 

@@ -89,7 +89,7 @@ class TestDomains:
 
 
 class TestDevices:
-    def test_free_held_and_lost_devices(self, stage: Stage) -> None:
+    def test_free_held_and_unreported_devices(self, stage: Stage) -> None:
         devices = [
             {"id": "can-can0", "type": "can", "interface": "can0", "present": True},
             {"id": "cam", "type": "usb", "present": False},
@@ -103,7 +103,7 @@ class TestDevices:
         rows = [line.split() for line in stage.text("devices").splitlines()[1:]]
         assert rows[0] == ["amr-07", "cam", "usb", "no", "free"]
         assert rows[1] == ["amr-07", "can-can0", "can", "can0", "yes", "fleet/teleop", "amr-07", "driver", "Bound"]
-        assert rows[2] == ["gone", "lidar", "usb", "no", "b/teleop", "amr-07", "driver", "Bound"]
+        assert rows[2] == ["gone", "lidar", "usb", "unknown", "b/teleop", "amr-07", "driver", "Bound"]
         assert [row["device"] for row in stage.data("devices", "-n", "fleet")["devices"]] == ["cam", "can-can0"]
 
     def test_columns_that_say_nothing_are_left_out_of_the_narrow_form(self, stage: Stage) -> None:
