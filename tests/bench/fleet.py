@@ -30,6 +30,8 @@ MOST_WRITES_TO_READY = 4
 MOST_STATUS_PER_S = 1.0
 MOST_STATUS_BYTES = 64 * 1024
 ROUND_S = 10.0
+NODE_LEASE_S = 600
+"""The simulated kubelets must not be late beside a busy API server: pods of a node that was NotReady stay so under kwok."""
 NOISE = 0.2
 INSTANCES = "robotappinstances"
 
@@ -38,7 +40,7 @@ Figures = dict[str, Any]
 
 def main(argv: Sequence[str] | None = None) -> int:
     arguments = _parser().parse_args(argv)
-    with ControlPlane(audit=True) as cp:
+    with ControlPlane(audit=True, node_lease_s=NODE_LEASE_S) as cp:
         product.install(cp)
         spec = {"scope": "Cluster", "ids": "1-50", "sharedIds": "60-101", "quarantineSeconds": 1}
         pool = {"apiVersion": API_VERSION, "kind": "DomainPool", "metadata": {"name": POOL}, "spec": spec}
