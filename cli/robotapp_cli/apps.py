@@ -173,14 +173,14 @@ def print_edges(edges: list[Json], *, omitted: int = 0) -> None:
         blank_line()
         print_table(["EDGE", f"FROM {arrow()} TO", "RTT/BUDGET", "USE", "RTT IS"], rows, indent=2)
     if omitted:
-        console().print(f"  and {omitted} edges that are better than these", soft_wrap=True)
+        console().print(f"  and {omitted} more edges", soft_wrap=True)
 
 
 def edge_rows(edges: list[Json]) -> Iterator[list[str]]:
     for edge in edges:
         budget, p95 = milliseconds(edge.get("budget")), milliseconds(edge.get("p95"))
         share = p95 / budget if p95 is not None and budget else None
-        known = "measured" if edge.get("measured") else "estimated" if p95 is not None else "unknown"
+        known = "measured" if edge.get("measured") else "unknown"
         same = len(set(edge.get("nodes") or [])) == 1 and len(edge.get("nodes") or []) == 2
         yield [
             _named(edge),

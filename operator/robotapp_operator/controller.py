@@ -14,7 +14,7 @@ from robotapp_operator.gates import Gates
 from robotapp_operator.gather import problems_now, wanted_instances
 from robotapp_operator.informers import ORPHAN_S
 from robotapp_operator.instance_objects import InstanceObjects
-from robotapp_operator.keys import Work
+from robotapp_operator.keys import Work, name_of, namespace_group
 from robotapp_operator.memory import Memory
 from robotapp_operator.metrics import Metrics
 from robotapp_operator.plan.record import Record
@@ -255,17 +255,21 @@ class Controller:
     async def _gate(self, key: Key) -> float | None:
         return 0.0 if await self._gates.open(key.group, key.instance) else None
 
-    async def _waiting(self, _: Key) -> float:
-        for uid, robot in self._memory.waiting():
-            self._queue.hurry(Key(Work.CHILDREN, uid, robot))
+    async def _waiting(self, key: Key) -> float:
+        pool = name_of(key.group)
+        for uid, robot in self._memory.without_domain():
+            record = self._cache.apps.get(uid)
+            app = record.app if record else None
+            if app and (app.pool == pool or app.share_with):
+                self._queue.hurry(Key(Work.CHILDREN, uid, robot))
         return 0.1
 
     async def _pool(self, key: Key) -> float:
-        await self._pools.publish(key.group.removeprefix("pool/"))
+        await self._pools.publish(name_of(key.group))
         return POOL_REST_S
 
     async def _fleet_view(self, key: Key) -> float:
-        await self._fleet.publish(key.group.removeprefix("ns/"))
+        await self._fleet.publish(name_of(key.group))
         return FLEET_REST_S
 
     async def _probe(self, _: Key) -> float:
@@ -294,4 +298,4 @@ class Controller:
         self._queue.forget(uid)
 
     def _fleet_later(self, namespace: str) -> None:
-        self._queue.add(Key(Work.FLEET, f"ns/{namespace}"), delay_s=1.0)
+        self._queue.add(Key(Work.FLEET, namespace_group(namespace)), delay_s=1.0)

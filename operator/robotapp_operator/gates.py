@@ -22,15 +22,9 @@ class Gates:
         self._cache = cache
 
     async def open(self, uid: str, robot: str) -> bool:
-        """True when no pod of the instance is left gated by us.
-
-        A pod elsewhere that says it belongs to an app we know is none of the app's: the app's own would wait with it.
-        """
+        """True when no pod of the instance is left gated by us."""
         done = True
-        record = self._cache.apps.get(uid)
         for pod in list(self._cache.pods.of_instance(uid, robot).values()):
-            if record is not None and pod.metadata.namespace != record.namespace:
-                continue
             gates = [gate.name for gate in pod.spec.scheduling_gates]
             if SCHEDULING_GATE in gates:
                 done = await self._try(pod, gates) and done

@@ -9,7 +9,7 @@ from robotapp_api.client import ApiClient, Change, Reflector, resources
 from robotapp_api.client.resources import Resource
 from robotapp_api.model.names import SCHEDULER_NAME, SCHEDULING_GATE, THESIS_SCHEDULER_NAME, Label
 from robotapp_operator.cache import Cache, Index, InstanceKey
-from robotapp_operator.keys import Work
+from robotapp_operator.keys import Work, namespace_group, pool_group
 from robotapp_operator.nodes import identity_changed
 from robotapp_operator.plan.changes import deployment_domain
 from robotapp_operator.plan.instance_object import AppInstance
@@ -242,10 +242,10 @@ class Informers:
             self._waiting_for(claim.spec.domain.pool)
 
     def _waiting_for(self, pool: str) -> None:
-        self._queue.add(Key(Work.WAITING, f"pool/{pool}"))
+        self._queue.add(Key(Work.WAITING, pool_group(pool)))
 
     def _fullness(self, pool: str) -> None:
-        self._queue.add(Key(Work.POOL, f"pool/{pool}"), delay_s=POOL_DELAY_S)
+        self._queue.add(Key(Work.POOL, pool_group(pool)), delay_s=POOL_DELAY_S)
 
     # Keys
 
@@ -268,7 +268,7 @@ class Informers:
         wake_status(self._queue, label(item, Label.APP_UID), label(item, Label.INSTANCE))
 
     def _fleet(self, namespace: str) -> None:
-        self._queue.add(Key(Work.FLEET, f"ns/{namespace}"), delay_s=FLEET_DELAY_S)
+        self._queue.add(Key(Work.FLEET, namespace_group(namespace)), delay_s=FLEET_DELAY_S)
 
 
 def label(item: Any, name: Label) -> str:
@@ -283,7 +283,7 @@ def _marks(item: Deployment) -> tuple[dict[str, str], tuple[Any, ...]]:
 
 
 def _chooses(app: App, *, same: bool) -> bool:
-    """Does the app choose its robots, and by more than their labels when a node is the `same` but for being ready?"""
+    """Can a node's event change which robots the app gets? same: only the node's readiness has changed."""
     robots = app.spec.robots
     return robots is not None and (not same or robots.assignment == ANY)
 

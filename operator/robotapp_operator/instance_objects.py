@@ -107,19 +107,19 @@ class InstanceObjects:
             return None
         seen = (facts.instances[0], facts.problems, facts.bug, facts.conflict, item.metadata.resource_version)
         again_s = self._figures_due(memory)
-        if memory.stored == seen:
+        if memory.written_facts == seen:
             return again_s
         status = render_instance(facts)
         if same_instance_status(status, item.status):
             memory.writing.same()
-            memory.stored = seen
+            memory.written_facts = seen
             return again_s
         now_s = self._clock()
         urgent = is_urgent(item.status, status)
         due_s = memory.writing.due_s(
-            now_s, moved=memory.waiting != status, urgent=urgent, ready=facts.instances[0].ready
+            now_s, moved=memory.pending_status != status, urgent=urgent, ready=facts.instances[0].ready
         )
-        memory.waiting = status
+        memory.pending_status = status
         if due_s > now_s:
             return due_s - now_s
         meta = item.metadata

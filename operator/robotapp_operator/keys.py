@@ -1,4 +1,4 @@
-"""Kinds of work in the queue."""
+"""Kinds of work in the queue, and the groups their keys are in."""
 
 from enum import StrEnum
 from typing import Final
@@ -18,7 +18,7 @@ class Work(StrEnum):
     GATES = "gates"
     """Group: app uid, instance. Scheduling gates of pods for other schedulers."""
     WAITING = "waiting"
-    """Group: pool. Instances that wait for a domain of this pool try again."""
+    """Group: pool. Instances without a domain try again, if their app takes its domain from this pool or from another app."""
     POOL = "pool"
     """Group: pool. Its status says how full it is."""
     FLEET = "fleet"
@@ -27,6 +27,21 @@ class Work(StrEnum):
     """Which pairs of nodes the agents should measure."""
     RESYNC = "resync"
     """Compare with a full list of RobotApps: kopf does not report what vanished during a gap."""
+
+
+def pool_group(name: str) -> str:
+    """Group of a DomainPool's keys; no app's uid looks like it."""
+    return f"pool/{name}"
+
+
+def namespace_group(name: str) -> str:
+    """Group of a namespace's keys."""
+    return f"ns/{name}"
+
+
+def name_of(group: str) -> str:
+    """The pool or namespace of such a group."""
+    return group.partition("/")[2]
 
 
 BACKGROUND: Final = frozenset({Work.INSTANCE})

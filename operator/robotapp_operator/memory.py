@@ -20,8 +20,8 @@ class InstanceMemory:
     """Of one instance: the facts as last computed, what they were computed from, and what was published of them.
 
     `facts_until_s`: when other latency figures may be published. `shown`: the figures that are, None until they are read from
-    the object. `version`: resourceVersion of the object as we left or found it. `stored`: the facts that it is known to show.
-    `created`: there has been one. `waiting`: the latest status that was not the stored one.
+    the object. `version`: resourceVersion of the object as we left or found it. `written_facts`: the facts that it is known to
+    show. `created`: there has been one. `pending_status`: the latest status that differed from the stored one.
     """
 
     facts: InstanceFacts | None = None
@@ -31,9 +31,9 @@ class InstanceMemory:
     rest: Rest = dataclasses.field(default_factory=Rest)
     writing: Writing = dataclasses.field(default_factory=Writing)
     version: str = ""
-    stored: tuple[object, ...] = ()
+    written_facts: tuple[object, ...] = ()
     created: bool = False
-    waiting: dict[str, Any] = dataclasses.field(default_factory=dict)
+    pending_status: dict[str, Any] = dataclasses.field(default_factory=dict)
 
     def found(self, version: str) -> None:
         """The object has this resourceVersion now. After a write by another operator, the figures in the object count as published:
@@ -46,10 +46,13 @@ class InstanceMemory:
 
 @dataclasses.dataclass(slots=True)
 class AppMemory:
-    """Per instance key: why it has no domain, what the server refused, which templates wait for approval, its facts.
+    """Of one app; tables are by instance name unless said otherwise.
 
-    `bugs`: per kind of work and instance. `chosen`: which instances and which problems the app had when it was last planned.
-    `shown` and `rest`: the latency figures that its own status is about. `reported`: what its last status was made of.
+    `outcomes`: the last answer to a request for a domain, granted or refused. `troubles`: what the server refused. `held`:
+    names of the templates that wait for approval. `settled`: by a Deployment's uid, its generation and the hash it was found
+    with. `new_domains`: ids granted since the last status. `bugs`: per kind of work and instance. `chosen`: which instances
+    and which problems the app had when it was last planned. `shown` and `rest`: the latency figures that its own status is
+    about. `bucket`: when that status may be written. `reported`: what its last status was made of.
     """
 
     outcomes: dict[str, DomainOutcome] = dataclasses.field(default_factory=dict)
@@ -90,7 +93,7 @@ class Memory:
         memory = self._apps.get(uid)
         return memory.outcomes.get(robot) if memory else None
 
-    def waiting(self) -> list[tuple[str, str]]:
+    def without_domain(self) -> list[tuple[str, str]]:
         """(uid, instance) of everything that has asked for a domain in vain."""
         return [
             (uid, robot)
@@ -124,4 +127,4 @@ class Memory:
         for memory in self._apps.values():
             memory.reported = ()
             for instance in memory.instances.values():
-                instance.stamp, instance.stored = (), ()
+                instance.stamp, instance.written_facts = (), ()

@@ -10,18 +10,15 @@ from robotapp_api.client import ApiClient, Conflict, NotFound
 from robotapp_api.client.events import EventRecorder, reference
 from robotapp_api.client.resources import ROBOTAPPS
 from robotapp_api.client.times import whole_seconds
-from robotapp_api.model.conditions import condition
-from robotapp_api.model.names import API_VERSION, Condition, Phase, Reason
+from robotapp_api.model.names import API_VERSION
 from robotapp_operator.cache import Cache
 from robotapp_operator.memory import AppMemory, Memory
 from robotapp_operator.observer import Observer
 from robotapp_operator.plan.app_figures import adopt, steady
-from robotapp_operator.plan.conditions import MAX_MESSAGE
 from robotapp_operator.plan.facts import AppFacts
 from robotapp_operator.plan.news import News, end_of_life, news_of
 from robotapp_operator.plan.record import Record
-from robotapp_operator.plan.status import MAX_TEXT, NO_ROBOTS, render_status
-from robotapp_operator.plan.text import clip
+from robotapp_operator.plan.status import render_status, same_status, unreadable_status
 
 log = logging.getLogger(__name__)
 
@@ -133,34 +130,3 @@ class Reporter:
 def _made_of(facts: AppFacts, record: Record) -> tuple[object, ...]:
     """Everything a status is rendered from, but for the time."""
     return (facts.instances, facts.problems, facts.bug, facts.conflict, record.resource_version)
-
-
-def same_status(wanted: dict[str, Any], have: Any) -> bool:
-    """Equal in everything we write; fields of other writers do not count."""
-    return all(have.get(key) == value for key, value in wanted.items()) if have else False
-
-
-def unreadable_status(record: Record, now: str) -> dict[str, Any]:
-    """Status of an object this version cannot read: it says so instead of failing for ever in a log."""
-    text = "; ".join(map(str, record.problems)) or "the spec cannot be read"
-    verdicts = {Condition.ACCEPTED: "False", Condition.READY: "False", Condition.STALLED: "True"}
-    conditions = [
-        condition(
-            kind.value,
-            verdicts.get(kind, "Unknown"),
-            Reason.INVALID_SPEC.value,
-            clip(text, MAX_MESSAGE),
-            before=record.status.get("conditions") or (),
-            generation=record.generation,
-            now=now,
-        )
-        for kind in Condition
-    ]
-    return {
-        "observedGeneration": record.generation,
-        "phase": Phase.FAILED.value,
-        "conditions": conditions,
-        "instanceCounts": {"desired": 0, "ready": 0, "offline": 0, "completed": 0, "failed": 0},
-        "troubled": [],
-        "summary": {"ready": "0/0", "robots": NO_ROBOTS, "message": clip(text, MAX_TEXT)},
-    }

@@ -10,6 +10,7 @@ from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.checks.ros import discovery_of, rmw_of, ros_version_of
 from robotapp_api.model.distros import DISTROS, nearest
 from robotapp_api.model.names import ROBOT_END, Reason
+from robotapp_api.model.placement import Fallback
 from robotapp_api.model.robotapp import RobotAppSpec
 
 
@@ -36,8 +37,16 @@ def spec_notes(spec: RobotAppSpec) -> Iterator[Note]:
         yield Note(
             "spec.placement.reschedule.when", f"{spec.placement.reschedule.when} has no effect yet; nothing moves"
         )
+    if spec.placement.fallback != Fallback():
+        yield Note(
+            "spec.placement.fallback",
+            "has no effect yet; a pod without a place waits, and on board as a fallback is runsOn: [Edge, Robot]",
+        )
     if spec.ros2 and spec.ros2.transport == "SHM":
         yield Note("spec.ros2.transport", "SHM has no effect yet; pods of one node do not share memory")
+    for index, edge in enumerate(spec.edges):
+        if edge.bandwidth is not None:
+            yield Note(f"spec.edges[{index}].bandwidth", "has no effect yet; places are chosen by latency")
     for index, component in enumerate(spec.components):
         yield from component_notes(component, f"spec.components[{index}]")
 

@@ -138,4 +138,4 @@ class Edge(Model):
     latency: EdgeLatency | None = None
     """Latency budget of the edge."""
     bandwidth: Quantity | None = None
-    """Bits per second, such as 40M; a cost for placement, not a limit."""
+    """Bits per second, such as 40M. Not used for placement yet, and no limit."""

@@ -70,7 +70,7 @@ class EdgeStatus(Observed):
     """Round-trip time between the two nodes, 95th percentile. Written anew when the verdict changes, or at most once a minute
     when it has changed by a fifth."""
     measured: bool = False
-    """The time was measured for this pair of nodes; otherwise it is unknown."""
+    """The time was measured for this pair of nodes. False with a p95: both ends are on one node. False without: not measured yet."""
     met: bool | None = None
     """The budget holds; absent while unknown."""
     nodes: Annotated[tuple[Text, ...], Field(max_length=2)] = ()

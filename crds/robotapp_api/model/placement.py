@@ -14,7 +14,7 @@ RescheduleWhen = Literal["Never", "BudgetExceeded"]
 
 
 class Fallback(Model):
-    """What happens when no placement fits."""
+    """What happens when no placement fits. Not used yet: the pods wait."""
 
     steps: Annotated[tuple[FallbackStep, ...], Field(max_length=8)] = ("RelaxPreferred", "Wait")
     """Steps in order: RelaxPreferred drops wishes, Wait keeps the pods pending. On board as a fallback is runsOn: [Edge, Robot]."""

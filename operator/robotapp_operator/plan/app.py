@@ -14,12 +14,12 @@ __all__ = ["Problem", "notes_of", "problems_alone", "problems_with"]
 
 
 def problems_alone(app: App) -> tuple[Problem, ...]:
-    """What is wrong whatever nodes there are."""
+    """Problems of the spec alone, whatever nodes there are."""
     return tuple(spec_problems(app.spec))
 
 
 def problems_with(app: App, nodes: Mapping[str, Node]) -> tuple[Problem, ...]:
-    """What is wrong with the nodes there are."""
+    """Problems of the spec that depend on the current nodes."""
     return tuple(_placement_problems(app, nodes))
 
 

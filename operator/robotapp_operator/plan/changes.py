@@ -4,11 +4,11 @@ import dataclasses
 from collections.abc import Collection, Mapping
 
 from robotapp_api.claims.identity import domain_literal
+from robotapp_api.claims.objects import ROS_DOMAIN_ID
 from robotapp_api.model.names import Annotation, Label
 from robotapp_operator.plan.children import DEPLOYMENT, SERVICE, Child
 from robotapp_operator.plan.compare import covers
 from robotapp_operator.plan.deployments import component_deployments
-from robotapp_operator.plan.environment import DOMAIN_VARIABLE
 from robotapp_operator.plan.infrastructure import infrastructure
 from robotapp_operator.plan.objects import ChildRef, Deployment, Service
 from robotapp_operator.plan.parameters import ParameterState
@@ -117,7 +117,7 @@ def is_held(app: App, child: Child, over: Observed, version: str) -> bool:
 
 def deployment_domain(deployment: Deployment) -> int | None:
     """The id a Deployment's template names, None without one."""
-    return domain_literal(template_env(deployment.spec).get(DOMAIN_VARIABLE, ""))
+    return domain_literal(template_env(deployment.spec).get(ROS_DOMAIN_ID, ""))
 
 
 def template_env(spec: Mapping[str, object]) -> dict[str, str]:
@@ -133,7 +133,7 @@ def _inputs(spec: Mapping[str, object]) -> tuple[object, object, object]:
     template = spec.get("template")
     metadata = template.get("metadata") if isinstance(template, Mapping) else None
     annotations = (metadata.get("annotations") if isinstance(metadata, Mapping) else None) or {}
-    return template_env(spec).get(DOMAIN_VARIABLE), annotations.get(Annotation.PARAMETERS_HASH), spec.get("replicas")
+    return template_env(spec).get(ROS_DOMAIN_ID), annotations.get(Annotation.PARAMETERS_HASH), spec.get("replicas")
 
 
 def _prunable(app: App, item: Observed) -> bool:

@@ -9,7 +9,8 @@ from robotapp_api.model.component import Component
 from robotapp_api.model.names import Reason
 from robotapp_operator.plan.objects import ContainerStatus, Deployment, ObjectCondition, Pod
 
-MAX_MESSAGE: Final = 1024
+MAX_COMPONENT_CHARACTERS: Final = 1024
+"""Of one message; every status clips it further."""
 MAX_RESTARTS: Final = 2**31 - 1
 SERVER_LEAD_S: Final = 60
 """Servers and components of one start are made together; a minute apart means that the servers are newer."""
@@ -21,7 +22,7 @@ _CONFIG = frozenset({"CreateContainerConfigError", "CreateContainerError", "RunC
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class ComponentView:
-    """`reason` and `message` are "" while all is well; `nodes` are those its pods are bound to."""
+    """`reason` is None and `message` "" while all is well; `nodes` are those its pods are bound to."""
 
     name: str
     replicas: int
@@ -74,7 +75,7 @@ def component_view(
         nodes=tuple(sorted({pod.spec.node_name for pod in live if pod.spec.node_name})),
         restarts=min(MAX_RESTARTS, sum(one.restart_count for pod in live for one in pod.status.container_statuses)),
         reason=reason,
-        message=message[:MAX_MESSAGE],
+        message=message[:MAX_COMPONENT_CHARACTERS],
     )
 
 

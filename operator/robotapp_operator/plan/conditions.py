@@ -1,17 +1,17 @@
 """The seven conditions: reason code, numbers, next step. lastTransitionTime moves only with the status."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from robotapp_api.model.conditions import condition
 from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME, Condition, Reason
 from robotapp_operator.plan.facts import AppFacts, InstanceFacts
-from robotapp_operator.plan.latency import EdgeView, shown_ms
-from robotapp_operator.plan.text import clip
+from robotapp_operator.plan.text import clip, shown
+from robotapp_operator.plan.troubled import cut_off_text, edge_text, rank_of, what_is_missing
 
-MAX_MESSAGE: Final = 2048
+MAX_CONDITION_BYTES: Final = 2048
 """Bytes of a message of a RobotApp."""
-MAX_BRIEF: Final = 256
+MAX_BRIEF_BYTES: Final = 256
 """Bytes of a message of a RobotAppInstance, of which there may be thousands."""
 
 
@@ -53,7 +53,7 @@ def accepted(facts: AppFacts) -> Verdict:
 
 
 def _unclear_text(facts: AppFacts, unclear: Sequence[InstanceFacts]) -> str:
-    names = _shown([instance.name for instance in unclear], limit=4)
+    names = shown([instance.name for instance in unclear], limit=4)
     return f"{len(unclear)} of {len(facts.instances)} instances are for robots whose primary node is unclear ({names}): see status.troubled for what to label"
 
 
@@ -103,7 +103,7 @@ def _all_allocated(facts: AppFacts) -> Verdict:
     domains = sorted({instance.domain for instance in facts.instances if instance.domain is not None})
     if not domains and not wanted:
         return Verdict("True", Reason.NOTHING_TO_ALLOCATE, "the app needs neither a domain nor devices")
-    parts = [f"domain {_shown(domains)}"] if domains else []
+    parts = [f"domain {shown(domains)}"] if domains else []
     parts += [f"{held} of {wanted} devices"] if wanted else []
     asked = facts.app.requested_domain
     if asked is not None and facts.app.share_with and domains != [asked]:
@@ -135,7 +135,7 @@ def placed(facts: AppFacts) -> Verdict:
                 return Verdict("False", Reason.UNSCHEDULABLE, f"{bound} of {len(parts)} placed; {text}")
     if parts and bound == len(parts):
         nodes = sorted({node for component in parts for node in component.nodes})
-        return Verdict("True", Reason.PLACED, f"{bound} of {len(parts)} components on {_shown(nodes)}")
+        return Verdict("True", Reason.PLACED, f"{bound} of {len(parts)} components on {shown(nodes)}")
     return Verdict(
         "Unknown", Reason.WAITING_FOR_PODS, f"{bound} of {len(parts)} components have all their pods on nodes"
     )
@@ -187,7 +187,7 @@ def progressing(facts: AppFacts) -> Verdict:
     rolling = [component.name for instance in going for component in instance.components if component.rolling]
     if rolling or not facts.instances:
         return Verdict(
-            "True", Reason.ROLLING_OUT, f"{len(rolling)} components are rolling out: {_shown(sorted(set(rolling)))}"
+            "True", Reason.ROLLING_OUT, f"{len(rolling)} components are rolling out: {shown(sorted(set(rolling)))}"
         )
     if blocked:
         what = "a domain" if blocked[0].refusal else "it to be clear which node is their robot's"
@@ -227,50 +227,20 @@ _RULES: Final[Mapping[Condition, Callable[[AppFacts], Verdict]]] = {
 }
 
 
-def cut_off_text(instance: InstanceFacts) -> str:
-    """What pods that know none of today's discovery servers need."""
-    return f"all discovery servers were replaced since {_shown(instance.cut_off)} started; kubectl delete pod these, one by one"
-
-
-def edge_text(edge: EdgeView) -> str:
-    """`/cmd_vel operator -> driver 18ms of 30ms`."""
-    name = f"{edge.edge.topic} {edge.edge.from_} -> {edge.edge.to}"
-    time = "unknown" if edge.judged_us is None else shown_ms(edge.judged_us)
-    return f"{name} {time} of {shown_ms(edge.budget_us or 0)}"
-
-
 def _why_not_ready(facts: AppFacts, up: int, total: int) -> tuple[Reason, str]:
-    """The worst instance's reason: not started, without a domain or device, failing, or starting."""
-    for instance in facts.instances:
-        if problem := what_is_missing(instance):
-            return problem[0], _named(facts, instance, problem[1])
-    failing = [instance for instance in facts.instances if not instance.ready]
-    failing.sort(key=lambda instance: -(instance.worst.badness if instance.worst else 0))
+    """Why the instance that needs attention most is not ready."""
+    waiting = [instance for instance in facts.instances if not instance.ready]
     count = f"{up} of {total} components are ready"
-    if not failing:
+    if not waiting:
         return Reason.COMPONENTS_NOT_READY, f"{count}; no instance yet"
-    worst = failing[0].worst
+    instance = min(waiting, key=rank_of)
+    if missing := what_is_missing(instance):
+        return missing[0], _named(facts, instance, missing[1])
+    worst = instance.worst
     if worst is None:
-        return Reason.COMPONENTS_NOT_READY, _named(facts, failing[0], f"{count}; its discovery or master is not ready")
+        return Reason.COMPONENTS_NOT_READY, _named(facts, instance, f"{count}; its discovery or master is not ready")
     text = worst.message or ("is starting" if worst.exists else "is being created")
-    return worst.reason or Reason.COMPONENTS_NOT_READY, _named(facts, failing[0], f"{count}; {worst.name}: {text}")
-
-
-def what_is_missing(instance: InstanceFacts) -> tuple[Reason, str] | None:
-    """What keeps the instance as a whole from being ready, before its components are looked at."""
-    if instance.unclear and not instance.ready:
-        return Reason.ROBOT_NODE_UNCLEAR, instance.unclear
-    if instance.refusal or instance.trouble:
-        return instance.refusal or instance.trouble
-    if instance.ready:
-        return None
-    if not instance.robot_online:
-        node = instance.instance.node
-        return (
-            Reason.ROBOT_OFFLINE,
-            f"node {node} of the robot is not ready: kubectl describe node {node} shows since when",
-        )
-    return (Reason.DEVICE_BUSY, instance.busy) if instance.busy else None
+    return worst.reason or Reason.COMPONENTS_NOT_READY, _named(facts, instance, f"{count}; {worst.name}: {text}")
 
 
 def _not_accepted(facts: AppFacts) -> Verdict:
@@ -282,12 +252,6 @@ def _named(facts: AppFacts, instance: InstanceFacts, text: str) -> str:
     return f"{instance.name}: {text}" if instance.name and not facts.alone else text
 
 
-def _shown(values: Iterable[object], limit: int = 8) -> str:
-    listed = [str(value) for value in values]
-    more = f" and {len(listed) - limit} more" if len(listed) > limit else ""
-    return (", ".join(listed[:limit]) or "none") + more
-
-
 def _items(value: object) -> list[dict[str, Any]]:
     return [item for item in value if isinstance(item, dict)] if isinstance(value, list) else []
 
@@ -297,7 +261,7 @@ def _condition(kind: Condition, verdict: Verdict, facts: AppFacts) -> dict[str, 
         kind.value,
         verdict.status,
         verdict.reason.value,
-        clip(verdict.message, MAX_BRIEF if facts.alone else MAX_MESSAGE),
+        clip(verdict.message, MAX_BRIEF_BYTES if facts.alone else MAX_CONDITION_BYTES),
         before=_items(facts.previous.get("conditions")),
         generation=facts.generation,
         now=facts.now,

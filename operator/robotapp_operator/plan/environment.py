@@ -10,6 +10,7 @@ from typing import Final
 from xml.sax.saxutils import quoteattr
 
 from robotapp_api.checks.middleware import BEFORE_IRON, CONNEXT, CYCLONE, CYCLONE_11, FAST_DDS
+from robotapp_api.claims.objects import ROS_DOMAIN_ID
 from robotapp_operator.plan.wish import EnvVar, Wish
 
 DISCOVERY_SERVER_PORT: Final = 11811
@@ -17,12 +18,10 @@ ZENOH_PORT: Final = 7447
 CYCLONE_MAX_INDEX: Final = 15
 """ROS processes per component that find each other without multicast; every peer is probed on this many ports."""
 
-DOMAIN_VARIABLE: Final = "ROS_DOMAIN_ID"
-
 
 def ros2_environment(wish: Wish, *, domain: int) -> list[EnvVar]:
     """Variables of every ROS 2 container of an instance, in a fixed order."""
-    variables = {"ROS_DOMAIN_ID": str(domain), "RMW_IMPLEMENTATION": wish.rmw}
+    variables = {ROS_DOMAIN_ID: str(domain), "RMW_IMPLEMENTATION": wish.rmw}
     variables |= _discovery_range(wish)
     variables |= _discovery(wish)
     variables |= _transport(wish)
@@ -71,7 +70,6 @@ def cyclone_config(peers: Sequence[str], *, distro: str) -> str:
 
 
 def _transport(wish: Wish) -> dict[str, str]:
-    """Fast DDS prefers shared memory to peers it takes for the same host; pods do not share /dev/shm."""
-    if wish.rmw not in FAST_DDS or wish.transport == "SHM":
-        return {}
-    return {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"} if wish.transport == "UDP" else {}
+    """UDP alone where the app asks for it: Fast DDS tries shared memory with peers it takes for the same host, which pods cannot share."""
+    udp_alone = wish.transport == "UDP" and wish.rmw in FAST_DDS
+    return {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"} if udp_alone else {}

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, Final
 
-from robotapp_operator.plan.conditions import MAX_BRIEF, conditions, ready
+from robotapp_operator.plan.conditions import MAX_BRIEF_BYTES, conditions, ready
 from robotapp_operator.plan.facts import AppFacts
 from robotapp_operator.plan.latency import EdgeView, shown_ms
 from robotapp_operator.plan.status import (
@@ -39,14 +39,14 @@ def render_instance(facts: AppFacts) -> dict[str, Any]:
             budget=budget_text(instance.edges),
             devices=devices_text(facts.instances),
             nodes=nodes_text(facts.instances),
-            message="" if verdict.status == "True" else clip(verdict.message, MAX_BRIEF),
+            message="" if verdict.status == "True" else clip(verdict.message, MAX_BRIEF_BYTES),
         ),
         "components": [
             {
                 "name": component.name,
                 "ready": component.ready,
                 "restarts": component.restarts,
-                **written(node=component.node, message=clip(component.message, MAX_BRIEF)),
+                **written(node=component.node, message=clip(component.message, MAX_BRIEF_BYTES)),
             }
             for component in components
         ],

@@ -20,13 +20,16 @@ STILL_S: Final = 10.0
 """A difference that has not changed for so long is written although the pause is not over."""
 _ARRIVED = frozenset({Phase.RUNNING, Phase.DEGRADED, Phase.OFFLINE, Phase.SUSPENDED, Phase.FAILED})
 _ON_THE_WAY = frozenset({Reason.PENDING, Reason.COMPONENTS_NOT_READY, Reason.UNSCHEDULABLE})
-"""A pod that has just been made is often refused once, until the others of its group are there."""
+"""Reasons of a normal start, which are not urgent: a new pod is often refused once, until the others of its group are there."""
 _TELLING = frozenset({Condition.READY, Condition.ACCEPTED, Condition.BUDGET_MET})
 
 
 @dataclasses.dataclass(slots=True)
 class Bucket:
-    """Writes of one app's status: `BURST` at once, and one per period in the long run. Times are monotonic seconds."""
+    """Writes of one app's status: `BURST` at once, and one per period in the long run. Times are monotonic seconds.
+
+    Unlike `values.buckets` its period depends on the app's edges, and a write that cannot wait runs it into debt.
+    """
 
     tokens: float = BURST
     at_s: float = float("-inf")

@@ -7,10 +7,12 @@ object.
 from collections.abc import Collection, Iterable
 from typing import Any, Final
 
-from robotapp_api.model.names import Phase, Reason
-from robotapp_operator.plan.conditions import conditions, ready
+from robotapp_api.model.conditions import condition
+from robotapp_api.model.names import Condition, Phase, Reason
+from robotapp_operator.plan.conditions import MAX_CONDITION_BYTES, conditions, ready
 from robotapp_operator.plan.facts import AppFacts, InstanceFacts
 from robotapp_operator.plan.latency import EdgeView, shown_ms
+from robotapp_operator.plan.record import Record
 from robotapp_operator.plan.text import clip
 from robotapp_operator.plan.troubled import troubled
 
@@ -29,6 +31,37 @@ def render_status(facts: AppFacts) -> dict[str, Any]:
         "instanceCounts": _counts(facts),
         "troubled": troubled(facts),
         "summary": _summary(facts),
+    }
+
+
+def same_status(wanted: dict[str, Any], have: Any) -> bool:
+    """Equal in everything we write; fields of other writers do not count."""
+    return all(have.get(key) == value for key, value in wanted.items()) if have else False
+
+
+def unreadable_status(record: Record, now: str) -> dict[str, Any]:
+    """Status of an object this version cannot read, so that its user learns why nothing happens."""
+    text = "; ".join(map(str, record.problems)) or "the spec cannot be read"
+    verdicts = {Condition.ACCEPTED: "False", Condition.READY: "False", Condition.STALLED: "True"}
+    told = [
+        condition(
+            kind.value,
+            verdicts.get(kind, "Unknown"),
+            Reason.INVALID_SPEC.value,
+            clip(text, MAX_CONDITION_BYTES),
+            before=record.status.get("conditions") or (),
+            generation=record.generation,
+            now=now,
+        )
+        for kind in Condition
+    ]
+    return {
+        "observedGeneration": record.generation,
+        "phase": Phase.FAILED.value,
+        "conditions": told,
+        "instanceCounts": {"desired": 0, "ready": 0, "offline": 0, "completed": 0, "failed": 0},
+        "troubled": [],
+        "summary": {"ready": "0/0", "robots": NO_ROBOTS, "message": clip(text, MAX_TEXT)},
     }
 
 
@@ -108,16 +141,12 @@ def nodes_text(instances: Iterable[InstanceFacts]) -> str:
 
 
 def budget_text(edges: Iterable[EdgeView]) -> str:
-    """`18/30ms` of the edge that uses most of its budget."""
-    worst = max((edge for edge in edges if edge.budget_us is not None), key=_share_of_budget, default=None)
+    """`18/30ms` of the edge that uses most of its budget: the percentile the budget is about, as BudgetMet judges it."""
+    worst = max((edge for edge in edges if edge.budget_us is not None), key=lambda edge: edge.use, default=None)
     if worst is None:
         return ""
-    time = "?" if worst.p95_us is None else shown_ms(worst.p95_us).removesuffix("ms")
+    time = "?" if worst.judged_us is None else shown_ms(worst.judged_us).removesuffix("ms")
     return f"{time}/{shown_ms(worst.budget_us or 0)}"[:32]
-
-
-def _share_of_budget(edge: EdgeView) -> float:
-    return -1.0 if edge.p95_us is None else edge.p95_us / (edge.budget_us or 1)
 
 
 def domains_text(ids: Collection[int], limit: int = 63) -> str:

@@ -7,7 +7,7 @@ hold (claims, rule 5): no pod of it would ever be bound.
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from robotapp_operator.plan.environment import DOMAIN_VARIABLE
+from robotapp_api.claims.objects import ROS_DOMAIN_ID
 
 _PLACES = ("initContainers", "containers")
 
@@ -26,5 +26,5 @@ def _literals(spec: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     for place in _PLACES:
         for index, container in enumerate(pod.get(place) or ()):
             for number, variable in enumerate(container.get("env") or ()):
-                if variable.get("name") == DOMAIN_VARIABLE and variable.get("value"):
+                if variable.get("name") == ROS_DOMAIN_ID and variable.get("value"):
                     yield f"/spec/template/spec/{place}/{index}/env/{number}", variable["value"]

@@ -1,6 +1,7 @@
 """How much room a text takes in a status, and texts cut to their room."""
 
 import json
+from collections.abc import Iterable
 from typing import Any, Final
 
 ELLIPSIS: Final = "…"
@@ -28,3 +29,10 @@ def clip(text: str, limit: int) -> str:
 
 def _bytes(text: str) -> int:
     return stored_bytes(text) - len('""')
+
+
+def shown(values: Iterable[object], limit: int = 8) -> str:
+    """The first values and how many more there are: `a, b and 3 more`."""
+    listed = [str(value) for value in values]
+    more = f" and {len(listed) - limit} more" if len(listed) > limit else ""
+    return (", ".join(listed[:limit]) or "none") + more

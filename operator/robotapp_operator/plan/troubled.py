@@ -1,25 +1,47 @@
-"""Instances of an app that need attention, worst first."""
+"""Instances of an app that need attention, worst first: one order for the status's list and for the reason of Ready."""
 
+from enum import IntEnum
 from typing import Any, Final, NamedTuple
 
 from robotapp_api.model.names import Reason
-from robotapp_operator.plan.conditions import cut_off_text, edge_text, what_is_missing
 from robotapp_operator.plan.facts import AppFacts, InstanceFacts
-from robotapp_operator.plan.text import clip
+from robotapp_operator.plan.latency import EdgeView, shown_ms
+from robotapp_operator.plan.text import clip, shown
 
 MAX_TROUBLED: Final = 10
-MAX_MESSAGE: Final = 1024
-"""Bytes of one message."""
+MAX_TROUBLED_BYTES: Final = 1024
+"""Of one message."""
 
-_RANKS: Final = {Reason.ROBOT_NODE_UNCLEAR: 0, Reason.ROBOT_OFFLINE: 2, Reason.UNSCHEDULABLE: 3, Reason.DEVICE_BUSY: 3}
-"""Instances that wait for a robot, a node or a device come after those that fail."""
-_FAILS: Final = 1
+
+class Rank(IntEnum):
+    """How much an instance needs attention, most first."""
+
+    UNCLEAR = 0
+    """Nobody knows which node is its robot's."""
+    FAILING = 1
+    OFFLINE = 2
+    WAITING = 3
+    """For a node or a device."""
+    UNCLEAR_BUT_READY = 4
+    RESTART_NEEDED = 5
+    OVER_BUDGET = 6
+    NONE = 7
+    """It is well, or merely starts."""
+
+
+_RANKS: Final = {
+    Reason.ROBOT_NODE_UNCLEAR: Rank.UNCLEAR,
+    Reason.ROBOT_OFFLINE: Rank.OFFLINE,
+    Reason.UNSCHEDULABLE: Rank.WAITING,
+    Reason.DEVICE_BUSY: Rank.WAITING,
+}
+"""Reasons of instances that are not ready; all others fail."""
 
 
 class Trouble(NamedTuple):
     """Sorted by how bad it is, then by instance."""
 
-    rank: int
+    rank: Rank
     instance: str
     reason: Reason
     message: str
@@ -31,9 +53,14 @@ def troubled(facts: AppFacts) -> list[dict[str, Any]]:
         return []
     found = sorted(trouble for instance in facts.instances if (trouble := trouble_of(instance)))
     return [
-        {"instance": item.instance, "reason": item.reason.value, "message": clip(item.message, MAX_MESSAGE)}
+        {"instance": item.instance, "reason": item.reason.value, "message": clip(item.message, MAX_TROUBLED_BYTES)}
         for item in found[:MAX_TROUBLED]
     ]
+
+
+def rank_of(instance: InstanceFacts) -> Rank:
+    trouble = trouble_of(instance)
+    return trouble.rank if trouble else Rank.NONE
 
 
 def trouble_of(instance: InstanceFacts) -> Trouble | None:
@@ -44,21 +71,54 @@ def trouble_of(instance: InstanceFacts) -> Trouble | None:
     return Trouble(rank, instance.name, reason, message)
 
 
-def _not_ready(instance: InstanceFacts) -> tuple[int, Reason, str] | None:
+def what_is_missing(instance: InstanceFacts) -> tuple[Reason, str] | None:
+    """What keeps the instance as a whole from being ready, before its components are looked at."""
+    if instance.unclear and not instance.ready:
+        return Reason.ROBOT_NODE_UNCLEAR, instance.unclear
+    if instance.refusal or instance.trouble:
+        return instance.refusal or instance.trouble
+    if instance.ready:
+        return None
+    if not instance.robot_online:
+        node = instance.instance.node
+        return (
+            Reason.ROBOT_OFFLINE,
+            f"node {node} of the robot is not ready: kubectl describe node {node} shows since when",
+        )
+    return (Reason.DEVICE_BUSY, instance.busy) if instance.busy else None
+
+
+def cut_off_text(instance: InstanceFacts) -> str:
+    """What pods that know none of today's discovery servers need."""
+    return f"all discovery servers were replaced since {shown(instance.cut_off)} started; kubectl delete pod these, one by one"
+
+
+def edge_text(edge: EdgeView) -> str:
+    """`/cmd_vel operator -> driver 18ms of 30ms`."""
+    name = f"{edge.edge.topic} {edge.edge.from_} -> {edge.edge.to}"
+    time = "unknown" if edge.judged_us is None else shown_ms(edge.judged_us)
+    return f"{name} {time} of {shown_ms(edge.budget_us or 0)}"
+
+
+def _not_ready(instance: InstanceFacts) -> tuple[Rank, Reason, str] | None:
     if missing := what_is_missing(instance):
-        return _RANKS.get(missing[0], _FAILS), *missing
+        return _RANKS.get(missing[0], Rank.FAILING), *missing
     worst = instance.worst
     if worst is None or worst.reason is None:
         return None
-    return _RANKS.get(worst.reason, _FAILS), worst.reason, f"{worst.name}: {worst.message}"
+    return _RANKS.get(worst.reason, Rank.FAILING), worst.reason, f"{worst.name}: {worst.message}"
 
 
-def _though_ready(instance: InstanceFacts) -> tuple[int, Reason, str] | None:
+def _though_ready(instance: InstanceFacts) -> tuple[Rank, Reason, str] | None:
     if instance.unclear:
-        return 4, Reason.ROBOT_NODE_UNCLEAR, instance.unclear
+        return Rank.UNCLEAR_BUT_READY, Reason.ROBOT_NODE_UNCLEAR, instance.unclear
     if instance.cut_off:
-        return 5, Reason.RESTART_NEEDED, cut_off_text(instance)
+        return Rank.RESTART_NEEDED, Reason.RESTART_NEEDED, cut_off_text(instance)
     over = [edge for edge in instance.edges if edge.met is False]
     if over:
-        return 6, Reason.BUDGET_EXCEEDED, f"{len(over)} edges are over budget, worst {edge_text(over[0])}"
+        return (
+            Rank.OVER_BUDGET,
+            Reason.BUDGET_EXCEEDED,
+            f"{len(over)} edges are over budget, worst {edge_text(over[0])}",
+        )
     return None

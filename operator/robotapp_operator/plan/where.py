@@ -5,8 +5,10 @@ from typing import Any, Final
 
 from robotapp_api.model.component import Component
 from robotapp_api.model.names import HARDWARE_PREFIX, Label
+from robotapp_api.values import tiers
 from robotapp_api.values.duration import parse_us
 from robotapp_api.values.selector import matches_labels
+from robotapp_api.values.tiers import KEEP, ROBOT
 from robotapp_operator.plan.children import component_labels, selector
 from robotapp_operator.plan.wish import Wish
 
@@ -14,25 +16,24 @@ DISCONNECTED: Final = ("node.kubernetes.io/not-ready", "node.kubernetes.io/unrea
 
 
 def on_disconnect(component: Component, wish: Wish) -> str:
-    """Keep on the robot, Failover elsewhere, unless written.
+    """The rule of `tiers.on_disconnect`, and one more for other schedulers.
 
     Our scheduler holds a successor back while its predecessor may still drive; others do not, so with them a pod that may be
     on a robot is kept as well.
     """
     if component.on_disconnect:
         return component.on_disconnect
-    may_drive = "Robot" in component.runs_on or bool(wish.robot and not component.runs_on)
-    keep = component.runs_on == ("Robot",) or (may_drive and not wish.app.our_scheduler)
-    return "Keep" if keep else "Failover"
+    may_drive = ROBOT in component.runs_on or bool(wish.robot and not component.runs_on)
+    return KEEP if may_drive and not wish.app.our_scheduler else tiers.on_disconnect(component.runs_on, None)
 
 
 def tolerations(component: Component, wish: Wish) -> list[dict[str, Any]]:
     """The component's own, then robots' taints where it may run there, then how long it stays on a lost node."""
     result = [*component.template.spec.tolerations]
-    named = "Robot" in component.runs_on
+    named = ROBOT in component.runs_on
     if named or (wish.robot and not component.runs_on):
         result += robot_tolerations(wish.robot)
-    keep = on_disconnect(component, wish) == "Keep"
+    keep = on_disconnect(component, wish) == KEEP
     grace_s = parse_us(wish.app.spec.connectivity.grace) // 1_000_000
     return result + disconnect_tolerations(None if keep else grace_s)
 
@@ -116,9 +117,9 @@ def _node_terms(component: Component, wish: Wish) -> list[list[dict[str, Any]]]:
     """Which tiers are allowed; which of them is preferred is the scheduler's business. `Robot` means the instance's own."""
     common: list[dict[str, Any]] = [] if wish.app.our_scheduler else list(_hardware(component))
     if component.runs_on:
-        own = [[is_in(Label.ROBOT, wish.robot)]] if wish.robot and "Robot" in component.runs_on else []
-        tiers = [tier.lower() for tier in component.runs_on if not (own and tier == "Robot")]
-        others = [[is_in(Label.TIER, *tiers)]] if tiers else []
+        own = [[is_in(Label.ROBOT, wish.robot)]] if wish.robot and ROBOT in component.runs_on else []
+        labels = [tier.lower() for tier in component.runs_on if not (own and tier == ROBOT)]
+        others = [[is_in(Label.TIER, *labels)]] if labels else []
         return [[*term, *common] for term in (*own, *others)]
     if wish.robot:
         # Anywhere, but never on somebody else's robot.

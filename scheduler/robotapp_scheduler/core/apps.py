@@ -9,13 +9,13 @@ from typing import Final, NamedTuple
 
 from robotapp_api.model.names import ROBOT_END
 from robotapp_api.values.duration import parse_us
+from robotapp_api.values.tiers import ROBOT
 from robotapp_scheduler.core.objects import Owned, Pod
 from robotapp_scheduler.core.pods import Member, member_of
 from robotapp_scheduler.core.robotics import Component, Edge, RobotApp
 from robotapp_scheduler.core.shapes import controller_of
 
 TOPIC: Final = "Topic"
-ROBOT: Final = "Robot"
 ON_BOARD: Final = (ROBOT,)
 """`runsOn` of a component that never leaves its robot."""
 

@@ -4,7 +4,8 @@ from collections.abc import Hashable
 from typing import Final
 
 from robotapp_api.model.names import Label, PodReason
-from robotapp_scheduler.core.apps import ON_BOARD, ROBOT, App, AppIndex, Replica
+from robotapp_api.values.tiers import FAILOVER, ROBOT, on_disconnect
+from robotapp_scheduler.core.apps import App, AppIndex, Replica
 from robotapp_scheduler.core.changes import NODE, PLACED, Change, Event
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.objects import Metadata
@@ -24,7 +25,6 @@ GROUP_EVENTS: Final = Change.APPS | Change.OWNERS | Change.POD_SEEN | PLACED
 POD_GROUP_EVENTS: Final = Change.POD_GROUPS | Change.POD_SEEN | PLACED
 PREDECESSOR_EVENTS: Final = GROUP_EVENTS | Change.TAINTS | Change.LABELS | NODE
 """Whether a node is lost, and whether it is a robot's, decides beside the pods."""
-FAILOVER: Final = "Failover"
 UNREACHABLE: Final = frozenset({"node.kubernetes.io/unreachable", "node.kubernetes.io/not-ready"})
 
 
@@ -181,7 +181,7 @@ class Groups:
 
 def fails_over(component: Component) -> bool:
     """onDisconnect: Failover, which is also the default where the component may run elsewhere than on its robot."""
-    return (component.on_disconnect or ("Keep" if component.runs_on == ON_BOARD else FAILOVER)) == FAILOVER
+    return on_disconnect(component.runs_on, component.on_disconnect) == FAILOVER
 
 
 def _still_driving(before: Replica, *, gone: bool) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from robotapp_api.model.names import Label
-from robotapp_scheduler.core.apps import ROBOT
+from robotapp_api.values.tiers import ROBOT
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.filter_column import Reason
@@ -19,7 +19,7 @@ from robotapp_scheduler.core.node_table import NodeTable
 from robotapp_scheduler.core.pods import PodInfo
 
 RUNS_ON: Final = "RunsOn"
-"""Stands for a plugin name where an explanation lists nodes of later tiers. No pod is refused by it."""
+"""Stands for a plugin name where an explanation lists the nodes of later tiers."""
 Ranks = npt.NDArray[np.int32]
 
 
@@ -33,7 +33,7 @@ class InOrder(NamedTuple):
 def tier_ranks(table: NodeTable, tiers: Sequence[str]) -> Ranks:
     """Per row the position in `tiers` of the earliest one the node is of; len(tiers) for a node of none.
 
-    A node of a robot is of tier Robot, whatever its tier label says.
+    A node of a robot is of tier Robot as well as of its label's tier; the earlier one counts.
     """
     codes, vocabulary = table.labels.column(str(Label.TIER))
     rank_of = np.full(len(vocabulary.values), len(tiers), dtype=np.int32)

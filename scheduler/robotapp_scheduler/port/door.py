@@ -50,7 +50,9 @@ class Door:
         """Keep one process serving until cancelled."""
         while True:
             status = await self._serve_once()
-            log.error("the process that serves port %d ended with %s; the next one starts now", self.port, status)
+            log.error(
+                "the process that serves port %d ended with %s; the next one starts in %g s", self.port, status, PAUSE_S
+            )
             await asyncio.sleep(PAUSE_S)
 
     def close(self) -> None:

@@ -13,7 +13,8 @@ PATIENCE_S: Final = 4.0
 LONG_PATIENCE_S: Final = 20.0
 """For a decision that is made again, behind others."""
 FRESH_S: Final = 0.25
-"""However many ask for the same page, it is made so often."""
+"""A page is rendered at most once per this period."""
+HEALTH_PAGES: Final = frozenset({"livez", "readyz"})
 SILENT: Final = b"[-]scheduler failed: it does not answer\n"
 
 
@@ -71,7 +72,7 @@ class Remote:
             async with asyncio.timeout(LONG_PATIENCE_S if what == "again" else PATIENCE_S):
                 return await future
         except TimeoutError:
-            body = SILENT if what.endswith("z") else msgspec.json.encode({"error": "the scheduler does not answer"})
+            body = SILENT if what in HEALTH_PAGES else msgspec.json.encode({"error": "the scheduler does not answer"})
             return Told(question.number, 503, body)
         finally:
             self._asked.pop(question.number, None)

@@ -53,7 +53,7 @@ class TestInfo:
         text = stage.text("info", "teleop")
         assert "/dock (Action)" in text
         assert "(Topic)" not in text
-        assert "and 192 edges that are better than these" in text
+        assert "and 192 more edges" in text
 
     def test_structured_output_has_the_instances_beside_the_app(self, stage: Stage) -> None:
         stage.add(ROBOTAPPS, robotapp(status=STATUS))

@@ -148,7 +148,7 @@ async def test_without_a_free_id_nothing_is_created(world: World) -> None:
     assert outcome.reason == Reason.DOMAIN_EXHAUSTED
     assert len(await world.claims()) == 1
     assert {item["metadata"]["labels"]["robotics.io/app"] for item in await world.deployments()} == {"one"}
-    assert world.memory.waiting() == [(second, "")]
+    assert world.memory.without_domain() == [(second, "")]
 
 
 async def test_a_template_with_a_lost_domain_and_no_other_to_be_had_stops(world: World) -> None:

@@ -142,10 +142,14 @@ async def test_a_changed_outcome_is_reported(world: World) -> None:
 
 
 async def test_whoever_waits_for_a_domain_tries_again_when_one_may_be_free(world: World) -> None:
-    world.memory.of("uid-1").outcomes["a"] = DomainOutcome(Reason.DOMAIN_EXHAUSTED, "full")
-    world.memory.of("uid-2").outcomes["b"] = DomainOutcome(Reason.ALLOCATED, "ok", id=7)
+    full = DomainOutcome(Reason.DOMAIN_EXHAUSTED, "full")
+    sharing = {"shareWith": [{"namespace": "default", "name": "owner"}], "pool": "other"}
+    for uid, ros2 in {"uid-1": {}, "uid-2": {"pool": "other"}, "uid-3": {}, "uid-4": sharing}.items():
+        world.cache.update_app(app_body(uid, uid=uid, ros2=ros2))
+        world.memory.of(uid).outcomes["a"] = full
+    world.memory.of("uid-3").outcomes["a"] = DomainOutcome(Reason.ALLOCATED, "ok", id=7)
     await world.handle(Key(Work.WAITING, "pool/default"))
-    assert world.due() == {Key(Work.CHILDREN, "uid-1", "a")}
+    assert world.due() == {Key(Work.CHILDREN, uid, "a") for uid in ("uid-1", "uid-4")}
 
 
 async def test_unfinished_work_backs_off_and_lost_races_too(world: World) -> None:

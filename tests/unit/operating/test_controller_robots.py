@@ -69,8 +69,12 @@ async def test_an_app_that_is_accepted_or_refused_now_is_planned_anew(world: Wor
 
 async def test_nodes_of_an_app_that_is_going_or_gone_are_nobodys_business(world: World) -> None:
     await world.handle(Key(Work.ROBOTS, "nobody"))
-    assert world.due(60) == set()
     assert len(world.memory) == 0
+    body = app_body()
+    body["metadata"]["deletionTimestamp"] = "2026-01-01T00:00:00Z"
+    world.cache.update_app(body)
+    await world.handle(Key(Work.ROBOTS, "uid-1"))
+    assert world.due(60) == set()
 
 
 async def test_the_status_of_a_large_fleet_is_looked_at_less_often(world: World) -> None:

@@ -5,10 +5,10 @@ from typing import Any
 import msgspec
 import pytest
 from tests.support.controlling import place
-from tests.support.factories import app_body, domain_claim, make_app, make_deployment, make_node, telemetry
+from tests.support.factories import app_body, domain_claim, make_app, make_deployment, make_node, make_pod, telemetry
 
 from robotapp_api.claims.domain import DomainOutcome
-from robotapp_api.claims.objects import Claim
+from robotapp_api.claims.objects import Claim, OwnerReference
 from robotapp_api.model.names import Label, Reason
 from robotapp_operator import observer as module
 from robotapp_operator.cache import Cache
@@ -17,7 +17,7 @@ from robotapp_operator.memory import Memory
 from robotapp_operator.observer import Observer
 from robotapp_operator.plan.facts import InstanceFacts
 from robotapp_operator.plan.instance_object import AppInstance, wanted_object
-from robotapp_operator.plan.objects import ConfigMap, Telemetry
+from robotapp_operator.plan.objects import ConfigMap, ReplicaSet, Telemetry
 from robotapp_operator.plan.wish import App
 
 UID = "uid-1"
@@ -87,7 +87,13 @@ def test_whatever_facts_depend_on_makes_others(world: World) -> None:
     world.cache.nodes["n"] = make_node("n", robot="a")
     app = world.app(components=parts, robots=robots)
     child = make_deployment("driver")
+    owner = OwnerReference(uid=UID, controller=True)
+    child.metadata = msgspec.structs.replace(child.metadata, owner_references=(owner,))
     child.metadata.labels.update({Label.COMPONENT: "driver", Label.INSTANCE: "a"})
+    meta = {"namespace": "default", "labels": {Label.APP_UID: UID, Label.INSTANCE: "a"}}
+    owned = {"uid": "rs", "ownerReferences": [{"uid": child.metadata.uid, "controller": True}]}
+    replica_set = msgspec.convert({"metadata": meta | owned}, ReplicaSet)
+    pod = make_pod(node="n", metadata=meta | {"ownerReferences": [{"uid": "rs", "controller": True}]})
     memory = world.memory.of(UID)
     found = [world.facts(app)]
     steps: list[Any] = [
@@ -97,6 +103,8 @@ def test_whatever_facts_depend_on_makes_others(world: World) -> None:
         lambda: world.cache.nodes.update(n=make_node("n", robot="a", ready=False)),
         lambda: world.cache.nodes.update(m=make_node("m", robot="a")),
         lambda: world.cache.claims.put(UID, "c", domain_claim(7, instance="a")),
+        lambda: world.cache.deployments.put(UID, "d", child),
+        lambda: (world.cache.put_replica_set(replica_set), world.cache.pods.put(UID, "p", pod)),
     ]
     for step in steps:
         step()

@@ -10,8 +10,8 @@ from robotapp_operator.plan.environment import cyclone_config, ros2_environment
 from robotapp_operator.plan.wish import Wish, wish_of
 
 
-def wish(rmw: str | None = None, *, distro: str = "humble", mode: str = "Auto", **dds: object) -> Wish:
-    fields = {"discovery": {"mode": mode}, **dds, **({"rmw": rmw} if rmw else {})}
+def wish(rmw: str | None = None, *, distro: str = "humble", mode: str = "Auto", **ros2: object) -> Wish:
+    fields = {"discovery": {"mode": mode}, **ros2, **({"rmw": rmw} if rmw else {})}
     return wish_of(make_app(component("a"), component("b"), ros={"distro": distro}, ros2=fields), "amr-07")
 
 
