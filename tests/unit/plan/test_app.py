@@ -301,14 +301,17 @@ def test_fields_without_effect_are_told_and_do_not_refuse_the_app() -> None:
     app = make_app(
         component("a", devices=[{"name": "c", "type": "can", "sharing": "Namespace", "onLoss": "Restart"}]),
         component("b", onDisconnect="Stop"),
-        placement={"objective": "Balance", "reschedule": {"when": "BudgetExceeded"}},
+        placement={"objective": "Balance", "reschedule": {"when": "BudgetExceeded"}, "fallback": {"steps": ["Wait"]}},
         ros2={"transport": "SHM"},
+        edges=[{"topic": "/t", "from": "a", "to": "b", "bandwidth": "40M"}],
     )
     assert problems_of(app, {}) == ()
     assert [note.partition(": ")[0] for note in notes_of(app)] == [
         "spec.placement.objective",
         "spec.placement.reschedule.when",
+        "spec.placement.fallback",
         "spec.ros2.transport",
+        "spec.edges[0].bandwidth",
         "spec.components[0].devices[0].sharing",
         "spec.components[0].devices[0].onLoss",
         "spec.components[1].onDisconnect",
