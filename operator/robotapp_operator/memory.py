@@ -53,6 +53,7 @@ class AppMemory:
     with. `new_domains`: ids granted since the last status. `bugs`: per kind of work and instance. `chosen`: which instances
     and which problems the app had when it was last planned. `shown` and `rest`: the latency figures that its own status is
     about. `bucket`: when that status may be written. `reported`: what its last status was made of.
+    `told`: this operator has rendered a status since its start.
     """
 
     outcomes: dict[str, DomainOutcome] = dataclasses.field(default_factory=dict)
@@ -67,6 +68,7 @@ class AppMemory:
     rest: Rest = dataclasses.field(default_factory=Rest)
     bucket: Bucket = dataclasses.field(default_factory=Bucket)
     reported: tuple[object, ...] = ()
+    told: bool = False
 
     def instance(self, name: str) -> InstanceMemory:
         return self.instances.setdefault(name, InstanceMemory())

@@ -67,10 +67,13 @@ class Reporter:
                 await self._put(record, status, memory)
             return None
         observed = record.status.get("observedGeneration") == record.generation
-        if observed and not facts.problems and any(instance.undecided for instance in facts.instances):
+        undecided = any(instance.undecided for instance in facts.instances)
+        if observed and not memory.told and not facts.problems and undecided:
             # After a restart the domain has not been requested yet: "waiting" now and the old refusal a moment later
-            # would be two writes and an event for nothing.
+            # would be two writes and an event for nothing. A status of our own is brought up to date all the same:
+            # domains of a thousand instances take their time.
             return None
+        memory.told = True
         facts = dataclasses.replace(facts, bug=memory.bug(), conflict=self._conflict_of(uid))
         now_s = self._clock()
         found = steady(facts, memory.shown, memory.rest, now_s=now_s)

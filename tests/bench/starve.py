@@ -29,7 +29,7 @@ MOST_RISE: Final = 0.10
 MOST_WAIT_MS: Final = 10.0
 """What a decision may take beyond the API server's own time."""
 USERS: Final = 5
-KEEPER: Final = "port.keeper"
+SERVER_MODULE: Final = "port.server_process"
 PORT: Final = re.compile(r"explanations on port (\d+)")
 
 
@@ -149,7 +149,9 @@ async def _port(process: Process) -> int:
 def _served_s(process: Process) -> float:
     """CPU of the process that serves the port; none where the one that binds does it itself. Copies come and go."""
     children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
-    return sum(cpu_seconds(int(child)) for child in children if KEEPER in Path(f"/proc/{child}/cmdline").read_text())
+    return sum(
+        cpu_seconds(int(child)) for child in children if SERVER_MODULE in Path(f"/proc/{child}/cmdline").read_text()
+    )
 
 
 def _say(text: str) -> None:

@@ -1,4 +1,4 @@
-"""What the port's process asks the one that places pods, and how it goes over a socket between the two."""
+"""Requests and responses between the port's process and the one that places pods, and their frames on the socket between them."""
 
 import asyncio
 from typing import Final, TypeVar
@@ -8,13 +8,13 @@ import msgspec
 LENGTH: Final = 4
 MOST_BYTES: Final = 256 << 20
 """The full table of a cluster with 5,000 nodes has a few."""
-AGAIN: Final = 409
-"""Status of an explanation that nobody remembers: it takes another question, "again"."""
+NOT_RECORDED: Final = 409
+"""Status of an explanation that is not recorded: it takes another request, "decide"."""
 T = TypeVar("T")
 
 
-class Question(msgspec.Struct, frozen=True, omit_defaults=True):
-    """`what` is the name of a page of the desk; the others say which pod and what of it."""
+class Request(msgspec.Struct, frozen=True, omit_defaults=True):
+    """`what`: a page, "explain" and "decide" for one pod, or "simulated" with the status a simulation ended with."""
 
     number: int
     what: str
@@ -22,9 +22,10 @@ class Question(msgspec.Struct, frozen=True, omit_defaults=True):
     pod: str = ""
     with_nodes: bool = False
     full: bool = False
+    status: int = 0
 
 
-class Told(msgspec.Struct, frozen=True):
+class Response(msgspec.Struct, frozen=True):
     """HTTP status and body."""
 
     number: int
@@ -36,7 +37,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
     """What the port's process is told at its start. Numbers are of open files it inherits."""
 
     listener: int
-    desk: int
+    handler: int
     kubeconfig: str | None
     tls_certificate: str | None
     tls_key: str | None
@@ -46,21 +47,34 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class FramesError(Exception):
-    """The other side does not speak as it should, or is gone."""
+    """The other process is gone, or sent what is no frame."""
+
+
+def framed(data: bytes) -> bytes:
+    """The data with its length before it."""
+    return len(data).to_bytes(LENGTH, "big") + data
+
+
+def length_of(head: bytes) -> int:
+    """Bytes that follow the first LENGTH ones. Raises FramesError when they are too many."""
+    size = int.from_bytes(head, "big")
+    if size > MOST_BYTES:
+        raise FramesError(f"a frame of {size} bytes, at most {MOST_BYTES} are taken")
+    return size
+
+
+async def read_frame(reader: asyncio.StreamReader) -> bytes:
+    """The data of the next frame. Raises IncompleteReadError at the end, FramesError."""
+    return await reader.readexactly(length_of(await reader.readexactly(LENGTH)))
 
 
 async def receive(reader: asyncio.StreamReader, as_type: type[T]) -> T:
     """The next frame. Raises FramesError when there is none any more."""
     try:
-        size = int.from_bytes(await reader.readexactly(LENGTH), "big")
-        if size > MOST_BYTES:
-            raise FramesError(f"a frame of {size} bytes")
-        return msgspec.msgpack.decode(await reader.readexactly(size), type=as_type)
+        return msgspec.msgpack.decode(await read_frame(reader), type=as_type)
     except (asyncio.IncompleteReadError, OSError, msgspec.MsgspecError) as error:
         raise FramesError(str(error) or type(error).__name__) from error
 
 
 def send(writer: asyncio.StreamWriter, frame: msgspec.Struct) -> None:
-    data = msgspec.msgpack.encode(frame)
-    writer.write(len(data).to_bytes(LENGTH, "big"))
-    writer.write(data)
+    writer.write(framed(msgspec.msgpack.encode(frame)))

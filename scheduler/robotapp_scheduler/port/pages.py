@@ -1,4 +1,4 @@
-"""What the process that places pods knows how to show, page by page; made when somebody asks."""
+"""The pages of the process that places pods, rendered on request."""
 
 from typing import Any
 
@@ -6,21 +6,21 @@ import msgspec
 from prometheus_client import CollectorRegistry
 from prometheus_client.exposition import generate_latest
 
-from robotapp_scheduler.port.desk import Page
+from robotapp_scheduler.port.request_handler import Page
 from robotapp_scheduler.shell.health import Checks
 from robotapp_scheduler.shell.reload import Running
 from robotapp_scheduler.simulation.kinds import resources
 
 
 def pages(checks: Checks, registry: CollectorRegistry, running: Running) -> dict[str, Page]:
-    """For `Desk`."""
+    """For `RequestHandler`."""
     return {
         "livez": checks.livez,
         "readyz": checks.readyz,
         "metrics": lambda: (200, generate_latest(registry)),
         "configz": lambda: (200, msgspec.json.encode({"kubescheduler.config.k8s.io": running.as_json()})),
         "kinds": lambda: (200, msgspec.json.encode({"resources": kinds()})),
-        "order": lambda: (200, msgspec.json.encode(order(running))),
+        "simulation-config": lambda: (200, msgspec.json.encode(simulation_config(running))),
     }
 
 
@@ -38,6 +38,6 @@ def kinds() -> list[dict[str, Any]]:
     ]
 
 
-def order(running: Running) -> dict[str, Any]:
+def simulation_config(running: Running) -> dict[str, Any]:
     """What a simulation is told of the configuration in use."""
     return {"config": running.text, "third_party": running.config.third_party}

@@ -6,12 +6,12 @@ from typing import Final, Protocol
 
 import msgspec
 
-from robotapp_scheduler.port.frames import FramesError, Question, Told, receive, send
+from robotapp_scheduler.port.frames import FramesError, Request, Response, receive, send
 
 PATIENCE_S: Final = 4.0
 """The kubelet waits 5 s for an answer of /livez."""
 LONG_PATIENCE_S: Final = 20.0
-"""For a decision that is made again, behind others."""
+"""For a decision that is made once more, behind others."""
 FRESH_S: Final = 0.25
 """A page is rendered at most once per this period."""
 HEALTH_PAGES: Final = frozenset({"livez", "readyz"})
@@ -19,40 +19,47 @@ SILENT: Final = b"[-]scheduler failed: it does not answer\n"
 
 
 class Scheduler(Protocol):
-    """What answers need of it. No answer in time is a Told with status 503."""
+    """What the endpoints need of it. No response in time is one with status 503."""
 
-    async def page(self, what: str) -> Told: ...
+    async def page(self, what: str) -> Response: ...
     async def ask(
-        self, what: str, *, namespace: str = "", pod: str = "", with_nodes: bool = False, full: bool = False
-    ) -> Told: ...
+        self,
+        what: str,
+        *,
+        namespace: str = "",
+        pod: str = "",
+        with_nodes: bool = False,
+        full: bool = False,
+        status: int = 0,
+    ) -> Response: ...
 
 
 class Remote:
-    """`run` while anything is asked; it ends when the other process does."""
+    """Keep `run` going while there are requests; it ends when the other process does."""
 
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._reader = reader
         self._writer = writer
         self._numbers = itertools.count(1)
-        self._asked: dict[int, asyncio.Future[Told]] = {}
-        self._pages: dict[str, tuple[float, asyncio.Task[Told]]] = {}
+        self._open: dict[int, asyncio.Future[Response]] = {}
+        self._pages: dict[str, tuple[float, asyncio.Task[Response]]] = {}
 
     def __repr__(self) -> str:
-        return f"<Remote, {len(self._asked)} questions open>"
+        return f"<Remote, {len(self._open)} questions open>"
 
     async def run(self) -> None:
         """Take answers until the other side is gone."""
         while True:
             try:
-                told = await receive(self._reader, Told)
+                response = await receive(self._reader, Response)
             except FramesError:
                 return
-            future = self._asked.pop(told.number, None)
+            future = self._open.pop(response.number, None)
             if future is not None and not future.done():
-                future.set_result(told)
+                future.set_result(response)
 
-    async def page(self, what: str) -> Told:
-        """A page that is the same for all who ask at the same time."""
+    async def page(self, what: str) -> Response:
+        """A page, rendered once for all who ask within FRESH_S."""
         now_s = asyncio.get_running_loop().time()
         asked_s, task = self._pages.get(what, (0.0, None))
         if task is None or (task.done() and now_s - asked_s > FRESH_S):
@@ -61,18 +68,25 @@ class Remote:
         return await asyncio.shield(task)
 
     async def ask(
-        self, what: str, *, namespace: str = "", pod: str = "", with_nodes: bool = False, full: bool = False
-    ) -> Told:
-        """The answer to this question; 503 when there is none in time."""
-        question = Question(next(self._numbers), what, namespace, pod, with_nodes, full)
-        future: asyncio.Future[Told] = asyncio.get_running_loop().create_future()
-        self._asked[question.number] = future
-        send(self._writer, question)
+        self,
+        what: str,
+        *,
+        namespace: str = "",
+        pod: str = "",
+        with_nodes: bool = False,
+        full: bool = False,
+        status: int = 0,
+    ) -> Response:
+        """The response; 503 when there is none in time."""
+        request = Request(next(self._numbers), what, namespace, pod, with_nodes, full, status)
+        future: asyncio.Future[Response] = asyncio.get_running_loop().create_future()
+        self._open[request.number] = future
+        send(self._writer, request)
         try:
-            async with asyncio.timeout(LONG_PATIENCE_S if what == "again" else PATIENCE_S):
+            async with asyncio.timeout(LONG_PATIENCE_S if what == "decide" else PATIENCE_S):
                 return await future
         except TimeoutError:
             body = SILENT if what in HEALTH_PAGES else msgspec.json.encode({"error": "the scheduler does not answer"})
-            return Told(question.number, 503, body)
+            return Response(request.number, 503, body)
         finally:
-            self._asked.pop(question.number, None)
+            self._open.pop(request.number, None)

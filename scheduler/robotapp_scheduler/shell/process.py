@@ -25,9 +25,9 @@ from robotapp_scheduler.core.groups import groups_of
 from robotapp_scheduler.core.profiles import Catalogue, Profile
 from robotapp_scheduler.options import Options
 from robotapp_scheduler.plugins.registry import catalogue
-from robotapp_scheduler.port.desk import Desk
-from robotapp_scheduler.port.door import Door
 from robotapp_scheduler.port.pages import pages
+from robotapp_scheduler.port.request_handler import RequestHandler
+from robotapp_scheduler.port.supervisor import PortSupervisor
 from robotapp_scheduler.shell import collector, huge_pages, vigil
 from robotapp_scheduler.shell.binder import Binder
 from robotapp_scheduler.shell.claim_users import ClaimUsers
@@ -98,7 +98,7 @@ class Scheduler:
             pending_s=PENDING_S,
             on_conflicts=self.events.conflicts,
         )
-        self.desk = self._made_desk()
+        self.port_requests = self._request_handler()
         self._reloader = Reloader(
             running, self._source, catalogue=catalogue(), swap=self._swap, tell=self._tell, last_good=last_good
         )
@@ -108,7 +108,7 @@ class Scheduler:
             self.core,
             client=client,
             running=running,
-            simulations=lambda: self.desk.simulations,
+            simulations=lambda: self.port_requests.simulations,
             domains=self.domains,
         )
 
@@ -189,16 +189,16 @@ class Scheduler:
 
     async def run(self) -> int:
         """Run until stopped. The exit status: 0 after a clean stop, 1 when leadership was lost."""
-        door = await Door.opened(self._options, self.desk)
-        self.port = door.port
-        log.info("serving health, metrics and explanations on port %d", door.port)
+        supervisor = await PortSupervisor.opened(self._options, self.port_requests)
+        self.port = supervisor.port
+        log.info("serving health, metrics and explanations on port %d", supervisor.port)
         collector.filling()
         try:
             async with asyncio.TaskGroup() as group:
                 background = [
                     group.create_task(self.feed.run(), name="feed"),
                     group.create_task(self.events.run(), name="events"),
-                    group.create_task(door.run(), name="port"),
+                    group.create_task(supervisor.run(), name="port"),
                     group.create_task(self.reporter.run(), name="conditions"),
                     group.create_task(self.group_reporter.run(), name="conditions of groups"),
                     group.create_task(self._reloader.run(), name="configuration"),
@@ -214,7 +214,7 @@ class Scheduler:
         finally:
             collector.released()
             await self.planner.close()
-            door.close()
+            supervisor.close()
         return 1 if self._lost else 0
 
     async def _first(self, work: asyncio.Task[None], stop: asyncio.Event) -> None:
@@ -334,7 +334,7 @@ class Scheduler:
 
     # --- What is published -----------------------------------------------------------------------------------------
 
-    def _made_desk(self) -> Desk:
+    def _request_handler(self) -> RequestHandler:
         checks = Checks(
             ready={"informer-sync": self.feed.synced.is_set, "shutdown": lambda: not self._stop.is_set()},
             live={"leader-election": self._leads, "scheduling-loop": self._turns},
@@ -342,9 +342,9 @@ class Scheduler:
         explainer = Explainer(
             self.core, waiting=self.intake.waiting.values, digest=lambda: self.running.config.digest, clock=CLOCK
         )
-        return Desk(pages(checks, self.metrics.registry, self.running), explainer, in_copy=self._in_copy)
+        return RequestHandler(pages(checks, self.metrics.registry, self.running), explainer, in_worker=self._in_worker)
 
-    def _in_copy(self) -> None:
+    def _in_worker(self) -> None:
         """What a copy of the process asks a plugin, and dies of, is no word about us."""
         for name in self.core.scheduler_names:
             vigil.unwatched(self.core.engine(name).profile)

@@ -71,8 +71,8 @@ def test_the_port_is_served_again_after_its_process_died_and_no_pod_waits(
     with nodes(installed_plane, edge("edge-1")):
         scheduler = start_scheduler(installed_plane, name="portless", sweep_seconds=1, log_format="text")
         try:
-            (keeper,) = Path(f"/proc/{scheduler.pid}/task/{scheduler.pid}/children").read_text().split()
-            subprocess.run(["kill", "-KILL", keeper], check=True)
+            (server,) = Path(f"/proc/{scheduler.pid}/task/{scheduler.pid}/children").read_text().split()
+            subprocess.run(["kill", "-KILL", server], check=True)
             stage.create_pod(pod("meanwhile"))
             stage.wait_bound("meanwhile", timeout_s=10)
             began_s = time.monotonic()

@@ -24,6 +24,8 @@ from robotapp_operator.plan.pace import BURST
 from robotapp_operator.plan.record import parse_record
 from robotapp_operator.reporter import Reporter, same_status, unreadable_status
 
+EACH = {"nodeSelector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}
+
 
 class Recorder:
     def __init__(self) -> None:
@@ -123,6 +125,17 @@ async def test_a_change_is_written_once_more(world: World) -> None:
     assert world.memory.of(uid).new_domains == {}
 
 
+async def test_a_fleet_is_told_of_as_its_domains_come_and_not_only_when_all_are_there(world: World) -> None:
+    world.cache.nodes.update(robots("a", "b"))
+    uid = await world.app(robots=EACH)
+    await world.reporter.report(uid)
+    assert "2 of 2 instances wait" in json.dumps((await world.status())["conditions"])
+    world.cache.claims.put(uid, "c", domain_claim(7, uid=uid, instance="a"))
+    world.now_s += 5
+    await world.reporter.report(uid)
+    assert "1 of 2 instances wait" in json.dumps((await world.status())["conditions"])
+
+
 async def test_a_restarted_operator_does_not_doubt_a_refusal_it_has_not_asked_about(world: World) -> None:
     uid = await world.app()
     refused = DomainOutcome(Reason.DOMAIN_EXHAUSTED, "full")
@@ -205,9 +218,7 @@ async def test_a_new_generation_is_observed_at_once_however_restless_the_app_was
 async def test_only_the_instance_that_changed_is_computed_anew(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
     names = [f"r-{number:02}" for number in range(20)]
     world.cache.nodes.update(robots(*names))
-    uid = await world.app(
-        robots={"nodeSelector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}
-    )
+    uid = await world.app(robots=EACH)
     computed: list[str] = []
     real = observer.instance_facts
 

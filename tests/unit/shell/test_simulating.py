@@ -10,7 +10,7 @@ from tests.support.scheduling import node_json, pod_json
 
 from robotapp_scheduler import config as configuration
 from robotapp_scheduler.plugins.registry import catalogue
-from robotapp_scheduler.port.pages import kinds, order
+from robotapp_scheduler.port.pages import kinds, simulation_config
 from robotapp_scheduler.shell.reload import Running
 from robotapp_scheduler.shell.simulating import Simulated, Simulator
 
@@ -21,7 +21,7 @@ FLOODS = (sys.executable, "-c", "import sys; sys.stdin.buffer.read(); print('x' 
 
 def simulator(**settings: Any) -> Simulator:
     async def given() -> Mapping[str, Any]:
-        return order(Running(configuration.built_in(catalogue())))
+        return simulation_config(Running(configuration.built_in(catalogue())))
 
     return Simulator(given, **settings)
 

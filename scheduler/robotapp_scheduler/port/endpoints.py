@@ -13,13 +13,13 @@ from prometheus_client.exposition import CONTENT_TYPE_LATEST
 from robotapp_api.serving.access import Access, Caller, TooManyError
 from robotapp_api.serving.pages import PathGate, asked, caller, problem, refused, too_many, unknown_caller
 from robotapp_api.values.buckets import Buckets
-from robotapp_scheduler.port.frames import AGAIN, Told
+from robotapp_scheduler.port.frames import NOT_RECORDED, Response
 from robotapp_scheduler.port.remote import Scheduler
 from robotapp_scheduler.shell.simulating import Simulator
 
 A_ROLE_FOR_PODS: Final = "ClusterRole view may, ask for a RoleBinding of it there"
 EXPLAIN_PER_S, EXPLAIN_AT_ONCE = 10.0, 100
-AGAIN_PER_S, AGAIN_AT_ONCE = 0.5, 30
+DECIDE_PER_S, DECIDE_AT_ONCE = 0.5, 30
 OFTEN: Final = "you ask for explanations too often; ask again later"
 
 
@@ -30,7 +30,7 @@ class Gate(PathGate, Protocol):
     def who(self, caller: Caller) -> str: ...
 
 
-class Everything:
+class AllowAll:
     """The gate of a developer's own machine: everybody sees all."""
 
     async def access(self, _caller: Caller, _namespace: str) -> Access:
@@ -43,7 +43,7 @@ class Everything:
         return caller.address
 
 
-class Answers:
+class Endpoints:
     """Metrics, explanations, the configuration in use, simulations."""
 
     def __init__(
@@ -58,10 +58,10 @@ class Answers:
         self._scheduler = scheduler
         self._simulator = simulator
         self._explained_by = Buckets(per_s=EXPLAIN_PER_S, burst=EXPLAIN_AT_ONCE, clock=clock)
-        self._again_by = Buckets(per_s=AGAIN_PER_S, burst=AGAIN_AT_ONCE, clock=clock)
+        self._decided_by = Buckets(per_s=DECIDE_PER_S, burst=DECIDE_AT_ONCE, clock=clock)
 
     def __repr__(self) -> str:
-        return f"<Answers behind {self._gate!r}>"
+        return f"<Endpoints behind {self._gate!r}>"
 
     def add_to(self, router: web.UrlDispatcher) -> None:
         """Register the pages."""
@@ -75,8 +75,8 @@ class Answers:
         refusal = await refused(self._gate, request, "get", "/metrics")
         if refusal:
             return refusal
-        told = await self._scheduler.page("metrics")
-        return web.Response(status=told.status, body=told.body, headers={"Content-Type": CONTENT_TYPE_LATEST})
+        response = await self._scheduler.page("metrics")
+        return web.Response(status=response.status, body=response.body, headers={"Content-Type": CONTENT_TYPE_LATEST})
 
     async def _configz(self, request: web.Request) -> web.Response:
         return await refused(self._gate, request, "get", "/configz") or _json(await self._scheduler.page("configz"))
@@ -91,26 +91,28 @@ class Answers:
         if access is Access.FORBIDDEN:
             return problem(403, f"you may not get pods in namespace {namespace}: {A_ROLE_FOR_PODS}")
         try:
-            told = await self._explanation(request, with_nodes=access is Access.ALL)
+            response = await self._explanation(request, with_nodes=access is Access.ALL)
         except TooManyError as error:
             return too_many(error)
-        if told.status == 404:
+        if response.status == 404:
             return problem(404, f"no decision is known for pod {namespace}/{pod}: it is not ours, or not seen yet")
-        return _json(told)
+        return _json(response)
 
-    async def _explanation(self, request: web.Request, *, with_nodes: bool) -> Told:
-        """Raises TooManyError. What nobody remembers is decided again, which each user may ask for now and then."""
+    async def _explanation(self, request: web.Request, *, with_nodes: bool) -> Response:
+        """Raises TooManyError. What is not recorded is decided once more, which each user may ask for now and then."""
         user = self._gate.who(caller(request))
         self._count(self._explained_by, user)
         namespace, pod = request.match_info["namespace"], request.match_info["pod"]
         full = request.query.get("full", "") in {"1", "true"}
-        told = Told(0, AGAIN, b"")
+        response = Response(0, NOT_RECORDED, b"")
         if not full:
-            told = await self._scheduler.ask("explain", namespace=namespace, pod=pod, with_nodes=with_nodes)
-        if told.status == AGAIN:
-            self._count(self._again_by, user)
-            told = await self._scheduler.ask("again", namespace=namespace, pod=pod, with_nodes=with_nodes, full=full)
-        return told
+            response = await self._scheduler.ask("explain", namespace=namespace, pod=pod, with_nodes=with_nodes)
+        if response.status == NOT_RECORDED:
+            self._count(self._decided_by, user)
+            response = await self._scheduler.ask(
+                "decide", namespace=namespace, pod=pod, with_nodes=with_nodes, full=full
+            )
+        return response
 
     @staticmethod
     def _count(buckets: Buckets, user: str) -> None:
@@ -128,27 +130,27 @@ class Answers:
         if not replay.isdecimal() or len(replay) > 6:
             return problem(400, "replay must be a number of pods")
         found = await self._simulator.simulate(request.content.iter_chunked(1 << 16), replay=int(replay))
-        await self._scheduler.ask(f"simulated {found.status}")
+        await self._scheduler.ask("simulated", status=found.status)
         return web.Response(status=found.status, body=found.body, content_type="application/json")
 
 
-def application(scheduler: Scheduler, answers: Answers) -> web.Application:
+def application(scheduler: Scheduler, endpoints: Endpoints) -> web.Application:
     """The aiohttp application."""
 
     def health(what: str) -> Callable[[web.Request], Awaitable[web.StreamResponse]]:
-        async def told(_: web.Request) -> web.StreamResponse:
+        async def response(_: web.Request) -> web.StreamResponse:
             found = await scheduler.page(what)
             return web.Response(status=found.status, body=found.body, content_type="text/plain")
 
-        return told
+        return response
 
     app = web.Application()
     app.router.add_get("/livez", health("livez"))
     app.router.add_get("/healthz", health("livez"))
     app.router.add_get("/readyz", health("readyz"))
-    answers.add_to(app.router)
+    endpoints.add_to(app.router)
     return app
 
 
-def _json(told: Told) -> web.Response:
-    return web.Response(status=told.status, body=told.body, content_type="application/json")
+def _json(response: Response) -> web.Response:
+    return web.Response(status=response.status, body=response.body, content_type="application/json")

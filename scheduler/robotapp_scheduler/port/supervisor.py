@@ -1,4 +1,4 @@
-"""The port as the scheduler's process holds it: an open socket, a process that serves it, and the desk it asks.
+"""The port as the scheduler's process holds it: an open socket, and a process that serves it and sends its requests here.
 
 Parsing, TLS and questions about strangers are work anybody who reaches the port can make for us: none of it is done in
 the loop that places pods. If the process dies it is started again; connections wait meanwhile, and pods do not.
@@ -16,35 +16,35 @@ import msgspec
 from robotapp_api.serving.port import listening
 from robotapp_api.serving.tls import TlsPort, loaded
 from robotapp_scheduler.options import Options
-from robotapp_scheduler.port.desk import Desk
 from robotapp_scheduler.port.frames import Settings
+from robotapp_scheduler.port.request_handler import RequestHandler
 
 log = logging.getLogger(__name__)
 
-KEEPER: Final = "robotapp_scheduler.port.keeper"
+SERVER_MODULE: Final = "robotapp_scheduler.port.server_process"
 PAUSE_S: Final = 1.0
 """From the end of one that died to the next."""
 
 
-class Door:
+class PortSupervisor:
     """`opened`, then `run` until cancelled, then `close`."""
 
-    def __init__(self, listener: socket.socket, options: Options, desk: Desk) -> None:
+    def __init__(self, listener: socket.socket, options: Options, handler: RequestHandler) -> None:
         self._listener = listener
         self._options = options
-        self._desk = desk
+        self._handler = handler
         self.port = int(listener.getsockname()[1])
         self.starts = 0
 
     def __repr__(self) -> str:
-        return f"<Door on port {self.port}, {self.starts} starts>"
+        return f"<PortSupervisor on port {self.port}, {self.starts} starts>"
 
     @classmethod
-    async def opened(cls, options: Options, desk: Desk) -> "Door":
+    async def opened(cls, options: Options, handler: RequestHandler) -> "PortSupervisor":
         """Raises `PortError`, and `LoginError` when the given certificate cannot be used."""
         if options.tls_certificate is not None:
             await loaded(TlsPort(options.tls_certificate, options.tls_key))
-        return cls(await listening(options.health_host, options.health_port), options, desk)
+        return cls(await listening(options.health_host, options.health_port), options, handler)
 
     async def run(self) -> None:
         """Keep one process serving until cancelled."""
@@ -65,12 +65,12 @@ class Door:
             inherited = (self._listener.fileno(), theirs.fileno())
             settings = msgspec.json.encode(self._settings(*inherited)).decode()
             process = await asyncio.create_subprocess_exec(
-                sys.executable, "-m", KEEPER, settings, stdin=asyncio.subprocess.DEVNULL, pass_fds=inherited
+                sys.executable, "-m", SERVER_MODULE, settings, stdin=asyncio.subprocess.DEVNULL, pass_fds=inherited
             )
         try:
             reader, writer = await asyncio.open_unix_connection(sock=ours)
             try:
-                await self._desk.serve(reader, writer)
+                await self._handler.serve(reader, writer)
             finally:
                 writer.close()
             return await process.wait()
@@ -80,11 +80,11 @@ class Door:
                     process.kill()
                 await process.wait()
 
-    def _settings(self, listener: int, desk: int) -> Settings:
+    def _settings(self, listener: int, handler: int) -> Settings:
         options = self._options
         return Settings(
             listener=listener,
-            desk=desk,
+            handler=handler,
             kubeconfig=str(options.kubeconfig) if options.kubeconfig else None,
             tls_certificate=str(options.tls_certificate) if options.tls_certificate else None,
             tls_key=str(options.tls_key) if options.tls_key else None,

@@ -17,21 +17,22 @@ import warnings
 from collections.abc import Callable
 from typing import Final, NoReturn
 
+from robotapp_scheduler.port.frames import LENGTH, FramesError, framed, length_of, read_frame
+
 PATIENCE_S: Final = 5.0
 LIFE_S: Final = 2.0
 """How old what it knows may be."""
 NICE: Final = 10
-LENGTH: Final = 4
 PR_SET_PDEATHSIG: Final = 1
 Work = Callable[[bytes], bytes]
 
 
-class CopyError(Exception):
-    """There is no answer; the text says why. The copy has ended."""
+class WorkerError(Exception):
+    """There is no answer; the text says why. The worker has ended."""
 
 
-class Copy:
-    """Begins at once. `ask` one question at a time, then `end`; it ends by itself when it is old or we do."""
+class ForkedWorker:
+    """Begins at once. `ask` one request at a time, then `end`; it ends by itself when it is old, and with this process."""
 
     def __init__(self, work: Work, *, patience_s: float = PATIENCE_S) -> None:
         """`work` must not use threads, locks of others, or the event loop."""
@@ -46,22 +47,22 @@ class Copy:
         theirs.close()
 
     def __repr__(self) -> str:
-        return f"<Copy {self._pid}>"
+        return f"<ForkedWorker {self._pid}>"
 
     @property
     def old(self) -> bool:
         return time.monotonic() - self._began_s > LIFE_S
 
-    async def ask(self, question: bytes) -> bytes:
-        """What `work` makes of it. Raises CopyError."""
+    async def ask(self, request: bytes) -> bytes:
+        """What `work` makes of it. Raises WorkerError."""
         try:
             async with asyncio.timeout(self._patience_s):
-                return await self._ask(question)
+                return await self._ask(request)
         except TimeoutError as late:
             await self.end()
-            raise CopyError(f"not ready within {self._patience_s:g} s") from late
-        except (OSError, EOFError) as error:
-            raise CopyError(f"it ended with {await self.end()} before it was ready") from error
+            raise WorkerError(f"not ready within {self._patience_s:g} s") from late
+        except (OSError, EOFError, FramesError) as error:
+            raise WorkerError(f"it ended with {await self.end()} before it was ready") from error
 
     async def end(self) -> int:
         """Its exit status; negative by a signal. It is gone then."""
@@ -73,13 +74,12 @@ class Copy:
             os.kill(self._pid, signal.SIGKILL)
         return await asyncio.shield(asyncio.to_thread(_reaped, self._pid))
 
-    async def _ask(self, question: bytes) -> bytes:
+    async def _ask(self, request: bytes) -> bytes:
         if self._streams is None:
             self._streams = await asyncio.open_unix_connection(sock=self._ours)
         reader, writer = self._streams
-        writer.write(len(question).to_bytes(LENGTH, "big") + question)
-        size = int.from_bytes(await reader.readexactly(LENGTH), "big")
-        return await reader.readexactly(size)
+        writer.write(framed(request))
+        return await read_frame(reader)
 
 
 def end_with_parent() -> None:
@@ -97,7 +97,7 @@ def _fork() -> int:
         return os.fork()
 
 
-# --- In the copy ---------------------------------------------------------------------------------------------------------
+# --- In the worker ---------------------------------------------------------------------------------------------------------
 
 
 def _serve(work: Work, server: socket.socket, life_s: float) -> NoReturn:
@@ -113,8 +113,7 @@ def _serve(work: Work, server: socket.socket, life_s: float) -> NoReturn:
         os.nice(NICE)
         with server.makefile("rwb") as stream:
             while (head := stream.read(LENGTH)) and len(head) == LENGTH:
-                found = work(stream.read(int.from_bytes(head, "big")))
-                stream.write(len(found).to_bytes(LENGTH, "big") + found)
+                stream.write(framed(work(stream.read(length_of(head)))))
                 stream.flush()
         status = 0
     finally:

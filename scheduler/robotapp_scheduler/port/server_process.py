@@ -1,6 +1,6 @@
-"""The port's process: TLS, who may see what, and limits; asks the process that places pods only what is left then.
+"""The port's process: TLS, who may see what, and limits; it forwards only authorised requests to the process that places pods.
 
-`python -m robotapp_scheduler.port.keeper SETTINGS`, started by the scheduler, ends with it.
+`python -m robotapp_scheduler.port.server_process SETTINGS`, started by the scheduler, ends with it.
 """
 
 import asyncio
@@ -23,8 +23,8 @@ from robotapp_api.model.names import SCHEDULER_MANAGER
 from robotapp_api.serving.access import Access, Caller, Gatekeeper
 from robotapp_api.serving.port import serving
 from robotapp_api.serving.tls import TlsPort, loaded
-from robotapp_scheduler.port.answers import Answers, Everything, Gate, application
-from robotapp_scheduler.port.copies import end_with_parent
+from robotapp_scheduler.port.endpoints import AllowAll, Endpoints, Gate, application
+from robotapp_scheduler.port.forked_worker import end_with_parent
 from robotapp_scheduler.port.frames import Settings
 from robotapp_scheduler.port.remote import Remote
 from robotapp_scheduler.shell import logs
@@ -38,8 +38,8 @@ REVIEW_S: Final = 5.0
 NICE: Final = 5
 
 
-class Nobody:
-    """The gate while nobody can be asked who a caller is."""
+class UnavailableGate:
+    """The gate while the API server cannot be asked who a caller is."""
 
     def __init__(self, why: str) -> None:
         self._why = why
@@ -56,23 +56,23 @@ class Nobody:
 
 async def run(settings: Settings) -> None:
     """Serve until the scheduler is gone."""
-    reader, writer = await asyncio.open_unix_connection(sock=socket.socket(fileno=settings.desk))
+    reader, writer = await asyncio.open_unix_connection(sock=socket.socket(fileno=settings.handler))
     remote = Remote(reader, writer)
     talking = asyncio.create_task(remote.run())
     listener = socket.socket(fileno=settings.listener)
     tls = await loaded(TlsPort(_path(settings.tls_certificate), _path(settings.tls_key)))
 
-    async def order() -> Mapping[str, Any]:
-        found: Mapping[str, Any] = msgspec.json.decode((await remote.ask("order")).body)
+    async def simulation_config() -> Mapping[str, Any]:
+        found: Mapping[str, Any] = msgspec.json.decode((await remote.ask("simulation-config")).body)
         return found
 
     async with contextlib.AsyncExitStack() as stack:
-        gate: Gate = Everything()
+        gate: Gate = AllowAll()
         try:
             endpoint = await asyncio.to_thread(login, _path(settings.kubeconfig))
         except LoginError as error:
             log.warning("nobody can be asked who a caller is: %s", error)
-            gate = gate if settings.insecure else Nobody(str(error))
+            gate = gate if settings.insecure else UnavailableGate(str(error))
         else:
             client = ApiClient(
                 endpoint, user_agent=f"{SCHEDULER_MANAGER}-port", max_connections=REVIEWS, timeout_s=REVIEW_S
@@ -81,8 +81,8 @@ async def run(settings: Settings) -> None:
             gate = gate if settings.insecure else Gatekeeper(client)
             following = asyncio.create_task(tls.run(client))
             stack.callback(following.cancel)
-        answers = Answers(gate=gate, scheduler=remote, simulator=Simulator(order))
-        runner = await serving(application(remote, answers), listener, tls=tls.context)
+        endpoints = Endpoints(gate=gate, scheduler=remote, simulator=Simulator(simulation_config))
+        runner = await serving(application(remote, endpoints), listener, tls=tls.context)
         stack.push_async_callback(runner.cleanup)
         await talking
 

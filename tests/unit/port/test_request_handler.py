@@ -1,4 +1,4 @@
-"""What the process that places pods answers at once, what a copy of it decides again, and how often."""
+"""What the process that places pods answers at once, what a forked worker of it decides once more, and how often."""
 
 import asyncio
 import os
@@ -15,10 +15,10 @@ from tests.support.clients import until
 from tests.support.scheduling import Clock, make_core, make_node, make_pod
 
 from robotapp_scheduler.core.pods import PodInfo
-from robotapp_scheduler.port.copies import Copy, CopyError
-from robotapp_scheduler.port.desk import COPIES_AT_ONCE, Desk
-from robotapp_scheduler.port.frames import AGAIN, Told
+from robotapp_scheduler.port.forked_worker import ForkedWorker, WorkerError
+from robotapp_scheduler.port.frames import NOT_RECORDED, Response
 from robotapp_scheduler.port.remote import Remote
+from robotapp_scheduler.port.request_handler import STARTS_AT_ONCE, RequestHandler
 from robotapp_scheduler.shell.explaining import Explainer
 
 
@@ -32,7 +32,7 @@ class World:
         self.known = known = [make_pod("decided"), make_pod("waiting")]
         explain = Explainer(self.core, waiting=lambda: known, digest=lambda: "d1", clock=Clock())
         self.made = 0
-        self.desk = Desk({"metrics": self._metrics, "broken": self._broken}, explain, clock=self.clock)
+        self.handler = RequestHandler({"metrics": self._metrics, "broken": self._broken}, explain, clock=self.clock)
         self.remote: Remote
 
     def _metrics(self) -> tuple[int, bytes]:
@@ -51,7 +51,7 @@ async def opened() -> AsyncIterator[World]:
     async with asyncio.TaskGroup() as group:
         reader, writer = await asyncio.open_unix_connection(sock=ours)
         writers.append(writer)
-        group.create_task(world.desk.serve(reader, writer))
+        group.create_task(world.handler.serve(reader, writer))
         reader, writer = await asyncio.open_unix_connection(sock=theirs)
         writers.append(writer)
         world.remote = Remote(reader, writer)
@@ -61,54 +61,54 @@ async def opened() -> AsyncIterator[World]:
             writer.close()
 
 
-def body(told: Told) -> dict[str, Any]:
-    found: dict[str, Any] = msgspec.json.decode(told.body)
+def body(response: Response) -> dict[str, Any]:
+    found: dict[str, Any] = msgspec.json.decode(response.body)
     return found
 
 
 async def test_what_is_remembered_is_told_and_what_is_not_takes_another_question() -> None:
     async with opened() as world:
-        told = await world.remote.ask("explain", namespace="default", pod="decided", with_nodes=True)
-        assert (told.status, body(told)["recomputed"]) == (200, False)
-        assert (await world.remote.ask("explain", namespace="default", pod="waiting")).status == AGAIN
+        response = await world.remote.ask("explain", namespace="default", pod="decided", with_nodes=True)
+        assert (response.status, body(response)["recomputed"]) == (200, False)
+        assert (await world.remote.ask("explain", namespace="default", pod="waiting")).status == NOT_RECORDED
         assert (await world.remote.ask("explain", namespace="default", pod="nobody")).status == 404
 
 
 async def test_what_is_decided_again_is_decided_in_a_copy_of_the_process() -> None:
     async with opened() as world:
         before = len(world.core.explain), world.core.decisions()
-        told = await world.remote.ask("again", namespace="default", pod="waiting", with_nodes=True, full=True)
-        assert body(told)["full"]["table"]["nodes"] == ["n1", "n2"]
+        response = await world.remote.ask("decide", namespace="default", pod="waiting", with_nodes=True, full=True)
+        assert body(response)["full"]["table"]["nodes"] == ["n1", "n2"]
         assert (len(world.core.explain), world.core.decisions()) == before
-        await until(lambda: not children(), what="the copy nobody asks any more has ended")
+        await until(lambda: not children(), what="the idle worker has ended")
 
 
 async def test_copies_are_few_and_each_answers_many() -> None:
     async with opened() as world:
         for _ in range(20):
-            assert (await world.remote.ask("again", namespace="default", pod="waiting")).status == 200
-        for _ in range(COPIES_AT_ONCE - 1):
-            await world.desk._end_copy()
-            assert (await world.remote.ask("again", namespace="default", pod="waiting")).status == 200
-        await world.desk._end_copy()
-        told = await world.remote.ask("again", namespace="default", pod="waiting")
-        assert (told.status, "one at a time" in body(told)["error"]) == (429, True)
+            assert (await world.remote.ask("decide", namespace="default", pod="waiting")).status == 200
+        for _ in range(STARTS_AT_ONCE - 1):
+            await world.handler._end_worker()
+            assert (await world.remote.ask("decide", namespace="default", pod="waiting")).status == 200
+        await world.handler._end_worker()
+        response = await world.remote.ask("decide", namespace="default", pod="waiting")
+        assert (response.status, "one at a time" in body(response)["error"]) == (429, True)
 
 
 async def test_a_pod_that_came_after_the_copy_began_gets_a_new_one() -> None:
     async with opened() as world:
-        await world.remote.ask("again", namespace="default", pod="waiting")
+        await world.remote.ask("decide", namespace="default", pod="waiting")
         world.known.append(make_pod("later"))
-        assert (await world.remote.ask("again", namespace="default", pod="later")).status == 200
+        assert (await world.remote.ask("decide", namespace="default", pod="later")).status == 200
 
 
 async def test_the_same_page_for_many_is_made_once_and_a_broken_one_says_so() -> None:
     async with opened() as world:
-        told = await asyncio.gather(*(world.remote.page("metrics") for _ in range(50)))
-        assert ({each.body for each in told}, world.made) == ({b"m"}, 1)
+        response = await asyncio.gather(*(world.remote.page("metrics") for _ in range(50)))
+        assert ({each.body for each in response}, world.made) == ({b"m"}, 1)
         assert (await world.remote.page("broken")).status == 500
-        await world.remote.ask("simulated 429")
-        assert world.desk.simulations == {"429": 1}
+        await world.remote.ask("simulated", status=429)
+        assert world.handler.simulations == {"429": 1}
 
 
 async def test_a_copy_that_takes_too_long_or_dies_is_an_error_and_leaves_nobody() -> None:
@@ -118,8 +118,8 @@ async def test_a_copy_that_takes_too_long_or_dies_is_an_error_and_leaves_nobody(
         (lambda _: os._exit(3), "ended with 3", 10),
         (lambda _: b"" + None, "ended with 1", 10),
     ):
-        with pytest.raises(CopyError, match=why):
-            await Copy(work, patience_s=patience_s).ask(b"?")  # type: ignore[arg-type]
+        with pytest.raises(WorkerError, match=why):
+            await ForkedWorker(work, patience_s=patience_s).ask(b"?")  # type: ignore[arg-type]
     assert time.monotonic() - began_s < 20
     assert not children()
 
@@ -138,9 +138,9 @@ async def test_the_loop_turns_while_a_copy_works() -> None:
         return asked * 3_000_000
 
     task = asyncio.create_task(turning())
-    copy = Copy(slow)
-    assert await copy.ask(b"x") == b"x" * 3_000_000
-    await copy.end()
+    worker = ForkedWorker(slow)
+    assert await worker.ask(b"x") == b"x" * 3_000_000
+    await worker.end()
     assert turns > 100
     task.cancel()
     await until(task.done)

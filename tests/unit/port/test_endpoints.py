@@ -15,9 +15,9 @@ from robotapp_api.serving.access import Access, Caller
 from robotapp_api.serving.port import opened
 from robotapp_scheduler.config import built_in
 from robotapp_scheduler.plugins.registry import catalogue
-from robotapp_scheduler.port.answers import AGAIN_AT_ONCE, AGAIN_PER_S, Answers, application
-from robotapp_scheduler.port.frames import AGAIN, Told
-from robotapp_scheduler.port.pages import order, pages
+from robotapp_scheduler.port.endpoints import DECIDE_AT_ONCE, DECIDE_PER_S, Endpoints, application
+from robotapp_scheduler.port.frames import NOT_RECORDED, Response
+from robotapp_scheduler.port.pages import pages, simulation_config
 from robotapp_scheduler.shell.health import Checks
 from robotapp_scheduler.shell.metrics import Metrics
 from robotapp_scheduler.shell.reload import Running
@@ -33,7 +33,8 @@ class Site:
         self.answer: Access | Exception = Access.ALL
         self.asked: list[tuple[str, str]] = []
         self.remembered = True
-        self.again = 0
+        self.decided = 0
+        self.simulated: list[int] = []
         self.clock = Clock()
         self.metrics = Metrics(CollectorRegistry())
         running = Running(built_in(catalogue()))
@@ -41,26 +42,34 @@ class Site:
         self.pages = pages(checks, self.metrics.registry, running)
 
         async def given() -> Mapping[str, Any]:
-            return order(running)
+            return simulation_config(running)
 
-        answers = Answers(gate=self, scheduler=self, simulator=Simulator(given), clock=self.clock)
-        self.application = application(self, answers)
+        endpoints = Endpoints(gate=self, scheduler=self, simulator=Simulator(given), clock=self.clock)
+        self.application = application(self, endpoints)
 
-    async def page(self, what: str) -> Told:
-        return Told(0, *self.pages[what]())
+    async def page(self, what: str) -> Response:
+        return Response(0, *self.pages[what]())
 
     async def ask(
-        self, what: str, *, namespace: str = "", pod: str = "", with_nodes: bool = False, full: bool = False
-    ) -> Told:
-        if what.startswith("simulated"):
-            return Told(0, 200, b"")
-        self.again += what == "again"
+        self,
+        what: str,
+        *,
+        namespace: str = "",
+        pod: str = "",
+        with_nodes: bool = False,
+        full: bool = False,
+        status: int = 0,
+    ) -> Response:
+        if what == "simulated":
+            self.simulated.append(status)
+            return Response(0, 200, b"")
+        self.decided += what == "decide"
         if namespace != "team-a":
-            return Told(0, 404, b"")
+            return Response(0, 404, b"")
         if what == "explain" and not self.remembered:
-            return Told(0, AGAIN, b"")
+            return Response(0, NOT_RECORDED, b"")
         found = {"pod": pod, "nodes": with_nodes} | ({"full": True} if full else {})
-        return Told(0, 200, msgspec.json.encode(found))
+        return Response(0, 200, msgspec.json.encode(found))
 
     async def access(self, caller: Caller, namespace: str) -> Access:
         self.asked.append((caller.token, namespace))
@@ -153,16 +162,16 @@ async def test_a_user_has_few_decisions_made_again_whichever_token_it_brings_and
     """Each is a copy of the process that places pods: 50 a second would be most of what it does."""
     found, url = site
     found.remembered = False
-    for number in range(AGAIN_AT_ONCE):
+    for number in range(DECIDE_AT_ONCE):
         assert (await get(f"{url}/explain/team-a/p?full=1", Authorization=f"Bearer eve{number}"))[0] == 200
     for path in ("explain/team-a/p?full=1", "explain/team-a/p"):
         async with aiohttp.ClientSession() as session:
             answer = await session.get(f"{url}/{path}", headers={"Authorization": "Bearer eve"})
-            assert (answer.status, answer.headers["Retry-After"]) == (429, str(int(1 / AGAIN_PER_S)))
+            assert (answer.status, answer.headers["Retry-After"]) == (429, str(int(1 / DECIDE_PER_S)))
             assert "too often" in json.loads(await answer.text())["error"]
-    assert found.again == AGAIN_AT_ONCE
+    assert found.decided == DECIDE_AT_ONCE
     assert (await get(f"{url}/explain/team-a/p?full=1", Authorization="Bearer amy"))[0] == 200
-    found.clock.forward(1 / AGAIN_PER_S)
+    found.clock.forward(1 / DECIDE_PER_S)
     assert (await get(f"{url}/explain/team-a/p?full=1", Authorization="Bearer eve"))[0] == 200
     found.remembered = True
     assert (await get(f"{url}/explain/team-a/p", Authorization="Bearer eve"))[0] == 200
@@ -227,6 +236,7 @@ async def test_simulate_is_for_who_may_post_it_and_tells_which_kinds_it_wants(si
     assert (await post(f"{url}/simulate", b'{"kind":"List","items":[]}'))[0] == 200
     assert '"plural":"nodes"' in (await get(f"{url}/simulate"))[1]
     assert [question for _, question in found.asked] == ["post /simulate", "get /simulate"]
+    assert found.simulated == [200]
     assert (await post(f"{url}/simulate?replay=many", b""))[0] == 400
     found.answer = Access.FORBIDDEN
     assert (await post(f"{url}/simulate", b"{}"))[0] == 403

@@ -1,0 +1,171 @@
+"""Answers requests of the port's process, in the process that places pods.
+
+Pages and recorded explanations are answered at once. Deciding about a pod once more takes as long as placing a hundred, so a
+forked worker does it, one pod at a time. Requests get 429 when no worker runs and the limit of starts is reached.
+"""
+
+import asyncio
+import logging
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+import msgspec
+
+from robotapp_api.values.buckets import Buckets
+from robotapp_scheduler.port.forked_worker import ForkedWorker, WorkerError
+from robotapp_scheduler.port.frames import NOT_RECORDED, FramesError, Request, Response, receive, send
+from robotapp_scheduler.shell.explaining import Explainer
+
+log = logging.getLogger(__name__)
+
+STARTS_PER_S, STARTS_AT_ONCE = 0.2, 2
+IDLE_S: Final = 0.5
+"""A worker ends after this long without a request: while it lives, every page of memory we write is copied."""
+MOST_WAIT_S: Final = 3.0
+"""A request that would wait longer for a worker gets 429."""
+MOST_WAITING: Final = 8
+Page = Callable[[], tuple[int, bytes]]
+
+
+class RequestHandler:
+    """Answers `pages` by their name, "explain" and "decide" from the explainer, and counts what is "simulated"."""
+
+    def __init__(
+        self,
+        pages: Mapping[str, Page],
+        explain: Explainer,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+        in_worker: Callable[[], None] = lambda: None,
+    ) -> None:
+        """`in_worker` is called in a forked worker, before it decides."""
+        self._pages = pages
+        self._explain = explain
+        self._in_worker = in_worker
+        self._turn = asyncio.Lock()
+        self._waiting = 0
+        self._worker: ForkedWorker | None = None
+        self._ending: asyncio.Future[int] | None = None
+        self._idle: asyncio.TimerHandle | None = None
+        self._starts = Buckets(per_s=STARTS_PER_S, burst=STARTS_AT_ONCE, clock=clock)
+        self.simulations: Counter[str] = Counter()
+        """By HTTP status, for a metric."""
+
+    def __repr__(self) -> str:
+        return f"<RequestHandler {self._waiting} decisions waited for>"
+
+    async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Answer until the other side is gone."""
+        try:
+            await self._serve(reader, writer)
+        finally:
+            await self._end_worker()
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        async with asyncio.TaskGroup() as group:
+            while True:
+                try:
+                    request = await receive(reader, Request)
+                except FramesError:
+                    return
+                if request.what in {"explain", "decide"}:
+                    group.create_task(self._explained(request, writer))
+                else:
+                    self._answer(writer, request, *self._page(request))
+
+    def _page(self, request: Request) -> tuple[int, bytes]:
+        if request.what == "simulated":
+            self.simulations[str(request.status)] += 1
+            return 200, b""
+        try:
+            return self._pages[request.what]()
+        except Exception:
+            log.exception("the page %s cannot be made", request.what)
+            return 500, _problem("the page cannot be made; the scheduler's log says why")
+
+    def _answer(self, writer: asyncio.StreamWriter, request: Request, status: int, body: bytes) -> None:
+        if not writer.is_closing():
+            send(writer, Response(request.number, status, body))
+
+    async def _explained(self, request: Request, writer: asyncio.StreamWriter) -> None:
+        try:
+            response = await self._explanation(request)
+        except WorkerError as error:
+            response = 503, _problem(f"the decision cannot be made once more: {error}")
+        except Exception:
+            log.exception("%s/%s cannot be explained", request.namespace, request.pod)
+            response = 500, _problem("the explanation cannot be made; the scheduler's log says why")
+        self._answer(writer, request, *response)
+
+    async def _explanation(self, request: Request) -> tuple[int, bytes]:
+        namespace, pod = request.namespace, request.pod
+        recorded = self._explain.recorded(namespace, pod, with_nodes=request.with_nodes)
+        if recorded is not None and not request.full:
+            return 200, msgspec.json.encode(recorded)
+        if not self._explain.knows(namespace, pod):
+            return 404, b""
+        if request.what != "decide":
+            return NOT_RECORDED, b""
+        if self._waiting >= MOST_WAITING:
+            return 429, MANY
+        self._waiting += 1
+        try:
+            async with self._turn:
+                return await self._decide(request)
+        finally:
+            self._waiting -= 1
+
+    async def _decide(self, request: Request) -> tuple[int, bytes]:
+        asked = msgspec.msgpack.encode(request)
+        if self._idle is not None:
+            self._idle.cancel()
+        try:
+            found = await self._worker.ask(asked) if self._worker is not None and not self._worker.old else b""
+            if not found:  # or it began before there was such a pod
+                worker = await self._new_worker()
+                if worker is None:
+                    return 429, MANY
+                found = await worker.ask(asked)
+        except WorkerError:
+            self._worker = None
+            raise
+        self._idle = asyncio.get_running_loop().call_later(IDLE_S, self._idled)
+        return (200, found) if found else (404, b"")
+
+    async def _new_worker(self) -> ForkedWorker | None:
+        """None while there were too many."""
+        await self._end_worker()
+        while wait_s := self._starts.wait_s(""):
+            if wait_s > MOST_WAIT_S:
+                return None
+            await asyncio.sleep(wait_s)
+        self._worker = ForkedWorker(self._decided)
+        return self._worker
+
+    async def _end_worker(self) -> None:
+        worker, self._worker = self._worker, None
+        if worker is not None:
+            await worker.end()
+
+    def _idled(self) -> None:
+        if self._worker is not None and not self._turn.locked():
+            worker, self._worker = self._worker, None  # now: who asks next must not find it
+            self._ending = asyncio.ensure_future(worker.end())
+
+    def _decided(self, asked: bytes) -> bytes:
+        """Runs in the forked worker."""
+        self._in_worker()
+        request = msgspec.msgpack.decode(asked, type=Request)
+        found: Mapping[str, Any] | None = self._explain(
+            request.namespace, request.pod, with_nodes=request.with_nodes, full=request.full
+        )
+        return b"" if found is None else msgspec.json.encode(found)
+
+
+def _problem(text: str) -> bytes:
+    return msgspec.json.encode({"error": text})
+
+
+MANY: Final = _problem("many decisions are being made once more, one at a time; try again in some seconds")
