@@ -99,8 +99,11 @@ class Said:
         self.lines: list[tuple[str, str, str]] = []
         self.nominated: dict[str, str | None] = {}
         self.broken_for = ""
+        self.more = ""
+        """What was added to the latest word of a bind."""
 
-    def scheduled(self, pod: Pod, node: str) -> None:
+    def scheduled(self, pod: Pod, node: str, *, more: str = "") -> None:
+        self.more = more
         self.lines.append(("scheduled", pod.metadata.name, node))
 
     def unscheduled(self, pod: Pod, *, reason: str, message: str, nominate: str | None = None) -> None:
@@ -160,9 +163,17 @@ class Rig:
     def clock(self) -> float:
         return self.now_s
 
-    def show(self, name: str = "p", *, labels: dict[str, str] | None = None, wishes: bool = False, **spec: Any) -> None:
+    def show(
+        self,
+        name: str = "p",
+        *,
+        labels: dict[str, str] | None = None,
+        annotations: dict[str, str] | None = None,
+        wishes: bool = False,
+        **spec: Any,
+    ) -> None:
         """With `wishes` something is to be claimed before the pod may be bound: the reserver is asked."""
-        annotations = {str(Annotation.DDS_DOMAIN): "auto"} if wishes else None
+        annotations = {str(Annotation.DDS_DOMAIN): "auto"} if wishes else annotations
         meta = Metadata(name=name, namespace="a", uid=f"uid-{name}", labels=labels, annotations=annotations)
         pod = Pod(metadata=meta, spec=PodSpec(scheduler_name=OURS, **spec))
         self.waiting[meta.uid] = pod

@@ -166,6 +166,14 @@ class PodInfo:
         return self.member is None and self.pod_group is None and not self._annotated
 
     @property
+    def budget_without_end(self) -> bool:
+        """Does an annotation state a latency budget, and none of the pod's fields to what?"""
+        request = self.ros_request
+        if not isinstance(request, RosRequest) or request.latency_budget_us is None:
+            return False
+        return not (request.master_node or request.peer_pods or Label.ROBOT in self.labels)
+
+    @property
     def ros_request(self) -> RosRequest | InvalidAnnotation | None:
         """What the scheduler.robotics.io annotations ask for; None without any."""
         return self._ros_request if self._annotated else None

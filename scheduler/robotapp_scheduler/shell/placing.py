@@ -26,7 +26,7 @@ from robotapp_scheduler.shell.claim_users import ClaimUsers
 from robotapp_scheduler.shell.metrics import AttemptResult, Metrics
 from robotapp_scheduler.shell.report import Reporter
 from robotapp_scheduler.shell.reserve import READY, Readiness, Reserved, Reserver, wants
-from robotapp_scheduler.shell.texts import device_busy
+from robotapp_scheduler.shell.texts import budget_without_end, device_busy
 from robotapp_scheduler.shell.timing import PointTimer
 from robotapp_scheduler.shell.volume_writes import VolumeWriter
 
@@ -257,7 +257,7 @@ class Placer:
         self._core.queue.done(pod.uid)
         if decision.volumes is not None:
             self._core.cluster.volumes.forget(pod.uid)  # the claims themselves say it now
-        self._reporter.scheduled(pod.pod, node)
+        self._reporter.scheduled(pod.pod, node, more=budget_without_end() if pod.budget_without_end else "")
         self._metrics.bound(_queued(decision), pod.scheduler_name, started_s=started_s, now_s=self._clock())
 
     def _reject(self, decision: Decision, refused: Refused, started_s: float) -> None:

@@ -86,11 +86,11 @@ class Reporter:
     def __repr__(self) -> str:
         return f"<Reporter {len(self._waiting)} conditions to write, {len(self._said)} remembered>"
 
-    def scheduled(self, pod: Pod, node: str) -> None:
-        """The bind was confirmed; the API server itself has set PodScheduled=True."""
+    def scheduled(self, pod: Pod, node: str, *, more: str = "") -> None:
+        """The bind was confirmed; the API server itself has set PodScheduled=True. `more` is added to the Event's note."""
         self.forget(pod.metadata.uid)
         self._events.pod_event(
-            pod, warning=False, reason=EventReason.SCHEDULED, action="Binding", note=texts.assigned(pod, node)
+            pod, warning=False, reason=EventReason.SCHEDULED, action="Binding", note=texts.assigned(pod, node) + more
         )
 
     def unscheduled(

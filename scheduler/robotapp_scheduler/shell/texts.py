@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from robotapp_api.model.names import Label
 from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.preemption import BY_SCHEDULER
 
@@ -12,6 +13,14 @@ NOTE_CUT = 1020
 
 def assigned(pod: Pod, node: str) -> str:
     return f"Successfully assigned {pod.key} to {node}"
+
+
+def budget_without_end() -> str:
+    """What is added to the Event of such a pod."""
+    return (
+        "; its latency_budget has no effect, because it has no other end: write master_node or peer_pods, "
+        f"or the label {Label.ROBOT}"
+    )
 
 
 def device_busy(device: str, node: str, *, holder: str, holder_namespace: str, namespace: str) -> str:

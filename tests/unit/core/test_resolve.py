@@ -272,3 +272,22 @@ def test_the_queue_reads_the_class_from_the_app_or_the_annotations() -> None:
     info = make_info("p", annotations={str(Annotation.POLICIES): '{"qos_class":"sensor_data"}'})
     assert qos_fields(info, cluster.apps) == ("sensor_data", "", "")
     assert qos_fields(make_info("plain"), cluster.apps) is None
+
+
+@pytest.mark.parametrize(
+    ("annotations", "labels", "without"),
+    [
+        ({"policies": '{"latency_budget": "30ms"}'}, {}, True),
+        ({"policies": '{"latency_budget": "30ms"}', "topology": '{"master_node": "edge"}'}, {}, False),
+        ({"policies": '{"latency_budget": "30ms"}', "shared-data": '{"peer_pods": ["other"]}'}, {}, False),
+        ({"policies": '{"latency_budget": "30ms"}'}, {Label.ROBOT: "amr"}, False),
+        ({"policies": '{"qos_class": "realtime"}'}, {}, False),
+        ({"policies": '{"latency_budget": "30"}'}, {}, False),
+        ({}, {}, False),
+    ],
+)
+def test_a_budget_whose_other_end_nobody_states_is_noticed(
+    annotations: dict[str, str], labels: dict[str, str], *, without: bool
+) -> None:
+    keys = {f"scheduler.robotics.io/{name}": text for name, text in annotations.items()}
+    assert make_info("p", annotations=keys, labels=labels).budget_without_end is without

@@ -25,6 +25,14 @@ async def test_a_pod_is_decided_assumed_bound_and_leaves_the_queue() -> None:
     assert rig.count("scheduled") == 1
 
 
+async def test_who_states_a_budget_to_nothing_is_told_when_the_pod_is_bound() -> None:
+    rig = Rig()
+    rig.show(annotations={"scheduler.robotics.io/policies": '{"latency_budget": "30ms"}'})
+    await rig.turn()
+    assert rig.said.lines[-1][0] == "scheduled"
+    assert "has no effect, because it has no other end: write master_node" in rig.said.more
+
+
 async def test_without_nodes_the_pod_waits_with_upstreams_text_and_a_node_brings_it_back() -> None:
     rig = Rig(nodes=0)
     rig.show()
