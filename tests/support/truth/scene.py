@@ -1,0 +1,49 @@
+"""Plays a situation: arranges it, applies the app, and waits until what is told is what must be told, and so."""
+
+from contextlib import ExitStack
+
+from tests.support.truth.oracle import contradictions
+from tests.support.truth.screen import Screen, look
+from tests.support.truth.situations import SEEN_S, Place, Situation, app_of
+
+from robotapp_testbed import wait_until
+
+
+def run(place: Place, situation: Situation) -> list[str]:
+    """What is wrong on the screen when it has come to rest; empty when every sentence is so."""
+    world = place.world
+    with ExitStack() as stack:
+        stack.callback(world.clear)
+        try:
+            stack.enter_context(situation.around(place))
+            world.create(app_of(situation, place))
+            if situation.then is not None:
+                world.watch.until_ready("app", within_s=SEEN_S)
+                stack.enter_context(situation.then(place))
+        except TimeoutError as late:
+            return [str(late)]
+        wrong: list[str] = []
+
+        def settled() -> bool:
+            wrong[:] = _wrong(look(world, "app"), situation)
+            return not wrong
+
+        wait_until(settled, timeout_s=SEEN_S, poll_s=0.5)
+        return wrong
+
+
+def _wrong(screen: Screen, situation: Situation) -> list[str]:
+    if screen.status.get("observedGeneration") != screen.app["metadata"]["generation"]:
+        return ["the app has not been looked at yet"]
+    found = [
+        f"{kind} is {'/'.join(screen.condition(kind)[:2])}, not {wanted}: {screen.condition(kind)[2]}"
+        for kind, wanted in situation.says.items()
+        if not _fits(screen.condition(kind)[:2], wanted)
+    ]
+    if screen.row["PHASE"] != situation.phase:
+        found.append(f"PHASE is {screen.row['PHASE']}, not {situation.phase}")
+    return found + contradictions(screen)
+
+
+def _fits(found: tuple[str, ...], wanted: str) -> bool:
+    return all(want in ("*", have) for have, want in zip(found, wanted.split("/"), strict=True))
