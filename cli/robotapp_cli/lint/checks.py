@@ -46,7 +46,7 @@ def operator_notes(subject: Subject) -> Iterator[Finding]:
     """What the operator accepts but cannot do yet."""
     spec = _spec(subject)
     for note in spec_notes(spec) if spec else ():
-        yield Finding(steps(note.field), note.message, Severity.WARNING, Why.NOT_BUILT)
+        yield Finding(steps(note.field), note.message, Severity.WARNING, Why.NOTE)
 
 
 CHECKS: Final[tuple[Check, ...]] = (

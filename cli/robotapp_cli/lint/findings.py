@@ -35,8 +35,8 @@ class Why(StrEnum):
     BROKEN_RULE = "FieldValueInvalid"
     """The API server's word where a rule has none of its own."""
     TOO_MANY = "TooMany"
-    NOT_BUILT = "NotBuilt"
-    """The operator accepts the field but does less than its name promises."""
+    NOTE = "Note"
+    """The operator accepts the field; it does less, or something else, than its author may expect."""
 
 
 class Finding(NamedTuple):

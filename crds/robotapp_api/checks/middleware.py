@@ -6,6 +6,8 @@ FAST_DDS: Final = frozenset({"rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp"})
 CYCLONE: Final = frozenset({"rmw_cyclonedds_cpp"})
 ZENOH: Final = frozenset({"rmw_zenoh_cpp"})
 CONNEXT: Final = frozenset({"rmw_connextdds"})
+GURUM: Final = frozenset({"rmw_gurumdds_cpp"})
+KNOWN: Final = FAST_DDS | CYCLONE | ZENOH | CONNEXT | GURUM
 BEFORE_IRON: Final = frozenset({"foxy", "galactic", "humble", "eloquent", "dashing", "crystal", "bouncy", "ardent"})
 
 CYCLONE_11: Final = frozenset({"lyrical", "rolling"})

@@ -21,7 +21,7 @@ class Problem(NamedTuple):
 
 
 class Note(NamedTuple):
-    """A field that is accepted but does less than its name promises. No condition has a reason for it."""
+    """A field that is accepted, and does less or something else than its author may expect. No condition has a reason for it."""
 
     field: str
     message: str

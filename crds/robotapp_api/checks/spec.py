@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from robotapp_api.checks.components import component_notes, component_problems
 from robotapp_api.checks.edges import edge_problems
-from robotapp_api.checks.middleware import mode_problem
+from robotapp_api.checks.middleware import FAST_DDS, KNOWN, mode_problem
 from robotapp_api.checks.parameters import MOST_APP_INLINE_BYTES, inline_bytes
 from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.checks.ros import discovery_of, rmw_of, ros_version_of
@@ -42,6 +42,18 @@ def spec_notes(spec: RobotAppSpec) -> Iterator[Note]:
             "spec.placement.fallback",
             "has no effect yet; a pod without a place waits, and on board as a fallback is runsOn: [Edge, Robot]",
         )
+    onboard = [component.name for component in spec.components if "Robot" in component.runs_on]
+    if spec.robots is None and onboard:
+        yield Note(
+            "spec.robots", f"is not written, so {onboard[0]} runs on any robot; write which robots the app is for"
+        )
+    if ros_version_of(spec) == 2 and rmw_of(spec) not in KNOWN:
+        yield Note(
+            "spec.ros2.rmw",
+            f"{rmw_of(spec)} is not known, so discovery is left to it; known are {', '.join(sorted(KNOWN))}",
+        )
+    if spec.ros2 and spec.ros2.transport == "UDP" and rmw_of(spec) not in FAST_DDS:
+        yield Note("spec.ros2.transport", f"UDP changes nothing for {rmw_of(spec)}; it is for Fast DDS")
     if spec.ros2 and spec.ros2.transport == "SHM":
         yield Note("spec.ros2.transport", "SHM has no effect yet; pods of one node do not share memory")
     for index, edge in enumerate(spec.edges):
@@ -63,12 +75,13 @@ def _ros_problems(spec: RobotAppSpec) -> Iterator[Problem]:
             "spec.ros.version",
             f"{distro} is a ROS {known.version} distribution; write version: {known.version} or leave it out",
         )
-    if ros_version_of(spec) == 1 and spec.ros2 is not None:
+    version = known.version if known else ros_version_of(spec)
+    if version == 1 and spec.ros2 is not None:
         yield invalid(
             "spec.ros2",
             f"{distro} is ROS 1, which has a master instead of DDS; remove spec.ros2 (settings of the master: spec.ros1)",
         )
-    if ros_version_of(spec) == 2 and spec.ros1 is not None:
+    if version == 2 and spec.ros1 is not None:
         yield invalid(
             "spec.ros1",
             f"{distro} is ROS 2, which has no master; remove spec.ros1 (settings of the middleware: spec.ros2)",

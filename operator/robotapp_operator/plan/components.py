@@ -41,8 +41,10 @@ class ComponentView:
 
     @property
     def badness(self) -> int:
-        """0 for ready; a component with a stated failure is worse than one that is starting."""
-        return 0 if self.ready else 2 if self.reason else 1
+        """0 for ready; worst is what fails by itself, then what finds no node, perhaps because of that, then what starts."""
+        if self.ready:
+            return 0
+        return {None: 1, Reason.UNSCHEDULABLE: 2}.get(self.reason, 3)
 
 
 def component_view(
@@ -70,7 +72,7 @@ def component_view(
         replicas=replicas,
         ready=ready,
         exists=True,
-        bound=len(live) >= replicas and all(pod.spec.node_name for pod in live),
+        bound=0 < replicas <= len(live) and all(pod.spec.node_name for pod in live),
         rolling=not up_to_date,
         nodes=tuple(sorted({pod.spec.node_name for pod in live if pod.spec.node_name})),
         restarts=min(MAX_RESTARTS, sum(one.restart_count for pod in live for one in pod.status.container_statuses)),

@@ -89,7 +89,9 @@ def _devices_missing(facts: AppFacts) -> Verdict | None:
     for instance in facts.instances:
         if instance.busy:
             return Verdict("False", Reason.DEVICE_BUSY, _named(facts, instance, instance.busy))
-    text = f"{held} of {wanted} devices are claimed; kubectl robotapp devices shows who holds them"
+    text = (
+        f"{held} of {wanted} devices are claimed; kubectl robotapp explain {facts.app.name} shows what each node lacks"
+    )
     return Verdict("False", Reason.WAITING_FOR_DEVICES, text)
 
 
@@ -149,7 +151,9 @@ def budget_met(facts: AppFacts) -> Verdict:
     if planned and not edges:
         return Verdict("Unknown", Reason.NOT_MEASURED, f"{planned} edges have a budget; there is no instance yet")
     if not edges:
-        return Verdict("True", Reason.NO_BUDGET, "no edge has a latency budget")
+        own = any(component.policies.latency_budget for component in facts.app.spec.components)
+        more = "; those under policies decide about places alone" if own else ""
+        return Verdict("True", Reason.NO_BUDGET, f"no edge has a latency budget{more}")
     over = [edge for edge in edges if edge.met is False]
     if over:
         worst = max(over, key=lambda edge: edge.use)
@@ -182,6 +186,10 @@ def progressing(facts: AppFacts) -> Verdict:
         )
     if facts.problems or facts.app.spec.suspend:
         return Verdict("False", Reason.UP_TO_DATE, "nothing to roll out")
+    stuck = next((instance for instance in facts.instances if instance.trouble), None)
+    if stuck is not None and stuck.trouble is not None:
+        text = f"the newest templates cannot be written: {stuck.trouble[1]}"
+        return Verdict("False", stuck.trouble[0], _named(facts, stuck, text))
     blocked = [instance for instance in facts.instances if _blocked(instance)]
     going = [instance for instance in facts.instances if not _blocked(instance)]
     rolling = [component.name for instance in going for component in instance.components if component.rolling]
@@ -238,9 +246,12 @@ def _why_not_ready(facts: AppFacts, up: int, total: int) -> tuple[Reason, str]:
         return missing[0], _named(facts, instance, missing[1])
     worst = instance.worst
     if worst is None:
-        return Reason.COMPONENTS_NOT_READY, _named(facts, instance, f"{count}; its discovery or master is not ready")
+        return (
+            Reason.COMPONENTS_NOT_READY,
+            f"{count}; {_named(facts, instance, 'its discovery or master is not ready')}",
+        )
     text = worst.message or ("is starting" if worst.exists else "is being created")
-    return worst.reason or Reason.COMPONENTS_NOT_READY, _named(facts, instance, f"{count}; {worst.name}: {text}")
+    return worst.reason or Reason.COMPONENTS_NOT_READY, f"{count}; {_named(facts, instance, f'{worst.name}: {text}')}"
 
 
 def _not_accepted(facts: AppFacts) -> Verdict:

@@ -39,11 +39,14 @@ class InstanceFacts:
 
     @property
     def ready(self) -> bool:
-        return (
-            bool(self.components)
-            and all(component.ready for component in self.components)
-            and self.infrastructure_ready
-        )
+        """Does everything run as the spec wants it now? What the API server refused is missing, even while its predecessor runs."""
+        running = all(component.ready for component in self.components) and self.infrastructure_ready
+        return bool(self.components) and running and self.trouble is None
+
+    @property
+    def offline(self) -> bool:
+        """Is its robot out of reach, and do its pods no longer count as ready?"""
+        return not self.robot_online and not self.ready
 
     @property
     def bound(self) -> bool:

@@ -84,7 +84,7 @@ def phase(facts: AppFacts) -> Phase:
 
 def instance_phase(instance: InstanceFacts, before: str) -> Phase:
     """Degraded is for what ran or fails for a stated reason; what merely starts is Placing."""
-    if not instance.robot_online:
+    if instance.offline:
         return Phase.OFFLINE
     if instance.ready:
         return Phase.RUNNING
@@ -101,7 +101,7 @@ def _counts(facts: AppFacts) -> dict[str, int]:
     return {
         "desired": len(facts.instances),
         "ready": sum(instance.ready for instance in facts.instances),
-        "offline": sum(not instance.robot_online for instance in facts.instances),
+        "offline": sum(instance.offline for instance in facts.instances),
         "completed": 0,
         "failed": sum(bool(facts.problems or instance.unclear) for instance in facts.instances),
     }

@@ -79,7 +79,7 @@ def what_is_missing(instance: InstanceFacts) -> tuple[Reason, str] | None:
         return instance.refusal or instance.trouble
     if instance.ready:
         return None
-    if not instance.robot_online:
+    if instance.offline:
         node = instance.instance.node
         return (
             Reason.ROBOT_OFFLINE,

@@ -54,7 +54,7 @@ def test_image_trouble_is_named(waiting: str) -> None:
     found = view(make_deployment(), make_pod(node="edge-1", waiting=(waiting, "not found")))
     assert found.reason == Reason.IMAGE_PULL
     assert found.message.startswith(f"{waiting}: not found")
-    assert found.badness == 2
+    assert found.badness == 3
 
 
 def test_a_crash_loop_tells_count_and_exit_code() -> None:
