@@ -74,9 +74,16 @@ def _wait_established(cp: ControlPlane, names: Sequence[str]) -> None:
             return
 
 
-def start_operator(cp: ControlPlane, *, name: str = "operator", wait: bool = True, **flags: object) -> Process:
+def start_operator(
+    cp: ControlPlane,
+    *,
+    name: str = "operator",
+    wait: bool = True,
+    env: Mapping[str, str] | None = None,
+    **flags: object,
+) -> Process:
     """`python -m robotapp_operator` as the operator's identity. `sweep_seconds=1` becomes `--sweep-seconds 1`, True a bare flag."""
-    return _start(cp, "robotapp_operator", identity="operator", name=name, wait=wait, flags=flags)
+    return _start(cp, "robotapp_operator", identity="operator", name=name, wait=wait, flags=flags, env=env)
 
 
 def start_scheduler(

@@ -21,11 +21,19 @@ from robotapp_api.client.errors import means_gone
 from robotapp_api.client.resources import DEPLOYMENTS, ROBOTAPPS, SERVICES
 from robotapp_api.model.names import Label, Reason
 from robotapp_operator.cache import Cache
-from robotapp_operator.execute import StartOver, execute
+from robotapp_operator.execute import StartOver, execute, stop
 from robotapp_operator.gather import cached_domain, needs_domain, problems_now, wanted_instances
 from robotapp_operator.memory import Memory
 from robotapp_operator.params_watch import ParamsWatch
-from robotapp_operator.plan.changes import Observed, Plan, deployment_domain, plan, ref_of, wanted_children
+from robotapp_operator.plan.changes import (
+    Observed,
+    Plan,
+    deployment_domain,
+    plan,
+    ref_of,
+    still_running,
+    wanted_children,
+)
 from robotapp_operator.plan.children import Child
 from robotapp_operator.plan.objects import ChildRef, Deployment, Service
 from robotapp_operator.plan.parameters import parameter_states
@@ -79,14 +87,17 @@ class Children:
     def _settled(self, uid: str, robot: str) -> bool:
         """Do the caches already show what we would write?"""
         record = self._cache.apps.get(uid)
-        if record is None or record.deleting or record.app is None:
+        if record is None or record.deleting:
             return True
-        app = record.app
+        app, observed = record.app, self._cache.children(uid, robot)
+        if app is None:
+            return not (record.suspended and still_running(uid, observed))
         instance = find_instance(wanted_instances(app, self._cache), robot)
-        observed = self._cache.children(uid, robot)
         if instance is None:
             return not self._plan(app, [], observed)
-        if problems_now(app, self._cache) or _must_not_start(instance, observed):
+        if problems_now(app, self._cache):
+            return not (record.suspended and still_running(uid, observed))
+        if _must_not_start(instance, observed):
             return True
         domain = cached_domain(app, robot, self._cache, self._memory.outcome(uid, robot))
         if needs_domain(app) and domain is None:
@@ -96,14 +107,17 @@ class Children:
         return not result and not result.foreign
 
     async def _turn(self, uid: str, robot: str) -> bool:
-        app = await self._fresh_app(uid)
-        if app is None:
+        record = await self._fresh(uid)
+        if record is None:
             return True
+        app = record.app
+        if app is None:
+            return await self._stop_if_suspended(record, robot)
         await self._read_params(app)
         instance = find_instance(wanted_instances(app, self._cache), robot)
         if instance is not None and problems_now(app, self._cache):
-            return True
-        observed = await self._observe(app, robot)
+            return await self._stop_if_suspended(record, robot)
+        observed = await self._observe(record, robot)
         if instance is not None and _must_not_start(instance, observed):
             return True
         fences = {
@@ -131,6 +145,13 @@ class Children:
             raise StartOver("a Deployment changed while the domain was taken")
         wanted = self._wanted(app, robot, Domain(outcome.id, outcome.claim))
         return await self._write(app, robot, self._plan(app, wanted, observed), fences)
+
+    async def _stop_if_suspended(self, record: Record, robot: str) -> bool:
+        """The spec cannot be run, or not even be read: nothing is rendered, but a user who suspends the app is obeyed."""
+        if record.suspended:
+            for item in still_running(record.uid, await self._observe(record, robot)):
+                await stop(self._client, item)
+        return True
 
     async def _without_domain(
         self, app: App, robot: str, observed: dict[ChildRef, Observed], outcome: DomainOutcome, fences: dict[str, Fence]
@@ -165,8 +186,8 @@ class Children:
             memory.troubles[robot] = written.refusals[0]
         return not written.refusals and not what.foreign
 
-    async def _fresh_app(self, uid: str) -> App | None:
-        """The app as it is now; None when it is gone, going, replaced by another, or unreadable."""
+    async def _fresh(self, uid: str) -> Record | None:
+        """The app as it is now; None when it is gone, going, or replaced by another."""
         known = self._cache.apps.get(uid)
         if known is None:
             return None
@@ -181,19 +202,18 @@ class Children:
             self._gone(known)
             return None
         record = self._cache.update_app(body)
-        return None if record.deleting else record.app
+        return None if record.deleting else record
 
     def _gone(self, record: Record) -> None:
         self._cache.forget_app(record.uid)
         self.forget(record.uid)
 
-    async def _observe(self, app: App, robot: str) -> dict[ChildRef, Observed]:
+    async def _observe(self, record: Record, robot: str) -> dict[ChildRef, Observed]:
         """Deployments and Services of the instance, read with a quorum."""
-        mine = f"{Label.APP_UID}={app.uid},{Label.INSTANCE}={robot}"
-        deployments = await self._client.list(
-            DEPLOYMENTS, namespace=app.namespace, label_selector=mine, as_type=Deployment
-        )
-        services = await self._client.list(SERVICES, namespace=app.namespace, label_selector=mine, as_type=Service)
+        mine = f"{Label.APP_UID}={record.uid},{Label.INSTANCE}={robot}"
+        space = record.namespace
+        deployments = await self._client.list(DEPLOYMENTS, namespace=space, label_selector=mine, as_type=Deployment)
+        services = await self._client.list(SERVICES, namespace=space, label_selector=mine, as_type=Service)
         found: list[Observed] = [*deployments.items, *services.items]
         return {ref_of(item): item for item in found}
 

@@ -178,6 +178,9 @@ class Controller:
         self._queue.add(Key(Work.STATUS, key.group))
         if record.app is not None:
             self._plan(record, record.app)
+        elif record.suspended:
+            for robot in sorted(self._cache.instance_keys(record.uid)):
+                self._queue.add(Key(Work.CHILDREN, record.uid, robot))
         return 0.0
 
     def _plan(self, record: Record, app: App) -> None:
@@ -185,11 +188,13 @@ class Controller:
         uid, instances = record.uid, wanted_instances(app, self._cache)
         wanted = {instance.robot for instance in instances}
         self._memory.forget_instances(uid, wanted)
-        # Whatever is wrong with the spec: what runs for a robot that is none of the app's any more goes.
+        # Whatever is wrong with the spec: what runs for a robot that is none of the app's any more goes, and a suspended
+        # app stops.
         refused = problems_now(app, self._cache)
         self._memory.of(uid).chosen = instances, refused
         present = self._cache.instance_keys(uid)
-        for robot in sorted(present - wanted if refused else present | wanted):
+        kept = wanted if refused and not record.suspended else set()
+        for robot in sorted((present if refused else present | wanted) - kept):
             self._ask_for_children(app, robot)
         for robot in sorted(wanted | self._cache.instance_objects.instances(uid)):
             self._queue.add(Key(Work.INSTANCE, uid, robot), delay_s=FIRST_OBJECT_S)

@@ -5,7 +5,7 @@ Nothing here decides what is right; it only refuses to write over what it has no
 
 import dataclasses
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import msgspec
@@ -18,7 +18,7 @@ from robotapp_api.model.names import OPERATOR_MANAGER, Reason
 from robotapp_operator.plan.changes import Change, Observed, Plan, ref_of
 from robotapp_operator.plan.children import DEPLOYMENT, SERVICE
 from robotapp_operator.plan.components import over_quota
-from robotapp_operator.plan.objects import Meta
+from robotapp_operator.plan.objects import Deployment, Meta
 from robotapp_operator.plan.strays import strays
 from robotapp_operator.plan.wish import App
 
@@ -63,6 +63,19 @@ async def execute(client: ApiClient, app: App, plan: Plan, *, fences: Mapping[st
     return done
 
 
+async def stop(client: ApiClient, item: Deployment) -> None:
+    """Take the pods away and change nothing else. Raises StartOver when the Deployment is another by now."""
+    meta = item.metadata
+    patch = [
+        {"op": "test", "path": "/metadata/resourceVersion", "value": meta.resource_version},
+        {"op": "replace", "path": "/spec/replicas", "value": 0},
+    ]
+    try:
+        await _patch_tested(client, DEPLOYMENTS, meta.name, patch, namespace=meta.namespace)
+    except (Conflict, NotFound) as race:
+        raise StartOver(str(race)) from race
+
+
 async def _write(
     client: ApiClient, app: App, change: Change, *, fences: Mapping[str, Fence], version: str
 ) -> dict[str, Any]:
@@ -74,6 +87,11 @@ async def _write(
     fence = fences.get(child.ref.name) if child.ref.kind == DEPLOYMENT else None
     if fence is None:
         fence = Fence(over.metadata.uid, over.metadata.resource_version)
+    if change.amended is not None:
+        # No apply: a field of the newer operator's that we do not render would be removed by it.
+        test = {"op": "test", "path": "/metadata/resourceVersion", "value": fence.resource_version}
+        patch = [test, {"op": "replace", "path": "/spec", "value": change.amended}]
+        return await _patch_tested(client, resource, child.ref.name, patch, namespace=app.namespace)
     resource_version = await _own_by_apply(client, resource, app.namespace, child.ref.name, fence)
     body["metadata"] |= {"uid": fence.uid, "resourceVersion": resource_version}
     result = await client.apply(resource, body)
@@ -86,29 +104,47 @@ async def _write(
 
 
 async def _own_by_apply(client: ApiClient, resource: Resource, namespace: str, name: str, fence: Fence) -> str:
-    """Make the fields we created with POST ours by apply, or apply could never remove one. Returns the new version.
+    """Make the fields we wrote with POST or PATCH ours by apply, or apply could never remove one. Returns the new version.
 
-    A POST is recorded as operation Update, which co-owns its fields for ever; renaming the record costs one write, once
-    per object, and only when the object is changed for the first time.
+    Both are recorded as operation Update, which co-owns its fields for ever; changing the record costs one write, only
+    when the object is changed after them.
     """
     live = await client.get(resource, name, namespace=namespace)
     if live["metadata"]["uid"] != fence.uid or live["metadata"]["resourceVersion"] != fence.resource_version:
         raise StartOver(f"{name} changed since it was read")
-    entries = live["metadata"].get("managedFields") or []
-    for index, entry in enumerate(entries):
-        if (entry.get("manager"), entry.get("operation"), entry.get("subresource", "")) == (
-            OPERATOR_MANAGER,
-            "Update",
-            "",
-        ):
-            patch = [
-                {"op": "test", "path": "/metadata/resourceVersion", "value": fence.resource_version},
-                {"op": "replace", "path": f"/metadata/managedFields/{index}/operation", "value": "Apply"},
-            ]
-            result = await _patch_tested(client, resource, name, patch, namespace=namespace)
-            version: str = result["metadata"]["resourceVersion"]
-            return version
-    return fence.resource_version
+    changes = _owned_by_apply(live["metadata"].get("managedFields") or [])
+    if not changes:
+        return fence.resource_version
+    test = {"op": "test", "path": "/metadata/resourceVersion", "value": fence.resource_version}
+    result = await _patch_tested(client, resource, name, [test, *changes], namespace=namespace)
+    version: str = result["metadata"]["resourceVersion"]
+    return version
+
+
+def _owned_by_apply(entries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """The JSON patch that makes one record of operation Apply of our records; empty when there is nothing to change."""
+    ours = {
+        entry.get("operation"): index
+        for index, entry in enumerate(entries)
+        if entry.get("manager") == OPERATOR_MANAGER and not entry.get("subresource")
+    }
+    update, apply = ours.get("Update"), ours.get("Apply")
+    if update is None:
+        return []
+    path = "/metadata/managedFields"
+    if apply is None:
+        return [{"op": "replace", "path": f"{path}/{update}/operation", "value": "Apply"}]
+    # Two records of one manager and operation: the server would keep only the later one.
+    fields = _merged(entries[apply].get("fieldsV1") or {}, entries[update].get("fieldsV1") or {})
+    return [
+        {"op": "replace", "path": f"{path}/{apply}/fieldsV1", "value": fields},
+        {"op": "remove", "path": f"{path}/{update}"},
+    ]
+
+
+def _merged(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
+    """The union of two sets of fields, which are written as nested maps with empty leaves."""
+    return {key: _merged(one.get(key, {}), other.get(key, {})) for key in {**one, **other}}
 
 
 async def _patch_tested(

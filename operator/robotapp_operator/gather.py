@@ -24,6 +24,7 @@ from robotapp_operator.plan.facts import InstanceFacts
 from robotapp_operator.plan.infrastructure import DISCOVERY
 from robotapp_operator.plan.instances import instances_of
 from robotapp_operator.plan.latency import EdgeView, edge_views
+from robotapp_operator.plan.newer import Held
 from robotapp_operator.plan.objects import Deployment, Pod, Telemetry
 from robotapp_operator.plan.parameters import parameter_states
 from robotapp_operator.plan.wish import App, Domain
@@ -120,7 +121,7 @@ def instance_facts(
     *,
     outcome: DomainOutcome | None,
     trouble: tuple[Reason, str] | None,
-    held: tuple[str, ...],
+    held: tuple[Held, ...],
 ) -> InstanceFacts:
     """One instance as observed. Its edges are as measured now, in the order of the spec."""
     pods = cache.pods_by_deployment(app.uid, instance.robot)

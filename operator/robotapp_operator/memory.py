@@ -10,6 +10,7 @@ from robotapp_api.model.names import Reason
 from robotapp_operator.plan.app import Problem
 from robotapp_operator.plan.facts import InstanceFacts
 from robotapp_operator.plan.latency import EdgeKey, EdgeView, Rest
+from robotapp_operator.plan.newer import Held
 from robotapp_operator.plan.pace import Bucket, Writing
 
 Trouble = tuple[Reason, str]
@@ -49,7 +50,7 @@ class AppMemory:
     """Of one app; tables are by instance name unless said otherwise.
 
     `outcomes`: the last answer to a request for a domain, granted or refused. `troubles`: what the server refused. `held`:
-    names of the templates that wait for approval. `settled`: by a Deployment's uid, its generation and the hash it was found
+    the templates that are not written although they differ. `settled`: by a Deployment's uid, its generation and the hash it was found
     with. `new_domains`: ids granted since the last status. `bugs`: per kind of work and instance. `chosen`: which instances
     and which problems the app had when it was last planned. `shown` and `rest`: the latency figures that its own status is
     about. `bucket`: when that status may be written. `reported`: what its last status was made of.
@@ -58,7 +59,7 @@ class AppMemory:
 
     outcomes: dict[str, DomainOutcome] = dataclasses.field(default_factory=dict)
     troubles: dict[str, Trouble] = dataclasses.field(default_factory=dict)
-    held: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
+    held: dict[str, tuple[Held, ...]] = dataclasses.field(default_factory=dict)
     settled: dict[str, tuple[int, str]] = dataclasses.field(default_factory=dict)
     new_domains: dict[str, int] = dataclasses.field(default_factory=dict)
     instances: dict[str, InstanceMemory] = dataclasses.field(default_factory=dict)

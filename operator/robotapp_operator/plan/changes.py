@@ -1,15 +1,17 @@
 """From wanted and observed children to the writes that are missing: `plan()` is total, pure and deterministic."""
 
 import dataclasses
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
 
 from robotapp_api.claims.identity import domain_literal
 from robotapp_api.claims.objects import ROS_DOMAIN_ID
 from robotapp_api.model.names import Annotation, Label
-from robotapp_operator.plan.children import DEPLOYMENT, SERVICE, Child
+from robotapp_operator.plan.children import DEPLOYMENT, SERVICE, Child, spec_hash
 from robotapp_operator.plan.compare import covers
 from robotapp_operator.plan.deployments import component_deployments
 from robotapp_operator.plan.infrastructure import infrastructure
+from robotapp_operator.plan.newer import Held, amend, written_by_newer
 from robotapp_operator.plan.objects import ChildRef, Deployment, Service
 from robotapp_operator.plan.parameters import ParameterState
 from robotapp_operator.plan.services import peers_service
@@ -22,19 +24,23 @@ Observed = Deployment | Service
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Change:
-    """Write `child`: create it, or apply it over `over` (its uid and resourceVersion become preconditions)."""
+    """Write `child`: create it, or apply it over `over` (its uid and resourceVersion become preconditions).
+
+    With `amended`, the whole spec to write, `over` stays as a newer operator rendered it in everything else.
+    """
 
     child: Child
     over: Observed | None
+    amended: dict[str, Any] | None = None
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Plan:
-    """`held`: children whose new template waits for approval. `foreign`: names somebody else has."""
+    """`held`: children whose template is not written although it differs. `foreign`: names somebody else has."""
 
     changes: tuple[Change, ...] = ()
     deletes: tuple[Observed, ...] = ()
-    held: tuple[str, ...] = ()
+    held: tuple[Held, ...] = ()
     foreign: tuple[str, ...] = ()
 
     def __bool__(self) -> bool:
@@ -71,7 +77,7 @@ def plan(
     form differs from ours in a way `covers` does not know, this ends what would be an endless series of equal writes.
     """
     changes: list[Change] = []
-    held: list[str] = []
+    held: list[Held] = []
     foreign: list[str] = []
     for child in wanted:
         over = observed.get(child.ref)
@@ -81,13 +87,28 @@ def plan(
             foreign.append(f"{child.ref.kind} {child.ref.name}")
         elif in_place(child, over, settled):
             continue
+        elif newer := written_by_newer(app, over, version):
+            found = amend(app, child, over)
+            if found.spec is not None and settled.get(over.metadata.uid) != (over.metadata.generation, child.hash):
+                changes.append(Change(child, over, found.spec))
+            if found.waits:
+                held.append(Held(child.ref.name, newer, version))
         elif is_held(app, child, over, version):
-            held.append(child.ref.name)
-        elif not is_newer(over.metadata.annotations.get(Annotation.RENDERED_BY, ""), version):
+            held.append(Held(child.ref.name))
+        else:
             changes.append(Change(child, over))
     names = {child.ref for child in wanted}
     deletes = [item for ref, item in sorted(observed.items()) if ref not in names and _prunable(app, item)]
     return Plan(tuple(changes), tuple(deletes), tuple(held), tuple(foreign))
+
+
+def still_running(uid: str, observed: Mapping[ChildRef, Observed]) -> list[Deployment]:
+    """Deployments of the app that want pods: what a suspended app must not have, whatever else is wrong with its spec."""
+    return [
+        item
+        for _, item in sorted(observed.items())
+        if isinstance(item, Deployment) and item.metadata.controller_uid == uid and item.spec.get("replicas", 1)
+    ]
 
 
 def in_place(child: Child, over: Observed, settled: Mapping[str, tuple[int, str]]) -> bool:
@@ -103,16 +124,20 @@ def in_place(child: Child, over: Observed, settled: Mapping[str, tuple[int, str]
 def is_held(app: App, child: Child, over: Observed, version: str) -> bool:
     """OnDemand: would only our being a newer version change the template?
 
-    Another generation, parameters file or domain is the user's doing or the protocol's, and rolls at once.
+    Another spec, parameters file or domain is the user's doing or the protocol's, and rolls at once.
     """
     if app.spec.update.operator != "OnDemand" or child.ref.kind != DEPLOYMENT or not isinstance(over, Deployment):
         return False
     rendered_by = over.metadata.annotations.get(Annotation.RENDERED_BY, "")
     if not is_newer(version, rendered_by) or app.annotations.get(Annotation.APPROVE_UPDATE) == version:
         return False
-    return over.metadata.annotations.get(Annotation.APP_GENERATION) == str(app.generation) and _inputs(
-        over.spec
-    ) == _inputs(child.spec)
+    marked = over.metadata.annotations.get(Annotation.SPEC_HASH)
+    if marked is None:
+        same = over.metadata.annotations.get(Annotation.APP_GENERATION) == str(app.generation)
+    else:
+        # Not the generation: an edit of another component moves that, and not this child's annotation.
+        same = marked == spec_hash(app, child.labels.get(Label.COMPONENT, ""))
+    return same and _inputs(over.spec) == _inputs(child.spec)
 
 
 def deployment_domain(deployment: Deployment) -> int | None:
@@ -122,18 +147,28 @@ def deployment_domain(deployment: Deployment) -> int | None:
 
 def template_env(spec: Mapping[str, object]) -> dict[str, str]:
     """Literal variables of a Deployment spec's first container."""
-    template = spec.get("template")
-    pod = template.get("spec") if isinstance(template, Mapping) else None
-    containers = pod.get("containers") if isinstance(pod, Mapping) else None
-    env = containers[0].get("env") if containers else None
+    env = next((container.get("env") for container in _containers(spec)), None)
     return {variable["name"]: variable.get("value", "") for variable in env or ()}
 
 
-def _inputs(spec: Mapping[str, object]) -> tuple[object, object, object]:
+def _containers(spec: Mapping[str, object]) -> Sequence[Mapping[str, Any]]:
+    template = spec.get("template")
+    pod = template.get("spec") if isinstance(template, Mapping) else None
+    return (pod.get("containers") if isinstance(pod, Mapping) else None) or ()
+
+
+def _inputs(spec: Mapping[str, object]) -> tuple[object, ...]:
+    """What comes from outside the spec, and what `spec_hash` leaves out."""
     template = spec.get("template")
     metadata = template.get("metadata") if isinstance(template, Mapping) else None
     annotations = (metadata.get("annotations") if isinstance(metadata, Mapping) else None) or {}
-    return template_env(spec).get(ROS_DOMAIN_ID), annotations.get(Annotation.PARAMETERS_HASH), spec.get("replicas")
+    images = [container.get("image") for container in _containers(spec)]
+    return (
+        template_env(spec).get(ROS_DOMAIN_ID),
+        annotations.get(Annotation.PARAMETERS_HASH),
+        spec.get("replicas"),
+        images[:1],
+    )
 
 
 def _prunable(app: App, item: Observed) -> bool:

@@ -8,6 +8,7 @@ from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME, Cond
 from robotapp_operator.plan.facts import AppFacts, InstanceFacts
 from robotapp_operator.plan.text import clip, shown
 from robotapp_operator.plan.troubled import cut_off_text, edge_text, rank_of, what_is_missing
+from robotapp_operator.plan.versions import version_key
 
 MAX_CONDITION_BYTES: Final = 2048
 """Bytes of a message of a RobotApp."""
@@ -177,7 +178,9 @@ def budget_met(facts: AppFacts) -> Verdict:
 
 
 def progressing(facts: AppFacts) -> Verdict:
-    held = [name for instance in facts.instances for name in instance.held]
+    if newer := newer_templates(facts):
+        return Verdict("False", Reason.NEWER_VERSION, newer)
+    held = [item.name for instance in facts.instances for item in instance.held]
     if held:
         return Verdict(
             "False",
@@ -202,6 +205,19 @@ def progressing(facts: AppFacts) -> Verdict:
         reason = blocked[0].refusal[0] if blocked[0].refusal else Reason.ROBOT_NODE_UNCLEAR
         return Verdict("False", reason, f"{len(blocked)} of {len(facts.instances)} instances wait for {what}")
     return Verdict("False", Reason.UP_TO_DATE, "every component has its newest template")
+
+
+def newer_templates(facts: AppFacts) -> str:
+    """How many templates of a newer operator hold an edit back and what to do; "" when none does."""
+    held = [item for instance in facts.instances for item in instance.held if item.newer]
+    if not held:
+        return ""
+    newest = max(held, key=lambda item: version_key(item.newer))
+    return (
+        f"{len(held)} {'template was' if len(held) == 1 else 'templates were'} written by operator {newest.newer}, which is newer than this one ({newest.ours}): "
+        "suspend, replicas, images and domains act, other edits wait; run the newer operator again, "
+        f"or annotate robotics.io/approve-update={newest.ours} to have this one write its own templates"
+    )
 
 
 def _blocked(instance: InstanceFacts) -> bool:

@@ -8,6 +8,7 @@ from robotapp_api.model.names import Reason
 from robotapp_operator.plan.app import Problem
 from robotapp_operator.plan.components import ComponentView
 from robotapp_operator.plan.latency import EdgeView
+from robotapp_operator.plan.newer import Held
 from robotapp_operator.plan.wish import App
 
 
@@ -31,7 +32,7 @@ class InstanceFacts:
     claims: tuple[str, ...] = ()
     refusal: tuple[Reason, str] | None = None
     trouble: tuple[Reason, str] | None = None
-    held: tuple[str, ...] = ()
+    held: tuple[Held, ...] = ()
     robot_online: bool = True
     infrastructure_ready: bool = True
     cut_off: tuple[str, ...] = ()

@@ -51,6 +51,7 @@ _TURNS = (
     _Turn(Condition.READY, reasons=frozenset({Reason.ROBOT_OFFLINE})),
     _Turn(Condition.PLACED, warning=False, status="True"),
     _Turn(Condition.PLACED, EventReason.NODE_REJECTED, reasons=frozenset({Reason.UNSCHEDULABLE})),
+    _Turn(Condition.PROGRESSING, reasons=frozenset({Reason.NEWER_VERSION})),
     _Turn(Condition.BUDGET_MET, reasons=frozenset({Reason.BUDGET_EXCEEDED})),
 )
 

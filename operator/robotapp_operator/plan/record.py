@@ -15,7 +15,10 @@ from robotapp_operator.plan.wish import App
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Record:
-    """`app` is None when the spec cannot be parsed; `problems` then says why."""
+    """`app` is None when the spec cannot be parsed; `problems` then says why.
+
+    `suspended` is read from the object itself: a user's stop must not depend on what else this version understands.
+    """
 
     name: str
     namespace: str
@@ -24,6 +27,7 @@ class Record:
     resource_version: str
     deleting: bool
     app: App | None
+    suspended: bool = False
     problems: tuple[Problem, ...] = ()
     status: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
@@ -71,6 +75,7 @@ def parse_record(
         resource_version=meta.get("resourceVersion", ""),
         deleting=bool(meta.get("deletionTimestamp")),
         app=app,
+        suspended=(body.get("spec") or {}).get("suspend") is True,
         problems=problems,
         status=body.get("status") or {},
     )

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from robotapp_api.model.conditions import condition
 from robotapp_api.model.names import Condition, Phase, Reason
-from robotapp_operator.plan.conditions import MAX_CONDITION_BYTES, conditions, ready
+from robotapp_operator.plan.conditions import MAX_CONDITION_BYTES, conditions, newer_templates, ready
 from robotapp_operator.plan.facts import AppFacts, InstanceFacts
 from robotapp_operator.plan.latency import EdgeView, shown_ms
 from robotapp_operator.plan.record import Record
@@ -119,7 +119,7 @@ def _summary(facts: AppFacts) -> dict[str, Any]:
         nodes=nodes_text(facts.instances),
         rmw=facts.rmw,
         discovery=facts.discovery,
-        message="" if verdict.status == "True" else clip(verdict.message, MAX_TEXT),
+        message=clip(newer_templates(facts) if verdict.status == "True" else verdict.message, MAX_TEXT),
     )
 
 

@@ -119,6 +119,44 @@ async def test_fields_that_are_ours_by_apply_need_no_further_write() -> None:
     assert client.methods() == ["get", "apply"]
 
 
+async def test_fields_of_an_amendment_join_the_record_of_our_applies() -> None:
+    """Left alone they would outlive the step or container they belong to, and renamed they would replace the record."""
+    both = live(manager="robotapp-operator")
+    applied = {"f:spec": {"f:replicas": {}, "f:template": {"f:spec": {}}}}
+    both["metadata"]["managedFields"][1]["fieldsV1"] = {"f:spec": {"f:strategy": {}, "f:template": {"f:metadata": {}}}}
+    both["metadata"]["managedFields"].append(
+        {"manager": "robotapp-operator", "operation": "Apply", "fieldsV1": applied}
+    )
+    client = ScriptedClient().always("get", both).always("patch", answer).always("apply", answer)
+    await run(client, change_of_one())
+    _, patch = client.calls[1][2]
+    template = {"f:spec": {}, "f:metadata": {}}
+    assert patch[1:] == [
+        {
+            "op": "replace",
+            "path": "/metadata/managedFields/2/fieldsV1",
+            "value": {"f:spec": {"f:replicas": {}, "f:strategy": {}, "f:template": template}},
+        },
+        {"op": "remove", "path": "/metadata/managedFields/1"},
+    ]
+
+
+async def test_a_template_of_a_newer_operator_is_amended_by_a_patch_of_the_version_that_was_read() -> None:
+    (change,) = change_of_one().changes
+    assert change.over is not None
+    client = ScriptedClient().always("patch", answer)
+    spec = {"replicas": 0}
+    fence = {change.child.ref.name: Fence(change.over.metadata.uid, "5")}
+    done = await run(client, Plan(changes=(Change(change.child, change.over, spec),)), fence)
+    assert client.methods() == ["patch"]
+    _, patch = client.calls[0][2]
+    assert patch == [
+        {"op": "test", "path": "/metadata/resourceVersion", "value": "5"},
+        {"op": "replace", "path": "/spec", "value": spec},
+    ]
+    assert done.settled == {"u": (3, change.child.hash)}
+
+
 async def test_a_domain_that_apply_cannot_remove_is_taken_out_of_exactly_the_version_apply_left() -> None:
     stray = {"name": "wait-for-names", "env": [{"name": "ROS_DOMAIN_ID", "value": "99"}]}
     applied = answer() | {"spec": {"template": {"spec": {"containers": [], "initContainers": [stray]}}}}

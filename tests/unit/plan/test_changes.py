@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 from tests.support.factories import VERSION, after, component, make_app
 
-from robotapp_api.model.names import Annotation
+from robotapp_api.model.names import Annotation, Label
 from robotapp_operator.plan.changes import Observed, Plan, deployment_domain, plan, wanted_children
 from robotapp_operator.plan.children import DEPLOYMENT, Child
 from robotapp_operator.plan.objects import ChildRef, Deployment
@@ -170,7 +170,7 @@ def test_an_older_operator_leaves_a_newer_ones_template_alone() -> None:
     app = make_app()
     observed = settled_world(app)
     ref = driver_of(observed)
-    newer = bent(observed[ref], spec__replicas=5)
+    newer = bent(observed[ref], spec__template__spec__enableServiceLinks=True)
     newer.metadata.annotations[Annotation.RENDERED_BY] = "1.10.0"
     observed[ref] = newer
     assert not planned(app, wanted(app), observed, version="1.9.0")
@@ -192,7 +192,18 @@ def test_on_demand_holds_what_only_a_newer_operator_would_change() -> None:
     app, observed = held_world()
     result = planned(app, wanted(app), observed)
     assert not result
-    assert [name.rsplit("-", 1)[0] for name in result.held] == ["teleop-driver"]
+    assert [item.name.rsplit("-", 1)[0] for item in result.held] == ["teleop-driver"]
+
+
+def test_on_demand_still_holds_a_template_after_an_edit_of_another_component() -> None:
+    """The edit moves the app's generation, and a template that it does not change keeps the older one in its annotation."""
+    _, observed = held_world()
+    edited = make_app(
+        component("operator", args=["new"]), component("driver"), update={"operator": "OnDemand"}, generation=2
+    )
+    result = planned(edited, wanted(edited), observed)
+    assert [item.name.rsplit("-", 1)[0] for item in result.held] == ["teleop-driver"]
+    assert [change.child.labels[Label.COMPONENT] for change in result.changes] == ["operator"]
 
 
 def test_an_approval_of_this_version_releases_held_templates() -> None:
@@ -204,8 +215,14 @@ def test_an_approval_of_this_version_releases_held_templates() -> None:
 
 def test_on_demand_never_holds_the_users_own_edit_or_another_domain() -> None:
     app, observed = held_world()
-    edited = dataclasses.replace(app, generation=2)
-    assert planned(edited, wanted(edited), observed).changes
+    edit: dict[str, Any] = {"update": {"operator": "OnDemand"}, "generation": 2}
+    for change in ({"args": ["new"]}, {"image": "reg/driver:2"}, {"replicas": 2}):
+        edited = make_app(component("operator"), component("driver", **change), **edit)
+        assert "driver" in [
+            change.child.labels[Label.COMPONENT] for change in planned(edited, wanted(edited), observed).changes
+        ]
+    suspended = make_app(suspend=True, **edit)
+    assert planned(suspended, wanted(suspended, running=False), observed).changes
     assert planned(app, wanted(app, domain=Domain(8, "dds.default.c.8")), observed).changes
 
 

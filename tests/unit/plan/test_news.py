@@ -37,8 +37,9 @@ def test_each_state_is_told_when_it_begins_and_not_again() -> None:
         Ready=("False", "CrashLoop", "c"),
         BudgetMet=("False", "BudgetExceeded", "d"),
         Placed=("True", "Placed", "e"),
+        Progressing=("False", "NewerVersion", "f"),
     )
-    told = ["InvalidSpec", "DomainExhausted", "ChildFailed", "Placed", "BudgetExceeded"]
+    told = ["InvalidSpec", "DomainExhausted", "ChildFailed", "Placed", "NewerVersion", "BudgetExceeded"]
     assert reasons({}, bad) == told
     assert reasons(bad, bad) == []
 

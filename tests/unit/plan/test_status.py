@@ -14,6 +14,7 @@ from robotapp_operator.plan.app import Problem
 from robotapp_operator.plan.components import ComponentView
 from robotapp_operator.plan.facts import AppFacts, InstanceFacts
 from robotapp_operator.plan.latency import EdgeView, edge_views, worst_first
+from robotapp_operator.plan.newer import Held
 from robotapp_operator.plan.status import MAX_STATUS_BYTES, domains_text, ranges, render_status
 from robotapp_operator.plan.text import stored_bytes
 
@@ -267,12 +268,24 @@ def test_missing_discovery_keeps_the_app_from_being_ready() -> None:
 
 
 def test_held_templates_and_bugs_are_shown() -> None:
-    held = status_of(instance(held=("teleop-driver",)))
+    held = status_of(instance(held=(Held("teleop-driver"),)))
     assert condition(held, Condition.PROGRESSING) == ("False", Reason.UPDATE_HELD)
     assert condition(status_of(instance(), bug="KeyError in children"), Condition.STALLED) == (
         "True",
         Reason.RECONCILE_ERROR,
     )
+
+
+def test_edits_that_a_newer_operators_templates_hold_back_are_counted_with_both_cures() -> None:
+    held = (Held("teleop-driver", "0.10.0", "0.2.0"), Held("teleop-operator", "0.9.0", "0.2.0"))
+    found = status_of(instance(UP, held=held))
+    assert condition(found, Condition.PROGRESSING) == ("False", Reason.NEWER_VERSION)
+    text = message(found, Condition.PROGRESSING)
+    assert text.startswith("2 templates were written by operator 0.10.0, which is newer than this one (0.2.0): ")
+    assert "run the newer operator again" in text
+    assert "robotics.io/approve-update=0.2.0" in text
+    assert condition(found, Condition.READY)[0] == "True"
+    assert found["summary"]["message"].startswith("2 templates were written by operator 0.10.0")
 
 
 def test_a_refused_child_stalls_the_app_with_the_servers_words() -> None:

@@ -1,0 +1,130 @@
+"""Templates that a newer operator wrote: which edits of the user this older one still carries out, and which it holds back.
+
+After a rollback the templates stay as the newer operator rendered them, because a wrong guess would roll every robot.
+What must never wait is written into them: replicas (so also `suspend`), the component's image, and the domain id, which
+is the protocol's. Everything else waits, and the status names it.
+"""
+
+import copy
+import dataclasses
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+from robotapp_api.claims.identity import domain_literal
+from robotapp_api.claims.objects import ROS_DOMAIN_ID
+from robotapp_api.model.names import WAITING_STEP, Annotation, Label
+from robotapp_operator.plan.children import DEPLOYMENT, Child, spec_hash
+from robotapp_operator.plan.objects import Deployment, Service
+from robotapp_operator.plan.versions import is_newer
+from robotapp_operator.plan.wish import App
+
+
+class Held(NamedTuple):
+    """A child whose template is not written. `newer` is the version of the operator that wrote it, "" when ours waits for approval."""
+
+    name: str
+    newer: str = ""
+    ours: str = ""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Amendment:
+    """What to do about a template of a newer operator: the spec to write (None: leave it), and whether an edit waits."""
+
+    spec: dict[str, Any] | None
+    waits: bool
+
+
+def written_by_newer(app: App, over: Deployment | Service, version: str) -> str:
+    """The newer operator's version, "" if there is none or the user has approved that ours takes over."""
+    writer = over.metadata.annotations.get(Annotation.RENDERED_BY, "")
+    approved = app.annotations.get(Annotation.APPROVE_UPDATE) == version
+    return writer if is_newer(writer, version) and not approved else ""
+
+
+def amend(app: App, child: Child, over: Deployment | Service) -> Amendment:
+    """What must act is written. A Service has nothing of that kind.
+
+    What the newer operator wrote for this very generation stands, but for a stop: two operators that each insisted on
+    their own would write for ever.
+    """
+    if child.ref.kind != DEPLOYMENT or not isinstance(over, Deployment):
+        return Amendment(None, waits=False)
+    spec = copy.deepcopy(over.spec)
+    seen = over.metadata.annotations.get(Annotation.APP_GENERATION) == str(app.generation)
+    if not seen or child.spec["replicas"] == 0:
+        _set_replicas(spec, child)
+    if not seen:
+        _set_image(spec, child)
+    _set_domain(spec, child)
+    return Amendment(None if spec == over.spec else spec, waits=_edit_waits(app, child, over))
+
+
+def _set_replicas(spec: dict[str, Any], child: Child) -> None:
+    """Of infrastructure only whether it runs: how many servers there are is the renderer's business."""
+    have, wanted = spec.get("replicas", 1), child.spec["replicas"]
+    if have == wanted or (_component(child) == "" and have and wanted):
+        return
+    spec["replicas"] = wanted
+    if (spec.get("strategy") or {}).get("type") != child.spec["strategy"]["type"]:
+        spec["strategy"] = child.spec["strategy"]
+
+
+def _set_image(spec: dict[str, Any], child: Child) -> None:
+    """The component's container, and the init step that runs in the same image."""
+    name = _component(child)
+    main = next((item for item in _containers(spec, "containers") if item.get("name") == name), None)
+    wanted = next((item for item in _containers(child.spec, "containers") if item["name"] == name), None)
+    if main is None or wanted is None or main.get("image") == wanted["image"]:
+        return
+    for step in _containers(spec, "initContainers"):
+        if step.get("name") == WAITING_STEP and step.get("image") == main.get("image"):
+            step["image"] = wanted["image"]
+    main["image"] = wanted["image"]
+
+
+def _set_domain(spec: dict[str, Any], child: Child) -> None:
+    """A template that names an id its instance does not hold would start no pod, or keep pods on somebody else's id."""
+    wanted = {variable["value"] for variable in _domain_variables(child.spec)}
+    stale = [variable for variable in _domain_variables(spec) if variable["value"] not in wanted]
+    if len(wanted) != 1 or not stale:
+        return
+    for variable in stale:
+        variable["value"] = min(wanted)
+    claim = _annotations(child.spec).get(Annotation.DOMAIN_CLAIM)
+    annotations = spec["template"].setdefault("metadata", {}).setdefault("annotations", {})
+    if claim:
+        annotations[Annotation.DOMAIN_CLAIM.value] = claim
+    else:
+        annotations.pop(Annotation.DOMAIN_CLAIM.value, None)
+
+
+def _edit_waits(app: App, child: Child, over: Deployment) -> bool:
+    """Has the user changed something since the template was written that is not carried out in it?"""
+    marked = over.metadata.annotations.get(Annotation.SPEC_HASH)
+    if marked is None:
+        return over.metadata.annotations.get(Annotation.APP_GENERATION) != str(app.generation)
+    files = (_annotations(spec).get(Annotation.PARAMETERS_HASH) for spec in (over.spec, child.spec))
+    return marked != spec_hash(app, _component(child)) or len(set(files)) > 1
+
+
+def _component(child: Child) -> str:
+    return child.labels.get(Label.COMPONENT, "")
+
+
+def _containers(spec: Mapping[str, Any], place: str) -> list[dict[str, Any]]:
+    pod = (spec.get("template") or {}).get("spec") or {}
+    return pod.get(place) or []
+
+
+def _domain_variables(spec: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    for place in ("initContainers", "containers"):
+        for container in _containers(spec, place):
+            for variable in container.get("env") or ():
+                if variable.get("name") == ROS_DOMAIN_ID and domain_literal(variable.get("value", "")) is not None:
+                    yield variable
+
+
+def _annotations(spec: Mapping[str, Any]) -> Mapping[str, str]:
+    metadata = (spec.get("template") or {}).get("metadata") or {}
+    return metadata.get("annotations") or {}
