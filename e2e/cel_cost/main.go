@@ -1,9 +1,11 @@
-// Prints the static cost of every CEL rule of CustomResourceDefinitions, as the API server estimates it before it takes
-// one: each rule may cost 10 million units over the largest object the schema allows, all rules of a schema 100 million.
+// Compiles every CEL expression of CustomResourceDefinitions and ValidatingAdmissionPolicies as the API server does
+// before it takes one, and prints the static cost of the rules: each rule may cost 10 million units over the largest
+// object the schema allows, all rules of a schema 100 million. Expressions of policies have no static cost.
 //
-//	cel-cost [-version 1.32] FILE.yaml...     JSON on standard output
+//	cel-cost [-release 1.32] FILE.yaml...     one object per file; JSON on standard output
 //
-// -version compiles with what the rules of that Kubernetes release may use; a rule that does not compile is an error.
+// -release compiles as the API server of that Kubernetes release does, whose new expressions may use only what the
+// release before it knew as well: a cluster must survive a rollback. What does not compile has an error in the output.
 package main
 
 import (
@@ -17,6 +19,7 @@ import (
 	v1 "k8s.io/apiextensions-apiserver/pkg/apis/apiextensions/v1"
 	"k8s.io/apiextensions-apiserver/pkg/apis/apiextensions/validation"
 	"k8s.io/apiextensions-apiserver/pkg/apiserver/schema/cel"
+	metav1 "k8s.io/apimachinery/pkg/apis/meta/v1"
 	"k8s.io/apimachinery/pkg/util/version"
 	limits "k8s.io/apiserver/pkg/apis/cel"
 	"k8s.io/apiserver/pkg/cel/environment"
@@ -26,7 +29,7 @@ import (
 // Cost of one rule or message over the largest object.
 type Cost struct {
 	Path  string `json:"path"`
-	Kind  string `json:"kind"` // rule or message
+	Kind  string `json:"kind"` // rule or message; of policies variable, condition, validation or message
 	Units uint64 `json:"units"`
 	Text  string `json:"text"`
 	Error string `json:"error,omitempty"`
@@ -109,6 +112,20 @@ func report(file string, base *environment.EnvSet) (Report, error) {
 	if err != nil {
 		return Report{}, err
 	}
+	var object metav1.TypeMeta
+	if err := yaml.Unmarshal(text, &object); err != nil {
+		return Report{}, err
+	}
+	switch object.Kind {
+	case "CustomResourceDefinition":
+		return definitionReport(file, text, base)
+	case "ValidatingAdmissionPolicy":
+		return policyReport(file, text, base)
+	}
+	return Report{}, fmt.Errorf("kind %q is not known here: CustomResourceDefinition and ValidatingAdmissionPolicy are", object.Kind)
+}
+
+func definitionReport(file string, text []byte, base *environment.EnvSet) (Report, error) {
 	var definition v1.CustomResourceDefinition
 	if err := yaml.UnmarshalStrict(text, &definition); err != nil {
 		return Report{}, err
@@ -134,11 +151,11 @@ func report(file string, base *environment.EnvSet) (Report, error) {
 }
 
 func main() {
-	release := flag.String("version", "", "Kubernetes release whose rules are compiled, such as 1.32")
+	release := flag.String("release", "", "Kubernetes release whose API server is to take the expressions, such as 1.32")
 	flag.Parse()
 	wanted := environment.DefaultCompatibilityVersion()
 	if *release != "" {
-		wanted = version.MustParse(*release)
+		wanted = version.MustParseGeneric(*release).SubtractMinor(1)
 	}
 	base := environment.MustBaseEnvSet(wanted)
 	reports := make([]Report, 0, flag.NArg())

@@ -27,14 +27,14 @@ def cache_home(env: Mapping[str, str] = os.environ) -> Path:
     return Path(base) / "robotapp"
 
 
-def module_key(go_version: str, *, module_dir: Path = pins.MODULE_DIR) -> str:
+def module_key(go_version: str, *, module_dir: Path = pins.MODULE_DIR, ldflags: str = pins.LDFLAGS) -> str:
     """Hash of everything a compiled binary depends on."""
     digest = hashlib.sha256()
     for part in (
         (module_dir / "go.mod").read_bytes(),
         (module_dir / "go.sum").read_bytes(),
         go_version.encode(),
-        pins.LDFLAGS.encode(),
+        ldflags.encode(),
     ):
         digest.update(hashlib.sha256(part).digest())
     return digest.hexdigest()[:16]
@@ -98,8 +98,11 @@ def locked(path: Path, *, on_wait: Callable[[], None] = lambda: None) -> Iterato
         yield
 
 
-def built_store(go_version: str, *, home: Path | None = None) -> Store:
-    return Store((home or cache_home()) / "controlplane" / f"built-{module_key(go_version)}")
+def built_store(
+    go_version: str, *, home: Path | None = None, module_dir: Path = pins.MODULE_DIR, ldflags: str = pins.LDFLAGS
+) -> Store:
+    key = module_key(go_version, module_dir=module_dir, ldflags=ldflags)
+    return Store((home or cache_home()) / "controlplane" / f"built-{key}")
 
 
 def release_store(*, home: Path | None = None) -> Store:

@@ -21,9 +21,9 @@ def build_environment(env: Mapping[str, str]) -> dict[str, str]:
     return {**env, **fixed}
 
 
-def command(go: Go, binary: pins.Binary, target: Path) -> list[str]:
+def command(go: Go, binary: pins.Binary, target: Path, *, ldflags: str = pins.LDFLAGS) -> list[str]:
     # -v prints each package as it is compiled: the progress shown to the user.
-    return [str(go.program), "build", "-v", "-trimpath", "-ldflags", pins.LDFLAGS, "-o", str(target), binary.package]
+    return [str(go.program), "build", "-v", "-trimpath", "-ldflags", ldflags, "-o", str(target), binary.package]
 
 
 def build(
@@ -34,13 +34,14 @@ def build(
     on_line: Callable[[str], None],
     env: Mapping[str, str] = os.environ,
     module_dir: Path = pins.MODULE_DIR,
+    ldflags: str = pins.LDFLAGS,
 ) -> None:
     """Write the binary to `target`. `on_line` gets each line Go prints. An interrupt ends the compiler as well."""
     last: list[str] = []
     # Go's own temporary files go beside the target: a killed compiler leaves them, and the next caller removes them there.
     with tempfile.TemporaryDirectory(dir=target.parent, prefix=f"{target.name}-") as temporary:
         process = subprocess.Popen(
-            launcher(command(go, binary, target)),
+            launcher(command(go, binary, target, ldflags=ldflags)),
             cwd=module_dir,
             env={**build_environment(env), "GOTMPDIR": temporary},
             stdin=subprocess.DEVNULL,

@@ -22,7 +22,16 @@ REPOSITORY: Final = Path(__file__).resolve().parents[2]
 MODULE_DIR: Final = REPOSITORY / "e2e" / "controlplane"
 
 _VERSION_PACKAGE = "k8s.io/component-base/version"
-LDFLAGS: Final = f"-s -w -X {_VERSION_PACKAGE}.gitVersion={KUBERNETES} -X {_VERSION_PACKAGE}.gitMajor=1 -X {_VERSION_PACKAGE}.gitMinor=37"
+
+
+def ldflags(kubernetes: str) -> str:
+    """Linker flags: no symbols, and the version that Kubernetes' programs report."""
+    major, minor, _ = kubernetes.removeprefix("v").split(".")
+    stamps = {"gitVersion": kubernetes, "gitMajor": major, "gitMinor": minor}
+    return " ".join(["-s -w", *(f"-X {_VERSION_PACKAGE}.{name}={value}" for name, value in stamps.items())])
+
+
+LDFLAGS: Final = ldflags(KUBERNETES)
 
 
 @dataclass(frozen=True, slots=True)

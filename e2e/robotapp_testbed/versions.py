@@ -1,0 +1,47 @@
+"""Control planes of other Kubernetes versions than the testbed's own, for `scripts/bench versions`.
+
+Only Kubernetes' servers differ; etcd, kwok, helm and kubectl stay the testbed's own. Each version has a Go module of its
+own under e2e/controlplane, because one module can hold only one version of Kubernetes.
+"""
+
+import os
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Final
+
+from robotapp_testbed import cache, gobuild, pins, toolchain
+from robotapp_testbed.failures import TestbedError
+from robotapp_testbed.progress import Progress
+
+OTHERS: Final = {"1.35": "v1.35.4", "1.36": "v1.36.3"}
+"""Minor version, which is also the folder of its Go module, → the release that is compiled."""
+PROGRAMS: Final = ("kube-apiserver", "kube-controller-manager", "kube-scheduler")
+
+
+def module_dir(minor: str) -> Path:
+    if minor not in OTHERS:
+        raise TestbedError(f"Kubernetes {minor} is not among the versions to compile, which are {', '.join(OTHERS)}")
+    return pins.MODULE_DIR / minor
+
+
+def servers(minor: str, *, progress: Progress | None = None, env: Mapping[str, str] = os.environ) -> Path:
+    """The folder with PROGRAMS of that version, for ROBOTAPP_ASSETS. Compiles what is missing (about ten minutes on two cores)."""
+    shown = progress or Progress()
+    folder, ldflags = module_dir(minor), pins.ldflags(OTHERS[minor])
+    home = cache.cache_home(env)
+    go = toolchain.find(env, home=home) or toolchain.install_wheel(shown.say, home=home)
+    store = cache.built_store(go.version, home=home, module_dir=folder, ldflags=ldflags)
+    missing = [pins.binary(name) for name in PROGRAMS if store.get(name) is None]
+    shown.plan([(f"compiling {binary.name} {OTHERS[minor]}", float(binary.compile_s)) for binary in missing])
+    for binary in missing:
+        waiting = partial(
+            shown.say, f"{binary.name} {OTHERS[minor]} is being compiled by another process: waiting for it"
+        )
+        with (
+            shown.step(f"compiling {binary.name} {OTHERS[minor]}") as note,
+            store.adding(binary.name, on_wait=waiting) as target,
+        ):
+            if target:
+                gobuild.build(go, binary, target, on_line=note, env=env, module_dir=folder, ldflags=ldflags)
+    return store.directory
