@@ -3,12 +3,17 @@
 It saves work, nothing more: two leaders for a moment are possible (a paused process wakes up late), so no decision may
 depend on being the only one. Clocks of machines are never compared: a lease counts as abandoned when *we* have watched
 it unchanged for its whole duration.
+
+Two clocks of this machine count. Our own leadership runs out by boot time, which goes on while the machine is suspended: a
+laptop that wakes up after an hour does not lead for another ten seconds beside its successor. Another's lease is watched
+by the client's clock, which stands still meanwhile: who slept has watched nothing.
 """
 
 import asyncio
 import logging
 import secrets
 import socket
+import time
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
@@ -26,6 +31,11 @@ RELEASE_TIMEOUT_S: Final = 3.0
 JITTER: Final = 0.2
 
 
+def boot_time() -> float:
+    """Seconds since this machine started, with those it was suspended; where the system has no such clock, the monotonic one."""
+    return time.clock_gettime(getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC))
+
+
 def candidate_identity(environ: Mapping[str, str]) -> str:
     """Who we are to a Lease: the pod's name (POD_NAME), else this host and a random part.
 
@@ -36,7 +46,10 @@ def candidate_identity(environ: Mapping[str, str]) -> str:
 
 
 class LeaderElection:
-    """One candidate. `run` returns when leadership is lost; then the process should exit and be started afresh."""
+    """One candidate. `run` returns when leadership is lost; then the process should exit and be started afresh.
+
+    `clock` counts what is left of our own leadership, in seconds.
+    """
 
     def __init__(
         self,
@@ -49,6 +62,7 @@ class LeaderElection:
         renew_deadline_s: float = RENEW_DEADLINE_S,
         retry_period_s: float = RETRY_PERIOD_S,
         now: Now = utc_now,
+        clock: Callable[[], float] = boot_time,
     ) -> None:
         if not lease_duration_s > renew_deadline_s > retry_period_s * (1 + JITTER) > 0:
             raise ValueError("a lease needs duration > renew deadline > 1.2 x retry period > 0")
@@ -62,6 +76,7 @@ class LeaderElection:
         self._deadline_s = renew_deadline_s
         self._period_s = retry_period_s
         self._now = now
+        self._clock = clock
         self._lease: Json | None = None  # as last read or written; None: read before the next attempt
         self._observed: tuple[Any, ...] = ()
         self._observed_at = float("-inf")
@@ -78,8 +93,8 @@ class LeaderElection:
 
     @property
     def is_leader(self) -> bool:
-        """Whether our last renewal is still within the deadline: false in a process that slept too long."""
-        return self._client.clock() - self._renewed_at < self._deadline_s
+        """Whether our last renewal is still within the deadline: false in a process, or on a machine, that slept too long."""
+        return self._clock() - self._renewed_at < self._deadline_s
 
     async def run(self, on_started: Callable[[], None], on_lost: Callable[[], None]) -> None:
         """Wait for the lease, call `on_started`, renew until it is lost, call `on_lost`, return.
@@ -105,7 +120,7 @@ class LeaderElection:
 
     async def _renew(self) -> None:
         """One attempt, given up at the deadline: an answer that comes later is worth nothing."""
-        remaining_s = self._renewed_at + self._deadline_s - self._client.clock()
+        remaining_s = self._renewed_at + self._deadline_s - self._clock()
         if remaining_s <= 0:
             return
         try:
@@ -119,7 +134,7 @@ class LeaderElection:
 
     async def _attempt(self) -> bool:
         """Take or renew the lease if it is free, ours or abandoned. False is a normal outcome."""
-        started = self._client.clock()
+        started = self._clock()
         try:
             if self._lease is None or self.holder != self._identity:
                 self._observe(await self._client.get(LEASES, self._name, namespace=self._namespace))

@@ -2,6 +2,7 @@
 
 import asyncio
 import random
+import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from datetime import UTC, datetime, timedelta
@@ -13,7 +14,7 @@ from hypothesis import strategies as st
 from tests.support.apiserver import Key, Store
 from tests.support.memory import ManualTime, MemoryTransport, Mishap, memory_client, settle
 
-from robotapp_api.client.lease import LeaderElection, candidate_identity
+from robotapp_api.client.lease import LeaderElection, boot_time, candidate_identity
 
 KEY = Key("coordination.k8s.io/leases", "robots", "scheduler")
 NOON = datetime(2026, 1, 1, 12, tzinfo=UTC)
@@ -24,6 +25,7 @@ class Candidate:
 
     def __init__(self, store: Store, name: str, *, wrong_by: timedelta = timedelta(), **settings: Any) -> None:
         self.time = ManualTime()
+        self.suspended_s = 0.0
         self.network = MemoryTransport(store)
         self.said: list[str] = []
         client = memory_client(self.network, self.time)
@@ -33,6 +35,7 @@ class Candidate:
             "scheduler",
             name,
             now=lambda: NOON + wrong_by + timedelta(seconds=self.time.now_s),
+            clock=lambda: self.time.now_s + self.suspended_s,
             **settings,
         )
         self.task = asyncio.create_task(
@@ -226,6 +229,34 @@ async def test_a_process_that_was_stopped_knows_at_once_that_it_may_not_lead() -
         assert a.said == ["started", "lost"]
 
 
+async def test_a_machine_that_was_suspended_does_not_lead_when_it_wakes_up() -> None:
+    """The monotonic clock stands still meanwhile; by that one the old leader would lead for up to ten seconds beside the new."""
+    async with candidates("a", "b") as (_, a, b):
+        a.suspended_s = 17
+        await pass_time(17, b)
+        assert b.leads
+        assert not a.leads
+        await pass_time(3, a)
+        assert a.said == ["started", "lost"]
+
+
+async def test_a_suspended_candidate_has_watched_nothing_meanwhile() -> None:
+    async with candidates("a", "b") as (_, a, b):
+        await pass_time(4, a, b)
+        b.suspended_s = 3600
+        a.network.down = True
+        await pass_time(10, b)
+        assert not b.leads
+        await pass_time(8, b)
+        assert b.leads
+
+
+def test_leadership_runs_out_by_the_clock_that_counts_a_suspend() -> None:
+    found = LeaderElection(memory_client(MemoryTransport(Store()), ManualTime()), "n", "l", "a")
+    assert found._clock is boot_time
+    assert abs(boot_time() - time.clock_gettime(time.CLOCK_BOOTTIME)) < 1
+
+
 async def test_two_that_see_an_abandoned_lease_do_not_both_get_it() -> None:
     async with candidates("dead", "b", "c") as (store, _, b, c):
         for _ in range(60):
@@ -256,7 +287,7 @@ async def test_an_exception_in_the_work_gives_the_lease_back() -> None:
         raise RuntimeError("bug")
 
     store, time = Store(), ManualTime()
-    election = LeaderElection(memory_client(MemoryTransport(store), time), "robots", "scheduler", "a")
+    election = LeaderElection(memory_client(MemoryTransport(store), time), "robots", "scheduler", "a", clock=time.clock)
     with pytest.raises(RuntimeError, match="bug"):
         await election.run(stumble, lambda: None)
     assert "holderIdentity" not in store.objects[KEY]["spec"]
