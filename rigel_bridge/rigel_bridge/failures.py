@@ -1,7 +1,12 @@
 """What the bridge tells its user: a place, what is wrong and what is allowed."""
 
+import re
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Final
+
+# Control characters, halves of characters, other line ends, and what turns the direction of the text after it.
+_CONTROL: Final = re.compile("[\\x00-\\x1f\\x7f-\\x9f\\u200e\\u200f\\u2028-\\u202e\\u2066-\\u2069\\ud800-\\udfff]")
 
 
 class Exit(IntEnum):
@@ -33,6 +38,16 @@ class BridgeError(Exception):
         super().__init__(f"{place}: {message}")
         self.place = place
         self.code = code
+
+
+def control_character(text: str, *, allowed: str = "") -> str:
+    """The first character of a text that a terminal would act on instead of printing it; empty when there is none."""
+    return next((found for found in _CONTROL.findall(text) if found not in allowed), "")
+
+
+def printable(text: str) -> str:
+    """The text for a terminal: what it would act on is written as an escape. Keys and values of a file stand in messages."""
+    return _CONTROL.sub(lambda match: f"\\u{ord(match[0]):04x}", text)
 
 
 def nearest(word: str, known: list[str]) -> str:

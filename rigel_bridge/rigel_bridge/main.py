@@ -3,6 +3,7 @@
 import argparse
 import hashlib
 import os
+import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,16 +12,18 @@ import yaml
 
 from rigel_bridge import __version__
 from rigel_bridge.document import STANDARD_INPUT, parse, read_bytes
-from rigel_bridge.failures import BridgeError, Exit, Place
+from rigel_bridge.failures import BridgeError, Exit, Place, printable
 from rigel_bridge.render import render
 from rigel_bridge.rigelfile import load
 
+_NAMESPACE = re.compile(r"[a-z0-9]([-a-z0-9]{0,61}[a-z0-9])?")
 _EXAMPLES = """\
 examples:
   rigel-bridge render                                    the Rigelfile of this folder, to the screen
   rigel-bridge render ws/Rigelfile | kubectl apply -f -  straight to the cluster
   git show v1:Rigelfile | rigel-bridge render - --name amr-teleop
   rigel-bridge render --name amr-teleop -n fleet -o k8s/teleop.yaml
+  TAG=1.4.0 rigel-bridge render --env TAG                {{ TAG }} from the environment, and nothing else
 
 exit codes:
   0 done   2 wrong usage   70 file unreadable   71 not the YAML we accept
@@ -32,16 +35,19 @@ Errors are one line: file:line: what is wrong; what is allowed. Notes go to stan
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit code."""
-    arguments = _parser().parse_args(argv)
+    parser = _parser()
+    arguments = parser.parse_args(argv)
+    if unset := [name for name in arguments.env if name not in os.environ]:
+        parser.error(f"--env {unset[0]}: this variable is not set; set it, or leave the flag out")
     try:
         text, notes = _render(arguments)
         for note in notes:
-            sys.stderr.write(f"note: {note}\n")
+            sys.stderr.write(f"note: {printable(note)}\n")
         if notes and arguments.strict:
             return Exit.INVALID
         _write(text, arguments.output)
     except BridgeError as error:
-        sys.stderr.write(f"{error}\n")
+        sys.stderr.write(f"{printable(str(error))}\n")
         return error.code
     except BrokenPipeError:  # `| head` closed the pipe: nothing more to say
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -72,20 +78,38 @@ def _parser() -> argparse.ArgumentParser:
         help="file to read, - for standard input (default: ./Rigelfile)",
     )
     command.add_argument("--name", help="name of the RobotApp (default: from the file, else the folder's name)")
-    command.add_argument("-n", "--namespace", help="its namespace (default: from the file, else none)")
+    command.add_argument(
+        "-n",
+        "--namespace",
+        type=_namespace,
+        help="its namespace (default: none, never the file's: kubectl's own decides)",
+    )
     command.add_argument("-o", "--output", type=Path, help="file to write instead of standard output")
     command.add_argument(
-        "--no-env", action="store_true", help="look {{ names }} up in vars only, not in the environment"
+        "--env",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="take {{ NAME }} from the environment when it is not in vars; once per variable (default: none is taken)",
     )
     command.add_argument("--strict", action="store_true", help="write nothing and fail with 72 when there is a note")
     return parser
+
+
+def _namespace(text: str) -> str:
+    """An argument of --namespace. Raises what argparse turns into wrong usage."""
+    if not _NAMESPACE.fullmatch(text):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is no name of a namespace; allowed: up to 63 lower-case letters, digits and dashes, for example fleet"
+        )
+    return text
 
 
 def _render(arguments: argparse.Namespace) -> tuple[str, tuple[str, ...]]:
     path: Path = arguments.rigelfile
     data = read_bytes(path)
     shown = "standard input" if path == STANDARD_INPUT else str(path)
-    rigelfile = load(parse(data, shown), {} if arguments.no_env else os.environ)
+    rigelfile = load(parse(data, shown), {allowed: os.environ[allowed] for allowed in arguments.env})
     rendered = render(
         rigelfile,
         name=arguments.name or path.resolve().parent.name,

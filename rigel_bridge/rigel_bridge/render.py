@@ -50,7 +50,8 @@ def render(
     namespace: str | None = None,
     provenance: dict[str, str] | None = None,
 ) -> Rendered:
-    """`name` is used when the file gives none or with `override`; provenance becomes annotations.
+    """`name` is used when the file gives none or with `override`; provenance becomes annotations. The file has no say in
+    the namespace: whoever applies the app chooses it.
 
     BridgeError for anything the API server would refuse by structure.
     """
@@ -65,6 +66,10 @@ def render(
             for key, node in block.node.mapping().items()
             if key in _OF_REFERENCE_PLUGIN and key != "deployment_name"
         ]
+        if chosen := block.get("namespace"):
+            notes.append(
+                f"{chosen.place}: {chosen.path} is not carried over: the command line names the namespace (-n), not the file"
+            )
     names = _components(rigelfile.packages, block, draft)
     _ros(rigelfile, block, draft, notes)
     if block is not None:
@@ -85,8 +90,8 @@ def _metadata(
     given = block.first("name", "deployment_name") if block and not override else None
     text = block.text_of(given) if block and given else name
     metadata: dict[str, Any] = {"name": checked_label(text, given or rigelfile.node, longest=MAX_APP_NAME)}
-    if chosen := namespace or (block.text("namespace") if block else None):
-        metadata["namespace"] = chosen
+    if namespace:
+        metadata["namespace"] = namespace
     return metadata
 
 
@@ -161,8 +166,10 @@ def _lift_environment(package: Package, draft: Draft) -> None:
         value = package.env.get(variable)
         if value is None:
             continue
-        if field == "domain" and not value.isdecimal():
-            raise package.node.fail(f"env {variable} must be a number, found {value!r}")
+        if field == "domain" and not scheduling.DOMAIN.fullmatch(value):
+            raise package.node.fail(
+                f"env {variable} must be a number from 0 to {scheduling.MAX_DOMAIN}, found {value[:80]!r}"
+            )
         draft.put(("ros2", field), int(value) if field == "domain" else value, package.node)
 
 

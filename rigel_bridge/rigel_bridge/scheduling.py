@@ -4,6 +4,7 @@ Its field names are those of the thesis that introduced the block; every one of 
 nothing is lost. `shared-data` and `dds-domain` are also accepted with a hyphen, as the pod annotations are written.
 """
 
+import re
 from collections.abc import Iterator
 from typing import Any, Final
 
@@ -24,7 +25,9 @@ _QOS: Final = ("realtime", "sensor_data", "system_default", "best_effort")
 _CLAIMED: Final = frozenset({"usb", "can", "serial", "gpio"})
 """Hardware one component has for itself; everything else is a property of the node."""
 _DEFAULT_DOMAINS: Final = ((1, 101), (215, 232))
-_MAX_DOMAIN: Final = 232
+MAX_DOMAIN: Final = 232
+DOMAIN: Final = re.compile("[0-9]{1,3}")
+"""ASCII digits only, and few: int() reads digits of every script, and of long numbers it raises."""
 
 
 def apply_to_app(block: Section, draft: Draft) -> None:
@@ -120,8 +123,8 @@ def _domain(block: Section, node: Node, draft: Draft) -> None:
     if node.value == "auto":
         return
     text = node.raw if node.kind == "int" else block.text_of(node)
-    if not text.isdecimal() or int(text) > _MAX_DOMAIN:
-        raise node.fail(f"{text!r} is not a DDS domain; allowed: auto, or a number from 0 to {_MAX_DOMAIN}")
+    if not DOMAIN.fullmatch(text) or int(text) > MAX_DOMAIN:
+        raise node.fail(f"{text[:80]!r} is not a DDS domain; allowed: auto, or a number from 0 to {MAX_DOMAIN}")
     draft.put(("ros2", "domain"), int(text), node)
 
 

@@ -1,6 +1,9 @@
 """Rigel 0.2's templates: `{{ name }}` from the file's vars, then from the environment. Anything else stays as it is.
 
 Only text that the RobotApp needs is rendered, so an unset registry password does not stop anybody.
+
+Rigelfiles come from repositories one does not own, so a file takes no more than it was given: of the environment the
+variables that the user named, and of memory and time what the bounds below allow, for all of its texts together.
 """
 
 import re
@@ -9,35 +12,88 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from rigel_bridge.document import Node
-from rigel_bridge.failures import nearest
+from rigel_bridge.failures import control_character, nearest
 
+MAX_VALUE: Final = 4096
+"""Characters of one value that stands for a name."""
+MAX_NESTED: Final = 16
+MAX_REPLACED: Final = 10_000
+MAX_EXPANDED: Final = 256 * 1024
+"""Characters that all names of a file together stand for: as much as the file itself may have."""
 # Rigel looks for these characters and then drops all blanks and braces from the name.
 _MARK: Final = re.compile(r"\{\{([a-zA-Z0-9_\s\-!?]+)\}\}")
 _DROPPED: Final = re.compile(r"[{} ]")
 
 
+@dataclass(slots=True)
+class Spent:
+    """What a file has used of its bounds so far."""
+
+    replaced: int = 0
+    characters: int = 0
+
+    def one_more(self, node: Node) -> None:
+        """Counted before the work is done: names that stand for nothing cost time as well."""
+        self.replaced += 1
+        if self.replaced > MAX_REPLACED:
+            raise node.fail(f"the file has more than {MAX_REPLACED} replaced names, counting those inside vars")
+
+    def add(self, node: Node, value: str) -> str:
+        self.characters += len(value)
+        if self.characters > MAX_EXPANDED:
+            raise node.fail(f"the names of the file stand for more than {MAX_EXPANDED // 1024} KiB of text")
+        return value
+
+
 @dataclass(frozen=True, slots=True)
 class Templates:
-    """Where names are looked up. `environment` is empty when the user asked not to use it."""
+    """Where names are looked up. `environment` holds the variables that the user named, and no others."""
 
     variables: Mapping[str, Node] = field(default_factory=dict)
     environment: Mapping[str, str] = field(default_factory=dict)
+    spent: Spent = field(default_factory=Spent)
 
     def render(self, node: Node, text: str, *, inside: tuple[str, ...] = ()) -> str:
         """`text` of `node` with its marks replaced; an unknown name is an error. `inside`: the vars being rendered."""
         return _MARK.sub(lambda match: self._value(node, _DROPPED.sub("", match[1]), inside), text)
 
     def _value(self, node: Node, name: str, inside: tuple[str, ...]) -> str:
+        self.spent.one_more(node)
         if name in inside:
             raise node.fail(f"{{{{ {name} }}}} stands for itself: {' -> '.join((*inside, name))}")
+        if len(inside) >= MAX_NESTED:
+            raise node.fail(f"vars stand for one another more than {MAX_NESTED} deep; write the value out")
         if name in self.variables:
-            variable = self.variables[name]
-            if not isinstance(variable.value, str):
-                raise variable.fail(
-                    f"must be text for {{{{ {name} }}}} in {node.path}, found {variable.described()}; put it in quotes"
-                )
-            return self.render(variable, variable.value, inside=(*inside, name))
-        if name in self.environment:
-            return self.environment[name]
-        known = sorted(self.variables)
-        raise node.fail(f"{{{{ {name} }}}} is neither in vars nor in the environment{nearest(name, known)}")
+            value = self.render(self.variables[name], self._variable(node, name), inside=(*inside, name))
+        elif name in self.environment:
+            value = self._from_environment(node, name)
+        else:
+            hint = nearest(name, sorted(self.variables))
+            raise node.fail(f"{{{{ {name} }}}} is not in vars{hint}; --env {name} takes it from the environment")
+        return self.spent.add(node, value)
+
+    def _variable(self, node: Node, name: str) -> str:
+        """The text of a var before its own marks are replaced, checked where it stands."""
+        variable = self.variables[name]
+        if not isinstance(variable.value, str):
+            raise variable.fail(
+                f"must be text for {{{{ {name} }}}} in {node.path}, found {variable.described()}; put it in quotes"
+            )
+        if problem := _unfit(variable.value, allowed="\n\t"):
+            raise variable.fail(problem)
+        return variable.value
+
+    def _from_environment(self, node: Node, name: str) -> str:
+        value = self.environment[name]
+        if problem := _unfit(value):
+            raise node.fail(f"environment variable {name} {problem}")
+        return value
+
+
+def _unfit(value: str, *, allowed: str = "") -> str:
+    """Why a value cannot stand for a name; empty when it can."""
+    if len(value) > MAX_VALUE:
+        return f"has {len(value)} characters; allowed: {MAX_VALUE}"
+    if found := control_character(value, allowed=allowed):
+        return f"holds a character that is not printed (U+{ord(found):04X}); write plain text"
+    return ""

@@ -54,7 +54,7 @@ def test_a_dash_reads_standard_input_and_mistakes_name_it(
     monkeypatch.chdir(rigelfile.parent)
     for text, code in ((ONE, 0), ("packages: [", 71)):
         monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(text.encode())))
-        assert main(["render", "-", "--no-env"]) == code
+        assert main(["render", "-"]) == code
     told = capsys.readouterr()
     assert yaml.safe_load(told.out)["metadata"]["name"] == "my-robot", "named after the folder one is in"
     assert told.err.startswith("standard input:")
@@ -123,14 +123,14 @@ def test_notes_go_to_standard_error_and_fail_only_when_strict(
     assert capsys.readouterr().out == ""
 
 
-def test_the_environment_can_be_left_out(
+def test_of_the_environment_only_what_was_named_is_taken(
     rigelfile: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("TAG", "9")
     rigelfile.write_text(ONE.replace(":1", ":{{ TAG }}"))
-    assert main(["render", str(rigelfile)]) == 0
+    assert main(["render", str(rigelfile), "--env", "TAG"]) == 0
     assert "acme/driver:9" in capsys.readouterr().out
-    assert main(["render", str(rigelfile), "--no-env"]) == 72
+    assert main(["render", str(rigelfile)]) == 72
 
 
 def test_help_shows_examples_and_exit_codes(capsys: pytest.CaptureFixture[str]) -> None:
@@ -150,7 +150,7 @@ def test_wrong_usage_has_code_2(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_the_shipped_example_renders_without_a_note(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["render", str(EXAMPLE), "--strict", "--no-env"]) == 0
+    assert main(["render", str(EXAMPLE), "--strict"]) == 0
     app = yaml.safe_load(capsys.readouterr().out)
     assert [component["name"] for component in app["spec"]["components"]] == ["operator-ui", "base-driver"]
 

@@ -231,8 +231,8 @@ class TestRos1:
 
 
 def test_the_name_comes_from_the_flag_then_the_file_then_the_folder() -> None:
-    text = orchestration("{name: in_file, namespace: fleet}")
-    assert rendered(text).app["metadata"] == {"name": "in-file", "namespace": "fleet"}
+    text = orchestration("{name: in_file}")
+    assert rendered(text).app["metadata"] == {"name": "in-file"}
     assert rendered(text, name="flag", override=True, namespace="other").app["metadata"] == {
         "name": "flag",
         "namespace": "other",

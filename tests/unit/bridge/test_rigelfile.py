@@ -115,7 +115,7 @@ class TestTemplates:
         text = "vars: {tag: x}\n" + ONE.replace(":1", ":{{ tga }}")
         assert (
             refusal(text)
-            == "Rigelfile:5: packages[0].image: {{ tga }} is neither in vars nor in the environment (did you mean tag?)"
+            == "Rigelfile:5: packages[0].image: {{ tga }} is not in vars (did you mean tag?); --env tga takes it from the environment"
         )
 
     def test_a_number_in_vars_is_refused_where_it_stands(self) -> None:
