@@ -1,0 +1,46 @@
+"""The table of attacks in docs/security.md. `python -m tests.support.attacks.page` writes it anew."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+from tests.support.attacks.attack import Attack
+from tests.support.attacks.escalations import FIELDS, REFERENCES, RIGHTS
+from tests.support.attacks.grants import OBJECTS, PODS, SPECS
+
+PAGE: Final = Path(__file__).resolve().parents[3] / "docs" / "security.md"
+BEGIN: Final = "<!-- attacks: written by python -m tests.support.attacks.page -->"
+END: Final = "<!-- end of attacks -->"
+_WHO: Final = {"operator": "operator's token", "scheduler": "scheduler's token"}
+_SECTIONS: Final[Mapping[str, Sequence[Attack]]] = {
+    "A RobotApp lends its writer a ServiceAccount or a Secret": REFERENCES,
+    "A RobotApp wants more than a component may have": FIELDS,
+    "Somebody wants rights, or objects that are not his": RIGHTS,
+    "A pod brings its own grant, or joins an app": PODS,
+    "A RobotApp chooses its domain or its membership past the operator": SPECS,
+    "Somebody writes claims, pools, telemetry or instances": OBJECTS,
+}
+
+
+def table() -> str:
+    """The sections with one row per attack."""
+    return "\n".join(_section(title, attacks) for title, attacks in _SECTIONS.items())
+
+
+def page(text: str) -> str:
+    """The text of the page with the table between its two marks."""
+    before, _, rest = text.partition(BEGIN)
+    _, _, after = rest.partition(END)
+    return f"{before}{BEGIN}\n{table()}{END}{after}"
+
+
+def _section(title: str, attacks: Sequence[Attack]) -> str:
+    rows = "".join(
+        f"| {attack.text} | {_WHO.get(attack.who, attack.who)} | {attack.stop.words} | `{attack.key}` |\n"
+        for attack in attacks
+    )
+    return f"### {title}\n| attack | as | what stops it | test |\n|---|---|---|---|\n{rows}"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(PAGE.read_text()))
