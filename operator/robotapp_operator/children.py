@@ -258,6 +258,7 @@ def domain_request(app: App, instance: Instance, *, scope_value: str) -> DomainR
         requested_id=app.requested_domain,
         isolation=ros2.isolation if ros2 else "Domain",
         share_with=app.share_with,
+        allow_unsafe=bool(ros2 and ros2.allow_unsafe_domain),
     )
 
 

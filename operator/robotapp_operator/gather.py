@@ -16,7 +16,7 @@ from robotapp_api.claims.share import AppKey, Join, claim_to_join, owner_of
 from robotapp_api.model.names import Label, Reason
 from robotapp_api.values.ranges import parse_ids
 from robotapp_operator.cache import Cache
-from robotapp_operator.plan.app import Problem, problems_alone, problems_with
+from robotapp_operator.plan.app import Problem, domain_problems, problems_alone, problems_with
 from robotapp_operator.plan.changes import deployment_domain
 from robotapp_operator.plan.components import component_view, cut_off
 from robotapp_operator.plan.devices import device_trouble
@@ -51,12 +51,13 @@ def instances_by_name(app: App, cache: Cache) -> Mapping[str, Instance]:
 
 
 def problems_now(app: App, cache: Cache) -> tuple[Problem, ...]:
-    """Why the spec cannot be run with the nodes there are."""
+    """Why the spec cannot be run with the nodes and the pool there are."""
     alone: tuple[Problem, ...] = cache.answers.get(app, "problems alone", None, lambda: problems_alone(app))
     found: tuple[Problem, ...] = cache.answers.get(
         app, "problems with nodes", cache.nodes.identity_version, lambda: problems_with(app, cache.nodes)
     )
-    return (*alone, *found)
+    pool, claims = cache.pools.get(app.pool), cache.claims.of(app.uid).values()
+    return (*alone, *found, *domain_problems(app, pool, claims))
 
 
 def needs_domain(app: App) -> bool:

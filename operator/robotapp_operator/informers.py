@@ -220,6 +220,13 @@ class Informers:
             self._fullness(pool.metadata.name)
         if change.old is None or change.new is None or change.old.spec != pool.spec:
             self._waiting_for(pool.metadata.name)
+            self._asking_for_a_number(pool.metadata.name)
+
+    def _asking_for_a_number(self, pool: str) -> None:
+        """Whether the pool gives the id that their spec names decides whether these apps are accepted."""
+        for uid, record in self._cache.apps.items():
+            if record.app is not None and record.app.requested_domain is not None and record.app.pool == pool:
+                self._queue.add(Key(Work.APP, uid))
 
     def _claim(self, change: Change) -> None:
         claim: Claim = change.new or change.old

@@ -64,7 +64,13 @@ def rules_view(app: App) -> ClaimsApp:
     ros2 = None
     if wish is not None:
         shares = tuple(SharedApp(namespace=namespace, name=name) for namespace, name in app.share_with)
-        ros2 = Ros2(domain=wish.domain, pool=wish.pool, isolation=wish.isolation, share_with=shares)
+        ros2 = Ros2(
+            domain=wish.domain,
+            allow_unsafe_domain=wish.allow_unsafe_domain,
+            pool=wish.pool,
+            isolation=wish.isolation,
+            share_with=shares,
+        )
     ros = Ros(version=app.spec.ros.version, distro=app.distro)
     return ClaimsApp(
         metadata=Meta(name=app.name, namespace=app.namespace, uid=app.uid), spec=AppSpec(ros2=ros2, ros=ros)

@@ -107,5 +107,5 @@ def _broken_json() -> Iterator[Wrong]:
 
 
 def _domains() -> Iterator[Wrong]:
-    for text in ("7a", "233", "-1", "Auto", "", "7.0", "٣"):  # the last is an Arabic-Indic three
+    for text in ("7a", "233", "0", "150", "-1", "Auto", "", "7.0", "٣"):  # the last is an Arabic-Indic three
         yield Wrong(Annotation.DDS_DOMAIN, text, "", text, "auto")

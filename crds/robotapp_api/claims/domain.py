@@ -7,8 +7,8 @@ from enum import StrEnum
 from robotapp_api.claims.identity import domain_spec, holder_text, id_order, same_holder
 from robotapp_api.claims.objects import Claim, ClaimSpec, Deployment, Holder, Pool
 from robotapp_api.claims.usage import deployment_ids
-from robotapp_api.model.names import Reason
-from robotapp_api.values.ranges import parse_ids
+from robotapp_api.model.names import SAFE_IDS, Annotation, Reason
+from robotapp_api.values.ranges import is_safe_id, parse_ids
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,7 +16,8 @@ class DomainRequest:
     """What an app instance asks for.
 
     holder: the RobotApp with `instance` set. scope_value: zone or node for pools of that scope, else empty.
-    requested_id: `ros2.domain`, None means any. share_with: (namespace, name) of the RobotApps whose domain is joined.
+    requested_id: `ros2.domain` or a bare pod's number, None means any. share_with: (namespace, name) of the RobotApps whose
+    domain is joined. allow_unsafe: `ros2.allowUnsafeDomain`, which a bare pod cannot write.
     """
 
     holder: Holder
@@ -25,6 +26,7 @@ class DomainRequest:
     requested_id: int | None = None
     isolation: str = "Domain"
     share_with: tuple[tuple[str, str], ...] = ()
+    allow_unsafe: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,12 +170,39 @@ def check_request(request: DomainRequest, pool: Pool) -> DomainOutcome | None:
             f"give it spec.robots, one entry in spec.placement.zones, or a pool of scope Cluster",
         )
     if request.requested_id is not None and request.requested_id in parse_ids(pool.spec.shared_ids):
+        join = " or set spec.ros2.isolation: Discovery" if request.holder.is_app else ""
         return DomainOutcome(
             Reason.DOMAIN_TAKEN,
             f"domain {request.requested_id} is one of the shared ids of pool {request.pool} ({pool.spec.shared_ids}), "
-            f"which apps with isolation Discovery use together: choose another id or set spec.ros2.isolation: Discovery",
+            f"which apps with isolation Discovery use together: choose another id{join}",
         )
     return None
+
+
+def withheld(request: DomainRequest, pool: Pool) -> DomainOutcome | None:
+    """Why nobody gets the id that is asked for, whether it is free or not; None when it may be claimed.
+
+    For new claims only: an id that was claimed before the pool reserved it stays with its holder, whose robots drive.
+    """
+    number = request.requested_id
+    if number is None:
+        return None
+    is_app = request.holder.is_app
+    cure = "leave spec.ros2.domain out" if is_app else f'write "auto" in the annotation {Annotation.DDS_DOMAIN}'
+    if number in pool.spec.reserved:
+        return DomainOutcome(
+            Reason.INVALID_SPEC,
+            f"domain {number} is reserved in pool {request.pool}, so nobody gets it: {cure} to get a free one, or choose a "
+            f"number that spec.reserved of DomainPool {request.pool} does not name",
+        )
+    if is_safe_id(number) or request.allow_unsafe or number in pool_ids(pool):
+        return None
+    allow = ", or write spec.ros2.allowUnsafeDomain: true" if is_app else ""
+    return DomainOutcome(
+        Reason.INVALID_SPEC,
+        f"domain {number} is unsafe, because 0 is everybody's default and 102-214 meet Linux ephemeral ports: {cure} to get "
+        f"a free one, or choose one of {SAFE_IDS}{allow}",
+    )
 
 
 def pool_not_found(name: str) -> DomainOutcome:
@@ -227,14 +256,18 @@ def over_quota(request: DomainRequest, pool: Pool, *, held: int) -> DomainOutcom
 
 
 def shared_id(pool: Pool, *, uses: Mapping[int, int], named: Collection[int], uid: str, instance: str) -> DomainOutcome:
-    """Isolation Discovery: no claim; stay on the shared id in use, else take the one with the fewest users."""
-    ids = id_order(parse_ids(pool.spec.shared_ids), uid, instance)
-    if not ids:
+    """Isolation Discovery: no claim; stay on the shared id in use, else take the one with the fewest users.
+
+    An id that became reserved while it is in use stays with those who use it: to move them would restart their pods.
+    """
+    every = id_order(parse_ids(pool.spec.shared_ids), uid, instance)
+    stay = next((number for number in every if number in named), None)
+    ids = [number for number in every if number not in pool.spec.reserved]
+    if stay is None and not ids:
         return DomainOutcome(
             Reason.DOMAIN_EXHAUSTED,
-            f"pool {pool.metadata.name} has no sharedIds for isolation Discovery: add some, for example 90-101 "
-            f"(and take them out of ids), or use spec.ros2.isolation: Domain",
+            f"pool {pool.metadata.name} has no sharedIds for isolation Discovery that are not reserved: add some, for "
+            f"example 90-101 (and take them out of ids), or use spec.ros2.isolation: Domain",
         )
-    stay = next((number for number in ids if number in named), None)
     chosen = stay if stay is not None else min(ids, key=lambda number: uses.get(number, 0))
     return DomainOutcome(Reason.ALLOCATED, f"domain {chosen} is shared; discovery keeps apps apart", id=chosen)

@@ -228,6 +228,7 @@ class SharedApp(Object, frozen=True, kw_only=True):
 
 class Ros2(Object, frozen=True, kw_only=True):
     domain: int | None = None
+    allow_unsafe_domain: bool = False
     pool: str = "default"
     isolation: str = "Domain"
     share_with: tuple[SharedApp, ...] = ()

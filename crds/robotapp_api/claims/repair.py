@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from robotapp_api.claims.domain import pool_ids
+from robotapp_api.claims.domain import DomainRequest, pool_ids, withheld
 from robotapp_api.claims.identity import (
     Found,
     claim_name,
@@ -167,8 +167,11 @@ def refusal(missing: Missing, app: App, pool: Pool | None) -> str:
         return f"there is no DomainPool {domain.pool}"
     if pool.spec.scope != domain.scope:
         return f"DomainPool {domain.pool} has scope {pool.spec.scope}"
-    asked = app.spec.ros2 is not None and app.spec.ros2.pool == domain.pool and app.spec.ros2.domain == domain.id
-    if domain.id in pool.spec.reserved or not (asked or domain.id in pool_ids(pool)):
+    ros2 = app.spec.ros2
+    asked = ros2 is not None and ros2.pool == domain.pool and ros2.domain == domain.id
+    unsafe = ros2 is not None and ros2.allow_unsafe_domain
+    request = DomainRequest(holder, pool=domain.pool, requested_id=domain.id, allow_unsafe=unsafe)
+    if withheld(request, pool) or not (asked or domain.id in pool_ids(pool)):
         return f"DomainPool {domain.pool} does not hand out domain {domain.id}"
     return ""
 

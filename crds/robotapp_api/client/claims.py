@@ -128,6 +128,8 @@ async def _own(client: Api, request: DomainRequest, pool: Pool, deployments: Seq
 
 async def _create(client: Api, request: DomainRequest, pool: Pool, plan: DomainPlan) -> DomainOutcome:
     """A new claim, within the quota. Of one process only one at a time counts and creates, or all would count too few."""
+    if refusal := rules.withheld(request, pool):
+        return refusal
     namespace = request.holder.namespace
     if rules.quota_of(pool, namespace) is None:
         return await _try_candidates(client, request, pool, plan)

@@ -27,6 +27,8 @@ PARAMETERS_PATH: Final = "/etc/robotapp/parameters"
 """Where that volume is mounted."""
 WAITING_STEP: Final = "wait-for-names"
 """Init container that waits for the names discovery needs."""
+SAFE_IDS: Final = "1-101,215-232"
+"""Domain ids anybody may ask for: 0 is everybody's default, and the ports of 102-214 meet Linux ephemeral ports."""
 ROBOT_END: Final = "@robot"
 """End of an edge that is the robot's node itself rather than a component."""
 

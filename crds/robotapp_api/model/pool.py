@@ -11,7 +11,7 @@ from robotapp_api.model.conditions import Conditions
 from robotapp_api.model.markers import Column, Kind, ListSet, Rule
 from robotapp_api.model.scalars import Count, DomainId, Generation
 
-DEFAULT_IDS = "1-101,215-232"
+DEFAULT_IDS = names.SAFE_IDS
 Ids = Annotated[
     str,
     StringConstraints(max_length=128, pattern=r"^([0-9]{1,3}(-[0-9]{1,3})?(,[0-9]{1,3}(-[0-9]{1,3})?){0,31})?$"),
@@ -89,7 +89,7 @@ class PoolSpec(Model):
     shared_ids: Ids = ""
     """Ids for isolation Discovery: used by several apps, never claimed."""
     reserved: Annotated[tuple[DomainId, ...], ListSet(), Field(max_length=233)] = (0,)
-    """Ids nobody gets, for example those of robots outside the cluster."""
+    """Ids nobody gets, not even who asks for one by number, for example those of robots outside the cluster."""
     quarantine_seconds: Annotated[int, Field(ge=0, le=86_400)] = 60
     """Seconds an id rests before somebody else gets it; DDS leases of the old participants must run out."""
     quota: Quota = Quota()

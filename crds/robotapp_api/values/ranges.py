@@ -4,6 +4,8 @@ import re
 from functools import lru_cache
 from typing import Final
 
+from robotapp_api.model.names import SAFE_IDS
+
 MAX_ID: Final = 232
 _RANGE: Final = re.compile(r"([0-9]{1,3})(?:-([0-9]{1,3}))?")
 
@@ -21,3 +23,8 @@ def parse_ids(text: str) -> tuple[int, ...]:
             raise ValueError(f"{part!r} in {text!r}: ranges must ascend without overlap, up to {MAX_ID}")
         ids.extend(range(first, last + 1))
     return tuple(ids)
+
+
+def is_safe_id(number: int) -> bool:
+    """Whether anybody may ask for this domain id; another one needs `allowUnsafeDomain`, or a pool that hands it out."""
+    return number in parse_ids(SAFE_IDS)

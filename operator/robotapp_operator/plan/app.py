@@ -1,16 +1,19 @@
 """Is the spec understood? What admission cannot decide becomes `Accepted=False` with the field, the reason and the cure."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 from robotapp_api.checks.problem import Problem
 from robotapp_api.checks.spec import spec_notes, spec_problems
+from robotapp_api.claims.domain import DomainRequest, withheld
+from robotapp_api.claims.identity import holder_of_app
 from robotapp_api.claims.instances import robot_of
+from robotapp_api.claims.objects import Claim, Pool
 from robotapp_api.model.names import Annotation, Reason
 from robotapp_operator.plan.instances import allowed_robots, matching_robots
 from robotapp_operator.plan.objects import Node
 from robotapp_operator.plan.wish import App
 
-__all__ = ["Problem", "notes_of", "problems_alone", "problems_with"]
+__all__ = ["Problem", "domain_problems", "notes_of", "problems_alone", "problems_with"]
 
 
 def problems_alone(app: App) -> tuple[Problem, ...]:
@@ -21,6 +24,23 @@ def problems_alone(app: App) -> tuple[Problem, ...]:
 def problems_with(app: App, nodes: Mapping[str, Node]) -> tuple[Problem, ...]:
     """Problems of the spec that depend on the current nodes."""
     return tuple(_placement_problems(app, nodes))
+
+
+def domain_problems(app: App, pool: Pool | None, claims: Iterable[Claim]) -> tuple[Problem, ...]:
+    """The domain that the spec asks for is one its pool gives to nobody. claims: the app's, of all instances.
+
+    Not for an app that holds the id already, which keeps it, nor for one that joins the domain of another.
+    """
+    number, ros2 = app.requested_domain, app.spec.ros2
+    if pool is None or number is None or ros2 is None or ros2.isolation == "Discovery" or app.share_with:
+        return ()
+    things = (claim.spec.domain for claim in claims)
+    if any((thing.pool, thing.id) == (app.pool, number) for thing in things if thing):
+        return ()
+    holder = holder_of_app(namespace=app.namespace, name=app.name, uid=app.uid)
+    request = DomainRequest(holder, pool=app.pool, requested_id=number, allow_unsafe=ros2.allow_unsafe_domain)
+    refused = withheld(request, pool)
+    return (Problem(refused.reason, "spec.ros2.domain", refused.message),) if refused else ()
 
 
 def notes_of(app: App) -> tuple[str, ...]:

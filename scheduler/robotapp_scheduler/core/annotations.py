@@ -8,9 +8,9 @@ import json
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-from robotapp_api.model.names import Annotation
+from robotapp_api.model.names import SAFE_IDS, Annotation
 from robotapp_api.values.duration import parse_us
-from robotapp_api.values.ranges import MAX_ID
+from robotapp_api.values.ranges import is_safe_id
 from robotapp_scheduler.core.ros import TIERS, Hardware, InvalidAnnotation, RosRequest
 
 MAX_BYTES: Final = 8 * 1024
@@ -251,9 +251,10 @@ def _domain(text: str) -> dict[str, Any]:
     value = text.strip() if len(text) <= 8 else text
     if value == "auto":
         return {"dds_domain": value}
-    if value.isascii() and value.isdigit() and len(value) <= 3 and int(value) <= MAX_ID:
+    if value.isascii() and value.isdigit() and len(value) <= 3 and is_safe_id(int(value)):
         return {"dds_domain": str(int(value))}
-    raise _Refused("", text, f'"auto" or a number from 0 to {MAX_ID}')
+    # Unsafe ids need a field that says so, which only a RobotApp has (ros2.allowUnsafeDomain).
+    raise _Refused("", text, f'"auto" or a number of {SAFE_IDS}')
 
 
 _PARSERS: Final[dict[Annotation, Callable[[str], dict[str, Any]]]] = {

@@ -10,7 +10,7 @@ from enum import StrEnum
 
 from robotapp_api.claims.bind import needs_check
 from robotapp_api.claims.device import Chosen, chosen
-from robotapp_api.claims.domain import DomainRequest
+from robotapp_api.claims.domain import DomainOutcome, DomainRequest
 from robotapp_api.claims.identity import grants, holder_of_app, holder_of_pod
 from robotapp_api.claims.objects import Holder, Meta, PodSpec, PodStatus
 from robotapp_api.claims.objects import Pod as ClaimPod
@@ -21,7 +21,7 @@ from robotapp_api.client.errors import ClientError
 from robotapp_api.client.giving_back import give_back
 from robotapp_api.client.resources import PODS
 from robotapp_api.client.sweep_view import find
-from robotapp_api.model.names import GRANTED_PREFIX, Label, PodReason
+from robotapp_api.model.names import GRANTED_PREFIX, Label, PodReason, Reason
 from robotapp_scheduler.core.devices import DeviceGrant
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo
 from robotapp_scheduler.core.ros import RosRequest
@@ -113,7 +113,7 @@ class Reserver:
             if domain:
                 outcome = await ensure_pod_domain(self._client, domain_request(pod, domain))
                 if not outcome.held:
-                    return Reserved(Readiness.WAIT, reason=PodReason.WAITING_FOR_DOMAIN, message=outcome.message)
+                    return Reserved(Readiness.WAIT, reason=_no_domain(outcome), message=outcome.message)
                 number = outcome.id
         except ClientError as error:
             return _error(error)
@@ -193,6 +193,11 @@ def domain_request(pod: PodInfo, wish: str) -> DomainRequest:
 def thing(grant: DeviceGrant) -> Chosen:
     device = grant.device
     return chosen(node=grant.node, device_id=device.id, device_type=device.type, identity=device.identity)
+def _no_domain(outcome: DomainOutcome) -> PodReason:
+    """Waiting helps where another holder may leave; where the number itself is refused, the annotation has to change."""
+    return PodReason.INVALID_ANNOTATION if outcome.reason is Reason.INVALID_SPEC else PodReason.WAITING_FOR_DOMAIN
+
+
 
 
 def _error(error: ClientError) -> Reserved:

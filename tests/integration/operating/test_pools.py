@@ -36,6 +36,39 @@ def test_a_quota_of_zero_means_none_and_an_absent_one_no_limit(installed_plane: 
             eventually(lambda: not tenant.claims(), timeout_s=90, what=tenant.claims)
 
 
+def test_a_reserved_id_is_not_accepted_until_the_pool_gives_it_and_then_stays_with_its_holder(
+    installed_plane: ControlPlane, tenant: Tenant
+) -> None:
+    with pool(installed_plane, f"reserved-{secrets.token_hex(3)}", reserved=[0, 7]) as name:
+        tenant.apply("greedy", part("a"), ros2={"pool": name, "domain": 7})
+        said = tenant.wait("greedy", "Accepted", "False", reason="InvalidSpec")["message"]
+        assert f"domain 7 is reserved in pool {name}" in said
+        assert "leave spec.ros2.domain out" in said
+        assert tenant.claims() == []
+        assert tenant.deployments() == []
+        installed_plane.api.patch(f"{POOLS}/{name}", {"spec": {"reserved": [0]}})
+        tenant.wait_ready("greedy")
+        before = tenant.deployments()[0]["metadata"]["generation"]
+        installed_plane.api.patch(f"{POOLS}/{name}", {"spec": {"reserved": [0, 7]}})
+        tenant.apply("late", part("a"), ros2={"pool": name, "domain": 7})
+        tenant.wait("late", "Accepted", "False", reason="InvalidSpec")
+        assert tenant.condition("greedy", "Accepted")["status"] == "True"
+        assert tenant.deployments("a")[0]["metadata"]["generation"] == before, "what drives is not touched"
+        for app in ("late", "greedy"):
+            tenant.delete(app)
+        eventually(lambda: not tenant.claims(), timeout_s=90, what=tenant.claims)
+
+
+def test_zero_needs_leave_in_the_spec_and_in_the_pool(installed_plane: ControlPlane, tenant: Tenant) -> None:
+    with pool(installed_plane, f"reserved-{secrets.token_hex(3)}") as name:
+        tenant.apply("zero", part("a"), ros2={"pool": name, "domain": 0, "allowUnsafeDomain": True})
+        tenant.wait("zero", "Accepted", "False", reason="InvalidSpec")
+        installed_plane.api.patch(f"{POOLS}/{name}", {"spec": {"reserved": []}})
+        tenant.wait_ready("zero")
+        tenant.delete("zero")
+        eventually(lambda: not tenant.claims(), timeout_s=90, what=tenant.claims)
+
+
 def test_a_pool_that_serves_nobody_says_so(installed_plane: ControlPlane) -> None:
     with pool(installed_plane, f"quota-{secrets.token_hex(3)}", quota={"default": 0}) as name:
 

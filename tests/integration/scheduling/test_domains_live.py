@@ -48,6 +48,29 @@ def test_pods_that_ask_for_any_domain_get_different_ones_and_a_claim_each(
         assert holders == {stage.pod(name)["metadata"]["uid"] for name in names}
 
 
+@pytest.mark.parametrize("number", ["0", "102", "150", "214"])
+def test_a_bare_pod_gets_no_unsafe_id_by_asking_for_it(
+    installed_plane: ControlPlane, stage: Stage, number: str
+) -> None:
+    with nodes(installed_plane, edge("edge-1")):
+        stage.create_pod(wants("unsafe", number))
+        message = stage.wait_refused("unsafe", reason="InvalidAnnotation")
+        assert '"auto" or a number of 1-101,215-232' in message
+
+
+def test_a_bare_pod_gets_no_reserved_id_by_asking_for_it(installed_plane: ControlPlane, stage: Stage) -> None:
+    reserved = installed_plane.api.get(POOL)["spec"].get("reserved")
+    with nodes(installed_plane, edge("edge-1")):
+        installed_plane.api.patch(POOL, {"spec": {"reserved": [0, 66]}})
+        try:
+            stage.create_pod(wants("greedy", "66"))
+            message = stage.wait_refused("greedy", reason="InvalidAnnotation")
+            assert "domain 66 is reserved in pool default" in message
+            assert 'write "auto"' in message
+        finally:
+            installed_plane.api.patch(POOL, {"spec": {"reserved": reserved}})
+
+
 def test_the_second_pod_of_a_number_waits_is_told_who_has_it_and_gets_it_after_the_rest(
     installed_plane: ControlPlane, stage: Stage
 ) -> None:

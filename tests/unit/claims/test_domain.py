@@ -6,7 +6,7 @@ from tests.support.claims_objects import app_holder, deployment, domain_claim
 
 from robotapp_api.claims import domain
 from robotapp_api.claims.domain import DomainRequest, Fence, Step, plan_domain, wanted_id
-from robotapp_api.claims.identity import id_order
+from robotapp_api.claims.identity import holder_of_pod, id_order
 from robotapp_api.claims.objects import Meta, Pool, PoolQuota, PoolSpec
 from robotapp_api.model.names import Reason
 
@@ -114,6 +114,52 @@ def test_a_pool_per_zone_needs_a_place() -> None:
     assert refusal.reason == Reason.INVALID_SPEC
     assert "spec.placement.zones" in refusal.message
     assert domain.check_request(DomainRequest(app_holder(), scope_value="z1"), pool(scope="Zone")) is None
+
+
+def asking(number: int | None, *, pod: bool = False, allow_unsafe: bool = False) -> DomainRequest:
+    holder = holder_of_pod(namespace="a", name="talker", uid="u") if pod else app_holder()
+    return DomainRequest(holder, requested_id=number, allow_unsafe=allow_unsafe)
+
+
+@pytest.mark.parametrize("allow_unsafe", [False, True])
+@pytest.mark.parametrize("number", [0, 3, 150])
+def test_a_reserved_id_goes_to_nobody_however_it_is_asked_for(number: int, allow_unsafe: bool) -> None:
+    refusal = domain.withheld(asking(number, allow_unsafe=allow_unsafe), pool("1-5,150", reserved=(0, 3, 150)))
+    assert refusal is not None
+    assert refusal.reason == Reason.INVALID_SPEC
+    assert "reserved in pool default" in refusal.message
+    assert "leave spec.ros2.domain out" in refusal.message
+
+
+@pytest.mark.parametrize("number", [0, 102, 214])
+def test_an_unsafe_id_needs_leave_in_the_spec_or_a_pool_that_hands_it_out(number: int) -> None:
+    refusal = domain.withheld(asking(number), pool("1-101"))
+    assert refusal is not None
+    assert "allowUnsafeDomain" in refusal.message
+    assert domain.withheld(asking(number, allow_unsafe=True), pool("1-101")) is None
+    assert domain.withheld(asking(number), pool(f"{number}")) is None
+
+
+def test_a_bare_pod_cannot_get_an_unsafe_id_and_is_told_about_its_annotation() -> None:
+    for number in (0, 3):
+        refusal = domain.withheld(asking(number, pod=True), pool("1-5", reserved=(3,)))
+        assert refusal is not None
+        assert "annotation scheduler.robotics.io/dds-domain" in refusal.message
+        assert "spec.ros2" not in refusal.message
+
+
+def test_safe_numbers_and_no_number_are_not_withheld() -> None:
+    for number in (None, 1, 60, 101, 215, 232):
+        assert domain.withheld(asking(number), pool("1-5", reserved=(0,))) is None
+
+
+def test_isolation_discovery_takes_no_reserved_id_but_stays_on_one_in_use() -> None:
+    shared = pool("1-3", shared_ids="90-91", reserved=(90,))
+    fresh = domain.shared_id(shared, uses={91: 9}, named=(), uid="u", instance="")
+    assert fresh.id == 91
+    assert domain.shared_id(shared, uses={}, named={90}, uid="u", instance="").id == 90
+    nothing = domain.shared_id(pool("1-3", shared_ids="90", reserved=(90,)), uses={}, named=(), uid="u", instance="")
+    assert (nothing.id, nothing.reason) == (None, Reason.DOMAIN_EXHAUSTED)
 
 
 def test_a_shared_id_cannot_be_claimed_by_asking_for_it() -> None:

@@ -85,7 +85,8 @@ def test_fields_that_only_ros_reads_are_checked_and_null_counts_as_absent() -> N
         (AFFINITY, '{"hardware_requirements":["gpu"]}', "hardware_requirements[0]", "an object"),
         (AFFINITY, '{"hardware_requirements":{}}', "hardware_requirements", "at most 32"),
         (SHARED, '{"peer_pods":[7]}', "peer_pods[0]", "string"),
-        (DOMAIN, "233", "", '"auto" or a number from 0 to 232'),
+        (DOMAIN, "233", "", '"auto" or a number of 1-101,215-232'),
+        *[(DOMAIN, unsafe, "", '"auto" or a number of 1-101,215-232') for unsafe in ("0", "00", "102", "150", "214")],
         (DOMAIN, "-1", "", '"auto"'),
         (DOMAIN, "٣", "", '"auto"'),
         (DOMAIN, "1" * 100_000, "", '"auto"'),
@@ -104,7 +105,8 @@ def test_what_cannot_be_used_is_refused_with_field_value_and_what_is_allowed(
 
 
 @pytest.mark.parametrize(
-    ("text", "expected"), [("7", "7"), (" 007 ", "7"), ("0", "0"), ("232", "232"), ("auto", "auto")]
+    ("text", "expected"),
+    [("7", "7"), (" 007 ", "7"), ("1", "1"), ("101", "101"), ("215", "215"), ("232", "232"), ("auto", "auto")],
 )
 def test_domains_are_auto_or_a_number(text: str, expected: str) -> None:
     assert parse_annotations({DOMAIN: text}) == RosRequest(dds_domain=expected)

@@ -3,10 +3,12 @@
 from collections.abc import Mapping
 
 import pytest
+from tests.support.claims_objects import domain_claim
 from tests.support.factories import by_name, component, make_app, make_node, robots
 
+from robotapp_api.claims.objects import Meta, Pool, PoolSpec
 from robotapp_api.model.names import Annotation, Reason
-from robotapp_operator.plan.app import Problem, notes_of, problems_alone, problems_with
+from robotapp_operator.plan.app import Problem, domain_problems, notes_of, problems_alone, problems_with
 from robotapp_operator.plan.objects import Node
 from robotapp_operator.plan.wish import App
 
@@ -149,6 +151,31 @@ def test_a_robot_that_admits_other_namespaces_only_is_refused_by_name() -> None:
     assert problem.reason == Reason.NOT_ALLOWED_ON_ROBOT
     assert "robot amr-07 admits" in problem.message
     assert "this is default" in problem.message
+
+
+def reserving(*ids: int) -> Pool:
+    return Pool(metadata=Meta(name="default"), spec=PoolSpec(ids="1-9", reserved=ids))
+
+
+def test_an_app_that_names_a_reserved_id_is_not_accepted() -> None:
+    app = make_app(ros2={"domain": 7})
+    (problem,) = domain_problems(app, reserving(0, 7), ())
+    assert (problem.reason, problem.field) == (Reason.INVALID_SPEC, "spec.ros2.domain")
+    assert "domain 7 is reserved in pool default" in problem.message
+    assert domain_problems(app, reserving(0), ()) == ()
+    assert domain_problems(app, None, ()) == ()
+    assert domain_problems(make_app(), reserving(7), ()) == ()
+
+
+def test_an_app_that_holds_an_id_which_is_reserved_later_goes_on() -> None:
+    app = make_app(ros2={"domain": 7})
+    assert domain_problems(app, reserving(7), [domain_claim(7)]) == ()
+    assert domain_problems(app, reserving(7), [domain_claim(6), domain_claim(7, pool="other")])
+
+
+def test_who_joins_the_domain_of_another_asks_for_no_id() -> None:
+    app = make_app(ros2={"domain": 7, "shareWith": [{"name": "lead"}]})
+    assert domain_problems(app, reserving(7), ()) == ()
 
 
 def test_every_problem_is_reported_not_only_the_first() -> None:

@@ -106,6 +106,16 @@ async def test_an_empty_pool_lets_the_pod_wait_with_what_to_do(client: ApiClient
     assert "3 of 3 domain ids" in found.message
 
 
+async def test_a_bare_pod_that_names_a_reserved_id_is_told_to_change_its_annotation(client: ApiClient) -> None:
+    await client.patch(DOMAINPOOLS, "default", {"spec": {"reserved": [2]}})
+    pod = await stored(client, "talker", annotations={str(Annotation.DDS_DOMAIN): "2"})
+    found = await Reserver(client).things(pod, "edge-1", ())
+    assert (found.readiness, found.reason) == (Readiness.WAIT, PodReason.INVALID_ANNOTATION)
+    assert 'write "auto" in the annotation scheduler.robotics.io/dds-domain' in found.message
+    assert "spec.ros2" not in found.message
+    assert (await client.list(ROBOTCLAIMS)).items == []
+
+
 async def test_a_pod_of_an_app_is_not_ready_before_its_domain_is_claimed(client: ApiClient) -> None:
     labels = {str(Label.APP_UID): "app-1", str(Label.APP): "teleop", str(Label.INSTANCE): ""}
     pod = await stored(client, "drv", labels=labels, domain="2")
