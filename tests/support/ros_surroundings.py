@@ -1,6 +1,6 @@
 """A cluster full of robots around a pod that knows nothing of ROS: it must be decided as if no ROS plugin existed.
 
-Two cores see the same cluster, with telemetry, an app with running members, claims and pods with ROS annotations in it;
+Two cores see the same cluster, with telemetry, an app with running members, claims, pods with ROS annotations and nodes that are closed to others in it;
 one has the default plugins, the other those of kube-scheduler alone.
 """
 
@@ -32,6 +32,7 @@ Json = dict[str, Any]
 PLAIN: Final = PluginSet(enabled=(PluginRef("PrioritySort"), PluginRef("DefaultBinder")), disabled=ROS)
 """kube-scheduler's plugins and nothing else."""
 COMPONENTS: Final = ("driver", "planner")
+CLOSED: Final = {"robotics.io/allowed-namespaces": "another"}
 POLICIES: Final = {"scheduler.robotics.io/policies": '{"latency_budget": "30ms", "qos_class": "realtime"}'}
 
 
@@ -82,7 +83,8 @@ def _core(case: Case, with_profiles: dict[str, Profile]) -> SchedulerCore:
     for kind in ("Node", *(kind for kind in objects if kind != "Node")):
         for at, item in enumerate(objects[kind]):
             annotated = kind == "Pod" and at % 2 and item["spec"].get("nodeName")
-            feed(core, kind, _with_policies(item) if annotated else item)
+            closed = kind == "Node" and at % 2
+            feed(core, kind, _annotated(item, POLICIES if annotated else CLOSED if closed else {}))
     _robots(core.cluster, [node["metadata"]["name"] for node in case.cluster.nodes])
     return core
 
@@ -103,5 +105,10 @@ def _robots(cluster: Cluster, nodes: list[str]) -> None:
         cluster.apply_pod(member_pod(component, node=node, cpu=None, memory=None, namespace="robots"))
 
 
-def _with_policies(pod: Json) -> Json:
-    return {**pod, "metadata": {**pod["metadata"], "annotations": POLICIES}}
+def _annotated(item: Json, annotations: Json) -> Json:
+    meta = item["metadata"]
+    return (
+        {**item, "metadata": {**meta, "annotations": meta.get("annotations", {}) | annotations}}
+        if annotations
+        else item
+    )

@@ -151,8 +151,26 @@ def matching_robots(wish: RobotWish, nodes: Iterable[Meta]) -> list[Meta]:
 
 
 def allowed_robots(wish: RobotWish, nodes: Iterable[Meta]) -> list[Meta]:
-    """Matching robots that admit the app's namespace."""
-    return [node for node in matching_robots(wish, nodes) if admits(node, wish.namespace)]
+    """Nodes that the selector names, of robots that admit the app's namespace. nodes: all computers of every robot."""
+    return matching_robots(wish, open_robots(nodes, wish.namespace))
+
+
+def open_robots(nodes: Iterable[Meta], namespace: str) -> list[Meta]:
+    """Computers of the robots that admit the namespace."""
+    nodes = [node for node in nodes if robot_of(node)]
+    closed = closed_nodes(nodes, namespace)
+    return [node for node in nodes if node.name not in closed]
+
+
+def closed_nodes(nodes: Collection[Meta], namespace: str) -> frozenset[str]:
+    """Names of the nodes that do not admit the namespace (node annotation robotics.io/allowed-namespaces).
+
+    A robot admits it only if each of its computers does: else pods would get on the robot through the one that somebody
+    forgot to annotate. nodes: all computers of each robot among them.
+    """
+    refusing = [node for node in nodes if not admits(node.annotations, namespace)]
+    robots = {robot_of(node) for node in refusing} - {""}
+    return frozenset(node.name for node in (*refusing, *(node for node in nodes if robot_of(node) in robots)))
 
 
 def robot_of(node: Meta) -> str:
@@ -160,7 +178,12 @@ def robot_of(node: Meta) -> str:
     return node.labels.get(Label.ROBOT, "")
 
 
-def admits(node: Meta, namespace: str) -> bool:
-    """A robot without the annotation admits every namespace, one with an empty list none."""
-    allowed = node.annotations.get(Annotation.ALLOWED_NAMESPACES)
-    return allowed is None or namespace in (name.strip() for name in allowed.split(",") if name.strip())
+def admitted(allowed: str | None) -> frozenset[str] | None:
+    """Namespaces that a node's annotation robotics.io/allowed-namespaces names; None without it: it admits every one."""
+    return None if allowed is None else frozenset(name.strip() for name in allowed.split(",") if name.strip())
+
+
+def admits(annotations: Mapping[str, str], namespace: str) -> bool:
+    """Whether this node admits the namespace. A robot does only if each of its computers does (`closed_nodes`)."""
+    names = admitted(annotations.get(Annotation.ALLOWED_NAMESPACES))
+    return names is None or namespace in names

@@ -1,6 +1,7 @@
 """Is the spec understood? What admission cannot decide becomes `Accepted=False` with the field, the reason and the cure."""
 
 from collections.abc import Iterable, Iterator, Mapping
+from typing import Final
 
 from robotapp_api.checks.problem import Problem
 from robotapp_api.checks.spec import spec_notes, spec_problems
@@ -8,12 +9,16 @@ from robotapp_api.claims.domain import DomainRequest, withheld
 from robotapp_api.claims.identity import holder_of_app
 from robotapp_api.claims.instances import robot_of
 from robotapp_api.claims.objects import Claim, Pool
-from robotapp_api.model.names import Annotation, Reason
-from robotapp_operator.plan.instances import allowed_robots, matching_robots
+from robotapp_api.model.names import Annotation, Label, Reason
+from robotapp_operator.plan.instances import allowed_robots, matching_robots, open_robots
 from robotapp_operator.plan.objects import Node
 from robotapp_operator.plan.wish import App
 
 __all__ = ["Problem", "domain_problems", "notes_of", "problems_alone", "problems_with"]
+
+
+_NAMED: Final = 8
+"""Robots a message names."""
 
 
 def problems_alone(app: App) -> tuple[Problem, ...]:
@@ -57,15 +62,24 @@ def _placement_problems(app: App, nodes: Mapping[str, Node]) -> Iterator[Problem
         return
     matching = matching_robots(app, nodes)
     if not matching:
-        robots = sorted({node.robot for node in nodes.values() if node.robot})
-        shown = f"robots are {', '.join(robots[:8])}" if robots else "no node carries the label robotics.io/robot"
-        yield Problem(Reason.NO_MATCHING_ROBOT, "spec.robots.nodeSelector", f"no robot matches; {shown}", of_nodes=True)
+        text = f"no robot matches; {_robots_text(app, nodes)}"
+        yield Problem(Reason.NO_MATCHING_ROBOT, "spec.robots.nodeSelector", text, of_nodes=True)
     elif not allowed_robots(app, nodes):
-        node = matching[0]
-        allowed = node.annotations.get(Annotation.ALLOWED_NAMESPACES, "")
         yield Problem(
             Reason.NOT_ALLOWED_ON_ROBOT,
             "spec.robots.nodeSelector",
-            f'robot {robot_of(node)} admits apps of namespace "{allowed}" only (node annotation {Annotation.ALLOWED_NAMESPACES}), this is {app.namespace}',
+            f"no robot that matches admits namespace {app.namespace}: ask whoever runs the robots to add {app.namespace} to "
+            f"the node annotation {Annotation.ALLOWED_NAMESPACES}, or select other robots",
             of_nodes=True,
         )
+
+
+def _robots_text(app: App, nodes: Mapping[str, Node]) -> str:
+    """Robots the app could name. Those that do not admit its namespace are other tenants' business."""
+    if not any(node.robot for node in nodes.values()):
+        return f"no node carries the label {Label.ROBOT}"
+    robots = sorted({robot_of(node) for node in open_robots(app, nodes)})
+    if not robots:
+        return f"no robot admits namespace {app.namespace} (node annotation {Annotation.ALLOWED_NAMESPACES})"
+    more = f" and {len(robots) - _NAMED} more" if len(robots) > _NAMED else ""
+    return f"robots that admit namespace {app.namespace} are {', '.join(robots[:_NAMED])}{more}"

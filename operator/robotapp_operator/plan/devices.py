@@ -5,7 +5,7 @@ from typing import Final, NamedTuple
 
 from robotapp_api.claims.device import assign, busy_text, fits
 from robotapp_api.claims.identity import claim_name_device
-from robotapp_api.claims.instances import Instance
+from robotapp_api.claims.instances import Instance, closed_nodes
 from robotapp_api.claims.objects import Claim
 from robotapp_api.model.component import Component
 from robotapp_api.model.device import Device
@@ -49,6 +49,8 @@ def device_trouble(
     First what the app can never have, because its own components want it twice; then the first device of which every one
     that would do is held by others.
     """
+    closed = closed_nodes([node.metadata for node in nodes.values()], app.namespace)
+    nodes = {name: node for name, node in nodes.items() if name not in closed}  # others' robots are not talked about
     wishes = [
         Wish(component.name, device.name, fitting)
         for component in app.spec.components

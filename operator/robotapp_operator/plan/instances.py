@@ -30,6 +30,11 @@ def allowed_robots(app: App, nodes: Mapping[str, Node]) -> list[Meta]:
     return rule.allowed_robots(robot_wish(app), (node.metadata for node in nodes.values()))
 
 
+def open_robots(app: App, nodes: Mapping[str, Node]) -> list[Meta]:
+    """Nodes of all robots that admit the app's namespace, whatever the app selects."""
+    return rule.open_robots((node.metadata for node in nodes.values()), app.namespace)
+
+
 def robot_wish(app: App) -> RobotWish:
     robots = app.spec.robots
     if robots is None:

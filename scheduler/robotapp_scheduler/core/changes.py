@@ -73,6 +73,8 @@ class Change(IntFlag):
     """A waiting pod gave up the node it was nominated for."""
     TERMS = auto()
     """What was placed or is gone has affinity terms; said in the log only, beside POD_ADDED and the like."""
+    TENANTS = auto()
+    """A node admits other namespaces than before; said of every row, because the annotation holds for the whole robot."""
     ALL = (1 << 40) - 1
     """Every change, those that are added here later as well."""
 
@@ -172,6 +174,7 @@ READS: Final[dict[str, Change]] = {
     "labels": NODE | Change.LABELS,
     "taints": NODE | Change.TAINTS,
     "annotations": NODE | Change.ANNOTATIONS,
+    "tenants": NODE | Change.TENANTS,
     "rtt": NODE | Change.RTT,
     "devices": NODE | Change.DEVICES | Change.LABELS | Change.CLAIMS | PLACED,
     "load": NODE | Change.LOAD,

@@ -106,13 +106,14 @@ class Cluster:
             return Change.NONE
         for pod in self._by_node.get(name, {}).values():
             self._count(pod, row, -1)
+        change = Change.NODE_REMOVED | (Change.TENANTS if self.nodes.tenants.remove(name) else Change.NONE)
         self.nodes.remove(name)
         self.topology.images.apply(row, ())
         self.devices.set_labels(name, {})
-        self._note(row, Change.NODE_REMOVED)
+        self._note(row, change)
         # What this node measured no longer stands for its zone.
         self.log.add(EVERY_ROW, Change.RTT)
-        return Change.NODE_REMOVED
+        return change
 
     # --- Pods ----------------------------------------------------------------------------------------------------
 
@@ -280,6 +281,8 @@ class Cluster:
     def _note(self, row: int, change: Change) -> None:
         if change:
             self.log.add(row, change)
+        if change & Change.TENANTS:  # the computers of one robot restrict each other
+            self.log.add(EVERY_ROW, Change.TENANTS)
 
     def _claims_changed(self, node: str | None) -> Change:
         row = self.nodes.row_of.get(node) if node is not None else None

@@ -22,6 +22,7 @@ from robotapp_scheduler.core.columns import (
 )
 from robotapp_scheduler.core.objects import Node, Taint
 from robotapp_scheduler.core.rows import Rows
+from robotapp_scheduler.core.tenants import Tenants
 
 ROBOT_TIER: Final = "robot"
 
@@ -58,6 +59,7 @@ class NodeTable:
         self.annotations: list[dict[str, str]] = []
         self.robots: dict[str, dict[str, None]] = {}
         """Robot name → names of its nodes."""
+        self.tenants = Tenants()
         self.generation = 0
         """Grows when a node comes, goes or changes labels."""
         self.taint_generation = 0
@@ -100,6 +102,8 @@ class NodeTable:
         change |= self._set_taints(row, node)
         change |= self._set_annotations(row, node.metadata.annotations or {})
         change |= self._set_features(row, frozenset(node.status.declared_features))
+        if self.tenants.apply(name, self.labels.of(row), self.annotations[row]):
+            change |= Change.TENANTS
         if change:
             self.versions[row] += 1
         if change & (Change.NODE_ADDED | Change.LABELS):

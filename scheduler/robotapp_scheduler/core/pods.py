@@ -249,6 +249,7 @@ FEATURES: Final[dict[str, Callable[[PodInfo], Hashable]]] = {
     ),
     "resource_claims": lambda pod: (pod.namespace, *wanted(pod.pod)) if pod.pod.spec.resource_claims else None,
     "ros": lambda pod: pod.ros,
+    "ros.tenant": lambda pod: pod.ros and pod.ros.tenant,
     "ros.qos": lambda pod: pod.ros and pod.ros.qos_class,
     "ros.topology": lambda pod: pod.ros and (pod.ros.zones, pod.ros.master_node),
     "ros.endpoints": lambda pod: pod.ros and pod.ros.endpoints,

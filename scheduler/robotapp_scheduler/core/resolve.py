@@ -50,6 +50,8 @@ def resolve(pod: PodInfo, around: Surroundings) -> RosContext | None:
         if app is not None and component is not None:
             return _of_app(pod, pod.member, app, component, around)
     request = pod.ros_request
+        if app is not None:
+            return RosContext(tenant=pod.namespace)  # infrastructure: its discovery servers, router or master
     if request is None or isinstance(request, InvalidAnnotation) or request == NOTHING:
         return None
     return _of_annotations(pod, request, around)
@@ -73,6 +75,7 @@ def _of_app(pod: PodInfo, member: Member, app: App, component: Component, around
     shared = component.shared_data
     return RosContext(
         qos_class=component.qos_class,
+        tenant=pod.namespace,
         endpoints=endpoints,
         deadline_us=_us(component.policies.deadline),
         has_budget=own_budget_us is not None or any(end.budget_us is not None for end in endpoints),
@@ -165,6 +168,7 @@ def _of_annotations(pod: PodInfo, request: RosRequest, around: Surroundings) -> 
     )
     return RosContext(
         qos_class=request.qos_class,
+        tenant=pod.namespace,
         endpoints=_annotated_endpoints(pod, request, around),
         deadline_us=request.deadline_us,
         has_budget=request.latency_budget_us is not None,

@@ -94,6 +94,8 @@ class DeviceHolder(msgspec.Struct, frozen=True, gc=False):
 class RosContext(msgspec.Struct, frozen=True, gc=False):
     """A pod's ROS wishes resolved against the cluster at one moment. Equal contexts get equal verdicts."""
 
+    tenant: str = ""
+    """The pod's namespace: robots choose which they admit."""
     qos_class: str = DEFAULT_QOS_CLASS
     endpoints: tuple[Endpoint, ...] = ()
     deadline_us: int | None = None

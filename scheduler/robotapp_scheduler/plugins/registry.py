@@ -31,6 +31,7 @@ from robotapp_scheduler.plugins.ros.load_balance import LoadBalanceScore
 from robotapp_scheduler.plugins.ros.queue_sort import ROSQueueSort
 from robotapp_scheduler.plugins.ros.reserve import ROSReserve
 from robotapp_scheduler.plugins.ros.shared_data import SharedDataFilter
+from robotapp_scheduler.plugins.ros.tenants import AllowedNamespaces
 from robotapp_scheduler.plugins.ros.topology_score import TopologyScore
 
 BUILT_IN: Final[tuple[type, ...]] = (
@@ -38,7 +39,7 @@ BUILT_IN: Final[tuple[type, ...]] = (
     NodeResourcesFit, VolumeRestrictions, NodeVolumeLimits, VolumeBinding, VolumeZone, PodTopologySpread,
     InterPodAffinity, DynamicResources, DefaultPreemption, NodeResourcesBalancedAllocation, ImageLocality,
     NodeDeclaredFeatures,
-    LatencyFilter, HardwareAffinityFilter, SharedDataFilter, TopologyScore,
+    AllowedNamespaces, LatencyFilter, HardwareAffinityFilter, SharedDataFilter, TopologyScore,
     LatencyScore, LoadBalanceScore, DeadlineScore, ROSReserve, ROSBind,
     DefaultBinder,
 )  # fmt: skip
@@ -65,6 +66,7 @@ KUBERNETES: Final = (
 """Upstream's order, which decides the reason that is reported per node, and upstream's weights."""
 ROS: Final = (
     PluginRef("ROSQueueSort"),
+    PluginRef("AllowedNamespaces"),
     PluginRef("HardwareAffinityFilter"),
     PluginRef("SharedDataFilter"),
     PluginRef("LatencyFilter"),

@@ -311,8 +311,9 @@ class Placer:
         ros = pod.ros
         if ros is None or ros.holder is None:
             return
-        index = self._core.cluster.devices
-        nodes = sorted(set().union(*(index.capable(wish) for wish in ros.devices)))
+        cluster = self._core.cluster
+        index, closed = cluster.devices, cluster.nodes.tenants.closed_to(ros.tenant)
+        nodes = sorted(set().union(*(index.capable(wish) for wish in ros.devices)) - closed)
         for node in nodes:
             for busy in index.blockers(ros.devices, node, ros.holder):
                 if not busy.namespace:

@@ -67,12 +67,34 @@ def test_a_revoked_robot_stops_the_apps_pods_says_why_and_gives_the_domain_back(
     assert len(tenant.claims()) == 1
     installed_plane.kubectl("annotate", "node", "edge-2", f"{ALLOWED}=other")
     said = tenant.wait("guest", "Accepted", "False", reason="NotAllowedOnRobot")["message"]
-    assert f'robot {robot} admits apps of namespace "other" only' in said
+    assert f"no robot that matches admits namespace {tenant.namespace}" in said
+    assert robot not in said
+    assert '"other"' not in said
     eventually(lambda: not tenant.listed("pods") and not tenant.deployments(), what=tenant.children)
     eventually(lambda: not tenant.claims(), what=tenant.claims)
     installed_plane.kubectl("annotate", "node", "edge-2", f"{ALLOWED}-")
     tenant.wait_ready("guest")
     assert len(tenant.claims()) == 1
+
+
+def test_a_robot_is_closed_by_the_annotation_of_any_of_its_computers(
+    installed_plane: ControlPlane, tenant: Tenant, ids: str, robot: str
+) -> None:
+    installed_plane.kubectl("label", "node", "edge-1", f"robotics.io/robot={robot}")
+    installed_plane.kubectl("label", "node", "edge-2", "robotics.io/robot-primary=true")
+    installed_plane.kubectl("annotate", "node", "edge-1", f"{ALLOWED}=other")
+    try:
+        selector = {"nodeSelector": {"matchLabels": {"robotics.io/robot-primary": "true", "robotics.io/robot": robot}}}
+        tenant.apply("guest", part("driver", runsOn=["Robot"]), robots=selector, ros2={"pool": ids})
+        tenant.wait("guest", "Accepted", "False", reason="NotAllowedOnRobot")
+        assert tenant.claims() == []
+        assert tenant.deployments() == []
+        installed_plane.kubectl("annotate", "node", "edge-1", f"{ALLOWED}=other,{tenant.namespace}", "--overwrite")
+        tenant.wait_ready("guest")
+    finally:
+        installed_plane.kubectl("annotate", "node", "edge-1", f"{ALLOWED}-")
+        installed_plane.kubectl("label", "node", "edge-1", "robotics.io/robot-")
+        installed_plane.kubectl("label", "node", "edge-2", "robotics.io/robot-primary-")
 
 
 def test_a_robot_that_leaves_gives_back_its_own_domain_and_no_other(

@@ -104,10 +104,10 @@ def test_any_does_not_begin_on_a_robot_whose_primary_computer_is_unknown_while_t
 
 
 def test_a_robot_admits_everybody_unless_it_lists_namespaces_and_nobody_with_an_empty_list() -> None:
-    assert admits(node("a"), "team")
-    assert admits(node("a", allowed="other, team"), "team")
-    assert not admits(node("a", allowed="other"), "team")
-    assert not admits(node("a", allowed=""), "team")
+    assert admits(node("a").annotations, "team")
+    assert admits(node("a", allowed="other, team").annotations, "team")
+    assert not admits(node("a", allowed="other").annotations, "team")
+    assert not admits(node("a", allowed="").annotations, "team")
     assert names(each(node("a"), node("b", allowed="other"))) == ["a"]
 
 
@@ -123,6 +123,16 @@ def test_any_takes_a_robot_within_reach_for_a_new_app_and_spreads_apps_over_robo
     assert names(instances_of(ANY, nodes, running=(), claimed=(), unreachable={"n-a", "n-c"})) == ["b"]
     wishes = (dataclasses.replace(ANY, uid=f"uid-{number}") for number in range(40))
     assert {names(instances_of(wish, nodes, running=(), claimed=()))[0] for wish in wishes} == {"a", "b", "c"}
+
+
+def test_a_robot_is_closed_by_any_of_its_computers_also_one_that_the_selector_does_not_name() -> None:
+    primary, forgotten = computer("n1", primary="true", arm="no"), node("a", name="n2", allowed="other", arm="yes")
+    assert each(primary, forgotten) == ()
+    chosen = RobotWish("u", "team", {"matchLabels": {"arm": "no"}})
+    assert instances_of(chosen, [primary, forgotten], running={"a"}, claimed={"a"}) == ()
+    assert names(
+        instances_of(chosen, [primary, node("a", name="n2", allowed="other,team")], running=(), claimed=())
+    ) == ["a"]
 
 
 def test_any_moves_when_its_robot_is_gone_or_no_longer_admits_it() -> None:

@@ -27,7 +27,8 @@ def test_the_default_order_and_weights_are_upstreams_followed_by_ours() -> None:
     assert [plugin.name for plugin in profile.filters] == [
         "NodeName", "NodeUnschedulable", "TaintToleration", "NodeAffinity", "NodePorts", "NodeResourcesFit",
         "VolumeRestrictions", "NodeVolumeLimits", "VolumeBinding", "VolumeZone", "PodTopologySpread", "InterPodAffinity",
-        "DynamicResources", "NodeDeclaredFeatures", "HardwareAffinityFilter", "SharedDataFilter", "LatencyFilter", "ROSReserve",
+        "DynamicResources", "NodeDeclaredFeatures", "AllowedNamespaces", "HardwareAffinityFilter", "SharedDataFilter",
+        "LatencyFilter", "ROSReserve",
     ]  # fmt: skip
     assert {plugin.name: plugin.weight for plugin in profile.scores} == {
         "TaintToleration": 3, "NodeAffinity": 2, "NodeResourcesFit": 1, "VolumeBinding": 1, "PodTopologySpread": 2,

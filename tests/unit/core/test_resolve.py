@@ -44,6 +44,16 @@ def test_pods_without_ros_fields_have_no_context() -> None:
     assert annotated(fleet(), topology='{"master_node":"","preferred_zones":[]}') is None
 
 
+def test_every_pod_of_an_app_and_every_annotated_pod_has_its_namespace_as_tenant() -> None:
+    cluster = app_cluster({"name": "driver"})
+    infrastructure = resolve(PodInfo(member_pod("", instance="amr-07")), cluster)
+    assert infrastructure == RosContext(tenant="default")
+    assert context(cluster, "driver").tenant == "default"
+    annotated_pod = annotated(cluster, topology='{"preferred_zones":["z"]}')
+    assert annotated_pod is not None
+    assert annotated_pod.tenant == "default"
+
+
 def test_an_edge_reaches_its_placed_peer_with_its_own_budget_and_percentile() -> None:
     edge = {"topic": "/t", "from": "a", "to": "b", "latency": {"budget": "30ms", "percentile": 50}}
     cluster = app_cluster({"name": "a"}, {"name": "b"}, edges=[edge])

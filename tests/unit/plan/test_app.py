@@ -141,16 +141,31 @@ def test_a_selector_without_robots_lists_the_robots_there_are() -> None:
     app = make_app(robots={"nodeSelector": {"matchLabels": {"robotics.io/robot": "amr-99"}}})
     (problem,) = problems_of(app, robots("amr-07", "amr-08"))
     assert problem.reason == Reason.NO_MATCHING_ROBOT
-    assert "amr-07, amr-08" in problem.message
+    assert "robots that admit namespace default are amr-07, amr-08" in problem.message
     assert "no node carries the label" in problems_of(app, {})[0].message
 
 
-def test_a_robot_that_admits_other_namespaces_only_is_refused_by_name() -> None:
-    node = make_node("n", robot="amr-07", annotations={Annotation.ALLOWED_NAMESPACES: "team-a, team-b"})
+TEAMS = {Annotation.ALLOWED_NAMESPACES: "team-a, team-b"}
+
+
+def test_a_robot_that_admits_other_namespaces_only_is_refused_without_their_names() -> None:
+    node = make_node("n", robot="amr-07", annotations=TEAMS)
     (problem,) = problems_of(make_app(robots=ROBOTS), by_name([node]))
     assert problem.reason == Reason.NOT_ALLOWED_ON_ROBOT
-    assert "robot amr-07 admits" in problem.message
-    assert "this is default" in problem.message
+    assert "admits namespace default" in problem.message
+    assert "robotics.io/allowed-namespaces" in problem.message
+    assert not any(name in problem.message for name in ("team-a", "team-b", "amr-07"))
+
+
+def test_who_names_no_robot_is_not_told_those_that_do_not_admit_him() -> None:
+    ghost = make_app(robots={"nodeSelector": {"matchLabels": {"robotics.io/robot": "amr-99"}}})
+    theirs = [make_node("n1", robot="theirs", annotations=TEAMS), make_node("n2", robot="theirs")]
+    (problem,) = problems_of(ghost, by_name([*theirs, make_node("n3", robot="ours")]))
+    assert "ours" in problem.message
+    assert "theirs" not in problem.message
+    (problem,) = problems_of(ghost, by_name(theirs))
+    assert "no robot admits namespace default" in problem.message
+    assert "theirs" not in problem.message
 
 
 def reserving(*ids: int) -> Pool:

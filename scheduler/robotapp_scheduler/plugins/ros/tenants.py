@@ -1,0 +1,33 @@
+"""AllowedNamespaces: nodes whose owner admits the pod's namespace (node annotation robotics.io/allowed-namespaces)."""
+
+from typing import Final
+
+from robotapp_api.model.names import Annotation
+from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.framework import FilterResult
+from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.view import Nodes
+
+NOT_ADMITTED: Final = f"node(s) didn't admit the pod's namespace (node annotation {Annotation.ALLOWED_NAMESPACES})"
+
+
+class AllowedNamespaces:
+    """For pods of RobotApps and pods with ROS annotations. Others keep kube-scheduler's decision: taints keep them off.
+
+    The reason names neither the robot nor the namespaces that it admits: they are other tenants'.
+    """
+
+    name = "AllowedNamespaces"
+    reads = ("ros.tenant",)
+    node_reads = ("tenants",)
+    row_local = True  # what another computer of the robot admits is told as a change of every row
+    events = Change.NODE_ADDED | Change.NODE_REMOVED | Change.TENANTS
+    reason = NOT_ADMITTED
+    resolvable = False
+
+    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
+        """False on nodes of robots that admit other namespaces only; no opinion for a pod without ROS fields."""
+        if pod.ros is None:
+            return None
+        closed = nodes.cluster.nodes.tenants.closed_to(pod.ros.tenant)
+        return ~nodes.named(closed) if closed else True
