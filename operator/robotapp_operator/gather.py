@@ -7,6 +7,7 @@ So they are computed once for each version of the spec and the nodes.
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 
+from robotapp_api.claims.device import claims_wanted
 from robotapp_api.claims.domain import DomainOutcome
 from robotapp_api.claims.instances import ANY, Instance
 from robotapp_api.claims.objects import App as ClaimsApp
@@ -137,7 +138,7 @@ def instance_facts(
         views.append(component_view(component, deployment, mine, missing=missing))
     domain = cached_domain(app, instance.robot, cache, outcome) or _last_joined(app, outcome)
     devices = cache.devices_held(app.uid, instance.robot)
-    wanted = sum(device.exclusive for component in app.spec.components for device in component.devices)
+    wanted = sum(claims_wanted(component.devices) for component in app.spec.components)
     placed = {view.name: view.node for view in views if view.node}
     robot = cache.nodes.get(instance.node)
     return InstanceFacts(

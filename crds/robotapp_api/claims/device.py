@@ -11,6 +11,7 @@ from enum import StrEnum
 from typing import Final, Protocol
 
 from robotapp_api.claims.identity import (
+    UNKNOWN_DEVICE_TYPE,
     Owner,
     claim_name_device,
     device_label,
@@ -18,9 +19,11 @@ from robotapp_api.claims.identity import (
     holder_text,
     same_holder,
 )
-from robotapp_api.claims.objects import App, Claim, Holder, Pod
+from robotapp_api.claims.objects import EXCLUSIVE, App, Claim, DeviceThing, Holder, Pod
 from robotapp_api.claims.release import Release
 
+GPU: Final = "gpu"
+"""A type our scheduler never claims: its device plugin hands it out as an extended resource, the node only has to have one."""
 _USB_IDENTITY: Final = re.compile(r"(?:usb:)?([0-9a-f]{4}:[0-9a-f]{4})(?::(.*))?", re.IGNORECASE)
 
 
@@ -48,6 +51,24 @@ class Described(Protocol):
     def interface(self) -> str: ...
     @property
     def identity(self) -> str: ...
+
+
+class Identified(Described, Protocol):
+    """With the id it has on its node."""
+
+    @property
+    def id(self) -> str: ...
+
+
+class Asked(Protocol):
+    """A wish of a component's spec."""
+
+    @property
+    def type(self) -> str: ...
+    @property
+    def sharing(self) -> str: ...
+    @property
+    def count(self) -> int: ...
 
 
 class Reported(Described, Protocol):
@@ -128,7 +149,56 @@ def wants_devices(app: App | None, holder: Holder) -> bool:
     if app is None or app.metadata.uid != holder.uid or app.spec.suspend:
         return False
     component = next((part for part in app.spec.components if part.name == holder.component), None)
-    return component is not None and component.replicas > 0 and any(device.exclusive for device in component.devices)
+    return component is not None and component.replicas > 0 and any(claimed(device) for device in component.devices)
+
+
+def claimed(device: Asked) -> bool:
+    """Whether our scheduler makes a claim for the device. Shared ones must be there; GPUs are given by their device plugin."""
+    return device.sharing == EXCLUSIVE and device.type != GPU
+
+
+def claims_wanted(devices: Iterable[Asked]) -> int:
+    """How many device claims one replica of a component with these devices takes."""
+    return sum(device.count for device in devices if claimed(device))
+
+
+# One device, one identity
+
+
+def is_device(thing: DeviceThing, device: Identified, *, known: Collection[str]) -> bool:
+    """Whether `thing`, which somebody holds or uses, is this device of the same node.
+
+    known: labels of all ids that the node reports now, plugged in or not. What is held under one of them is that device.
+    What is held under another id was named when something else described the node, a label or an agent, and may be any
+    device that is not surely another one: whoever describes the node must not make a held device free.
+    """
+    if thing.id == device_label(device.id):
+        return True
+    return thing.id not in known and not _surely_another(thing, device)
+
+
+def _surely_another(thing: DeviceThing, device: Identified) -> bool:
+    if thing.type == UNKNOWN_DEVICE_TYPE:
+        return False
+    if thing.type != device.type:
+        return True
+    if thing.identity and device.identity:
+        # Two that are told apart by vendor, product and serial; of one model without serials each has an id of its own.
+        return not (_serial(thing.identity) and identity_fits(thing.identity, device.identity))
+    if thing.identity or device.identity:
+        return False
+    # Ids are `<type>-<stable name>`. A label without interface, such as hardware.robotics.io/can, names no device.
+    one, other = _stable_name(thing.id, thing.type), device.interface or _stable_name(device.id, device.type)
+    return bool(one and other) and one != other
+
+
+def _stable_name(device_id: str, device_type: str) -> str:
+    return "" if device_id == device_type else device_id.removeprefix(f"{device_type}-")
+
+
+def _serial(identity: str) -> str:
+    found = _USB_IDENTITY.fullmatch(identity)
+    return (found[2] or "") if found else identity
 
 
 # Which device for which requirement

@@ -11,6 +11,8 @@ from robotapp_api.claims.objects import ClaimSpec, DeviceThing, DomainThing, Hol
 from robotapp_api.model.names import API_VERSION, Annotation, Label
 from robotapp_api.values.naming import DNS_LABEL
 
+UNKNOWN_DEVICE_TYPE: Final = "unknown"
+"""Type written when only node and id of a device are known: a grant names no more."""
 _DOMAIN_LITERAL: Final = re.compile(r"0|[1-9][0-9]{0,2}")
 
 
@@ -202,13 +204,15 @@ def holder_text(holder: Holder, *, for_namespace: str) -> str:
     return f"{kind}{holder.namespace}/{holder.name}" + (f" ({holder.instance})" if holder.instance else "")
 
 
-def grants(*, domain: int | None = None, devices: Collection[str] = ()) -> dict[str, str]:
-    """Annotations for the Binding that tell a pod what it was given."""
+def grants(*, domain: int | None = None, devices: Collection[str] = (), shared: Collection[str] = ()) -> dict[str, str]:
+    """Annotations for the Binding that tell a pod what it was given. devices: those it holds alone."""
     given: dict[str, str] = {}
     if domain is not None:
         given[str(Annotation.GRANTED_DOMAIN)] = str(domain)
     if devices:
         given[str(Annotation.GRANTED_DEVICES)] = ",".join(sorted(device_label(device) for device in devices))
+    if shared:
+        given[str(Annotation.GRANTED_SHARED)] = ",".join(sorted(device_label(device) for device in shared))
     return given
 
 
@@ -217,4 +221,13 @@ def granted_domain(annotations: dict[str, str]) -> int | None:
 
 
 def granted_devices(annotations: dict[str, str]) -> frozenset[str]:
-    return frozenset(part for part in annotations.get(Annotation.GRANTED_DEVICES, "").split(",") if part)
+    return _names(annotations.get(Annotation.GRANTED_DEVICES, ""))
+
+
+def shared_devices(annotations: dict[str, str]) -> frozenset[str]:
+    """Devices that a pod uses together with others; no claim stands for them."""
+    return _names(annotations.get(Annotation.GRANTED_SHARED, ""))
+
+
+def _names(text: str) -> frozenset[str]:
+    return frozenset(part for part in text.split(",") if part)

@@ -12,7 +12,7 @@ from robotapp_api.model.names import GROUP, SCHEDULER_NAME, THESIS_SCHEDULER_NAM
 
 ROS_DOMAIN_ID: Final = "ROS_DOMAIN_ID"
 EXCLUSIVE: Final = "Exclusive"
-"""Value of a device's `sharing` that needs a claim."""
+"""Value of a device's `sharing` that keeps everybody else out."""
 
 
 class Object(msgspec.Struct, rename="camel", frozen=True, kw_only=True, gc=False):
@@ -249,11 +249,6 @@ class DeviceRequirement(Object, frozen=True, kw_only=True):
     usb_id: str | None = msgspec.field(name="usbID", default=None)
     count: int = 1
     sharing: str = EXCLUSIVE
-
-    @property
-    def exclusive(self) -> bool:
-        """Whether a claim holds the device. Shared ones must be there, and nobody holds them."""
-        return self.sharing == EXCLUSIVE
 
 
 class Component(Object, frozen=True, kw_only=True):

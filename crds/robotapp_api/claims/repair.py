@@ -11,6 +11,7 @@ from typing import Final
 
 from robotapp_api.claims.domain import DomainRequest, pool_ids, withheld
 from robotapp_api.claims.identity import (
+    UNKNOWN_DEVICE_TYPE,
     Found,
     claim_name,
     device_spec,
@@ -30,8 +31,6 @@ from robotapp_api.model.names import Annotation, Label
 
 CLUSTER: Final = scope_part("Cluster", "")
 SCOPES: Final = {"c": "Cluster", "z": "Zone", "n": "Node"}
-UNKNOWN_DEVICE_TYPE: Final = "unknown"
-"""Type written when a claim is re-created: only its node and id name the device."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -88,6 +88,15 @@ async def _reserve(
     )
 
 
+async def may_share(client: Api, *, holder: Holder, pod_uid: str, devices: Sequence[Chosen]) -> Reservation:
+    """Whether nobody else holds one of these devices alone, read with a quorum. A device in shared use has no claim."""
+    for device in devices:
+        claim = await find_claim(client, device.claim)
+        if claim is not None and take_device(claim, holder=holder, pod_uid=pod_uid) is Take.BUSY:
+            return _blocked(claim, holder)
+    return Reservation(True)
+
+
 def _blocked(claim: Claim, holder: Holder) -> Reservation:
     text = busy_text(claim, for_namespace=holder.namespace)
     # Its own component's device comes free together with what is taken already: the predecessor is ending.

@@ -29,14 +29,10 @@ class Device(Model):
     """How many such devices the component needs. More than 1 is not possible yet: write one entry for each device."""
     sharing: Sharing = "Exclusive"
     """Who may use the device at the same time: nobody else (Exclusive), pods of this namespace (Namespace) or everybody
-    (Cluster). A device that is not exclusive must be there, but is not held; Namespace acts like Cluster so far."""
+    (Cluster). A device that is not exclusive must be there and is not held, but nobody gets it alone while it is in use;
+    Namespace acts like Cluster so far."""
     on_loss: OnLoss = "Keep"
     """What happens when the device vanishes: Keep the pod, Restart it in place, or Reschedule it to another node."""
-
-    @property
-    def exclusive(self) -> bool:
-        """Is the device claimed, so that nobody else uses it?"""
-        return self.sharing == "Exclusive"
 
 
 class Requirement(Model):

@@ -74,6 +74,8 @@ class Annotation(StrEnum):
     GRACEFUL_SHUTDOWN = "scheduler.robotics.io/graceful-shutdown"
     GRANTED_DOMAIN = "granted.robotics.io/dds-domain"
     GRANTED_DEVICES = "granted.robotics.io/devices"
+    GRANTED_SHARED = "granted.robotics.io/shared-devices"
+    """Devices the pod uses together with others (sharing Namespace or Cluster): nobody gets them alone meanwhile."""
     ALLOWED_NAMESPACES = "robotics.io/allowed-namespaces"
     APPROVE_UPDATE = "robotics.io/approve-update"
     RENDERED_BY = "robotics.io/rendered-by"

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
+from robotapp_api.claims.device import GPU, claimed
 from robotapp_api.model.conditions import condition
 from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME, Condition, Reason
 from robotapp_operator.plan.facts import AppFacts, InstanceFacts
@@ -104,14 +105,26 @@ def _our_scheduler(facts: AppFacts) -> str:
 def _all_allocated(facts: AppFacts) -> Verdict:
     held, wanted = _devices(facts)
     domains = sorted({instance.domain for instance in facts.instances if instance.domain is not None})
+    free = _unclaimed_text(facts)
     if not domains and not wanted:
-        return Verdict("True", Reason.NOTHING_TO_ALLOCATE, "the app needs neither a domain nor devices")
+        text = f"nothing has to be claimed: {free}" if free else "the app needs neither a domain nor devices"
+        return Verdict("True", Reason.NOTHING_TO_ALLOCATE, text)
     parts = [f"domain {shown(domains)}"] if domains else []
     parts += [f"{held} of {wanted} devices"] if wanted else []
+    parts += [free] if free else []
     asked = facts.app.requested_domain
     if asked is not None and facts.app.share_with and domains != [asked]:
         parts.append(f"spec.ros2.domain {asked} is not used, ros2.shareWith decides; remove one of the two")
     return Verdict("True", Reason.ALLOCATED, "; ".join(parts))
+
+
+def _unclaimed_text(facts: AppFacts) -> str:
+    """Devices in the spec that no claim of ours stands for: whether they are there shows when the pods are placed."""
+    wishes = [device for component in facts.app.spec.components for device in component.devices if not claimed(device)]
+    gpus = sum(device.type == GPU for device in wishes)
+    parts = [f"{gpus} handed out by a device plugin ({GPU})"] if gpus else []
+    parts += [f"{len(wishes) - gpus} shared"] if len(wishes) > gpus else []
+    return f"devices without a claim: {', '.join(parts)}" if parts else ""
 
 
 def _devices(facts: AppFacts) -> tuple[int, int]:

@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
-from robotapp_api.claims.device import assign, busy_text, fits
-from robotapp_api.claims.identity import claim_name_device
+from robotapp_api.claims.device import assign, busy_text, claimed, fits, is_device
+from robotapp_api.claims.identity import claim_name_device, device_label
 from robotapp_api.claims.instances import Instance, closed_nodes
 from robotapp_api.claims.objects import Claim
 from robotapp_api.model.component import Component
@@ -55,13 +55,13 @@ def device_trouble(
         Wish(component.name, device.name, fitting)
         for component in app.spec.components
         for device in component.devices
-        if device.exclusive
+        if claimed(device)
         and (fitting := _fitting(component, device, wish_of(app, instance.robot), telemetry=telemetry, nodes=nodes))
     ]
     if group := rivals([wish.fitting for wish in wishes]):
         return _rivals_text([wishes[index] for index in group])
     for wish in wishes:
-        found = [claims.get(claim_name_device(place.node, place.id)) for place in sorted(wish.fitting)]
+        found = [_claim_on(place, claims, telemetry[place.node]) for place in sorted(wish.fitting)]
         others = [claim for claim in found if claim is not None and not _belongs(claim, app, instance)]
         if len(others) == len(found):
             return busy_text(others[0], for_namespace=app.namespace)
@@ -120,6 +120,19 @@ def _fitting(
         for device in report.status.devices
         if fits(asked, device)
     )
+
+
+def _claim_on(place: Place, claims: Mapping[str, Claim], report: Telemetry) -> Claim | None:
+    """The claim that holds the device, perhaps under the id it had before the node's agent reported it."""
+    if exact := claims.get(claim_name_device(place.node, place.id)):
+        return exact
+    known = {device_label(device.id) for device in report.status.devices}
+    device = next(device for device in report.status.devices if device.id == place.id)
+    things = ((claim, claim.spec.device) for claim in claims.values())
+    found = (
+        claim for claim, thing in things if thing and thing.node == place.node and is_device(thing, device, known=known)
+    )
+    return next(found, None)
 
 
 def _belongs(claim: Claim, app: App, instance: Instance) -> bool:

@@ -152,7 +152,7 @@ class Cluster:
         self.nominations.discard(pod.uid)
         stamp = self._stamps.of(self.nodes.row_of.get(node))
         self._arrive(self._records.of(pod, node, assumed=True, stamp=stamp), Change.POD_ADDED)
-        self.devices.promise(pod.uid, grants)
+        self.devices.promise(pod.uid, grants, namespace=pod.namespace, name=pod.name)
 
     def forget(self, uid: str) -> Change:
         """Take an assumption back; a confirmed pod stays. Idempotent."""
@@ -317,6 +317,7 @@ class Cluster:
         if old is not None and old.assumed:
             self._stamps.learn(self.nodes.row_of.get(node), pod)
         if old is None:
+            self.devices.see(pod)
             self._arrive(record, Change.POD_ADDED)
             return Change.POD_ADDED
         if old.footprint != record.footprint:

@@ -1,16 +1,18 @@
-"""Which devices nodes have, which are claimed, and which one a pod may take.
+"""Which devices nodes have, which are claimed or shared, and which one a pod may take.
 
-A requirement always resolves to a device id, so that one device has one name. The claims here are the watch's copy:
+A requirement always resolves to a device id, so that one device has one name. What is held keeps the name it was held
+under, also when an agent begins or ceases to describe the node meanwhile (`claims.device.is_device`). The claims here are the watch's copy:
 good enough to choose a node, never to grant (the shell's create of the RobotClaim decides).
 """
 
-from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from typing import Any, NamedTuple
 
-from robotapp_api.claims.device import PREFERENCE, Take, assign, fits_kind, take_device
-from robotapp_api.claims.identity import device_label
-from robotapp_api.claims.objects import Claim, TelemetryDevice
+from robotapp_api.claims.device import PREFERENCE, Take, assign, fits_kind, is_device, take_device
+from robotapp_api.claims.identity import UNKNOWN_DEVICE_TYPE, device_label, same_holder, shared_devices
+from robotapp_api.claims.objects import Claim, DeviceThing, TelemetryDevice
 from robotapp_api.model.names import HARDWARE_PREFIX
+from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.ros import DeviceHolder, DeviceWish
 
 
@@ -34,52 +36,83 @@ class DeviceGrant(NamedTuple):
 
 
 class Busy(NamedTuple):
-    """Who keeps a device from a pod; without a namespace it is a pod that is being placed, not a claim yet."""
+    """Who keeps a device from a pod: a claim's holder, or a pod that shares it with others.
+
+    Without a namespace it is a pod that is being placed, not a claim yet.
+    """
 
     device: Device
     namespace: str
     holder: str
 
 
+class Use(NamedTuple):
+    """A device that was promised to a pod which is being placed (exclusive), or that a pod shares with others."""
+
+    thing: DeviceThing
+    exclusive: bool
+    namespace: str
+    name: str
+
+
 def devices_of_labels(labels: dict[str, str]) -> tuple[Device, ...]:
-    """Devices of a node that has no telemetry: hardware.robotics.io/<type>[-<interface>]: <model or true>."""
-    found = []
+    """Devices of a node that has no telemetry: hardware.robotics.io/<type>[-<interface>]: <model or true>.
+
+    A label without interface is a device only while no other label names one of its type: else one device had two names.
+    Its model is then that of the only one there is.
+    """
+    models: dict[str, str] = {}
+    named: dict[str, list[Device]] = {}
     for key in sorted(labels):
         if key.startswith(HARDWARE_PREFIX):
-            ident = key.removeprefix(HARDWARE_PREFIX)
+            ident, value = key.removeprefix(HARDWARE_PREFIX), labels[key]
             kind, _, interface = ident.partition("-")
-            value = labels[key]
-            found.append(Device(id=ident, type=kind, model="" if value == "true" else value, interface=interface))
-    return tuple(found)
+            model = "" if value == "true" else value
+            if interface:
+                named.setdefault(kind, []).append(Device(ident, kind, model, interface))
+            else:
+                models[kind] = model
+    for kind, model in models.items():
+        devices = named.setdefault(kind, [])
+        if not devices:
+            devices.append(Device(kind, kind, model))
+        elif len(devices) == 1 and not devices[0].model:
+            devices[0] = devices[0]._replace(model=model)
+    return tuple(sorted(device for devices in named.values() for device in devices))
 
 
 class DeviceIndex:
-    """Devices per node, claims per device, and what this process has promised but not yet seen as a claim."""
+    """Devices per node, who claims or shares them, and what this process has promised but not yet seen as a claim."""
 
     def __init__(self) -> None:
         self._devices: dict[str, tuple[Device, ...]] = {}
         self._with_telemetry: set[str] = set()
-        # Claims and promises are kept under the label of the device's id, which is how claims name it.
-        self._claims: dict[tuple[str, str], Claim] = {}
-        self._claim_names: dict[str, tuple[str, str]] = {}
-        self._promised: dict[tuple[str, str], str] = {}
-        self._contested: dict[str, int] = {}
+        self._known: dict[str, frozenset[str]] = {}
+        """Labels of all ids a node reports, of devices that are not plugged in too."""
+        self._claims: dict[str, dict[str, Claim]] = {}
+        """Claims of a node by name."""
+        self._claim_nodes: dict[str, str] = {}
+        self._uses: dict[str, dict[str, list[Use]]] = {}
+        """Promises and shared uses of a node by pod uid."""
+        self._use_nodes: dict[str, str] = {}
         self._capable: dict[tuple[str, str, str, str], frozenset[str]] = {}
 
     def __repr__(self) -> str:
-        return f"DeviceIndex({len(self._devices)} nodes, {len(self._claims)} claims, {len(self._promised)} promised)"
+        return f"DeviceIndex({len(self._devices)} nodes, {len(self._claim_nodes)} claims, {len(self._use_nodes)} users)"
 
     def set_labels(self, node: str, labels: dict[str, str]) -> bool:
         """Labels say what a node has only while no telemetry does. True when something is different."""
         if node in self._with_telemetry:
             return False
-        return self._set(node, devices_of_labels(labels))
+        devices = devices_of_labels(labels)
+        return self._set(node, devices, known=devices)
 
     def set_telemetry(self, node: str, devices: Iterable[TelemetryDevice]) -> bool:
         """What the agent sees; absent devices do not count. True when something is different."""
         self._with_telemetry.add(node)
+        devices = tuple(devices)
         present = (Device(d.id, d.type, d.model, d.interface, d.identity) for d in devices if d.present)
-        return self._set(node, tuple(sorted(present)))
+        return self._set(node, tuple(sorted(present)), known=devices)
 
     def drop_telemetry(self, node: str, labels: dict[str, str]) -> bool:
         """The agent's object is gone: labels count again."""
@@ -91,36 +124,39 @@ class DeviceIndex:
         thing = claim.spec.device
         if thing is None:
             return None
-        key = (thing.node, device_label(thing.id))
-        if key not in self._claims:
-            self._contest(thing.node, +1)
-        self._claims[key] = claim
-        self._claim_names[claim.metadata.name] = key
+        self._claims.setdefault(thing.node, {})[claim.metadata.name] = claim
+        self._claim_nodes[claim.metadata.name] = thing.node
         return thing.node
 
     def remove_claim(self, name: str) -> str | None:
         """A claim is gone; answers the node whose device is free now."""
-        key = self._claim_names.pop(name, None)
-        if key is None:
-            return None
-        if self._claims.pop(key, None) is not None:
-            self._contest(key[0], -1)
-        return key[0]
+        node = self._claim_nodes.pop(name, None)
+        if node is not None:
+            _drop(self._claims, node, name)
+        return node
 
-    def promise(self, pod_uid: str, grants: Iterable[DeviceGrant]) -> None:
-        """Keep devices for an assumed pod until its claims are seen or it is forgotten."""
+    def promise(self, pod_uid: str, grants: Iterable[DeviceGrant], *, namespace: str = "", name: str = "") -> None:
+        """Keep devices for an assumed pod: those it will hold alone, and those it will share with others."""
         for grant in grants:
-            if grant.exclusive:
-                key = (grant.node, device_label(grant.device.id))
-                if key not in self._promised:
-                    self._contest(grant.node, +1)
-                self._promised[key] = pod_uid
+            device = grant.device
+            thing = DeviceThing(node=grant.node, type=device.type, id=device_label(device.id), identity=device.identity)
+            shown = ("", "a pod being placed") if grant.exclusive else (namespace, name)
+            self._use(pod_uid, Use(thing, grant.exclusive, *shown))
+
+    def see(self, pod: Pod) -> None:
+        """A pod on a node: its grant names what it shares, if it was bound before this process began."""
+        meta = pod.metadata
+        if meta.uid in self._use_nodes or not meta.annotations:
+            return
+        for ident in shared_devices(meta.annotations):
+            thing = DeviceThing(node=pod.spec.node_name, type=UNKNOWN_DEVICE_TYPE, id=ident)
+            self._use(meta.uid, Use(thing, False, meta.namespace, meta.name))
 
     def release(self, pod_uid: str) -> None:
-        """Drop all promises to a pod."""
-        for key in [key for key, uid in self._promised.items() if uid == pod_uid]:
-            del self._promised[key]
-            self._contest(key[0], -1)
+        """The pod is gone or was not bound: drop what it was promised and what it shares."""
+        node = self._use_nodes.pop(pod_uid, None)
+        if node is not None:
+            _drop(self._uses, node, pod_uid)
 
     def of(self, node: str) -> tuple[Device, ...]:
         """Devices of a node, sorted by id."""
@@ -131,9 +167,11 @@ class DeviceIndex:
         found: dict[str, int] = {}
         for node, devices in self._devices.items():
             for device in devices:
-                key = (node, device_label(device.id))
-                taken = key in self._claims or key in self._promised
-                found[device.type] = found.get(device.type, 0) + (not taken)
+                free = (
+                    next(self._claims_on(node, device), None) is None
+                    and next(self._uses_of(node, device), None) is None
+                )
+                found[device.type] = found.get(device.type, 0) + free
         return found
 
     def capable(self, wish: DeviceWish) -> frozenset[str]:
@@ -147,71 +185,124 @@ class DeviceIndex:
         return found
 
     def contested(self, node: str) -> bool:
-        """Is any device of the node claimed or promised?"""
-        return node in self._contested
+        """Is any device of the node claimed, promised or shared?"""
+        return node in self._claims or node in self._uses
 
-    def blocker(self, node: str, device: Device, holder: DeviceHolder) -> Busy | None:
-        """Who stands in the way of this holder taking the device; None when it is free for it."""
-        key = (node, device_label(device.id))
-        claim = self._claims.get(key)
-        if claim is not None and take_device(claim, holder=holder, pod_uid=holder.pod_uid) is Take.BUSY:
-            return Busy(device, claim.holder.namespace, claim.holder.name)
-        promised = self._promised.get(key)
-        if promised is not None and promised != holder.pod_uid:
-            return Busy(device, "", "a pod being placed")
+    def blocker(self, node: str, device: Device, holder: DeviceHolder, *, exclusive: bool = True) -> Busy | None:
+        """Who stands in the way of this pod using the device, alone or together with others; None when it may."""
+        for claim in self._claims_on(node, device):
+            if take_device(claim, holder=holder, pod_uid=holder.pod_uid) is Take.BUSY:
+                return Busy(device, claim.holder.namespace, claim.holder.name)
+        for pod_uid, use in self._uses_of(node, device):
+            if pod_uid != holder.pod_uid and (exclusive or use.exclusive):
+                return Busy(device, use.namespace, use.name)
         return None
 
     def choose(self, wishes: Sequence[DeviceWish], node: str, holder: DeviceHolder) -> tuple[DeviceGrant, ...] | None:
-        """A different device for every exclusive wish, all or nothing; None when the node cannot give that."""
+        """A different device for every exclusive wish and one that nobody holds alone for every shared one.
+
+        All or nothing; None when the node cannot give that.
+        """
         devices = self.of(node)
         fitting = [[i for i, device in enumerate(devices) if fits_kind(wish, device)] for wish in wishes]
         if not all(fitting):
             return None
         own = [options for wish, options in zip(wishes, fitting, strict=True) if wish.exclusive]
-        found = assign(own, preferred=self._preferred(devices, node, holder)) if own else []
+        shared = {i for wish, options in zip(wishes, fitting, strict=True) if not wish.exclusive for i in options}
+        found = assign(own, preferred=self._preferred(devices, node, holder, last=shared)) if own else []
         if found is None:
             return None
-        claimed = iter(found)
-        return tuple(
-            DeviceGrant(wish.name, node, devices[next(claimed) if wish.exclusive else options[0]], wish.exclusive)
-            for wish, options in zip(wishes, fitting, strict=True)
+        open_ = {i for i in shared.difference(found) if self.blocker(node, devices[i], holder, exclusive=False) is None}
+        names = self._names(node, [devices[i] for i in found], holder)
+        held = iter(
+            [device._replace(id=name) for device, name in zip(map(devices.__getitem__, found), names, strict=True)]
         )
+        grants = []
+        for wish, options in zip(wishes, fitting, strict=True):
+            device = next(held) if wish.exclusive else self._to_share(node, [devices[i] for i in options if i in open_])
+            if device is None:
+                return None
+            grants.append(DeviceGrant(wish.name, node, device, wish.exclusive))
+        return tuple(grants)
+
+    def _to_share(self, node: str, devices: Sequence[Device]) -> Device | None:
+        """Rather one that is shared already: the others stay free for who wants one alone."""
+        return min(devices, key=lambda device: next(self._uses_of(node, device), None) is None, default=None)
+
+    def _names(self, node: str, devices: Sequence[Device], holder: DeviceHolder) -> list[str]:
+        """The id to claim each device under: the one under which this holder has it already, else its own."""
+        names, taken = [], set[str]()
+        for device in devices:
+            mine = (claim.spec.device for claim in self._claims_on(node, device) if same_holder(claim.holder, holder))
+            held = {thing.id for thing in mine if thing} - taken
+            label = device_label(device.id)
+            names.append(device.id if label in held or not held else min(held))
+            taken.add(device_label(names[-1]))
+        return names
 
     def blockers(self, wishes: Sequence[DeviceWish], node: str, holder: DeviceHolder) -> tuple[Busy, ...]:
         """For the event: every matching but taken device of a node."""
         found = (
-            self.blocker(node, device, holder)
+            self.blocker(node, device, holder, exclusive=wish.exclusive)
             for wish in wishes
-            if wish.exclusive
             for device in self.of(node)
             if fits_kind(wish, device)
         )
         return tuple(busy for busy in found if busy is not None)
 
-    def _preferred(self, devices: Sequence[Device], node: str, holder: DeviceHolder) -> list[int]:
-        """Devices that are free for this holder; those it has or inherits come first, or a retry would collect more."""
+    def _preferred(
+        self, devices: Sequence[Device], node: str, holder: DeviceHolder, *, last: Collection[int]
+    ) -> list[int]:
+        """Devices that are free for this holder; those it has or inherits come first, or a retry would collect more.
+
+        last: devices that its own shared wishes could use, taken when there is no other.
+        """
         free = [i for i, device in enumerate(devices) if self.blocker(node, device, holder) is None]
-        if not self.contested(node):
+        if not self.contested(node) and not last:
             return free
-        return sorted(free, key=lambda i: PREFERENCE[self._take(node, devices[i], holder)])
+        return sorted(free, key=lambda i: (self._rank(node, devices[i], holder), i in last))
 
-    def _take(self, node: str, device: Device, holder: DeviceHolder) -> Take:
-        claim = self._claims.get((node, device_label(device.id)))
-        return take_device(claim, holder=holder, pod_uid=holder.pod_uid)
+    def _rank(self, node: str, device: Device, holder: DeviceHolder) -> int:
+        found = (take_device(claim, holder=holder, pod_uid=holder.pod_uid) for claim in self._claims_on(node, device))
+        return min((PREFERENCE[take] for take in found), default=PREFERENCE[Take.CREATE])
 
-    def _contest(self, node: str, sign: int) -> None:
-        count = self._contested.get(node, 0) + sign
-        if count:
-            self._contested[node] = count
-        else:
-            self._contested.pop(node, None)
+    def _claims_on(self, node: str, device: Device) -> Iterator[Claim]:
+        """Claims that hold this device, under whatever id."""
+        known = self._known.get(node, frozenset())
+        for claim in self._claims.get(node, {}).values():
+            if claim.spec.device is not None and is_device(claim.spec.device, device, known=known):
+                yield claim
 
-    def _set(self, node: str, devices: tuple[Device, ...]) -> bool:
-        if self._devices.get(node, ()) == devices:
+    def _uses_of(self, node: str, device: Device) -> Iterator[tuple[str, Use]]:
+        """Promises and shared uses of this device, with the pod's uid."""
+        known = self._known.get(node, frozenset())
+        for pod_uid, uses in self._uses.get(node, {}).items():
+            for use in uses:
+                if is_device(use.thing, device, known=known):
+                    yield pod_uid, use
+
+    def _use(self, pod_uid: str, use: Use) -> None:
+        node = use.thing.node
+        self._use_nodes[pod_uid] = node
+        self._uses.setdefault(node, {}).setdefault(pod_uid, []).append(use)
+
+    def _set(self, node: str, devices: tuple[Device, ...], *, known: Iterable[Device | TelemetryDevice]) -> bool:
+        labels = frozenset(device_label(device.id) for device in known)
+        if self._devices.get(node, ()) == devices and self._known.get(node, frozenset()) == labels:
             return False
         self._capable.clear()
+        self._known[node] = labels
+        if not labels:
+            del self._known[node]
         if devices:
             self._devices[node] = devices
         else:
             self._devices.pop(node, None)
         return True
+
+
+def _drop(table: dict[str, dict[str, Any]], node: str, key: str) -> None:
+    found = table.get(node, {})
+    found.pop(key, None)
+    if not found:
+        table.pop(node, None)

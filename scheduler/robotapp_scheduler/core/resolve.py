@@ -2,6 +2,7 @@
 
 from typing import Final, Protocol
 
+from robotapp_api.claims.device import GPU, claimed
 from robotapp_api.model.names import ROBOT_END, Label
 from robotapp_api.values.duration import parse_us
 from robotapp_scheduler.core.apps import App, AppIndex, Link, tied
@@ -49,9 +50,9 @@ def resolve(pod: PodInfo, around: Surroundings) -> RosContext | None:
         component = app.components.get(pod.member.component) if app else None
         if app is not None and component is not None:
             return _of_app(pod, pod.member, app, component, around)
-    request = pod.ros_request
         if app is not None:
             return RosContext(tenant=pod.namespace)  # infrastructure: its discovery servers, router or master
+    request = pod.ros_request
     if request is None or isinstance(request, InvalidAnnotation) or request == NOTHING:
         return None
     return _of_annotations(pod, request, around)
@@ -67,15 +68,15 @@ def _of_app(pod: PodInfo, member: Member, app: App, component: Component, around
     if not endpoints and own_budget_us is not None:
         endpoints = _robot_endpoint(member.instance, around, budget_us=own_budget_us)
     wishes = tuple(
-        DeviceWish(d.name, d.type, d.model, d.interface, d.usb_id or "", d.exclusive)
+        DeviceWish(d.name, d.type, d.model, d.interface, d.usb_id or "", claimed(d))
         for d in component.devices
-        if d.type != "gpu"
+        if d.type != GPU
         for _ in range(d.count)
     )
     shared = component.shared_data
     return RosContext(
-        qos_class=component.qos_class,
         tenant=pod.namespace,
+        qos_class=component.qos_class,
         endpoints=endpoints,
         deadline_us=_us(component.policies.deadline),
         has_budget=own_budget_us is not None or any(end.budget_us is not None for end in endpoints),
@@ -96,7 +97,7 @@ def _of_app(pod: PodInfo, member: Member, app: App, component: Component, around
 
 def _app_hardware(component: Component) -> tuple[Hardware, ...]:
     # A GPU is never held by us: its device plugin shares it, the node only has to have one.
-    gpus = tuple(Hardware(d.type, d.model, d.interface) for d in component.devices if d.type == "gpu")
+    gpus = tuple(Hardware(d.type, d.model, d.interface) for d in component.devices if d.type == GPU)
     return tuple(Hardware(r.type, r.model, r.interface) for r in component.requires) + gpus
 
 
@@ -167,8 +168,8 @@ def _of_annotations(pod: PodInfo, request: RosRequest, around: Surroundings) -> 
         if h.type in EXCLUSIVE_TYPES
     )
     return RosContext(
-        qos_class=request.qos_class,
         tenant=pod.namespace,
+        qos_class=request.qos_class,
         endpoints=_annotated_endpoints(pod, request, around),
         deadline_us=request.deadline_us,
         has_budget=request.latency_budget_us is not None,

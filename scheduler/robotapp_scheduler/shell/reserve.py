@@ -16,7 +16,7 @@ from robotapp_api.claims.objects import Holder, Meta, PodSpec, PodStatus
 from robotapp_api.claims.objects import Pod as ClaimPod
 from robotapp_api.client.api import ApiClient
 from robotapp_api.client.claims import check_bind_all, ensure_pod_domain
-from robotapp_api.client.device_claims import Reservation, reserve_devices
+from robotapp_api.client.device_claims import Reservation, may_share, reserve_devices
 from robotapp_api.client.errors import ClientError
 from robotapp_api.client.giving_back import give_back
 from robotapp_api.client.resources import PODS
@@ -98,13 +98,12 @@ class Reserver:
         """
         if not wants(pod, wanted):
             return READY
-        exclusive = [grant for grant in wanted if grant.exclusive]
         domain = domain_wish(pod)
         try:
             stored = await self._stored(pod)
             if stored is None:
                 return Reserved(Readiness.GONE)
-            found = await self._devices(pod, node, exclusive)
+            found = await self._devices(pod, node, wanted)
             if not found.ok:
                 if found.in_vain:
                     await give_back(self._client, stored, found.in_vain)
@@ -118,19 +117,18 @@ class Reserver:
         except ClientError as error:
             return _error(error)
         version = stored.metadata.resource_version
-        given = grants(domain=number, devices=found.ids)
+        shared = [grant.device.id for grant in wanted if not grant.exclusive]
+        given = grants(domain=number, devices=found.ids, shared=shared)
         return Reserved(Readiness.READY, annotations=given, resource_version=version)
 
-    async def _devices(self, pod: PodInfo, node: str, exclusive: Sequence[DeviceGrant]) -> Reservation:
-        if not exclusive:
-            return Reservation(ok=True)
-        return await reserve_devices(
-            self._client,
-            holder=holder_of(pod),
-            pod_uid=pod.uid,
-            node=node,
-            devices=[thing(grant) for grant in exclusive],
-        )
+    async def _devices(self, pod: PodInfo, node: str, wanted: Sequence[DeviceGrant]) -> Reservation:
+        """Look at the shared ones first: then nothing has to be given back when one of them is held."""
+        holder = holder_of(pod)
+        shared, exclusive = [[thing(grant) for grant in wanted if grant.exclusive is alone] for alone in (False, True)]
+        found = await may_share(self._client, holder=holder, pod_uid=pod.uid, devices=shared)
+        if not found.ok or not exclusive:
+            return found
+        return await reserve_devices(self._client, holder=holder, pod_uid=pod.uid, node=node, devices=exclusive)
 
     async def _stored(self, pod: PodInfo) -> ClaimPod | None:
         """The pod as etcd has it; None when it is gone, replaced, on its way out or ended."""
@@ -181,8 +179,8 @@ def domain_wish(pod: PodInfo) -> str:
 
 
 def wants(pod: PodInfo, granted: Sequence[DeviceGrant]) -> bool:
-    """Has anything to be claimed before this pod may be bound?"""
-    return bool(granted and any(grant.exclusive for grant in granted)) or bool(domain_wish(pod))
+    """Has anything to be claimed, or written into the Binding, before this pod may be bound?"""
+    return bool(granted) or bool(domain_wish(pod))
 
 
 def domain_request(pod: PodInfo, wish: str) -> DomainRequest:
@@ -193,11 +191,11 @@ def domain_request(pod: PodInfo, wish: str) -> DomainRequest:
 def thing(grant: DeviceGrant) -> Chosen:
     device = grant.device
     return chosen(node=grant.node, device_id=device.id, device_type=device.type, identity=device.identity)
+
+
 def _no_domain(outcome: DomainOutcome) -> PodReason:
     """Waiting helps where another holder may leave; where the number itself is refused, the annotation has to change."""
     return PodReason.INVALID_ANNOTATION if outcome.reason is Reason.INVALID_SPEC else PodReason.WAITING_FOR_DOMAIN
-
-
 
 
 def _error(error: ClientError) -> Reserved:

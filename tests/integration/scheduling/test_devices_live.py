@@ -7,9 +7,10 @@ import time
 from collections.abc import Iterator
 
 import pytest
-from tests.support.stage import CLAIMS, Json, Stage, nodes, pod
+from tests.support.apiobjects import component
+from tests.support.stage import CLAIMS, Json, Stage, deployment, nodes, pod
 
-from robotapp_api.model.names import Annotation
+from robotapp_api.model.names import API_VERSION, Annotation, Label
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.namespaces import created
 from robotapp_testbed.nodes import Device, SimulatedNode, edge
@@ -122,3 +123,68 @@ def test_a_node_without_the_device_is_refused_for_it(installed_plane: ControlPla
         stage.create_pod(driver("lonely"))
         message = stage.wait_refused("lonely", reason="Unschedulable")
         assert message.startswith("0/1 nodes are available: 1 node(s) didn't have the required hardware.")
+
+
+TELEMETRY = f"/apis/{API_VERSION}/nodetelemetries"
+WANTS_CAMERA = {str(Annotation.AFFINITY): json.dumps({"hardware_requirements": [{"type": "usb"}]})}
+
+
+def report(cp: ControlPlane, node: str) -> None:
+    """The node's agent begins to report its camera, which a label has named until now."""
+    cp.api.create(TELEMETRY, {"apiVersion": API_VERSION, "kind": "NodeTelemetry", "metadata": {"name": node}})
+    camera = {"id": "usb-0123", "type": "usb", "model": "d435", "identity": "8086:0b3a:0123", "present": True}
+    cp.api.patch(f"{TELEMETRY}/{node}/status", {"status": {"devices": [camera], "seq": 1}})
+
+
+def test_telemetry_that_comes_and_goes_never_gives_a_held_camera_to_another_pod(
+    installed_plane: ControlPlane, stage: Stage
+) -> None:
+    camera = "edge-camera"
+    with nodes(installed_plane, edge(camera, labels={"hardware.robotics.io/usb": "d435"})):
+        stage.create_pod(pod("by-label", annotations=WANTS_CAMERA))
+        stage.wait_bound("by-label")
+        report(installed_plane, camera)
+        try:
+            stage.create_pod(pod("by-agent", annotations=WANTS_CAMERA))
+            note = stage.wait_event("by-agent", reason="DeviceBusy")["note"]
+            assert f"held by {stage.namespace}/by-label" in note
+            assert stage.node_of("by-agent") == ""
+            stage.delete_pod("by-label")
+            stage.wait_bound("by-agent")
+            assert stage.pod("by-agent")["metadata"]["annotations"][str(Annotation.GRANTED_DEVICES)] == "usb-0123"
+        finally:
+            installed_plane.api.delete(f"{TELEMETRY}/{camera}")
+        stage.create_pod(pod("by-label-again", annotations=WANTS_CAMERA))
+        stage.wait_event("by-label-again", reason="DeviceBusy")
+        assert stage.node_of("by-label-again") == ""
+        assert len(claims(installed_plane, stage.namespace)) == 1
+
+
+def test_sharing_and_exclusive_wishes_keep_out_of_each_others_devices(
+    installed_plane: ControlPlane, stage: Stage
+) -> None:
+    def listener(name: str) -> str:
+        tap = {"name": "tap", "type": "can", "sharing": "Cluster"}
+        app = stage.create_app(name, [component("listener", devices=[tap])])
+        stage.create_deployment(deployment(app, "listener"))
+        found = stage.wait(lambda: stage.pods(**{str(Label.APP): name}), what=lambda: "no pod")
+        return str(found[0]["metadata"]["name"])
+
+    with nodes(installed_plane, with_can()):
+        first, second = listener("first"), listener("second")
+        for name in (first, second):
+            stage.wait_bound(name)
+            assert stage.pod(name)["metadata"]["annotations"][str(Annotation.GRANTED_SHARED)] == "can-can0"
+        assert claims(installed_plane, stage.namespace) == []
+        stage.create_pod(driver("alone"))
+        stage.wait_event("alone", reason="DeviceBusy")
+        assert stage.node_of("alone") == ""
+        for app in ("first", "second"):
+            installed_plane.kubectl("delete", "deployment", f"{app}-listener", "-n", stage.namespace)
+        stage.wait(lambda: not stage.pods(**{str(Label.COMPONENT): "listener"}), what=lambda: "listeners are left")
+        stage.wait_bound("alone")
+        third = listener("third")
+        stage.wait_event(third, reason="DeviceBusy")
+        assert stage.node_of(third) == ""
+        stage.delete_pod("alone")
+        stage.wait_bound(third)

@@ -98,11 +98,15 @@ def test_an_app_wants_devices_while_it_runs_and_its_component_asks(found: App | 
 def test_a_device_is_exclusive_unless_its_sharing_says_otherwise_and_keeps_its_usb_id_on_the_wire() -> None:
     found = msgspec.json.decode(b'{"name": "cam", "type": "usb", "usbID": "8086:0b3a"}', type=DeviceRequirement)
     assert found == DeviceRequirement(name="cam", type="usb", usb_id="8086:0b3a", count=1, sharing="Exclusive")
-    assert [DeviceRequirement(sharing=value).exclusive for value in ("Exclusive", "Namespace", "Cluster")] == [
-        True,
-        False,
-        False,
-    ]
+    sharings = ("Exclusive", "Namespace", "Cluster")
+    assert [device.claimed(DeviceRequirement(sharing=value)) for value in sharings] == [True, False, False]
+
+
+def test_a_gpu_is_never_claimed_because_its_device_plugin_hands_it_out() -> None:
+    gpu, camera = DeviceRequirement(type="gpu"), DeviceRequirement(type="usb", count=2)
+    assert not device.claimed(gpu)
+    assert device.claims_wanted([gpu]) == 0
+    assert device.claims_wanted([gpu, camera, DeviceRequirement(type="can", sharing="Cluster")]) == 2
 
 
 def test_another_uid_wants_nothing_of_the_old_ones_devices() -> None:

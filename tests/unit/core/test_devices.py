@@ -1,10 +1,11 @@
 import pytest
-from tests.support.scheduling import device_claim, make_cluster, make_node, telemetry
+from tests.support.scheduling import device_claim, make_cluster, make_node, make_pod, telemetry
 
 from robotapp_api.claims.identity import device_label
 from robotapp_api.claims.objects import TelemetryDevice
+from robotapp_api.model.names import Annotation
 from robotapp_scheduler.core.changes import Change
-from robotapp_scheduler.core.devices import Device, DeviceIndex, devices_of_labels
+from robotapp_scheduler.core.devices import Device, DeviceGrant, DeviceIndex, devices_of_labels
 from robotapp_scheduler.core.ros import DeviceHolder, DeviceWish
 
 MINE = DeviceHolder(uid="app-1", namespace="default", instance="amr", component="driver", pod_uid="new")
@@ -43,6 +44,14 @@ def test_labels_say_what_a_node_has_until_an_agent_does() -> None:
     assert [device.id for device in cluster.devices.of("n")] == ["can-can0", "gpu"]
 
 
+def test_a_label_of_the_type_alone_is_no_second_device_beside_one_that_names_it() -> None:
+    usb = "hardware.robotics.io/usb"
+    assert devices_of_labels({usb: "d435"}) == (Device("usb", "usb", "d435"),)
+    assert devices_of_labels({usb: "d435", f"{usb}-cam0": "true"}) == (Device("usb-cam0", "usb", "d435", "cam0"),)
+    two = {usb: "d435", f"{usb}-cam0": "true", f"{usb}-cam1": "zed"}
+    assert [(device.id, device.model) for device in devices_of_labels(two)] == [("usb-cam0", ""), ("usb-cam1", "zed")]
+
+
 def test_an_absent_device_does_not_count() -> None:
     assert index(TelemetryDevice(id="x", type="can", present=False)).of("n") == ()
 
@@ -56,14 +65,63 @@ def test_two_wishes_get_two_devices_even_when_the_first_would_take_the_only_matc
     assert devices.choose((*wishes, DeviceWish("third", "can")), "n", MINE) is None
 
 
-def test_a_shared_wish_only_needs_the_device_to_be_there() -> None:
+TAP = DeviceWish("tap", "can", exclusive=False)
+STRANGER = DeviceHolder(uid="app-2", namespace="other", pod_uid="stranger")
+
+
+def test_a_shared_wish_does_not_enter_a_device_that_is_held_alone() -> None:
     devices = index(can(0))
     devices.apply_claim(device_claim("n", "can-can0", uid="stranger"))
-    shared = DeviceWish("tap", "can", exclusive=False)
-    grants = devices.choose((shared,), "n", MINE)
+    assert devices.choose((TAP,), "n", MINE) is None
+    (busy,) = devices.blockers((TAP,), "n", MINE)
+    assert busy.holder == "other"
+    devices.remove_claim("dev.n.can-can0")
+    grants = devices.choose((TAP,), "n", MINE)
     assert grants is not None
     assert not grants[0].exclusive
-    assert devices.choose((DeviceWish("bus", "can"),), "n", MINE) is None
+
+
+def test_a_shared_wish_does_not_enter_a_device_that_was_promised_to_one_pod() -> None:
+    devices = index(can(0))
+    devices.promise("stranger", devices.choose((CAN,), "n", STRANGER) or ())
+    assert devices.choose((TAP,), "n", MINE) is None
+
+
+def test_an_exclusive_wish_does_not_enter_a_device_that_others_share_and_gets_it_when_the_last_one_goes() -> None:
+    devices = index(can(0))
+    for uid in ("one", "two"):
+        sharer = DeviceHolder(uid=uid, namespace="default", pod_uid=uid)
+        devices.promise(uid, devices.choose((TAP,), "n", sharer) or (), namespace="default", name=uid)
+    assert devices.choose((CAN,), "n", MINE) is None
+    assert [(busy.namespace, busy.holder) for busy in devices.blockers((CAN,), "n", MINE)] == [("default", "one")]
+    devices.release("one")
+    assert devices.choose((CAN,), "n", MINE) is None
+    devices.release("two")
+    assert devices.choose((CAN,), "n", MINE) is not None
+    assert not devices.contested("n")
+
+
+def test_a_pod_that_shared_a_device_before_this_process_began_keeps_it_from_others_by_its_grant() -> None:
+    shared = {str(Annotation.GRANTED_SHARED): "can-can0"}
+    cluster = make_cluster(make_node("n", labels={"hardware.robotics.io/can-can0": "true"}))
+    sharer = make_pod("sharer", node="n", annotations=shared)
+    cluster.apply_pod(sharer)
+    assert cluster.devices.choose((CAN,), "n", MINE) is None
+    assert cluster.devices.choose((TAP,), "n", MINE) is not None
+    cluster.remove_pod(sharer)
+    assert cluster.devices.choose((CAN,), "n", MINE) is not None
+
+
+def test_sharers_come_together_and_a_pods_own_exclusive_wish_leaves_it_the_device_to_share() -> None:
+    devices = index(can(0), can(1))
+    devices.promise("other", [DeviceGrant("tap", "n", devices.of("n")[1], exclusive=False)], namespace="a", name="x")
+    (grant,) = devices.choose((TAP,), "n", MINE) or ()
+    assert grant.device.id == "can-can1"
+    front = DeviceWish("front", "can", interface="can0", exclusive=False)
+    both = index(can(0), can(1)).choose((CAN, front), "n", MINE)
+    assert both is not None
+    assert [grant.device.id for grant in both] == ["can-can1", "can-can0"]
+    assert index(can(0)).choose((CAN, front), "n", MINE) is None, "not the one it holds alone"
 
 
 @pytest.mark.parametrize(

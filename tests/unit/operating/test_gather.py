@@ -281,6 +281,15 @@ def test_who_has_the_device_of_a_robot_is_found_among_its_own_nodes(tiers: list[
 # Answers that depend on all nodes
 
 
+def test_only_devices_that_our_scheduler_claims_are_wanted() -> None:
+    devices = [
+        {"name": "gpu", "type": "gpu"},
+        {"name": "tap", "type": "can", "sharing": "Cluster"},
+        {"name": "cam", "type": "usb"},
+    ]
+    assert facts_of(Cache(), app_body(components=[component(devices=devices)])).devices_wanted == 1
+
+
 def count_questions(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Names of the rules that were asked, each time."""
     asked: list[str] = []

@@ -12,6 +12,7 @@ from tests.support.factories import component, make_app, make_node
 from robotapp_api.claims.identity import claim_name_device
 from robotapp_api.claims.instances import Instance
 from robotapp_api.claims.objects import Claim
+from robotapp_api.model.names import Annotation
 from robotapp_operator.plan import devices
 from robotapp_operator.plan.devices import Place, rivals
 from robotapp_operator.plan.objects import Telemetry
@@ -62,6 +63,24 @@ def test_holders_of_other_namespaces_are_not_named() -> None:
     text = device_trouble(WANTING, ON_ROBOT, claims=[foreign], telemetry=node_with("can0"))
     assert "another namespace" in text
     assert "arm" not in text
+
+
+def test_a_device_that_was_claimed_under_the_name_of_a_label_is_held_when_an_agent_reports_it() -> None:
+    text = device_trouble(WANTING, ON_ROBOT, claims=[claim_of("can", uid="other")], telemetry=node_with("can0"))
+    assert text.startswith("device can on amr-07 is held by default/arm")
+
+
+def test_devices_of_robots_that_do_not_admit_the_app_are_not_talked_about() -> None:
+    nodes = NODES | {"edge-1": make_node("edge-1", tier="edge", annotations={Annotation.ALLOWED_NAMESPACES: "other"})}
+    held = claim_of("can-can0", uid="other", node="edge-1")
+    told = [
+        devices.device_trouble(
+            WANTING, Instance(), claims={held.name: held}, telemetry=node_with("can0", node="edge-1"), nodes=seen
+        )
+        for seen in (NODES, nodes)
+    ]
+    assert "edge-1" in told[0]
+    assert told[1] == ""
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import pytest
-from tests.support.factories import make_app, telemetry
+from tests.support.factories import component, make_app, telemetry
 
 from robotapp_api.claims.instances import Instance
 from robotapp_api.model.names import Condition, Phase, Reason
@@ -132,6 +132,15 @@ def test_a_busy_device_is_the_reason_in_the_table_too() -> None:
     status = status_of(instance(stuck, devices_wanted=1, busy="device can-can0 is held by team/holder"))
     assert condition(status, Condition.READY) == ("False", Reason.DEVICE_BUSY)
     assert "team/holder" in status["summary"]["message"]
+
+
+def test_devices_that_nobody_claims_are_no_reason_to_wait_and_are_named() -> None:
+    gpu, tap = {"name": "gpu", "type": "gpu"}, {"name": "tap", "type": "can", "sharing": "Namespace"}
+    app = make_app(component(devices=[gpu, tap]))
+    status = render_status(AppFacts(app=app, instances=(instance(domain=7),), now="2026-01-01T00:00:00Z"))
+    said = next(item for item in status["conditions"] if item["type"] == Condition.ALLOCATED)
+    assert (said["status"], said["reason"]) == ("True", Reason.ALLOCATED)
+    assert "devices without a claim: 1 handed out by a device plugin (gpu), 1 shared" in said["message"]
 
 
 def test_an_app_without_a_domain_rolls_nothing_out() -> None:

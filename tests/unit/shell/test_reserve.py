@@ -85,6 +85,19 @@ async def test_a_pod_that_is_gone_or_replaced_claims_nothing(client: ApiClient) 
     assert (await client.list(ROBOTCLAIMS)).items == []
 
 
+async def test_a_shared_device_is_granted_without_a_claim_unless_somebody_holds_it_alone(client: ApiClient) -> None:
+    shared = CAN._replace(exclusive=False)
+    first = await stored(client, "first")
+    found = await Reserver(client).things(first, "edge-1", (shared,))
+    assert found.readiness is Readiness.READY
+    assert found.annotations == {str(Annotation.GRANTED_SHARED): "can-can0"}
+    assert (await client.list(ROBOTCLAIMS)).items == []
+    await Reserver(client).things(await stored(client, "holder"), "edge-1", (CAN,))
+    late = await Reserver(client).things(await stored(client, "late"), "edge-1", (shared,))
+    assert (late.readiness, late.reason) == (Readiness.BUSY, "DeviceBusy")
+    assert "held by pod a/holder" in late.message
+
+
 @pytest.mark.parametrize(("wish", "expected"), [("auto", {"1", "2", "3"}), ("2", {"2"})])
 async def test_a_bare_pod_is_granted_the_domain_it_asks_for(client: ApiClient, wish: str, expected: set[str]) -> None:
     pod = await stored(client, "talker", annotations={str(Annotation.DDS_DOMAIN): wish})

@@ -1,4 +1,4 @@
-"""ROSReserve, the pure part: nodes on which every device the pod must hold is free for it.
+"""ROSReserve, the pure part: nodes on which every device of the pod is free for it, or shared with it.
 
 The claims themselves are made by the shell, after the choice and before the bind.
 """
@@ -14,7 +14,7 @@ BUSY: Final = "node(s) had no free device for the pod"
 
 
 class ROSReserve:
-    """All or nothing: a different free device for every wish."""
+    """All or nothing: a different free device for every exclusive wish, one that nobody holds alone for every shared one."""
 
     name = "ROSReserve"
     reads = ("ros.devices",)
@@ -25,7 +25,7 @@ class ROSReserve:
     resolvable = False
 
     def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
-        """True where the devices can be had; no opinion for a pod that holds none."""
+        """True where the devices can be had; no opinion for a pod without any."""
         ros = pod.ros
         if ros is None or ros.holder is None or not ros.devices:
             return None
@@ -35,7 +35,7 @@ class ROSReserve:
             mask &= nodes.named(devices.capable(wish))
         for position in mask.nonzero()[0]:
             name = nodes.names[int(position)]
-            # With one wish and nothing claimed on the node, having the device is enough.
+            # With one wish and nothing claimed or shared on the node, having the device is enough.
             if (len(ros.devices) > 1 or devices.contested(name)) and devices.choose(
                 ros.devices, name, ros.holder
             ) is None:
