@@ -22,7 +22,7 @@ _NARROWEST: Final = 24
 _STYLES: Final = {
     **dict.fromkeys(("True", "Running", "yes", "Bound"), "green"),
     **dict.fromkeys(("False", "Failed", "Degraded", "Offline", "no"), "red"),
-    **dict.fromkeys(("Pending", "Placing", "Unknown", "Draining", "Stopping", "Suspended"), "yellow"),
+    **dict.fromkeys(("Pending", "Placing", "Unknown", "Draining", "Parked", "Stopping", "Suspended"), "yellow"),
 }
 
 

@@ -23,6 +23,7 @@ from robotapp_operator.plan.objects import (
 from robotapp_operator.plan.record import Record, parse_record
 from robotapp_operator.plan.wish import App
 from robotapp_operator.sharing import Sharing
+from robotapp_operator.sight import Sight
 
 T = TypeVar("T")
 InstanceKey = tuple[str, str]
@@ -188,6 +189,7 @@ class Cache:
         self._versions: dict[str, dict[str, int]] = {}
         self.sharing = Sharing()
         self.nodes = Nodes()
+        self.sight = Sight()
         self.telemetry: dict[str, Telemetry] = {}
         self.pools: dict[str, Pool] = {}
         self.config_maps: dict[str, ConfigMap] = {}
@@ -253,6 +255,7 @@ class Cache:
         self._announced.pop(uid, None)
         self._versions.pop(uid, None)
         self.answers.forget(uid)
+        self.sight.forget(uid)
         record = self.apps.pop(uid, None)
         if record is not None and record.app is not None:
             self.sharing.drop(record.app)
@@ -312,6 +315,17 @@ class Cache:
     def running_instances(self, uid: str) -> set[str]:
         return self.deployments.instances(uid)
 
+    def robots_with_something(self) -> set[str]:
+        """Robots for which an app has Deployments or anybody has claims."""
+        found = {claim.holder.instance for claim in self.all_claims()}
+        for uid in self.apps:
+            found |= {item.metadata.instance for item in self.deployments.of(uid).values() if owned_by(item, uid)}
+        return found - {""}
+
+    def owns_something(self, uid: str, instance: str) -> bool:
+        """Whether one instance of an app has a Deployment that the app controls."""
+        return any(owned_by(item, uid) for item in self.deployments.of_instance(uid, instance).values())
+
     def claimed_instances(self, uid: str) -> set[str]:
         return self.claims.instances(uid)
 
@@ -345,6 +359,10 @@ class Cache:
     def drop_replica_set(self, replica_set: ReplicaSet) -> None:
         if self.replica_sets.pop(replica_set.metadata.uid, None) is not None:
             self.touch(replica_set.metadata.app_uid, replica_set.metadata.instance)
+
+
+def owned_by(item: Deployment, uid: str) -> bool:
+    return item.metadata.controller_uid == uid
 
 
 def _labelled(item: Deployment | Service | Pod) -> str:

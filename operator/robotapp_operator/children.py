@@ -13,12 +13,12 @@ import msgspec
 
 from robotapp_api.claims.domain import DomainOutcome, DomainRequest, Fence
 from robotapp_api.claims.identity import holder_of_app
-from robotapp_api.claims.instances import Instance
+from robotapp_api.claims.instances import Instance, robot_of
 from robotapp_api.claims.objects import Deployment as ClaimsDeployment
 from robotapp_api.client import ApiClient, NotFound
 from robotapp_api.client.claims import ensure_domain
 from robotapp_api.client.errors import means_gone
-from robotapp_api.client.resources import DEPLOYMENTS, ROBOTAPPS, SERVICES
+from robotapp_api.client.resources import DEPLOYMENTS, NODES, ROBOTAPPS, SERVICES
 from robotapp_api.model.names import Label, Reason
 from robotapp_operator.cache import Cache
 from robotapp_operator.execute import StartOver, execute, stop
@@ -35,7 +35,8 @@ from robotapp_operator.plan.changes import (
     wanted_children,
 )
 from robotapp_operator.plan.children import Child
-from robotapp_operator.plan.objects import ChildRef, Deployment, Service
+from robotapp_operator.plan.instances import allowed_robots
+from robotapp_operator.plan.objects import ChildRef, Deployment, Node, Service
 from robotapp_operator.plan.parameters import parameter_states
 from robotapp_operator.plan.record import Record
 from robotapp_operator.plan.wish import App, Domain, wish_of
@@ -126,6 +127,8 @@ class Children:
             if isinstance(item, Deployment)
         }
         if instance is None:
+            if observed and await self._is_back(app, robot):
+                return False
             return await self._write(app, robot, self._plan(app, [], observed), fences)
         if not needs_domain(app):
             return await self._write(app, robot, self._plan(app, self._wanted(app, robot, None), observed), fences)
@@ -186,6 +189,17 @@ class Children:
             memory.troubles[robot] = written.refusals[0]
         return not written.refusals and not what.foreign
 
+    async def _is_back(self, app: App, robot: str) -> bool:
+        """Whether the robot is chosen by the nodes as they are now and not by the cache: nothing ends on an old view."""
+        if not robot or app.spec.robots is None or self._chosen(app, robot, self._cache.nodes):
+            return False
+        listing = await self._client.list(NODES, label_selector=f"{Label.ROBOT}={robot}", as_type=Node)
+        return self._chosen(app, robot, {node.metadata.name: node for node in listing.items})
+
+    @staticmethod
+    def _chosen(app: App, robot: str, nodes: Mapping[str, Node]) -> bool:
+        return any(robot_of(node) == robot for node in allowed_robots(app, nodes))
+
     async def _fresh(self, uid: str) -> Record | None:
         """The app as it is now; None when it is gone, going, or replaced by another."""
         known = self._cache.apps.get(uid)
@@ -230,6 +244,10 @@ class Children:
         pool = self._cache.pools.get(app.pool)
         scope = pool.spec.scope if pool else "Cluster"
         node = self._cache.nodes.get(instance.node)
+        if instance.missing:
+            # Where it was when it took its id.
+            places = (claim.spec.domain for claim in self._cache.domains_held(app.uid, instance.robot))
+            return next((place.scope_value for place in places if place and place.pool == app.pool), "")
         if scope == "Node":
             return instance.node
         if scope != "Zone":
@@ -268,7 +286,7 @@ def find_instance(instances: tuple[Instance, ...], robot: str) -> Instance | Non
 
 def _must_not_start(instance: Instance, observed: Mapping[ChildRef, Observed]) -> bool:
     """Nobody knows which node `@robot` is. An instance that is there already goes on as it is written."""
-    return bool(instance.problem) and not observed
+    return bool(instance.problem or instance.missing) and not observed
 
 
 def protocol_view(item: Deployment) -> ClaimsDeployment:

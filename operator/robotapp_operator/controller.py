@@ -192,6 +192,7 @@ class Controller:
         # app stops.
         refused = problems_now(app, self._cache)
         self._memory.of(uid).chosen = instances, refused
+        self._look_again(app)
         present = self._cache.instance_keys(uid)
         kept = wanted if refused and not record.suspended else set()
         for robot in sorted((present if refused else present | wanted) - kept):
@@ -204,6 +205,12 @@ class Controller:
         if not app.our_scheduler:
             self._queue.add(Key(Work.GATES, app.uid, robot))
 
+    def _look_again(self, app: App) -> None:
+        """An instance whose robot is out of sight ends without an event."""
+        again_s = self._cache.sight.look_again_s(app)
+        if again_s is not None:
+            self._queue.add(Key(Work.ROBOTS, app.uid), delay_s=again_s)
+
     async def _robots(self, key: Key) -> float:
         """Nodes have changed: wake the keys of instances that were added, removed, or have another node."""
         record = self._cache.apps.get(key.group)
@@ -211,6 +218,7 @@ class Controller:
             return 0.0
         memory = self._memory.of(key.group)
         now = wanted_instances(record.app, self._cache), problems_now(record.app, self._cache)
+        self._look_again(record.app)
         if memory.chosen == now:
             return ROBOTS_REST_S
         if memory.chosen is None or bool(memory.chosen[1]) != bool(now[1]):

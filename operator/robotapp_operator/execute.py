@@ -12,6 +12,7 @@ import msgspec
 
 from robotapp_api.claims.domain import Fence
 from robotapp_api.client import AlreadyExists, ApiClient, ApiError, Conflict, Forbidden, Invalid, NotFound
+from robotapp_api.client.api import JsonPatch
 from robotapp_api.client.apply import JSON_PATCH
 from robotapp_api.client.resources import DEPLOYMENTS, SERVICES, Resource
 from robotapp_api.model.names import OPERATOR_MANAGER, Reason
@@ -66,7 +67,7 @@ async def execute(client: ApiClient, app: App, plan: Plan, *, fences: Mapping[st
 async def stop(client: ApiClient, item: Deployment) -> None:
     """Take the pods away and change nothing else. Raises StartOver when the Deployment is another by now."""
     meta = item.metadata
-    patch = [
+    patch: JsonPatch = [
         {"op": "test", "path": "/metadata/resourceVersion", "value": meta.resource_version},
         {"op": "replace", "path": "/spec/replicas", "value": 0},
     ]
@@ -90,7 +91,7 @@ async def _write(
     if change.amended is not None:
         # No apply: a field of the newer operator's that we do not render would be removed by it.
         test = {"op": "test", "path": "/metadata/resourceVersion", "value": fence.resource_version}
-        patch = [test, {"op": "replace", "path": "/spec", "value": change.amended}]
+        patch: JsonPatch = [test, {"op": "replace", "path": "/spec", "value": change.amended}]
         return await _patch_tested(client, resource, child.ref.name, patch, namespace=app.namespace)
     resource_version = await _own_by_apply(client, resource, app.namespace, child.ref.name, fence)
     body["metadata"] |= {"uid": fence.uid, "resourceVersion": resource_version}
@@ -99,8 +100,8 @@ async def _write(
     if not foreign:
         return result
     version_test = {"op": "test", "path": "/metadata/resourceVersion", "value": result["metadata"]["resourceVersion"]}
-    patch = [version_test, *({"op": "remove", "path": pointer} for pointer in foreign)]
-    return await _patch_tested(client, resource, child.ref.name, patch, namespace=app.namespace)
+    tested: JsonPatch = [version_test, *({"op": "remove", "path": pointer} for pointer in foreign)]
+    return await _patch_tested(client, resource, child.ref.name, tested, namespace=app.namespace)
 
 
 async def _own_by_apply(client: ApiClient, resource: Resource, namespace: str, name: str, fence: Fence) -> str:
@@ -115,7 +116,7 @@ async def _own_by_apply(client: ApiClient, resource: Resource, namespace: str, n
     changes = _owned_by_apply(live["metadata"].get("managedFields") or [])
     if not changes:
         return fence.resource_version
-    test = {"op": "test", "path": "/metadata/resourceVersion", "value": fence.resource_version}
+    test: dict[str, Any] = {"op": "test", "path": "/metadata/resourceVersion", "value": fence.resource_version}
     result = await _patch_tested(client, resource, name, [test, *changes], namespace=namespace)
     version: str = result["metadata"]["resourceVersion"]
     return version
@@ -148,7 +149,7 @@ def _merged(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
 
 
 async def _patch_tested(
-    client: ApiClient, resource: Resource, name: str, patch: list[dict[str, Any]], *, namespace: str
+    client: ApiClient, resource: Resource, name: str, patch: JsonPatch, *, namespace: str
 ) -> dict[str, Any]:
     """A JSON patch that begins with a test. A test that fails is a 422 as well, but one that names no field."""
     try:

@@ -5,11 +5,11 @@ So they are computed once for each version of the spec and the nodes.
 """
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 
 from robotapp_api.claims.device import claims_wanted
 from robotapp_api.claims.domain import DomainOutcome
-from robotapp_api.claims.instances import ANY, Instance
+from robotapp_api.claims.instances import ANY, Instance, robot_of, too_many_missing
 from robotapp_api.claims.objects import App as ClaimsApp
 from robotapp_api.claims.objects import Claim
 from robotapp_api.claims.release import claims_domain, wanted_claim
@@ -23,7 +23,7 @@ from robotapp_operator.plan.components import component_view, cut_off
 from robotapp_operator.plan.devices import device_trouble
 from robotapp_operator.plan.facts import InstanceFacts
 from robotapp_operator.plan.infrastructure import DISCOVERY
-from robotapp_operator.plan.instances import instances_of
+from robotapp_operator.plan.instances import instances_of, matching_robots
 from robotapp_operator.plan.latency import EdgeView, edge_views
 from robotapp_operator.plan.newer import Held
 from robotapp_operator.plan.objects import Deployment, Pod, Telemetry
@@ -38,17 +38,34 @@ def wanted_instances(app: App, cache: Cache) -> tuple[Instance, ...]:
 
 
 def instances_by_name(app: App, cache: Cache) -> Mapping[str, Instance]:
+    """Those of robots out of sight included, as long as they go on."""
     running, claimed = cache.running_instances(app.uid), cache.claimed_instances(app.uid)
     robots = app.spec.robots
     choice = (frozenset(running), frozenset(claimed)) if robots and robots.assignment == ANY else ()
-    version = (cache.nodes.identity_version, cache.nodes.readiness_version if choice else 0, choice)
+    kept = _kept(app, running, cache) if robots else frozenset[str]()
+    version = (cache.nodes.identity_version, cache.nodes.readiness_version if choice else 0, choice, kept)
     found: Mapping[str, Instance] = cache.answers.get(
         app,
         "instances",
         version if robots else (),
-        lambda: {item.robot: item for item in instances_of(app, cache.nodes, running=running, claimed=claimed)},
+        lambda: {
+            item.robot: item for item in instances_of(app, cache.nodes, running=running, claimed=claimed, kept=kept)
+        },
     )
     return found
+
+
+def _kept(app: App, running: Collection[str], cache: Cache) -> frozenset[str]:
+    """Robots out of sight whose instances go on. Only an instance that has something of the app's own can."""
+    seen: frozenset[str] = cache.answers.get(
+        app, "robots", cache.nodes.identity_version, lambda: frozenset(map(robot_of, matching_robots(app, cache.nodes)))
+    )
+    missing = frozenset(
+        robot for robot in running if robot and robot not in seen and cache.owns_something(app.uid, robot)
+    )
+    return cache.sight.kept(
+        app, missing, too_many=lambda: too_many_missing(cache.robots_with_something(), cache.nodes.robots)
+    )
 
 
 def problems_now(app: App, cache: Cache) -> tuple[Problem, ...]:
@@ -58,6 +75,9 @@ def problems_now(app: App, cache: Cache) -> tuple[Problem, ...]:
         app, "problems with nodes", cache.nodes.identity_version, lambda: problems_with(app, cache.nodes)
     )
     pool, claims = cache.pools.get(app.pool), cache.claims.of(app.uid).values()
+    if any(item.missing for item in instances_by_name(app, cache).values()):
+        # Its robots are out of sight, not unknown: what runs for them still follows the user.
+        found = tuple(problem for problem in found if problem.reason != Reason.NO_MATCHING_ROBOT)
     return (*alone, *found, *domain_problems(app, pool, claims))
 
 
@@ -83,7 +103,7 @@ def cached_domain(app: App, robot: str, cache: Cache, outcome: DomainOutcome | N
         claims = cache.domains_held(app.uid, robot)
         named = _named(owned_deployments(app, robot, cache)) if len(claims) > 1 else ()
         claim = wanted_claim(view, claims, named=named)
-    if claim is None or claim.draining or claim.spec.domain is None:
+    if claim is None or not claim.standing or claim.spec.domain is None:
         return None
     return Domain(claim.spec.domain.id, claim.name)
 
@@ -155,7 +175,7 @@ def instance_facts(
         refusal=(outcome.reason, outcome.message) if outcome and outcome.id is None and domain is None else None,
         trouble=trouble,
         held=held,
-        robot_online=robot is None or robot.ready,
+        robot_online=not instance.missing and (robot is None or robot.ready),
         infrastructure_ready=_infrastructure_ready(owned),
         cut_off=_cut_off(owned, pods),
     )

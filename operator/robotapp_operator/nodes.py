@@ -48,6 +48,11 @@ class Nodes(MutableMapping[str, Node]):
     def __len__(self) -> int:
         return len(self._nodes)
 
+    @property
+    def robots(self) -> set[str]:
+        """Robots that have a node."""
+        return set(self._of_robot)
+
     def of_robot(self, robot: str) -> frozenset[str]:
         """Names of the nodes that are computers of `robot`."""
         return frozenset(self._of_robot.get(robot, ()))

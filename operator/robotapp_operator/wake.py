@@ -45,7 +45,7 @@ def wake_joined(cache: Cache, queue: Queue, owner: AppKey, *, uid: str, instance
     if not followers:
         return
     claims = cache.claims.of(uid).values()
-    if len({claim.holder.instance for claim in claims if claim.spec.domain and not claim.draining}) <= FEW:
+    if len({claim.holder.instance for claim in claims if claim.spec.domain and claim.standing}) <= FEW:
         wake_sharers(cache, queue, owner)
         return
     for follower in followers:

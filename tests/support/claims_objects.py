@@ -44,9 +44,24 @@ def claim(spec: ClaimSpec, *, version: str = "1", phase: str = "Reserved", pod: 
     )
 
 
-def domain_claim(number: int, holder: Holder | None = None, *, pool: str = "default", phase: str = "Reserved") -> Claim:
+def domain_claim(
+    number: int,
+    holder: Holder | None = None,
+    *,
+    pool: str = "default",
+    phase: str = "Reserved",
+    nodes: tuple[str, ...] = (),
+    confirmed: bool = False,
+) -> Claim:
+    """nodes: where its pods may run. confirmed: an admin says that none do."""
     spec = domain_spec(pool=pool, scope="Cluster", scope_value="", domain_id=number, holder=holder or app_holder())
-    return claim(spec, phase=phase)
+    found = claim(spec, phase=phase)
+    annotations = {str(Annotation.PODS_GONE): str(found.status.attempt)} if confirmed else {}
+    return msgspec.structs.replace(
+        found,
+        metadata=msgspec.structs.replace(found.metadata, annotations=annotations),
+        status=msgspec.structs.replace(found.status, nodes=nodes),
+    )
 
 
 def device_claim(
@@ -154,6 +169,11 @@ def pool_json(ids: str = "1-3", *, name: str = "default", quarantine_s: int = 1,
         "metadata": {"name": name},
         "spec": {"scope": "Cluster", "ids": ids, "quarantineSeconds": quarantine_s, "reserved": [0]} | spec,
     }
+
+
+def node_json(name: str, *, ready: bool = True, **labels: str) -> Json:
+    conditions = [{"type": "Ready", "status": "True" if ready else "Unknown"}]
+    return {"metadata": {"name": name, "labels": labels}, "status": {"conditions": conditions}}
 
 
 def app_json(name: str = "teleop", **spec: Any) -> Json:

@@ -33,7 +33,7 @@ def uid_only() -> Iterator[None]:
 
 @contextlib.contextmanager
 def one_phase() -> Iterator[None]:
-    def hasty(**facts: bool) -> Release:
+    def hasty(**facts: Any) -> Release:
         decision = release.release_domain(**facts)
         return Release.DELETE if decision is Release.DRAIN else decision
 

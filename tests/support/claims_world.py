@@ -13,15 +13,15 @@ from functools import partial
 from typing import Any
 
 import msgspec
-from tests.support.claims_objects import app_holder, app_json, deployment_json, labels, pod_json, pool_json
+from tests.support.claims_objects import app_holder, app_json, deployment_json, labels, node_json, pod_json, pool_json
 from tests.support.claims_store import Client, Store
 
 from robotapp_api.claims.domain import DomainRequest
 from robotapp_api.claims.objects import Pod
 from robotapp_api.claims.usage import named_ids
-from robotapp_api.client.claims import check_bind, ensure_domain
+from robotapp_api.client.claims import check_bind_all, ensure_domain
 from robotapp_api.client.errors import ApiError, Unreachable
-from robotapp_api.client.resources import DEPLOYMENTS, DOMAINPOOLS, PODS, REPLICASETS, ROBOTAPPS, ROBOTCLAIMS
+from robotapp_api.client.resources import DEPLOYMENTS, DOMAINPOOLS, NODES, PODS, REPLICASETS, ROBOTAPPS, ROBOTCLAIMS
 from robotapp_api.client.sweep import Sweeper
 from robotapp_api.values.ranges import parse_ids
 
@@ -59,6 +59,7 @@ class World:
 
     def __post_init__(self) -> None:
         self.store.put(DOMAINPOOLS, pool_json(self.ids, quarantine_s=5))
+        self.store.put(NODES, node_json("edge-1"))
 
     # People
 
@@ -119,12 +120,20 @@ class World:
         await client.replace(DEPLOYMENTS, body, namespace="team")
 
     async def schedule(self, client: Client) -> None:
-        """Bind the first pending pod whose claim stands."""
+        """Bind the first pending pod whose claim stands, as our scheduler does: the claim names the node before."""
+        await self._bind_first(client, nodes=["edge-1"])
+
+    async def schedule_elsewhere(self, client: Client) -> None:
+        """The same by another scheduler behind our gate (rule 6), of which nobody knows the node before."""
+        await self._bind_first(client, nodes=[])
+
+    async def _bind_first(self, client: Client, *, nodes: list[str]) -> None:
         for obj in self.store.all(PODS):
             if obj["spec"].get("nodeName"):
                 continue
             seen = await client.get(PODS, obj["metadata"]["name"], namespace="team", as_type=Pod)
-            if not (await check_bind(client, seen)).allowed:
+            (verdict,) = await check_bind_all(client, [seen], nodes=nodes)
+            if not verdict.allowed:
                 continue
             pod = await client.get(PODS, obj["metadata"]["name"], namespace="team")
             if pod["metadata"]["uid"] == seen.metadata.uid and not pod["spec"].get("nodeName"):

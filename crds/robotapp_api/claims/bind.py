@@ -51,6 +51,10 @@ def bind_verdict(pod: Pod, claim: Claim | None, *, sharing: Collection[str] = ()
         return BindVerdict(False, f"domain {number} is held by another app; the operator is choosing a new one")
     if claim.draining:
         return BindVerdict(False, f"domain {number} is being released; it is free for use again when its claim is")
+    if claim.parked:
+        return BindVerdict(
+            False, f"domain {number} is parked until its claim is adopted again, which happens by itself"
+        )
     return ALLOWED
 
 

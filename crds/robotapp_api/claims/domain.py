@@ -97,7 +97,7 @@ def plan_domain(
     instance: str,
     requested: int | None,
 ) -> DomainPlan:
-    """Rule 5 after the LIST. held: id -> is draining. named: ids each Deployment names. free: ids the pool hands out.
+    """Rule 5 after the LIST. held: id -> is being given back or parked. named: ids each Deployment names. free: ids the pool hands out.
 
     A named id that is not held is tried first: after a claim was deleted by hand the pods need not move.
     """
@@ -212,8 +212,9 @@ def pool_not_found(name: str) -> DomainOutcome:
     )
 
 
-def exhausted(request: DomainRequest, pool: Pool, *, claimed: int, resting: int) -> DomainOutcome:
+def exhausted(request: DomainRequest, pool: Pool, *, claimed: int, resting: int, parked: int = 0) -> DomainOutcome:
     rest = f", {resting} of them resting up to {pool.spec.quarantine_seconds} s after use" if resting else ""
+    rest += f", {parked} of them parked for robots out of sight" if parked else ""
     total = len(pool_ids(pool))
     return DomainOutcome(
         Reason.DOMAIN_EXHAUSTED,

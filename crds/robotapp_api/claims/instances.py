@@ -14,6 +14,8 @@ from robotapp_api.model.names import Annotation, Label
 from robotapp_api.values.selector import matches_labels
 
 ANY: Final = "Any"
+FEW_MISSING: Final = 3
+"""So many robots may end at once because of their nodes, or a tenth of all if that is more."""
 _NAMED: Final = 4
 """Nodes a message names."""
 
@@ -45,11 +47,13 @@ class Instance:
 
     problem: why no node of the robot is its primary one, and what to label; `node` is "" then. The instance exists all the
     same: what runs goes on running, and whether a new one starts is for the caller to decide.
+    missing: no node of the robot matches any more, and the instance goes on all the same (`out_of_sight`).
     """
 
     robot: str = ""
     node: str = ""
     problem: str = ""
+    missing: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,18 +80,20 @@ def instances_of(
     running: Collection[str],
     claimed: Collection[str],
     unreachable: Collection[str] = (),
+    kept: Collection[str] = (),
 ) -> tuple[Instance, ...]:
     """Instances in name order. running: instance keys of the app's Deployments, claimed: of its claims.
 
     nodes: those of all robots, because a robot's primary node may be one that the selector does not name.
     `Any` stays where it runs, else where it has claims, however reachable that robot is; else it takes one within reach
     (unreachable: names of nodes) whose primary node is known, spread over the robots by hash instead of always taking the
-    first name.
+    first name. kept: those robots out of sight whose instances go on.
     """
     if wish.node_selector is None:
         return (Instance(),)
     nodes = list(nodes)
     found = _instances({robot_of(node) for node in allowed_robots(wish, nodes)}, nodes)
+    found = {robot: Instance(robot, missing=True) for robot in kept} | found
     if wish.assignment != ANY or not found:
         return tuple(found[robot] for robot in sorted(found))
     recorded = found.keys() & {*running, *claimed}
@@ -101,6 +107,27 @@ def instances_of(
         ),
     )
     return (found[chosen],)
+
+
+def out_of_sight(wish: RobotWish, nodes: Iterable[Meta], *, running: Collection[str]) -> frozenset[str]:
+    """Robots the app runs on of which no node matches its selector: the Node or its labels are gone.
+
+    That alone proves nothing: a Node is deleted and joins again, a tool takes labels off by mistake, and the robot drives
+    on. A robot that is there and does not admit the app's namespace is none of these: somebody has decided that.
+    """
+    if wish.node_selector is None:
+        return frozenset()
+    return frozenset(running) - {robot_of(node) for node in matching_robots(wish, nodes)} - {""}
+
+
+def too_many_missing(holding: Collection[str], present: Collection[str]) -> bool:
+    """Whether so many robots are without a node that a mistake is likelier than that they left: no instance ends meanwhile.
+
+    holding: robots with Deployments or claims. present: robots with a node. Both are levels, so that a restart of the
+    program that decides forgets nothing.
+    """
+    missing = len(set(holding) - set(present))
+    return 10 * missing > max(10 * FEW_MISSING, len(holding)) or 2 <= missing == len(holding)
 
 
 def _instances(robots: Collection[str], nodes: Iterable[Meta]) -> dict[str, Instance]:

@@ -108,6 +108,8 @@ class ClaimStatus(Object, frozen=True, kw_only=True):
     attempt: int = 0
     node: str = ""
     pod: str = ""
+    nodes: tuple[str, ...] = ()
+    """Nodes where pods with the claimed domain may run, written before each of them is bound."""
     draining_since: str | None = None
 
 
@@ -129,6 +131,15 @@ class Claim(Object, frozen=True, kw_only=True):
     @property
     def draining(self) -> bool:
         return self.status.phase == ClaimPhase.DRAINING
+
+    @property
+    def parked(self) -> bool:
+        return self.status.phase == ClaimPhase.PARKED
+
+    @property
+    def standing(self) -> bool:
+        """Nobody is about to give it back, so pods may be bound with it."""
+        return not (self.draining or self.parked)
 
 
 class PoolQuota(Object, frozen=True, kw_only=True):

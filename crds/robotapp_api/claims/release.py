@@ -8,6 +8,7 @@ from robotapp_api.claims.domain import wanted_id
 from robotapp_api.claims.identity import granted_devices, granted_domain
 from robotapp_api.claims.objects import App, Claim, Pod
 from robotapp_api.model.distros import ros_version
+from robotapp_api.model.names import Annotation, ClaimPhase
 
 
 class Release(StrEnum):
@@ -15,7 +16,9 @@ class Release(StrEnum):
 
     KEEP = "Keep"
     RESTORE = "Restore"
-    """Draining but used or wanted again: back to Reserved."""
+    """Draining or Parked, but used or wanted again: back to Reserved."""
+    PARK = "Park"
+    """Unused as far as the API server knows, but a node that is out of sight may still run its pods."""
     DRAIN = "Drain"
     """Phase 1: unused. Adopters and bindings stop here, nobody has lost anything yet."""
     WAIT = "Wait"
@@ -38,13 +41,30 @@ def preconditions(claim: Claim) -> Preconditions:
     return Preconditions(claim.metadata.uid, claim.metadata.resource_version)
 
 
-def release_domain(*, draining: bool, wanted: bool, used: bool, rested: bool) -> Release:
-    """The two phases. `wanted` and `used` come from reads made after the claim was read in this very phase."""
+def release_domain(*, phase: str, wanted: bool, used: bool, rested: bool, unseen: bool) -> Release:
+    """The two phases. `wanted` and `used` come from reads made after the claim was read in this very phase.
+
+    unseen: some node was not seen to end the claim's pods (`unseen_nodes`), read after those pods were found to be gone.
+    """
     if wanted or used:
-        return Release.RESTORE if draining else Release.KEEP
-    if not draining:
+        return Release.RESTORE if phase in {ClaimPhase.DRAINING, ClaimPhase.PARKED} else Release.KEEP
+    if unseen:
+        return Release.KEEP if phase == ClaimPhase.PARKED else Release.PARK
+    if phase != ClaimPhase.DRAINING:
         return Release.DRAIN
     return Release.DELETE if rested else Release.WAIT
+
+
+def unseen_nodes(claim: Claim, *, ready: Collection[str]) -> tuple[str, ...]:
+    """Nodes that may still run pods of this claim although the API server lists none. ready: nodes whose kubelet reports.
+
+    A kubelet in contact ends what the API server does not list, well within the quarantine. One out of contact goes on, and
+    its pods' objects are deleted all the same: with the Node, or by hand. An admin who knows better writes the claim's
+    attempt into Annotation.PODS_GONE; adopting the claim counts that up, so the word is good for this parking alone.
+    """
+    if claim.metadata.annotations.get(Annotation.PODS_GONE) == str(claim.status.attempt):
+        return ()
+    return tuple(node for node in claim.status.nodes if node not in ready)
 
 
 def is_gone(found: App | Pod | None, uid: str) -> bool:

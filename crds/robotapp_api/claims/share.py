@@ -89,12 +89,12 @@ def claim_to_join(
     """The owner's claim whose id a sharer's instance carries: the one the owner itself wants (rule 4).
 
     claims: all claims of the owner. named: per instance of the owner that has Deployments, the ids they name; an instance
-    without Deployments is on its way out when another one has some. A Draining claim is an answer to wait for: the owner
+    without Deployments is on its way out when another one has some. A claim that does not stand is an answer to wait for: the owner
     will take it back, or want another.
     """
     domains = [claim for claim in claims if claim.spec.domain is not None]
     everywhere = {claim.holder.instance for claim in domains}
-    standing = {claim.holder.instance for claim in domains if not claim.draining} or everywhere
+    standing = {claim.holder.instance for claim in domains if claim.standing} or everywhere
     chosen = sharer_instance(instance, tuple(sorted(standing & set(named) or standing)))
     if chosen is None:
         return None

@@ -72,6 +72,10 @@ class Usage:
     """(namespace, claim) of live pods: apps of one namespace may share without asking."""
     checked: set[str] = field(default_factory=set)
     """Claims that pods name which our scheduler has bound: it saw then that their app may use them."""
+    places: dict[InstanceKey, set[tuple[int, str]]] = field(default_factory=lambda: defaultdict(set))
+    """(id, node) of pods that have not ended, by their labels; "" for the node of a pod that is not bound yet."""
+    places_named: dict[str, set[tuple[str, str]]] = field(default_factory=lambda: defaultdict(set))
+    """By claim: (namespace, node) of live pods that name it; "" for the namespace of those that our scheduler has bound."""
     named: dict[str, set[AppRef]] = field(default_factory=lambda: defaultdict(set))
     """By claim: the apps whose objects name it."""
     owners: Owners = field(default_factory=Owners)
@@ -102,9 +106,12 @@ class Usage:
             return
         ids = named_ids(pod.spec)
         self.live[key] |= ids
+        node = pod.spec.node_name
+        self.places[key] |= {(number, node) for number in ids}
         claim = _named_claim(pod.metadata, ids)
         if not claim:
             return
+        self.places_named[claim].add(("" if pod.spec.bound_by_us else pod.metadata.namespace, node))
         self.named_by_pods.add((pod.metadata.namespace, claim))
         if pod.spec.bound_by_us:
             self.checked.add(claim)
@@ -138,6 +145,15 @@ class Usage:
             or claim.name in self.checked
             or (app_exists and domain.id in self.owned.get(key, ()))
         )
+
+    def nodes(self, claim: Claim) -> frozenset[str]:
+        """Where the live pods that use this domain claim are; "" stands for all those that are not bound yet."""
+        domain, namespace = claim.spec.domain, claim.holder.namespace
+        if domain is None:
+            return frozenset()
+        own = {node for number, node in self.places.get(holder_key(claim.holder), ()) if number == domain.id}
+        named = self.places_named.get(claim.name, ())
+        return frozenset(own | {node for where, node in named if where in {"", namespace}})
 
     def sharers(self, claim: Claim) -> frozenset[AppRef]:
         """Other apps whose objects name this claim. Whether they exist and may share it is for the caller to ask."""

@@ -3,6 +3,7 @@
 `Refused` means that the object changed or vanished since it was read: the caller reads again and decides anew.
 """
 
+from collections.abc import Collection
 from typing import Any, Protocol, TypeVar
 
 import msgspec
@@ -55,6 +56,28 @@ async def create_claim(client: Api, spec: ClaimSpec) -> Claim | None:
         return None
 
 
+async def note_nodes(client: Api, claim: Claim, nodes: Collection[str]) -> Claim:
+    """Write where pods are about to be bound, attempt + 1: also when the claim names the nodes already.
+
+    Who has read the claim before, to release it or to strike a node off, is refused now: the pods may run there soon.
+    """
+    status = {"phase": claim.status.phase, "attempt": claim.status.attempt + 1} | _use(
+        claim.status.pod, claim.status.node
+    )
+    return await _write_status(client, claim, status, nodes={*claim.status.nodes, *nodes})
+
+
+async def strike_nodes(client: Api, claim: Claim, nodes: Collection[str]) -> Claim:
+    """Forget nodes that were seen to run none of the claim's pods."""
+    status = {"phase": claim.status.phase, "attempt": claim.status.attempt} | _use(claim.status.pod, claim.status.node)
+    return await _write_status(client, claim, status, nodes={*claim.status.nodes} - {*nodes})
+
+
+async def park(client: Api, claim: Claim) -> Claim:
+    """Keep the thing for its holder, whose pods may run on although nobody sees them. The nodes stay: they are why."""
+    return await _write_status(client, claim, {"phase": ClaimPhase.PARKED.value, "attempt": claim.status.attempt})
+
+
 async def touch(client: Api, claim: Claim, *, pod: str = "", node: str = "") -> Claim:
     """Adopt: attempt + 1, phase Reserved, by compare-and-swap. A release that has read the claim before now fails."""
     return await _write_status(
@@ -83,8 +106,12 @@ def _use(pod: str, node: str) -> dict[str, Any]:
     return {key: value for key, value in (("pod", pod), ("node", node)) if value}
 
 
-async def _write_status(client: Api, claim: Claim, status: dict[str, Any]) -> Claim:
+async def _write_status(
+    client: Api, claim: Claim, status: dict[str, Any], *, nodes: Collection[str] | None = None
+) -> Claim:
+    """nodes: None keeps those of the claim."""
     condition = preconditions(claim)
+    named = sorted(claim.status.nodes if nodes is None else nodes)
     body = {
         "apiVersion": API_VERSION,
         "kind": "RobotClaim",
@@ -94,7 +121,7 @@ async def _write_status(client: Api, claim: Claim, status: dict[str, Any]) -> Cl
             "resourceVersion": condition.resource_version,
         },
         "spec": claim_object(claim.spec)["spec"],
-        "status": status,
+        "status": status | ({"nodes": named} if named else {}),
     }
     try:
         return msgspec.convert(await client.replace(ROBOTCLAIMS, body, subresource="status"), Claim)

@@ -1,6 +1,7 @@
 """Domains: the steps of an operator (rule 5) and the scheduler's bind check (rule 1), with their reads in order."""
 
 import asyncio
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
@@ -14,7 +15,7 @@ from robotapp_api.claims.objects import App, Claim, Deployment, Holder, Pod, Poo
 from robotapp_api.claims.release import claims_domain, joined
 from robotapp_api.claims.share import AppKey, Join, claim_to_join, owner_of, waiting_text
 from robotapp_api.claims.usage import deployment_ids, named_ids, usage_of
-from robotapp_api.client.claim_writes import Api, Refused, create_claim, touch
+from robotapp_api.client.claim_writes import Api, Refused, create_claim, note_nodes, touch
 from robotapp_api.client.resources import DEPLOYMENTS, DOMAINPOOLS, ROBOTAPPS, ROBOTCLAIMS
 from robotapp_api.client.sweep_view import find
 from robotapp_api.model.names import Annotation, Label, Reason
@@ -24,6 +25,7 @@ RESTARTS = 5
 """Start over this often within one call when another writer was faster; then the caller's queue backs off."""
 LIST_AFTER_CONFLICTS = 3
 """In a crowded pool one LIST is cheaper than trying every id."""
+KEEPS_CHANGING: Final = BindVerdict(False, "the claim of its domain keeps changing; trying again")
 _TURNS: Final[WeakValueDictionary[tuple[str, str], asyncio.Lock]] = WeakValueDictionary()
 """By pool and namespace with a quota; a lock lives while somebody uses it."""
 
@@ -49,11 +51,12 @@ async def ensure_domain(
     return DomainOutcome(Reason.PENDING, "another operator works on this app; trying again")
 
 
-async def ensure_pod_domain(client: Api, request: DomainRequest) -> DomainOutcome:
+async def ensure_pod_domain(client: Api, request: DomainRequest, *, node: str = "") -> DomainOutcome:
     """The domain of a bare pod (`dds-domain: auto` or a number): adopted or created, or a value that says why not.
 
     Call it between reading the pod and binding it with the resourceVersion that was read; the id is the Binding's grant.
-    request.holder is the pod. Never rolled back: calling again adopts what was created. Raises ApiError or Unreachable.
+    request.holder is the pod, node where it is about to be bound. Never rolled back: calling again adopts what was created.
+    Raises ApiError or Unreachable.
     """
     pool = await _find_pool(client, request.pool)
     if pool is None:
@@ -63,10 +66,21 @@ async def ensure_pod_domain(client: Api, request: DomainRequest) -> DomainOutcom
         return refusal
     for _ in range(RESTARTS):
         try:
-            return await _own(client, request, pool, ())
+            return await _own_at(client, request, pool, node)
         except Refused:
             continue
     return DomainOutcome(Reason.PENDING, "its claim keeps changing; trying again")
+
+
+async def _own_at(client: Api, request: DomainRequest, pool: Pool, node: str) -> DomainOutcome:
+    """The pod's own domain, whose claim names the node (if known) before the pod is bound there."""
+    outcome = await _own(client, request, pool, ())
+    if node and outcome.held:
+        claim = await find_claim(client, outcome.claim)
+        if claim is None or not same_holder(claim.holder, request.holder):
+            raise Refused  # freed, and perhaps taken by another, between the two requests
+        await note_nodes(client, claim, (node,))
+    return outcome
 
 
 async def _ensure_once(
@@ -107,7 +121,7 @@ async def _own(client: Api, request: DomainRequest, pool: Pool, deployments: Seq
     claims = await instance_claims(client, holder.uid, instance=holder.instance)
     held = rules.held_ids(claims, request, pool.spec.scope)
     plan = rules.plan_domain(
-        held={number: claim.draining for number, claim in held.items()},
+        held={number: not claim.standing for number, claim in held.items()},
         named=[deployment_ids(deployment) for deployment in deployments],
         free=rules.free_ids(pool, claims, request),
         uid=holder.uid,
@@ -168,7 +182,13 @@ async def _try_candidates(client: Api, request: DomainRequest, pool: Pool, plan:
                 raise Refused  # another operator took one for this instance meanwhile
             taken = {c.spec.domain.id for c in claims if c.spec.domain and _same_scope(c, request)}
     claims = [c for c in await pool_claims(client, request) if _same_scope(c, request)]
-    return rules.exhausted(request, pool, claimed=len(claims), resting=sum(c.draining for c in claims))
+    return rules.exhausted(
+        request,
+        pool,
+        claimed=len(claims),
+        resting=sum(c.draining for c in claims),
+        parked=sum(c.parked for c in claims),
+    )
 
 
 def _same_scope(claim: Claim, request: DomainRequest) -> bool:
@@ -212,7 +232,7 @@ async def _join(client: Api, request: DomainRequest, owner: AppKey, deployments:
         claims = await instance_claims(client, app.metadata.uid)
         named_ids_of = theirs.named_by_instance(app.metadata.namespace, app.metadata.uid)
         claim = claim_to_join(app, request.holder.instance, claims, named=named_ids_of)
-    if claim is None or claim.draining:
+    if claim is None or not claim.standing:
         text = waiting_text(named, request.holder.instance, {claim.holder.instance for claim in claims})
         if claim is None or claim.spec.domain is None:
             return await _refused(client, request, DomainOutcome(Reason.PENDING, text), deployments)
@@ -290,41 +310,77 @@ async def check_bind(client: Api, pod: Pod) -> BindVerdict:
     return (await check_bind_all(client, (pod,)))[0]
 
 
-async def check_bind_all(client: Api, pods: Sequence[Pod]) -> list[BindVerdict]:
-    """Rule 1 for pods that have all been seen pending before this call: one read per claim, not per pod."""
+async def check_bind_all(client: Api, pods: Sequence[Pod], *, nodes: Sequence[str] = ()) -> list[BindVerdict]:
+    """Rule 1 for pods that have all been seen pending before this call: one read per claim, not per pod.
+
+    nodes: where each pod is about to be bound, which its claim says from now on; empty when another scheduler decides.
+    """
+    going = {pod.metadata.uid: node for pod, node in zip(pods, nodes, strict=bool(nodes))}
+    verdicts: dict[str, BindVerdict] = {}
+    left = list(pods)
+    for _ in range(RESTARTS):
+        left = await _check_and_note(client, left, going, verdicts)
+        if not left:
+            break
+    return [verdicts.get(pod.metadata.uid, KEEPS_CHANGING) for pod in pods]
+
+
+async def _check_and_note(
+    client: Api, pods: Iterable[Pod], going: Mapping[str, str], verdicts: dict[str, BindVerdict]
+) -> list[Pod]:
+    """Fill `verdicts`. Returns the pods whose claim changed before their node could be written into it."""
     read: dict[str, Claim | None] = {}
-    verdicts: list[BindVerdict] = []
+    allowed: dict[str, list[Pod]] = defaultdict(list)
     for pod in pods:
-        if not needs_check(pod):
-            verdicts.append(ALLOWED)
-            continue
-        name = pod.metadata.annotations.get(Annotation.DOMAIN_CLAIM, "")
-        if not name:
-            verdicts.append(await _check_without_annotation(client, pod))
-            continue
-        if name not in read:
-            read[name] = await find_claim(client, name)
+        verdict, claim = await _check(client, pod, read)
+        if verdict.allowed and claim is not None and pod.metadata.uid in going:
+            read[claim.name] = claim
+            allowed[claim.name].append(pod)
+        else:
+            verdicts[pod.metadata.uid] = verdict
+    left: list[Pod] = []
+    for name, found in allowed.items():
         claim = read[name]
-        verdict = bind_verdict(pod, claim)
-        if not verdict.allowed and claim is not None and await _shares(client, pod, claim):
-            verdict = bind_verdict(pod, claim, sharing=(claim.holder.uid,))
-        verdicts.append(verdict)
-    return verdicts
+        try:
+            if claim is not None:
+                await note_nodes(client, claim, {going[pod.metadata.uid] for pod in found})
+        except Refused:
+            left += found
+        else:
+            verdicts |= {pod.metadata.uid: ALLOWED for pod in found}
+    return left
 
 
-async def _check_without_annotation(client: Api, pod: Pod) -> BindVerdict:
+async def _check(client: Api, pod: Pod, read: dict[str, Claim | None]) -> tuple[BindVerdict, Claim | None]:
+    """The verdict on one pod, and the claim it stands on. read: claims read so far, by name."""
+    if not needs_check(pod):
+        return ALLOWED, None
+    name = pod.metadata.annotations.get(Annotation.DOMAIN_CLAIM, "")
+    if not name:
+        return await _check_without_annotation(client, pod)
+    if name not in read:
+        read[name] = await find_claim(client, name)
+    claim = read[name]
+    verdict = bind_verdict(pod, claim)
+    if not verdict.allowed and claim is not None and await _shares(client, pod, claim):
+        verdict = bind_verdict(pod, claim, sharing=(claim.holder.uid,))
+    return verdict, claim
+
+
+async def _check_without_annotation(client: Api, pod: Pod) -> tuple[BindVerdict, Claim | None]:
     claims = await instance_claims(client, pod.metadata.app_uid, instance=pod.metadata.instance)
     ids = named_ids(pod.spec)
     match = [claim for claim in claims if claim.spec.domain and {claim.spec.domain.id} == ids]
-    standing = [claim for claim in match if not claim.draining]
-    verdict = bind_verdict(pod, next(iter(standing or match), None))
+    standing = [claim for claim in match if claim.standing]
+    claim = next(iter(standing or match), None)
+    verdict = bind_verdict(pod, claim)
     if match:
-        return verdict
+        return verdict, claim
     app = await _app_of(client, pod)
     if app is None or app.spec.ros2 is None or app.spec.ros2.isolation != "Discovery":
-        return verdict
+        return verdict, None
     pool = await _find_pool(client, app.spec.ros2.pool)
-    return verdict if pool is None else shared_verdict(pod, parse_ids(pool.spec.shared_ids))
+    return (verdict if pool is None else shared_verdict(pod, parse_ids(pool.spec.shared_ids))), None
 
 
 async def _app_of(client: Api, pod: Pod) -> App | None:

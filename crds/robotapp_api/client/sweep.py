@@ -20,10 +20,11 @@ from robotapp_api.claims.repair import ClaimConflict
 from robotapp_api.client.claim_errors import Troubles
 from robotapp_api.client.claim_repair import repair
 from robotapp_api.client.claim_usage import used, used_elsewhere
-from robotapp_api.client.claim_writes import Api, Refused, delete_claim, drain, touch
+from robotapp_api.client.claim_writes import Api, Refused, delete_claim, drain, park, touch
 from robotapp_api.client.errors import ClientError, describe
 from robotapp_api.client.giving_back import give_back
 from robotapp_api.client.sweep_view import View, read_view, used_on_node
+from robotapp_api.client.whereabouts import Whereabouts
 
 log = logging.getLogger(__name__)
 
@@ -101,6 +102,7 @@ class Sweeper:
         self._on_conflicts = on_conflicts or (lambda _: None)
         self._clock = clock
         self._rests = Rests(clock)
+        self._whereabouts = Whereabouts(client, clock, self.counts)
         self._woken = asyncio.Event()
 
     def __repr__(self) -> str:
@@ -136,10 +138,14 @@ class Sweeper:
         """One pass. Raises what a listing raised; what goes wrong with one claim is counted, and the others go on."""
         view = await read_view(self._client, self._namespaces)
         self._rests.start_pass(view.claims)
+        self._whereabouts.start_pass(view.claims)
         troubles = Troubles(self.counts)
         for claim in view.claims:
             with troubles.of(claim.name):
-                await self._act(view, claim, await self._decide(view, claim))
+                decision = await self._decide(view, claim)
+                await self._act(view, claim, decision)
+                if decision is Release.KEEP and claim.standing:
+                    await self._whereabouts.follow(view, claim)
         conflicts = await repair(view, [*view.pods.values(), *self._granted_pods()], self.counts, troubles)
         troubles.tell()
         self.counts["passes"] += 1
@@ -158,11 +164,15 @@ class Sweeper:
             if elsewhere is None:
                 return Release.KEEP  # a sweep of all namespaces (the scheduler's) sees who shares it
             is_used = elsewhere
+        return await self._release(view, claim, wanted=wanted, is_used=is_used)
+
+    async def _release(self, view: View, claim: Claim, *, wanted: bool, is_used: bool) -> Release:
         return release_domain(
-            draining=claim.draining,
+            phase=claim.status.phase,
             wanted=wanted,
             used=is_used,
             rested=claim.draining and self._rests.rested(claim, view.rest_s(claim)),
+            unseen=not (wanted or is_used) and bool(await view.unseen(claim)),
         )
 
     async def _decide_device(self, view: View, claim: Claim) -> Release:
@@ -185,8 +195,7 @@ class Sweeper:
         lost = pod_lost(pod, claim)
         if claim.spec.device:
             return Release.DELETE if lost or pod is None else self._while_pending(claim, pod)
-        rested = claim.draining and self._rests.rested(claim, view.rest_s(claim))
-        return release_domain(draining=claim.draining, wanted=False, used=not lost, rested=rested)
+        return await self._release(view, claim, wanted=False, is_used=not lost)
 
     def _while_pending(self, claim: Claim, pod: Pod) -> Release:
         """Every attempt to place the pod touches its claims, so that only what is not even tried rests here."""
@@ -199,6 +208,8 @@ class Sweeper:
             return
         if decision is Release.RESTORE:
             await touch(self._client, claim)
+        elif decision is Release.PARK:
+            await park(self._client, claim)
         elif decision is Release.DRAIN:
             drained = await drain(self._client, claim)
             self._rests.rested(drained, self._handover_s if claim.spec.device else view.rest_s(claim))

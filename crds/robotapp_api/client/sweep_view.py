@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from robotapp_api.claims.identity import same_holder
-from robotapp_api.claims.instances import instances_of, wish_of
+from robotapp_api.claims.instances import instances_of, out_of_sight, wish_of
 from robotapp_api.claims.objects import App, Claim, Deployment, Holder, Meta, Object, Pod, Pool, ReplicaSet
-from robotapp_api.claims.release import is_gone, wants_domain
+from robotapp_api.claims.release import is_gone, unseen_nodes, wants_domain
 from robotapp_api.claims.repair import asked_places, places_of
 from robotapp_api.claims.usage import Usage, usage_of
 from robotapp_api.client.claim_writes import Api, T
@@ -39,6 +39,25 @@ class Named(Object, frozen=True, kw_only=True):
     metadata: Meta
 
 
+class NodeCondition(Object, frozen=True, kw_only=True):
+    type: str = ""
+    status: str = ""
+
+
+class NodeConditions(Object, frozen=True, kw_only=True):
+    conditions: tuple[NodeCondition, ...] = ()
+
+
+class Reporting(Named, frozen=True, kw_only=True):
+    """A node, as far as it tells whether its kubelet reports."""
+
+    status: NodeConditions = NodeConditions()
+
+    @property
+    def ready(self) -> bool:
+        return any(found.type == "Ready" and found.status == "True" for found in self.status.conditions)
+
+
 @dataclass(slots=True)
 class View:
     """One pass over the cluster, or over `namespaces`."""
@@ -60,6 +79,7 @@ class View:
     _apps: dict[tuple[str, str], App | None] = field(default_factory=dict)
     _holder_pods: dict[tuple[str, str], Pod | None] = field(default_factory=dict)
     _robots: list[Meta] | None = None
+    _ready: dict[str, bool] = field(default_factory=dict)
     _instances: dict[str, frozenset[str]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
@@ -111,9 +131,26 @@ class View:
             nodes = await self._robot_nodes() if app.spec.robots else ()
             claimed = {claim.holder.instance for claim in self.claims if claim.holder.uid == uid}
             running = self.usage.named_by_instance(app.metadata.namespace, uid).keys()
-            found = instances_of(wish_of(app), nodes, running=running, claimed=claimed)
+            # What is out of sight ends when the operator takes its Deployments away, not by itself.
+            kept = out_of_sight(wish_of(app), nodes, running=running)
+            found = instances_of(wish_of(app), nodes, running=running, claimed=claimed, kept=kept)
             self._instances[uid] = frozenset(one.robot for one in found)
         return instance in self._instances[uid]
+
+    async def unseen(self, claim: Claim) -> tuple[str, ...]:
+        """Nodes that may run pods of a domain claim of which the listings show none (`unseen_nodes`).
+
+        Each is read once per pass, after the pods: a node that was ready before its pods vanished proves nothing.
+        """
+        ready = [node for node in claim.status.nodes if await self.is_ready(node)]
+        return unseen_nodes(claim, ready=ready)
+
+    async def is_ready(self, node: str) -> bool:
+        """Whether the node's kubelet reports to the API server."""
+        if node not in self._ready:
+            found = await find(self.client, NODES, node, "", Reporting)
+            self._ready[node] = found is not None and found.ready
+        return self._ready[node]
 
     async def places(self, pods: Iterable[Pod]) -> dict[str, str]:
         """Zones and nodes by the part of a claim's name that is their hash, as far as `pods` name claims per place."""

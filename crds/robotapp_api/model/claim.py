@@ -1,12 +1,12 @@
 """RobotClaim: one claimed thing. The object's name is the thing, so creating it is taking it."""
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Final, Literal
 
-from pydantic import StringConstraints
+from pydantic import Field, StringConstraints
 
 from robotapp_api.model import names
 from robotapp_api.model.base import Model, ObjectMeta, Observed
-from robotapp_api.model.markers import Column, Kind, Rule
+from robotapp_api.model.markers import Column, Kind, ListSet, Rule
 from robotapp_api.model.scalars import (
     AppName,
     DnsLabel,
@@ -20,7 +20,8 @@ from robotapp_api.model.scalars import (
 )
 
 Scope = Literal["Cluster", "Zone", "Node"]
-PhaseName = Literal["Reserved", "Bound", "Draining"]
+MAX_NODES: Final = 1000
+PhaseName = Literal["Reserved", "Bound", "Draining", "Parked"]
 
 
 class DomainThing(Model):
@@ -102,13 +103,17 @@ class ClaimStatus(Observed):
     STORED: ClassVar = frozenset({"phase"})
 
     phase: PhaseName = "Reserved"
-    """Reserved for its holder, Bound to a running pod, or Draining before it is free."""
+    """Reserved for its holder, Bound to a running pod, Draining before it is free, or Parked: its pods are gone from the
+    API server, but a node of `nodes` that is out of sight may still run them."""
     attempt: Generation = 0
     """Times the holder adopted the claim; raised so that stale writers lose."""
     node: Text = ""
     """Node the thing is used on."""
     pod: Annotated[str, StringConstraints(max_length=36)] = ""
     """Uid of the pod that uses the device."""
+    nodes: Annotated[tuple[NodeName, ...], ListSet(), Field(max_length=MAX_NODES)] = ()
+    """Nodes where pods with the claimed domain may run. Written before each of them is bound, struck off when the node, in
+    contact, runs none."""
     draining_since: Timestamp | None = None
     """When the claim began to drain; for people, the sweep counts by its own clock."""
 

@@ -77,6 +77,8 @@ class Annotation(StrEnum):
     GRANTED_SHARED = "granted.robotics.io/shared-devices"
     """Devices the pod uses together with others (sharing Namespace or Cluster): nobody gets them alone meanwhile."""
     ALLOWED_NAMESPACES = "robotics.io/allowed-namespaces"
+    PODS_GONE = "robotics.io/pods-gone"
+    """On a Parked RobotClaim: its status.attempt, written by an admin who knows that none of its pods runs any more."""
     APPROVE_UPDATE = "robotics.io/approve-update"
     RENDERED_BY = "robotics.io/rendered-by"
     """Operator version that wrote a template: a lower version never overwrites it (claims.md rule 5)."""
@@ -196,6 +198,7 @@ class ClaimPhase(StrEnum):
     RESERVED = "Reserved"
     BOUND = "Bound"
     DRAINING = "Draining"
+    PARKED = "Parked"
 
 
 class EventReason(StrEnum):

@@ -41,7 +41,8 @@ class Connectivity(Model):
     """What counts as disconnected."""
 
     grace: Duration = "5m"
-    """How long a robot may be unreachable before its instance counts as Offline."""
+    """How long a robot may be unreachable before its instance counts as Offline, and how long an instance goes on when no
+    node of its robot matches any more. It goes on longer while many robots are missing at once."""
 
 
 class RobotAppSpec(Model):

@@ -11,13 +11,21 @@ from robotapp_operator.plan.wish import App
 
 
 def instances_of(
-    app: App, nodes: Mapping[str, Node], *, running: Collection[str], claimed: Collection[str]
+    app: App,
+    nodes: Mapping[str, Node],
+    *,
+    running: Collection[str],
+    claimed: Collection[str],
+    kept: Collection[str] = (),
 ) -> tuple[Instance, ...]:
-    """Instances in name order. running: instance keys of the app's Deployments, claimed: of its claims."""
+    """Instances in name order. running: instance keys of the app's Deployments, claimed: of its claims.
+
+    kept: robots out of sight whose instances go on.
+    """
     wish = robot_wish(app)
     metas = [node.metadata for node in nodes.values()] if wish.node_selector is not None else []
     unreachable = {name for name, node in nodes.items() if not node.ready} if wish.assignment == rule.ANY else ()
-    return rule.instances_of(wish, metas, running=running, claimed=claimed, unreachable=unreachable)
+    return rule.instances_of(wish, metas, running=running, claimed=claimed, unreachable=unreachable, kept=kept)
 
 
 def matching_robots(app: App, nodes: Mapping[str, Node]) -> list[Meta]:

@@ -3,7 +3,7 @@
 from enum import IntEnum
 from typing import Any, Final, NamedTuple
 
-from robotapp_api.model.names import Reason
+from robotapp_api.model.names import Label, Reason
 from robotapp_operator.plan.facts import AppFacts, InstanceFacts
 from robotapp_operator.plan.latency import EdgeView, shown_ms
 from robotapp_operator.plan.text import clip, shown
@@ -79,6 +79,8 @@ def what_is_missing(instance: InstanceFacts) -> tuple[Reason, str] | None:
         return instance.refusal or instance.trouble
     if instance.ready:
         return None
+    if instance.instance.missing:
+        return Reason.ROBOT_OFFLINE, out_of_sight_text(instance.name)
     if instance.offline:
         node = instance.instance.node
         return (
@@ -86,6 +88,14 @@ def what_is_missing(instance: InstanceFacts) -> tuple[Reason, str] | None:
             f"node {node} of the robot is not ready: kubectl describe node {node} shows since when",
         )
     return (Reason.DEVICE_BUSY, instance.busy) if instance.busy else None
+
+
+def out_of_sight_text(robot: str) -> str:
+    """What is wrong with an instance whose robot has no node any more, and what happens to it."""
+    return (
+        f"robot {robot} is out of sight: no node with the label {Label.ROBOT}={robot} matches spec.robots. Its instance goes on for "
+        "connectivity.grace, longer while many robots are missing; bring the node or its labels back, or change spec.robots"
+    )
 
 
 def cut_off_text(instance: InstanceFacts) -> str:
@@ -110,6 +120,8 @@ def _not_ready(instance: InstanceFacts) -> tuple[Rank, Reason, str] | None:
 
 
 def _though_ready(instance: InstanceFacts) -> tuple[Rank, Reason, str] | None:
+    if instance.instance.missing:
+        return Rank.OFFLINE, Reason.ROBOT_OFFLINE, out_of_sight_text(instance.name)
     if instance.unclear:
         return Rank.UNCLEAR_BUT_READY, Reason.ROBOT_NODE_UNCLEAR, instance.unclear
     if instance.cut_off:

@@ -107,7 +107,7 @@ class Placer:
         if all(decision.pod.member is None for decision in placed):
             return {}
         started_s = self._clock()
-        found = await self._reserver.check_domains([decision.pod for decision in placed])
+        found = await self._reserver.check_domains([(decision.pod, str(decision.node)) for decision in placed])
         for checked in found.values():
             self._metrics.permit_wait_s.labels(WAITED[checked.readiness]).observe(self._clock() - started_s)
         return found

@@ -60,14 +60,16 @@ class Reserver:
     def __repr__(self) -> str:
         return "<Reserver>"
 
-    async def check_domains(self, pods: Sequence[PodInfo]) -> dict[str, Reserved]:
+    async def check_domains(self, placed: Sequence[tuple[PodInfo, str]]) -> dict[str, Reserved]:
         """Claims.md rule 1 for the pods of one decision, by pod uid: each claim is read once, with a quorum.
 
-        Every pod was seen pending before this call. A pod without a literal domain is ready.
+        placed: each pod with the node it is to be bound to, which is written into its claim before. Every pod was seen
+        pending before this call. A pod without a literal domain is ready.
         """
-        verdicts = {pod.uid: READY for pod in pods}
+        verdicts = {pod.uid: READY for pod, _ in placed}
         asked: list[ClaimPod] = []
-        for pod in pods:
+        nodes: list[str] = []
+        for pod, node in placed:
             if pod.member is None:
                 continue
             try:
@@ -79,8 +81,9 @@ class Reserver:
                 verdicts[pod.uid] = Reserved(Readiness.GONE)
             elif needs_check(stored):
                 asked.append(stored)
+                nodes.append(node)
         try:
-            answers = await check_bind_all(self._client, asked)
+            answers = await check_bind_all(self._client, asked, nodes=nodes)
         except ClientError as error:
             return verdicts | {pod.metadata.uid: _error(error) for pod in asked}
         for stored, answer in zip(asked, answers, strict=True):
@@ -110,7 +113,7 @@ class Reserver:
                 return Reserved(Readiness.BUSY, reason=found.reason, message=found.message)
             number: int | None = None
             if domain:
-                outcome = await ensure_pod_domain(self._client, domain_request(pod, domain))
+                outcome = await ensure_pod_domain(self._client, domain_request(pod, domain), node=node)
                 if not outcome.held:
                     return Reserved(Readiness.WAIT, reason=_no_domain(outcome), message=outcome.message)
                 number = outcome.id

@@ -5,6 +5,7 @@ version for a conditional write falls back to idle: that write would be refused 
 only people's changes, pods, ids and processes are bounded.
 
 DOUBLE  two live pods of different instances with one id     LOST  a live pod whose claim is missing or another's
+A container that runs on out of sight, without a pod object, counts as a live pod.
 FORGED  a claim made for a pod that only says whose it is
 FLAP    a template moved although its instance holds the id it has     DUP  two claims for an instance without rival
 """
@@ -33,7 +34,7 @@ from tests.support.claims_model.domain_basis import (
     swap,
 )
 from tests.support.claims_model.domain_operators import Operators
-from tests.support.claims_model.domain_rules import ALONE, AUTO, ELSEWHERE, NONE
+from tests.support.claims_model.domain_rules import ALONE, AUTO, ELSEWHERE, NONE, PARKED
 from tests.support.claims_model.domain_sweepers import Sweepers
 from tests.support.claims_model.explore import Move
 
@@ -45,6 +46,7 @@ class DomainModel(Operators, Sweepers):
         yield from self._people(s)
         yield from self._attacker(s)
         yield from self._pods(s)
+        yield from self._nodes(s)
         yield from self._manager(s)
         yield from self._sets(s)
         for k, operator in enumerate(s.operators):
@@ -104,15 +106,44 @@ class DomainModel(Operators, Sweepers):
             else:
                 yield move(s, f"delete {pod}", False, pods=swap(s.pods, pod))
                 if phase == PENDING and self._allowed(s, h, x):
-                    yield move(s, f"claim of {pod} seen", True, pods=swap(s.pods, pod, (h, x, CHECKED)))
+                    checked = {"pods": swap(s.pods, pod, (h, x, CHECKED))} | self._note(s, x)
+                    yield move(s, f"claim of {pod} seen", True, **checked)
                 if phase == CHECKED:
                     yield move(s, f"bind {pod}", True, pods=swap(s.pods, pod, (h, x, RUNNING)))
                     yield move(s, "scheduler dies", False, pods=swap(s.pods, pod, (h, x, PENDING)))
 
     def _allowed(self, s: State, h: int, x: int) -> bool:
         claim = s.claims[x]
-        holder, draining = (self.who[claim[0]], claim[1]) if claim else (None, 0)
-        return self.rules.may_bind(self.who[h], x, holder, draining, self._state(s, h))
+        holder, phase = (self.who[claim[0]], claim[1]) if claim else (None, 0)
+        return self.rules.may_bind(self.who[h], x, holder, phase, self._state(s, h))
+
+    def _note(self, s: State, x: int) -> dict[str, Any]:
+        """The bind check writes the node into the claim, every time, so that whoever has read the claim before is refused."""
+        if not self.vanishings or not self.rules.notes_node(x in s.noted):
+            return {}
+        noted = s.noted if x in s.noted else swap(s.noted, None, x)
+        return {"noted": noted, "operators": self._ops(s, claim=x), "sweepers": self._sweeps(s, claim=x)}
+
+    # Nodes: out of sight the containers go on, and the API server forgets their pods
+
+    def _nodes(self, s: State) -> Iterator[Move]:
+        if s.vanishings:
+            for h in set(range(len(self.names))) - {*s.away}:
+                left = s.vanishings - 1
+                yield move(s, f"node of h{h} vanishes", False, vanishings=left, away=swap(s.away, None, h))
+        for h in s.away:
+            yield move(s, f"node of h{h} returns", False, away=swap(s.away, h))
+            for pod in sorted({pod for pod in s.pods if pod[0] == h and pod[2] in {RUNNING, TERMINATING}}):
+                unlisted = s.unlisted if pod[:2] in s.unlisted else swap(s.unlisted, None, pod[:2])
+                yield move(s, f"{pod} removed unseen", False, pods=swap(s.pods, pod), unlisted=unlisted)
+        for one in s.unlisted:
+            if one[0] not in s.away:
+                yield move(s, f"kubelet ends {one}", True, unlisted=swap(s.unlisted, one))
+            elif s.claims[one[1]] == (one[0], PARKED):
+                # Somebody has walked to the robot: an admin who is wrong has lifted the lock.
+                x, changed = one[1], {"unlisted": swap(s.unlisted, one)}
+                changed["confirmed"] = s.confirmed if x in s.confirmed else swap(s.confirmed, None, x)
+                yield move(s, f"admin ends {one} and says so", False, sweepers=self._sweeps(s, claim=x), **changed)
 
     # Deployment and ReplicaSet controllers: read now, write any time later
 
@@ -159,7 +190,7 @@ class DomainModel(Operators, Sweepers):
 
     def broken(self, s: State) -> str:
         seen: dict[int, int] = {}
-        for h, x, phase in s.pods:
+        for h, x, phase in (*s.pods, *((h, x, RUNNING) for h, x in s.unlisted)):
             if phase in {RUNNING, TERMINATING}:
                 if seen.setdefault(x, h) != h:
                     return f"DOUBLE: h{seen[x]} and h{h} both run on id{x}"
@@ -184,11 +215,15 @@ class DomainModel(Operators, Sweepers):
         return self._state(s, h) == ORPHANED and not self._own(s, h)
 
     def _at_rest(self, s: State, h: int) -> bool:
-        """Exactly what the Deployment says: one claim, one pod; without an id only if every id is another's."""
-        found, own, state = self._deployment(s, h), self._own(s, h), self._state(s, h)
+        """Exactly what the Deployment says: one claim, one pod; without an id only if every id is another's.
+
+        Beside it there may be claims that are parked with reason.
+        """
+        found, state = self._deployment(s, h), self._state(s, h)
+        own = [(x, phase) for x, phase in self._own(s, h) if not self._rightly_parked(s, h, x)]
         named = [found[1]] if found and found[1] != NONE and found[2] else []
         running = [pod[1] for pod in s.pods if pod[0] == h]
-        if any(draining for _, draining in own) or [x for x, _ in own] != named or running != named:
+        if any(phase for _, phase in own) or [x for x, _ in own] != named or running != named:
             return False
         want = s.wants[h]
         if state == LIVE and want != NONE:

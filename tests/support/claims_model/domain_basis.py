@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from tests.support.claims_model.domain_rules import AUTO, NONE, DomainRules, Forged, Instance
+from tests.support.claims_model.domain_rules import AUTO, NONE, PARKED, RESERVED, DomainRules, Forged, Instance
 from tests.support.claims_model.explore import Move
 
 IDLE = ("idle",)
@@ -19,7 +19,7 @@ class State(NamedTuple):
     apps: tuple[str, ...]
     wants: tuple[int, ...]
     claims: tuple[tuple[int, int] | None, ...]
-    """Per id: (instance, draining)."""
+    """Per id: (instance, phase)."""
     deployments: tuple[tuple[int, int, int] | None, ...]
     """Per name: (instance, named id, wanted pods)."""
     sets: tuple[int, ...]
@@ -29,9 +29,19 @@ class State(NamedTuple):
     """A write of the controller-manager, decided on an older view."""
     operators: tuple[tuple[Any, ...], ...]
     sweepers: tuple[tuple[Any, ...], ...]
-    """(id, stage, instance, draining, ids the instance held, id its Deployment named)."""
+    """(id, stage, instance, phase, ids the instance held, id its Deployment named)."""
     forged: tuple[tuple[str, int, int, str], ...] = ()
     """What an attacker has written and never takes away: (kind, instance it imitates, id, how)."""
+    away: tuple[int, ...] = ()
+    """Instances whose node is out of sight."""
+    vanishings: int = 0
+    """Times a node may still vanish."""
+    noted: tuple[int, ...] = ()
+    """Ids whose claim names the node of its holder."""
+    unlisted: tuple[tuple[int, int], ...] = ()
+    """(instance, id) of containers that run on while no pod object says so any more."""
+    confirmed: tuple[int, ...] = ()
+    """Ids of whose claim an admin has said that nothing runs on it."""
 
 
 FIELD = {name: index for index, name in enumerate(State._fields)}
@@ -82,6 +92,8 @@ class Basis:
     """Structure mutant: the bind check may have been read before the pod existed."""
     forgeries: int = 0
     """Objects the attacker may write."""
+    vanishings: int = 0
+    """Times a node may vanish. Every instance has a node of its own."""
     no_duplicates: bool = False
     only: str = ""
     rules: DomainRules = field(default_factory=DomainRules)
@@ -106,6 +118,7 @@ class Basis:
             None,
             (IDLE,) * self.operators,
             (RESTING,) * self.sweepers,
+            vanishings=self.vanishings,
         )
 
     # Helpers: who falls back to idle when an object changes
@@ -126,6 +139,26 @@ class Basis:
     def _named(self, s: State, h: int) -> int:
         found = self._deployment(s, h)
         return found[1] if found else NONE
+
+    def _unseen(self, s: State, h: int, x: int) -> bool:
+        """Ready, the node has ended what the API server does not list: kubelets do so well within the quarantine."""
+        ready = h not in s.away and not any(one == h for one, _ in s.unlisted)
+        return self.rules.unseen(x in s.noted, ready, x in s.confirmed)
+
+    def _rightly_parked(self, s: State, h: int, x: int) -> bool:
+        return s.claims[x] == (h, PARKED) and self._unseen(s, h, x)
+
+    def _claim_changed(
+        self, s: State, x: int, value: tuple[int, int] | None, *, forget_node: bool = False
+    ) -> dict[str, Any]:
+        """A write of the claim. What an admin has confirmed is over once the claim stands again."""
+        changed: dict[str, Any] = {"claims": put(s.claims, x, value)}
+        if forget_node and x in s.noted:
+            changed["noted"] = swap(s.noted, x)
+        over = value is None or (value[1] == RESERVED and self.rules.confirmation_ends())
+        if over and x in s.confirmed:
+            changed["confirmed"] = swap(s.confirmed, x)
+        return changed
 
     def _ops(
         self, s: State, k: int = -1, to: tuple[Any, ...] = IDLE, *, claim: int = -1, name: int = -1

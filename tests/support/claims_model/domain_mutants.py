@@ -99,15 +99,15 @@ class PodsOnly(DomainRules):
 class NoSecondLook(DomainRules):
     """M4: after the quarantine the claim is deleted without reading anything again."""
 
-    def keeps(self, draining: int, wanted: bool, used: bool) -> Release:
-        return Release.DELETE if draining else super().keeps(draining, wanted, used)
+    def keeps(self, phase: int, wanted: bool, used: bool, unseen: bool = False) -> Release:
+        return Release.DELETE if phase else super().keeps(phase, wanted, used, unseen)
 
 
 class OnePhase(DomainRules):
     """M5: unused is deleted at once."""
 
-    def keeps(self, draining: int, wanted: bool, used: bool) -> Release:
-        decision = super().keeps(draining, wanted, used)
+    def keeps(self, phase: int, wanted: bool, used: bool, unseen: bool = False) -> Release:
+        decision = super().keeps(phase, wanted, used, unseen)
         return Release.DELETE if decision is Release.DRAIN else decision
 
 
@@ -139,6 +139,43 @@ class BindOnDraining(DomainRules):
         if claim is not None and claim.spec.domain is not None:
             claim = make.domain_claim(claim.spec.domain.id, claim.holder)
         return bind.bind_verdict(pod, claim).allowed
+
+
+class NeverParked(DomainRules):
+    """P1: what the API server does not list does not run."""
+
+    def unseen(self, *_: Any) -> bool:
+        return False
+
+
+class NodeNotNoted(DomainRules):
+    """P2: the claim does not name the node before the pod is bound."""
+
+    def notes_node(self, known: bool) -> bool:  # noqa: ARG002 - never
+        return False
+
+
+class NodeNotedOnce(DomainRules):
+    """P3: a claim that names the node already is not written again, so whoever has read it before is not refused."""
+
+    def notes_node(self, known: bool) -> bool:
+        return not known
+
+
+class BindOnParked(DomainRules):
+    """P4: the bind check accepts a claim that is parked."""
+
+    def bind(self, pod: Pod, claim: Claim | None, app_state: str) -> bool:  # noqa: ARG002 - the base class looks
+        if claim is not None and claim.spec.domain is not None and claim.parked:
+            claim = make.domain_claim(claim.spec.domain.id, claim.holder)
+        return bind.bind_verdict(pod, claim).allowed
+
+
+class ConfirmedForEver(DomainRules):
+    """P5: what an admin said of a parked claim still holds when it is parked again."""
+
+    def confirmation_ends(self) -> bool:
+        return False
 
 
 class NoRepairs(DomainRules):

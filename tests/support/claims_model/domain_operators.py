@@ -32,10 +32,8 @@ class Operators(Basis):
                 yield move(s, f"O lists h{h}: {plan.step} {to[1:]}", True, operators=self._ops(s, k, to))
         elif step == "adopt":
             operators = self._ops(s, k, ("write", h, x), claim=x)
-            claims = put(s.claims, x, (h, 0))
-            yield move(
-                s, f"O touches id{x}", True, claims=claims, operators=operators, sweepers=self._sweeps(s, claim=x)
-            )
+            changed = self._claim_changed(s, x, (h, 0)) | {"operators": operators, "sweepers": self._sweeps(s, claim=x)}
+            yield move(s, f"O touches id{x}", True, **changed)
         elif step == "create":
             yield from self._create(s, k, h, x)
         elif step == "stop":

@@ -22,6 +22,9 @@ AUTO = 99
 """An app that takes any id."""
 NONE = -1
 """No id: an app that wants no domain, a Deployment that names none."""
+RESERVED, DRAINING, PARKED = range(3)
+PHASES = ("Reserved", "Draining", "Parked")
+"""Phases of a claim, which a state holds by number."""
 Instance = tuple[int, int]
 """(number of the RobotApp, number of the instance)."""
 ELSEWHERE, ALONE = "elsewhere", "alone"
@@ -50,6 +53,8 @@ class DomainRules:
             "may_bind",
             "met",
             "repairs",
+            "unseen",
+            "confirmation_ends",
         ):
             setattr(self, name, cache(getattr(self, name)))
 
@@ -60,8 +65,8 @@ class DomainRules:
     def labels(self, who: Instance) -> dict[str, str]:
         return make.labels(uid_of(who[0]), f"i{who[1]}", app=f"app-{who[0]}")
 
-    def claim(self, who: Instance, number: int, draining: int) -> Claim:
-        return make.domain_claim(number, self.holder(who), phase="Draining" if draining else "Reserved")
+    def claim(self, who: Instance, number: int, phase: int) -> Claim:
+        return make.domain_claim(number, self.holder(who), phase=PHASES[phase])
 
     def deployment(self, who: Instance, number: int, *, on: int) -> Deployment:
         numbers = () if number == NONE else (number,)
@@ -72,11 +77,11 @@ class DomainRules:
     def plans(
         self, who: Instance, held: tuple[tuple[int, int], ...], named: int, want: int, ids: tuple[int, ...]
     ) -> tuple[DomainPlan, ...]:
-        """held: (id, draining) of the instance. More than one answer only in mutants that toss a coin."""
+        """held: (id, phase) of the instance. More than one answer only in mutants that toss a coin."""
         holder = self.holder(who)
         request = DomainRequest(holder=holder, requested_id=None if want == AUTO else want)
         plan = domain.plan_domain(
-            held={number: bool(draining) for number, draining in held},
+            held={number: not self.claim(who, number, phase).standing for number, phase in held},
             named=[frozenset(() if named == NONE else (named,))],
             free=frozenset(ids) if want == AUTO else (),
             uid=holder.uid,
@@ -100,13 +105,17 @@ class DomainRules:
 
     # Rule 1
 
-    def may_bind(self, who: Instance, number: int, holder: Instance | None, draining: int, app_state: str) -> bool:
+    def may_bind(self, who: Instance, number: int, holder: Instance | None, phase: int, app_state: str) -> bool:
         pod = make.pod(number, of=self.labels(who))
-        claim = None if holder is None else self.claim(holder, number, draining)
+        claim = None if holder is None else self.claim(holder, number, phase)
         return self.bind(pod, claim, app_state)
 
     def bind(self, pod: Pod, claim: Claim | None, app_state: str) -> bool:  # noqa: ARG002 - mutants look at the app
         return bind.bind_verdict(pod, claim).allowed
+
+    def notes_node(self, known: bool) -> bool:  # noqa: ARG002 - a mutant looks whether the claim names the node already
+        """Whether the bind check writes the pod's node into the claim."""
+        return True
 
     # Rules 2 and 3
 
@@ -170,9 +179,21 @@ class DomainRules:
         siblings = [self.claim(who, other, 0) for other in held]
         return release.wants_domain(app, self.claim(who, number, 0), siblings, named=() if named == NONE else (named,))
 
-    def keeps(self, draining: int, wanted: bool, used: bool) -> Release:
+    def keeps(self, phase: int, wanted: bool, used: bool, unseen: bool = False) -> Release:
         """The step of the sweep, the rest of a Draining claim being over."""
-        return release.release_domain(draining=bool(draining), wanted=wanted, used=used, rested=True)
+        claim = self.claim((0, 0), 0, phase)
+        return release.release_domain(phase=claim.status.phase, wanted=wanted, used=used, rested=True, unseen=unseen)
+
+    def unseen(self, noted: bool, node_ready: bool, confirmed: bool) -> bool:
+        """Whether a node that the claim names has not been seen to end the pods there."""
+        claim = make.domain_claim(0, nodes=("robot",) if noted else (), confirmed=confirmed)
+        return bool(release.unseen_nodes(claim, ready={"robot"} if node_ready else ()))
+
+    def confirmation_ends(self) -> bool:
+        """Whether what an admin said of a parked claim holds no longer when it was adopted since."""
+        claim = make.domain_claim(0, nodes=("robot",), confirmed=True)
+        adopted = structs.replace(claim, status=structs.replace(claim.status, attempt=claim.status.attempt + 1))
+        return bool(release.unseen_nodes(adopted, ready=()))
 
     def precondition(self) -> str:
         """What a delete carries: rv, uid or none."""

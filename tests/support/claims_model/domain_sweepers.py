@@ -3,11 +3,27 @@
 from collections.abc import Iterator
 from typing import Any
 
-from tests.support.claims_model.domain_basis import DEPLOYMENT, LIVE, POD, REPLICA_SET, RESTING, Basis, State, move, put
-from tests.support.claims_model.domain_rules import AUTO, NONE
+from tests.support.claims_model.domain_basis import (
+    DEPLOYMENT,
+    LIVE,
+    POD,
+    REPLICA_SET,
+    RESTING,
+    Basis,
+    State,
+    move,
+    put,
+    swap,
+)
+from tests.support.claims_model.domain_rules import AUTO, DRAINING, NONE, PARKED
 from tests.support.claims_model.explore import Move
 
 from robotapp_api.claims.release import Release
+
+NODES, RELEASE = 5, 6
+"""Last stages of a release: unused and unwanted, the sweeper reads the nodes, after the pods, and then writes."""
+STRIKE = 7
+"""First stage of striking off the node of a claim that stands: pods are read, then the node, then the claim is written."""
 
 
 class Sweepers(Basis):
@@ -19,14 +35,22 @@ class Sweepers(Basis):
             for x, claim in enumerate(s.claims):
                 if claim:
                     yield from self._begin(s, k, x, claim)
+                if claim and x in s.noted:
+                    to = (x, STRIKE, *claim, (), NONE)
+                    yield move(s, f"S reads id{x} for its node", True, sweepers=self._sweeps(s, k, to))
             yield from self._repair(s)
             return
         yield move(s, "S dies", False, sweepers=self._sweeps(s, k))
-        x, stage, h, draining, *_ = sweeper
+        x, stage, h, phase, _, unseen = sweeper
         if x == -2:
             yield from self._with_old_pods(s, k, stage)
-        elif stage == 5:
-            yield from self._release(s, k, x, h, draining)
+        elif stage == NODES and self.vanishings:
+            seen = (x, RELEASE, h, phase, (), int(self._unseen(s, h, x)))
+            yield move(s, f"S reads nodes for id{x}", True, sweepers=self._sweeps(s, k, seen))
+        elif stage >= STRIKE:
+            yield from self._strike(s, k, sweeper)
+        elif stage >= NODES:
+            yield from self._release(s, k, x, h, phase, unseen=stage == RELEASE and bool(unseen))
         else:
             yield from self._look(s, k, sweeper)
 
@@ -43,12 +67,12 @@ class Sweepers(Basis):
         Unless `apart`, the Deployments are read in the same step: between the two only the claim itself could matter,
         and a change of it refuses this sweeper anyway. The `apart` scenarios check that this saves states, not errors.
         """
-        h, draining = claim
+        h, phase = claim
         held = tuple(number for number, _ in self._own(s, h))
         if self.apart:
-            yield move(s, f"S reads id{x}", True, sweepers=self._sweeps(s, k, (x, 1, h, draining, held, NONE)))
+            yield move(s, f"S reads id{x}", True, sweepers=self._sweeps(s, k, (x, 1, h, phase, held, NONE)))
             return
-        seen = (x, 2, h, draining, *self._memory(s, h, x, held))
+        seen = (x, 2, h, phase, *self._memory(s, h, x, held))
         if self.rules.error_means_gone():
             yield move(
                 s,
@@ -59,13 +83,13 @@ class Sweepers(Basis):
         yield from self._judge(s, k, seen, wanted=False, used=self._used(s, 1, h, x))
 
     def _look(self, s: State, k: int, sweeper: tuple[Any, ...]) -> Iterator[Move]:
-        x, stage, h, draining, held, named = sweeper
+        x, stage, h, phase, held, named = sweeper
         used = stage < 4 and self._used(s, stage, h, x)
         wanted = stage == 4 and self.rules.wants(
             self.who[h], x, held, named, s.wants[h] if self._state(s, h) == LIVE else None
         )
         memory = self._memory(s, h, x, held) if stage == 1 else (held, named)
-        following = (x, stage + 1, h, draining, *memory)
+        following = (x, stage + 1, h, phase, *memory)
         yield from self._judge(s, k, following, wanted=wanted, used=used)
 
     def _memory(self, s: State, h: int, x: int, held: tuple[int, ...]) -> tuple[tuple[int, ...], int]:
@@ -93,11 +117,11 @@ class Sweepers(Basis):
         )
 
     def _judge(self, s: State, k: int, following: tuple[Any, ...], *, wanted: bool, used: bool) -> Iterator[Move]:
-        x, stage, h, draining, *_ = following
-        decision = self.rules.keeps(draining, wanted, used)
+        x, stage, h, phase, *_ = following
+        decision = self.rules.keeps(phase, wanted, used)
         if decision is Release.RESTORE:
-            if s.claims[x] == (h, 1):
-                changed = {"claims": put(s.claims, x, (h, 0)), "operators": self._ops(s, claim=x)}
+            if s.claims[x] == (h, phase):
+                changed = self._claim_changed(s, x, (h, 0)) | {"operators": self._ops(s, claim=x)}
                 yield move(s, f"S restores id{x}", True, sweepers=self._sweeps(s, k, claim=x), **changed)
             else:
                 yield move(s, "S refused", True, sweepers=self._sweeps(s, k))
@@ -106,15 +130,31 @@ class Sweepers(Basis):
         else:
             yield move(s, f"S id{x} unused ({stage - 1})", True, sweepers=self._sweeps(s, k, following))
 
-    def _release(self, s: State, k: int, x: int, h: int, draining: int) -> Iterator[Move]:
-        if self.rules.keeps(draining, False, False) is Release.DELETE:
-            changed = {"claims": put(s.claims, x, None), "operators": self._ops(s, claim=x)}
+    def _release(self, s: State, k: int, x: int, h: int, phase: int, *, unseen: bool) -> Iterator[Move]:
+        decision = self.rules.keeps(phase, False, False, unseen)
+        if decision is Release.KEEP:
+            yield move(s, f"S keeps id{x}", True, sweepers=self._sweeps(s, k))
+        elif decision is Release.DELETE:
+            changed = self._claim_changed(s, x, None, forget_node=True) | {"operators": self._ops(s, claim=x)}
             yield move(s, f"S deletes id{x}", True, sweepers=self._sweeps(s, k, claim=x, gone=True), **changed)
-        elif s.claims[x] == (h, 0):
-            changed = {"claims": put(s.claims, x, (h, 1)), "operators": self._ops(s, claim=x)}
-            yield move(s, f"S drains id{x}", True, sweepers=self._sweeps(s, k, claim=x), **changed)
+        elif s.claims[x] == (h, phase):
+            to, what = (PARKED, "parks") if decision is Release.PARK else (DRAINING, "drains")
+            changed = self._claim_changed(s, x, (h, to)) | {"operators": self._ops(s, claim=x)}
+            yield move(s, f"S {what} id{x}", True, sweepers=self._sweeps(s, k, claim=x), **changed)
         else:
             yield move(s, "S refused", True, sweepers=self._sweeps(s, k))
+
+    def _strike(self, s: State, k: int, sweeper: tuple[Any, ...]) -> Iterator[Move]:
+        """Any pod of the instance, pending ones too, may be on the node or on its way there."""
+        x, stage, h, phase, *_ = sweeper
+        if stage == STRIKE + 2:
+            changed = {"noted": swap(s.noted, x), "operators": self._ops(s, claim=x)}
+            yield move(s, f"S strikes the node of id{x} off", True, sweepers=self._sweeps(s, k, claim=x), **changed)
+        elif self._unseen(s, h, x) if stage > STRIKE else any(pod[:2] == (h, x) for pod in s.pods):
+            yield move(s, f"S keeps the node of id{x}", True, sweepers=self._sweeps(s, k))
+        else:
+            to = (x, stage + 1, h, phase, (), NONE)
+            yield move(s, f"S strikes id{x} ({stage})", True, sweepers=self._sweeps(s, k, to))
 
     def _list_pods_first(self, s: State, k: int) -> Iterator[Move]:
         pairs = [(h, x) for h in range(len(self.names)) for x in range(self.ids)]
@@ -126,10 +166,10 @@ class Sweepers(Basis):
         for x, claim in enumerate(s.claims):
             if claim is None or not unused >> (claim[0] * self.ids + x) & 1:
                 continue
-            h, draining = claim
+            h, phase = claim
             held = tuple(number for number, _ in self._own(s, h))
             want = s.wants[h] if self._state(s, h) == LIVE else None
             wanted = self.rules.wants(self.who[h], x, held, self._named(s, h), want)
             if not wanted and not self._used(s, 1, h, x):
-                to = (x, 5, h, draining, held, NONE)
+                to = (x, 5, h, phase, held, NONE)
                 yield move(s, f"S id{x} unused", True, sweepers=self._sweeps(s, k, to))

@@ -1,6 +1,6 @@
 """Every scenario of the claim protocol with the verdict it must get. `quick` ones run in scripts/test.
 
-R and D: the rules as built. L: weaker forms in which something waits for ever. M and DM: mutants. U: unchecked pods.
+R and D: the rules as built. P: weaker forms of parking. L: weaker forms in which something waits for ever. M and DM: mutants. U: unchecked pods.
 All of them: `scripts/bench claims --all`, or `python -m tests.bench.claims --all`.
 """
 
@@ -114,6 +114,27 @@ for number, about, expect, weak in (
     ("A3", "repairs for whoever says so", "FORGED", mutants.RepairsByLabel),
 ):
     domain(number, about, expect, weak, **ONE, **FORGED, pods=2, lag=False, operators=1)
+
+AWAY: dict[str, Any] = {"vanishings": 1, "pods": 2, "lag": False, "operators": 1}
+"""A robot's node vanishes with its pod objects, while its containers run on."""
+domain("R15", "a robot out of sight, 2 apps, 1 id, 1 change", quick=False, **ONE, vanishings=1, pods=2)
+domain("R15s", "a robot out of sight, 2 apps, 1 id, 1 change, prompt controllers", **ONE, **AWAY)
+domain("R16", "out of sight twice, 2 apps, 1 id, 2 changes", quick=False, **ONE, **{**AWAY, "vanishings": 2}, changes=2)
+domain("R17s", "a robot out of sight, 1 app, 2 ids, 1 change", **SOLO, **AWAY)
+domain(
+    "R17", "out of sight twice, 1 app, 2 ids, 2 changes", quick=False, **SOLO, **{**AWAY, "vanishings": 2}, changes=2
+)
+domain("R18", "out of sight, app re-created, 1 id", quick=False, **{**AGAIN, "ids": 1}, **AWAY, changes=2)
+domain("R19", "out of sight, 2 sweepers", quick=False, **ONE, **AWAY, sweepers=2)
+for number, about, expect, weak in (
+    ("P1", "never parked", "LOST|DOUBLE", mutants.NeverParked),
+    ("P2", "nodes are not noted before the bind", "LOST|DOUBLE", mutants.NodeNotNoted),
+    ("P4", "bind on a parked claim", "LOST|DOUBLE", mutants.BindOnParked),
+):
+    domain(number, about, expect, weak, **ONE, **AWAY)
+domain("P3", "a node is noted once", "LOST|DOUBLE", mutants.NodeNotedOnce, **ONE, **AWAY)
+TWICE: dict[str, Any] = {**AWAY, "vanishings": 2, "changes": 3}
+domain("P5", "a confirmation holds for ever", "LOST|DOUBLE", mutants.ConfirmedForEver, quick=False, **ONE, **TWICE)
 
 domain("U1", "no bind check", "DOUBLE", mutants.NoBindCheck, live=False, **ONE, lag=False, pods=2, only="DOUBLE")
 domain(

@@ -6,7 +6,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_api.claims.instances import Instance, Primary, RobotWish, admits, instances_of, primary_node
+from robotapp_api.claims.instances import (
+    Instance,
+    Primary,
+    RobotWish,
+    admits,
+    instances_of,
+    out_of_sight,
+    primary_node,
+    too_many_missing,
+)
 from robotapp_api.claims.objects import Meta
 from robotapp_api.model.names import Annotation, Label
 
@@ -189,3 +198,25 @@ def test_whoever_has_claims_is_judged_alike_by_those_who_know_reachability_and_t
     sweep = instances_of(ANY, nodes, running=running, claimed=claimed)
     for robot in claimed:
         assert (robot in names(operator)) == (robot in names(sweep))
+
+
+def test_robots_out_of_sight_are_those_the_app_runs_on_of_which_no_node_matches() -> None:
+    nodes = [node("a"), node("b", allowed="other"), Meta(name="n-c", labels={})]
+    assert out_of_sight(EACH, nodes, running={"a", "b", "c", "d", ""}) == {"c", "d"}
+    assert out_of_sight(RobotWish("u", "team"), nodes, running={"c"}) == frozenset()
+
+
+@pytest.mark.parametrize("wish", [EACH, ANY])
+def test_a_kept_instance_goes_on_without_a_node_and_a_node_that_is_there_wins(wish: RobotWish) -> None:
+    assert instances_of(wish, [], running={"a"}, claimed=(), kept={"a"}) == (Instance("a", missing=True),)
+    assert instances_of(wish, [node("a")], running={"a"}, claimed=(), kept={"a"}) == (Instance("a", "n-a"),)
+
+
+@given(st.sets(st.integers(0, 300)), st.sets(st.integers(0, 300)))
+def test_the_brake_holds_from_four_or_a_tenth_on_and_when_all_of_several_are_missing(
+    holding: set[int], present: set[int]
+) -> None:
+    held, there = {str(number) for number in holding}, {str(number) for number in present}
+    missing = len(holding - present)
+    few = missing <= max(3, len(holding) / 10) and (missing < len(holding) or missing < 2)
+    assert too_many_missing(held, there) is not few

@@ -1,23 +1,42 @@
 import itertools
 
 import pytest
+from msgspec import structs
 from tests.support.claims_objects import claim, device_claim, domain_claim, pod, pod_holder
 
 from robotapp_api.claims import release
 from robotapp_api.claims.objects import App, AppSpec, Meta, Pod, Ros, Ros2, SharedApp
 from robotapp_api.claims.release import Release, release_domain
+from robotapp_api.model.names import ClaimPhase
 
 
 @pytest.mark.parametrize("flags", list(itertools.product([True, False], repeat=4)))
-def test_nothing_used_or_wanted_is_ever_deleted_and_nothing_skips_a_phase(flags: tuple[bool, ...]) -> None:
-    draining, wanted, used, rested = flags
-    decision = release_domain(draining=draining, wanted=wanted, used=used, rested=rested)
+@pytest.mark.parametrize("phase", list(ClaimPhase))
+def test_nothing_used_wanted_or_unseen_is_ever_deleted_and_nothing_skips_a_phase(
+    flags: tuple[bool, ...], phase: ClaimPhase
+) -> None:
+    wanted, used, rested, unseen = flags
+    decision = release_domain(phase=phase, wanted=wanted, used=used, rested=rested, unseen=unseen)
+    standing = phase in {ClaimPhase.RESERVED, ClaimPhase.BOUND}
     if wanted or used:
-        assert decision is (Release.RESTORE if draining else Release.KEEP)
-    elif not draining:
+        assert decision is (Release.KEEP if standing else Release.RESTORE)
+    elif unseen:
+        assert decision is (Release.KEEP if phase == ClaimPhase.PARKED else Release.PARK)
+    elif phase != ClaimPhase.DRAINING:
         assert decision is Release.DRAIN
     else:
         assert decision is (Release.DELETE if rested else Release.WAIT)
+
+
+def test_a_node_is_seen_when_its_kubelet_reports_or_an_admin_has_said_so_of_this_parking() -> None:
+    held = domain_claim(7, nodes=("amr-1", "edge-1"))
+    assert release.unseen_nodes(held, ready=()) == ("amr-1", "edge-1")
+    assert release.unseen_nodes(held, ready={"edge-1"}) == ("amr-1",)
+    assert not release.unseen_nodes(held, ready={"edge-1", "amr-1", "other"})
+    said = domain_claim(7, nodes=("amr-1",), confirmed=True)
+    assert not release.unseen_nodes(said, ready=())
+    adopted = structs.replace(said, status=structs.replace(said.status, attempt=said.status.attempt + 1))
+    assert release.unseen_nodes(adopted, ready=()) == ("amr-1",)
 
 
 def test_every_destructive_write_carries_uid_and_version() -> None:

@@ -13,7 +13,7 @@ from tests.support.factories import app_body, make_node
 from tests.support.factories import robots as robot_nodes
 
 from robotapp_api.client import ApiClient, NotFound
-from robotapp_api.client.resources import CONFIGMAPS, DEPLOYMENTS, DOMAINPOOLS, ROBOTAPPS, ROBOTCLAIMS, SERVICES
+from robotapp_api.client.resources import CONFIGMAPS, DEPLOYMENTS, DOMAINPOOLS, NODES, ROBOTAPPS, ROBOTCLAIMS, SERVICES
 from robotapp_api.model.names import API_VERSION, Annotation, Label, Reason
 from robotapp_operator.cache import Cache
 from robotapp_operator.children import Children
@@ -23,6 +23,7 @@ from robotapp_operator.params_watch import ParamsWatch
 from robotapp_operator.plan.objects import ConfigMap, Deployment, Service
 from robotapp_operator.plan.parameters import parameter_states
 from robotapp_operator.queue import Queue
+from robotapp_operator.sight import Sight
 
 VERSION = "1.2.0"
 MULTICAST = {"ros2": {"discovery": {"mode": "Multicast"}}}
@@ -219,10 +220,52 @@ async def test_what_runs_for_the_last_robot_goes_when_the_robot_does(world: Worl
         only_others = {Annotation.ALLOWED_NAMESPACES.value: "other"}
         world.cache.nodes["n-amr-07"] = make_node("n-amr-07", robot="amr-07", annotations=only_others)
     else:
-        world.cache.nodes.clear()
+        await out_of_sight_for_the_grace(world, uid)
     await world.edit("teleop", ros={"distro": "humbel"})
     assert await world.children.reconcile(uid, "amr-07")
     assert await world.deployments() == []
+
+
+async def out_of_sight_for_the_grace(world: World, uid: str) -> None:
+    """The cache loses all nodes. During the grace nothing happens, then it is over."""
+    now_s = 0.0
+    world.cache.sight = Sight(lambda: now_s)
+    world.cache.nodes.clear()
+    writes = world.writes()
+    assert await world.children.reconcile(uid, "amr-07")
+    now_s = 299.0
+    assert await world.children.reconcile(uid, "amr-07")
+    assert world.writes() == writes
+    now_s = 300.0
+
+
+async def test_nothing_ends_on_an_old_view_of_the_nodes(world: World) -> None:
+    """The watch has lost the node, and it is there: a fresh read comes before any end."""
+    await world.pool()
+    world.cache.nodes.update(robot_nodes("amr-07"))
+    uid = await world.app(robots={"nodeSelector": {"matchLabels": {"robotics.io/robot": "amr-07"}}})
+    await world.children.reconcile(uid, "amr-07")
+    await world.mirror()
+    labels = {"robotics.io/robot": "amr-07"}
+    await world.client.create(NODES, {"metadata": {"name": "n-amr-07", "labels": labels}})
+    await out_of_sight_for_the_grace(world, uid)
+    assert not await world.children.reconcile(uid, "amr-07"), "the key comes again"
+    assert len(await world.deployments()) == 2
+    await world.client.patch(NODES, "n-amr-07", {"metadata": {"labels": {"robotics.io/robot": None}}})
+    assert await world.children.reconcile(uid, "amr-07")
+    assert await world.deployments() == []
+
+
+async def test_an_instance_out_of_sight_follows_its_user(world: World) -> None:
+    await world.pool()
+    world.cache.nodes.update(robot_nodes("amr-07"))
+    uid = await world.app(robots={"nodeSelector": {"matchLabels": {"robotics.io/robot": "amr-07"}}})
+    await world.children.reconcile(uid, "amr-07")
+    await world.mirror()
+    world.cache.nodes.clear()
+    await world.edit("teleop", suspend=True)
+    assert await world.children.reconcile(uid, "amr-07")
+    assert {item["spec"]["replicas"] for item in await world.deployments()} == {0}
 
 
 async def test_an_instance_whose_robot_has_no_clear_node_is_not_started_and_one_that_runs_goes_on(world: World) -> None:

@@ -6,9 +6,13 @@ import pytest
 from tests.support.controlling import World
 from tests.support.factories import app_body, make_node, robots
 
+from robotapp_api.claims.objects import OwnerReference
+from robotapp_api.model.names import API_VERSION, Label
 from robotapp_operator.controller import FIRST_OBJECT_S, ROBOTS_REST_S
 from robotapp_operator.keys import Work
+from robotapp_operator.plan.objects import Deployment, Meta
 from robotapp_operator.queue import Key
+from robotapp_operator.sight import Sight
 
 EACH = {"nodeSelector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}
 
@@ -48,6 +52,26 @@ async def test_a_robot_that_leaves_takes_its_instance_along_and_what_is_remember
     found = world.due(FIRST_OBJECT_S)
     assert {Key(Work.CHILDREN, "uid-1", "b"), Key(Work.INSTANCE, "uid-1", "b")} <= found
     assert Key(Work.CHILDREN, "uid-1", "a") not in found
+    assert world.memory.of("uid-1").held == {}
+
+
+async def test_a_robot_out_of_sight_keeps_what_is_remembered_of_it_and_is_looked_at_when_its_grace_is_over(
+    world: World,
+) -> None:
+    world.cache.sight = Sight(world.clock)
+    await planned(world, "a", "b")
+    owner = OwnerReference(api_version=API_VERSION, kind="RobotApp", uid="uid-1", controller=True)
+    meta = Meta(name="d", labels={Label.INSTANCE.value: "b"}, owner_references=(owner,))
+    world.cache.deployments.put("uid-1", "default/d", Deployment(metadata=meta))
+    world.memory.of("uid-1").held["b"] = ("x",)
+    del world.cache.nodes["n-b"]
+    robots_key = Key(Work.ROBOTS, "uid-1")
+    await world.handle(robots_key)
+    assert world.memory.of("uid-1").held == {"b": ("x",)}
+    assert robots_key not in world.due(299)
+    assert robots_key in world.due(1)
+    await world.handle(robots_key)
+    assert Key(Work.CHILDREN, "uid-1", "b") in world.due(ROBOTS_REST_S)
     assert world.memory.of("uid-1").held == {}
 
 

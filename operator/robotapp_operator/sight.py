@@ -1,0 +1,73 @@
+"""Robots out of sight: how long their instances go on without a node.
+
+A Node that is deleted and joins again, or a label that is off for a while, ends nothing. An instance ends because of its
+node only when `connectivity.grace` is over, counted anew by every process, and not while too many robots are missing.
+"""
+
+import dataclasses
+import time
+from collections.abc import Callable, Mapping
+from typing import Final
+
+from robotapp_api.model.robots import Robots
+from robotapp_api.values.duration import parse_us
+from robotapp_operator.plan.wish import App
+
+BRAKED_S: Final = 10.0
+"""How often to look again at an instance whose grace is over while too many robots are missing."""
+_NOTHING: Final = frozenset[str]()
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Missing:
+    """Of one app. since: when each of its robots was first missed. ended: those that the user chose no longer."""
+
+    robots: Robots | None
+    since: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    ended: frozenset[str] = _NOTHING
+
+
+class Sight:
+    """Since when robots have been missing, by app uid. It starts empty: who is missing then has the whole grace again."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._apps: dict[str, Missing] = {}
+
+    def __repr__(self) -> str:
+        return f"<Sight: {sum(len(missing.since) for missing in self._apps.values())} robots missing>"
+
+    def kept(self, app: App, missing: frozenset[str], *, too_many: Callable[[], bool]) -> frozenset[str]:
+        """Of the robots that are `missing` now, those whose instances go on.
+
+        A change of spec.robots by the user ends instances at once. too_many: whether no instance may end because of its
+        node now; called only when one is about to.
+        """
+        robots, before = app.spec.robots, self._apps.get(app.uid)
+        if not missing:
+            if before is None or before.robots is not robots or before.since or before.ended:
+                self._apps[app.uid] = Missing(robots)
+            return _NOTHING
+        before = before or Missing(robots)
+        ended = missing if before.robots != robots else before.ended & missing
+        now = self._clock()
+        since = {robot: before.since.get(robot, now) for robot in missing - ended}
+        self._apps[app.uid] = Missing(robots, since, ended)
+        over = {robot for robot, began in since.items() if now - began >= grace_s(app)}
+        return frozenset(since) if not over or too_many() else frozenset(since.keys() - over)
+
+    def look_again_s(self, app: App) -> float | None:
+        """Seconds until another answer is possible although nothing happens; None when nothing is missing."""
+        missing = self._apps.get(app.uid)
+        if missing is None or not missing.since:
+            return None
+        left = grace_s(app) - (self._clock() - min(missing.since.values()))
+        return left if left > 0 else BRAKED_S
+
+    def forget(self, uid: str) -> None:
+        self._apps.pop(uid, None)
+
+
+def grace_s(app: App) -> float:
+    """`connectivity.grace` in seconds."""
+    return parse_us(app.spec.connectivity.grace) / 1_000_000

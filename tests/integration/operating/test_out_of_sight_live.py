@@ -1,0 +1,175 @@
+"""A robot that vanishes for a second loses nothing, and the domain of one that is gone goes to nobody."""
+
+import logging
+import secrets
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from tests.support.live import Tenant, eventually, part
+from tests.support.out_of_sight import EVERY_ROBOT, Fleet
+
+from robotapp_api.model.names import Annotation
+from robotapp_testbed import ControlPlane, product, topology
+from robotapp_testbed.process import Process
+
+log = logging.getLogger(__name__)
+GRACE_S = 2
+FLAPPING_S = 5.0
+"""The full minute is `scripts/bench sight`."""
+CLAIM = "/apis/robotics.io/v1alpha1/robotclaims/{}"
+
+
+class Programs:
+    """An operator and a scheduler with their own nodes."""
+
+    def __init__(self, cp: ControlPlane) -> None:
+        self.cp = cp
+        self.scheduler = product.start_scheduler(cp, sweep_seconds=1)
+        self.operator = self._operator()
+
+    def _operator(self) -> Process:
+        name = f"operator-{secrets.token_hex(2)}"
+        return product.start_operator(self.cp, name=name, sweep_seconds=1, no_leader_election=True)
+
+    def restart_operator(self) -> None:
+        self.operator.stop()
+        self.operator = self._operator()
+
+    def stop(self) -> None:
+        self.operator.stop()
+        self.scheduler.stop()
+
+
+@pytest.fixture(scope="module")
+def robots(installed_plane: ControlPlane) -> Iterator[topology.Topology]:
+    nodes = topology.fleet([f"amr-{number:02}" for number in range(20)], 0, 0)
+    topology.apply(installed_plane, nodes)
+    yield nodes
+    topology.remove(installed_plane, nodes)
+
+
+@pytest.fixture(scope="module")
+def programs(installed_plane: ControlPlane, robots: topology.Topology) -> Iterator[Programs]:
+    assert len(robots) == 20
+    running = Programs(installed_plane)
+    yield running
+    running.stop()
+
+
+@pytest.fixture
+def fleet(
+    installed_plane: ControlPlane, robots: topology.Topology, namespace: str, programs: Programs
+) -> Iterator[Fleet]:
+    assert programs.operator
+    seed = secrets.randbelow(2**32)
+    log.warning("seed %d", seed)
+    found = Fleet(installed_plane, robots, Tenant(installed_plane, namespace), seed=seed)
+    yield found
+    found.bring(found.nodes)
+
+
+def start(fleet: Fleet, ids: str, *, grace_s: int = 300, **robots: Any) -> None:
+    """One driver on each robot, and the app is Ready."""
+    chosen = {**EVERY_ROBOT, **robots}
+    grace = {"grace": f"{grace_s}s"}
+    driver = part("driver", runsOn=["Robot"])
+    fleet.tenant.apply("fleet", driver, robots=chosen, connectivity=grace, ros2={"pool": ids})
+    fleet.tenant.wait_ready("fleet")
+
+
+def test_flapping_labels_and_a_node_that_joins_again_restart_no_pod_and_change_no_id(fleet: Fleet, ids: str) -> None:
+    start(fleet, ids)
+    before = fleet.seen()
+    assert len(before.deployments) == len(before.pods) == len(before.domains) == 20
+    named = [claim["status"]["nodes"] for claim in fleet.tenant.claims()]
+    assert sorted(named) == [[robot] for robot in sorted(fleet.robots)]
+    fleet.flap(FLAPPING_S)
+    fleet.rejoin(fleet.chance.sample(fleet.robots, 3), after_s=1)
+    fleet.online("fleet")
+    assert before.lost(fleet.seen()) == []
+
+
+def test_mass_removal_of_labels_ends_nothing_after_the_grace_nor_after_a_restart_of_the_operator(
+    fleet: Fleet, ids: str, programs: Programs
+) -> None:
+    start(fleet, ids, grace_s=GRACE_S)
+    before = fleet.seen()
+    fleet.labels(fleet.robots, on=False)
+    offline = {"desired": 20, "offline": 20}
+
+    def counts() -> dict[str, int]:
+        found = fleet.tenant.app("fleet")["status"]["instanceCounts"]
+        return {key: found.get(key, 0) for key in offline}
+
+    eventually(lambda: counts() == offline, what=counts)
+    time.sleep(GRACE_S + 1)
+    assert before.lost(fleet.seen()) == []
+    programs.restart_operator()
+    time.sleep(GRACE_S + 3)
+    assert before.lost(fleet.seen()) == []
+    fleet.labels(fleet.robots, on=True)
+    fleet.online("fleet")
+    assert before.lost(fleet.seen()) == []
+
+
+def test_a_robot_that_stays_away_ends_after_the_grace_and_nobody_else_gets_its_domain(fleet: Fleet, ids: str) -> None:
+    start(fleet, ids, grace_s=GRACE_S)
+    before, tenant = fleet.seen(), fleet.tenant
+    gone = fleet.chance.choice(fleet.robots)
+    (claim,) = [name for name, instance in before.domains.items() if instance == gone]
+    fleet.delete([gone])
+
+    def running() -> set[str]:
+        return {item["metadata"]["labels"]["robotics.io/instance"] for item in tenant.deployments()}
+
+    eventually(lambda: running() == {*fleet.robots} - {gone}, what=running)
+    for pod in tenant.listed("pods"):  # as the garbage collector of the control plane does for a node that is gone
+        if pod["spec"].get("nodeName") == gone:
+            tenant.cp.api.delete(
+                f"/api/v1/namespaces/{tenant.namespace}/pods/{pod['metadata']['name']}?gracePeriodSeconds=0"
+            )
+    assert phase(fleet, claim, wanted="Parked")["status"]["nodes"] == [gone]
+    tenant.apply("thief", part("driver"), ros2={"pool": ids, "domain": int(claim.rpartition(".")[2])})
+    tenant.wait("thief", "Allocated", "False", reason="DomainTaken")
+    tenant.delete("thief")
+    time.sleep(3)  # sweep and quarantine are one second each
+    phase(fleet, claim, wanted="Parked")
+    fleet.bring([gone])
+    fleet.online("fleet")
+    lost = before.lost(fleet.seen())
+    assert all(item.startswith(("Deployment", "pod")) for item in lost), "it has its own domain again"
+    assert len(lost) == 2, lost
+
+
+def test_the_domain_of_a_deleted_app_is_parked_until_its_robot_is_back_or_an_admin_speaks(
+    fleet: Fleet, ids: str
+) -> None:
+    two = fleet.chance.sample(fleet.robots, 2)
+    start(
+        fleet, ids, nodeSelector={"matchExpressions": [{"key": "robotics.io/robot", "operator": "In", "values": two}]}
+    )
+    claims = {instance: name for name, instance in fleet.seen().domains.items()}
+    fleet.delete(two)
+    fleet.tenant.delete("fleet")
+    fleet.cp.api.delete(f"/api/v1/namespaces/{fleet.tenant.namespace}/pods?gracePeriodSeconds=0")
+    for name in claims.values():
+        phase(fleet, name, wanted="Parked")
+    back, scrapped = two
+    fleet.bring([back])
+    eventually(lambda: claims[back] not in fleet.seen().domains, what=fleet.tenant.claims)
+    found = phase(fleet, claims[scrapped], wanted="Parked")
+    said = {str(Annotation.PODS_GONE): str(found["status"]["attempt"])}
+    fleet.cp.api.patch(CLAIM.format(claims[scrapped]), {"metadata": {"annotations": said}})
+    eventually(lambda: not fleet.tenant.claims(), what=fleet.tenant.claims)
+
+
+def phase(fleet: Fleet, claim: str, *, wanted: str) -> dict[str, Any]:
+    """The claim once it has this phase."""
+
+    def look() -> dict[str, Any] | None:
+        found: dict[str, Any] = fleet.cp.api.get(CLAIM.format(claim))
+        return found if found["status"]["phase"] == wanted else None
+
+    return eventually(look, what=fleet.tenant.claims) or {}
