@@ -42,27 +42,32 @@ def instances_by_name(app: App, cache: Cache) -> Mapping[str, Instance]:
     running, claimed = cache.running_instances(app.uid), cache.claimed_instances(app.uid)
     robots = app.spec.robots
     choice = (frozenset(running), frozenset(claimed)) if robots and robots.assignment == ANY else ()
-    kept = _kept(app, running, cache) if robots else frozenset[str]()
-    version = (cache.nodes.identity_version, cache.nodes.readiness_version if choice else 0, choice, kept)
-    found: Mapping[str, Instance] = cache.answers.get(
-        app,
-        "instances",
-        version if robots else (),
-        lambda: {
-            item.robot: item for item in instances_of(app, cache.nodes, running=running, claimed=claimed, kept=kept)
-        },
-    )
+    version = (cache.nodes.identity_version, cache.nodes.readiness_version if choice else 0, choice)
+
+    def work_out(kept: Collection[str] = ()) -> dict[str, Instance]:
+        found = instances_of(app, cache.nodes, running=running, claimed=claimed, kept=kept)
+        return {item.robot: item for item in found}
+
+    found: Mapping[str, Instance] = cache.answers.get(app, "instances", version if robots else (), work_out)
+    if robots is None:
+        return found
+    kept = _kept(app, running - found.keys() - {""}, cache)
+    if kept:
+        found = cache.answers.get(app, "instances out of sight too", (version, kept), lambda: work_out(kept))
     return found
 
 
-def _kept(app: App, running: Collection[str], cache: Cache) -> frozenset[str]:
+def _kept(app: App, nodeless: Collection[str], cache: Cache) -> frozenset[str]:
     """Robots out of sight whose instances go on. Only an instance that has something of the app's own can."""
-    seen: frozenset[str] = cache.answers.get(
-        app, "robots", cache.nodes.identity_version, lambda: frozenset(map(robot_of, matching_robots(app, cache.nodes)))
-    )
-    missing = frozenset(
-        robot for robot in running if robot and robot not in seen and cache.owns_something(app.uid, robot)
-    )
+    missing = frozenset[str]()
+    if nodeless:
+        seen: frozenset[str] = cache.answers.get(
+            app,
+            "robots",
+            cache.nodes.identity_version,
+            lambda: frozenset(map(robot_of, matching_robots(app, cache.nodes))),
+        )
+        missing = frozenset(robot for robot in nodeless if robot not in seen and cache.owns_something(app.uid, robot))
     return cache.sight.kept(
         app, missing, too_many=lambda: too_many_missing(cache.robots_with_something(), cache.nodes.robots)
     )
@@ -75,9 +80,10 @@ def problems_now(app: App, cache: Cache) -> tuple[Problem, ...]:
         app, "problems with nodes", cache.nodes.identity_version, lambda: problems_with(app, cache.nodes)
     )
     pool, claims = cache.pools.get(app.pool), cache.claims.of(app.uid).values()
-    if any(item.missing for item in instances_by_name(app, cache).values()):
+    unknown = [problem for problem in found if problem.reason == Reason.NO_MATCHING_ROBOT]
+    if unknown and any(item.missing for item in instances_by_name(app, cache).values()):
         # Its robots are out of sight, not unknown: what runs for them still follows the user.
-        found = tuple(problem for problem in found if problem.reason != Reason.NO_MATCHING_ROBOT)
+        found = tuple(problem for problem in found if problem not in unknown)
     return (*alone, *found, *domain_problems(app, pool, claims))
 
 

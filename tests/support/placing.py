@@ -84,8 +84,8 @@ class Scripted:
     async def things(self, _pod: PodInfo, _node: str, _wanted: Sequence[DeviceGrant]) -> Reserved:
         return given(self.reservations.popleft()) if self.reservations else READY
 
-    async def check_domains(self, pods: Sequence[PodInfo]) -> dict[str, Reserved]:
-        return {pod.uid: given(self.domains) for pod in pods}
+    async def check_domains(self, placed: Sequence[tuple[PodInfo, str]]) -> dict[str, Reserved]:
+        return {pod.uid: given(self.domains) for pod, _ in placed}
 
 
 def given(answer: Reserved | Exception) -> Reserved:

@@ -42,7 +42,10 @@ class Whereabouts:
             self._counts["NodesNoted"] += 1
             return
         idle = self._idle(claim, using)
-        if idle and "" not in using and not set(idle) & set(await view.unseen(claim)):
+        if "" in using:
+            return
+        idle = [node for node in idle if await view.is_ready(node)]
+        if idle:
             await strike_nodes(self._client, claim, idle)
             self._counts["NodesStruck"] += 1
 

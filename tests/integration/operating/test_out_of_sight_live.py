@@ -15,8 +15,8 @@ from robotapp_testbed import ControlPlane, product, topology
 from robotapp_testbed.process import Process
 
 log = logging.getLogger(__name__)
-GRACE_S = 2
-FLAPPING_S = 5.0
+GRACE_S = 1
+FLAPPING_S = 4.0
 """The full minute is `scripts/bench sight`."""
 CLAIM = "/apis/robotics.io/v1alpha1/robotclaims/{}"
 
@@ -107,7 +107,7 @@ def test_mass_removal_of_labels_ends_nothing_after_the_grace_nor_after_a_restart
     time.sleep(GRACE_S + 1)
     assert before.lost(fleet.seen()) == []
     programs.restart_operator()
-    time.sleep(GRACE_S + 3)
+    time.sleep(GRACE_S + 2)
     assert before.lost(fleet.seen()) == []
     fleet.labels(fleet.robots, on=True)
     fleet.online("fleet")

@@ -133,8 +133,9 @@ for number, about, expect, weak in (
 ):
     domain(number, about, expect, weak, **ONE, **AWAY)
 domain("P3", "a node is noted once", "LOST|DOUBLE", mutants.NodeNotedOnce, **ONE, **AWAY)
-TWICE: dict[str, Any] = {**AWAY, "vanishings": 2, "changes": 3}
-domain("P5", "a confirmation holds for ever", "LOST|DOUBLE", mutants.ConfirmedForEver, quick=False, **ONE, **TWICE)
+LONE: dict[str, Any] = {**SOLO, **AWAY, "ids": 1, "specs": (AUTO, NONE)}
+domain("P5", "a confirmation holds for ever", "LOST|DOUBLE", mutants.ConfirmedForEver, **LONE)
+domain("R17t", "out of sight and wanted again, 1 app, 1 id, 3 changes", quick=False, **LONE, changes=3)
 
 domain("U1", "no bind check", "DOUBLE", mutants.NoBindCheck, live=False, **ONE, lag=False, pods=2, only="DOUBLE")
 domain(

@@ -9,6 +9,7 @@ import pytest
 from tests.support.apiserver import FakeApiServer
 from tests.support.clients import client_for
 
+from robotapp_api.claims.identity import claim_object, domain_spec, holder_of_app
 from robotapp_api.client.api import ApiClient
 from robotapp_api.client.resources import DOMAINPOOLS, PODS, ROBOTCLAIMS
 from robotapp_api.model.names import Annotation, Label, PodReason
@@ -41,7 +42,7 @@ async def test_a_pod_that_wants_nothing_costs_no_request(client: ApiClient) -> N
     pod = await stored(client, "plain")
     before = client.requests.total()
     assert (await Reserver(client).things(pod, "edge-1", ())).readiness is Readiness.READY
-    assert (await Reserver(client).check_domains([pod]))[pod.uid].readiness is Readiness.READY
+    assert (await Reserver(client).check_domains([(pod, "edge-1")]))[pod.uid].readiness is Readiness.READY
     assert client.requests.total() == before
 
 
@@ -132,15 +133,29 @@ async def test_a_bare_pod_that_names_a_reserved_id_is_told_to_change_its_annotat
 async def test_a_pod_of_an_app_is_not_ready_before_its_domain_is_claimed(client: ApiClient) -> None:
     labels = {str(Label.APP_UID): "app-1", str(Label.APP): "teleop", str(Label.INSTANCE): ""}
     pod = await stored(client, "drv", labels=labels, domain="2")
-    found = (await Reserver(client).check_domains([pod]))[pod.uid]
+    found = (await Reserver(client).check_domains([(pod, "edge-1")]))[pod.uid]
     assert (found.readiness, found.reason) == (Readiness.WAIT, PodReason.WAITING_FOR_DOMAIN)
+
+
+async def test_the_claim_names_the_node_before_the_binding_of_a_pod(client: ApiClient) -> None:
+    holder = holder_of_app(namespace="a", name="teleop", uid="app-1")
+    spec = domain_spec(pool="default", scope="Cluster", scope_value="", domain_id=2, holder=holder)
+    await client.create(ROBOTCLAIMS, claim_object(spec))
+    labels = {str(Label.APP_UID): "app-1", str(Label.APP): "teleop", str(Label.INSTANCE): ""}
+    notes = {str(Annotation.DOMAIN_CLAIM): "dds.default.c.2"}
+    first = await stored(client, "drv", labels=labels, annotations=notes, domain="2")
+    second = await stored(client, "cam", labels=labels, annotations=notes, domain="2")
+    found = await Reserver(client).check_domains([(first, "amr-1"), (second, "edge-1")])
+    assert {one.readiness for one in found.values()} == {Readiness.READY}
+    (claim,) = (await client.list(ROBOTCLAIMS)).items
+    assert claim["status"]["nodes"] == ["amr-1", "edge-1"]
 
 
 async def test_without_an_api_server_the_pod_is_retried_as_an_error() -> None:
     async with FakeApiServer() as server, client_for(server.endpoint) as client:
         pod = await stored(client, "drv", labels={str(Label.APP_UID): "app-1"}, domain="2")
         server.failing.extend([403] * 20)
-        assert (await Reserver(client).check_domains([pod]))[pod.uid].readiness is Readiness.ERROR
+        assert (await Reserver(client).check_domains([(pod, "edge-1")]))[pod.uid].readiness is Readiness.ERROR
         assert (await Reserver(client).things(pod, "edge-1", (CAN,))).readiness is Readiness.ERROR
 
 
@@ -148,7 +163,7 @@ async def test_a_404_that_does_not_name_the_pod_is_retried_as_an_error() -> None
     async with FakeApiServer() as server, client_for(server.endpoint) as client:
         pod = await stored(client, "drv", labels={str(Label.APP_UID): "app-1"}, domain="2")
         server.failing.extend([404] * 2)
-        assert (await Reserver(client).check_domains([pod]))[pod.uid].readiness is Readiness.ERROR
+        assert (await Reserver(client).check_domains([(pod, "edge-1")]))[pod.uid].readiness is Readiness.ERROR
         assert (await Reserver(client).things(pod, "edge-1", (CAN,))).readiness is Readiness.ERROR
 
 
