@@ -95,13 +95,14 @@ class Fleet:
     def bring(self, robots: Iterable[str]) -> None:
         topology.apply(self.cp, [self.nodes[name] for name in robots])
 
-    def online(self, app: str) -> None:
-        """Wait until the app's status knows all its robots again."""
+    def online(self, app: str, *, robots: int | None = None) -> None:
+        """Wait until the app's status knows all its robots again. robots: how many those are, else the whole fleet."""
+        wanted = len(self.robots) if robots is None else robots
 
         def look() -> bool:
             status: dict[str, Any] = self.tenant.app(app).get("status") or {}
             counts = status.get("instanceCounts", {})
             desired = counts.get("desired")
-            return desired == counts.get("ready") == len(self.robots) and not counts.get("offline")
+            return desired == counts.get("ready") == wanted and not counts.get("offline")
 
         eventually(look, what=lambda: self.tenant.app(app).get("status"))

@@ -10,7 +10,7 @@ import pytest
 from tests.support.live import Tenant, eventually, part
 from tests.support.out_of_sight import EVERY_ROBOT, Fleet
 
-from robotapp_api.model.names import Annotation
+from robotapp_api.model.names import Annotation, Label
 from robotapp_testbed import ControlPlane, product, topology
 from robotapp_testbed.process import Process
 
@@ -115,16 +115,17 @@ def test_mass_removal_of_labels_ends_nothing_after_the_grace_nor_after_a_restart
 
 
 def test_a_robot_that_stays_away_ends_after_the_grace_and_nobody_else_gets_its_domain(fleet: Fleet, ids: str) -> None:
-    start(fleet, ids, grace_s=GRACE_S)
+    some = fleet.chance.sample(fleet.robots, 4)
+    start(fleet, ids, grace_s=GRACE_S, nodeSelector=named(some))
     before, tenant = fleet.seen(), fleet.tenant
-    gone = fleet.chance.choice(fleet.robots)
+    gone = some[0]
     (claim,) = [name for name, instance in before.domains.items() if instance == gone]
     fleet.delete([gone])
 
     def running() -> set[str]:
         return {item["metadata"]["labels"]["robotics.io/instance"] for item in tenant.deployments()}
 
-    eventually(lambda: running() == {*fleet.robots} - {gone}, what=running)
+    eventually(lambda: running() == {*some} - {gone}, what=running)
     for pod in tenant.listed("pods"):  # as the garbage collector of the control plane does for a node that is gone
         if pod["spec"].get("nodeName") == gone:
             tenant.cp.api.delete(
@@ -137,7 +138,7 @@ def test_a_robot_that_stays_away_ends_after_the_grace_and_nobody_else_gets_its_d
     time.sleep(3)  # sweep and quarantine are one second each
     phase(fleet, claim, wanted="Parked")
     fleet.bring([gone])
-    fleet.online("fleet")
+    fleet.online("fleet", robots=len(some))
     lost = before.lost(fleet.seen())
     assert all(item.startswith(("Deployment", "pod")) for item in lost), "it has its own domain again"
     assert len(lost) == 2, lost
@@ -147,9 +148,7 @@ def test_the_domain_of_a_deleted_app_is_parked_until_its_robot_is_back_or_an_adm
     fleet: Fleet, ids: str
 ) -> None:
     two = fleet.chance.sample(fleet.robots, 2)
-    start(
-        fleet, ids, nodeSelector={"matchExpressions": [{"key": "robotics.io/robot", "operator": "In", "values": two}]}
-    )
+    start(fleet, ids, nodeSelector=named(two))
     claims = {instance: name for name, instance in fleet.seen().domains.items()}
     fleet.delete(two)
     fleet.tenant.delete("fleet")
@@ -163,6 +162,11 @@ def test_the_domain_of_a_deleted_app_is_parked_until_its_robot_is_back_or_an_adm
     said = {str(Annotation.PODS_GONE): str(found["status"]["attempt"])}
     fleet.cp.api.patch(CLAIM.format(claims[scrapped]), {"metadata": {"annotations": said}})
     eventually(lambda: not fleet.tenant.claims(), what=fleet.tenant.claims)
+
+
+def named(robots: list[str]) -> dict[str, Any]:
+    """A selector of these robots."""
+    return {"matchExpressions": [{"key": Label.ROBOT.value, "operator": "In", "values": robots}]}
 
 
 def phase(fleet: Fleet, claim: str, *, wanted: str) -> dict[str, Any]:
