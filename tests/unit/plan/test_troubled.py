@@ -95,3 +95,14 @@ def test_messages_tell_the_component_and_fit() -> None:
     )
     assert item["message"].startswith("driver: ö")
     assert len(item["message"].encode()) <= 1024
+
+
+def test_a_robot_out_of_sight_is_trouble_whether_its_last_pods_were_ready_or_not_and_says_what_to_bring_back() -> None:
+    away = [
+        InstanceFacts(instance=Instance("a", missing=True), components=(part,), domain=7) for part in (UP, STARTING)
+    ]
+    for facts in away:
+        (item,) = troubled(AppFacts(app=make_app(), instances=(facts,), now="2026-01-01T00:00:00Z"))
+        assert item["reason"] == "RobotOffline"
+        assert "robotics.io/robot=a" in item["message"]
+        assert "connectivity.grace" in item["message"]
