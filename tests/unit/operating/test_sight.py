@@ -4,7 +4,7 @@ from typing import Any
 
 import msgspec
 import pytest
-from tests.support.factories import domain_claim, make_app, make_deployment, make_node, robots
+from tests.support.factories import app_body, domain_claim, make_app, make_deployment, make_node, robots
 
 from robotapp_api.claims.objects import Holder, OwnerReference
 from robotapp_api.model.names import Label
@@ -25,6 +25,7 @@ class World:
         self.cache = Cache()
         self.names = names or tuple(NAMES[:count])
         self.app = make_app(robots={"nodeSelector": ALL, **spec})
+        self.cache.update_app(app_body(robots={"nodeSelector": ALL}))
         self.restart()
         self.bring(*self.names)
         for name in self.names:
@@ -33,7 +34,6 @@ class World:
     def restart(self) -> None:
         """The caches of a new process are full before it works; what it remembers is gone."""
         self.cache.sight = Sight(lambda: self.now_s)
-        self.cache.apps.setdefault(self.app.uid, None)  # type: ignore[arg-type]  # only the uid is asked for
 
     def bring(self, *names: str) -> None:
         self.cache.nodes.update(robots(*names))
