@@ -179,13 +179,15 @@ def print_edges(edges: list[Json], *, omitted: int = 0) -> None:
 def edge_rows(edges: list[Json]) -> Iterator[list[str]]:
     for edge in edges:
         budget, p95 = milliseconds(edge.get("budget")), milliseconds(edge.get("p95"))
-        share = p95 / budget if p95 is not None and budget else None
+        lost = bool(edge.get("measured")) and p95 is None
+        share = float("inf") if lost else p95 / budget if p95 is not None and budget else None
         known = "measured" if edge.get("measured") else "unknown"
+        time = "unreachable" if lost else short_ms(p95)
         same = len(set(edge.get("nodes") or [])) == 1 and len(edge.get("nodes") or []) == 2
         yield [
             _named(edge),
             f"{edge['from']} {arrow()} {edge['to']}",
-            f"{short_ms(p95)}/{short_ms(budget)} ms" if budget else f"{short_ms(p95)} ms, no budget",
+            f"{time}/{short_ms(budget)} ms" if budget else f"{time}, no budget" if lost else f"{time} ms, no budget",
             bar(share) if budget else "",
             "same node" if same else known,
         ]

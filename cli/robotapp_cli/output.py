@@ -97,7 +97,7 @@ def bar(share: float | None, *, ascii_only: bool | None = None) -> str:
     full, empty = ("#", ".") if plain else ("█", "░")
     if share is None:
         return "?" * _BAR
-    cells = min(_BAR, max(1 if share > 0 else 0, round(share * _BAR)))
+    cells = max(1 if share > 0 else 0, round(min(share, 1.0) * _BAR))
     return full * cells + empty * (_BAR - cells) + ("!" if share > 1 else "")
 
 

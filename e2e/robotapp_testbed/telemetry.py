@@ -7,6 +7,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from robotapp_api.model.names import API_VERSION, Label
+from robotapp_api.model.telemetry import node_owner
 from robotapp_testbed.controlplane import ControlPlane
 from robotapp_testbed.failures import ApiStatusError, TestbedError
 from robotapp_testbed.heartbeat import Heartbeat
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from robotapp_testbed.topology import Topology
 
 PATH = f"/apis/{API_VERSION}/nodetelemetries"
+_NODES = "/api/v1/nodes"
 PEER_LIMIT = 64
 _SHORTEST_INTERVAL_S = 10
 _NODES_PER_INTERVAL_SECOND = 50
@@ -55,7 +57,8 @@ class SimulatedTelemetry:
 
     def start(self) -> Self:
         """Write all objects, then keep the heartbeat."""
-        self._cp.api.each(self._create, self._agents)
+        uids = node_uids(self._cp)
+        self._cp.api.each(lambda name: self._create(name, uids.get(name, "")), self._agents)
         self.write()
         self._heart.start()
         return self
@@ -110,14 +113,26 @@ class SimulatedTelemetry:
             status["load"] = {f"{kind}Percent": value for kind, value in agent.load.items()}
         return status
 
-    def _create(self, name: str) -> None:
-        create(self._cp, name, labels={Label.SIMULATED: "true"})
+    def _create(self, name: str, uid: str) -> None:
+        create(self._cp, name, uid=uid, labels={Label.SIMULATED: "true"})
 
     def _write_one(self, name: str, asked: Iterable[str]) -> None:
         with self._lock:
             self._agents[name].sequence += 1
             status = self.status(name, asked=asked)
-        self._cp.api.patch(f"{PATH}/{name}/status", {"status": status})
+        try:
+            self._cp.api.patch(f"{PATH}/{name}/status", {"status": status})
+        except ApiStatusError as error:
+            if error.status != 404:
+                raise
+            self._begin_again(name, status)
+
+    def _begin_again(self, name: str, status: Mapping[str, Any]) -> None:
+        """The object went with its node: a node that came back has an agent again."""
+        uid = node_uids(self._cp).get(name)
+        if uid:
+            self._create(name, uid)
+            self._cp.api.patch(f"{PATH}/{name}/status", {"status": status})
 
     def _probes(self) -> Mapping[str, list[str]]:
         items = self._cp.api.get(PATH)["items"]
@@ -148,9 +163,15 @@ class SimulatedTelemetry:
         )
 
 
-def create(cp: ControlPlane, name: str, *, labels: Mapping[str, str]) -> None:
-    """The NodeTelemetry of one node, without a status; one that is there already stays."""
-    metadata = {"name": name, "labels": dict(labels)}
+def node_uids(cp: ControlPlane) -> dict[str, str]:
+    """By name."""
+    return {node["metadata"]["name"]: node["metadata"].get("uid", "") for node in cp.api.get(_NODES)["items"]}
+
+
+def create(cp: ControlPlane, name: str, *, uid: str, labels: Mapping[str, str]) -> None:
+    """The NodeTelemetry of one node, without a status, owned by the node of this uid ("": by none); one that is there stays."""
+    owners = [node_owner(name=name, uid=uid)] if uid else []
+    metadata = {"name": name, "labels": dict(labels), "ownerReferences": owners}
     try:
         cp.api.create(PATH, {"apiVersion": API_VERSION, "kind": "NodeTelemetry", "metadata": metadata})
     except ApiStatusError as error:

@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 from robotapp_api.claims.objects import Claim, Pool
 from robotapp_api.model.names import SCHEDULER_NAME
+from robotapp_api.values.round_trips import RoundTrips
 from robotapp_operator.nodes import Nodes
 from robotapp_operator.plan.changes import Observed, ref_of
 from robotapp_operator.plan.instance_object import AppInstance
@@ -191,6 +192,7 @@ class Cache:
         self.nodes = Nodes()
         self.sight = Sight()
         self.telemetry: dict[str, Telemetry] = {}
+        self.round_trips = RoundTrips()
         self.pools: dict[str, Pool] = {}
         self.config_maps: dict[str, ConfigMap] = {}
         self.deployments: InstanceIndex[Deployment] = InstanceIndex(_labelled, self.touch)
@@ -226,6 +228,20 @@ class Cache:
     def devices_version(self) -> tuple[int, int]:
         """Another one after a device came, went, was claimed or freed anywhere."""
         return self.reported_devices, self.claims.devices_version
+
+    # NodeTelemetry
+
+    def put_telemetry(self, item: Telemetry, *, now_s: float) -> frozenset[str]:
+        """Returns the peers to which the node's round-trip times are others than before. `now_s`: monotonic."""
+        name, status = item.metadata.name, item.status
+        self.telemetry[name] = item
+        return self.round_trips.receive(
+            name, status.rtt, seq=status.seq, interval_s=status.interval_seconds, now_s=now_s
+        )
+
+    def drop_telemetry(self, name: str) -> frozenset[str]:
+        self.telemetry.pop(name, None)
+        return self.round_trips.drop(name)
 
     # RobotApps
 

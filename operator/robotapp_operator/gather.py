@@ -195,7 +195,7 @@ def _last_joined(app: App, outcome: DomainOutcome | None) -> Domain | None:
 
 
 def _measured(app: App, instance: Instance, placed: Mapping[str, str], cache: Cache) -> list[EdgeView]:
-    return edge_views(app.spec.edges, placed=placed, robot_node=instance.node, telemetry=cache.telemetry)
+    return edge_views(app.spec.edges, placed=placed, robot_node=instance.node, round_trips=cache.round_trips)
 
 
 def _who_has_its_devices(app: App, instance: Instance, cache: Cache) -> str:

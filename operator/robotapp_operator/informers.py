@@ -13,12 +13,14 @@ from robotapp_operator.keys import Work, namespace_group, pool_group
 from robotapp_operator.nodes import identity_changed
 from robotapp_operator.plan.changes import deployment_domain
 from robotapp_operator.plan.instance_object import AppInstance
-from robotapp_operator.plan.objects import Deployment, Node, Pod, ReplicaSet, Rtt, Service, Telemetry
+from robotapp_operator.plan.objects import Deployment, Node, Pod, ReplicaSet, Service, Telemetry
 from robotapp_operator.plan.wish import App
+from robotapp_operator.probes import lacks_owner
 from robotapp_operator.queue import Key, Queue
 from robotapp_operator.wake import INSTANCE_DELAY_S, wake_instance, wake_joined, wake_status
 
 LATENCY_DELAY_S: Final = 2.0
+OWNER_DELAY_S: Final = 1.0
 FLEET_DELAY_S: Final = 1.0
 POOL_DELAY_S: Final = 1.0
 ROBOTS_DELAY_S: Final = 0.2
@@ -31,7 +33,7 @@ OURS: Final = Label.APP_UID.value
 
 
 class Informers:
-    """Owns the reflectors. `namespaces` empty: the whole cluster."""
+    """Owns the reflectors. `namespaces` empty: the whole cluster. `clock` is monotonic seconds."""
 
     def __init__(
         self,
@@ -41,8 +43,10 @@ class Informers:
         *,
         namespaces: Sequence[str],
         wake_sweep: Callable[[], None],
+        clock: Callable[[], float],
     ) -> None:
         self._wake_sweep = wake_sweep
+        self._clock = clock
         self._client = client
         self._cache = cache
         self._queue = queue
@@ -162,6 +166,9 @@ class Informers:
             self._cache.nodes.pop(node.metadata.name, None)
         else:
             self._cache.nodes[node.metadata.name] = node
+            telemetry = self._cache.telemetry.get(node.metadata.name)
+            if telemetry is not None and lacks_owner(telemetry, node):
+                self._queue.add(Key(Work.PROBES, ""), delay_s=OWNER_DELAY_S)
         same = before is not None and change.new is not None and not identity_changed(before, node)
         if same and before and before.ready == node.ready:
             return
@@ -184,15 +191,25 @@ class Informers:
         item: Telemetry = change.new or change.old
         name = item.metadata.name
         if change.new is None:
-            self._cache.telemetry.pop(name, None)
+            peers = self._cache.drop_telemetry(name)
         else:
-            self._cache.telemetry[name] = item
+            peers = self._cache.put_telemetry(item, now_s=self._clock())
+        if change.new is not None and lacks_owner(item, self._cache.nodes.get(name)):
+            self._queue.add(Key(Work.PROBES, ""), delay_s=OWNER_DELAY_S)
         if change.old is None or change.new is None or change.old.status.devices != item.status.devices:
             self._cache.reported_devices += 1
             for record in self._cache.apps.values():
                 if record.app and record.app.wants_devices:
                     self._queue.add(Key(Work.STATUS, record.uid), delay_s=LATENCY_DELAY_S)
-        for uid, instance in self._between(name, _moved_peers(change)):
+        self._times_changed(name, peers)
+
+    def expire(self) -> None:
+        """Let round-trip times that grew too old become unknown. Call about once a second."""
+        for node, peers in self._cache.round_trips.expire(self._clock()).items():
+            self._times_changed(node, peers)
+
+    def _times_changed(self, node: str, peers: Collection[str]) -> None:
+        for uid, instance in self._between(node, peers):
             self._cache.touch(uid, instance)
             wake_status(self._queue, uid, instance, delay_s=LATENCY_DELAY_S)
 
@@ -297,14 +314,3 @@ def _chooses(app: App, *, same: bool) -> bool:
 
 def _has_edges(app: App | None) -> bool:
     return app is not None and bool(app.spec.edges)
-
-
-def _moved_peers(change: Change) -> set[str]:
-    """Peers to which a node's round-trip times are others than before."""
-    before = {entry.peer: entry for entry in change.old.status.rtt} if change.old else {}
-    now = {entry.peer: entry for entry in change.new.status.rtt} if change.new else {}
-    return {peer for peer in before.keys() | now.keys() if _times(before.get(peer)) != _times(now.get(peer))}
-
-
-def _times(entry: Rtt | None) -> tuple[int | None, int | None]:
-    return (entry.p50_us, entry.p95_us) if entry else (None, None)

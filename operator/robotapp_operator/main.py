@@ -53,6 +53,8 @@ log = logging.getLogger(__name__)
 REVIEWS: Final = 4
 """Connections for questions about callers of our port: strangers never stand in line before our own work."""
 DRAIN_S: Final = 10.0
+EXPIRE_S: Final = 1.0
+"""How often round-trip times are looked at for having grown too old."""
 
 
 class Stop(asyncio.Event):
@@ -89,7 +91,12 @@ class Operator:
             on_conflicts=self.conflicts.take,
         )
         self.informers = Informers(
-            client, self.cache, self.queue, namespaces=settings.namespaces, wake_sweep=self.sweeper.wake
+            client,
+            self.cache,
+            self.queue,
+            namespaces=settings.namespaces,
+            wake_sweep=self.sweeper.wake,
+            clock=time.monotonic,
         )
         self.params = ParamsWatch(client, self.cache, self.queue)
         self.fleet = FleetView(client, self.cache)
@@ -143,12 +150,23 @@ class Operator:
         """Reconcile until `stop`."""
         async with contextlib.AsyncExitStack() as stack:
             stack.push_async_callback(_ended, asyncio.create_task(self._watch_apps(stop)))
-            helpers: list[Coroutine[Any, Any, None]] = [self.recorder.run(), self.sweeper.run(), self.params.run()]
+            helpers: list[Coroutine[Any, Any, None]] = [
+                self.recorder.run(),
+                self.sweeper.run(),
+                self.params.run(),
+                self._expire_telemetry(),
+            ]
             for helper in helpers:
                 stack.push_async_callback(_ended, _supervised(helper, stop))
             worker = _supervised(self.controller.run(), stop)
             stack.push_async_callback(self._drain, worker)
             await stop.wait()
+
+    async def _expire_telemetry(self) -> None:
+        """No event tells that an agent has stopped."""
+        while True:
+            await asyncio.sleep(EXPIRE_S)
+            self.informers.expire()
 
     async def _watch_apps(self, stop: Stop) -> None:
         """Run kopf until cancelled, which comes last: it takes every task of the process that began after it for its

@@ -9,6 +9,7 @@ from typing import Any
 
 from robotapp_api.claims.instances import Instance
 from robotapp_api.values.duration import parse_us
+from robotapp_api.values.round_trips import UNREACHABLE_US
 from robotapp_operator.cache import Cache
 from robotapp_operator.gather import cached_domain, instance_facts, instances_by_name, problems_now
 from robotapp_operator.memory import AppMemory, InstanceMemory, Memory
@@ -139,9 +140,12 @@ def _key(edge: Mapping[str, Any]) -> EdgeKey:
 def _as_stored(view: EdgeView, stored: Mapping[str, Any]) -> EdgeView:
     """The figures of a stored edge. A judged median is not stored, so today's takes its place."""
     try:
-        p95_us = parse_us(stored["p95"]) if "p95" in stored else None
+        p95_us: float | None = parse_us(stored["p95"]) if "p95" in stored else None
     except (TypeError, ValueError):
         p95_us = None
+    measured = bool(stored.get("measured"))
+    if measured and "p95" not in stored:
+        p95_us = UNREACHABLE_US
     nodes = tuple(stored.get("nodes") or ())
     percentile = view.edge.latency.percentile if view.edge.latency else 95
     return dataclasses.replace(
@@ -149,5 +153,5 @@ def _as_stored(view: EdgeView, stored: Mapping[str, Any]) -> EdgeView:
         nodes=view.nodes if nodes == tuple(node for node in view.nodes if node) else ("", ""),
         p95_us=p95_us,
         judged_us=p95_us if percentile == 95 else view.judged_us,
-        measured=bool(stored.get("measured")),
+        measured=measured,
     )

@@ -1,17 +1,25 @@
-"""Tells the agents which pairs of nodes matter: those where the two ends of an edge sit."""
+"""What the operator writes of NodeTelemetry: which pairs of nodes matter (those where the two ends of an edge sit), and its owner."""
 
 from collections.abc import Iterator
 
 from robotapp_api.client import ApiClient, NotFound
 from robotapp_api.client.resources import NODETELEMETRIES
 from robotapp_api.model.names import ROBOT_END, Label
+from robotapp_api.model.telemetry import node_owner
 from robotapp_operator.cache import Cache
 from robotapp_operator.gather import instances_by_name
 from robotapp_operator.plan.fleet import wanted_probes
+from robotapp_operator.plan.objects import Node, Telemetry
+
+
+def lacks_owner(telemetry: Telemetry, node: Node | None) -> bool:
+    """Is there a node of this name that does not own the object?"""
+    uid = node.metadata.uid if node else ""
+    return bool(uid) and all(owner.uid != uid for owner in telemetry.metadata.owner_references)
 
 
 class Probes:
-    """Writes NodeTelemetry spec.probe of nodes that have an agent, when it differs."""
+    """Writes spec.probe and the owner reference of every NodeTelemetry where they differ."""
 
     def __init__(self, client: ApiClient, cache: Cache) -> None:
         self._client = client
@@ -21,11 +29,12 @@ class Probes:
         wanted = wanted_probes(self._pairs())
         for name, telemetry in list(self._cache.telemetry.items()):
             peers = list(wanted.get(name, ()))
-            if peers == telemetry.spec.probe:
+            node = self._cache.nodes.get(name)
+            if peers == telemetry.spec.probe and not lacks_owner(telemetry, node):
                 continue
+            metadata = {"name": name, "uid": telemetry.metadata.uid, "ownerReferences": _owners(telemetry, node)}
             try:
-                body = {"metadata": {"name": name, "uid": telemetry.metadata.uid}, "spec": {"probe": peers}}
-                await self._client.apply(NODETELEMETRIES, body)
+                await self._client.apply(NODETELEMETRIES, {"metadata": metadata, "spec": {"probe": peers}})
             except NotFound:
                 continue
             telemetry.spec.probe = peers
@@ -44,3 +53,11 @@ class Probes:
                 ends[ROBOT_END] = instances[robot].node if robot in instances else ""
                 for edge in record.app.spec.edges:
                     yield ends.get(edge.from_, ""), ends.get(edge.to, "")
+
+
+def _owners(telemetry: Telemetry, node: Node | None) -> list[dict[str, str]]:
+    """Its node, or while that is not known the one that owned it: a reference that is left out would be removed."""
+    if node is not None and node.metadata.uid:
+        return [node_owner(name=node.metadata.name, uid=node.metadata.uid)]
+    owners = telemetry.metadata.owner_references
+    return [node_owner(name=owner.name, uid=owner.uid) for owner in owners if owner.kind == "Node"]

@@ -9,6 +9,8 @@ from tests.support.apiobjects import ROS
 from robotapp_api.claims.objects import Claim
 from robotapp_api.model.names import API_VERSION, Label
 from robotapp_api.model.robotapp import RobotAppSpec
+from robotapp_api.values.round_trips import RoundTrips
+from robotapp_operator.cache import Cache
 from robotapp_operator.plan.changes import Change, Observed, Plan, ref_of
 from robotapp_operator.plan.children import DEPLOYMENT
 from robotapp_operator.plan.objects import ChildRef, Deployment, Node, Pod, Service, Telemetry
@@ -53,11 +55,13 @@ def app_body(app_name: str = "teleop", *, uid: str = UID, generation: int = 1, *
     }
 
 
-def make_node(name: str, *, ready: bool = True, annotations: Mapping[str, str] | None = None, **labels: str) -> Node:
+def make_node(
+    name: str, *, ready: bool = True, uid: str = "", annotations: Mapping[str, str] | None = None, **labels: str
+) -> Node:
     """Labels by short name: robot=, tier=, zone=."""
     full = {Label[key.upper()].value: value for key, value in labels.items()}
     body = {
-        "metadata": {"name": name, "labels": full, "annotations": dict(annotations or {})},
+        "metadata": {"name": name, "uid": uid, "labels": full, "annotations": dict(annotations or {})},
         "status": {"conditions": [{"type": "Ready", "status": "True" if ready else "False"}]},
     }
     return msgspec.convert(body, Node)
@@ -68,13 +72,27 @@ def robots(*names: str) -> dict[str, Node]:
     return {f"n-{name}": make_node(f"n-{name}", robot=name, tier="robot") for name in names}
 
 
-def telemetry(node: str, **p95_ms: float) -> Telemetry:
-    """Peers as keywords, `_` for `-`: telemetry("edge-1", amr_07=12.5). The median is half of it."""
+def telemetry(node: str, seq: int | None = None, /, **p95_ms: float | None) -> Telemetry:
+    """Peers as keywords, `_` for `-`: telemetry("edge-1", amr_07=12.5). The median is half of it; None: no probe was answered.
+
+    Without the number of its round (`seq`) a report is another one as soon as a time differs.
+    """
     rtt = [
-        {"peer": peer.replace("_", "-"), "p50Us": int(value * 500), "p95Us": int(value * 1000)}
+        {"peer": peer.replace("_", "-"), "lossPPM": 1_000_000}
+        if value is None
+        else {"peer": peer.replace("_", "-"), "p50Us": int(value * 500), "p95Us": int(value * 1000)}
         for peer, value in p95_ms.items()
     ]
-    return msgspec.convert({"metadata": {"name": node}, "status": {"rtt": rtt}}, Telemetry)
+    status = {"rtt": rtt} if seq is None else {"seq": seq, "rtt": rtt}
+    return msgspec.convert({"metadata": {"name": node}, "status": status}, Telemetry)
+
+
+def round_trips(reports: Mapping[str, Telemetry]) -> RoundTrips:
+    """Of these reports, all received just now."""
+    cache = Cache()
+    for item in reports.values():
+        cache.put_telemetry(item, now_s=0.0)
+    return cache.round_trips
 
 
 def stored(change: Change, app: App, *, version: str = VERSION, generation: int = 1) -> Observed:

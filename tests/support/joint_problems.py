@@ -2,12 +2,16 @@
 
 from itertools import product
 from random import Random
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from robotapp_scheduler.joint.latencies import Latencies, Measured
 from robotapp_scheduler.joint.problem import INF, Edge, Problem, Relation
+
+LOST: Final = 0.1
+"""Share of measured pairs of which no probe was answered."""
 
 
 def latencies(random: Random, *, rows: int, zones: int, measured: int, unknown: float = 0.1) -> Latencies:
@@ -25,6 +29,7 @@ def latencies(random: Random, *, rows: int, zones: int, measured: int, unknown: 
         if a != b:
             usual = float(estimate[0, zone[a], zone[b]])
             us = usual * random.uniform(0.7, 1.5) if not np.isnan(usual) else random.uniform(300.0, 60_000.0)
+            us = INF if random.random() < LOST else us
             pairs[a, b] = pairs[b, a] = us
     ordered = sorted(pairs)
     left = np.array([a for a, _ in ordered], dtype=np.int32)

@@ -6,6 +6,7 @@ from tests.support.factories import component, make_app
 
 from robotapp_api.claims.instances import Instance
 from robotapp_api.model.names import Reason
+from robotapp_api.values.round_trips import RoundTrips
 from robotapp_operator.plan.components import MAX_RESTARTS, ComponentView
 from robotapp_operator.plan.facts import AppFacts, InstanceFacts, of_instance
 from robotapp_operator.plan.instance_status import render_instance
@@ -48,7 +49,7 @@ def largest_status(text: str) -> dict[str, Any]:
         instance=Instance("r" * 63, nodes[0]),
         components=views,
         domain=232,
-        edges=worst_first(edge_views(app.spec.edges, placed=placed, robot_node="", telemetry={})),
+        edges=worst_first(edge_views(app.spec.edges, placed=placed, robot_node="", round_trips=RoundTrips())),
         claims=tuple(f"{number:03}{'d' * 250}" for number in range(200)),
         trouble=(Reason.FAILED_CREATE, text * 4096),
         cut_off=tuple(nodes),

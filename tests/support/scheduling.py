@@ -1,6 +1,6 @@
 """Nodes, pods and apps for tests of the scheduler's core: JSON in, the product's structs out."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -144,13 +144,18 @@ def member_pod(component: str, *, app: str = "teleop", app_uid: str = "app-1", i
 
 
 def telemetry(node: str, *, rtt_ms: Mapping[str, float] | None = None, p95_ms: Mapping[str, float] | None = None,
-              devices: list[Json] | None = None, interval_s: int = 10, load: Json | None = None) -> NodeTelemetry:  # fmt: skip
-    """RTT in milliseconds; p95 equals p50 unless given."""
-    entries = [
+              lost: Sequence[str] = (), devices: list[Json] | None = None, interval_s: int = 10,
+              load: Json | None = None, seq: int | None = None) -> NodeTelemetry:  # fmt: skip
+    """RTT in milliseconds; p95 equals p50 unless given. `lost`: peers that answered no probe.
+
+    Without the number of its round (`seq`) a report is another one as soon as a time differs.
+    """
+    entries: list[Json] = [
         {"peer": peer, "p50Us": int(ms * 1000), "p95Us": int((p95_ms or {}).get(peer, ms) * 1000)}
         for peer, ms in (rtt_ms or {}).items()
     ]
-    status = {"intervalSeconds": interval_s, "rtt": entries, "devices": devices or [], "load": load}
+    entries += [{"peer": peer, "lossPPM": 1_000_000} for peer in lost]
+    status = {"intervalSeconds": interval_s, "rtt": entries, "devices": devices or [], "load": load, "seq": seq}
     return msgspec.convert({"metadata": {"name": node}, "status": status}, NodeTelemetry)
 
 

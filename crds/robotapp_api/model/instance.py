@@ -67,10 +67,11 @@ class EdgeStatus(Observed):
     budget: Duration | None = None
     """Budget of the edge."""
     p95: Duration | None = None
-    """Round-trip time between the two nodes, 95th percentile. Written anew when the verdict changes, or at most once a minute
-    when it has changed by a fifth."""
+    """Round-trip time between the two nodes, 95th percentile, the worse of both directions. Written anew when the verdict
+    changes, or at most once a minute when it has changed by a fifth."""
     measured: bool = False
-    """The time was measured for this pair of nodes. False with a p95: both ends are on one node. False without: not measured yet."""
+    """The time was measured for this pair of nodes. True without a p95: no probe was answered, the other end is unreachable.
+    False with a p95: both ends are on one node. False without: it is not known."""
     met: bool | None = None
     """The budget holds; absent while unknown."""
     nodes: Annotated[tuple[Text, ...], Field(max_length=2)] = ()

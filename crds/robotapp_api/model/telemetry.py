@@ -10,6 +10,11 @@ from robotapp_api.model.markers import Column, Kind, ListSet
 from robotapp_api.model.scalars import DnsLabel, Generation, Microseconds, NodeName, Percent, ShortText, Token
 
 
+def node_owner(*, name: str, uid: str) -> dict[str, str]:
+    """The owner reference of a NodeTelemetry: it goes with its node, and a node of the same name begins with none."""
+    return {"apiVersion": "v1", "kind": "Node", "name": name, "uid": uid}
+
+
 class TelemetrySpec(Model):
     """What the agent is asked to measure."""
 
@@ -44,7 +49,7 @@ class TelemetryDevice(Observed):
 
 
 class Rtt(Observed):
-    """Round-trip time to another node."""
+    """Round-trip time to another node. Without times: no probe was answered, which exceeds every budget."""
 
     peer: NodeName
     """Node at the other end."""
@@ -55,9 +60,11 @@ class Rtt(Observed):
     loss_ppm: Annotated[int | None, Field(alias="lossPPM", ge=0, le=1_000_000)] = None
     """Probes that got no answer, per million."""
     seq: Generation | None = None
-    """Number of the round that measured this pair."""
+    """Number of the round that measured this pair; absent means that of the status. Writing the same round again does not
+    refresh the entry."""
     every_rounds: Annotated[int | None, Field(ge=1, le=100_000)] = None
-    """Rounds from one measurement of this pair to the next; absent means every round."""
+    """Rounds from one measurement of this pair to the next; absent means every round. The entry is unknown when three times
+    as many heartbeats have passed since the reader first received its round."""
 
 
 class Load(Observed):
@@ -77,9 +84,10 @@ class TelemetryStatus(Observed):
     """What the agent of the node measured; it alone writes it."""
 
     interval_seconds: Annotated[int, Field(ge=1, le=3600)] | None = None
-    """Heartbeat of the agent; a status that got no update for three intervals counts as unknown."""
+    """Heartbeat of the agent, which measures one round in each; absent means 10. When no new round came for three of them the
+    load is unknown."""
     seq: Generation | None = None
-    """Number of the measurement round; readers age by the time at which they see it change."""
+    """Number of the latest round; readers count the age of a round from when they first receive it, by their own clock."""
     arch: Annotated[str, StringConstraints(max_length=32)] = ""
     """CPU architecture, such as arm64."""
     kernel: Kernel | None = None
@@ -93,7 +101,7 @@ class TelemetryStatus(Observed):
 
 
 class NodeTelemetry(Model):
-    """Round-trip times, devices and load of one node. Its name is the node's name."""
+    """Round-trip times, devices and load of one node. Its name is the node's name, and the node owns it."""
 
     CRD: ClassVar = Kind(
         plural="nodetelemetries",

@@ -21,7 +21,7 @@ from robotapp_testbed.real.cluster import RealNodes
 from robotapp_testbed.real.node import RealNode
 from robotapp_testbed.real.pings import Rtt, figures
 from robotapp_testbed.real.prerequisites import required_program
-from robotapp_testbed.telemetry import PATH, create
+from robotapp_testbed.telemetry import PATH, create, node_uids
 
 _PINGS = 10
 _PAUSE_S = 0.05
@@ -49,8 +49,9 @@ class MeasuredTelemetry:
 
     def start(self) -> Self:
         """The first round is written when this returns."""
+        uids = node_uids(self._cp)
         for name in self._cp.nodes:
-            create(self._cp, name, labels={})
+            create(self._cp, name, uid=uids.get(name, ""), labels={})
         self.measure()
         self._heart.start()
         return self

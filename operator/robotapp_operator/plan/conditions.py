@@ -6,7 +6,9 @@ from typing import Any, Final, NamedTuple
 from robotapp_api.claims.device import GPU, claimed
 from robotapp_api.model.conditions import condition
 from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME, Condition, Reason
+from robotapp_api.values.round_trips import is_unreachable
 from robotapp_operator.plan.facts import AppFacts, InstanceFacts
+from robotapp_operator.plan.latency import EdgeView
 from robotapp_operator.plan.text import clip, shown
 from robotapp_operator.plan.troubled import cut_off_text, edge_text, rank_of, what_is_missing
 from robotapp_operator.plan.versions import version_key
@@ -171,18 +173,14 @@ def budget_met(facts: AppFacts) -> Verdict:
     over = [edge for edge in edges if edge.met is False]
     if over:
         worst = max(over, key=lambda edge: edge.use)
-        cure = "allow reschedule.when: BudgetExceeded, move a component closer, or raise the budget"
-        return Verdict(
-            "False",
-            Reason.BUDGET_EXCEEDED,
-            f"{len(over)} of {len(edges)} edges are over budget, worst {edge_text(worst)}; {cure}",
-        )
+        text = f"{len(over)} of {len(edges)} edges are over budget, worst {edge_text(worst)}; {_closer(worst)}"
+        return Verdict("False", Reason.BUDGET_EXCEEDED, text)
     unknown = [edge for edge in edges if edge.met is None]
     if unknown:
         return Verdict(
             "Unknown",
             Reason.NOT_MEASURED,
-            f"{len(unknown)} of {len(edges)} edges are not measured yet, for example {edge_text(unknown[0])}",
+            f"{len(unknown)} of {len(edges)} edges have no recent measurement, for example {edge_text(unknown[0])}; {_missing(unknown[0])}",
         )
     worst = max(edges, key=lambda edge: edge.use)
     return Verdict(
@@ -262,6 +260,20 @@ _RULES: Final[Mapping[Condition, Callable[[AppFacts], Verdict]]] = {
     Condition.PROGRESSING: progressing,
     Condition.STALLED: stalled,
 }
+
+
+def _closer(edge: EdgeView) -> str:
+    """What to do about an edge that exceeds its budget."""
+    if is_unreachable(edge.judged_us):
+        return f"probes between {' and '.join(edge.nodes)} get no answer: check the network between them"
+    return "move a component closer, or raise the budget"
+
+
+def _missing(edge: EdgeView) -> str:
+    """Why an edge has no time."""
+    if not all(edge.nodes):
+        return "its two ends are not both on nodes"
+    return f"see status.rtt and status.seq of kubectl get nodetelemetry {' '.join(edge.nodes)} -o yaml"
 
 
 def _why_not_ready(facts: AppFacts, up: int, total: int) -> tuple[Reason, str]:

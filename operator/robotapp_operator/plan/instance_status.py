@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, Final
 
+from robotapp_api.values.round_trips import is_unreachable
 from robotapp_operator.plan.conditions import MAX_BRIEF_BYTES, conditions, ready
 from robotapp_operator.plan.facts import AppFacts
 from robotapp_operator.plan.latency import EdgeView, shown_ms
@@ -80,7 +81,7 @@ def _edge(edge: EdgeView) -> dict[str, Any]:
         **written(
             nodes=[node for node in edge.nodes if node],
             budget=edge.edge.latency.budget if edge.edge.latency else None,
-            p95=None if edge.p95_us is None else shown_ms(edge.p95_us),
+            p95=None if edge.p95_us is None or is_unreachable(edge.p95_us) else shown_ms(edge.p95_us),
             met=edge.met,
         ),
     }

@@ -1,7 +1,8 @@
 """Round-trip times of an app's edges against their budgets, and which of them are published.
 
-Measured means: the agents measured this very pair of nodes. Two ends on one node are 0.05 ms apart by definition; what is
-neither is unknown here (zone estimates belong to the scheduler's model and to `explain`).
+Measured means: the agents measured this very pair of nodes; a measured time may be infinite, where no probe was answered.
+Two ends on one node are 0.05 ms apart by definition, which is an estimate; what is neither is unknown here (estimates by zone
+belong to the scheduler). What a pair's time is and when it is too old: `robotapp_api.values.round_trips`.
 
 Times change with every measurement, and a status that followed them would be written for ever. So everything people see
 (edges, their order, conditions, summaries) is computed from published figures, which change seldom.
@@ -11,12 +12,12 @@ import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final, NamedTuple
 
-from robotapp_api.model.edge import Edge, Percentile
+from robotapp_api.model.edge import Edge
 from robotapp_api.model.names import ROBOT_END
 from robotapp_api.values.duration import format_ms, parse_us
-from robotapp_operator.plan.objects import Telemetry
+from robotapp_api.values.round_trips import Figures, RoundTrips, is_unreachable
 
-SAME_NODE_US: Final = 50
+SAME_NODE: Final = Figures(50.0, 50.0)
 REST_S: Final = 60.0
 """Figures that moved are published at most this often, and so is a verdict that changes back and forth."""
 MOVED: Final = 0.2
@@ -29,7 +30,7 @@ EdgeKey = tuple[str, str, str, str]
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class EdgeView:
-    """One edge of one instance. Times None: unknown. `budget_us` None: no budget written.
+    """One edge of one instance. Times None: unknown; infinite: unreachable. `budget_us` None: no budget written.
 
     `judged_us` is the percentile the budget is about (50 or 95); `p95_us` is what status publishes.
     """
@@ -37,8 +38,8 @@ class EdgeView:
     edge: Edge
     nodes: tuple[str, str]
     budget_us: int | None
-    p95_us: int | None
-    judged_us: int | None
+    p95_us: float | None
+    judged_us: float | None
     measured: bool
 
     @property
@@ -57,7 +58,7 @@ class EdgeView:
         return -1.0 if self.met is None else (self.judged_us or 0) / (self.budget_us or 1)
 
     @property
-    def figures(self) -> tuple[int | None, int | None]:
+    def figures(self) -> tuple[float | None, float | None]:
         return self.p95_us, self.judged_us
 
 
@@ -89,48 +90,37 @@ class Published(NamedTuple):
 
 
 def edge_views(
-    edges: tuple[Edge, ...], *, placed: Mapping[str, str], robot_node: str, telemetry: Mapping[str, Telemetry]
+    edges: tuple[Edge, ...], *, placed: Mapping[str, str], robot_node: str, round_trips: RoundTrips
 ) -> list[EdgeView]:
     """The edges as measured now, in the order of the spec. `placed`: component -> node of its pod."""
-    return [_view(edge, {ROBOT_END: robot_node, **placed}, telemetry) for edge in edges]
+    return [_view(edge, {ROBOT_END: robot_node, **placed}, round_trips) for edge in edges]
 
 
-def shown_ms(time_us: int) -> str:
-    """`18ms`."""
-    return format_ms(min(time_us, MOST_US) / 1000)
+def shown_ms(time_us: float) -> str:
+    """`18ms`, or `unreachable`."""
+    return "unreachable" if is_unreachable(time_us) else format_ms(min(time_us, MOST_US) / 1000)
 
 
 def worst_first(views: Iterable[EdgeView]) -> tuple[EdgeView, ...]:
     return tuple(sorted(views, key=lambda view: (-view.use, view.key)))
 
 
-def round_trip_us(
-    one: str, other: str, telemetry: Mapping[str, Telemetry], *, percentile: Percentile = 95
-) -> int | None:
-    """Worse of the two directions in microseconds, None when neither was measured."""
-    if one == other:
-        return SAME_NODE_US
-    found = [
-        time_us
-        for near, far in ((one, other), (other, one))
-        if near in telemetry and (time_us := telemetry[near].time_to(far, percentile)) is not None
-    ]
-    return max(found, default=None)
-
-
-def _view(edge: Edge, placed: Mapping[str, str], telemetry: Mapping[str, Telemetry]) -> EdgeView:
+def _view(edge: Edge, placed: Mapping[str, str], round_trips: RoundTrips) -> EdgeView:
     nodes = (placed.get(edge.from_, ""), placed.get(edge.to, ""))
-    known = all(nodes)
-    p95_us = round_trip_us(*nodes, telemetry) if known else None
+    found = _between(*nodes, round_trips) if all(nodes) else None
     percentile = edge.latency.percentile if edge.latency else 95
     return EdgeView(
         edge=edge,
         nodes=nodes,
         budget_us=parse_us(edge.latency.budget) if edge.latency else None,
-        p95_us=p95_us,
-        judged_us=round_trip_us(*nodes, telemetry, percentile=percentile) if known else None,
-        measured=p95_us is not None and nodes[0] != nodes[1],
+        p95_us=found.p95_us if found else None,
+        judged_us=found.of(percentile) if found else None,
+        measured=found is not None and nodes[0] != nodes[1],
     )
+
+
+def _between(one: str, other: str, round_trips: RoundTrips) -> Figures | None:
+    return SAME_NODE if one == other else round_trips.between(one, other)
 
 
 def publish(measured: Sequence[EdgeView], before: Mapping[EdgeKey, EdgeView], rest: Rest, *, now_s: float) -> Published:

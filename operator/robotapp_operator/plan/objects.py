@@ -10,6 +10,7 @@ import msgspec
 from robotapp_api.claims import objects as claims
 from robotapp_api.claims.instances import robot_of
 from robotapp_api.claims.objects import TelemetryDevice
+from robotapp_api.values.round_trips import Rtt
 
 
 class Struct(msgspec.Struct, rename="camel", kw_only=True):
@@ -132,19 +133,13 @@ class Node(Struct):
         return any(c.type == "Ready" and c.status == "True" for c in self.status.conditions)
 
 
-class Rtt(Struct):
-    """One peer's round-trip times; None when no probe came back."""
-
-    peer: str = ""
-    p50_us: int | None = None
-    p95_us: int | None = None
-
-
 class TelemetrySpec(Struct):
     probe: list[str] = []
 
 
 class TelemetryStatus(Struct):
+    interval_seconds: int | None = None
+    seq: int | None = None
     rtt: list[Rtt] = []
     devices: list[TelemetryDevice] = []
 
@@ -153,13 +148,6 @@ class Telemetry(Struct):
     metadata: Meta
     spec: TelemetrySpec = msgspec.field(default_factory=TelemetrySpec)
     status: TelemetryStatus = msgspec.field(default_factory=TelemetryStatus)
-
-    def time_to(self, peer: str, percentile: int) -> int | None:
-        """Measured round trip to `peer` in microseconds, None when never measured."""
-        found = next((entry for entry in self.status.rtt if entry.peer == peer), None)
-        if found is None:
-            return None
-        return found.p50_us if percentile == 50 else found.p95_us
 
 
 class ConfigMap(Struct):

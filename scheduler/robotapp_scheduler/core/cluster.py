@@ -251,10 +251,13 @@ class Cluster:
 
     def tick(self) -> Change:
         """Let old telemetry expire; call about once a second."""
-        if not self.rtt.expire():
-            return Change.NONE
-        self.log.add(EVERY_ROW, Change.RTT)
-        return Change.RTT
+        change = Change.NONE
+        for name in self.rtt.silent():
+            change |= self._telemetry_changed(name, Change.LOAD)
+        if self.rtt.expire():
+            self.log.add(EVERY_ROW, Change.RTT)
+            change |= Change.RTT
+        return change
 
     def robot_nodes(self, robot: str) -> tuple[str, ...]:
         """Names of the nodes of a robot, sorted."""

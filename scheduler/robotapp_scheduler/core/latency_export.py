@@ -6,6 +6,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from robotapp_api.model.names import Label
+from robotapp_api.values.round_trips import Figures
 from robotapp_scheduler.core.columns import FloatArray
 from robotapp_scheduler.core.node_table import NodeTable
 from robotapp_scheduler.core.telemetry import RttModel
@@ -17,7 +18,7 @@ NO_PAIRS: Final = Measured(np.empty(0, np.int32), np.empty(0, np.int32), np.empt
 class _Coded(NamedTuple):
     """One node's reading as arrays, made of exactly these pairs."""
 
-    pairs: Mapping[str, tuple[float, float]]
+    pairs: Mapping[str, Figures]
     row: int
     peers: IndexArray
     us: FloatArray
@@ -38,7 +39,7 @@ class LatencyExport:
         return f"LatencyExport({len(self._coded)} readings)"
 
     def latencies(self) -> Latencies:
-        """The model as it is now, over all rows of the table. Of two readings of a pair the younger counts."""
+        """The model as it is now, over all rows of the table. A pair counts with the worse of its two directions."""
         key = (self._model.version, self._table.generation, self._table.size)
         if self._latest is None or self._latest[0] != key:
             zone, names = self._zones()
@@ -68,18 +69,16 @@ class LatencyExport:
             self._coded.clear()
             self._generation = self._table.generation
         parts: list[_Coded] = []
-        ages: list[float] = []
-        for name, received_s, pairs in self._model.readings():
+        for name, pairs in self._model.readings():
             row = self._table.row_of.get(name)
             if row is not None:
                 parts.append(self._code(name, row, pairs))
-                ages.append(received_s)
         self._coded = {self._table.names[part.row]: part for part in parts}
         if not parts:
             return NO_PAIRS
-        return _both_ways(parts, ages)
+        return _both_ways(parts)
 
-    def _code(self, name: str, row: int, pairs: Mapping[str, tuple[float, float]]) -> _Coded:
+    def _code(self, name: str, row: int, pairs: Mapping[str, Figures]) -> _Coded:
         found = self._coded.get(name)
         if found is None or found.pairs is not pairs:
             row_of = self._table.row_of
@@ -90,14 +89,16 @@ class LatencyExport:
         return found
 
 
-def _both_ways(parts: list[_Coded], ages: list[float]) -> Measured:
+def _both_ways(parts: list[_Coded]) -> Measured:
     counts = [len(part.peers) for part in parts]
     own = np.repeat(np.array([part.row for part in parts], dtype=np.int32), counts)
     peers = np.concatenate([part.peers for part in parts])
     us = np.concatenate([part.us for part in parts], axis=1)
-    received = np.repeat(np.array(ages), counts)
     left, right = np.concatenate((own, peers)), np.concatenate((peers, own))
-    order = np.lexsort((np.concatenate((received, received)), right, left))
+    if not len(left):
+        return NO_PAIRS
+    order = np.lexsort((right, left))
     left, right = left[order], right[order]
-    last = np.append((left[1:] != left[:-1]) | (right[1:] != right[:-1]), True)[: len(left)]
-    return Measured(left[last], right[last], np.concatenate((us, us), axis=1)[:, order][:, last])
+    first = np.flatnonzero(np.append(True, (left[1:] != left[:-1]) | (right[1:] != right[:-1])))
+    worst = np.maximum.reduceat(np.concatenate((us, us), axis=1)[:, order], first, axis=1)
+    return Measured(left[first], right[first], worst)

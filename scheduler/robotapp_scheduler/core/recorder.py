@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Final
 
+from robotapp_api.values.round_trips import is_unreachable
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.engine import Engine
@@ -15,6 +16,14 @@ from robotapp_scheduler.core.ros import Endpoint, RosContext
 from robotapp_scheduler.core.tiers import earliest_tier, planned_tier
 
 NO_TOP: Final = Top()
+
+
+def _nearness(end: tuple[tuple[float | None, str], str]) -> tuple[int, float]:
+    """Of a connection's possible ends: a time that is known, then one that is not, then an end out of reach."""
+    (rtt_us, _), _ = end
+    if rtt_us is None:
+        return 1, 0.0
+    return (2, 0.0) if is_unreachable(rtt_us) else (0, rtt_us)
 
 
 class Recorder:
@@ -109,13 +118,12 @@ class Recorder:
 
     def _edge(self, endpoint: Endpoint, node: str) -> EdgeView:
         found = [(self._cluster.rtt.between(peer, node, endpoint.percentile), peer) for peer in endpoint.nodes]
-        known = [entry for entry in found if entry[0][0] is not None]
-        (rtt_us, source), peer = min(known, key=lambda entry: entry[0][0] or 0.0) if known else found[0]
+        (rtt_us, source), peer = min(found, key=_nearness)
         budget_us = endpoint.budget_us
         return EdgeView(
             what=endpoint.what,
             peer_node=peer,
-            rtt_ms=None if rtt_us is None else rtt_us / 1000,
+            rtt_ms=None if rtt_us is None or is_unreachable(rtt_us) else rtt_us / 1000,
             budget_ms=None if budget_us is None else budget_us / 1000,
             source=source,
             met=None if rtt_us is None or budget_us is None else rtt_us <= budget_us,

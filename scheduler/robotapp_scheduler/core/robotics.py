@@ -8,6 +8,7 @@ devices are read as the claim rules read them, `robotapp_api.claims.objects`.
 import msgspec
 
 from robotapp_api.claims.objects import DeviceRequirement, TelemetryDevice
+from robotapp_api.values.round_trips import Rtt
 from robotapp_scheduler.core.objects import Metadata
 from robotapp_scheduler.core.slim import Slim, SlimValue
 
@@ -106,14 +107,6 @@ class RobotApp(Slim):
 # --- NodeTelemetry ---------------------------------------------------------------------------------------------------
 
 
-class Rtt(SlimValue, frozen=True):
-    """Measured round trip to one peer node, microseconds; without numbers when no probe was answered."""
-
-    peer: str = ""
-    p50_us: int | None = msgspec.field(name="p50Us", default=None)
-    p95_us: int | None = msgspec.field(name="p95Us", default=None)
-
-
 class Load(SlimValue, frozen=True):
     """Load of the node in per cent; absent values are None."""
 
@@ -125,8 +118,8 @@ class Load(SlimValue, frozen=True):
 class TelemetryStatus(Slim):
     """status of a NodeTelemetry, written by that node's agent alone."""
 
-    interval_seconds: int = 10
-    seq: int = 0
+    interval_seconds: int | None = None
+    seq: int | None = None
     devices: tuple[TelemetryDevice, ...] = ()
     rtt: tuple[Rtt, ...] = ()
     load: Load | None = None

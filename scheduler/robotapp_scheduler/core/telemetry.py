@@ -1,39 +1,34 @@
-"""Round-trip times between nodes: measured pairs first, zone estimates for the rest, unknown when old.
+"""Round-trip times from a node to all rows: measured pairs first, zone estimates for the rest, else unknown.
 
-Readings age by the time we received them, never by a clock in the object. A reading older than three of its agent's
-intervals is unknown.
+What a pair's time is and when it is too old is decided in `robotapp_api.values.round_trips`, for the operator too.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from robotapp_api.model.names import Label
+from robotapp_api.values.round_trips import Figures, RoundTrips
 from robotapp_scheduler.core.columns import FloatArray
 from robotapp_scheduler.core.node_table import NodeTable
 from robotapp_scheduler.core.robotics import Load, NodeTelemetry
 from robotapp_scheduler.core.zones import ZoneModel
 
-INTERVALS_KEPT: Final = 3
 CACHED_ROWS: Final = 512
 UNKNOWN, ESTIMATED, MEASURED = 0, 1, 2
 SOURCE_NAMES: Final = ("unknown", "estimated", "measured")
 
 
 class RttRow(NamedTuple):
-    """RTT from one node to every row, microseconds (NaN = unknown), and how it is known (UNKNOWN…MEASURED)."""
+    """RTT from one node to every row and how it is known (UNKNOWN…MEASURED).
+
+    Microseconds: NaN = unknown, infinite = measured, and no probe was answered.
+    """
 
     rtt_us: FloatArray
     source: npt.NDArray[np.int8]
-
-
-class _Reading(NamedTuple):
-    received_s: float
-    expires_s: float
-    pairs: dict[str, tuple[float, float]]
-    load: Load | None
 
 
 class RttModel:
@@ -42,63 +37,59 @@ class RttModel:
     def __init__(self, table: NodeTable, clock: Callable[[], float]) -> None:
         self._table = table
         self._clock = clock
-        self._readings: dict[str, _Reading] = {}
-        self._seen_by: dict[str, set[str]] = {}
+        self._trips = RoundTrips()
+        self._loads: dict[str, Load] = {}
         self._rows: dict[tuple[str, int], tuple[tuple[int, int], RttRow]] = {}
         self._zones = ZoneModel(clock)
         self._zones_of_generation = -1
         self.version = 0
 
     def __repr__(self) -> str:
-        return f"RttModel({len(self._readings)} agents, version={self.version})"
+        return f"RttModel({self._trips!r}, version={self.version})"
 
     def apply(self, telemetry: NodeTelemetry) -> bool:
         """Take in a reading; True when any RTT is different from before."""
         name, status = telemetry.metadata.name, telemetry.status
-        now = self._clock()
-        pairs = {
-            entry.peer: (float(entry.p50_us), float(entry.p95_us))
-            for entry in status.rtt
-            if entry.p50_us is not None and entry.p95_us is not None
-        }
-        old = self._readings.get(name)
-        interval_s = max(status.interval_seconds, 0.1)
-        self._readings[name] = _Reading(now, now + INTERVALS_KEPT * interval_s, pairs, status.load)
-        if old is not None and old.pairs == pairs and old.expires_s > now:
-            return False
-        self._reindex(name, old.pairs if old else {}, pairs)
-        self.version += 1
-        return True
+        changed = self._trips.receive(
+            name, status.rtt, seq=status.seq, interval_s=status.interval_seconds, now_s=self._clock()
+        )
+        if status.load is not None and self._clock() < self._trips.silent_from_s(name):
+            self._loads[name] = status.load
+        else:
+            self._loads.pop(name, None)
+        return self._changed(name) if changed else False
 
     def remove(self, name: str) -> bool:
         """The agent's object is gone."""
-        old = self._readings.pop(name, None)
-        if old is None:
-            return False
-        self._reindex(name, old.pairs, {})
-        self.version += 1
-        return True
+        self._loads.pop(name, None)
+        return self._changed(name) if self._trips.drop(name) else False
 
     def expire(self) -> bool:
-        """Drop readings that grew too old; True when any RTT may be different now. Call about once a second."""
-        now = self._clock()
-        late = [name for name, reading in self._readings.items() if reading.expires_s <= now]
+        """Drop times that grew too old; True when any may be different now. Call about once a second."""
+        late = self._trips.expire(self._clock())
         for name in late:
-            self.remove(name)
+            self._changed(name)
         behind, self._zones.behind = self._zones.behind, False
         if behind:
             self.version += 1
         return behind or bool(late)
 
+    def silent(self) -> list[str]:
+        """Nodes whose load is unknown from now on, because their agent has been silent for too long."""
+        now_s = self._clock()
+        late = [name for name in self._loads if self._trips.silent_from_s(name) <= now_s]
+        for name in late:
+            del self._loads[name]
+        return late
+
     def oldest_age_s(self) -> float | None:
         """Age of the oldest reading still in use, None without any."""
-        oldest_s = min((reading.received_s for reading in self._readings.values()), default=None)
+        oldest_s = self._trips.oldest_s()
         return None if oldest_s is None else self._clock() - oldest_s
 
     def load(self, name: str) -> Load | None:
         """Load the agent of a node reported, None when unknown."""
-        reading = self._readings.get(name)
-        return reading.load if reading else None
+        return self._loads.get(name)
 
     def from_node(self, name: str, percentile: int) -> RttRow:
         """RTT from a node to all rows of the table; the node itself is 0."""
@@ -113,7 +104,7 @@ class RttModel:
         return row
 
     def between(self, left: str, right: str, percentile: int) -> tuple[float | None, str]:
-        """One pair: microseconds (None = unknown) and "measured", "estimated" or "unknown"."""
+        """One pair: microseconds (None = unknown, infinite = unreachable) and "measured", "estimated" or "unknown"."""
         row = self._table.row_of.get(right)
         if row is None:
             return None, SOURCE_NAMES[UNKNOWN]
@@ -121,21 +112,19 @@ class RttModel:
         value = float(rtt.rtt_us[row])
         return (None if np.isnan(value) else value), SOURCE_NAMES[int(rtt.source[row])]
 
-    def readings(self) -> Iterator[tuple[str, float, Mapping[str, tuple[float, float]]]]:
-        """Node, when its agent's reading was received (seconds), and p50 and p95 per peer, microseconds."""
-        return ((name, reading.received_s, reading.pairs) for name, reading in self._readings.items())
+    def readings(self) -> Iterable[tuple[str, Mapping[str, Figures]]]:
+        """Node, and what its own agent measured per peer: the same object as long as nothing in it changes."""
+        return self._trips.all_reported()
 
     def between_zones(self, left: str, right: str) -> tuple[float, float] | None:
         """p50 and p95 usual between two zones, microseconds; None when nothing is measured between them."""
         self._follow_nodes()
         return self._zones.estimate(left, right)
 
-    def _reindex(self, name: str, old: dict[str, tuple[float, float]], new: dict[str, tuple[float, float]]) -> None:
-        self._zones.report(name, new)
-        for peer in old.keys() - new.keys():
-            self._seen_by[peer].discard(name)
-        for peer in new.keys() - old.keys():
-            self._seen_by.setdefault(peer, set()).add(name)
+    def _changed(self, name: str) -> bool:
+        self._zones.report(name, self._trips.reported(name))
+        self.version += 1
+        return True
 
     def _compute(self, name: str, which: int) -> RttRow:
         table = self._table
@@ -145,22 +134,12 @@ class RttModel:
         if own is not None:
             self._estimate(own, which, rtt, source)
             rtt[own], source[own] = 0.0, MEASURED
-        for peer, value in self._measured(name, which).items():
+        for peer, figures in self._trips.around(name).items():
             row = table.row_of.get(peer)
             if row is not None and peer != name:
-                rtt[row], source[row] = value, MEASURED
+                rtt[row], source[row] = figures[which], MEASURED
         rtt.flags.writeable = source.flags.writeable = False
         return RttRow(rtt, source)
-
-    def _measured(self, name: str, which: int) -> dict[str, float]:
-        """Pairs with this node from both ends; of two readings the younger counts."""
-        own = self._readings.get(name)
-        found = {peer: pair[which] for peer, pair in own.pairs.items()} if own else {}
-        for other in self._seen_by.get(name, ()):
-            reading = self._readings[other]
-            if other not in found or (own is not None and reading.received_s > own.received_s):
-                found[other] = reading.pairs[name][which]
-        return found
 
     def _estimate(self, own: int, which: int, rtt: FloatArray, source: npt.NDArray[np.int8]) -> None:
         codes, vocabulary = self._table.labels.column(str(Label.ZONE))
@@ -183,5 +162,5 @@ class RttModel:
             return
         codes, vocabulary = self._table.labels.column(str(Label.ZONE))
         zone_of = {name: vocabulary.values[codes[row]] for name, row in self._table.row_of.items()}
-        self._zones.rebuild(zone_of, {name: reading.pairs for name, reading in self._readings.items()})
+        self._zones.rebuild(zone_of, dict(self._trips.all_reported()))
         self._zones_of_generation = self._table.zone_generation

@@ -13,7 +13,10 @@ MOST_GROUPS: Final = 16
 
 
 class Measured(NamedTuple):
-    """Measured pairs in both directions, sorted by `left`: rows, and `us[0]` p50, `us[1]` p95 in microseconds."""
+    """Measured pairs in both directions, sorted by `left`: rows, and `us[0]` p50, `us[1]` p95 in microseconds.
+
+    Infinite where no probe was answered.
+    """
 
     left: IndexArray
     right: IndexArray
@@ -21,7 +24,7 @@ class Measured(NamedTuple):
 
 
 class Latencies:
-    """RTT between `size` rows, symmetric, microseconds, NaN where nothing is known.
+    """RTT between `size` rows, symmetric, microseconds: NaN where nothing is known, infinite where no probe was answered.
 
     `zone` is a code per row (0 = none), `estimate[p, a, b]` the estimate between two zones, p = 0 for p50 and 1 for p95.
     """
@@ -35,6 +38,7 @@ class Latencies:
         self._rows: dict[tuple[int, int], FloatArray] = {}
         self.group = _groups(zone)
         """Coarse zone of each row, 0 to at most MOST_GROUPS - 1."""
+        self._most: dict[int, float] = {}
         self._floors: dict[int, tuple[FloatArray, npt.NDArray[np.bool_]]] = {}
 
     def __repr__(self) -> str:
@@ -52,12 +56,16 @@ class Latencies:
         return found
 
     def most(self, which: int) -> float:
-        """No known round trip takes longer."""
-        known = self.estimate[which][~np.isnan(self.estimate[which])]
-        return float(max(known.max(initial=0.0), self.measured.us[which].max(initial=0.0)))
+        """No round trip that comes back is known to take longer."""
+        found = self._most.get(which)
+        if found is None:
+            estimate, measured = self.estimate[which], self.measured.us[which]
+            known = (estimate[np.isfinite(estimate)], measured[np.isfinite(measured)])
+            found = self._most[which] = float(max(times.max(initial=0.0) for times in known))
+        return found
 
     def floor(self, which: int) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
-        """Per pair of groups: no known pair of different rows is nearer; and whether some pair is not known."""
+        """Per pair of groups: no known pair of different rows is nearer (infinite: none is known to be in reach); and whether some pair is not known."""
         found = self._floors.get(which)
         if found is None:
             count = int(self.group.max(initial=0)) + 1

@@ -27,7 +27,7 @@ class Edge(NamedTuple):
     """Two pods (positions in the problem). `per_us` is the cost of a microsecond of RTT.
 
     A `hard` budget must hold; a soft one costs `penalty` when it is exceeded. An unknown RTT costs `unknown`, INF when it
-    is not allowed. `which` is 0 for p50 and 1 for p95.
+    is not allowed. An unreachable end (an infinite RTT) exceeds every budget. `which` is 0 for p50 and 1 for p95.
     """
 
     left: int
@@ -45,11 +45,14 @@ class Edge(NamedTuple):
         """Edges of one kind cost the same between the same nodes."""
         return tuple(self[2:])
 
-    def price(self, rtt_us: FloatArray) -> FloatArray:
-        """Cost of these RTTs."""
-        cost = self.per_us * rtt_us
-        over = rtt_us > self.budget_us
-        cost = np.where(over, INF, cost) if self.hard else cost + self.penalty * over
+    def price(self, rtt_us: FloatArray, *, most_us: float = 0.0) -> FloatArray:
+        """Cost of these RTTs. `most_us` is the longest there is: a soft budget's unreachable end costs more than that."""
+        lost = np.isinf(rtt_us)
+        over = (rtt_us > self.budget_us) | lost
+        if self.hard:
+            cost = np.where(over, INF, self.per_us * np.where(lost, 0.0, rtt_us))
+        else:
+            cost = self.per_us * np.where(lost, most_us, rtt_us) + self.penalty * over + self.penalty * lost
         return np.where(np.isnan(rtt_us), self.unknown, cost)
 
 
@@ -91,7 +94,7 @@ class Problem:
         found = self._prices.get((edge.kind, row))
         if found is None:
             if edge.relation is Relation.RTT:
-                found = edge.price(self.rtt.row(row, edge.which))
+                found = edge.price(self.rtt.row(row, edge.which), most_us=self.rtt.most(edge.which))
             else:
                 together = edge.relation is Relation.TOGETHER
                 found = np.full(self.rows, INF if together else 0.0)
@@ -143,4 +146,4 @@ def _most(problem: Problem) -> float:
 def _dearest(edge: Edge, rtt: Latencies) -> float:
     known = [rtt.most(edge.which), edge.budget_us] if edge.hard else [rtt.most(edge.which)]
     unknown = edge.unknown if edge.unknown < INF else 0.0
-    return max(edge.per_us * min(known) + (0.0 if edge.hard else edge.penalty), unknown)
+    return max(edge.per_us * min(known) + (0.0 if edge.hard else 2 * edge.penalty), unknown)

@@ -159,7 +159,7 @@ class Values:
         if edge.relation is Relation.TOGETHER:
             return np.where(common, 0.0, INF)
         lowest, doubt = self._problem.rtt.floor(edge.which)
-        cost = np.where(np.isinf(lowest), INF, edge.price(np.where(np.isinf(lowest), 0.0, lowest)))
+        cost = edge.price(lowest, most_us=self._problem.rtt.most(edge.which))
         cost = np.where(doubt, np.minimum(cost, edge.unknown), cost)
         return np.where(common, 0.0, cost)
 

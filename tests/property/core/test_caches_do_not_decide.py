@@ -60,14 +60,20 @@ STEPS = st.one_of(
     ),
     st.builds(lambda name: ("end", make_pod(name, node="n0")), st.sampled_from(("x", "y", "z", "mapper"))),
     st.builds(
-        lambda name, peers, device: (
+        lambda name, peers, lost, seq, device: (
             "telemetry",
             telemetry(
-                name, rtt_ms=peers, devices=[{"id": "can-can0", "type": "can", "interface": "can0"}] if device else []
+                name,
+                rtt_ms=peers,
+                lost=lost,
+                seq=seq,
+                devices=[{"id": "can-can0", "type": "can", "interface": "can0"}] if device else [],
             ),
         ),
         st.sampled_from(NAMES),
         st.dictionaries(st.sampled_from(NAMES), st.sampled_from((2.0, 20.0, 80.0, 200.0)), max_size=3),
+        st.lists(st.sampled_from(NAMES), max_size=1),
+        st.sampled_from((None, 1, 2)),
         st.booleans(),
     ),
     st.builds(lambda node: ("claim", device_claim(node, "can-can0", uid="stranger")), st.sampled_from(NAMES)),

@@ -5,7 +5,7 @@ from typing import Any
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.support.factories import component, make_app, telemetry
+from tests.support.factories import component, make_app, round_trips, telemetry
 
 from robotapp_api.claims.instances import Instance
 from robotapp_api.model.instance import InstanceStatus
@@ -61,7 +61,7 @@ def instances(draw: st.DrawFn, robot: str) -> InstanceFacts:
     return InstanceFacts(
         instance=Instance(robot, "amr-07" if robot else "", draw(st.sampled_from(["", "label one"])) if robot else ""),
         components=(draw(views("a")), draw(views("b"))),
-        edges=worst_first(edge_views(edges, placed=placed, robot_node="", telemetry=table)),
+        edges=worst_first(edge_views(edges, placed=placed, robot_node="", round_trips=round_trips(table))),
         domain=draw(st.none() | st.integers(0, 232)),
         needs_domain=draw(st.booleans()),
         devices_wanted=draw(st.integers(0, 3)),
@@ -188,7 +188,9 @@ def measured(*times_ms: float | None) -> list[EdgeView]:
         edge = {"topic": f"/t{number}", "from": "operator", "to": "driver", "latency": {"budget": "30ms"}}
         table = {} if time_ms is None else {"edge-1": telemetry("edge-1", amr=time_ms)}
         placed = {"operator": "edge-1", "driver": "amr"}
-        found += edge_views(make_app(edges=[edge]).spec.edges, placed=placed, robot_node="", telemetry=table)
+        found += edge_views(
+            make_app(edges=[edge]).spec.edges, placed=placed, robot_node="", round_trips=round_trips(table)
+        )
     return found
 
 

@@ -41,6 +41,17 @@ class TestInfo:
         assert "measured" in edge
         assert edge.count("█") + edge.count("#") == 7
 
+    def test_an_edge_out_of_reach_says_so_and_fills_the_bar(self, stage: Stage) -> None:
+        stage.add(ROBOTAPPS, robotapp(status=STATUS))
+        lost = {key: value for key, value in EDGE.items() if key != "p95"} | {"met": False}
+        free = {key: value for key, value in lost.items() if key not in ("budget", "met")} | {"topic": "/log"}
+        stage.add(INSTANCES, instance(**SEEN | {"edges": [lost, free]}))
+        lines = stage.text("info", "teleop", PYTHONIOENCODING="utf-8").splitlines()
+        (edge,) = [line for line in lines if "/cmd_vel" in line]
+        assert "unreachable/30 ms" in edge
+        assert "█" * 12 + "!" in edge
+        assert "unreachable, no budget" in next(line for line in lines if "/log" in line)
+
     def test_an_instance_without_a_robot_is_shown(self, stage: Stage) -> None:
         stage.add(ROBOTAPPS, robotapp(status=STATUS))
         stage.add(INSTANCES, instance("", **SEEN))

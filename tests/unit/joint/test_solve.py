@@ -91,6 +91,18 @@ def test_an_unknown_rtt_costs_what_it_says_and_a_soft_budget_its_penalty() -> No
     assert list(soft._replace(hard=True).price(np.array([10.0, 11.0]))) == [10.0, INF]
 
 
+def test_an_end_out_of_reach_breaks_a_hard_budget_and_costs_a_soft_one_more_than_any_time() -> None:
+    lost = np.array([np.inf, 50.0])
+    assert list(Edge(0, 1, per_us=1.0).price(lost, most_us=50.0)) == [INF, 50.0]
+    soft = Edge(0, 1, per_us=1.0, budget_us=10.0, hard=False, penalty=100.0)
+    assert list(soft.price(lost, most_us=50.0)) == [250.0, 150.0]
+    rtt = flat(2, {(0, 1): np.inf})
+    ends = [[0, INF], [INF, 0]]
+    assert solve(problem(ends, [Edge(0, 1)], rtt), Limits(), ticking).impossible
+    found = solve(problem(ends, [soft], rtt), Limits(), ticking)
+    assert (found.rows, found.cost) == ([0, 1], 200.0)
+
+
 def test_without_pods_or_rows_nothing_is_done() -> None:
     none = Problem(np.empty((0, 3)), np.empty((0, 1), np.int64), np.zeros((1, 3), np.int64), (), flat(3, {}))
     assert solve(none, Limits(), ticking) == Solution([], 0.0, 0.0, 0)

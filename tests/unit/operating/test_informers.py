@@ -4,7 +4,7 @@ from typing import Any
 
 import msgspec
 import pytest
-from tests.support.factories import app_body, domain_claim, make_app, make_node, make_pod, robots, telemetry
+from tests.support.factories import app_body, domain_claim, make_app, make_node, make_pod, robots
 
 from robotapp_api.claims.objects import Meta, Pool
 from robotapp_api.client import ApiClient, Change, Endpoint
@@ -13,7 +13,7 @@ from robotapp_operator.cache import Cache
 from robotapp_operator.informers import BACK_S, ORPHAN_S, Informers
 from robotapp_operator.keys import BACKGROUND, Work
 from robotapp_operator.plan.instance_object import AppInstance, wanted_object
-from robotapp_operator.plan.objects import Deployment, Pod, ReplicaSet, Telemetry
+from robotapp_operator.plan.objects import Deployment, Pod, ReplicaSet
 from robotapp_operator.queue import Key, Queue
 
 LABELS = {Label.APP_UID.value: "uid-1", Label.INSTANCE.value: "a"}
@@ -34,7 +34,9 @@ class World:
         self.queue = Queue(clock=lambda: self.now_s, jitter=lambda: 0.0, background=BACKGROUND)
         self.swept = 0
         client = ApiClient(Endpoint("http://localhost"), user_agent="test")
-        self.informers = Informers(client, self.cache, self.queue, namespaces=(), wake_sweep=self._wake)
+        self.informers = Informers(
+            client, self.cache, self.queue, namespaces=(), wake_sweep=self._wake, clock=lambda: self.now_s
+        )
 
     def _wake(self) -> None:
         self.swept += 1
@@ -253,55 +255,6 @@ def test_an_app_that_names_a_node_hears_of_nodes_that_come_and_go(world: World) 
     assert world.see("_node", None, make_node("n")) == {Key(Work.ROBOTS, "uid-2")}
 
 
-EDGE = {"topic": "/t", "from": "operator", "to": "driver"}
-
-
-def test_new_round_trip_times_concern_instances_with_both_ends_there(world: World) -> None:
-    world.cache.update_app(app_body(generation=2, edges=[EDGE]))
-    assert world.see("_telemetry", None, telemetry("edge-1", amr=3)) == set()
-    for name, node, instance in (("p", "edge-1", "a"), ("q", "amr", "a"), ("r", "edge-1", "b"), ("s", "other", "b")):
-        labels = {Label.APP_UID.value: "uid-1", Label.INSTANCE.value: instance}
-        world.cache.pods.put("uid-1", name, make_pod(name, node=node, metadata={"labels": labels}))
-    before, after = telemetry("edge-1", amr=3, other=4), telemetry("edge-1", amr=5, other=4)
-    version = world.cache.version_of("uid-1", "a"), world.cache.version_of("uid-1", "b")
-    assert world.see("_telemetry", before, after) == OBSERVED
-    assert world.cache.version_of("uid-1", "a") > version[0]
-    assert world.cache.version_of("uid-1", "b") == version[1]
-    assert world.see("_telemetry", after, after) == set()
-    assert world.see("_telemetry", telemetry("amr"), telemetry("amr", edge_1=3)) == OBSERVED
-    assert world.see("_telemetry", telemetry("amr", edge_1=3), None) == OBSERVED
-
-
-def test_the_robot_itself_is_an_end(world: World) -> None:
-    world.cache.update_app(app_body(generation=2, edges=[EDGE | {"to": "@robot"}], robots=EACH))
-    world.cache.nodes["amr"] = make_node("amr", robot="a")
-    world.see("_pod", None, pod("edge-1"))
-    assert world.see("_telemetry", None, telemetry("edge-1", amr=3)) == OBSERVED
-    assert world.see("_telemetry", None, telemetry("amr", edge_1=3)) == OBSERVED
-
-
-def test_apps_without_edges_do_not_mind_round_trip_times(world: World) -> None:
-    world.see("_pod", None, pod("edge-1"))
-    assert world.see("_telemetry", None, telemetry("edge-1", edge_1=3)) == set()
-
-
-def test_a_device_that_comes_or_goes_concerns_every_app_that_wants_one(world: World) -> None:
-    wanting = {"name": "a", "image": "x", "devices": [{"name": "bus", "type": "can"}]}
-    world.cache.update_app(app_body(uid="uid-2", components=[wanting]))
-    bare = telemetry("edge-1")
-    fitted = msgspec.convert(
-        {"metadata": {"name": "edge-1"}, "status": {"devices": [{"id": "can0", "type": "can"}]}}, Telemetry
-    )
-    found, versions = Key(Work.STATUS, "uid-2"), {world.cache.devices_version}
-    assert world.see("_telemetry", bare, fitted) == {found}
-    versions.add(world.cache.devices_version)
-    assert world.see("_telemetry", fitted, fitted) == set()
-    versions.add(world.cache.devices_version)
-    assert world.see("_telemetry", fitted, None) == {found}
-    versions.add(world.cache.devices_version)
-    assert len(versions) == 3
-
-
 # RobotAppInstances
 
 
@@ -393,7 +346,7 @@ def test_served_namespaces_have_watches_of_their_own() -> None:
     queue = Queue(clock=lambda: 0.0, jitter=lambda: 0.0)
 
     def count(*namespaces: str) -> int:
-        found = Informers(client, Cache(), queue, namespaces=namespaces, wake_sweep=lambda: None)
+        found = Informers(client, Cache(), queue, namespaces=namespaces, wake_sweep=lambda: None, clock=lambda: 0.0)
         return len(found.reflectors)
 
     assert count("a", "b") - count("a") == count() - 4

@@ -266,8 +266,8 @@ async def test_a_status_is_never_written_over_what_was_not_seen(world: World) ->
     assert (await world.stored())[0]["status"]["phase"] == "Pending"
 
 
-async def measured(world: World, uid: str, ms: float) -> None:
-    world.cache.telemetry["edge-1"] = telemetry("edge-1", amr=ms)
+async def measured(world: World, uid: str, ms: float | None) -> None:
+    world.cache.put_telemetry(telemetry("edge-1", amr=ms), now_s=0.0)
     world.cache.touch(uid, "")
     await world.settle(uid)
 
@@ -294,6 +294,24 @@ async def test_figures_that_another_operator_published_are_taken_over_not_fought
     await measured(world, uid, 20)
     (item,) = await world.stored()
     assert item["status"]["edges"][0]["p95"] == "20ms"
+
+
+async def test_a_dead_link_is_stored_so_that_a_restart_alone_writes_nothing(world: World) -> None:
+    edge = {"topic": "/t", "from": "operator", "to": "driver", "latency": {"budget": "90ms"}}
+    uid = await world.app(edges=[edge])
+    place(world.cache, uid, operator="edge-1", driver="amr")
+    world.memory.of(uid).outcomes[""] = REFUSED
+    await measured(world, uid, None)
+    (item,) = await world.stored()
+    (stored,) = item["status"]["edges"]
+    assert (stored["measured"], stored["met"], stored.get("p95")) == (True, False, None)
+    before = world.writes()
+    await world.mirror()
+    world.memory.forget(uid)
+    world.memory.of(uid).outcomes[""] = REFUSED
+    world.now_s += QUIET_S
+    await measured(world, uid, None)
+    assert world.writes() == before
 
 
 async def test_after_a_start_a_refusal_that_was_not_asked_about_yet_stands(world: World) -> None:

@@ -246,7 +246,7 @@ async def test_newer_figures_of_another_operator_stand(world: World) -> None:
     for ms in (40, 50, 60):
         # An instance of a large fleet may publish at any time; here the only one does.
         mine.instance("").rest.figures_s = float("-inf")
-        world.cache.telemetry["edge-1"] = telemetry("edge-1", amr=ms)
+        world.cache.put_telemetry(telemetry("edge-1", amr=ms), now_s=0.0)
         world.cache.touch(uid, "")
         world.now_s += 5
         await world.reporter.report(uid)

@@ -206,6 +206,33 @@ async def test_agents_are_asked_for_the_pairs_in_use_and_no_longer_when_they_are
     assert (await world.client.get(NODETELEMETRIES, "edge-1"))["spec"]["probe"] == []
 
 
+async def test_a_node_owns_its_telemetry_and_a_node_that_came_back_owns_it_anew(world: World) -> None:
+    stored = await world.client.create(NODETELEMETRIES, {"metadata": {"name": "n-r"}})
+    world.cache.telemetry["n-r"] = msgspec.convert(stored, Telemetry)
+    probes = Probes(world.client, world.cache)
+    await probes.publish()
+    for uid in ("first", "second"):
+        world.cache.nodes["n-r"] = make_node("n-r", robot="r", uid=uid)
+        await probes.publish()
+        found = await world.client.get(NODETELEMETRIES, "n-r")
+        (owner,) = found["metadata"]["ownerReferences"]
+        assert (owner["kind"], owner["name"], owner["uid"]) == ("Node", "n-r", uid)
+        world.cache.telemetry["n-r"] = msgspec.convert(found, Telemetry)
+    before = world.writes()
+    await probes.publish()
+    assert world.writes() == before
+
+
+async def test_an_owner_stays_while_its_node_is_not_in_the_cache(world: World) -> None:
+    owner = {"apiVersion": "v1", "kind": "Node", "name": "edge-1", "uid": "u"}
+    body = {"metadata": {"name": "edge-1", "ownerReferences": [owner]}, "spec": {"probe": ["gone"]}}
+    stored = await world.client.create(NODETELEMETRIES, body)
+    world.cache.telemetry["edge-1"] = msgspec.convert(stored, Telemetry)
+    await Probes(world.client, world.cache).publish()
+    found = await world.client.get(NODETELEMETRIES, "edge-1")
+    assert (found["spec"]["probe"], found["metadata"]["ownerReferences"]) == ([], [owner])
+
+
 async def test_the_robot_is_its_primary_node_and_none_while_that_is_unclear(world: World) -> None:
     robot = {"nodeSelector": {"matchLabels": {"robotics.io/robot": "r"}}}
     world.cache.update_app(app_body(edges=[{"topic": "/t", "from": "operator", "to": "@robot"}], robots=robot))

@@ -3,7 +3,7 @@
 import dataclasses
 import random
 
-from tests.support.factories import make_app, telemetry
+from tests.support.factories import make_app, round_trips, telemetry
 
 from robotapp_api.claims.instances import Instance
 from robotapp_operator.plan.app_figures import Shown, steady
@@ -20,7 +20,7 @@ UP = ComponentView(name="driver", replicas=1, ready=True, exists=True, bound=Tru
 def instance(name: str, ms: float | None, *, node: str = "amr") -> InstanceFacts:
     table = {} if ms is None else {"edge-1": telemetry("edge-1", **{node: ms})}
     placed = {"operator": "edge-1", "driver": node}
-    edges = worst_first(edge_views(APP.spec.edges, placed=placed, robot_node="", telemetry=table))
+    edges = worst_first(edge_views(APP.spec.edges, placed=placed, robot_node="", round_trips=round_trips(table)))
     return InstanceFacts(instance=Instance(name, node), components=(UP,), edges=edges, domain=7)
 
 

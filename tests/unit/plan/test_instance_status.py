@@ -5,12 +5,13 @@ from collections.abc import Mapping
 from typing import Any
 
 import pytest
-from tests.support.factories import make_app, telemetry
+from tests.support.factories import make_app, round_trips, telemetry
 from tests.support.largest import largest_status
 
 from robotapp_api.claims.instances import Instance
 from robotapp_api.model.instance import InstanceStatus
 from robotapp_api.model.names import Condition, Phase, Reason
+from robotapp_api.values.round_trips import RoundTrips
 from robotapp_operator.plan.app import Problem
 from robotapp_operator.plan.components import ComponentView
 from robotapp_operator.plan.facts import AppFacts, InstanceFacts, of_instance
@@ -34,7 +35,9 @@ def instance(*components: ComponentView, **fields: Any) -> InstanceFacts:
 def edges(p95_ms: float = 18) -> tuple[EdgeView, ...]:
     placed = {"operator": "edge-1", "driver": "amr"}
     table = {"edge-1": telemetry("edge-1", amr=p95_ms)}
-    return worst_first(edge_views(make_app(edges=[EDGE]).spec.edges, placed=placed, robot_node="", telemetry=table))
+    return worst_first(
+        edge_views(make_app(edges=[EDGE]).spec.edges, placed=placed, robot_node="", round_trips=round_trips(table))
+    )
 
 
 def status_of(
@@ -177,7 +180,7 @@ def test_edges_of_an_ordinary_size_are_all_shown_up_to_64() -> None:
     listed = [EDGE | {"topic": f"/t{number}"} for number in range(100)]
     app = make_app(edges=listed)
     views = worst_first(
-        edge_views(app.spec.edges, placed={"operator": "a", "driver": "b"}, robot_node="", telemetry={})
+        edge_views(app.spec.edges, placed={"operator": "a", "driver": "b"}, robot_node="", round_trips=RoundTrips())
     )
     status = status_of(instance(edges=views))
     assert len(status["edges"]) == 64

@@ -1,10 +1,10 @@
 """Edges against their budgets."""
 
+import math
 import random
 from itertools import pairwise
 
-import msgspec
-from tests.support.factories import make_app, telemetry
+from tests.support.factories import make_app, round_trips, telemetry
 
 from robotapp_operator.plan.latency import (
     MOST_US,
@@ -13,11 +13,9 @@ from robotapp_operator.plan.latency import (
     Rest,
     edge_views,
     publish,
-    round_trip_us,
     shown_ms,
     worst_first,
 )
-from robotapp_operator.plan.objects import Telemetry
 
 EDGES = [
     {"topic": "/cmd_vel", "from": "operator", "to": "driver", "latency": {"budget": "30ms"}},
@@ -29,27 +27,30 @@ TELEMETRY = {"edge-1": telemetry("edge-1", amr_07=12), "amr-07": telemetry("amr-
 
 def views(**placed: str) -> tuple[EdgeView, ...]:
     app = make_app(edges=EDGES)
-    return worst_first(edge_views(app.spec.edges, placed=placed, robot_node="", telemetry=TELEMETRY))
+    return worst_first(edge_views(app.spec.edges, placed=placed, robot_node="", round_trips=round_trips(TELEMETRY)))
 
 
 def test_the_worse_direction_counts() -> None:
-    assert round_trip_us("edge-1", "amr-07", TELEMETRY) == round_trip_us("amr-07", "edge-1", TELEMETRY) == 15_000
+    (view,) = (view for view in views(operator="edge-1", driver="amr-07") if view.edge.topic == "/cmd_vel")
+    assert view.p95_us == 15_000
 
 
 def test_an_unmeasured_pair_is_unknown_not_zero() -> None:
-    assert round_trip_us("edge-1", "elsewhere", TELEMETRY) is None
+    assert all(view.p95_us is None and not view.measured for view in views(operator="edge-1", driver="elsewhere"))
 
 
-def test_a_pair_of_which_no_probe_came_back_is_unknown_not_zero() -> None:
-    lost = msgspec.convert({"metadata": {"name": "edge-1"}, "status": {"rtt": [{"peer": "amr-07"}]}}, Telemetry)
-    assert round_trip_us("edge-1", "amr-07", {"edge-1": lost}) is None
+def test_a_pair_of_which_no_probe_came_back_exceeds_every_budget() -> None:
+    lost = seen(None, lost=True, budget="999999h")
+    assert (lost.p95_us, lost.met, lost.measured) == (math.inf, False, True)
+    assert shown_ms(lost.p95_us or 0) == "unreachable"
+    assert worst_first([seen(21), lost, seen(None)])[0] is lost
 
 
 def test_a_budget_of_the_median_is_judged_by_the_median() -> None:
     edge = {"topic": "/t", "from": "operator", "to": "driver", "latency": {"budget": "10ms", "percentile": 50}}
     app = make_app(edges=[edge])
     placed = {"operator": "edge-1", "driver": "amr-07"}
-    (view,) = edge_views(app.spec.edges, placed=placed, robot_node="", telemetry=TELEMETRY)
+    (view,) = edge_views(app.spec.edges, placed=placed, robot_node="", round_trips=round_trips(TELEMETRY))
     assert (view.judged_us, view.p95_us, view.met) == (7_500, 15_000, True)
 
 
@@ -72,17 +73,24 @@ def test_an_unplaced_end_leaves_the_verdict_open() -> None:
 
 def test_the_robot_itself_can_be_an_end() -> None:
     app = make_app(edges=[{"topic": "/t", "from": "operator", "to": "@robot", "latency": {"budget": "20ms"}}])
-    (view,) = edge_views(app.spec.edges, placed={"operator": "edge-1"}, robot_node="amr-07", telemetry=TELEMETRY)
+    (view,) = edge_views(
+        app.spec.edges, placed={"operator": "edge-1"}, robot_node="amr-07", round_trips=round_trips(TELEMETRY)
+    )
     assert view.nodes == ("edge-1", "amr-07")
     assert view.met is True
 
 
-def seen(ms: float | None, *, budget: str = "20ms", driver: str = "amr-07", topic: str = "/t") -> EdgeView:
-    """One edge whose ends are `ms` apart."""
+def seen(
+    ms: float | None, *, budget: str = "20ms", driver: str = "amr-07", topic: str = "/t", lost: bool = False
+) -> EdgeView:
+    """One edge whose ends are `ms` apart, or out of each other's reach."""
     edge = {"topic": topic, "from": "operator", "to": "driver", "latency": {"budget": budget}}
-    table = {} if ms is None else {"edge-1": telemetry("edge-1", **{driver.replace("-", "_"): ms})}
+    known = ms is not None or lost
+    table = {"edge-1": telemetry("edge-1", **{driver.replace("-", "_"): ms})} if known else {}
     placed = {"operator": "edge-1", "driver": driver}
-    (view,) = edge_views(make_app(edges=[edge]).spec.edges, placed=placed, robot_node="", telemetry=table)
+    (view,) = edge_views(
+        make_app(edges=[edge]).spec.edges, placed=placed, robot_node="", round_trips=round_trips(table)
+    )
     return view
 
 
@@ -130,6 +138,13 @@ def test_another_verdict_is_shown_at_once_but_not_back_and_forth() -> None:
     assert board.show(60, seen(5)) == [5]
     assert board.show(61, seen(21)) == [5]
     assert board.again_s == 120
+
+
+def test_a_link_that_dies_is_shown_at_once_and_one_that_comes_back_too() -> None:
+    board = Board()
+    board.show(0, seen(10))
+    assert board.show(1, seen(None, lost=True)) == [math.inf]
+    assert board.show(61, seen(10)) == [10]
 
 
 def test_another_budget_is_judged_at_once() -> None:

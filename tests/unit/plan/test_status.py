@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import pytest
-from tests.support.factories import component, make_app, telemetry
+from tests.support.factories import component, make_app, round_trips, telemetry
 
 from robotapp_api.claims.instances import Instance
 from robotapp_api.model.names import Condition, Phase, Reason
@@ -46,11 +46,11 @@ def message(status: Mapping[str, Any], kind: Condition) -> str:
     return str(found)
 
 
-def edges(*, p95_ms: float | None = 18, budget: str = "30ms") -> tuple[EdgeView, ...]:
+def edges(*, p95_ms: float | None = 18, budget: str = "30ms", lost: bool = False) -> tuple[EdgeView, ...]:
     app = make_app(edges=[EDGE | {"latency": {"budget": budget}}])
-    table = {"edge-1": telemetry("edge-1", amr=p95_ms)} if p95_ms is not None else {}
+    table = {"edge-1": telemetry("edge-1", amr=p95_ms)} if p95_ms is not None or lost else {}
     placed = {"operator": "edge-1", "driver": "amr"}
-    return worst_first(edge_views(app.spec.edges, placed=placed, robot_node="", telemetry=table))
+    return worst_first(edge_views(app.spec.edges, placed=placed, robot_node="", round_trips=round_trips(table)))
 
 
 def test_all_is_well() -> None:
@@ -209,6 +209,20 @@ def test_a_budget_that_is_exceeded_names_the_worst_edge() -> None:
     assert condition(status, Condition.BUDGET_MET) == ("False", Reason.BUDGET_EXCEEDED)
     assert "/cmd_vel operator -> driver 61ms of 30ms" in message(status, Condition.BUDGET_MET)
     assert status["summary"]["budget"] == "61/30ms"
+
+
+def test_no_message_recommends_a_move_that_is_not_built() -> None:
+    status = status_of(instance(edges=edges(p95_ms=61)))
+    assert "reschedule" not in str(status)
+    assert message(status, Condition.BUDGET_MET).endswith("move a component closer, or raise the budget")
+
+
+def test_a_link_that_answers_no_probe_exceeds_the_budget_and_the_message_names_both_nodes() -> None:
+    status = status_of(instance(edges=edges(p95_ms=None, lost=True)))
+    assert condition(status, Condition.BUDGET_MET) == ("False", Reason.BUDGET_EXCEEDED)
+    assert "/cmd_vel operator -> driver unreachable of 30ms" in message(status, Condition.BUDGET_MET)
+    assert "probes between edge-1 and amr get no answer" in message(status, Condition.BUDGET_MET)
+    assert status["summary"]["budget"] == "unreachable/30ms"
 
 
 def test_an_unmeasured_budget_is_unknown() -> None:

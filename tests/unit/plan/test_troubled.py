@@ -5,7 +5,7 @@ from typing import Any
 
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.support.factories import make_app, telemetry
+from tests.support.factories import make_app, round_trips, telemetry
 
 from robotapp_api.claims.instances import Instance
 from robotapp_api.model.names import Reason
@@ -31,7 +31,9 @@ def over_budget() -> Any:
     edge = {"topic": "/t", "from": "operator", "to": "driver", "latency": {"budget": "30ms"}}
     placed = {"operator": "edge-1", "driver": "amr"}
     table = {"edge-1": telemetry("edge-1", amr=99)}
-    return worst_first(edge_views(make_app(edges=[edge]).spec.edges, placed=placed, robot_node="", telemetry=table))
+    return worst_first(
+        edge_views(make_app(edges=[edge]).spec.edges, placed=placed, robot_node="", round_trips=round_trips(table))
+    )
 
 
 def named(*instances: InstanceFacts, **facts: Any) -> list[tuple[str, str]]:

@@ -89,6 +89,47 @@ def test_nodes_beyond_the_budget_are_refused_with_their_distance() -> None:
     assert verdict.reasons[int(verdict.codes[4])] == ("node(s) exceeded the latency budget",)
 
 
+def out_of_reach() -> Cluster:
+    """As `line(10)`, with a third node that gets no answer from the robot."""
+    cluster = make_cluster(make_node("robot"), make_node("n0"), make_node("cut-off"))
+    cluster.apply_telemetry(telemetry("robot", rtt_ms={"n0": 10}, lost=["cut-off"]))
+    return cluster
+
+
+@pytest.mark.parametrize("budget_ms", [None, 30, 3_600_000_000_000])
+def test_a_node_that_gets_no_answer_is_beyond_every_budget_whatever_the_configuration_allows(
+    budget_ms: float | None,
+) -> None:
+    info = pod(endpoints=(near_robot(budget_ms),))
+    for plugin in (latency(), latency(unknown="Allow", maxLatency="99999h"), latency(outlierFactor=1000)):
+        verdict = plugin.filter(info, Nodes(out_of_reach()))
+        assert mask(verdict) == [True, True, False]
+        assert isinstance(verdict, Verdict)
+        assert verdict.codes is not None
+        assert verdict.reasons[int(verdict.codes[2])] == ("node(s) got no answer from the other end of a connection",)
+        assert verdict.detail is not None
+        assert np.isnan(verdict.detail).all(), "an infinite number is no number to show"
+
+
+def test_an_end_with_a_second_node_that_is_near_or_not_known_is_not_out_of_reach() -> None:
+    cluster = out_of_reach()
+    cluster.apply_node(make_node("robot-gpu"))
+    info = pod(endpoints=(Endpoint("robot", ("robot", "robot-gpu"), 30_000),))
+    assert mask(latency().filter(info, Nodes(cluster))) == [True] * 4
+    cluster.apply_telemetry(telemetry("cut-off", rtt_ms={"robot-gpu": 1}))
+    assert mask(latency(unknown="Deny").filter(info, Nodes(cluster))) == [True] * 4
+
+
+def test_an_end_out_of_reach_scores_below_every_known_and_unknown_one() -> None:
+    cluster = out_of_reach()
+    cluster.apply_node(make_node("dark"))
+    info = pod(endpoints=(near_robot(40, required=False),), deadline_us=40_000)
+    assert scores(LatencyScore().score(info, Nodes(cluster))) == [100, 75, 0, 50]
+    assert scores(DeadlineScore().score(info, Nodes(cluster))) == [100, 75, 0, 50]
+    by_others = LatencyScore(LatencyScoreArgs(normalize="MinMax")).score(info, Nodes(cluster))
+    assert scores(by_others) == [0, -10_000, -80_000, -10_000]
+
+
 def test_a_connection_without_a_budget_is_held_to_max_latency() -> None:
     info = pod(endpoints=(near_robot(),))
     assert mask(latency().filter(info, Nodes(line(99, 101)))) == [True, True, False]

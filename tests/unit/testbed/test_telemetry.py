@@ -23,6 +23,7 @@ class RecordingApi:
         self.rounds = 0
         self.probe: list[str] = []
         self.exists = False
+        self.gone: set[str] = set()
         self.down = threading.Event()
 
     def get(self, path: str) -> Any:
@@ -30,7 +31,7 @@ class RecordingApi:
         self.rounds += 1
         if self.down.is_set():
             raise ConnectionRefusedError("down")
-        return {"items": [{"metadata": {"name": "robot-1"}, "spec": {"probe": self.probe}}]}
+        return {"items": [{"metadata": {"name": "robot-1", "uid": "u-1"}, "spec": {"probe": self.probe}}]}
 
     def create(self, path: str, obj: Mapping[str, Any]) -> None:
         if self.exists:
@@ -38,6 +39,9 @@ class RecordingApi:
         self.created.append(obj)
 
     def patch(self, path: str, obj: Mapping[str, Any]) -> None:
+        if path.split("/")[-2] in self.gone:
+            self.gone.discard(path.split("/")[-2])
+            raise ApiStatusError("PATCH", path, 404, "not found")
         self.written[path.split("/")[-2]] = obj["status"]
 
     def each(self, action: Callable[[Any], object], items: Iterable[Any]) -> None:
@@ -53,6 +57,19 @@ class FakePlane:
 def telemetry(world: Topology, *, interval_s: int | None = None) -> tuple[SimulatedTelemetry, RecordingApi]:
     plane = FakePlane()
     return SimulatedTelemetry(cast(ControlPlane, plane), world, interval_s=interval_s), plane.api
+
+
+def test_the_node_owns_its_telemetry_and_one_that_came_back_gets_a_new_object() -> None:
+    writer, api = telemetry(fleet())
+    with writer:
+        owners = {obj["metadata"]["name"]: obj["metadata"]["ownerReferences"] for obj in api.created}
+        owner = {"apiVersion": "v1", "kind": "Node", "name": "robot-1", "uid": "u-1"}
+        assert owners["robot-1"] == [owner]
+        assert owners["edge-1"] == [], "a node that is not there owns nothing"
+        api.gone = {"robot-1", "edge-1"}
+        api.created.clear()
+        writer.write("robot-1", "edge-1")
+    assert [obj["metadata"]["name"] for obj in api.created] == ["robot-1"]
 
 
 def test_every_object_is_labelled_as_simulated_and_fits_the_model() -> None:

@@ -18,7 +18,8 @@ DRAINING: Final = "node(s) were shutting down gracefully"
 TOO_FAR: Final = "node(s) exceeded the latency budget"
 UNKNOWN: Final = "node(s) had no latency measurement"
 OUTLIER: Final = "node(s) were latency outliers"
-_PASS, _DRAINING, _TOO_FAR, _UNKNOWN, _OUTLIER = range(-1, 4)
+UNREACHABLE: Final = "node(s) got no answer from the other end of a connection"
+_PASS, _DRAINING, _TOO_FAR, _UNKNOWN, _OUTLIER, _UNREACHABLE = range(-1, 5)
 
 
 class LatencyFilterArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
@@ -69,19 +70,21 @@ class LatencyFilter:
             if endpoint.required:
                 self._judge(nodes, endpoint, codes, detail)
         mask = np.equal(codes, _PASS)
-        reasons = ((DRAINING,), (TOO_FAR,), (UNKNOWN,), (OUTLIER,))
+        reasons = ((DRAINING,), (TOO_FAR,), (UNKNOWN,), (OUTLIER,), (UNREACHABLE,))
         return Verdict(mask, np.maximum(codes, 0), reasons, detail=detail, detail_unit="ms")
 
     def _judge(self, nodes: Nodes, endpoint: Endpoint, codes: IntArray, detail: FloatArray) -> None:
         rtt_us = nearest_us(nodes, endpoint)
         budget_us = self.most_us if endpoint.budget_us is None else endpoint.budget_us
-        far = rtt_us > budget_us  # NaN is never greater: unknown is judged below
+        lost = np.isinf(rtt_us)
+        self._mark(codes, lost, _UNREACHABLE)
+        far = (rtt_us > budget_us) & ~lost  # NaN is never greater: unknown is judged below
         np.fmax(detail, rtt_us / 1000.0, out=detail, where=far)
         self._mark(codes, far, _TOO_FAR)
         if self.deny_unknown:
             self._mark(codes, np.isnan(rtt_us), _UNKNOWN)
         if self._outlier_factor > 0.0:
-            known = rtt_us[~np.isnan(rtt_us) & nodes.valid]
+            known = rtt_us[np.isfinite(rtt_us) & nodes.valid]
             if len(known):
                 self._mark(codes, rtt_us > self._outlier_factor * float(np.median(known)), _OUTLIER)
 

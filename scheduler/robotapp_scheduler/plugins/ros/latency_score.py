@@ -54,10 +54,12 @@ class LatencyScore:
 
 
 def _nearness(nodes: Nodes, ends: list[Endpoint]) -> FloatArray:
-    """Minus the worst RTT; an unknown one counts like the slowest known."""
+    """Minus the worst RTT. An unknown one counts like the slowest known, an unreachable one like twice that, or twice the budget."""
     worst = np.zeros(nodes.n)
     for end in ends:
         rtt_us = nearest_us(nodes, end)
-        slowest = float(np.nanmax(rtt_us)) if not np.isnan(rtt_us).all() else 0.0
-        worst = np.maximum(worst, np.where(np.isnan(rtt_us), slowest, rtt_us))
+        slowest = float(rtt_us[np.isfinite(rtt_us)].max(initial=0.0))
+        lost = 2.0 * max(slowest, float(end.budget_us or 0))
+        known = np.where(np.isnan(rtt_us), slowest, np.where(np.isinf(rtt_us), lost, rtt_us))
+        worst = np.maximum(worst, known)
     return -worst

@@ -8,10 +8,13 @@ from robotapp_scheduler.core.view import Nodes
 
 
 def nearest_us(nodes: Nodes, endpoint: Endpoint, percentile: int | None = None) -> FloatArray:
-    """RTT from the nearest node of the endpoint to every row, microseconds, NaN where unknown."""
+    """RTT from the nearest node of the endpoint to every row, microseconds, NaN where unknown, infinite where unreachable."""
     wanted = endpoint.percentile if percentile is None else percentile
     rows = [nodes.rtt_from(name, wanted).rtt_us for name in endpoint.nodes]
     result = rows[0]
     for row in rows[1:]:
         result = np.fmin(result, row)  # fmin ignores NaN: a known way counts
+    lost = np.isinf(result)
+    if len(rows) > 1 and lost.any():  # a node of which nothing is known may be in reach
+        result = np.where(lost & np.any([np.isnan(row) for row in rows], axis=0), np.nan, result)
     return result
