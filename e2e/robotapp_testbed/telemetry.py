@@ -3,6 +3,7 @@
 import threading
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from math import isinf
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
@@ -68,6 +69,7 @@ class SimulatedTelemetry:
         self._heart.stop()
 
     def set_rtt(self, one: str, other: str, value_ms: float) -> None:
+        """Infinite: no probe between the two is answered."""
         self._topology.set_rtt(one, other, value_ms)
         self.write(one, other)
 
@@ -150,8 +152,11 @@ class SimulatedTelemetry:
         return list(dict.fromkeys(wanted))[:PEER_LIMIT]
 
     def _rtt_status(self, name: str, peer: str) -> dict[str, Any]:
-        value_us = round(self._topology.rtt_ms(name, peer) * 1000)
-        return {"peer": peer, "p50Us": value_us, "p95Us": value_us, "lossPPM": 0, "seq": self._agents[name].sequence}
+        value_ms, seq = self._topology.rtt_ms(name, peer), self._agents[name].sequence
+        if isinf(value_ms):
+            return {"peer": peer, "lossPPM": 1_000_000, "seq": seq}
+        value_us = round(value_ms * 1000)
+        return {"peer": peer, "p50Us": value_us, "p95Us": value_us, "lossPPM": 0, "seq": seq}
 
     def _device(self, node: str, device_id: str) -> Device:
         devices = self._topology.node(node).devices

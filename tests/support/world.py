@@ -25,7 +25,7 @@ class World:
     """Everything is the test's own and gone afterwards, so that tests can share one control plane.
 
     `pools` are ids by pool name, with a quarantine of one second; the sweep runs every second. `operator_flags` and
-    `scheduler_flags` are for the two processes. Not `tidy`: the control plane is thrown away afterwards, so apps are left as they are.
+    `scheduler_flags` are for the two processes, `telemetry_s` is the heartbeat of the simulated agents. Not `tidy`: the control plane is thrown away afterwards, so apps are left as they are.
     """
 
     def __init__(
@@ -36,6 +36,7 @@ class World:
         pools: Mapping[str, str] | None = None,
         operator_flags: Mapping[str, object] | None = None,
         scheduler_flags: Mapping[str, object] | None = None,
+        telemetry_s: int | None = None,
         tidy: bool = True,
     ) -> None:
         self.cp = cp
@@ -45,6 +46,7 @@ class World:
         self._pools = dict(pools or {})
         self._operator_flags = {"sweep_seconds": 1, **(operator_flags or {})}
         self._scheduler_flags = {"sweep_seconds": 1, **(scheduler_flags or {})}
+        self._telemetry_s = telemetry_s
         self._tidy = tidy
         self._closing = ExitStack()
 
@@ -55,7 +57,7 @@ class World:
                 self.cp.api.create(f"{APIS}/domainpools", _pool(name, ids))
             stack.callback(topology.remove, self.cp, self.nodes)
             topology.apply(self.cp, self.nodes)
-            self.telemetry = stack.enter_context(SimulatedTelemetry(self.cp, self.nodes))
+            self.telemetry = stack.enter_context(SimulatedTelemetry(self.cp, self.nodes, interval_s=self._telemetry_s))
             stack.enter_context(created(self.cp, self.namespace))
             self.watch = stack.enter_context(AppWatch(self.cp.kubeconfig(), self.namespace))
             self._forget_leases()

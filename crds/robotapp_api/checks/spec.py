@@ -1,6 +1,6 @@
 """Checks of a whole spec that the API server cannot make: what is wrong, most basic first, and what has no effect yet."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from robotapp_api.checks.components import component_notes, component_problems
 from robotapp_api.checks.edges import edge_problems
@@ -12,6 +12,7 @@ from robotapp_api.model.distros import DISTROS, nearest
 from robotapp_api.model.names import ROBOT_END, Reason
 from robotapp_api.model.placement import Fallback
 from robotapp_api.model.robotapp import RobotAppSpec
+from robotapp_api.values.neighbours import NOBODY, Neighbours, Part, neighbours
 
 
 def spec_problems(spec: RobotAppSpec) -> Iterator[Problem]:
@@ -156,22 +157,22 @@ def _unknown_names(spec: RobotAppSpec) -> Iterator[Problem]:
 
 
 def _contradictions(spec: RobotAppSpec) -> Iterator[Problem]:
-    """ColocateWith is transitive, so A with B and B with C forbids A separate from C."""
-    group = {component.name: component.name for component in spec.components}
-
-    def find(name: str) -> str:
-        while group[name] != name:
-            name = group[name]
-        return name
-
-    for component in spec.components:
-        for name in component.colocate_with:
-            if name in group:
-                group[find(name)] = find(component.name)
+    """Sharing a node is transitive: A with B and B with C forbids A separate from C."""
+    found = neighbours_of(spec)
     for index, component in enumerate(spec.components):
         for name in component.separate_from:
-            if name in group and find(name) == find(component.name):
+            if name in found.get(component.name, NOBODY).together:
                 yield invalid(
                     f"spec.components[{index}].separateFrom",
-                    f"{component.name} must be apart from {name}, but colocateWith ties both to one node; remove one of the two",
+                    f"{component.name} must be apart from {name}, but colocateWith or sharedData.with ties both to one node; remove one of the names",
                 )
+
+
+def neighbours_of(spec: RobotAppSpec) -> Mapping[str, Neighbours]:
+    """Which components share a node, and which must not."""
+    return neighbours(
+        Part(
+            each.name, (*each.colocate_with, *(each.shared_data.with_ if each.shared_data else ())), each.separate_from
+        )
+        for each in spec.components
+    )

@@ -19,6 +19,10 @@ MAX_BRIEF_BYTES: Final = 256
 """Bytes of a message of a RobotAppInstance, of which there may be thousands."""
 
 
+NOT_HANDED_OVER: Final = " reserved, but not handed over: no node gives devices to containers yet"
+"""True of every node until one runs a driver that does."""
+
+
 class Verdict(NamedTuple):
     """Status True, False or Unknown with its reason and a sentence."""
 
@@ -112,7 +116,7 @@ def _all_allocated(facts: AppFacts) -> Verdict:
         text = f"nothing has to be claimed: {free}" if free else "the app needs neither a domain nor devices"
         return Verdict("True", Reason.NOTHING_TO_ALLOCATE, text)
     parts = [f"domain {shown(domains)}"] if domains else []
-    parts += [f"{held} of {wanted} devices"] if wanted else []
+    parts += [f"{held} of {wanted} devices{NOT_HANDED_OVER if held else ''}"] if wanted else []
     parts += [free] if free else []
     asked = facts.app.requested_domain
     if asked is not None and facts.app.share_with and domains != [asked]:

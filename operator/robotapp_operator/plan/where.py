@@ -3,10 +3,12 @@
 from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
+from robotapp_api.checks.spec import neighbours_of
 from robotapp_api.model.component import Component
 from robotapp_api.model.names import HARDWARE_PREFIX, Label
 from robotapp_api.values import tiers
 from robotapp_api.values.duration import parse_us
+from robotapp_api.values.neighbours import NOBODY
 from robotapp_api.values.selector import matches_labels
 from robotapp_api.values.tiers import KEEP, ROBOT
 from robotapp_operator.plan.children import component_labels, selector
@@ -76,7 +78,7 @@ def disconnect_tolerations(seconds: int | None) -> list[dict[str, Any]]:
 def affinity(component: Component, wish: Wish) -> dict[str, Any]:
     """Affinity of the component's pods, {} when nothing is required.
 
-    Our scheduler reads devices, requirements, colocateWith and separateFrom from the RobotApp and explains refusals in
+    Our scheduler reads devices, requirements, colocateWith, sharedData.with and separateFrom from the RobotApp and explains refusals in
     their words; only other schedulers get them as labels and pod affinity.
     """
     result: dict[str, Any] = {}
@@ -146,6 +148,7 @@ def _neighbours(component: Component, wish: Wish) -> tuple[list[dict[str, Any]],
     """Pod affinity towards components earlier in the list: two pods that each wait for the other would never start."""
     together: list[dict[str, Any]] = []
     apart: list[dict[str, Any]] = []
+    own = neighbours_of(wish.app.spec).get(component.name, NOBODY)
     for other in wish.app.spec.components:
         if other.name == component.name:
             break
@@ -153,8 +156,8 @@ def _neighbours(component: Component, wish: Wish) -> tuple[list[dict[str, Any]],
             "topologyKey": Label.HOSTNAME.value,
             "labelSelector": {"matchLabels": selector(component_labels(wish, other.name))},
         }
-        if other.name in component.colocate_with or component.name in other.colocate_with:
+        if other.name in own.together:
             together.append(term)
-        if other.name in component.separate_from or component.name in other.separate_from:
+        if other.name in own.apart:
             apart.append(term)
     return together, apart

@@ -9,6 +9,7 @@ from typing import Final, NamedTuple
 
 from robotapp_api.model.names import ROBOT_END
 from robotapp_api.values.duration import parse_us
+from robotapp_api.values.neighbours import NOBODY, Neighbours, Part, neighbours
 from robotapp_api.values.tiers import ROBOT
 from robotapp_scheduler.core.objects import Owned, Pod
 from robotapp_scheduler.core.pods import Member, member_of
@@ -33,12 +34,16 @@ class Link(NamedTuple):
 
 
 class App(NamedTuple):
-    """A RobotApp with its edges turned into links per component; `problems` are values that cannot be read."""
+    """A RobotApp with its edges turned into links per component; `problems` are values that cannot be read.
+
+    `neighbours`: who shares a node with whom and who must not, of components with such rules.
+    """
 
     source: RobotApp
     components: dict[str, Component]
     links: dict[str, tuple[Link, ...]]
     problems: tuple[str, ...]
+    neighbours: Mapping[str, Neighbours]
 
     @property
     def uid(self) -> str:
@@ -80,7 +85,17 @@ def read_app(source: RobotApp) -> App:
         components={component.name: component for component in source.spec.components},
         links={name: tuple(found) for name, found in links.items()},
         problems=tuple(problems),
+        neighbours=neighbours(
+            Part(each.name, (*each.colocate_with, *each.shared_data.with_), each.separate_from)
+            for each in source.spec.components
+        ),
     )
+
+
+def on_one_node(app: App, component: str) -> bool:
+    """Must all pods of the component be on one node? So it is where a partner has one pod only."""
+    partners = app.neighbours.get(component, NOBODY).together
+    return bool(partners) and any(app.components[name].replicas == 1 for name in (component, *partners))
 
 
 def _link(edge: Edge, peer: str, budget_us: int | None) -> Link:
@@ -181,6 +196,14 @@ class AppIndex:
             instance.pop(member.component, None)
         if not instance:
             self._replicas.pop((member.app_uid, member.instance), None)
+
+    def partners(self, member: Member | None) -> frozenset[str]:
+        """Uids of the pods a pod must share its node with, wherever they are; its own may be among them."""
+        app = self._apps.get(member.app_uid) if member is not None else None
+        if app is None or member is None:
+            return frozenset()
+        names = app.neighbours.get(member.component, NOBODY).together
+        return frozenset(found.pod.metadata.uid for name in names for found in self.replicas(member, name))
 
     def replicas(self, member: Member, component: str) -> list[Replica]:
         """Live pods of a component of the same instance that truly belong to the app."""

@@ -11,7 +11,8 @@ from typing import Final, NamedTuple, Protocol
 import numpy as np
 
 from robotapp_api.values.duration import parse_us
-from robotapp_scheduler.core.apps import App
+from robotapp_api.values.neighbours import NOBODY
+from robotapp_scheduler.core.apps import App, on_one_node
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.columns import FloatArray, IntArray
 from robotapp_scheduler.core.engine import Engine
@@ -113,10 +114,7 @@ def _edges(core: Scores, app: App, pods: Sequence[PodInfo]) -> list[Edge]:
         for right in of.get(connection.to, ())
         if left != right
     ]
-    for name, component in app.components.items():
-        for i in of.get(name, ()):
-            found += _bound(i, component, of)
-    return [*found, *_ports(pods)]
+    return [*found, *_together(app, of), *_apart(app, of), *_ports(pods)]
 
 
 class _Rules:
@@ -159,16 +157,28 @@ def _us(text: str) -> float:
     return float(parse_us(text))
 
 
-def _bound(pod: int, component: Component, of: Mapping[str, Sequence[int]]) -> list[Edge]:
-    """Components that share a node with it, or must not. Of a replicated one any pod will do: left to the check."""
+def _together(app: App, of: Mapping[str, Sequence[int]]) -> list[Edge]:
+    """Pods that share a node, each bound to one pod of a partner. Where every partner is replicated it is left to the check."""
     found = []
-    for name in dict.fromkeys((*component.colocate_with, *component.shared_data.with_)):
-        peers = of.get(name, ())
-        if len(peers) == 1 and peers[0] != pod:
-            found.append(Edge(pod, peers[0], Relation.TOGETHER))
-    for name in dict.fromkeys(component.separate_from):
-        found += [Edge(pod, peer, Relation.APART) for peer in of.get(name, ()) if peer != pod]
+    for name, pods in of.items():
+        single = (name, *app.neighbours.get(name, NOBODY).together)
+        anchor = min((of[each][0] for each in single if len(of.get(each, ())) == 1), default=None)
+        if anchor is not None and on_one_node(app, name):
+            found += [Edge(anchor, pod, Relation.TOGETHER) for pod in pods if pod != anchor]
     return found
+
+
+def _apart(app: App, of: Mapping[str, Sequence[int]]) -> list[Edge]:
+    """Pods of components that must not share a node, as declared; what follows from it holds by those that share one."""
+    pairs = {
+        (min(i, j), max(i, j))
+        for name, component in app.components.items()
+        for other in component.separate_from
+        for i in of.get(name, ())
+        for j in of.get(other, ())
+        if i != j
+    }
+    return [Edge(i, j, Relation.APART) for i, j in sorted(pairs)]
 
 
 def _ports(pods: Sequence[PodInfo]) -> list[Edge]:

@@ -133,7 +133,7 @@ class Refusals:
             evaluation=evaluation,
             outside=outside,
             offset=pod_hash(pod.uid, self._seed),
-            spared=self._spared,
+            spared=self._spared | self._cluster.apps.partners(pod.member),
             remembered=lambda key: self._engine.remembered(pod, key),
         )
         for loaded in self._engine.profile.post_filters:

@@ -5,7 +5,8 @@ from typing import Final, Protocol
 from robotapp_api.claims.device import GPU, claimed
 from robotapp_api.model.names import ROBOT_END, Label
 from robotapp_api.values.duration import parse_us
-from robotapp_scheduler.core.apps import App, AppIndex, Link, tied
+from robotapp_api.values.neighbours import NOBODY
+from robotapp_scheduler.core.apps import App, AppIndex, Link, on_one_node, tied
 from robotapp_scheduler.core.pods import Member, PlacedPod, PodInfo
 from robotapp_scheduler.core.robotics import Component
 from robotapp_scheduler.core.ros import (
@@ -87,10 +88,10 @@ def _of_app(pod: PodInfo, member: Member, app: App, component: Component, around
         holder=DeviceHolder(app.uid, pod.namespace, member.instance, member.component, pod.uid) if wishes else None,
         tiers=component.runs_on if len(component.runs_on) > 1 else (),
         together=(
-            *_component_peers(member, (*component.colocate_with, *shared.with_), around),
+            *_partners(pod, member, app, around),
             *_named_peers(pod, shared.peer_pods, around),
         ),
-        apart=_apart(member, app, component, around),
+        apart=_apart(member, app, around),
         volume_claims=shared.claim_names,
     )
 
@@ -131,23 +132,28 @@ def _end(link: Link, nodes: tuple[str, ...], budget_us: int | None, *, required:
     return Endpoint(what=what, nodes=nodes, budget_us=budget_us, percentile=link.percentile, required=required)
 
 
-def _component_peers(member: Member, names: tuple[str, ...], around: Surroundings) -> tuple[PeerGroup, ...]:
-    return tuple(
-        PeerGroup(what=f"component {name}", nodes=_nodes_of(member, (name,), around)) for name in dict.fromkeys(names)
-    )
+def _partners(pod: PodInfo, member: Member, app: App, around: Surroundings) -> tuple[PeerGroup, ...]:
+    """Components it must share a node with, whichever of them declares it; one that is planned later by where it may still go."""
+    found = []
+    for name in app.neighbours.get(member.component, NOBODY).together:
+        nodes = _nodes_of(member, (name,), around) or tuple(sorted(around.apps.expected(member, name)))
+        found.append(PeerGroup(what=f"component {name}", nodes=nodes))
+    if app.components[member.component].replicas > 1 and on_one_node(app, member.component):
+        own = {each.node for each in around.apps.replicas(member, member.component) if each.pod.metadata.uid != pod.uid}
+        found.append(PeerGroup(what=f"component {member.component}", nodes=tuple(sorted(own - {""}))))
+    return tuple(found)
 
 
-def _apart(member: Member, app: App, component: Component, around: Surroundings) -> tuple[str, ...]:
-    """Nodes of components it must not share one with, whichever of the two says so.
+def _apart(member: Member, app: App, around: Surroundings) -> tuple[str, ...]:
+    """Nodes of components it must not share one with, whichever of the two declares it.
 
     A peer that is placed later counts where it cannot help going: who comes first must leave that node to it.
     """
-    names = dict.fromkeys(component.separate_from)
-    names |= dict.fromkeys(other.name for other in app.components.values() if component.name in other.separate_from)
-    nodes = set(_nodes_of(member, tuple(names), around))
+    names = app.neighbours.get(member.component, NOBODY).apart
+    nodes = set(_nodes_of(member, names, around))
     for name in names:
-        peer = app.components.get(name)
-        if peer is not None and not _nodes_of(member, (name,), around):
+        peer = app.components[name]
+        if not _nodes_of(member, (name,), around):
             places = around.robot_nodes(member.instance) if tied(peer) else around.apps.expected(member, name)
             nodes.update(places if len(places) == 1 else ())
     return tuple(sorted(nodes))

@@ -36,6 +36,31 @@ def test_an_app_waits_until_all_its_components_have_pods(installed_plane: Contro
         wait_placed(stage, "driver", "operator")
 
 
+def test_a_component_that_is_named_in_colocate_with_does_not_start_apart_when_its_node_is_cordoned(
+    installed_plane: ControlPlane, stage: Stage
+) -> None:
+    """The rule held from the declaring side alone: cordon, delete the other pod, and both ran apart."""
+    with nodes(installed_plane, edge("pair-1"), edge("pair-2")):
+        app = stage.create_app("pair", [component("camera", colocateWith=["driver"]), component("driver")])
+        for name in ("camera", "driver"):
+            stage.create_deployment(deployment(app, name))
+        wait_placed(stage, "camera", "driver")
+        home = node_of(stage, "camera")
+        assert node_of(stage, "driver") == home
+        installed_plane.api.patch(f"/api/v1/nodes/{home}", {"spec": {"unschedulable": True}})
+        (old,) = component_pods(stage, "driver")
+        stage.delete_pod(old["metadata"]["name"])
+
+        def successor() -> str:
+            names = {item["metadata"]["name"] for item in component_pods(stage, "driver")}
+            return next(iter(names - {old["metadata"]["name"]}), "")
+
+        name = stage.wait(successor, what=lambda: "no successor")
+        stage.wait_refused(name, reason="Unschedulable", saying="shared-data peers")
+        installed_plane.api.patch(f"/api/v1/nodes/{home}", {"spec": {"unschedulable": False}})
+        assert stage.wait_bound(name) == home
+
+
 def test_a_pod_that_only_wears_the_labels_of_an_app_is_not_bound(installed_plane: ControlPlane, stage: Stage) -> None:
     with nodes(installed_plane, edge("edge-1")):
         app = stage.create_app("teleop", [component("driver")])

@@ -175,6 +175,26 @@ def test_the_problem_holds_what_binds_the_pods() -> None:
     assert named["cd", Relation.RTT].budget_us == 100_000.0
 
 
+def test_the_problem_binds_a_whole_group_though_its_middle_runs_already() -> None:
+    core = field()
+    components = (
+        {"name": "a", "colocateWith": ["b"]},
+        {"name": "b"},
+        {"name": "c", "sharedData": {"with": ["b"]}},
+        {"name": "d"},
+    )
+    teleop(core, *components, edges=[edge("a", "d"), edge("c", "d")])
+    for name in "abcd":
+        arrive(core, member_pod(name, cpu="100m"))
+    posed = core.pose([each for each in core.queue.pop() if each.info.uid[-1] != "b"])
+    assert posed is not None
+    order = [uid[-1] for uid in posed.uids]
+    bound = [
+        "".join(sorted(order[e.left] + order[e.right])) for e in posed.problem.edges if e.relation is Relation.TOGETHER
+    ]
+    assert bound == ["ac"]
+
+
 def tiered(room: int) -> tuple[SchedulerCore, list[QueuedPod]]:
     """Four components of a chain that all prefer the edge, where `room` of them fit, to the big robot, where all would score."""
     core = make_core(

@@ -2,7 +2,7 @@
 
 import msgspec
 import pytest
-from tests.support.scheduling import make_core, make_info, make_node, make_pod, pod_json
+from tests.support.scheduling import app_object, chain, make_core, make_info, make_node, make_pod, member_pod, pod_json
 
 from robotapp_scheduler.core.budgets import DisruptionBudget
 from robotapp_scheduler.core.cycle import SchedulerCore
@@ -42,6 +42,22 @@ def test_a_place_is_found_and_the_message_says_where_and_how_many_go() -> None:
     assert decision.nominate == "n0"
     assert decision.plan is not None
     assert [victim.name for victim in decision.plan.victims] == ["old0"]
+
+
+def test_a_pod_never_drives_out_the_one_it_must_share_its_node_with_whichever_declares_it() -> None:
+    """The partner would have no place beside it afterwards, and the pair would stay broken."""
+    core = make_core(make_node("n0", cpu="2"), make_node("n1", cpu="8"))
+    core.cluster.apply_app(app_object({"name": "camera", "colocateWith": ["driver"]}, {"name": "driver"}))
+    for owned in (*chain("camera"), *chain("driver")):
+        core.cluster.apply_owner(owned)
+    core.cluster.apply_pod(member_pod("camera", node="n0", cpu="1"))
+    core.cluster.apply_pod(make_pod("old", node="n0", cpu="1", priority=5))
+    driver = member_pod("driver", cpu="1", priority=10)
+    core.cluster.apply_pod(driver)
+    decision = core.schedule_one(PodInfo(driver))
+    assert decision.plan is not None
+    assert [victim.name for victim in decision.plan.victims] == ["old"]
+    assert decision.nominate == "n0", "there is room on n1, but the camera is not there"
 
 
 def test_a_polite_pod_preempts_nobody_and_keeps_its_nomination() -> None:

@@ -189,6 +189,37 @@ def test_peers_to_join_and_to_avoid_are_resolved_to_nodes() -> None:
     assert found.apart == ("cloud",)
 
 
+def beside(cluster: Cluster, component: str) -> dict[str, tuple[str, ...]]:
+    return {group.what.removeprefix("component "): group.nodes for group in context(cluster, component).together}
+
+
+def test_who_is_named_in_colocate_with_is_bound_to_its_node_too() -> None:
+    """The attack: cordon the node, delete the pod that declares nothing; it must not start elsewhere."""
+    for field in ({"colocateWith": ["driver"]}, {"sharedData": {"with": ["driver"]}}):
+        cluster = app_cluster({"name": "camera", **field}, {"name": "driver"})
+        cluster.apply_pod(member_pod("camera", instance="amr", node="robot"))
+        assert beside(cluster, "driver") == {"camera": ("robot",)}
+
+
+def test_sharing_a_node_reaches_over_a_component_that_is_not_placed_yet() -> None:
+    cluster = app_cluster(
+        {"name": "a", "colocateWith": ["b"]}, {"name": "b"}, {"name": "c", "colocateWith": ["b"]},
+        {"name": "d", "separateFrom": ["b"]},
+    )  # fmt: skip
+    cluster.apply_pod(member_pod("a", instance="amr", node="edge"))
+    assert beside(cluster, "c") == {"a": ("edge",), "b": ()}
+    assert context(cluster, "d").apart == ("edge",), "b has to go there"
+    cluster.apps.expect({Member("app-1", "amr", "b"): ("edge", "cloud")})
+    assert beside(cluster, "c") == {"a": ("edge",), "b": ("cloud", "edge")}
+
+
+def test_all_replicas_go_where_a_partner_of_one_replica_is() -> None:
+    cluster = app_cluster({"name": "one", "colocateWith": ["two"]}, {"name": "two", "replicas": 2})
+    cluster.apply_pod(member_pod("two", instance="amr", uid="first", node="edge"))
+    assert beside(cluster, "two") == {"one": (), "two": ("edge",)}
+    assert beside(cluster, "one") == {"two": ("edge",)}
+
+
 def test_components_keep_apart_whichever_of_the_two_asks_for_it_and_whichever_comes_first() -> None:
     cluster = app_cluster(
         {"name": "console", "separateFrom": ["driver", "arm"]}, {"name": "driver", "runsOn": ["Robot"]}, {"name": "arm"},

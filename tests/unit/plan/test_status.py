@@ -161,6 +161,13 @@ def test_where_another_scheduler_is_the_operators_setting_ours_is_to_be_written(
     assert "write spec.schedulerName: ros-aware-scheduler" in message(status, Condition.ALLOCATED)
 
 
+def test_reserved_devices_that_no_node_hands_over_are_said_to_be_so() -> None:
+    status = status_of(instance(UP, devices_wanted=2, devices_held=2))
+    assert condition(status, Condition.ALLOCATED) == ("True", Reason.ALLOCATED)
+    text = "domain 7; 2 of 2 devices reserved, but not handed over: no node gives devices to containers yet"
+    assert message(status, Condition.ALLOCATED) == text
+
+
 def test_a_suspended_app_keeps_its_domain_and_waits_for_no_device() -> None:
     idle = dataclasses.replace(WAITING, replicas=0)
     status = status_of(instance(idle, devices_wanted=2), app={"suspend": True})

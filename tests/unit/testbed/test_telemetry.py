@@ -72,6 +72,14 @@ def test_the_node_owns_its_telemetry_and_one_that_came_back_gets_a_new_object() 
     assert [obj["metadata"]["name"] for obj in api.created] == ["robot-1"]
 
 
+def test_an_infinite_round_trip_is_one_that_no_probe_came_back_from() -> None:
+    writer, api = telemetry(fleet())
+    with writer:
+        writer.set_rtt("robot-1", "edge-1", float("inf"))
+    (entry,) = (entry for entry in api.written["edge-1"]["rtt"] if entry["peer"] == "robot-1")
+    assert (entry["lossPPM"], "p50Us" in entry, "p95Us" in entry) == (1_000_000, False, False)
+
+
 def test_every_object_is_labelled_as_simulated_and_fits_the_model() -> None:
     writer, api = telemetry(fleet(devices={"robot-1": [CAN]}))
     with writer:
