@@ -181,7 +181,7 @@ def edge_rows(edges: list[Json]) -> Iterator[list[str]]:
         budget, p95 = milliseconds(edge.get("budget")), milliseconds(edge.get("p95"))
         lost = bool(edge.get("measured")) and p95 is None
         share = float("inf") if lost else p95 / budget if p95 is not None and budget else None
-        known = "measured" if edge.get("measured") else "unknown"
+        known = "measured" if edge.get("measured") else "estimated" if edge.get("estimated") else "unknown"
         time = "unreachable" if lost else short_ms(p95)
         same = len(set(edge.get("nodes") or [])) == 1 and len(edge.get("nodes") or []) == 2
         yield [

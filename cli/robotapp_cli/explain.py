@@ -12,7 +12,7 @@ from robotapp_cli.failures import CliError, Exit
 from robotapp_cli.fields import Json, condition, label, meta, status
 from robotapp_cli.instances import Instance, chosen, in_full, instances_of
 from robotapp_cli.output import Column, Output, blank_line, console, print_table, write_structured
-from robotapp_cli.reasons import budgets, hardware, refusals
+from robotapp_cli.reasons import budgets, hardware, refusals, with_estimates
 from robotapp_cli.scheduler_link import Link, connect
 from robotapp_cli.session import Session
 
@@ -111,16 +111,19 @@ async def _instance(app: Json, pods: list[Json], *, instance: Instance, question
     nodes = {name: found[0]["spec"].get("nodeName", "") for name, found in own.items()}
     messages = {item["name"]: item.get("message", "") for item in instance.components}
     rows: list[Row] = []
+    records: dict[str, Json] = {}
     for name in _components(app, own, question):
         peers = budgets(app, name, instance=instance.name, nodes=nodes)
         for pod in own.get(name, []):
             record = await link.fetch(meta(pod)["namespace"], meta(pod)["name"])
+            if record:
+                records[name] = record
             reasons = refusals(record, peers, wanted=hardware(app, name)) if record else []
             rows.append(_row(name, pod, record, reasons))
         if name not in own:
             rows.append(Row(name, reasons=[messages.get(name) or _why_none(app, instance)]))
     edges = [edge for edge in instance.edges if question.component in (None, edge["from"], edge["to"])]
-    return InstanceView(instance.name, instance.domain, rows, edges)
+    return InstanceView(instance.name, instance.domain, rows, with_estimates(edges, records))
 
 
 def _why_none(app: Json, instance: Instance) -> str:

@@ -49,6 +49,25 @@ def _component(app: Json, name: str) -> Json:
     return next((item for item in app["spec"]["components"] if item["name"] == name), {})
 
 
+def with_estimates(edges: list[Json], records: Mapping[str, Json]) -> list[Json]:
+    """The edges of a status; what it does not know is filled in with what the scheduler estimated. `records`: by component."""
+    return [_estimated(edge, records) for edge in edges]
+
+
+def _estimated(edge: Json, records: Mapping[str, Json]) -> Json:
+    if edge.get("measured") or edge.get("p95"):
+        return edge
+    kind = str(edge.get("kind", "Topic"))
+    topic = edge["topic"] if kind == "Topic" else f"{kind.lower()} {edge['topic']}"
+    for own, peer in ((edge["from"], edge["to"]), (edge["to"], edge["from"])):
+        record = records.get(own) or {}
+        for found in record.get("edges") or []:
+            here = {record.get("node"), found.get("peerNode")} == set(edge.get("nodes") or [])
+            if here and found.get("source") == "estimated" and found.get("what") == f"{topic} to {peer}":
+                return edge | {"p95": f"{found['rttMs']:.3f}ms", "estimated": True}
+    return edge
+
+
 def refusals(record: Json, peers: tuple[Peer, ...], *, wanted: str = "") -> list[str]:
     """One line per refused node where there is a number, one per reason otherwise; `wanted` is the hardware asked for."""
     stated = tuple(

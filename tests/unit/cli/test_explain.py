@@ -87,6 +87,23 @@ def test_each_component_has_its_node_and_the_refused_ones_with_reasons(placed: S
     assert "!" in text, "an edge beyond its budget is marked"
 
 
+def test_an_edge_nobody_measured_shows_the_schedulers_estimate_as_what_it_is(stage: Stage) -> None:
+    unknown = {key: value for key, value in OBSERVED.items() if key != "p95"}
+    stage.add(ROBOTAPPS, robotapp(edges=[EDGE]))
+    stage.add(INSTANCES, instance(**SEEN | {"edges": [unknown]}))
+    stage.add("/pods", pod("panel-1", "panel", node="edge-1"))
+    guess = RECORD["edges"][0] | {"source": "estimated", "rttMs": 21.5}
+    for peer, shown in (("amr-07", "21.5/30 ms"), ("elsewhere", "?/30 ms")):
+        stage.scheduler.records = {"panel-1": RECORD | {"edges": [guess | {"peerNode": peer}]}}
+        (edge,) = [
+            line
+            for line in stage.text("explain", "teleop", "--scheduler-url", stage.scheduler.url).splitlines()
+            if "/cmd_vel" in line
+        ]
+        assert shown in edge
+        assert edge.endswith("estimated" if peer == "amr-07" else "unknown")
+
+
 def test_how_the_pods_were_planned_together_is_said_once(placed: Stage) -> None:
     why = "planned as one of 2 pods of its group; no plan is better"
     for name, record in placed.scheduler.records.items():
