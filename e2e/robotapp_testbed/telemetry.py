@@ -131,10 +131,14 @@ class SimulatedTelemetry:
 
     def _begin_again(self, name: str, status: Mapping[str, Any]) -> None:
         """The object went with its node: a node that came back has an agent again."""
-        uid = node_uids(self._cp).get(name)
-        if uid:
-            self._create(name, uid)
-            self._cp.api.patch(f"{PATH}/{name}/status", {"status": status})
+        try:
+            uid = self._cp.api.get(f"{_NODES}/{name}")["metadata"]["uid"]
+        except ApiStatusError as error:
+            if error.status != 404:
+                raise
+            return
+        self._create(name, uid)
+        self._cp.api.patch(f"{PATH}/{name}/status", {"status": status})
 
     def _probes(self) -> Mapping[str, list[str]]:
         items = self._cp.api.get(PATH)["items"]

@@ -27,7 +27,10 @@ class RecordingApi:
         self.down = threading.Event()
 
     def get(self, path: str) -> Any:
-        del path
+        if path.startswith("/api/v1/nodes/"):
+            if path.endswith("robot-1"):
+                return {"metadata": {"name": "robot-1", "uid": "u-2"}}
+            raise ApiStatusError("GET", path, 404, "not found")
         self.rounds += 1
         if self.down.is_set():
             raise ConnectionRefusedError("down")
@@ -70,6 +73,7 @@ def test_the_node_owns_its_telemetry_and_one_that_came_back_gets_a_new_object() 
         api.created.clear()
         writer.write("robot-1", "edge-1")
     assert [obj["metadata"]["name"] for obj in api.created] == ["robot-1"]
+    assert api.created[0]["metadata"]["ownerReferences"][0]["uid"] == "u-2"
 
 
 def test_an_infinite_round_trip_is_one_that_no_probe_came_back_from() -> None:
