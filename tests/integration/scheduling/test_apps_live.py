@@ -56,7 +56,7 @@ def test_a_component_that_is_named_in_colocate_with_does_not_start_apart_when_it
             return next(iter(names - {old["metadata"]["name"]}), "")
 
         name = stage.wait(successor, what=lambda: "no successor")
-        stage.wait_refused(name, reason="Unschedulable", saying="shared-data peers")
+        stage.wait_refused(name, reason="Unschedulable", saying="must share its node with")
         installed_plane.api.patch(f"/api/v1/nodes/{home}", {"spec": {"unschedulable": False}})
         assert stage.wait_bound(name) == home
 

@@ -254,7 +254,7 @@ def test_a_pod_joins_its_placed_peers_and_keeps_away_from_others() -> None:
     assert verdict.codes is not None
     assert [verdict.reasons[int(code)][0] for code in verdict.codes[1:]] == [
         "node(s) ran a component the pod must be separate from",
-        "node(s) didn't run the pod's shared-data peers",
+        "node(s) didn't run a pod that this one must share its node with",
     ]
 
 

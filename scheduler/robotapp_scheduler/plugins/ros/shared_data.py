@@ -9,7 +9,7 @@ from robotapp_scheduler.core.framework import Code, FilterResult, PreFilter, Sta
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.view import Nodes
 
-NOT_BESIDE: Final = "node(s) didn't run the pod's shared-data peers"
+NOT_BESIDE: Final = "node(s) didn't run a pod that this one must share its node with"
 NOT_APART: Final = "node(s) ran a component the pod must be separate from"
 
 
