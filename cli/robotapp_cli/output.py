@@ -20,7 +20,7 @@ _GAP: Final = 3
 _NARROWEST: Final = 24
 """Columns of text are not folded narrower than this: one word a line is no help."""
 _STYLES: Final = {
-    **dict.fromkeys(("True", "Running", "yes", "Bound"), "green"),
+    **dict.fromkeys(("True", "Running", "yes", "Reserved"), "green"),
     **dict.fromkeys(("False", "Failed", "Degraded", "Offline", "no"), "red"),
     **dict.fromkeys(("Pending", "Placing", "Unknown", "Draining", "Parked", "Stopping", "Suspended"), "yellow"),
 }

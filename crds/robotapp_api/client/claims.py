@@ -84,11 +84,7 @@ async def _own_at(client: Api, request: DomainRequest, pool: Pool, node: str) ->
 
 
 async def _ensure_once(
-    client: Api,
-    request: DomainRequest,
-    *,
-    deployments: Sequence[Deployment] | None,
-    shared_uses: Mapping[int, int],
+    client: Api, request: DomainRequest, *, deployments: Sequence[Deployment] | None, shared_uses: Mapping[int, int]
 ) -> DomainOutcome:
     holder = request.holder
     app = await find_app(client, (holder.namespace, holder.name))

@@ -21,7 +21,7 @@ from robotapp_api.model.scalars import (
 
 Scope = Literal["Cluster", "Zone", "Node"]
 MAX_NODES: Final = 1000
-PhaseName = Literal["Reserved", "Bound", "Draining", "Parked"]
+PhaseName = Literal["Reserved", "Draining", "Parked"]
 
 
 class DomainThing(Model):
@@ -103,7 +103,7 @@ class ClaimStatus(Observed):
     STORED: ClassVar = frozenset({"phase"})
 
     phase: PhaseName = "Reserved"
-    """Reserved for its holder, Bound to a running pod, Draining before it is free, or Parked: its pods are gone from the
+    """Reserved for its holder, whether or not its pods run, Draining before it is free, or Parked: its pods are gone from the
     API server, but a node of `nodes` that is out of sight may still run them."""
     attempt: Generation = 0
     """Times the holder adopted the claim; raised so that stale writers lose."""

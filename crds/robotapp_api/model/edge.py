@@ -134,7 +134,7 @@ class Edge(Model):
     qos: Qos | None = None
     """Quality of service offered by `from`."""
     requested_qos: Qos | None = None
-    """Quality of service asked by `to`; pairs that DDS would refuse are refused here."""
+    """Quality of service asked by `to`; where `qos` is written as well, pairs that DDS would refuse are refused here."""
     latency: EdgeLatency | None = None
     """Latency budget of the edge."""
     bandwidth: Quantity | None = None

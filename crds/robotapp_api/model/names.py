@@ -196,7 +196,6 @@ class ClaimPhase(StrEnum):
     """RobotClaim status.phase."""
 
     RESERVED = "Reserved"
-    BOUND = "Bound"
     DRAINING = "Draining"
     PARKED = "Parked"
 

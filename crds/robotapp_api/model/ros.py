@@ -27,7 +27,7 @@ class Discovery(Model):
     """How participants of the domain find each other."""
 
     mode: DiscoveryMode = "Auto"
-    """Auto chooses Server for Fast DDS, Peers for Cyclone DDS and Router for Zenoh. Multicast needs a network plug-in
+    """Auto chooses Server for Fast DDS, Peers for Cyclone DDS and Router for Zenoh, and nothing for an app of one pod. Multicast needs a network plug-in
     that carries it; Localhost keeps everything inside the pod."""
     image: OptionalImage = ""
     """Image of the discovery server or router; empty means the operator's default for the distribution."""

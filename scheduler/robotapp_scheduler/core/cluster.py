@@ -39,10 +39,7 @@ WITH_TERMS: Final = {each: each | Change.TERMS for each in (Change.POD_ADDED, Ch
 
 
 class Cluster:
-    """Nodes, placed pods of any scheduler, apps, claims and telemetry.
-
-    `clock` is monotonic seconds; it only ages telemetry and plugin-owned columns.
-    """
+    """Nodes, placed pods of any scheduler, apps, claims and telemetry. `clock` (monotonic seconds) ages telemetry and columns of plugins."""
 
     def __init__(self, *, clock: Callable[[], float]) -> None:
         self.nodes = NodeTable()

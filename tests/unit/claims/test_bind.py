@@ -10,7 +10,7 @@ from robotapp_api.model.names import PodReason
     ("claim", "allowed"),
     [
         (domain_claim(7), True),
-        (domain_claim(7, phase="Bound"), True),
+        (domain_claim(7, phase="Reserved"), True),
         (domain_claim(7, phase="Draining"), False),
         (domain_claim(8), False),
         (domain_claim(7, app_holder("app-2")), False),

@@ -17,7 +17,7 @@ def test_nothing_used_wanted_or_unseen_is_ever_deleted_and_nothing_skips_a_phase
 ) -> None:
     wanted, used, rested, unseen = flags
     decision = release_domain(phase=phase, wanted=wanted, used=used, rested=rested, unseen=unseen)
-    standing = phase in {ClaimPhase.RESERVED, ClaimPhase.BOUND}
+    standing = phase is ClaimPhase.RESERVED
     if wanted or used:
         assert decision is (Release.KEEP if standing else Release.RESTORE)
     elif unseen:

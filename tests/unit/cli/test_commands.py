@@ -10,7 +10,7 @@ from tests.support.cli import ROBOTAPPS, STATUS, SUMMARY, UID, Stage, robotapp
 from robotapp_api.claims.identity import device_label
 
 
-def claim(name: str, *, namespace: str = "fleet", phase: str = "Bound", **thing: Any) -> dict[str, Any]:
+def claim(name: str, *, namespace: str = "fleet", phase: str = "Reserved", **thing: Any) -> dict[str, Any]:
     holder = {
         "apiVersion": "robotics.io/v1alpha1",
         "kind": "RobotApp",
@@ -80,7 +80,7 @@ class TestDomains:
         lines = stage.text("domains").splitlines()
         assert lines[1].split() == ["default", "Cluster", "2/119", "1", "1-101,215-232"]
         assert [line.split()[:5] for line in lines[4:]] == [
-            ["7", "default", "fleet/teleop", "amr-07", "Bound"],
+            ["7", "default", "fleet/teleop", "amr-07", "Reserved"],
             ["12", "default", "b/teleop", "amr-07", "Draining"],
         ]
         assert [item["metadata"]["name"] for item in stage.data("domains", "-n", "b")["claims"]] == ["dds.default.c.12"]
@@ -102,8 +102,8 @@ class TestDevices:
         )
         rows = [line.split() for line in stage.text("devices").splitlines()[1:]]
         assert rows[0] == ["amr-07", "cam", "usb", "no", "free"]
-        assert rows[1] == ["amr-07", "can-can0", "can", "can0", "yes", "fleet/teleop", "amr-07", "driver", "Bound"]
-        assert rows[2] == ["gone", "lidar", "usb", "unknown", "b/teleop", "amr-07", "driver", "Bound"]
+        assert rows[1] == ["amr-07", "can-can0", "can", "can0", "yes", "fleet/teleop", "amr-07", "driver", "Reserved"]
+        assert rows[2] == ["gone", "lidar", "usb", "unknown", "b/teleop", "amr-07", "driver", "Reserved"]
         assert [row["device"] for row in stage.data("devices", "-n", "fleet")["devices"]] == ["cam", "can-can0"]
 
     def test_columns_that_say_nothing_are_left_out_of_the_narrow_form(self, stage: Stage) -> None:

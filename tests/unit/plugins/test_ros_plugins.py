@@ -21,7 +21,6 @@ from robotapp_scheduler.plugins.ros.load_balance import LoadBalanceArgs, LoadBal
 from robotapp_scheduler.plugins.ros.queue_sort import ROSQueueSort, ROSQueueSortArgs
 from robotapp_scheduler.plugins.ros.reserve import ROSReserve
 from robotapp_scheduler.plugins.ros.shared_data import SharedDataFilter
-from robotapp_scheduler.plugins.ros.tenants import AllowedNamespaces
 from robotapp_scheduler.plugins.ros.topology_score import TopologyScore
 
 ZONE = str(Label.ZONE)
@@ -220,20 +219,6 @@ def test_every_requirement_must_be_met_and_devices_match_what_agents_see() -> No
     nodes = Nodes(cluster)
     info = pod(hardware=(Hardware("gpu"),), devices=(wish,))
     assert passing(HardwareAffinityFilter().filter(info, nodes), nodes) == {"gpu"}
-
-
-def test_a_robot_takes_only_the_namespaces_it_admits_on_all_of_its_computers() -> None:
-    owned = {str(Label.ROBOT): "amr-07"}
-    theirs = {str(Annotation.ALLOWED_NAMESPACES): "fleet"}
-    cluster = make_cluster(
-        make_node("head", labels=owned, annotations=theirs), make_node("arm", labels=owned), make_node("edge")
-    )
-    plugin, nodes = AllowedNamespaces(), Nodes(cluster)
-    assert passing(plugin.filter(pod(tenant="guest"), nodes), nodes) == {"edge"}
-    assert mask(plugin.filter(pod(tenant="guest"), Nodes(cluster, [1]))) == [False]
-    assert plugin.filter(pod(tenant="fleet"), nodes) is True
-    assert plugin.filter(make_info("p"), nodes) is None
-    assert not any(name in plugin.reason for name in ("amr-07", "fleet"))
 
 
 def test_a_view_of_some_rows_gives_the_same_verdicts_as_the_whole() -> None:

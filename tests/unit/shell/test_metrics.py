@@ -80,15 +80,15 @@ def test_claimed_domains_are_counted_by_pool_and_phase_as_the_watch_tells_them()
         )
         return msgspec.convert({**found, "status": {"phase": phase}}, Claim)
 
-    reserved, bound = claim("Reserved"), claim("Bound")
+    reserved, parked = claim("Reserved"), claim("Parked")
     counted.see(Event("robotclaims", Change.CLAIMS, None, reserved))
-    counted.see(Event("robotclaims", Change.CLAIMS, reserved, bound))
+    counted.see(Event("robotclaims", Change.CLAIMS, reserved, parked))
     counted.see(Event("robotclaims", Change.CLAIMS, None, claim("Draining", "yard")))
     counted.see(Event("robotclaims", Change.CLAIMS, None, device_claim("n1", "can-can0", uid="u")))
     counted.see(Event("pods", Change.POD_ADDED, None, None))
-    assert counted.counts() == {("halls", "Reserved"): 0, ("halls", "Bound"): 1, ("yard", "Draining"): 1}
-    counted.see(Event("robotclaims", Change.CLAIMS, bound, None))
-    assert counted.counts()["halls", "Bound"] == 0
+    assert counted.counts() == {("halls", "Reserved"): 0, ("halls", "Parked"): 1, ("yard", "Draining"): 1}
+    counted.see(Event("robotclaims", Change.CLAIMS, parked, None))
+    assert counted.counts()["halls", "Parked"] == 0
 
 
 def test_gauges_and_counters_kept_elsewhere_are_read_at_each_scrape() -> None:
