@@ -111,8 +111,8 @@ def _kind(value: Any) -> tuple[str, Finding | None]:
 
 
 def _meant(version: object) -> bool:
-    """Whether the version of a RobotApp is absent or a misspelling of ours, rather than another group's."""
-    if not isinstance(version, str):
+    """Whether the version of a RobotApp is absent, without a group, or a misspelling of ours, rather than another group's."""
+    if not isinstance(version, str) or "/" not in version:
         return True
     group = version.partition("/")[0]
     return difflib.SequenceMatcher(None, group[:80], GROUP).ratio() > _SIMILAR

@@ -104,7 +104,9 @@ def _type_cure(value: Any, kinds: list[str], schema: Schema) -> str:
     if "string" in kinds and isinstance(value, bool):
         return "put it in quotes (YAML reads yes, no, on and off as true and false)"
     if "string" in kinds and isinstance(value, int | float):
-        return f'put it in quotes: "{value}"'
+        if schema.get("pattern") == scalars.DURATION_PATTERN:
+            return f"write its unit, such as {value}ms"
+        return "put it in quotes, as it is written"
     if isinstance(value, str) and ("integer" in kinds or "boolean" in kinds):
         plain = value.isascii() and value.isdigit() if "integer" in kinds else value in ("true", "false")
         return "remove the quotes" if plain else ""

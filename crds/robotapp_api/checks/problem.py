@@ -8,13 +8,13 @@ from robotapp_api.model.names import Reason
 class Problem(NamedTuple):
     """`field` is written as in YAML, such as `spec.components[0].env`; "" for the object as a whole.
 
-    `of_nodes`: the spec does not fit the nodes there are, so a change of a node heals it as well as one of the spec.
+    `of_cluster`: the spec does not fit the nodes or the pool there are, so a change of these heals it as well as one of the spec.
     """
 
     reason: Reason
     field: str
     message: str
-    of_nodes: bool = False
+    of_cluster: bool = False
 
     def __str__(self) -> str:
         return f"{self.field}: {self.message}" if self.field else self.message

@@ -187,8 +187,7 @@ def withheld(request: DomainRequest, pool: Pool) -> DomainOutcome | None:
     number = request.requested_id
     if number is None:
         return None
-    is_app = request.holder.is_app
-    cure = "leave spec.ros2.domain out" if is_app else f'write "auto" in the annotation {Annotation.DDS_DOMAIN}'
+    cure = _for_a_free_one(request)
     if number in pool.spec.reserved:
         return DomainOutcome(
             Reason.INVALID_SPEC,
@@ -197,7 +196,7 @@ def withheld(request: DomainRequest, pool: Pool) -> DomainOutcome | None:
         )
     if is_safe_id(number) or request.allow_unsafe or number in pool_ids(pool):
         return None
-    allow = ", or write spec.ros2.allowUnsafeDomain: true" if is_app else ""
+    allow = ", or write spec.ros2.allowUnsafeDomain: true" if request.holder.is_app else ""
     return DomainOutcome(
         Reason.INVALID_SPEC,
         f"domain {number} is unsafe, because 0 is everybody's default and 102-214 meet Linux ephemeral ports: {cure} to get "
@@ -205,30 +204,39 @@ def withheld(request: DomainRequest, pool: Pool) -> DomainOutcome | None:
     )
 
 
-def pool_not_found(name: str) -> DomainOutcome:
-    return DomainOutcome(
-        Reason.POOL_NOT_FOUND,
-        f"there is no DomainPool {name}: create it, or choose one of `kubectl get domainpools` in spec.ros2.pool",
+def _for_a_free_one(request: DomainRequest) -> str:
+    """What the holder writes to be given any free id. A bare pod has an annotation, and no spec of ours."""
+    return (
+        "leave spec.ros2.domain out"
+        if request.holder.is_app
+        else f'write "auto" in the annotation {Annotation.DDS_DOMAIN}'
     )
+
+
+def pool_not_found(request: DomainRequest) -> DomainOutcome:
+    choose = ", or choose one of `kubectl get domainpools` in spec.ros2.pool" if request.holder.is_app else ""
+    return DomainOutcome(Reason.POOL_NOT_FOUND, f"there is no DomainPool {request.pool}: create it{choose}")
 
 
 def exhausted(request: DomainRequest, pool: Pool, *, claimed: int, resting: int, parked: int = 0) -> DomainOutcome:
     rest = f", {resting} of them resting up to {pool.spec.quarantine_seconds} s after use" if resting else ""
     rest += f", {parked} of them parked for robots out of sight" if parked else ""
     total = len(pool_ids(pool))
+    another = ", or use another pool (spec.ros2.pool)" if request.holder.is_app else ""
     return DomainOutcome(
         Reason.DOMAIN_EXHAUSTED,
         f"{claimed} of {total} domain ids of pool {request.pool} are claimed{rest}: delete an app that is "
-        f"no longer needed, add ids to DomainPool {request.pool}, or use another pool (spec.ros2.pool)",
+        f"no longer needed, add ids to DomainPool {request.pool}{another}",
     )
 
 
 def taken(request: DomainRequest, holder: Holder) -> DomainOutcome:
     who = holder_text(holder, for_namespace=request.holder.namespace)
+    join = "join on purpose with spec.ros2.shareWith, " if request.holder.is_app else ""
     return DomainOutcome(
         Reason.DOMAIN_TAKEN,
-        f"domain {request.requested_id} of pool {request.pool} is held by {who}: leave out spec.ros2.domain to get a "
-        f"free one, join on purpose with spec.ros2.shareWith, or delete the holder",
+        f"domain {request.requested_id} of pool {request.pool} is held by {who}: {_for_a_free_one(request)} to get a "
+        f"free one, {join}or delete the holder",
     )
 
 
@@ -244,9 +252,10 @@ def over_quota(request: DomainRequest, pool: Pool, *, held: int) -> DomainOutcom
         return None
     if limit == 0:
         where = f"quota.namespaces.{namespace}" if namespace in pool.spec.quota.namespaces else "quota.default"
+        another = "use another pool (spec.ros2.pool), or " if request.holder.is_app else ""
         text = (
-            f"pool {request.pool} gives namespace {namespace} 0 domain ids (spec.{where}): use another pool "
-            f"(spec.ros2.pool), or ask for a quota above 0 in DomainPool {request.pool}; without a quota it is unlimited"
+            f"pool {request.pool} gives namespace {namespace} 0 domain ids (spec.{where}): {another}"
+            f"ask for a quota above 0 in DomainPool {request.pool}; without a quota it is unlimited"
         )
     else:
         text = (

@@ -60,7 +60,7 @@ async def ensure_pod_domain(client: Api, request: DomainRequest, *, node: str = 
     """
     pool = await _find_pool(client, request.pool)
     if pool is None:
-        return rules.pool_not_found(request.pool)
+        return rules.pool_not_found(request)
     refusal = rules.check_request(request, pool)
     if refusal is not None:
         return refusal
@@ -99,7 +99,7 @@ async def _ensure_once(
         return await _join(client, request, join.owner, deployments)
     pool = await _find_pool(client, request.pool)
     if pool is None:
-        return await _refused(client, request, rules.pool_not_found(request.pool), deployments)
+        return await _refused(client, request, rules.pool_not_found(request), deployments)
     if request.isolation == "Discovery":
         named = {number for deployment in deployments for number in deployment_ids(deployment)}
         outcome = rules.shared_id(pool, uses=shared_uses, named=named, uid=holder.uid, instance=holder.instance)

@@ -45,7 +45,9 @@ def domain_problems(app: App, pool: Pool | None, claims: Iterable[Claim]) -> tup
     holder = holder_of_app(namespace=app.namespace, name=app.name, uid=app.uid)
     request = DomainRequest(holder, pool=app.pool, requested_id=number, allow_unsafe=ros2.allow_unsafe_domain)
     refused = withheld(request, pool)
-    return (Problem(refused.reason, "spec.ros2.domain", refused.message),) if refused else ()
+    if refused is None:
+        return ()
+    return (Problem(refused.reason, "spec.ros2.domain", refused.message, of_cluster=number in pool.spec.reserved),)
 
 
 def notes_of(app: App) -> tuple[str, ...]:
@@ -57,20 +59,20 @@ def _placement_problems(app: App, nodes: Mapping[str, Node]) -> Iterator[Problem
     master = app.spec.placement.master_node
     if master and master not in nodes:
         text = f'there is no node "{master}"; kubectl get nodes shows the names'
-        yield Problem(Reason.INVALID_SPEC, "spec.placement.masterNode", text, of_nodes=True)
+        yield Problem(Reason.INVALID_SPEC, "spec.placement.masterNode", text, of_cluster=True)
     if app.spec.robots is None:
         return
     matching = matching_robots(app, nodes)
     if not matching:
         text = f"no robot matches; {_robots_text(app, nodes)}"
-        yield Problem(Reason.NO_MATCHING_ROBOT, "spec.robots.nodeSelector", text, of_nodes=True)
+        yield Problem(Reason.NO_MATCHING_ROBOT, "spec.robots.nodeSelector", text, of_cluster=True)
     elif not allowed_robots(app, nodes):
         yield Problem(
             Reason.NOT_ALLOWED_ON_ROBOT,
             "spec.robots.nodeSelector",
             f"no robot that matches admits namespace {app.namespace}: ask whoever runs the robots to add {app.namespace} to "
             f"the node annotation {Annotation.ALLOWED_NAMESPACES}, or select other robots",
-            of_nodes=True,
+            of_cluster=True,
         )
 
 

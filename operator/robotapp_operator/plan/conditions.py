@@ -242,7 +242,7 @@ def _blocked(instance: InstanceFacts) -> bool:
 
 def stalled(facts: AppFacts) -> Verdict:
     if facts.problems:
-        cure = "a change of the spec" if facts.refused else "a change of the nodes or of the spec"
+        cure = "a change of the spec" if facts.refused else "a change of the cluster or of the spec"
         return Verdict("True", facts.problems[0].reason, f"waits for {cure}: {facts.problems[0]}")
     if facts.bug:
         return Verdict("True", Reason.RECONCILE_ERROR, facts.bug)

@@ -96,8 +96,8 @@ class AppFacts:
 
     @property
     def refused(self) -> bool:
-        """Is the spec itself wrong, whatever nodes there are?"""
-        return any(not problem.of_nodes for problem in self.problems)
+        """Is the spec itself wrong, whatever nodes and pools there are?"""
+        return any(not problem.of_cluster for problem in self.problems)
 
     @property
     def generation(self) -> int:

@@ -148,6 +148,17 @@ def test_a_bare_pod_cannot_get_an_unsafe_id_and_is_told_about_its_annotation() -
         assert "spec.ros2" not in refusal.message
 
 
+def test_a_bare_pod_is_told_of_no_field_of_a_robotapp() -> None:
+    request, full = asking(3, pod=True), pool("1-3")
+    told = [
+        domain.taken(request, app_holder()),
+        domain.exhausted(request, full, claimed=3, resting=0),
+        domain.pool_not_found(request),
+        domain.over_quota(request, pool("1-3", quota=PoolQuota(default=0)), held=0),
+    ]
+    assert not [each for each in told if each is None or "spec.ros2" in each.message]
+
+
 def test_safe_numbers_and_no_number_are_not_withheld() -> None:
     for number in (None, 1, 60, 101, 215, 232):
         assert domain.withheld(asking(number), pool("1-5", reserved=(0,))) is None

@@ -274,12 +274,12 @@ def test_one_of_several_robots_out_of_reach_makes_the_app_degraded() -> None:
 
 
 def test_an_app_that_no_robot_matches_yet_waits_and_has_not_failed() -> None:
-    missing = Problem(Reason.NO_MATCHING_ROBOT, "spec.robots.nodeSelector", "no robot matches", of_nodes=True)
+    missing = Problem(Reason.NO_MATCHING_ROBOT, "spec.robots.nodeSelector", "no robot matches", of_cluster=True)
     status = status_of(problems=(missing,), app={"edges": [EDGE]})
     assert status["phase"] == Phase.PENDING
     assert condition(status, Condition.READY) == ("False", Reason.NO_MATCHING_ROBOT)
     assert condition(status, Condition.STALLED) == ("True", Reason.NO_MATCHING_ROBOT)
-    assert message(status, Condition.STALLED).startswith("waits for a change of the nodes or of the spec: ")
+    assert message(status, Condition.STALLED).startswith("waits for a change of the cluster or of the spec: ")
     both = status_of(problems=(missing, Problem(Reason.INVALID_SPEC, "spec.ros", "wrong")))
     assert both["phase"] == Phase.FAILED
 

@@ -128,7 +128,7 @@ class TestValues:
     @pytest.mark.parametrize(
         ("fields", "path", "message"),
         [
-            ({"env": [{"name": "A", "value": 7}]}, ".env[0].value", 'must be text, but is the number 7; put it in quotes: "7"'),
+            ({"env": [{"name": "A", "value": 7}]}, ".env[0].value", "must be text, but is the number 7; put it in quotes, as it is written"),
             (
                 {"env": [{"name": "A", "value": True}]},
                 ".env[0].value",
@@ -144,7 +144,7 @@ class TestValues:
             ({"image": ""}, ".image", "must not be empty"),
             ({"colocateWith": [f"c{at}" for at in range(9)]}, ".colocateWith", "has 9 entries; write at most 8"),
             ({"qosClass": "real_time"}, ".qosClass", '"real_time" is not possible; write realtime or sensor_data'),
-            ({"resources": {"limits": {"cpu": 0.5}}}, ".resources.limits.cpu", 'put it in quotes: "0.5"'),
+            ({"resources": {"limits": {"cpu": 0.5}}}, ".resources.limits.cpu", "put it in quotes, as it is written"),
             ({"resources": {"limits": {"cpu": "2 cores"}}}, ".resources.limits.cpu", "write a quantity, such as 20, 500m"),
             ({"ports": [{"containerPort": 70_000}]}, ".ports[0].containerPort", "is 70000; write at most 65535"),
             ({"requires": [{"type": "GPU"}]}, ".requires[0].type", "write lower-case letters, digits and -"),
@@ -200,7 +200,11 @@ class TestObjects:
             ({"metadata": {}}, "metadata.name", "this field is missing"),
             ({"metadata": {"name": "Tele_op"}}, "metadata.name", "write lower-case letters, digits, - and ."),
             ({"metadata": {"name": "a", "lables": {}}}, "metadata.lables", "did you mean labels?"),
-            ({"metadata": {"name": "a", "labels": {"b": 1}}}, "metadata.labels.b", 'put it in quotes: "1"'),
+            (
+                {"metadata": {"name": "a", "labels": {"b": 1}}},
+                "metadata.labels.b",
+                "put it in quotes, as it is written",
+            ),
             ({"spce": {}}, "spce", "did you mean spec?"),
         ],
     )
