@@ -17,6 +17,7 @@ from robotapp_operator.plan.components import ComponentView
 from robotapp_operator.plan.facts import AppFacts, InstanceFacts, of_instance
 from robotapp_operator.plan.instance_status import render_instance, same_instance_status
 from robotapp_operator.plan.latency import REST_S, EdgeKey, EdgeView, Rest, edge_views, publish, worst_first
+from robotapp_operator.plan.newer import Held
 from robotapp_operator.plan.status import MAX_STATUS_BYTES, render_status
 from robotapp_operator.plan.text import stored_bytes
 from robotapp_operator.plan.troubled import MAX_TROUBLED
@@ -69,7 +70,7 @@ def instances(draw: st.DrawFn, robot: str) -> InstanceFacts:
         claims=tuple(draw(st.lists(st.sampled_from(["dds.default.c.7", "dev.n1.can"]), max_size=2, unique=True))),
         refusal=draw(TROUBLES),
         trouble=draw(TROUBLES),
-        held=tuple(draw(st.lists(st.sampled_from(["x", "y"]), max_size=2))),
+        held=tuple(draw(st.lists(st.sampled_from([Held("x"), Held("y", "9.0.0", "0.1.0")]), max_size=2))),
         robot_online=draw(st.booleans()),
         infrastructure_ready=draw(st.booleans()),
         cut_off=tuple(draw(st.lists(st.sampled_from(["p", "q"]), max_size=2))),
