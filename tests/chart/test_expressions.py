@@ -12,7 +12,7 @@ from tests.support.expressions import COMPILED, RELEASES, compiled, compiler, er
 from robotapp_testbed import pins, versions
 
 pytestmark = pytest.mark.live
-RAN_LIVE = ("1.35", "1.37")
+RAN_LIVE = ("1.35", "1.36", "1.37")
 """Releases that passed `scripts/bench versions`, and the one that all tests run on."""
 INSTALLATION = (pins.REPOSITORY / "docs" / "installation.md").read_text()
 
