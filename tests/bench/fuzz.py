@@ -1,0 +1,42 @@
+"""Random objects that fit their schema, thrown at the running product: does it stay well, and do healthy apps beside them run?
+
+Nodes and kubelets are simulated; operator, scheduler and API server are real.
+"""
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+
+from tests.bench import options
+from tests.support.fuzz.campaign import Campaign, as_json
+from tests.support.world import World
+
+from robotapp_testbed import ControlPlane, product
+from robotapp_testbed.topology import fleet
+
+HELD_S = 1.0
+"""Nothing may hold the operator's loop for longer: then it answers late."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(prog="scripts/bench fuzz", description=__doc__)
+    parser.add_argument("--objects", type=options.count(1, 1_000_000), default=5000)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--json", type=options.report, help="also write the figures to this file")
+    arguments = parser.parse_args(argv)
+    with ControlPlane() as cp:
+        product.install(cp)
+        with World(cp, fleet(), pools={"well": "1-101"}, tidy=False) as world:
+            report = Campaign(world, seed=arguments.seed, pool="well").run(arguments.objects)
+    if report.slowest_answer_s > HELD_S:
+        report.problems.append(f"the operator answered after {report.slowest_answer_s:.2f} s")
+    text = json.dumps(as_json(report), indent=2)
+    print(text)
+    if arguments.json:
+        arguments.json.write_text(text + "\n")
+    return 1 if report.problems else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

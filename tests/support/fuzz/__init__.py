@@ -1,0 +1,1 @@
+"""Random objects that fit their schema, thrown at a running product."""
