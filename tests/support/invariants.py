@@ -62,7 +62,7 @@ def _by_thing(found: Iterable[Object]) -> dict[str, tuple[str, str]]:
 def _unbacked(live: Iterable[Object], held: Mapping[str, tuple[str, str]]) -> list[str]:
     broken = []
     for pod in live:
-        for thing in _things_of(pod):
+        for thing in things_of(pod):
             if held.get(thing) != holder_of(pod):
                 name = pod["metadata"]["name"]
                 broken.append(f"{name} of {holder_of(pod)} runs with {thing}, which is claimed by {held.get(thing)}")
@@ -84,7 +84,8 @@ def _shared(live: Iterable[Object]) -> list[str]:
     return [f"{thing} is used by {sorted(who)}" for thing, who in users.items() if len(who) > 1]
 
 
-def _things_of(pod: Object) -> list[str]:
+def things_of(pod: Object) -> list[str]:
+    """Names of the claims a pod needs: its domain and its devices."""
     return [*_domains_of(pod), *_devices_of(pod)]
 
 

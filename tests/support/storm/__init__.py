@@ -1,0 +1,1 @@
+"""Many apps and pods for few domains and devices, with deaths and forgeries, judged at every revision of the store."""

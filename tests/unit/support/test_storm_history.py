@@ -1,0 +1,79 @@
+"""The judge of the storm sees what was wrong at any revision, in whatever order the events of two watches came."""
+
+import random
+from typing import Any
+
+from tests.support.storm.history import Event, documents, judge
+
+from robotapp_api.model.names import Label
+
+Object = dict[str, Any]
+
+
+def pod(name: str, *, app: str, domain: str, phase: str = "Running") -> Object:
+    labels = {str(Label.APP_UID): app}
+    variables = [{"name": "ROS_DOMAIN_ID", "value": domain}]
+    return {
+        "metadata": {"name": name, "uid": f"uid-{name}", "namespace": "ours", "labels": labels},
+        "spec": {"nodeName": "n", "containers": [{"env": variables}]},
+        "status": {"phase": phase},
+    }
+
+
+def claim(number: int, *, app: str, uid: str = "c") -> Object:
+    meta = {"name": f"dds.default.c.{number}", "uid": uid}
+    return {"metadata": meta, "spec": {"domain": {"id": number}, "holder": {"uid": app}}}
+
+
+def broken(*found: tuple[str, Object, bool]) -> list[str]:
+    events = [Event(revision, kind, gone, obj) for revision, (kind, obj, gone) in enumerate(found, start=1)]
+    random.Random(1).shuffle(events)
+    return judge(events, namespaces={"ours"}).broken
+
+
+def test_a_claim_and_its_pod_one_after_the_other_are_well() -> None:
+    history = (
+        ("RobotClaim", claim(7, app="a"), False),
+        ("Pod", pod("p", app="a", domain="7"), False),
+        ("Pod", pod("p", app="a", domain="7"), True),
+        ("RobotClaim", claim(7, app="a"), True),
+        ("RobotClaim", claim(7, app="b", uid="d"), False),
+        ("Pod", pod("q", app="b", domain="7"), False),
+    )
+    assert broken(*history) == []
+
+
+def test_a_claim_that_goes_under_a_running_pod_is_seen_although_all_is_well_in_the_end() -> None:
+    (text,) = broken(
+        ("RobotClaim", claim(7, app="a"), False),
+        ("Pod", pod("p", app="a", domain="7"), False),
+        ("RobotClaim", claim(7, app="a"), True),
+        ("Pod", pod("p", app="a", domain="7"), True),
+    )
+    assert text.startswith("revision 3: p of")
+
+
+def test_two_users_of_a_domain_at_one_revision_are_seen() -> None:
+    found = broken(
+        ("RobotClaim", claim(7, app="a"), False),
+        ("Pod", pod("p", app="a", domain="7"), False),
+        ("Pod", pod("q", app="b", domain="7"), False),
+        ("Pod", pod("q", app="b", domain="7"), True),
+    )
+    assert any("7 is used by" in text for text in found)
+
+
+def test_a_pod_that_ended_uses_nothing() -> None:
+    ended = pod("p", app="a", domain="7", phase="Succeeded")
+    assert broken(("RobotClaim", claim(7, app="b"), False), ("Pod", ended, False)) == []
+
+
+def test_each_claim_counts_once_however_often_it_changes() -> None:
+    events = [
+        Event(revision, "RobotClaim", False, claim(7, app="a", uid=uid)) for revision, uid in enumerate("aab", start=1)
+    ]
+    assert judge(events, namespaces=set()).grants == 2
+
+
+def test_documents_are_cut_where_they_end_and_not_where_chunks_do() -> None:
+    assert list(documents(['{"a": 1}{"b', '": [2]}\n', '{"cut'])) == [{"a": 1}, {"b": [2]}]
