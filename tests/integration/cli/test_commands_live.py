@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 import yaml
 
-from robotapp_testbed import ControlPlane, product
+from robotapp_testbed import ControlPlane, product, wait_until
 from robotapp_testbed.nodes import Device
 from robotapp_testbed.telemetry import SimulatedTelemetry
 from robotapp_testbed.topology import apply, fleet
@@ -122,8 +122,15 @@ def test_list_and_info_show_what_kubectl_get_shows(world: World) -> None:
 
 
 def test_info_shows_what_the_instance_objects_say(world: World) -> None:
-    shown = world.plane.kubectl("get", "robotappinstances", "-n", NAMESPACE, "-o", "json")
-    (instance,) = [item for item in json.loads(shown)["items"] if item["spec"]["app"] == "teleop"]
+    def observed() -> list[
+        dict[str, Any]
+    ]:  # the object comes after the app's status, and its own status after the object
+        shown = world.plane.kubectl("get", "robotappinstances", "-n", NAMESPACE, "-o", "json")
+        found = [item for item in json.loads(shown)["items"] if item["spec"]["app"] == "teleop"]
+        return [item for item in found if "components" in item.get("status", {})]
+
+    assert wait_until(lambda: bool(observed()), timeout_s=60)
+    (instance,) = observed()
     found = json.loads(world.text("info", "teleop", "-o", "json", "--robot", "amr-07"))
     assert found["app"]["metadata"]["uid"] == instance["spec"]["appUID"]
     assert [each["metadata"]["uid"] for each in found["instances"]] == [instance["metadata"]["uid"]]
