@@ -144,7 +144,7 @@ def test_an_app_whose_number_is_taken_is_told_by_whom_and_three_ways_out(world: 
         world,
         "late",
         "Allocated",
-        ("domain 5", pools.twelve, f"{world.namespace}/first", "leave out", "shareWith", "delete"),
+        ("domain 5", pools.twelve, f"{world.namespace}/first", "leave spec.ros2.domain out", "shareWith", "delete"),
     )
     assert condition(world.app("late"), "Progressing")["status"] == "False"
 
