@@ -41,8 +41,8 @@ class Connectivity(Model):
     """What counts as disconnected."""
 
     grace: Duration = "5m"
-    """How long a robot may be unreachable before its instance counts as Offline, and how long an instance goes on when no
-    node of its robot matches any more. It goes on longer while many robots are missing at once."""
+    """How long a robot may be out of reach before pods that fail over move, and out of sight (no node of its name) before its
+    instance ends. It counts as Offline as soon as its pods do not count as ready."""
 
 
 class RobotAppSpec(Model):
