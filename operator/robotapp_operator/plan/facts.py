@@ -40,9 +40,10 @@ class InstanceFacts:
 
     @property
     def ready(self) -> bool:
-        """Does everything run as the spec wants it now? What the API server refused is missing, even while its predecessor runs."""
+        """Does everything run as the spec wants it now? Not while the API server refuses a change of it, whatever its predecessor
+        does, nor while the robot is out of sight: then the instance will end."""
         running = all(component.ready for component in self.components) and self.infrastructure_ready
-        return bool(self.components) and running and self.trouble is None
+        return bool(self.components) and running and self.trouble is None and not self.instance.missing
 
     @property
     def offline(self) -> bool:

@@ -170,7 +170,8 @@ def test_a_robot_that_leaves_takes_its_object_along_and_one_that_comes_back_gets
     installed_plane: ControlPlane, tenant: Tenant, ids: str, fleet: str
 ) -> None:
     leaver = f"{fleet}-05"
-    tenant.apply("fleet", part("driver", runsOn=["Robot"]), robots=choosing(fleet), ros2={"pool": ids})
+    driver, grace = part("driver", runsOn=["Robot"]), {"grace": "1s"}
+    tenant.apply("fleet", driver, robots=choosing(fleet), connectivity=grace, ros2={"pool": ids})
     assert len(until_ready(tenant, "fleet")) == FLEET
 
     def robots() -> set[str]:
