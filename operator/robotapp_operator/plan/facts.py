@@ -41,7 +41,8 @@ class InstanceFacts:
     @property
     def ready(self) -> bool:
         """Does everything run as the spec wants it now? Not while the API server refuses a change of it, whatever its predecessor
-        does, nor while the robot is out of sight: then the instance will end."""
+        does, nor while the robot is out of sight: then the instance will end.
+        """
         running = all(component.ready for component in self.components) and self.infrastructure_ready
         return bool(self.components) and running and self.trouble is None and not self.instance.missing
 
