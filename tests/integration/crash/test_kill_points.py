@@ -1,21 +1,15 @@
 """Operator and scheduler killed -9 at a rotating sample of their writes; scripts/bench crash --all runs every one."""
 
-import datetime as dt
-import os
 from collections.abc import Iterator
 
 import pytest
 from tests.support.crash_campaign import CrashCampaign, kill_points, lives, sample
+from tests.support.seeds import daily_seed
 
 from robotapp_testbed import ControlPlane
 
 SAMPLE = 15
 KILLS_PER_LIFE = 5
-
-
-def seed() -> int:
-    """Another part of the campaign every day; ROBOTAPP_SEED repeats a given one."""
-    return int(os.environ.get("ROBOTAPP_SEED", "0")) or dt.datetime.now(tz=dt.UTC).toordinal()
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +26,7 @@ def test_whoever_dies_at_whichever_write_every_app_becomes_ready_and_nothing_is_
 ) -> None:
     points = list(kill_points(campaign.reference()))
     assert len(points) >= 120
-    outcomes = [campaign.live(each) for each in lives(sample(points, SAMPLE, seed()), KILLS_PER_LIFE)]
+    outcomes = [campaign.live(each) for each in lives(sample(points, SAMPLE, daily_seed()), KILLS_PER_LIFE)]
     problems = {str(each.points): each.problems for each in outcomes if each.problems}
-    assert problems == {}, f"repeat with ROBOTAPP_SEED={seed()}"
+    assert problems == {}, f"repeat with ROBOTAPP_SEED={daily_seed()}"
     assert sum(len(each.missed) for each in outcomes) < SAMPLE // 2

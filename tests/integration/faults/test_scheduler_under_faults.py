@@ -1,14 +1,13 @@
 """The scheduler while its control plane is hurt: another sample of `scripts/bench faults` every day."""
 
 import asyncio
-import datetime as dt
-import os
 import random
 from typing import Any
 
 import pytest
 from tests.bench.faults import ROOM, plan
 from tests.support.scheduler_faults.campaign import Campaign
+from tests.support.seeds import daily_seed
 
 from robotapp_testbed import ControlPlane
 
@@ -18,18 +17,13 @@ SAMPLED = ("api-restart", "etcd-restart", "watches", "storm", "two-schedulers")
 ELECTION = {"leaseDuration": "9s", "renewDeadline": "8s", "retryPeriod": "500ms"}
 
 
-def seed() -> int:
-    """Another sample every day; ROBOTAPP_SEED repeats a given one."""
-    return int(os.environ.get("ROBOTAPP_SEED", "0")) or dt.datetime.now(tz=dt.UTC).toordinal()
-
-
 async def sample(cp: ControlPlane) -> list[dict[str, Any]]:
-    chance = random.Random(seed())
+    chance = random.Random(daily_seed())
     found = []
     async with Campaign(cp) as campaign:
         for name in chance.sample(SAMPLED, 2):
             room = ROOM[chance.choice(sorted(ROOM))]
-            found.append(await campaign.run(plan(cp, name, pods=PODS, seed=seed(), room=room, election=ELECTION)))
+            found.append(await campaign.run(plan(cp, name, pods=PODS, seed=daily_seed(), room=room, election=ELECTION)))
     return found
 
 
@@ -40,4 +34,4 @@ def test_whatever_is_killed_or_lies_every_pod_is_bound_once_or_told_why_and_no_n
     with ControlPlane(kwok=False, controller_manager=False, audit=True) as cp:
         found = asyncio.run(sample(cp))
     problems = {each["fault"]: each["problems"] for each in found if each["problems"]}
-    assert problems == {}, f"repeat with ROBOTAPP_SEED={seed()}: {found}"
+    assert problems == {}, f"repeat with ROBOTAPP_SEED={daily_seed()}: {found}"

@@ -1,12 +1,11 @@
 """Every sentence on the screen is so: a rotating sample of situations here, all of them by `scripts/bench truth`."""
 
-import datetime as dt
-import os
 import random
 import secrets
 from collections.abc import Iterator
 
 import pytest
+from tests.support.seeds import daily_seed
 from tests.support.truth.scene import run
 from tests.support.truth.situations import SITUATIONS, Place, nodes, pools
 from tests.support.world import World
@@ -15,11 +14,6 @@ from robotapp_testbed import ControlPlane
 
 pytestmark = pytest.mark.live
 SAMPLE = 12
-
-
-def seed() -> int:
-    """Other situations every day; ROBOTAPP_SEED repeats a day's."""
-    return int(os.environ.get("ROBOTAPP_SEED", "0")) or dt.datetime.now(tz=dt.UTC).toordinal()
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +27,6 @@ def test_there_are_enough_situations() -> None:
     assert len(SITUATIONS) >= 40
 
 
-@pytest.mark.parametrize("name", random.Random(seed()).sample(sorted(SITUATIONS), SAMPLE))
+@pytest.mark.parametrize("name", random.Random(daily_seed()).sample(sorted(SITUATIONS), SAMPLE))
 def test_what_is_told_is_so(place: Place, name: str) -> None:
-    assert run(place, SITUATIONS[name]) == [], f"repeat with ROBOTAPP_SEED={seed()}"
+    assert run(place, SITUATIONS[name]) == [], f"repeat with ROBOTAPP_SEED={daily_seed()}"

@@ -131,8 +131,6 @@ class Storm:
             self._delete(world, what)
         del self._there[:]
         kept = [name for _, name in apps[:20]]
-        for name in kept:  # devices are fewer than apps that want one
-            world.cp.api.patch(f"{world.apps_path}/{name}", {"spec": {"suspend": False}})
 
         def waiting() -> list[str]:
             found = {each["metadata"]["name"]: each for each in self._cp.api.get(world.apps_path)["items"]}
