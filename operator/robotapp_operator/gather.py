@@ -16,6 +16,7 @@ from robotapp_api.claims.release import claims_domain, wanted_claim
 from robotapp_api.claims.share import AppKey, Join, claim_to_join, owner_of
 from robotapp_api.model.names import Label, Reason
 from robotapp_api.values.ranges import parse_ids
+from robotapp_api.values.tiers import ROBOT
 from robotapp_operator.cache import Cache
 from robotapp_operator.plan.app import Problem, domain_problems, problems_alone, problems_with
 from robotapp_operator.plan.changes import deployment_domain
@@ -207,7 +208,7 @@ def _who_has_its_devices(app: App, instance: Instance, cache: Cache) -> str:
 def _in_reach(app: App, instance: Instance, cache: Cache) -> Mapping[str, Telemetry]:
     """Reports of the nodes where components with devices may run: of a fleet's robots only the instance's own."""
     with_devices = [component for component in app.spec.components if component.devices]
-    if not instance.robot or any(component.runs_on != ("Robot",) for component in with_devices):
+    if not instance.robot or any(component.runs_on != (ROBOT,) for component in with_devices):
         return cache.telemetry
     own = cache.nodes.of_robot(instance.robot)
     return {name: cache.telemetry[name] for name in own if name in cache.telemetry}

@@ -13,6 +13,7 @@ from robotapp_api.model.names import ROBOT_END, Reason
 from robotapp_api.model.placement import Fallback
 from robotapp_api.model.robotapp import RobotAppSpec
 from robotapp_api.values.neighbours import NOBODY, Neighbours, Part, neighbours
+from robotapp_api.values.tiers import ROBOT
 
 
 def spec_problems(spec: RobotAppSpec) -> Iterator[Problem]:
@@ -43,7 +44,7 @@ def spec_notes(spec: RobotAppSpec) -> Iterator[Note]:
             "spec.placement.fallback",
             "has no effect yet; a pod without a place waits, and on board as a fallback is runsOn: [Edge, Robot]",
         )
-    onboard = [component.name for component in spec.components if "Robot" in component.runs_on]
+    onboard = [component.name for component in spec.components if ROBOT in component.runs_on]
     if spec.robots is None and onboard:
         yield Note(
             "spec.robots", f"is not written, so {onboard[0]} runs on any robot; write which robots the app is for"

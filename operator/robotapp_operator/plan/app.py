@@ -1,7 +1,6 @@
 """Is the spec understood? What admission cannot decide becomes `Accepted=False` with the field, the reason and the cure."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Final
 
 from robotapp_api.checks.problem import Problem
 from robotapp_api.checks.spec import spec_notes, spec_problems
@@ -12,13 +11,10 @@ from robotapp_api.claims.objects import Claim, Pool
 from robotapp_api.model.names import Annotation, Label, Reason
 from robotapp_operator.plan.instances import allowed_robots, matching_robots, open_robots
 from robotapp_operator.plan.objects import Node
+from robotapp_operator.plan.text import shown
 from robotapp_operator.plan.wish import App
 
 __all__ = ["Problem", "domain_problems", "notes_of", "problems_alone", "problems_with"]
-
-
-_NAMED: Final = 8
-"""Robots a message names."""
 
 
 def problems_alone(app: App) -> tuple[Problem, ...]:
@@ -83,5 +79,4 @@ def _robots_text(app: App, nodes: Mapping[str, Node]) -> str:
     robots = sorted({robot_of(node) for node in open_robots(app, nodes)})
     if not robots:
         return f"no robot admits namespace {app.namespace} (node annotation {Annotation.ALLOWED_NAMESPACES})"
-    more = f" and {len(robots) - _NAMED} more" if len(robots) > _NAMED else ""
-    return f"robots that admit namespace {app.namespace} are {', '.join(robots[:_NAMED])}{more}"
+    return f"robots that admit namespace {app.namespace} are {shown(robots)}"

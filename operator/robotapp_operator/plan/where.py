@@ -25,19 +25,22 @@ def on_disconnect(component: Component, wish: Wish) -> str:
     """
     if component.on_disconnect:
         return component.on_disconnect
-    may_drive = ROBOT in component.runs_on or bool(wish.robot and not component.runs_on)
+    may_drive = _may_be_on_robot(component, wish)
     return KEEP if may_drive and not wish.app.our_scheduler else tiers.on_disconnect(component.runs_on, None)
 
 
 def tolerations(component: Component, wish: Wish) -> list[dict[str, Any]]:
     """The component's own, then robots' taints where it may run there, then how long it stays on a lost node."""
     result = [*component.template.spec.tolerations]
-    named = ROBOT in component.runs_on
-    if named or (wish.robot and not component.runs_on):
+    if _may_be_on_robot(component, wish):
         result += robot_tolerations(wish.robot)
     keep = on_disconnect(component, wish) == KEEP
     grace_s = parse_us(wish.app.spec.connectivity.grace) // 1_000_000
     return result + disconnect_tolerations(None if keep else grace_s)
+
+
+def _may_be_on_robot(component: Component, wish: Wish) -> bool:
+    return ROBOT in component.runs_on or bool(wish.robot and not component.runs_on)
 
 
 def shared_tolerations(wish: Wish) -> list[dict[str, Any]]:
