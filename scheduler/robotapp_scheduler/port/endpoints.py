@@ -13,7 +13,7 @@ from prometheus_client.exposition import CONTENT_TYPE_LATEST
 from robotapp_api.serving.access import Access, Caller, TooManyError
 from robotapp_api.serving.pages import PathGate, asked, caller, problem, refused, too_many, unknown_caller
 from robotapp_api.values.buckets import Buckets
-from robotapp_scheduler.port.frames import NOT_RECORDED, Response
+from robotapp_scheduler.port.frames import NOT_RECORDED, Request, Response
 from robotapp_scheduler.port.remote import Scheduler
 from robotapp_scheduler.shell.simulating import Simulator
 
@@ -106,11 +106,13 @@ class Endpoints:
         full = request.query.get("full", "") in {"1", "true"}
         response = Response(0, NOT_RECORDED, b"")
         if not full:
-            response = await self._scheduler.ask("explain", namespace=namespace, pod=pod, with_nodes=with_nodes)
+            response = await self._scheduler.ask(
+                Request("explain", namespace=namespace, pod=pod, with_nodes=with_nodes)
+            )
         if response.status == NOT_RECORDED:
             self._count(self._decided_by, user)
             response = await self._scheduler.ask(
-                "decide", namespace=namespace, pod=pod, with_nodes=with_nodes, full=full
+                Request("decide", namespace=namespace, pod=pod, with_nodes=with_nodes, full=full)
             )
         return response
 
@@ -130,7 +132,7 @@ class Endpoints:
         if not replay.isdecimal() or len(replay) > 6:
             return problem(400, "replay must be a number of pods")
         found = await self._simulator.simulate(request.content.iter_chunked(1 << 16), replay=int(replay))
-        await self._scheduler.ask("simulated", status=found.status)
+        await self._scheduler.ask(Request("simulated", status=found.status))
         return web.Response(status=found.status, body=found.body, content_type="application/json")
 
 

@@ -16,13 +16,14 @@ T = TypeVar("T")
 class Request(msgspec.Struct, frozen=True, omit_defaults=True):
     """`what`: a page, "explain" and "decide" for one pod, or "simulated" with the status a simulation ended with."""
 
-    number: int
     what: str
     namespace: str = ""
     pod: str = ""
     with_nodes: bool = False
     full: bool = False
     status: int = 0
+    number: int = 0
+    """Of the sender: the response bears the same one."""
 
 
 class Response(msgspec.Struct, frozen=True):

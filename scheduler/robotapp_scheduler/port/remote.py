@@ -22,16 +22,7 @@ class Scheduler(Protocol):
     """What the endpoints need of it. No response in time is one with status 503."""
 
     async def page(self, what: str) -> Response: ...
-    async def ask(
-        self,
-        what: str,
-        *,
-        namespace: str = "",
-        pod: str = "",
-        with_nodes: bool = False,
-        full: bool = False,
-        status: int = 0,
-    ) -> Response: ...
+    async def ask(self, request: Request) -> Response: ...
 
 
 class Remote:
@@ -63,30 +54,25 @@ class Remote:
         now_s = asyncio.get_running_loop().time()
         asked_s, task = self._pages.get(what, (0.0, None))
         if task is None or (task.done() and now_s - asked_s > FRESH_S):
-            task = asyncio.create_task(self.ask(what))
+            task = asyncio.create_task(self.ask(Request(what)))
             self._pages[what] = (now_s, task)
         return await asyncio.shield(task)
 
-    async def ask(
-        self,
-        what: str,
-        *,
-        namespace: str = "",
-        pod: str = "",
-        with_nodes: bool = False,
-        full: bool = False,
-        status: int = 0,
-    ) -> Response:
+    async def ask(self, request: Request) -> Response:
         """The response; 503 when there is none in time."""
-        request = Request(next(self._numbers), what, namespace, pod, with_nodes, full, status)
+        request = msgspec.structs.replace(request, number=next(self._numbers))
         future: asyncio.Future[Response] = asyncio.get_running_loop().create_future()
         self._open[request.number] = future
         send(self._writer, request)
         try:
-            async with asyncio.timeout(LONG_PATIENCE_S if what == "decide" else PATIENCE_S):
+            async with asyncio.timeout(LONG_PATIENCE_S if request.what == "decide" else PATIENCE_S):
                 return await future
         except TimeoutError:
-            body = SILENT if what in HEALTH_PAGES else msgspec.json.encode({"error": "the scheduler does not answer"})
+            body = (
+                SILENT
+                if request.what in HEALTH_PAGES
+                else msgspec.json.encode({"error": "the scheduler does not answer"})
+            )
             return Response(request.number, 503, body)
         finally:
             self._open.pop(request.number, None)

@@ -25,7 +25,7 @@ from robotapp_api.serving.port import serving
 from robotapp_api.serving.tls import TlsPort, loaded
 from robotapp_scheduler.port.endpoints import AllowAll, Endpoints, Gate, application
 from robotapp_scheduler.port.forked_worker import end_with_parent
-from robotapp_scheduler.port.frames import Settings
+from robotapp_scheduler.port.frames import Request, Settings
 from robotapp_scheduler.port.remote import Remote
 from robotapp_scheduler.shell import logs
 from robotapp_scheduler.shell.simulating import Simulator
@@ -63,7 +63,7 @@ async def run(settings: Settings) -> None:
     tls = await loaded(TlsPort(_path(settings.tls_certificate), _path(settings.tls_key)))
 
     async def simulation_config() -> Mapping[str, Any]:
-        found: Mapping[str, Any] = msgspec.json.decode((await remote.ask("simulation-config")).body)
+        found: Mapping[str, Any] = msgspec.json.decode((await remote.ask(Request("simulation-config"))).body)
         return found
 
     async with contextlib.AsyncExitStack() as stack:

@@ -16,7 +16,7 @@ from robotapp_api.serving.port import opened
 from robotapp_scheduler.config import built_in
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.port.endpoints import DECIDE_AT_ONCE, DECIDE_PER_S, Endpoints, application
-from robotapp_scheduler.port.frames import NOT_RECORDED, Response
+from robotapp_scheduler.port.frames import NOT_RECORDED, Request, Response
 from robotapp_scheduler.port.pages import pages, simulation_config
 from robotapp_scheduler.shell.health import Checks
 from robotapp_scheduler.shell.metrics import Metrics
@@ -50,25 +50,16 @@ class Site:
     async def page(self, what: str) -> Response:
         return Response(0, *self.pages[what]())
 
-    async def ask(
-        self,
-        what: str,
-        *,
-        namespace: str = "",
-        pod: str = "",
-        with_nodes: bool = False,
-        full: bool = False,
-        status: int = 0,
-    ) -> Response:
-        if what == "simulated":
-            self.simulated.append(status)
+    async def ask(self, request: Request) -> Response:
+        if request.what == "simulated":
+            self.simulated.append(request.status)
             return Response(0, 200, b"")
-        self.decided += what == "decide"
-        if namespace != "team-a":
+        self.decided += request.what == "decide"
+        if request.namespace != "team-a":
             return Response(0, 404, b"")
-        if what == "explain" and not self.remembered:
+        if request.what == "explain" and not self.remembered:
             return Response(0, NOT_RECORDED, b"")
-        found = {"pod": pod, "nodes": with_nodes} | ({"full": True} if full else {})
+        found = {"pod": request.pod, "nodes": request.with_nodes} | ({"full": True} if request.full else {})
         return Response(0, 200, msgspec.json.encode(found))
 
     async def access(self, caller: Caller, namespace: str) -> Access:

@@ -16,7 +16,7 @@ from tests.support.scheduling import Clock, make_core, make_node, make_pod
 
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.port.forked_worker import ForkedWorker, WorkerError
-from robotapp_scheduler.port.frames import NOT_RECORDED, Response
+from robotapp_scheduler.port.frames import NOT_RECORDED, Request, Response
 from robotapp_scheduler.port.remote import Remote
 from robotapp_scheduler.port.request_handler import STARTS_AT_ONCE, RequestHandler
 from robotapp_scheduler.shell.explaining import Explainer
@@ -68,16 +68,18 @@ def body(response: Response) -> dict[str, Any]:
 
 async def test_what_is_remembered_is_told_and_what_is_not_takes_another_question() -> None:
     async with opened() as world:
-        response = await world.remote.ask("explain", namespace="default", pod="decided", with_nodes=True)
+        response = await world.remote.ask(Request("explain", namespace="default", pod="decided", with_nodes=True))
         assert (response.status, body(response)["recomputed"]) == (200, False)
-        assert (await world.remote.ask("explain", namespace="default", pod="waiting")).status == NOT_RECORDED
-        assert (await world.remote.ask("explain", namespace="default", pod="nobody")).status == 404
+        assert (await world.remote.ask(Request("explain", namespace="default", pod="waiting"))).status == NOT_RECORDED
+        assert (await world.remote.ask(Request("explain", namespace="default", pod="nobody"))).status == 404
 
 
 async def test_what_is_decided_again_is_decided_in_a_copy_of_the_process() -> None:
     async with opened() as world:
         before = len(world.core.explain), world.core.decisions()
-        response = await world.remote.ask("decide", namespace="default", pod="waiting", with_nodes=True, full=True)
+        response = await world.remote.ask(
+            Request("decide", namespace="default", pod="waiting", with_nodes=True, full=True)
+        )
         assert body(response)["full"]["table"]["nodes"] == ["n1", "n2"]
         assert (len(world.core.explain), world.core.decisions()) == before
         await until(lambda: not children(), what="the idle worker has ended")
@@ -86,20 +88,20 @@ async def test_what_is_decided_again_is_decided_in_a_copy_of_the_process() -> No
 async def test_copies_are_few_and_each_answers_many() -> None:
     async with opened() as world:
         for _ in range(20):
-            assert (await world.remote.ask("decide", namespace="default", pod="waiting")).status == 200
+            assert (await world.remote.ask(Request("decide", namespace="default", pod="waiting"))).status == 200
         for _ in range(STARTS_AT_ONCE - 1):
             await world.handler._end_worker()
-            assert (await world.remote.ask("decide", namespace="default", pod="waiting")).status == 200
+            assert (await world.remote.ask(Request("decide", namespace="default", pod="waiting"))).status == 200
         await world.handler._end_worker()
-        response = await world.remote.ask("decide", namespace="default", pod="waiting")
+        response = await world.remote.ask(Request("decide", namespace="default", pod="waiting"))
         assert (response.status, "one at a time" in body(response)["error"]) == (429, True)
 
 
 async def test_a_pod_that_came_after_the_copy_began_gets_a_new_one() -> None:
     async with opened() as world:
-        await world.remote.ask("decide", namespace="default", pod="waiting")
+        await world.remote.ask(Request("decide", namespace="default", pod="waiting"))
         world.known.append(make_pod("later"))
-        assert (await world.remote.ask("decide", namespace="default", pod="later")).status == 200
+        assert (await world.remote.ask(Request("decide", namespace="default", pod="later"))).status == 200
 
 
 async def test_the_same_page_for_many_is_made_once_and_a_broken_one_says_so() -> None:
@@ -107,7 +109,7 @@ async def test_the_same_page_for_many_is_made_once_and_a_broken_one_says_so() ->
         response = await asyncio.gather(*(world.remote.page("metrics") for _ in range(50)))
         assert ({each.body for each in response}, world.made) == ({b"m"}, 1)
         assert (await world.remote.page("broken")).status == 500
-        await world.remote.ask("simulated", status=429)
+        await world.remote.ask(Request("simulated", status=429))
         assert world.handler.simulations == {"429": 1}
 
 
