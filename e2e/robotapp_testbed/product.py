@@ -7,6 +7,7 @@ import os
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +57,7 @@ def define(cp: ControlPlane, objects: Sequence[Mapping[str, Any]]) -> None:
     _apply(cp, objects)
     if names:
         _wait_established(cp, names)
+        _wait_listed(cp, frozenset(names))
     if not present.issuperset(names):
         cp.learn_new_kinds()
 
@@ -72,6 +74,30 @@ def _wait_established(cp: ControlPlane, names: Sequence[str]) -> None:
             time.sleep(0.1)
         else:
             return
+
+
+def _wait_listed(cp: ControlPlane, names: AbstractSet[str]) -> None:
+    """Wait until discovery lists the CRDs' kinds, which lags behind Established, and leave kubectl's cache with all of them.
+
+    kubectl reads an incomplete cache again for a kind it misses, but expands short names from the old one.
+    """
+    deadline_s = time.monotonic() + _ESTABLISHED_S
+    groups = {name.partition(".")[2] for name in names}
+    while missing := sorted(names - _listed(cp, groups)):
+        if time.monotonic() > deadline_s:
+            raise TestbedError(
+                f"discovery lists no {', '.join(missing)} {_ESTABLISHED_S:g} s after they were established"
+            )
+        time.sleep(0.1)
+
+
+def _listed(cp: ControlPlane, groups: AbstractSet[str]) -> set[str]:
+    """`plural.group`, which is a CRD's name, of what discovery has now: this command alone reads no cache."""
+    return {
+        line
+        for group in groups
+        for line in cp.kubectl("api-resources", "-o", "name", f"--api-group={group}").splitlines()
+    }
 
 
 def start_operator(

@@ -32,6 +32,7 @@ class Plane:
         self.present: list[str] = []
         self.learned = 0
         self.wait_errors: list[str] = []
+        self.unlisted_for = 0
 
     @property
     def api(self) -> "Plane":
@@ -54,6 +55,9 @@ class Plane:
             self.applied.append(
                 [f"{each['kind']}/{each['metadata']['name']}" for each in json.loads(json.dumps(stdin))]
             )
+        elif args[0] == "api-resources":
+            self.unlisted_for -= 1
+            return "" if self.unlisted_for >= 0 else "\n".join(self.waited[1:])
         else:
             if self.wait_errors:
                 raise CommandError(["kubectl", *args], 1, "", self.wait_errors.pop(0))
@@ -88,6 +92,21 @@ def test_definitions_are_established_before_what_needs_them() -> None:
     assert set(first[1:]) == {f"{CRD}/robotapps.robotics.io", f"{CRD}/domainpools.robotics.io"}
     assert set(plane.waited) == {"crd", "robotapps.robotics.io", "domainpools.robotics.io"}
     assert second == ["ClusterRole/r", "DomainPool/default"]
+
+
+def test_definitions_are_listed_by_discovery_before_anything_else_is_applied() -> None:
+    plane = Plane([obj("DomainPool", "default")])
+    plane.unlisted_for = 2
+    product.install(cast(ControlPlane, plane))
+    assert plane.unlisted_for == -1
+
+
+def test_definitions_that_discovery_never_lists_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(product, "_ESTABLISHED_S", 0.1)
+    plane = Plane([obj("DomainPool", "default")])
+    plane.unlisted_for = 1_000
+    with pytest.raises(TestbedError, match="lists no robotapps"):
+        product.install(cast(ControlPlane, plane))
 
 
 def test_a_definition_of_the_chart_is_not_applied_a_second_time_from_its_file() -> None:
