@@ -1,0 +1,1 @@
+"""What the agent writes and when: the status of NodeTelemetry from readings, changes that matter, load. Pure."""
