@@ -2,7 +2,7 @@
 
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, StringConstraints
+from pydantic import Field, StringConstraints, WithJsonSchema
 
 from robotapp_api.model import names
 from robotapp_api.model.base import Model, ObjectMeta, Observed
@@ -59,6 +59,8 @@ class Rtt(Observed):
     """95th percentile of the round-trip time in microseconds."""
     loss_ppm: Annotated[int | None, Field(alias="lossPPM", ge=0, le=1_000_000)] = None
     """Probes that got no answer, per million."""
+    jitter_us: Annotated[Microseconds | None, Field(alias="jitterUs")] = None
+    """Mean difference between the times of one probe and the next, in microseconds."""
     seq: Generation | None = None
     """Number of the round that measured this pair; absent means that of the status. Writing the same round again does not
     refresh the entry."""
@@ -74,10 +76,38 @@ class Load(Observed):
     """CPU in use, in percent of all cores."""
     memory_percent: Percent | None = None
     """Memory in use, in percent."""
+    disk_percent: Percent | None = None
+    """Disk space in use, in percent: the filesystem of the kubelet, else that of the root folder."""
     gpu_percent: Percent | None = None
     """GPU in use, in percent; absent without a GPU."""
     network_bps: Annotated[Generation | None, Field(alias="networkBps")] = None
-    """Traffic in both directions, in bit/s."""
+    """Traffic in both directions over the node's physical interfaces, in bit/s."""
+
+
+class Temperature(Observed):
+    """A temperature sensor of the node."""
+
+    name: Annotated[str, StringConstraints(min_length=1, max_length=63)]
+    """Name that the kernel gives the sensor, such as cpu-thermal."""
+    celsius: Annotated[int, Field(ge=-273, le=1000)]
+    """Temperature in degrees Celsius."""
+
+
+class Battery(Observed):
+    """The batteries of the node."""
+
+    percent: Percent
+    """Charge that is left, in percent."""
+    charging: bool
+    """The node is on external power."""
+
+
+class Clock(Observed):
+    """The node's clock."""
+
+    offset_milliseconds: Annotated[int, WithJsonSchema({"type": "integer", "format": "int64"})]
+    """How far the node's clock is ahead of the API server's, in milliseconds; negative when it is behind. The API server tells
+    its time in whole seconds: offsets below two seconds are reported as 0."""
 
 
 class TelemetryStatus(Observed):
@@ -98,6 +128,12 @@ class TelemetryStatus(Observed):
     """Round-trip times to other nodes."""
     load: Load | None = None
     """How busy the node is."""
+    temperatures: Annotated[tuple[Temperature, ...], Field(max_length=16)] = ()
+    """Temperature sensors."""
+    battery: Battery | None = None
+    """Charge of the node's batteries; absent without one."""
+    clock: Clock | None = None
+    """The node's clock compared with the API server's; absent while unknown."""
 
 
 class NodeTelemetry(Model):
@@ -113,8 +149,12 @@ class NodeTelemetry(Model):
             Column("Realtime", ".status.kernel.realtime", type="boolean"),
             Column("CPU%", ".status.load.cpuPercent", type="integer"),
             Column("Mem%", ".status.load.memoryPercent", type="integer"),
+            Column("Battery%", ".status.battery.percent", type="integer"),
             Column("Interval", ".status.intervalSeconds", type="integer"),
             Column("Age", ".metadata.creationTimestamp", type="date"),
+            Column("Disk%", ".status.load.diskPercent", type="integer", wide=True),
+            Column("GPU%", ".status.load.gpuPercent", type="integer", wide=True),
+            Column("Clock offset ms", ".status.clock.offsetMilliseconds", type="integer", wide=True),
             Column("Seq", ".status.seq", type="integer", wide=True),
         ),
     )
