@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from robotapp_agent.report.changes import LONGEST_INTERVAL_S
 from robotapp_api.values import arguments
 
 PREFIX: Final = "ROBOTAPP_AGENT_"
@@ -47,6 +48,8 @@ class Options:
     """Where Node Feature Discovery reads feature files; None = write none."""
     health_port: int
     """TCP; 0 = none."""
+    interval_seconds: int
+    """0 = by the number of nodes."""
     once: bool
     json: bool
     log_format: str
@@ -71,11 +74,21 @@ def parse(argv: Sequence[str] | None = None, environment: Mapping[str, str] | No
         device_rules=found.device_rules,
         features_dir=found.features_dir,
         health_port=found.health_port,
+        interval_seconds=found.interval_seconds,
         once=found.once,
         json=found.json,
         log_format=found.log_format,
         log_level=found.log_level,
     )
+
+
+def _interval(text: str) -> int:
+    """Whole seconds up to an hour; 0 stands for the rule."""
+    if not (text.isascii() and text.isdecimal() and int(text) <= LONGEST_INTERVAL_S):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not an interval; write whole seconds from 0 to {LONGEST_INTERVAL_S}"
+        )
+    return int(text)
 
 
 def _parser(environment: Mapping[str, str]) -> argparse.ArgumentParser:
@@ -117,6 +130,12 @@ def _parser(environment: Mapping[str, str]) -> argparse.ArgumentParser:
         f"TCP port of /healthz, 0 for none; default: {HEALTH_PORT}",
         default=str(HEALTH_PORT),
         convert=arguments.port,
+    )
+    add(
+        "interval-seconds",
+        "time from one heartbeat to the next; default: max(10, nodes / 50)",
+        default="0",
+        convert=_interval,
     )
     add("log-format", "default: text", default="text", choices=("text", "json"))
     add("log-level", "default: info", default="info", choices=("debug", "info", "warning", "error"))

@@ -59,8 +59,6 @@ class Rtt(Observed):
     """95th percentile of the round-trip time in microseconds."""
     loss_ppm: Annotated[int | None, Field(alias="lossPPM", ge=0, le=1_000_000)] = None
     """Probes that got no answer, per million."""
-    jitter_us: Annotated[Microseconds | None, Field(alias="jitterUs")] = None
-    """Mean difference between the times of one probe and the next, in microseconds."""
     seq: Generation | None = None
     """Number of the round that measured this pair; absent means that of the status. Writing the same round again does not
     refresh the entry."""
