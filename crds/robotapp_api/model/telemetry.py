@@ -19,7 +19,8 @@ class TelemetrySpec(Model):
     """What the agent is asked to measure."""
 
     probe: Annotated[tuple[NodeName, ...], ListSet(), Field(max_length=16)] = ()
-    """Nodes to measure in every round: the other ends of placed edges. Written by the operator."""
+    """Nodes to measure in every round (more than 14 of them: each in at least every second round): the other ends of placed
+    edges. Written by the operator."""
 
 
 class Kernel(Observed):
@@ -57,8 +58,10 @@ class Rtt(Observed):
     """Median round-trip time in microseconds."""
     p95_us: Annotated[Microseconds | None, Field(alias="p95Us")] = None
     """95th percentile of the round-trip time in microseconds."""
+    jitter_us: Annotated[Microseconds | None, Field(alias="jitterUs")] = None
+    """Mean difference between one round-trip time and the next, in microseconds; absent with fewer than two answers."""
     loss_ppm: Annotated[int | None, Field(alias="lossPPM", ge=0, le=1_000_000)] = None
-    """Probes that got no answer, per million."""
+    """Probes that got no answer, per million, over the last rounds in which there was any answer."""
     seq: Generation | None = None
     """Number of the round that measured this pair; absent means that of the status. Writing the same round again does not
     refresh the entry."""

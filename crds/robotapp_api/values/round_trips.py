@@ -29,6 +29,7 @@ class Rtt(msgspec.Struct, rename="camel", frozen=True, gc=False, kw_only=True):
     peer: str = ""
     p50_us: int | None = None
     p95_us: int | None = None
+    jitter_us: int | None = None
     loss_ppm: int | None = msgspec.field(name="lossPPM", default=None)
     seq: int | None = None
     every_rounds: int | None = None
