@@ -14,6 +14,8 @@ from collections.abc import Callable, Iterable, Sequence
 from enum import IntEnum
 from typing import Final
 
+from msgspec import UnsetType
+
 from robotapp_agent.report.status import LoadStatus, RttStatus, Status, TemperatureStatus
 
 SHORTEST_S: Final = 2.0
@@ -52,7 +54,7 @@ def urgency(written: Status | None, now: Status) -> Urgency:
         return Urgency.AT_ONCE
     if (written.devices, written.arch, written.kernel) != (now.devices, now.arch, now.kernel):
         return Urgency.AT_ONCE
-    by_rtt = _rtt_urgency(written.rtt or (), now.rtt or ())
+    by_rtt = _rtt_urgency(_entries(written.rtt), _entries(now.rtt))
     if by_rtt < Urgency.SOON and _figures_differ(written, now):
         return Urgency.SOON
     return by_rtt
@@ -89,6 +91,10 @@ def _differ(written: int | None, now: int | None, floor: int) -> bool:
         return written is not now
     change = abs(now - written)
     return change >= floor and change * _FIFTHS >= abs(written)
+
+
+def _entries(rtt: tuple[RttStatus, ...] | UnsetType | None) -> tuple[RttStatus, ...]:
+    return () if rtt is None or isinstance(rtt, UnsetType) else rtt
 
 
 def _rtt_urgency(written: Sequence[RttStatus], now: Sequence[RttStatus]) -> Urgency:

@@ -25,6 +25,8 @@ class AttachedDevice(Protocol):
     def present(self) -> bool: ...
     @property
     def path(self) -> str: ...
+    @property
+    def names(self) -> tuple[str, ...]: ...
 
 
 class RoundTrip(NamedTuple):
@@ -70,15 +72,15 @@ class Battery(NamedTuple):
 
 
 class Readings(NamedTuple):
-    """Everything at one moment. A part that could not be read is as empty as one that is not there."""
+    """Everything at one moment. None is what the agent does not know yet: what an earlier run of it wrote stays as it is."""
 
     interval_s: int
     seq: int | None = None
     """Number of the latest round that ended; None before the first."""
     arch: str = ""
     realtime: bool = False
-    devices: tuple[AttachedDevice, ...] = ()
-    round_trips: tuple[RoundTrip, ...] = ()
+    devices: tuple[AttachedDevice, ...] | None = None
+    round_trips: tuple[RoundTrip, ...] | None = None
     load: Load = Load()
     temperatures: tuple[Temperature, ...] = ()
     battery: Battery | None = None

@@ -1,13 +1,14 @@
 """Readings as the status of NodeTelemetry.
 
 It is sent as a merge patch, in which lists replace what is stored and maps are merged: a field of a map that has no value is
-sent as null, which removes it, while an entry of a list leaves such fields out.
+sent as null, which removes it, while an entry of a list leaves such fields out. What is not known yet is not sent at all.
 """
 
 from collections.abc import Collection
-from typing import Final
+from typing import Any, Final
 
 import msgspec
+from msgspec import UNSET, UnsetType
 
 from robotapp_agent.report.readings import (
     MOST_DEVICES,
@@ -59,6 +60,7 @@ class DeviceStatus(_Entry, frozen=True):
     interface: str = ""
     identity: str = ""
     path: str = ""
+    names: tuple[str, ...] = ()
 
 
 class RttStatus(_Entry, frozen=True):
@@ -83,8 +85,8 @@ class Status(_Part, frozen=True):
     seq: int | None = None
     arch: str | None = None
     kernel: KernelStatus | None = None
-    devices: tuple[DeviceStatus, ...] | None = None
-    rtt: tuple[RttStatus, ...] | None = None
+    devices: tuple[DeviceStatus, ...] | UnsetType | None = UNSET
+    rtt: tuple[RttStatus, ...] | UnsetType | None = UNSET
     load: LoadStatus | None = None
     temperatures: tuple[TemperatureStatus, ...] | None = None
     battery: BatteryStatus | None = None
@@ -108,8 +110,8 @@ def status_of(readings: Readings) -> Status:
         seq=readings.seq,
         arch=readings.arch or None,
         kernel=KernelStatus(realtime=readings.realtime),
-        devices=tuple(map(_device, _most_relevant(readings.devices))),
-        rtt=tuple(map(_rtt, _latest(readings.round_trips))),
+        devices=UNSET if readings.devices is None else tuple(map(_device, _most_relevant(readings.devices))),
+        rtt=UNSET if readings.round_trips is None else tuple(map(_rtt, _latest(readings.round_trips))),
         load=_load(readings.load),
         temperatures=tuple(map(_temperature, readings.temperatures[:MOST_TEMPERATURES])) or None,
         battery=_battery(readings.battery),
@@ -120,6 +122,16 @@ def status_of(readings: Readings) -> Status:
 def without(status: Status, sections: Collection[str]) -> Status:
     """The status with these fields (wire names) removed, for an API server that refuses what is in them."""
     return msgspec.structs.replace(status, **{_ATTRIBUTES[name]: None for name in sections if name in _ATTRIBUTES})
+
+
+def shown(status: Status) -> dict[str, Any]:
+    """The status as plain data for people, without what has no value."""
+    plain: dict[str, Any] = msgspec.to_builtins(status)
+    return {key: _filled(value) for key, value in plain.items() if value is not None}
+
+
+def _filled(value: Any) -> Any:
+    return {key: each for key, each in value.items() if each is not None} if isinstance(value, dict) else value
 
 
 def patch_of(status: Status) -> bytes:
@@ -146,6 +158,7 @@ def _device(device: AttachedDevice) -> DeviceStatus:
         interface=device.interface,
         identity=device.identity,
         path=device.path,
+        names=device.names,
     )
 
 

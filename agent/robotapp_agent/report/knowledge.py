@@ -1,0 +1,108 @@
+"""What the agent has found out so far: the newest of each part, and the round trips that still count."""
+
+from collections.abc import Iterable, Mapping
+from typing import Final, Protocol
+
+from robotapp_agent.report.changes import interval_for
+from robotapp_agent.report.clock_offset import ClockOffset
+from robotapp_agent.report.load import Sample, load_between
+from robotapp_agent.report.readings import (
+    MOST_ROUND_TRIPS,
+    AttachedDevice,
+    Battery,
+    Load,
+    Readings,
+    RoundTrip,
+    Temperature,
+)
+
+PERIODS_KEPT: Final = 3
+"""A reading is dropped when readers no longer count it (`robotapp_api.values.round_trips`)."""
+
+
+class Measured(Protocol):
+    """What a round found out about a peer (`robotapp_agent.probe.rounds`)."""
+
+    @property
+    def peer(self) -> str: ...
+    @property
+    def p50_us(self) -> int | None: ...
+    @property
+    def p95_us(self) -> int | None: ...
+    @property
+    def jitter_us(self) -> int | None: ...
+    @property
+    def loss_ppm(self) -> int: ...
+
+
+class Knowledge:
+    """Filled by the parts of the agent, read by the reporter.
+
+    `seq` counts rounds, also those in which nothing was measured: readers take it for the agent's sign of life. It goes on where
+    the agent's earlier run ended, because a number that readers have seen before counts as an old round.
+    """
+
+    def __init__(self, *, arch: str, realtime: bool, seq: int, fixed_interval_s: int = 0) -> None:
+        self.seq = seq
+        self.nodes = 0
+        self.offset = ClockOffset()
+        self.devices: tuple[AttachedDevice, ...] | None = None
+        self.temperatures: tuple[Temperature, ...] = ()
+        self.battery: Battery | None = None
+        self._arch = arch
+        self._realtime = realtime
+        self._fixed_interval_s = fixed_interval_s
+        self._trips: dict[str, RoundTrip] | None = None
+        self._load = Load()
+        self._sample: Sample | None = None
+
+    def __repr__(self) -> str:
+        return f"<Knowledge: round {self.seq}, {len(self._trips or ())} round trips, {len(self.devices or ())} devices>"
+
+    @property
+    def interval_s(self) -> int:
+        """From one heartbeat to the next."""
+        return self._fixed_interval_s or interval_for(self.nodes)
+
+    @property
+    def complete(self) -> bool:
+        """Whether devices and load were read at least once."""
+        return self.devices is not None and self._sample is not None
+
+    def sampled(self, sample: Sample) -> None:
+        """Take in the node's counters; the load is that since the sample before."""
+        if self._sample is not None:
+            self._load = load_between(self._sample, sample)
+        self._sample = sample
+
+    def round_ended(self, results: Iterable[Measured], *, every_rounds: Mapping[str, int]) -> None:
+        """Take in a round. `every_rounds`: by peer, absent means 1. A peer keeps its last result until that is too old."""
+        self.seq += 1
+        trips = dict(self._trips or {})
+        for found in results:
+            every = every_rounds.get(found.peer, 1)
+            trips[found.peer] = RoundTrip(
+                found.peer, found.p50_us, found.p95_us, found.jitter_us, found.loss_ppm, self.seq, every
+            )
+        live = [trip for trip in trips.values() if self.seq - trip.seq < PERIODS_KEPT * trip.every_rounds]
+        live.sort(key=lambda trip: -trip.seq)
+        self._trips = {trip.peer: trip for trip in live[:MOST_ROUND_TRIPS]}
+
+    def idle_round(self) -> None:
+        """A round's time has passed and nothing could be measured."""
+        self.seq += 1
+
+    def readings(self) -> Readings:
+        """Everything as of now."""
+        return Readings(
+            interval_s=self.interval_s,
+            seq=self.seq,
+            arch=self._arch,
+            realtime=self._realtime,
+            devices=self.devices,
+            round_trips=None if self._trips is None else tuple(self._trips.values()),
+            load=self._load,
+            temperatures=self.temperatures,
+            battery=self.battery,
+            clock_offset_ms=self.offset.reported_ms,
+        )
