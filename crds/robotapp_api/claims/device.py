@@ -24,6 +24,8 @@ from robotapp_api.claims.release import Release
 
 GPU: Final = "gpu"
 """A type our scheduler never claims: its device plugin hands it out as an extended resource, the node only has to have one."""
+USB: Final = "usb"
+"""A type that devices of other types go by as well: a camera that an agent reports as video may be what a label calls usb."""
 _USB_IDENTITY: Final = re.compile(r"(?:usb:)?([0-9a-f]{4}:[0-9a-f]{4})(?::(.*))?", re.IGNORECASE)
 
 
@@ -51,6 +53,8 @@ class Described(Protocol):
     def interface(self) -> str: ...
     @property
     def identity(self) -> str: ...
+    @property
+    def names(self) -> tuple[str, ...]: ...
 
 
 class Identified(Described, Protocol):
@@ -180,7 +184,11 @@ def is_device(thing: DeviceThing, device: Identified, *, known: Collection[str])
 def _surely_another(thing: DeviceThing, device: Identified) -> bool:
     if thing.type == UNKNOWN_DEVICE_TYPE:
         return False
-    if thing.type != device.type:
+    names = (name.partition("-") for name in device.names)
+    interfaces = [interface for kind, _, interface in names if kind == thing.type]
+    if thing.type == device.type or (device.type == USB and thing.identity):
+        interfaces.append(device.interface or _stable_name(device.id, device.type))
+    if not interfaces:
         return True
     if thing.identity and device.identity:
         # Two that are told apart by vendor, product and serial; of one model without serials each has an id of its own.
@@ -188,8 +196,8 @@ def _surely_another(thing: DeviceThing, device: Identified) -> bool:
     if thing.identity or device.identity:
         return False
     # Ids are `<type>-<stable name>`. A label without interface, such as hardware.robotics.io/can, names no device.
-    one, other = _stable_name(thing.id, thing.type), device.interface or _stable_name(device.id, device.type)
-    return bool(one and other) and one != other
+    one = _stable_name(thing.id, thing.type)
+    return bool(one) and all(interfaces) and one not in interfaces
 
 
 def _stable_name(device_id: str, device_type: str) -> str:
@@ -212,11 +220,20 @@ def fits(requirement: Kind, device: Reported) -> bool:
 def fits_kind(requirement: Kind, device: Described) -> bool:
     """Type, and model, interface and vid:pid[:serial] where the requirement names them."""
     return (
-        device.type == requirement.type
-        and requirement.model in {"", device.model}
-        and requirement.interface in {"", device.interface}
+        requirement.model in {"", device.model}
+        and (
+            (device.type == requirement.type and requirement.interface in {"", device.interface})
+            or any(_fits_name(requirement, name) for name in device.names)
+        )
         and (not requirement.usb_id or identity_fits(requirement.usb_id, device.identity))
     )
+
+
+def _fits_name(requirement: Kind, name: str) -> bool:
+    """A further name is matched as the label hardware.robotics.io/<name> is: with the interface, or any of its type."""
+    if requirement.interface:
+        return name == f"{requirement.type}-{requirement.interface}"
+    return name == requirement.type or name.startswith(f"{requirement.type}-")
 
 
 def identity_fits(usb_id: str, identity: str) -> bool:

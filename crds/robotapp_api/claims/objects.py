@@ -297,3 +297,4 @@ class TelemetryDevice(Object, frozen=True, kw_only=True):
     interface: str = ""
     identity: str = ""
     present: bool = True
+    names: tuple[str, ...] = ()

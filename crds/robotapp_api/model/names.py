@@ -61,6 +61,9 @@ class Label(StrEnum):
 
 
 HARDWARE_PREFIX: Final = "hardware.robotics.io/"
+HARDWARE_SOURCE: Final = "hardware.robotics.io/source"
+"""On nodes whose hardware labels were made from their NodeTelemetry: they are capabilities, and the devices are only there."""
+FROM_TELEMETRY: Final = "telemetry"
 
 
 class Annotation(StrEnum):

@@ -30,6 +30,12 @@ class Kernel(Observed):
     """The kernel is built with PREEMPT_RT."""
 
 
+HardwareName = Annotated[
+    str, StringConstraints(min_length=1, max_length=63, pattern=r"^[a-z0-9]([-A-Za-z0-9_.]*[A-Za-z0-9])?$")
+]
+"""The part of a label hardware.robotics.io/<type>[-<interface>] after the slash."""
+
+
 class TelemetryDevice(Observed):
     """A device attached to the node."""
 
@@ -38,15 +44,18 @@ class TelemetryDevice(Observed):
     type: Token
     """Type of device, such as usb, can, serial or gpio."""
     model: ShortText = ""
-    """Model of the device."""
+    """Model of the device, written as a label value."""
     interface: ShortText = ""
-    """Network interface of the device, such as can0."""
+    """The kernel's name of the device where it belongs to the hardware, such as can0 or gpiochip0."""
     identity: Annotated[str, StringConstraints(max_length=128)] = ""
     """Vendor, product and serial, such as 8086:0b3a:0123."""
     present: bool
     """The device is attached now."""
     path: Annotated[str, StringConstraints(max_length=255)] = ""
     """Device file, such as /dev/video0."""
+    names: Annotated[tuple[HardwareName, ...], Field(max_length=8)] = ()
+    """Further names <type>[-<interface>] under which requirements and devices find it, such as usb or sensor-usb-cam. Its id,
+    and so its claim, is the same under each."""
 
 
 class Rtt(Observed):
@@ -125,6 +134,8 @@ class TelemetryStatus(Observed):
     """Kernel of the node."""
     devices: Annotated[tuple[TelemetryDevice, ...], Field(max_length=128)] = ()
     """Devices attached to the node."""
+    device_problem: Annotated[str, StringConstraints(max_length=256)] = ""
+    """What is wrong with the rules for the node's devices, or could not be read; empty when nothing is."""
     rtt: Annotated[tuple[Rtt, ...], Field(max_length=64)] = ()
     """Round-trip times to other nodes."""
     load: Load | None = None

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from robotapp_api.claims.device import PREFERENCE, Take, assign, fits_kind, is_device, take_device
 from robotapp_api.claims.identity import UNKNOWN_DEVICE_TYPE, device_label, same_holder, shared_devices
 from robotapp_api.claims.objects import Claim, DeviceThing, TelemetryDevice
-from robotapp_api.model.names import HARDWARE_PREFIX
+from robotapp_api.model.names import FROM_TELEMETRY, HARDWARE_PREFIX, HARDWARE_SOURCE
 from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.ros import DeviceHolder, DeviceWish
 
@@ -24,6 +24,7 @@ class Device(NamedTuple):
     model: str = ""
     interface: str = ""
     identity: str = ""
+    names: tuple[str, ...] = ()
 
 
 class DeviceGrant(NamedTuple):
@@ -59,8 +60,11 @@ def devices_of_labels(labels: dict[str, str]) -> tuple[Device, ...]:
     """Devices of a node that has no telemetry: hardware.robotics.io/<type>[-<interface>]: <model or true>.
 
     A label without interface is a device only while no other label names one of its type: else one device had two names.
-    Its model is then that of the only one there is.
+    Its model is then that of the only one there is. Labels made from telemetry are no devices: several of them mean the same
+    one, and only the telemetry tells which.
     """
+    if labels.get(HARDWARE_SOURCE) == FROM_TELEMETRY:
+        return ()
     models: dict[str, str] = {}
     named: dict[str, list[Device]] = {}
     for key in sorted(labels):
@@ -111,7 +115,7 @@ class DeviceIndex:
         """What the agent sees; absent devices do not count. True when something is different."""
         self._with_telemetry.add(node)
         devices = tuple(devices)
-        present = (Device(d.id, d.type, d.model, d.interface, d.identity) for d in devices if d.present)
+        present = (Device(d.id, d.type, d.model, d.interface, d.identity, d.names) for d in devices if d.present)
         return self._set(node, tuple(sorted(present)), known=devices)
 
     def drop_telemetry(self, node: str, labels: dict[str, str]) -> bool:

@@ -47,6 +47,20 @@ def agent(*, interfaces: bool, identities: bool = True) -> Callable[[DeviceIndex
     return describe
 
 
+def agent_with_names(devices: DeviceIndex) -> None:
+    """An agent that reports cameras as such, and knows that they are asked for as usb as well."""
+    found = (
+        TelemetryDevice(
+            id=f"video-8086-0b3a-{serial}",
+            type="video",
+            identity=f"8086:0b3a:{serial}",
+            names=("usb", f"usb-{interface}"),
+        )
+        for interface, serial in CAMERAS
+    )
+    devices.set_telemetry("n", found)
+
+
 DESCRIPTIONS = {
     "bare label": bare_label,
     "label per interface": label_per_interface,
@@ -54,6 +68,7 @@ DESCRIPTIONS = {
     "agent with interfaces": agent(interfaces=True),
     "agent without interfaces": agent(interfaces=False),
     "agent without identities": agent(interfaces=True, identities=False),
+    "agent with names": agent_with_names,
 }
 
 
@@ -148,3 +163,45 @@ def test_a_claim_that_was_made_again_for_a_running_pod_knows_no_type_and_holds_a
     thing = DeviceThing(node="n", type="unknown", id="usb")
     devices.apply_claim(msgspec.structs.replace(found, spec=msgspec.structs.replace(found.spec, device=thing)))
     assert devices.choose((CAMERA,), "n", OTHER) is None
+
+
+def test_a_device_is_found_by_each_of_its_names_and_claimed_under_its_id() -> None:
+    devices = DeviceIndex()
+    camera = TelemetryDevice(
+        id="video-8086-0b3a-111", type="video", model="D435i", identity="8086:0b3a:111", names=("usb", "sensor-usb-cam")
+    )
+    devices.set_telemetry("n", [camera])
+    asked = (
+        DeviceWish("cam", "video"),
+        DeviceWish("cam", "usb", usb_id="8086:0B3A"),
+        DeviceWish("cam", "sensor"),
+        DeviceWish("cam", "sensor", interface="usb-cam", model="D435i"),
+    )
+    for wish in asked:
+        (grant,) = devices.choose((wish,), "n", MINE) or ()
+        assert grant.device.id == camera.id
+        assert devices.capable(wish) == {"n"}
+    devices.apply_claim(claim_of(grant, MINE))
+    assert [devices.choose((wish,), "n", OTHER) for wish in asked] == [None] * len(asked)
+
+
+def test_a_name_with_another_interface_is_another_name() -> None:
+    devices = DeviceIndex()
+    devices.set_telemetry("n", [TelemetryDevice(id="video-a", type="video", names=("sensor-usb-cam",))])
+    for wish in (
+        DeviceWish("cam", "sensor", interface="usb"),
+        DeviceWish("cam", "sens"),
+        DeviceWish("cam", "video", interface="usb-cam"),
+        DeviceWish("cam", "sensor", interface="usb-cam", model="D435i"),
+    ):
+        assert not devices.capable(wish)
+
+
+def test_labels_made_from_telemetry_are_no_devices_of_their_own() -> None:
+    """One camera has several such labels: counted as devices it would be given to several pods."""
+    devices = DeviceIndex()
+    labels = {f"{PREFIX}{name}": "D435i" for name in ("video", "video-8086-0b3a-111", "sensor-usb-cam", "usb")}
+    devices.set_labels("n", labels | {f"{PREFIX}source": "telemetry"})
+    assert devices.of("n") == ()
+    devices.set_labels("n", labels)
+    assert len(devices.of("n")) == 3

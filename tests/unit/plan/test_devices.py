@@ -168,3 +168,10 @@ def test_rivals_cannot_all_be_served_but_all_without_any_one_of_them(fitting: li
     assert served(list(range(len(fitting)))) is (not group)
     for index in group:
         assert served([other for other in group if other != index])
+
+
+def test_a_device_that_is_asked_for_by_a_further_name_is_the_one_that_is_held() -> None:
+    listed = [{"id": "can-1d50-606f-1", "type": "can", "interface": "can3", "present": True, "names": ["can-can0"]}]
+    telemetry = {"amr-07": msgspec.convert({"metadata": {"name": "amr-07"}, "status": {"devices": listed}}, Telemetry)}
+    text = device_trouble(WANTING, ON_ROBOT, claims=[claim_of("can-1d50-606f-1", uid="other")], telemetry=telemetry)
+    assert text.startswith("device can-1d50-606f-1 on amr-07 is held by default/arm")

@@ -1,0 +1,61 @@
+"""Device → node labels `hardware.robotics.io/<type>[-<interface>]: <model|true>`: the one rule of feature file and labeller."""
+
+from collections.abc import Iterable, Iterator
+from typing import Final, Protocol
+
+from robotapp_api.model.names import FROM_TELEMETRY, HARDWARE_PREFIX, HARDWARE_SOURCE
+
+MOST_LABELS: Final = 256
+"""More would crowd the Node object; ids and extra names are left out first, types never."""
+NO_MODEL: Final = "true"
+
+
+class Labelled(Protocol):
+    """What a label is made of: a device of the agent, or one decoded from NodeTelemetry."""
+
+    @property
+    def id(self) -> str: ...
+    @property
+    def type(self) -> str: ...
+    @property
+    def model(self) -> str: ...
+    @property
+    def interface(self) -> str: ...
+    @property
+    def present(self) -> bool: ...
+    @property
+    def names(self) -> tuple[str, ...]: ...
+
+
+def labels_of(devices: Iterable[Labelled]) -> dict[str, str]:
+    """Labels of the devices that are plugged in; empty without any.
+
+    A key that several devices give has their model when they are of one, else `true`: what one label can hold of two models
+    is that there are some. `hardware.robotics.io/source` keeps the scheduler from counting these labels as devices: one
+    device has several of them, but one id.
+    """
+    models: dict[str, set[str]] = {}
+    for device in devices:
+        if device.present:
+            for name in names_of(device):
+                models.setdefault(name, set()).add(device.model or NO_MODEL)
+    if not models:
+        return {}
+    by_length = sorted(models, key=lambda name: (name.count("-"), name))[: MOST_LABELS - 1]
+    labels = {HARDWARE_PREFIX + name: _one(models[name]) for name in sorted(by_length)}
+    return labels | {HARDWARE_SOURCE: FROM_TELEMETRY}
+
+
+def names_of(device: Labelled) -> Iterator[str]:
+    """Everything the device is found by: type, type-interface, id, and its further names, each with its type."""
+    yield device.type
+    if device.interface:
+        yield f"{device.type}-{device.interface}"
+    yield device.id
+    for name in device.names:
+        yield name
+        yield name.partition("-")[0]
+
+
+def _one(models: set[str]) -> str:
+    return next(iter(models)) if len(models) == 1 else NO_MODEL
