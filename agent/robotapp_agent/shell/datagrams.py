@@ -1,0 +1,141 @@
+"""UDP sockets of the event loop that know when a datagram came and to which of our addresses."""
+
+import asyncio
+import ipaddress
+import socket
+import struct
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Final, NamedTuple
+
+from robotapp_api.values.buckets import Buckets
+
+_IP_PKTINFO: Final = 8  # linux/in.h; Python names it from 3.14 on
+_SO_TIMESTAMPNS: Final = 35  # asm-generic/socket.h: every architecture that Kubernetes runs on
+_TIMESPEC: Final = struct.Struct("@ll")
+_PKTINFO4: Final = struct.Struct("@I4s4s")  # struct in_pktinfo: interface, local address, address in the header
+_PKTINFO6: Final = struct.Struct("@16sI")  # struct in6_pktinfo
+_ANCILLARY_BYTES: Final = 256
+_AT_ONCE: Final = 32
+"""Datagrams read before other work of the event loop has its turn."""
+READS_PER_S: Final = 1000.0
+"""What anybody who can reach the port makes us read. The kernel drops the rest, at no cost worth mentioning."""
+_PAUSE_S: Final = 0.02
+
+Address = tuple[str, int] | tuple[str, int, int, int]
+
+
+class Datagram(NamedTuple):
+    """What came. `queued_ns`: how long it waited for us since the kernel received it, by the wall clock, so possibly nonsense."""
+
+    data: bytes
+    source: Address
+    now_ns: int
+    """When we read it, by the monotonic clock."""
+    queued_ns: int
+
+
+Handler = Callable[[Datagram], bytes | None]
+"""Returns the reply to send to the source, or None."""
+
+
+class DatagramSocket:
+    """One socket of one address family. A reply leaves from the address that its request was sent to, which on a node with several
+    is not always the one that the kernel would pick.
+    """
+
+    def __init__(self, family: socket.AddressFamily, *, port: int, most_bytes: int, handler: Handler) -> None:
+        self._file = _bound(family, port)
+        self._most_bytes = most_bytes
+        self._handler = handler
+        self._budget = Buckets(per_s=READS_PER_S, burst=READS_PER_S, clock=time.monotonic)
+        self._loop = asyncio.get_running_loop()
+        self._pause: asyncio.TimerHandle | None = None
+        self._loop.add_reader(self._file, self._read)
+
+    def __repr__(self) -> str:
+        return f"<DatagramSocket {self._file.family.name} port {self.port}>"
+
+    @property
+    def port(self) -> int:
+        """The port it is bound to."""
+        return int(self._file.getsockname()[1])
+
+    def send(self, data: bytes, address: Address) -> None:
+        """OSError when the kernel does not take it."""
+        self._file.sendto(data, address)
+
+    def close(self) -> None:
+        """Stop reading and give the port back."""
+        if self._pause:
+            self._pause.cancel()
+        self._loop.remove_reader(self._file)
+        self._file.close()
+
+    def _read(self) -> None:
+        for _ in range(_AT_ONCE):
+            try:
+                # One byte more than allowed: what is longer shows, and is cut off by the kernel.
+                data, extras, _, source = self._file.recvmsg(self._most_bytes + 1, _ANCILLARY_BYTES)
+            except OSError:  # nothing more; or what an earlier datagram met on its way
+                return
+            if self._budget.wait_s(""):
+                self._rest()
+                return
+            now_ns, wall_ns = time.monotonic_ns(), time.time_ns()
+            stamp_ns, local = _read_extras(extras)
+            reply = self._handler(Datagram(data, source, now_ns, wall_ns - stamp_ns if stamp_ns else 0))
+            if reply is not None:
+                with suppress(OSError):  # a reply that cannot leave is a lost one
+                    self._file.sendmsg([reply], local, 0, source)
+
+    def _rest(self) -> None:
+        self._loop.remove_reader(self._file)
+        self._pause = self._loop.call_later(_PAUSE_S, self._loop.add_reader, self._file, self._read)
+
+
+def address_of(text: str, port: int) -> tuple[socket.AddressFamily, Address] | None:
+    """The family and socket address of an IP address, None when it is none."""
+    try:
+        parsed = ipaddress.ip_address(text)
+    except ValueError:
+        return None
+    if isinstance(parsed, ipaddress.IPv4Address):
+        return socket.AF_INET, (str(parsed), port)
+    return socket.AF_INET6, (str(parsed), port, 0, 0)
+
+
+def _bound(family: socket.AddressFamily, port: int) -> socket.socket:
+    file = socket.socket(family, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
+    try:
+        if family == socket.AF_INET6:
+            file.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+            file.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_RECVPKTINFO, 1)
+        else:
+            file.setsockopt(socket.IPPROTO_IP, _IP_PKTINFO, 1)
+        with suppress(OSError):  # then times are those of the event loop
+            file.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+        file.bind(("", port))
+    except OSError:
+        file.close()
+        raise
+    return file
+
+
+def _read_extras(extras: list[tuple[int, int, bytes]]) -> tuple[int, list[tuple[int, int, bytes]]]:
+    """When the kernel received the datagram (nanoseconds of the wall clock, 0 when unknown), and what makes the reply leave from
+    the address it was sent to.
+    """
+    stamp_ns, local = 0, []
+    for level, kind, content in extras:
+        if (level, kind) == (socket.SOL_SOCKET, _SO_TIMESTAMPNS) and len(content) == _TIMESPEC.size:
+            seconds, nanoseconds = _TIMESPEC.unpack(content)
+            stamp_ns = seconds * 1_000_000_000 + nanoseconds
+        elif (level, kind) == (socket.IPPROTO_IP, _IP_PKTINFO) and len(content) == _PKTINFO4.size:
+            own = _PKTINFO4.unpack(content)[1]
+            local = [(level, kind, _PKTINFO4.pack(0, own, bytes(4)))]
+        elif (level, kind) == (socket.IPPROTO_IPV6, socket.IPV6_PKTINFO) and len(content) == _PKTINFO6.size:
+            own = _PKTINFO6.unpack(content)[0]
+            local = [(level, kind, _PKTINFO6.pack(own, 0))]
+    return stamp_ns, local
