@@ -6,6 +6,7 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
+from robotapp_agent.devices.device import Device
 from robotapp_agent.report.clock_offset import ClockOffset
 from robotapp_agent.report.status import SECTIONS, Status, patch_of, without
 from robotapp_agent.shell.own_node import OwnNode
@@ -31,22 +32,9 @@ class _Stored(msgspec.Struct):
     spec: _Spec = msgspec.field(default_factory=_Spec)
 
 
-class StoredDevice(msgspec.Struct, frozen=True):
-    """An entry of status.devices as an earlier run of the agent left it."""
-
-    id: str
-    type: str
-    model: str = ""
-    interface: str = ""
-    identity: str = ""
-    present: bool = True
-    path: str = ""
-    names: tuple[str, ...] = ()
-
-
 class _StoredStatus(msgspec.Struct):
     seq: int | None = None
-    devices: list[StoredDevice] | None = None
+    devices: list[Device] | None = None
 
 
 class _Earlier(msgspec.Struct):
@@ -57,7 +45,7 @@ class Earlier(NamedTuple):
     """What the agent left in its object before it was started again."""
 
     seq: int = 0
-    devices: tuple[StoredDevice, ...] = ()
+    devices: tuple[Device, ...] = ()
 
 
 _STORED: Final = msgspec.json.Decoder(_Stored)

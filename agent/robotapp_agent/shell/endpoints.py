@@ -65,7 +65,7 @@ _PAGE: Final = Page[_Slice]
 
 
 class Endpoints:
-    """The peers as last read; an API server that does not answer changes nothing. `changed` is called after each list."""
+    """The peers as last read; an API server that does not answer changes nothing."""
 
     def __init__(
         self,
@@ -74,13 +74,13 @@ class Endpoints:
         namespace: str,
         service: str,
         uniform: Callable[[], float],
-        changed: Callable[[], None] = lambda: None,
     ) -> None:
         path = ENDPOINTSLICES.path(namespace)
         self._client = client
         self._path = with_query(path, {"labelSelector": f"kubernetes.io/service-name={service}"})
         self._uniform = uniform
-        self._changed = changed
+        self.changed: Callable[[], None] = lambda: None
+        """Called after each list."""
         self._sooner = asyncio.Event()
         self.peers: Mapping[str, Peer] = {}
         """By name of the node, the own one included. Replaced as a whole."""
@@ -134,7 +134,7 @@ class Endpoints:
                 _take(found, each.endpoints or ())
         self.peers = found
         self.nodes = len(found)
-        self._changed()
+        self.changed()
 
     async def _pause(self) -> None:
         await asyncio.sleep(SHORTEST_PERIOD_S * (1 + JITTER * self._uniform()))

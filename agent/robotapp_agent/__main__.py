@@ -1,0 +1,7 @@
+"""`python -m robotapp_agent`."""
+
+import sys
+
+from robotapp_agent.main import main
+
+sys.exit(main())

@@ -1,0 +1,132 @@
+"""The parts of the agent, each a loop of its own: what one finds out goes into `Knowledge`, and the reporter is woken."""
+
+import asyncio
+import logging
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Final
+
+from robotapp_agent.probe.keys import KeyRing
+from robotapp_agent.probe.peers import choose_peers
+from robotapp_agent.report.knowledge import Knowledge
+from robotapp_agent.shell.device_scanner import DeviceScanner
+from robotapp_agent.shell.endpoints import Peer
+from robotapp_agent.shell.key_files import refresh_keys
+from robotapp_agent.shell.node_files import NodeFiles
+from robotapp_agent.shell.udp import PeerAddress, UdpProbes
+
+log = logging.getLogger(__name__)
+
+SAMPLE_S: Final = 10.0
+"""Load is an average over this time: a moment's peak is no reason to place a pod elsewhere."""
+FIRST_ROUND_S: Final = 10.0
+"""The first round is short also in a large cluster: until it ends nothing is known of the other nodes."""
+KEYS_S: Final = 10.0
+
+Wake = Callable[[], None]
+
+
+async def sample_load(files: NodeFiles, knowledge: Knowledge, wake: Wake) -> None:
+    """Load, temperatures and batteries, in a thread: a slow sensor must not make round trips look long."""
+    while True:
+        sample = await asyncio.to_thread(files.sample)
+        knowledge.sampled(sample.load)
+        knowledge.temperatures, knowledge.battery = sample.temperatures, sample.battery
+        wake()
+        await asyncio.sleep(SAMPLE_S)
+
+
+async def scan_devices(scanner: DeviceScanner, knowledge: Knowledge, wake: Wake) -> None:
+    """Devices, in a thread as well. A problem is logged when it is another one than before."""
+    problem = ""
+    while True:
+        scan = await asyncio.to_thread(scanner.scan)
+        if scan.problem and scan.problem != problem:
+            log.warning("devices: %s", scan.problem)
+        problem = scan.problem
+        knowledge.devices = scan.devices
+        wake()
+        await asyncio.sleep(scan.next_s)
+
+
+async def read_keys(ring: KeyRing, folder: Path) -> None:
+    """Follow the Secret with the keys of the probes."""
+    said: tuple[str, ...] = ()
+    while True:
+        problems = refresh_keys(ring, folder, now_s=time.monotonic())
+        if problems != said:
+            for problem in problems:
+                log.warning("keys of the probes: %s", problem)
+        said = problems
+        await asyncio.sleep(KEYS_S)
+
+
+class Rounds:
+    """Measures one round of probes after the other.
+
+    `peers` are the agents by node, `asked` the nodes that spec.probe names. A peer with several addresses is probed at one of
+    them, and at the next one after a round without an answer.
+    """
+
+    def __init__(self, node: str, knowledge: Knowledge, wake: Wake, *, peers: Callable[[], Mapping[str, Peer]]) -> None:
+        self.asked: tuple[str, ...] = ()
+        self.ended_s = time.monotonic()
+        """When the last round ended, for the liveness check."""
+        self._node = node
+        self._knowledge = knowledge
+        self._wake = wake
+        self._peers = peers
+        self._first = True
+        self._turns: dict[str, int] = {}
+
+    def __repr__(self) -> str:
+        return f"<Rounds of {self._node}: round {self._knowledge.seq}>"
+
+    async def probe(self, keys: KeyRing, port: int) -> None:
+        """Answer other agents and measure, for ever. A port that cannot be opened ends one round, which then counts as idle."""
+        try:
+            async with UdpProbes(own_name=self._node, keys=keys, port=port) as probes:
+                while True:
+                    await self._round(probes)
+        except OSError as error:
+            log.warning("no round trips are measured: UDP port %d: %s", port, error)
+            await self._idle_round()
+
+    async def idle(self) -> None:
+        """Count rounds without measuring, where probes are switched off."""
+        while True:
+            await self._idle_round()
+
+    async def _round(self, probes: UdpProbes) -> None:
+        peers = self._peers()
+        zones = {name: peer.zone for name, peer in peers.items()}
+        chosen = choose_peers(self._node, zones=zones, asked=self.asked, round_number=self._knowledge.seq)
+        addresses = [PeerAddress(peer.name, self._address(peer.name, peers[peer.name])) for peer in chosen]
+        measured = await probes.round(addresses, seconds=self._seconds())
+        if measured.discarded:
+            log.info("a round of probes does not count: %s", measured.discarded)
+        for result in measured.results:
+            if result.p50_us is None:
+                self._turns[result.peer] = self._turns.get(result.peer, 0) + 1
+        self._turns = {name: turn for name, turn in self._turns.items() if name in peers}
+        results = () if measured.discarded else measured.results
+        self._knowledge.round_ended(results, every_rounds={peer.name: peer.every_rounds for peer in chosen})
+        self._ended()
+
+    def _address(self, name: str, peer: Peer) -> str:
+        return peer.addresses[self._turns.get(name, 0) % len(peer.addresses)]
+
+    def _seconds(self) -> float:
+        interval_s = float(self._knowledge.interval_s)
+        return min(interval_s, FIRST_ROUND_S) if self._first else interval_s
+
+    async def _idle_round(self) -> None:
+        await asyncio.sleep(self._seconds())
+        self._knowledge.idle_round()
+        self._ended()
+
+    def _ended(self) -> None:
+        self._first = False
+        self.ended_s = time.monotonic()
+        self._wake()
