@@ -45,7 +45,7 @@ async def scan_devices(scanner: DeviceScanner, knowledge: Knowledge, wake: Wake)
         if scan.problem and scan.problem != problem:
             log.warning("devices: %s", scan.problem)
         problem = scan.problem
-        knowledge.devices = scan.devices
+        knowledge.devices, knowledge.device_problem = scan.devices, scan.problem
         wake()
         await asyncio.sleep(scan.next_s)
 

@@ -52,7 +52,7 @@ def urgency(written: Status | None, now: Status) -> Urgency:
     """How soon `now` is to be written after `written` (None: nothing was written yet)."""
     if written is None:
         return Urgency.AT_ONCE
-    if (written.devices, written.arch, written.kernel) != (now.devices, now.arch, now.kernel):
+    if _facts(written) != _facts(now):
         return Urgency.AT_ONCE
     by_rtt = _rtt_urgency(_entries(written.rtt), _entries(now.rtt))
     if by_rtt < Urgency.SOON and _figures_differ(written, now):
@@ -91,6 +91,11 @@ def _differ(written: int | None, now: int | None, floor: int) -> bool:
         return written is not now
     change = abs(now - written)
     return change >= floor and change * _FIFTHS >= abs(written)
+
+
+def _facts(status: Status) -> tuple[object, ...]:
+    """What is either as before or not."""
+    return status.devices, status.device_problem, status.arch, status.kernel
 
 
 def _entries(rtt: tuple[RttStatus, ...] | UnsetType | None) -> tuple[RttStatus, ...]:

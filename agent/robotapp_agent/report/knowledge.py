@@ -47,6 +47,7 @@ class Knowledge:
         self.nodes = 0
         self.offset = ClockOffset()
         self.devices: tuple[AttachedDevice, ...] | None = None
+        self.device_problem = ""
         self.temperatures: tuple[Temperature, ...] = ()
         self.battery: Battery | None = None
         self._arch = arch
@@ -100,6 +101,7 @@ class Knowledge:
             arch=self._arch,
             realtime=self._realtime,
             devices=self.devices,
+            device_problem=self.device_problem,
             round_trips=None if self._trips is None else tuple(self._trips.values()),
             load=self._load,
             temperatures=self.temperatures,

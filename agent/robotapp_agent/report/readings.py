@@ -80,6 +80,7 @@ class Readings(NamedTuple):
     arch: str = ""
     realtime: bool = False
     devices: tuple[AttachedDevice, ...] | None = None
+    device_problem: str = ""
     round_trips: tuple[RoundTrip, ...] | None = None
     load: Load = Load()
     temperatures: tuple[Temperature, ...] = ()

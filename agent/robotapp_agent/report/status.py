@@ -86,6 +86,7 @@ class Status(_Part, frozen=True):
     arch: str | None = None
     kernel: KernelStatus | None = None
     devices: tuple[DeviceStatus, ...] | UnsetType | None = UNSET
+    device_problem: str | None = None
     rtt: tuple[RttStatus, ...] | UnsetType | None = UNSET
     load: LoadStatus | None = None
     temperatures: tuple[TemperatureStatus, ...] | None = None
@@ -100,6 +101,7 @@ class _Patch(msgspec.Struct):
 SECTIONS: Final = frozenset(Status.__struct_encode_fields__)
 """Names of the status' fields, as they are written."""
 _ATTRIBUTES: Final = dict(zip(Status.__struct_encode_fields__, Status.__struct_fields__, strict=True))
+_MOST_PROBLEM: Final = 256
 _ENCODER: Final = msgspec.json.Encoder()
 
 
@@ -111,6 +113,7 @@ def status_of(readings: Readings) -> Status:
         arch=readings.arch or None,
         kernel=KernelStatus(realtime=readings.realtime),
         devices=UNSET if readings.devices is None else tuple(map(_device, _most_relevant(readings.devices))),
+        device_problem=readings.device_problem[:_MOST_PROBLEM] or None,
         rtt=UNSET if readings.round_trips is None else tuple(map(_rtt, _latest(readings.round_trips))),
         load=_load(readings.load),
         temperatures=tuple(map(_temperature, readings.temperatures[:MOST_TEMPERATURES])) or None,
