@@ -1,0 +1,97 @@
+"""The peers from EndpointSlices, on the API server made for unit tests."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any
+
+from tests.support.apiserver import FakeApiServer
+from tests.support.clients import client_for, until
+
+from robotapp_agent.shell.endpoints import Endpoints, Peer, is_address
+from robotapp_api.client import ApiClient
+from robotapp_api.client.resources import ENDPOINTSLICES
+
+
+def endpoint(node: str | None, *addresses: str, zone: str = "", **conditions: bool) -> dict[str, Any]:
+    found: dict[str, Any] = {"addresses": list(addresses), "conditions": conditions}
+    return found | ({"nodeName": node} if node else {}) | ({"zone": zone} if zone else {})
+
+
+def slice_of(name: str, *endpoints: dict[str, Any], service: str = "robotapp-agent") -> dict[str, Any]:
+    return {
+        "metadata": {"name": name, "namespace": "robots", "labels": {"kubernetes.io/service-name": service}},
+        "addressType": "IPv4",
+        "endpoints": list(endpoints),
+    }
+
+
+@asynccontextmanager
+async def watching(*slices: dict[str, Any]) -> AsyncIterator[tuple[Endpoints, ApiClient, FakeApiServer]]:
+    async with FakeApiServer() as api, client_for(api.endpoint) as client:
+        for each in slices:
+            await client.create(ENDPOINTSLICES, each)
+        yield Endpoints(client, namespace="robots", service="robotapp-agent", uniform=lambda: 0.0), client, api
+
+
+async def test_peers_have_the_zone_and_the_addresses_of_both_families() -> None:
+    four = slice_of("four", endpoint("robot-1", "10.0.0.1", zone="hall"), endpoint("edge-1", "10.0.0.2"))
+    six = slice_of("six", endpoint("robot-1", "fd00::1", zone="hall"))
+    other = slice_of("other", endpoint("robot-9", "10.0.0.9"), service="database")
+    async with watching(four, six, other) as (peers, _, _):
+        await peers.refresh()
+        assert set(peers.peers) == {"robot-1", "edge-1"}
+        assert peers.peers["robot-1"].zone == "hall"
+        assert set(peers.peers["robot-1"].addresses) == {"10.0.0.1", "fd00::1"}
+        assert peers.peers["edge-1"] == Peer("", ("10.0.0.2",))
+        assert peers.nodes == 2
+
+
+async def test_an_agent_that_is_not_ready_is_a_peer_and_one_that_ends_stands_behind_its_successor() -> None:
+    old = endpoint("robot-1", "10.0.0.1", terminating=True, ready=False)
+    new = endpoint("robot-1", "10.0.0.2", terminating=False, ready=False)
+    async with watching(slice_of("a", old, new)) as (peers, _, _):
+        await peers.refresh()
+        assert peers.peers["robot-1"].addresses == ("10.0.0.2", "10.0.0.1")
+
+
+async def test_entries_without_a_node_or_with_what_is_no_address_are_left_out() -> None:
+    bad = [endpoint(None, "10.0.0.1"), endpoint("x" * 300, "10.0.0.1"), endpoint("robot-1", "example", "fe80::1%eth0")]
+    async with watching(slice_of("a", *bad, endpoint("robot-2"))) as (peers, _, _):
+        await peers.refresh()
+        assert peers.peers == {}
+
+
+async def test_an_outage_leaves_the_last_list_in_use() -> None:
+    async with watching(slice_of("a", endpoint("robot-1", "10.0.0.1"))) as (peers, _, api):
+        await peers.refresh()
+        kept = peers.peers
+        asked = len(api.requests)
+        api.failing = [500] * 4
+        task = asyncio.create_task(peers.run())
+        await until(lambda: len(api.requests) >= asked + 4)
+        assert peers.peers is kept
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+
+async def test_the_size_of_the_cluster_is_known_from_one_small_request() -> None:
+    many = [slice_of(f"s-{number}", endpoint(f"n-{number}", "10.0.0.1")) for number in range(7)]
+    async with watching(*many) as (peers, _, api):
+        before = len(api.requests)
+        assert await peers.count() in (1, 700)  # the fake does not count what remains
+        assert len(api.requests) == before + 1
+
+
+async def test_after_each_list_the_agent_learns_of_it() -> None:
+    async with watching(slice_of("a", endpoint("robot-1", "10.0.0.1"))) as (peers, _, _):
+        told: list[int] = []
+        peers.changed = lambda: told.append(peers.nodes)
+        await peers.refresh()
+        assert told == [1]
+
+
+def test_addresses_are_those_of_both_families_without_a_zone() -> None:
+    assert is_address("10.0.0.1")
+    assert is_address("fd00::1")
+    assert not any(map(is_address, ("", "edge-1", "10.0.0", "[fd00::1]", "fe80::1%eth0", "1\x00")))
