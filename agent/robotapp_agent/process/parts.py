@@ -79,6 +79,7 @@ class Rounds:
         self._peers = peers
         self._first = True
         self._turns: dict[str, int] = {}
+        self._discarded = ""
 
     def __repr__(self) -> str:
         return f"<Rounds of {self._node}: round {self._knowledge.seq}>"
@@ -104,8 +105,9 @@ class Rounds:
         chosen = choose_peers(self._node, zones=zones, asked=self.asked, round_number=self._knowledge.seq)
         addresses = [PeerAddress(peer.name, self._address(peer.name, peers[peer.name])) for peer in chosen]
         measured = await probes.round(addresses, seconds=self._seconds())
-        if measured.discarded:
-            log.info("a round of probes does not count: %s", measured.discarded)
+        if measured.discarded and measured.discarded != self._discarded:
+            log.info("rounds of probes do not count: %s", measured.discarded)
+        self._discarded = measured.discarded
         for result in measured.results:
             if result.p50_us is None:
                 self._turns[result.peer] = self._turns.get(result.peer, 0) + 1
