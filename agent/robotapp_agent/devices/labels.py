@@ -1,5 +1,6 @@
 """Device → node labels `hardware.robotics.io/<type>[-<interface>]: <model|true>`: the one rule of feature file and labeller."""
 
+import re
 from collections.abc import Iterable, Iterator
 from typing import Final, Protocol
 
@@ -8,6 +9,8 @@ from robotapp_api.model.names import FROM_TELEMETRY, HARDWARE_PREFIX, HARDWARE_S
 MOST_LABELS: Final = 256
 """More would crowd the Node object; ids and extra names are left out first, types never."""
 NO_MODEL: Final = "true"
+_NAME: Final = re.compile(r"[A-Za-z0-9]([-A-Za-z0-9_.]{0,61}[A-Za-z0-9])?")
+"""What the API server takes after the slash of a label's key."""
 
 
 class Labelled(Protocol):
@@ -37,7 +40,7 @@ def labels_of(devices: Iterable[Labelled]) -> dict[str, str]:
     models: dict[str, set[str]] = {}
     for device in devices:
         if device.present:
-            for name in names_of(device):
+            for name in filter(_NAME.fullmatch, names_of(device)):
                 models.setdefault(name, set()).add(device.model or NO_MODEL)
     if not models:
         return {}

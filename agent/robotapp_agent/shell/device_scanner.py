@@ -5,27 +5,18 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from robotapp_agent.devices.changes import Presence
+from robotapp_agent.devices.changes import MOST_DEVICES, Presence
 from robotapp_agent.devices.device import Device
+from robotapp_agent.devices.discovery import discover
+from robotapp_agent.shell.rules_file import RulesFile
+from robotapp_agent.shell.sysfs import HostPaths, SysfsReader
+
+__all__ = ["SCAN_PERIOD_S", "SOON_S", "DeviceScanner", "HostPaths", "Scan"]
 
 SCAN_PERIOD_S: Final = 10.0
 SOON_S: Final = 2.0
 """Until the scan that confirms what was seen once."""
-
-
-class HostPaths(NamedTuple):
-    """Where the host's trees are mounted."""
-
-    sys: Path
-    dev: Path
-    udev: Path
-    """/run/udev; need not exist."""
-    proc: Path
-
-    @classmethod
-    def below(cls, root: Path) -> "HostPaths":
-        """All trees at their usual places below `root`."""
-        return cls(root / "sys", root / "dev", root / "run/udev", root / "proc")
+_LONGEST_PROBLEM: Final = 256
 
 
 class Scan(NamedTuple):
@@ -36,7 +27,7 @@ class Scan(NamedTuple):
     next_s: float
     """Seconds until the next scan is due."""
     problem: str = ""
-    """For log and status: what is wrong with the rules or could not be read; "" when nothing is. Changes only with its cause."""
+    """For log and `status.deviceProblem`: what is wrong with the rules or could not be read; "" when nothing is."""
 
 
 class DeviceScanner:
@@ -47,16 +38,30 @@ class DeviceScanner:
         paths: HostPaths,
         *,
         rules_path: Path | None = None,
+        node: str = "",
         reported: Iterable[Device] = (),
         clock: Callable[[], float] = time.monotonic,
+        cancelled: Callable[[], bool] = lambda: False,
     ) -> None:
-        """reported: `status.devices` of the node's NodeTelemetry as the agent finds it when it starts."""
-        self._paths = paths
-        self._rules_path = rules_path
+        """node: the name that rules may match. reported: `status.devices` of the node's NodeTelemetry when the agent starts.
+
+        cancelled: asked between two files; a scan that it ends reports what was known before.
+        """
+        self._files = SysfsReader(paths, clock=clock, cancelled=cancelled)
+        self._rules = RulesFile(rules_path)
+        self._node = node
         self._clock = clock
         self._presence = Presence(reported=reported, now_s=clock())
 
+    def __repr__(self) -> str:
+        return f"DeviceScanner({self._files!r}, {self._presence!r})"
+
     def scan(self) -> Scan:
         """Read the host and answer what to report. Never raises for anything the host's files hold."""
-        devices = self._presence.observe((), now_s=self._clock())
-        return Scan(devices, SOON_S if self._presence.pending else SCAN_PERIOD_S)
+        rules = self._rules.refresh()
+        snapshot = self._files.read(rules.wanted())
+        found = discover(snapshot, rules, node=self._node)
+        devices = self._presence.observe(found.devices, now_s=self._clock(), complete=not snapshot.problem)
+        omitted = f"{self._presence.omitted} devices more than {MOST_DEVICES}: ignore some by rules"
+        problem = self._rules.problem or found.problem or (omitted if self._presence.omitted else "")
+        return Scan(devices, SOON_S if self._presence.pending else SCAN_PERIOD_S, problem[:_LONGEST_PROBLEM])
