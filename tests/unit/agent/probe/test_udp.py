@@ -1,0 +1,163 @@
+"""The sockets of the probes on the loopback interface."""
+
+import asyncio
+import os
+import socket
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+
+import pytest
+from tests.support.probes import OTHER_SECRET, SECRET, prober, request_of, ring
+
+from robotapp_agent.probe.keys import KeyRing
+from robotapp_agent.probe.packets import REPLY, SIZE_BYTES, node_id, open_packet
+from robotapp_agent.probe.rounds import PROBES, Round, RoundResult
+from robotapp_agent.shell.datagrams import READS_PER_S, address_of
+from robotapp_agent.shell.udp import PeerAddress, UdpProbes, slept_ns
+from robotapp_testbed.ports import free_ports
+
+SECONDS = 0.5
+
+
+def has_ipv6() -> bool:
+    try:
+        with socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as tried:
+            tried.bind(("::1", 0))
+    except OSError:
+        return False
+    return True
+
+
+@asynccontextmanager
+async def listening(
+    name: str = "b", *, keys: KeyRing | None = None, slept: Callable[[], int] = slept_ns
+) -> AsyncIterator[tuple[UdpProbes, int]]:
+    (port,) = free_ports(1)
+    async with UdpProbes(own_name=name, keys=keys or ring(), port=port, slept_ns=slept) as probes:
+        yield probes, port
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1", "127.0.0.77", "::1"])
+async def test_a_node_is_measured_under_each_of_its_addresses(address: str) -> None:
+    if ":" in address and not has_ipv6():
+        pytest.skip("this machine has no IPv6: sysctl net.ipv6.conf.all.disable_ipv6=0")
+    async with listening() as (probes, _):
+        result = await all_answered(probes, PeerAddress("b", address))
+    assert (result.peer, result.sent) == ("b", 10)
+    assert result.p50_us
+    assert result.p95_us
+    assert 0 < result.p50_us <= result.p95_us < SECONDS * 1e6
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1", "127.0.0.77"])
+async def test_a_reply_leaves_from_the_address_that_its_request_was_sent_to(address: str) -> None:
+    async with listening() as (_, port):
+        with asker() as file:
+            file.sendto(request_of(prober()), (address, port))
+            reply, source = await asyncio.to_thread(file.recvfrom, 2048)
+    assert source == (address, port)
+    assert len(reply) == SIZE_BYTES
+
+
+async def test_another_node_at_the_address_or_another_key_is_unreachable() -> None:
+    async with listening("b") as (probes, _):
+        (result,) = (await probes.round([PeerAddress("c", "127.0.0.1")], seconds=SECONDS)).results
+    assert (result.p50_us, result.p95_us, result.jitter_us, result.loss_ppm) == (None, None, None, 1_000_000)
+
+
+async def test_a_peer_without_a_usable_address_is_left_out_and_more_than_sixteen_are_cut_off() -> None:
+    strange = [PeerAddress("x", text) for text in ("", "host.example", "127.0.0.1:80", "300.1.1.1", "10.0.0.1\n")]
+    many = [PeerAddress(f"node-{index}", "127.0.0.1") for index in range(20)]
+    async with listening() as (probes, _):
+        assert await probes.round(strange, seconds=SECONDS) == Round()
+        assert len((await probes.round(many, seconds=SECONDS)).results) == 16
+
+
+async def test_without_a_key_a_round_is_discarded() -> None:
+    async with listening(keys=KeyRing()) as (probes, _):
+        measured = await probes.round([PeerAddress("b", "127.0.0.1")], seconds=SECONDS)
+    assert measured == Round(discarded="there is no probe key")
+
+
+async def test_a_round_through_which_the_machine_slept_is_discarded() -> None:
+    began_s = time.monotonic()
+
+    def slept() -> int:
+        return 3600 * 10**9 if time.monotonic() - began_s > SECONDS / 2 else 0
+
+    async with listening(slept=slept) as (probes, _):
+        assert (await probes.round([PeerAddress("c", "127.0.0.1")], seconds=SECONDS)).discarded == (
+            "the machine was suspended for 3600 s"
+        )
+        await all_answered(probes, PeerAddress("b", "127.0.0.1"))
+
+
+async def test_a_round_in_which_the_agent_stood_still_is_discarded() -> None:
+    async with listening() as (probes, _):
+        measuring = asyncio.ensure_future(probes.round([PeerAddress("c", "127.0.0.1")], seconds=SECONDS))
+        await asyncio.sleep(0)
+        time.sleep(2 * SECONDS + 1)  # noqa: ASYNC251 - the event loop is what stands still
+        measured = await measuring
+    assert measured.discarded.startswith("the agent stood still for ")
+
+
+async def test_a_port_that_is_taken_is_named() -> None:
+    async with listening() as (_, port):
+        with pytest.raises(OSError, match=f"UDP port {port} of the probes cannot be opened: Address already in use"):
+            async with UdpProbes(own_name="c", keys=ring(), port=port):
+                pass
+
+
+async def test_strangers_get_no_answer() -> None:
+    stranger = prober(keys=ring(OTHER_SECRET))
+    hostile = [os.urandom(SIZE_BYTES), request_of(stranger), request_of(prober("a"), "c"), b"", bytes(1400)]
+    async with listening() as (_, port):
+        with asker() as file:
+            for number in range(20):
+                for data in hostile:
+                    file.sendto(data, ("127.0.0.1", port))
+                good = request_of(prober(session=number.to_bytes(8, "big")))
+                file.sendto(good, ("127.0.0.1", port))
+                reply = await asyncio.to_thread(file.recv, 2048)
+                opened = open_packet(reply, kind=REPLY, receiver=node_id("a"), keys=ring())
+                assert opened
+                assert opened.session == number.to_bytes(8, "big")
+
+
+async def test_a_flood_is_read_slowly_and_the_port_answers_again() -> None:
+    async with listening() as (probes, port):
+        with asker() as file:
+            for _ in range(int(READS_PER_S) * 3):
+                file.sendto(bytes(SIZE_BYTES), ("127.0.0.1", port))
+        await all_answered(probes, PeerAddress("b", "127.0.0.1"))
+
+
+async def test_the_port_is_free_after_the_block() -> None:
+    async with listening() as (_, port):
+        pass
+    async with UdpProbes(own_name="b", keys=ring(SECRET), port=port):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("text", "family"), [("10.0.0.1", socket.AF_INET), ("fd00::1", socket.AF_INET6), ("[fd00::1]", None), ("a", None)]
+)
+def test_the_family_of_an_address(text: str, family: socket.AddressFamily | None) -> None:
+    found = address_of(text, 1)
+    assert (found[0] if found else None) == family
+
+
+def asker() -> socket.socket:
+    file = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    file.settimeout(60)
+    return file
+
+
+async def all_answered(probes: UdpProbes, peer: PeerAddress) -> RoundResult:
+    """The first round without a loss: other programs of this machine can hold ours up for longer than a reply may take."""
+    async with asyncio.timeout(60):
+        while True:
+            for result in (await probes.round([peer], seconds=SECONDS)).results:
+                if result.answered == PROBES:
+                    return result
