@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import random
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Final
 
 from robotapp_agent.probe.keys import KeyRing
 from robotapp_agent.probe.peers import choose_peers
+from robotapp_agent.report.changes import ROUND_JITTER
 from robotapp_agent.report.knowledge import Knowledge
 from robotapp_agent.shell.device_scanner import DeviceScanner
 from robotapp_agent.shell.endpoints import Peer
@@ -19,7 +21,6 @@ from robotapp_agent.shell.udp import PeerAddress, UdpProbes
 log = logging.getLogger(__name__)
 
 SAMPLE_S: Final = 10.0
-"""Load is an average over this time: a moment's peak is no reason to place a pod elsewhere."""
 FIRST_ROUND_S: Final = 10.0
 """The first round is short also in a large cluster: until it ends nothing is known of the other nodes."""
 KEYS_S: Final = 10.0
@@ -104,7 +105,8 @@ class Rounds:
         zones = {name: peer.zone for name, peer in peers.items()}
         chosen = choose_peers(self._node, zones=zones, asked=self.asked, round_number=self._knowledge.seq)
         addresses = [PeerAddress(peer.name, self._address(peer.name, peers[peer.name])) for peer in chosen]
-        measured = await probes.round(addresses, seconds=self._seconds())
+        seconds = self._seconds()
+        measured = await probes.round(addresses, seconds=seconds)
         if measured.discarded and measured.discarded != self._discarded:
             log.info("rounds of probes do not count: %s", measured.discarded)
         self._discarded = measured.discarded
@@ -115,6 +117,7 @@ class Rounds:
         results = () if measured.discarded else measured.results
         self._knowledge.round_ended(results, every_rounds={peer.name: peer.every_rounds for peer in chosen})
         self._ended()
+        await asyncio.sleep(seconds * ROUND_JITTER * random.random())  # noqa: S311 - spreads load
 
     def _address(self, name: str, peer: Peer) -> str:
         return peer.addresses[self._turns.get(name, 0) % len(peer.addresses)]

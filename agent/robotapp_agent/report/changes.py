@@ -5,7 +5,9 @@ A figure is compared with what was last written, not with the one before it, so 
 |---|---|
 | a device, reachability of a node, round-trip times, architecture, kernel | 2 s after the last write |
 | load, temperature, battery, clock offset, a node measured for the first time | half an interval after the last write (at least 2 s) |
-| anything less | with the next of these, at the latest 1 to 1.1 intervals after the last write |
+| anything less | with the next of these, at the latest 1.1 to 1.2 intervals after the last write |
+
+Rounds take 1 to 1.1 intervals, so a round that changes something and the heartbeat are one write.
 
 A change of a figure is 20 % of what was written and at least its floor below.
 """
@@ -23,6 +25,8 @@ SHORTEST_INTERVAL_S: Final = 10
 LONGEST_INTERVAL_S: Final = 3600
 NODES_PER_SECOND: Final = 50
 """Heartbeats of all agents together."""
+ROUND_JITTER: Final = 0.1
+"""A round of probes and the pause after it take an interval and up to this part of one."""
 HEARTBEAT_JITTER: Final = 0.1
 _FIFTHS: Final = 5
 """A change is a fifth of what was written."""
@@ -76,7 +80,7 @@ class Pace:
         """A write was tried now, with or without success."""
         self._last_s = now_s
         self._interval_s = interval_s
-        self._heartbeat_s = now_s + interval_s * (1 + HEARTBEAT_JITTER * self._uniform())
+        self._heartbeat_s = now_s + interval_s * (1 + ROUND_JITTER + HEARTBEAT_JITTER * self._uniform())
 
     def due_s(self, change: Urgency) -> float:
         """When to write next, unless something changes until then."""

@@ -1,5 +1,6 @@
 """What the agent has found out so far: the newest of each part, and the round trips that still count."""
 
+from collections import deque
 from collections.abc import Iterable, Mapping
 from typing import Final, Protocol
 
@@ -18,6 +19,10 @@ from robotapp_agent.report.readings import (
 
 PERIODS_KEPT: Final = 3
 """A reading is dropped when readers no longer count it (`robotapp_api.values.round_trips`)."""
+
+
+SHORTEST_WINDOW_S: Final = 10.0
+_MOST_SAMPLES: Final = 256
 
 
 class Measured(Protocol):
@@ -55,7 +60,7 @@ class Knowledge:
         self._fixed_interval_s = fixed_interval_s
         self._trips: dict[str, RoundTrip] | None = None
         self._load = Load()
-        self._sample: Sample | None = None
+        self._samples: deque[Sample] = deque(maxlen=_MOST_SAMPLES)
 
     def __repr__(self) -> str:
         return f"<Knowledge: round {self.seq}, {len(self._trips or ())} round trips, {len(self.devices or ())} devices>"
@@ -68,13 +73,18 @@ class Knowledge:
     @property
     def complete(self) -> bool:
         """Whether devices and load were read at least once."""
-        return self.devices is not None and self._sample is not None
+        return self.devices is not None and bool(self._samples)
 
     def sampled(self, sample: Sample) -> None:
-        """Take in the node's counters; the load is that since the sample before."""
-        if self._sample is not None:
-            self._load = load_between(self._sample, sample)
-        self._sample = sample
+        """Take in the node's counters. The load is an average over ten seconds or half an interval, whichever is longer:
+        a moment's peak is no reason to place a pod elsewhere, nor to write.
+        """
+        begin_s = sample.at_s - max(SHORTEST_WINDOW_S, self.interval_s / 2)
+        while len(self._samples) > 1 and self._samples[1].at_s <= begin_s:
+            self._samples.popleft()
+        if self._samples:
+            self._load = load_between(self._samples[0], sample)
+        self._samples.append(sample)
 
     def round_ended(self, results: Iterable[Measured], *, every_rounds: Mapping[str, int]) -> None:
         """Take in a round. `every_rounds`: by peer, absent means 1. A peer keeps its last result until that is too old."""

@@ -117,7 +117,7 @@ class Clock(Observed):
 
     offset_milliseconds: Annotated[int, WithJsonSchema({"type": "integer", "format": "int64"})]
     """How far the node's clock is ahead of the API server's, in milliseconds; negative when it is behind. The API server tells
-    its time in whole seconds: offsets below two seconds are reported as 0."""
+    its time in whole seconds, so the value is right within three seconds and changes only when the clock does."""
 
 
 class TelemetryStatus(Observed):

@@ -100,6 +100,6 @@ def test_changes_wait_for_two_seconds_or_half_an_interval_and_heartbeats_for_a_w
     pace.wrote(100.0, interval_s=100.0)
     assert pace.due_s(Urgency.AT_ONCE) == 102.0
     assert pace.due_s(Urgency.SOON) == 150.0
-    assert pace.due_s(Urgency.AT_HEARTBEAT) == pytest.approx(210.0)
+    assert pace.due_s(Urgency.AT_HEARTBEAT) == pytest.approx(220.0)
     pace.wrote(300.0, interval_s=1.0)
-    assert pace.due_s(Urgency.SOON) == pytest.approx(301.1)
+    assert pace.due_s(Urgency.SOON) == pytest.approx(301.2)

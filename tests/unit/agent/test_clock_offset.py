@@ -22,6 +22,6 @@ def test_another_text_is_no_date(text: str) -> None:
 
 def test_an_answer_that_took_long_or_came_before_it_was_asked_for_tells_nothing() -> None:
     offset = ClockOffset()
-    offset.answered("Sun, 22 Nov 2026 14:41:20 GMT", sent_ms=0, received_ms=11_000)
+    offset.answered("Sun, 22 Nov 2026 14:41:20 GMT", sent_ms=0, received_ms=1_001)
     offset.answered("Sun, 22 Nov 2026 14:41:20 GMT", sent_ms=10, received_ms=0)
     assert offset.reported_ms is None

@@ -2,6 +2,7 @@
 
 from robotapp_agent.probe.rounds import RoundResult
 from robotapp_agent.report.knowledge import Knowledge
+from robotapp_agent.report.load import CpuTimes, Sample
 
 
 def knowledge(*, seq: int = 100, fixed_interval_s: int = 0) -> Knowledge:
@@ -57,3 +58,26 @@ def test_the_interval_follows_the_number_of_nodes_unless_it_is_fixed() -> None:
     known, fixed = knowledge(), knowledge(fixed_interval_s=2)
     known.nodes = fixed.nodes = 5000
     assert (known.interval_s, fixed.interval_s) == (100, 2)
+
+
+def busy(at_s: float, busy_ticks: int) -> Sample:
+    return Sample(at_s, cpu=CpuTimes(busy_ticks, int(100 * at_s)))
+
+
+def test_the_load_is_an_average_over_half_an_interval() -> None:
+    known = knowledge(fixed_interval_s=100)
+    for at_s in range(100, 200, 10):
+        known.sampled(busy(at_s, 0))
+    known.sampled(busy(200, 1000))
+    assert known.readings().load.cpu_percent == 20
+    for at_s in range(210, 260, 10):
+        known.sampled(busy(at_s, 1000))
+    assert known.readings().load.cpu_percent == 0
+
+
+def test_in_a_small_cluster_the_load_is_that_of_ten_seconds() -> None:
+    known = knowledge(fixed_interval_s=10)
+    known.sampled(busy(100, 0))
+    known.sampled(busy(110, 0))
+    known.sampled(busy(120, 1000))
+    assert known.readings().load.cpu_percent == 100
