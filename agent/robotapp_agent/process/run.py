@@ -79,7 +79,7 @@ async def _work(options: Options, endpoint: Endpoint, client: ApiClient, node: C
     peers = Endpoints(
         client, namespace=options.namespace or endpoint.namespace, service=options.service, uniform=random.random
     )
-    earlier = await _look_around(writer, peers)
+    earlier = await look_around(writer, peers)
     knowledge.nodes = peers.nodes
     if earlier is not None:
         knowledge.seq = earlier.seq
@@ -88,7 +88,7 @@ async def _work(options: Options, endpoint: Endpoint, client: ApiClient, node: C
     ).work()
 
 
-async def _look_around(writer: ApiWriter, peers: Endpoints) -> Earlier | None:
+async def look_around(writer: ApiWriter, peers: Endpoints) -> Earlier | None:
     """What an earlier run left, and the size of the cluster; None when the API server does not tell, which is no reason to wait."""
     try:
         await peers.count()
@@ -96,6 +96,11 @@ async def _look_around(writer: ApiWriter, peers: Endpoints) -> Earlier | None:
     except ClientError as error:
         log.warning("the agent begins without what the API server knows: %s", error)
         return None
+
+
+def first_write_s(nodes: int) -> float:
+    """How long a new agent waits: all agents together begin as slowly as they go on."""
+    return nodes / NODES_PER_SECOND * random.random()  # noqa: S311 - spreads load
 
 
 def architecture() -> str:
@@ -128,11 +133,10 @@ class NodeAgent:
             rules_path=options.device_rules,
             reported=earlier.devices,
         )
-        first_s = time.monotonic() + knowledge.nodes / NODES_PER_SECOND * random.random()  # noqa: S311 - spreads load
         self._reporter = Reporter(
             writer,
             knowledge.readings,
-            pace=Pace(first_s=first_s, uniform=random.random),
+            pace=Pace(first_s=time.monotonic() + first_write_s(knowledge.nodes), uniform=random.random),
             asked=self._asked,
             clock=time.monotonic,
             uniform=random.random,

@@ -47,7 +47,7 @@ class ClockOffset:
             return
         lowest, highest = sent_ms - date_s * 1000 - _RESOLUTION_MS, received_ms - date_s * 1000
         kept = self.reported_ms
-        if kept is None and -_SLACK_MS <= lowest and highest <= _SLACK_MS:
+        if kept is None and lowest >= -_SLACK_MS and highest <= _SLACK_MS:
             kept = 0
         if kept is None or not lowest - _SLACK_MS <= kept <= highest + _SLACK_MS:
             kept = round((lowest + highest) / 2000) * 1000

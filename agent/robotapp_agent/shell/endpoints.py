@@ -75,9 +75,9 @@ class Endpoints:
         service: str,
         uniform: Callable[[], float],
     ) -> None:
-        path = ENDPOINTSLICES.path(namespace)
         self._client = client
-        self._path = with_query(path, {"labelSelector": f"kubernetes.io/service-name={service}"})
+        self._all = ENDPOINTSLICES.path(namespace)
+        self._path = with_query(self._all, {"labelSelector": f"kubernetes.io/service-name={service}"})
         self._uniform = uniform
         self.changed: Callable[[], None] = lambda: None
         """Called after each list."""
@@ -91,8 +91,11 @@ class Endpoints:
         return f"<Endpoints: {len(self.peers)} peers>"
 
     async def count(self) -> int:
-        """About how many nodes there are, by one small request. Raises ClientError."""
-        page = await self._client.read(with_query(self._path, {"limit": "1"}), _FIRST.decode)
+        """About how many nodes there are, by one small request. Raises ClientError.
+
+        Without a selector, with which the API server does not tell how many slices remain: the namespace is the agents' own.
+        """
+        page = await self._client.read(with_query(self._all, {"limit": "1"}), _FIRST.decode)
         known = len(page.items[0].endpoints or ()) if page.items else 0
         self.nodes = (
             known
