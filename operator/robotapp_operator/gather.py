@@ -6,6 +6,7 @@ So they are computed once for each version of the spec and the nodes.
 
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping
+from datetime import timedelta
 
 from robotapp_api.claims.device import claims_wanted
 from robotapp_api.claims.domain import DomainOutcome
@@ -14,15 +15,17 @@ from robotapp_api.claims.objects import App as ClaimsApp
 from robotapp_api.claims.objects import Claim
 from robotapp_api.claims.release import claims_domain, wanted_claim
 from robotapp_api.claims.share import AppKey, Join, claim_to_join, owner_of
+from robotapp_api.client.times import whole_seconds
 from robotapp_api.model.names import Label, Reason
 from robotapp_api.values.ranges import parse_ids
 from robotapp_api.values.tiers import ROBOT
 from robotapp_operator.cache import Cache
+from robotapp_operator.nodes import Lost
 from robotapp_operator.plan.app import Problem, domain_problems, problems_alone, problems_with
 from robotapp_operator.plan.changes import deployment_domain
 from robotapp_operator.plan.components import component_view, cut_off
 from robotapp_operator.plan.devices import device_trouble
-from robotapp_operator.plan.facts import InstanceFacts
+from robotapp_operator.plan.facts import Grace, InstanceFacts
 from robotapp_operator.plan.infrastructure import DISCOVERY
 from robotapp_operator.plan.instances import instances_of, matching_robots
 from robotapp_operator.plan.latency import EdgeView, edge_views
@@ -31,6 +34,7 @@ from robotapp_operator.plan.objects import Deployment, Pod, Telemetry
 from robotapp_operator.plan.parameters import parameter_states
 from robotapp_operator.plan.wish import App, Domain
 from robotapp_operator.sharing import rules_view
+from robotapp_operator.sight import grace_s
 
 
 def wanted_instances(app: App, cache: Cache) -> tuple[Instance, ...]:
@@ -151,8 +155,9 @@ def instance_facts(
     outcome: DomainOutcome | None,
     trouble: tuple[Reason, str] | None,
     held: tuple[Held, ...],
+    now_s: float,
 ) -> InstanceFacts:
-    """One instance as observed. Its edges are as measured now, in the order of the spec."""
+    """One instance as observed. Its edges are as measured now, in the order of the spec. `now_s`: monotonic."""
     pods = cache.pods_by_deployment(app.uid, instance.robot)
     owned = owned_deployments(app, instance.robot, cache)
     by_component = {item.metadata.labels.get(Label.COMPONENT, ""): item for item in owned}
@@ -162,7 +167,8 @@ def instance_facts(
         deployment = by_component.get(component.name)
         mine = pods.get(deployment.metadata.uid, ()) if deployment else ()
         missing = files[component.name].missing if component.name in files else ()
-        views.append(component_view(component, deployment, mine, missing=missing))
+        lost = [pod.spec.node_name for pod in mine if cache.nodes.lost(pod.spec.node_name)]
+        views.append(component_view(component, deployment, mine, missing=missing, lost=lost))
     domain = cached_domain(app, instance.robot, cache, outcome) or _last_joined(app, outcome)
     devices = cache.devices_held(app.uid, instance.robot)
     wanted = sum(claims_wanted(component.devices) for component in app.spec.components)
@@ -183,9 +189,22 @@ def instance_facts(
         trouble=trouble,
         held=held,
         robot_online=not instance.missing and (robot is None or robot.ready),
+        grace=_grace(app, cache.nodes.lost(instance.node), now_s=now_s),
         infrastructure_ready=_infrastructure_ready(owned),
         cut_off=_cut_off(owned, pods),
     )
+
+
+def _grace(app: App, lost: Lost | None, *, now_s: float) -> Grace | None:
+    if lost is None or now_s >= offline_s(app, lost):
+        return None
+    seconds = grace_s(app)
+    return Grace(whole_seconds(lost.since), whole_seconds(lost.since + timedelta(seconds=seconds)), seconds)
+
+
+def offline_s(app: App, lost: Lost) -> float:
+    """When an instance whose robot's node was lost counts as Offline, by the monotonic clock."""
+    return lost.since_s + grace_s(app)
 
 
 def _last_joined(app: App, outcome: DomainOutcome | None) -> Domain | None:

@@ -20,7 +20,7 @@ Trouble = tuple[Reason, str]
 class InstanceMemory:
     """Of one instance: the facts as last computed, what they were computed from, and what was published of them.
 
-    `facts_until_s`: when other latency figures may be published. `shown`: the figures that are, None until they are read from
+    `facts_until_s`: when other latency figures may be published, or the robot's grace is over. `shown`: the figures that are, None until they are read from
     the object. `version`: resourceVersion of the object as we left or found it. `written_facts`: the facts that it is known to
     show. `created`: there has been one. `pending_status`: the latest status that differed from the stored one.
     """

@@ -1,9 +1,20 @@
 """The cluster's nodes, with version numbers for values computed from all of them."""
 
-from collections.abc import Iterator, MutableMapping
+import time
+from collections.abc import Callable, Iterator, MutableMapping
+from datetime import UTC, datetime, timedelta
+from typing import NamedTuple
 
+from robotapp_api.client.times import Now, utc_now
 from robotapp_api.model.names import Annotation
 from robotapp_operator.plan.objects import Node
+
+
+class Lost(NamedTuple):
+    """Since when a node is not Ready: `since` by this process' wall clock, to be shown, `since_s` by its monotonic one."""
+
+    since: datetime
+    since_s: float
 
 
 class Nodes(MutableMapping[str, Node]):
@@ -13,7 +24,10 @@ class Nodes(MutableMapping[str, Node]):
     `readiness_version` counts up when a node becomes ready or unready. Heartbeats change neither.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Callable[[], float] = time.monotonic, now: Now = utc_now) -> None:
+        self._clock = clock
+        self._now = now
+        self._lost: dict[str, Lost] = {}
         self._nodes: dict[str, Node] = {}
         self._of_robot: dict[str, set[str]] = {}
         self.identity_version = 0
@@ -36,9 +50,11 @@ class Nodes(MutableMapping[str, Node]):
             self.identity_version += 1
         if before is None or before.ready != node.ready:
             self.readiness_version += 1
+            self._turn(node, seen_ready=before is not None)
 
     def __delitem__(self, name: str) -> None:
         self._leave(name, self._nodes.pop(name).robot)
+        self._lost.pop(name, None)
         self.identity_version += 1
         self.readiness_version += 1
 
@@ -47,6 +63,10 @@ class Nodes(MutableMapping[str, Node]):
 
     def __len__(self) -> int:
         return len(self._nodes)
+
+    def lost(self, name: str) -> Lost | None:
+        """Since when the node is not Ready; None for one that is, or that does not exist."""
+        return self._lost.get(name)
 
     @property
     def robots(self) -> set[str]:
@@ -57,11 +77,29 @@ class Nodes(MutableMapping[str, Node]):
         """Names of the nodes that are computers of `robot`."""
         return frozenset(self._of_robot.get(robot, ()))
 
+    def _turn(self, node: Node, *, seen_ready: bool) -> None:
+        """seen_ready: this process saw the node Ready, so that its own clock, not that of a robot, tells since when it is not."""
+        name = node.metadata.name
+        if node.ready:
+            self._lost.pop(name, None)
+            return
+        now = self._now()
+        age = timedelta() if seen_ready else max(timedelta(), now - (_moment(node.turned) or now))
+        self._lost[name] = Lost(now - age, self._clock() - age.total_seconds())
+
     def _leave(self, name: str, robot: str) -> None:
         members = self._of_robot.get(robot, set())
         members.discard(name)
         if not members:
             self._of_robot.pop(robot, None)
+
+
+def _moment(text: str | None) -> datetime | None:
+    try:
+        found = datetime.fromisoformat(text or "")
+    except ValueError:
+        return None
+    return found if found.tzinfo else found.replace(tzinfo=UTC)
 
 
 def identity_changed(before: Node, now: Node) -> bool:

@@ -11,7 +11,7 @@ from robotapp_api.claims.instances import Instance
 from robotapp_api.values.duration import parse_us
 from robotapp_api.values.round_trips import UNREACHABLE_US
 from robotapp_operator.cache import Cache
-from robotapp_operator.gather import cached_domain, instance_facts, instances_by_name, problems_now
+from robotapp_operator.gather import cached_domain, instance_facts, instances_by_name, offline_s, problems_now
 from robotapp_operator.memory import AppMemory, InstanceMemory, Memory
 from robotapp_operator.plan.app import notes_of
 from robotapp_operator.plan.facts import AppFacts, InstanceFacts
@@ -73,8 +73,12 @@ class Observer:
             outcome=memory.outcomes.get(instance.robot),
             trouble=memory.troubles.get(instance.robot),
             held=memory.held.get(instance.robot, ()),
+            now_s=now_s,
         )
         found = self._publish(app, found, own, now_s)
+        lost = self._cache.nodes.lost(instance.node)
+        if found.grace and lost:
+            own.facts_until_s = min(own.facts_until_s, offline_s(app, lost))
         if before == found and before is not None:
             found = before  # the same object, so that callers can compare by identity
         own.facts, own.stamp = found, self._stamp(app, instance, memory, own, facts=found)
@@ -93,14 +97,14 @@ class Observer:
     ) -> tuple[object, ...]:
         """Equal stamps mean equal facts, apart from figures that may be published later."""
         facts = facts or own.facts
-        node = self._cache.nodes.get(instance.node)
+        nodes = {node for component in facts.components for node in component.nodes} if facts else set()
         outcome = memory.outcomes.get(instance.robot)
         borrowed = app.spec.ros2 is not None and (app.share_with or app.spec.ros2.isolation == "Discovery")
         return (
             app.spec,
             instance,
             self._cache.version_of(app.uid, instance.robot),
-            node is None or node.ready,
+            [self._cache.nodes.lost(node) for node in sorted({instance.node, *nodes})],
             outcome,
             memory.troubles.get(instance.robot),
             memory.held.get(instance.robot, ()),

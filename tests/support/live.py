@@ -92,6 +92,11 @@ class Tenant:
 
         return eventually(look, what=lambda: json.dumps(self.instances(name)))
 
+    def event_reasons(self, name: str) -> set[str]:
+        """Of the events about objects of this name."""
+        path = f"/apis/events.k8s.io/v1/namespaces/{self.namespace}/events"
+        return {item["reason"] for item in self.cp.api.get(path)["items"] if item["regarding"].get("name") == name}
+
     def condition(self, name: str, kind: str) -> dict[str, Any]:
         found = self.app(name)
         (condition,) = [item for item in found["status"]["conditions"] if item["type"] == kind]

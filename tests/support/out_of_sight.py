@@ -8,8 +8,10 @@ from typing import Any, Final
 
 from tests.support.live import Tenant, eventually
 
+from robotapp_api.client.times import utc_now, whole_seconds
 from robotapp_api.model.names import Label
 from robotapp_testbed import ControlPlane, topology
+from robotapp_testbed.components import SIMULATED_BY_KWOK
 
 NODES: Final = "/api/v1/nodes"
 EVERY_ROBOT: Final = {"nodeSelector": {"matchExpressions": [{"key": Label.ROBOT.value, "operator": "Exists"}]}}
@@ -34,6 +36,10 @@ class Seen:
             *(f"pod {uid}" for uid in self.pods - now.pods),
             *(f"claim {name}" for name, was in self.domains.items() if now.domains.get(name) != was),
         ]
+
+
+def _now() -> str:
+    return whole_seconds(utc_now())
 
 
 class Fleet:
@@ -88,6 +94,18 @@ class Fleet:
         self.delete(gone)
         time.sleep(after_s)
         self.bring(gone)
+
+    def ready(self, robot: str, status: str) -> None:
+        """The kubelet is silent ("Unknown") or in contact again ("True"), and its pods fare as the node controller has it."""
+        simulated = SIMULATED_BY_KWOK if status == "True" else None
+        self.cp.api.patch(f"{NODES}/{robot}", {"metadata": {"labels": {Label.SIMULATED.value: simulated}}})
+        ready = {"type": "Ready", "status": status, "reason": "Test", "message": "", "lastTransitionTime": _now()}
+        self.cp.api.patch(f"{NODES}/{robot}/status", {"status": {"conditions": [ready]}})
+        lost = [{"type": kind, "status": "False"} for kind in ("Ready", "ContainersReady")]
+        for pod in self.tenant.listed("pods"):
+            if pod["spec"].get("nodeName") == robot and status != "True":
+                path = f"/api/v1/namespaces/{self.tenant.namespace}/pods/{pod['metadata']['name']}/status"
+                self.cp.api.patch(path, {"status": {"conditions": lost}})
 
     def delete(self, robots: Iterable[str]) -> None:
         self.cp.api.each(lambda name: self.cp.api.delete(f"{NODES}/{name}"), list(robots))

@@ -153,6 +153,8 @@ class Reason(StrEnum):
     # Ready, Progressing, Stalled
     ALL_READY = "AllComponentsReady"
     COMPONENTS_NOT_READY = "ComponentsNotReady"
+    ROBOT_NOT_READY = "RobotNotReady"
+    """Of its node; not yet for connectivity.grace."""
     ROBOT_OFFLINE = "RobotOffline"
     FAILED_CREATE = "FailedCreate"
     QUOTA_REFUSED = "QuotaRefused"
@@ -225,6 +227,7 @@ class EventReason(StrEnum):
     UNKNOWN_DISTRO = "UnknownDistro"
     NOT_ALLOWED_ON_ROBOT = "NotAllowedOnRobot"
     NO_MATCHING_ROBOT = "NoMatchingRobot"
+    ROBOT_NOT_READY = "RobotNotReady"
     ROBOT_OFFLINE = "RobotOffline"
     CHILD_FAILED = "ChildFailed"
     NEWER_VERSION = "NewerVersion"

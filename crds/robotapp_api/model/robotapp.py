@@ -41,8 +41,8 @@ class Connectivity(Model):
     """What counts as disconnected."""
 
     grace: Duration = "5m"
-    """How long a robot may be out of reach before pods that fail over move, and out of sight (no node of its name) before its
-    instance ends. It counts as Offline as soon as its pods do not count as ready."""
+    """How long a robot's node may be not Ready before its instance counts as Offline and pods that fail over move, and how long
+    the robot may be out of sight (no node of its name; Offline at once) before its instance ends."""
 
 
 class RobotAppSpec(Model):

@@ -25,7 +25,7 @@ class InstanceCounts(Observed):
     ready: Count = 0
     """Instances whose components are all ready."""
     offline: Count = 0
-    """Instances whose robot is out of reach."""
+    """Instances whose robot is out of reach for longer than connectivity.grace, or out of sight."""
     completed: Count = 0
     """Instances that have done their work."""
     failed: Count = 0

@@ -48,9 +48,16 @@ class ComponentView:
 
 
 def component_view(
-    component: Component, deployment: Deployment | None, pods: Sequence[Pod], *, missing: Sequence[str] = ()
+    component: Component,
+    deployment: Deployment | None,
+    pods: Sequence[Pod],
+    *,
+    missing: Sequence[str] = (),
+    lost: Sequence[str] = (),
 ) -> ComponentView:
-    """pods: those the Deployment owns, terminating and finished ones included. missing: parameter files that do not exist."""
+    """pods: those the Deployment owns, terminating and finished ones included. missing: parameter files that do not exist.
+    lost: nodes of these pods that are not Ready.
+    """
     if deployment is None:
         return ComponentView(
             name=component.name, replicas=component.replicas, ready=False, exists=False, bound=False, rolling=True
@@ -67,6 +74,9 @@ def component_view(
     reason, message = (None, "") if ready else _failure(deployment, pods, live)
     if missing and not ready and reason is None:  # the kubelet waits for the file and reports that in an event only
         reason, message = Reason.FAILED_CREATE, f"{'; '.join(missing)}: create it, or write optional: true"
+    away = [pod.spec.node_name for pod in live if pod.spec.node_name in lost]
+    if away and not ready and not message:  # nothing starts there, and what runs there cannot report it
+        message = f"node {away[0]} is not Ready"
     return ComponentView(
         name=component.name,
         replicas=replicas,

@@ -12,6 +12,18 @@ from robotapp_operator.plan.newer import Held
 from robotapp_operator.plan.wish import App
 
 
+@dataclasses.dataclass(frozen=True, slots=True)
+class Grace:
+    """What `connectivity.grace` leaves to a robot whose node is not Ready. Moments, not seconds: a status is written once.
+
+    since: when the node was last Ready. until: when the instance is Offline. Both RFC 3339, `seconds` apart.
+    """
+
+    since: str
+    until: str
+    seconds: float
+
+
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class InstanceFacts:
     """One instance as observed. Edges carry the published figures, worst first.
@@ -34,6 +46,8 @@ class InstanceFacts:
     trouble: tuple[Reason, str] | None = None
     held: tuple[Held, ...] = ()
     robot_online: bool = True
+    grace: Grace | None = None
+    """Of a robot that is not online; None when it is over."""
     infrastructure_ready: bool = True
     cut_off: tuple[str, ...] = ()
     """Pods that know no discovery server any more and must restart."""
@@ -48,8 +62,8 @@ class InstanceFacts:
 
     @property
     def offline(self) -> bool:
-        """Is its robot out of reach, and do its pods no longer count as ready?"""
-        return not self.robot_online and not self.ready
+        """Is its robot out of reach for longer than `connectivity.grace`, and do its pods no longer count as ready?"""
+        return not self.robot_online and not self.ready and self.grace is None
 
     @property
     def bound(self) -> bool:

@@ -48,7 +48,7 @@ _TURNS = (
     _Turn(Condition.ACCEPTED, reasons=NOT_ACCEPTED),
     _Turn(Condition.ALLOCATED, reasons=NOT_ALLOCATED),
     _Turn(Condition.READY, EventReason.CHILD_FAILED, reasons=_FAILED),
-    _Turn(Condition.READY, reasons=frozenset({Reason.ROBOT_OFFLINE})),
+    _Turn(Condition.READY, reasons=frozenset({Reason.ROBOT_NOT_READY, Reason.ROBOT_OFFLINE})),
     _Turn(Condition.PLACED, warning=False, status="True"),
     _Turn(Condition.PLACED, EventReason.NODE_REJECTED, reasons=frozenset({Reason.UNSCHEDULABLE})),
     _Turn(Condition.PROGRESSING, reasons=frozenset({Reason.NEWER_VERSION})),

@@ -33,6 +33,7 @@ class ObjectCondition(Struct):
     status: str = "Unknown"
     reason: str = ""
     message: str = ""
+    last_transition_time: str | None = None
 
 
 class DeploymentStatus(Struct):
@@ -131,6 +132,12 @@ class Node(Struct):
     @property
     def ready(self) -> bool:
         return any(c.type == "Ready" and c.status == "True" for c in self.status.conditions)
+
+    @property
+    def turned(self) -> str | None:
+        """Since when the node is ready or not, by the clock of whoever wrote the condition; else since when it exists."""
+        found = next((c.last_transition_time for c in self.status.conditions if c.type == "Ready"), None)
+        return found or self.metadata.creation_timestamp
 
 
 class TelemetrySpec(Struct):

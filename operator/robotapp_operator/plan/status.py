@@ -88,6 +88,8 @@ def instance_phase(instance: InstanceFacts, before: str) -> Phase:
         return Phase.OFFLINE
     if instance.ready:
         return Phase.RUNNING
+    if instance.grace and instance.bound:
+        return Phase.DEGRADED
     failing = [c for c in instance.components if c.reason not in (None, Reason.UNSCHEDULABLE)]
     if instance.bound and (failing or before in (Phase.RUNNING, Phase.DEGRADED)):
         return Phase.DEGRADED

@@ -4,7 +4,7 @@ from enum import IntEnum
 from typing import Any, Final, NamedTuple
 
 from robotapp_api.model.names import Label, Reason
-from robotapp_operator.plan.facts import AppFacts, InstanceFacts
+from robotapp_operator.plan.facts import AppFacts, Grace, InstanceFacts
 from robotapp_operator.plan.latency import EdgeView, shown_ms
 from robotapp_operator.plan.text import clip, shown
 
@@ -20,18 +20,21 @@ class Rank(IntEnum):
     """Nobody knows which node is its robot's."""
     FAILING = 1
     OFFLINE = 2
-    WAITING = 3
+    NOT_READY = 3
+    """Their robot's node, for a shorter time than `connectivity.grace`."""
+    WAITING = 4
     """For a node or a device."""
-    UNCLEAR_BUT_READY = 4
-    RESTART_NEEDED = 5
-    OVER_BUDGET = 6
-    NONE = 7
+    UNCLEAR_BUT_READY = 5
+    RESTART_NEEDED = 6
+    OVER_BUDGET = 7
+    NONE = 8
     """It is well, or merely starts."""
 
 
 _RANKS: Final = {
     Reason.ROBOT_NODE_UNCLEAR: Rank.UNCLEAR,
     Reason.ROBOT_OFFLINE: Rank.OFFLINE,
+    Reason.ROBOT_NOT_READY: Rank.NOT_READY,
     Reason.UNSCHEDULABLE: Rank.WAITING,
     Reason.DEVICE_BUSY: Rank.WAITING,
 }
@@ -87,7 +90,17 @@ def what_is_missing(instance: InstanceFacts) -> tuple[Reason, str] | None:
             Reason.ROBOT_OFFLINE,
             f"node {node} of the robot is not ready: kubectl describe node {node} shows since when",
         )
+    if instance.grace:
+        return Reason.ROBOT_NOT_READY, grace_text(instance.instance.node, instance.grace)
     return (Reason.DEVICE_BUSY, instance.busy) if instance.busy else None
+
+
+def grace_text(node: str, grace: Grace) -> str:
+    """What happens to an instance whose robot's node is not Ready, and when. True whenever it is read until then."""
+    return (
+        f"node {node} of the robot is not Ready since {grace.since}: if it stays so, the instance is Offline at {grace.until} "
+        f"(connectivity.grace, {grace.seconds:g} s); kubectl describe node {node} shows why"
+    )
 
 
 def out_of_sight_text(robot: str) -> str:

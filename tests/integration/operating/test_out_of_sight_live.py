@@ -1,15 +1,18 @@
 """A robot that vanishes for a second loses nothing, and the domain of one that is gone goes to nobody."""
 
 import logging
+import re
 import secrets
 import time
 from collections.abc import Iterator
+from datetime import datetime
 from typing import Any
 
 import pytest
 from tests.support.live import Tenant, eventually, part
 from tests.support.out_of_sight import EVERY_ROBOT, Fleet
 
+from robotapp_api.client.times import utc_now
 from robotapp_api.model.names import Annotation, Label
 from robotapp_testbed import ControlPlane, product, topology
 from robotapp_testbed.process import Process
@@ -162,6 +165,47 @@ def test_the_domain_of_a_deleted_app_is_parked_until_its_robot_is_back_or_an_adm
     said = {str(Annotation.PODS_GONE): str(found["status"]["attempt"])}
     fleet.cp.api.patch(CLAIM.format(claims[scrapped]), {"metadata": {"annotations": said}})
     eventually(lambda: not fleet.tenant.claims(), what=fleet.tenant.claims)
+
+
+def test_a_robot_whose_node_is_not_ready_is_offline_when_its_grace_is_over_and_not_before(
+    fleet: Fleet, ids: str, programs: Programs
+) -> None:
+    (robot,) = fleet.chance.sample(fleet.robots, 1)
+    tenant = fleet.tenant
+    start(fleet, ids, grace_s=3600, nodeSelector=named([robot]))
+    fleet.ready(robot, "Unknown")
+    told = tenant.wait("fleet", "Ready", "False", reason="RobotNotReady")["message"]
+    assert "(connectivity.grace, 3600 s)" in told
+    status = tenant.app("fleet")["status"]
+    assert (status["phase"], status["instanceCounts"].get("offline", 0)) == ("Degraded", 0)
+    assert status["troubled"][0]["reason"] == "RobotNotReady"
+
+    def shown() -> Any:
+        (instance,) = tenant.instances("fleet")
+        status = instance["status"]
+        return status["phase"], status["components"][0].get("message")
+
+    eventually(lambda: shown() == ("Degraded", f"node {robot} is not Ready"), what=shown)
+    eventually(lambda: "RobotNotReady" in tenant.event_reasons("fleet"), what=lambda: tenant.event_reasons("fleet"))
+    programs.restart_operator()
+    tenant.edit("fleet", connectivity={"grace": "3000s"})
+    later = tenant.wait("fleet", "Ready", "False", reason="RobotNotReady")["message"]
+    assert "(connectivity.grace, 3000 s)" in later
+    assert "RobotOffline" not in tenant.event_reasons("fleet")
+    age_s = (utc_now() - datetime.fromisoformat(since(told))).total_seconds()
+    tenant.edit("fleet", connectivity={"grace": f"{int(age_s) + 4}s"})
+    tenant.wait("fleet", "Ready", "False", reason="RobotOffline")
+    assert (utc_now() - datetime.fromisoformat(since(told))).total_seconds() >= int(age_s) + 3
+    status = tenant.app("fleet")["status"]
+    assert (status["phase"], status["instanceCounts"]["offline"]) == ("Offline", 1)
+    eventually(lambda: "RobotOffline" in tenant.event_reasons("fleet"), what=lambda: tenant.event_reasons("fleet"))
+    fleet.ready(robot, "True")
+
+
+def since(message: str) -> str:
+    """The moment in the message of a robot that is not Ready."""
+    (found,) = re.findall(r"since (\S+Z):", message)
+    return str(found)
 
 
 def named(robots: list[str]) -> dict[str, Any]:

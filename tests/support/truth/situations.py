@@ -182,6 +182,7 @@ def edge(budget: str | None = None, **fields: Any) -> list[Object]:
 
 WELL = {"Ready": "True/AllComponentsReady", "Placed": "True/Placed", "Stalled": "False/NotStalled"}
 NOWHERE = {"Ready": "False/Unschedulable", "Placed": "False/Unschedulable"}
+NO_GRACE = {"grace": "1s"}
 ON_BOARD = ({"name": "talk", "runsOn": ["Edge"]}, {"name": "hear", "runsOn": ["Robot"]})
 BUS = {"devices": [{"name": "bus", "type": "can"}]}
 
@@ -337,6 +338,13 @@ SITUATIONS: Mapping[str, Situation] = {
         says={"Ready": "False/RobotOffline"},
         phase="Offline",
         parts=ON_BOARD,
+        spec=lambda place: {"robots": robot(place), "connectivity": NO_GRACE},
+        then=lambda place: broken(place, place.robots[0]),
+    ),
+    "a robot out of reach for a moment": Situation(
+        says={"Ready": "False/RobotNotReady"},
+        phase="Degraded",
+        parts=ON_BOARD,
         spec=lambda place: {"robots": robot(place)},
         then=lambda place: broken(place, place.robots[0]),
     ),
@@ -344,7 +352,7 @@ SITUATIONS: Mapping[str, Situation] = {
         says={"Ready": "False/RobotOffline"},
         phase="Degraded",
         parts=ON_BOARD,
-        spec=lambda place: {"robots": all_robots(place)},
+        spec=lambda place: {"robots": all_robots(place), "connectivity": NO_GRACE},
         then=lambda place: broken(place, place.robots[0]),
     ),
     "a robot with two computers and none of them primary": Situation(

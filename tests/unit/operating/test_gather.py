@@ -188,7 +188,7 @@ def facts_of(cache: Cache, body: dict[str, Any], *, outcome: DomainOutcome | Non
     app = cache.update_app(body).app
     assert app is not None
     (instance,) = wanted_instances(app, cache)
-    return instance_facts(app, instance, cache, outcome=outcome, trouble=None, held=())
+    return instance_facts(app, instance, cache, outcome=outcome, trouble=None, held=(), now_s=0.0)
 
 
 def test_pods_belong_to_a_component_through_the_chain_of_owners() -> None:

@@ -1,5 +1,6 @@
 """Which facts are computed anew, when, and who hears of it."""
 
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import msgspec
@@ -14,10 +15,11 @@ from robotapp_operator import observer as module
 from robotapp_operator.cache import Cache
 from robotapp_operator.gather import wanted_instances
 from robotapp_operator.memory import Memory
+from robotapp_operator.nodes import Nodes
 from robotapp_operator.observer import Observer
-from robotapp_operator.plan.facts import InstanceFacts
+from robotapp_operator.plan.facts import Grace, InstanceFacts
 from robotapp_operator.plan.instance_object import AppInstance, wanted_object
-from robotapp_operator.plan.objects import ConfigMap, ReplicaSet, Telemetry
+from robotapp_operator.plan.objects import ConfigMap, Node, ReplicaSet, Telemetry
 from robotapp_operator.plan.wish import App
 
 UID = "uid-1"
@@ -204,6 +206,87 @@ def test_after_a_start_figures_of_other_places_do_not_stand(world: World, nodes:
     place(world.cache, UID, operator="edge-1", driver="amr")
     world.measure(13)
     assert [edge.p95_us for edge in world.facts(app).edges] == [13_000]
+
+
+ON_A = {"nodeSelector": {"matchLabels": {"robotics.io/robot": "a"}}}
+NOON = datetime(2026, 1, 1, 12, tzinfo=UTC)
+
+
+def unready(name: str, *, since: str | None = None) -> Node:
+    node = make_node(name, robot="a", ready=False)
+    (condition,) = node.status.conditions
+    condition.last_transition_time = since
+    return node
+
+
+def clocks(world: World) -> None:
+    """The caches tell the time by the test's clock; it is noon at second 0."""
+    world.cache.nodes = Nodes(lambda: world.now_s, lambda: NOON + timedelta(seconds=world.now_s))
+
+
+def test_a_robot_is_offline_only_when_its_grace_is_over_and_the_operator_looks_again_then(world: World) -> None:
+    clocks(world)
+    world.cache.nodes["n"] = make_node("n", robot="a")
+    app = world.app(robots=ON_A, connectivity={"grace": "30s"})
+    assert not world.facts(app).offline
+    world.now_s = 100
+    world.cache.nodes["n"] = unready("n", since="1970-01-01T00:00:09Z")  # by the clock of the robot
+    lost = world.facts(app)
+    assert not lost.offline
+    assert lost.grace == Grace("2026-01-01T12:01:40Z", "2026-01-01T12:02:10Z", 30.0)
+    assert world.memory.of(UID).instance("a").facts_until_s == 130
+    world.now_s = 129.9
+    world.cache.nodes["n"] = unready("n", since="2026-01-01T12:02:00Z")  # False became Unknown: still not Ready
+    assert world.facts(app) is lost
+    world.changed.clear()
+    world.now_s = 130
+    assert world.facts(app).offline
+    assert world.changed == [(UID, "a")]
+    assert world.memory.of(UID).instance("a").facts_until_s == float("inf")
+    world.cache.nodes["n"] = make_node("n", robot="a")
+    assert world.facts(app).robot_online
+    world.now_s = 140
+    world.cache.nodes["n"] = unready("n")
+    assert world.facts(app).grace is not None, "the next time has a grace of its own"
+
+
+@pytest.mark.parametrize(
+    ("since", "left_s"),
+    [
+        ("2026-01-01T11:59:50Z", 20.0),
+        ("2026-01-01T11:59:00Z", None),
+        ("2026-01-01T12:30:00Z", 30.0),
+        ("yesterday", 30.0),
+        (None, 30.0),
+    ],
+)
+def test_a_restarted_operator_counts_the_grace_from_the_condition(
+    world: World, since: str | None, left_s: float | None
+) -> None:
+    clocks(world)
+    world.cache.nodes["n"] = unready("n", since=since)
+    facts = world.facts(world.app(robots=ON_A, connectivity={"grace": "30s"}))
+    assert facts.offline is (left_s is None)
+    assert world.memory.of(UID).instance("a").facts_until_s == (left_s or float("inf"))
+
+
+def test_another_grace_counts_at_once(world: World) -> None:
+    clocks(world)
+    world.cache.nodes["n"] = make_node("n", robot="a")
+    world.cache.nodes["n"] = unready("n")
+    assert not world.facts(world.app(robots=ON_A)).offline
+    world.now_s = 3
+    assert world.facts(world.app(robots=ON_A, generation=2, connectivity={"grace": "2s"})).offline
+    assert not world.facts(world.app(robots=ON_A, generation=3, connectivity={"grace": "9999h"})).offline
+
+
+def test_a_component_on_a_node_that_is_not_ready_is_said_to_be_there(world: World) -> None:
+    world.cache.nodes["edge-1"] = make_node("edge-1")
+    app = world.app()
+    place(world.cache, UID, driver="edge-1")
+    assert [item.message for item in world.facts(app).components] == [""] * len(app.spec.components)
+    world.cache.nodes["edge-1"] = make_node("edge-1", ready=False)
+    assert "node edge-1 is not Ready" in [item.message for item in world.facts(app).components]
 
 
 def test_a_refused_app_is_observed_all_the_same_and_an_unreadable_one_is_not(world: World) -> None:

@@ -54,6 +54,12 @@ def test_a_robot_out_of_reach_is_told() -> None:
     assert reasons({}, status(Ready=("False", "RobotOffline", "node n"))) == ["RobotOffline"]
 
 
+def test_a_robot_not_ready_for_a_while_is_told_and_again_when_that_made_it_offline() -> None:
+    lost = status(Ready=("False", "RobotNotReady", "node n"))
+    assert reasons(status(Ready=("True", "AllComponentsReady", "")), lost) == ["RobotNotReady"]
+    assert reasons(lost, status(Ready=("False", "RobotOffline", "node n"))) == ["RobotOffline"]
+
+
 def test_a_refusal_by_all_nodes_is_told_on_the_app_itself() -> None:
     assert reasons({}, status(Placed=("False", "Unschedulable", "0 of 3 placed"))) == ["NodeRejected"]
 
