@@ -161,7 +161,9 @@ class AppIndex:
         return self._owners.pop(uid, None) is not None
 
     def belongs(self, pod: Pod, app_uid: str) -> bool:
-        """Does the owner chain lead from the pod to this app, inside one namespace?"""
+        """Does the owner chain lead from the pod to this app, inside the app's namespace?"""
+        if not self._at_home(pod, app_uid):
+            return False
         namespace = pod.metadata.namespace
         references = pod.metadata.owner_references
         for _ in range(3):
@@ -175,6 +177,11 @@ class AppIndex:
                 return False
             references = known.metadata.owner_references
         return False
+
+    def _at_home(self, pod: Pod, app_uid: str) -> bool:
+        """Is the pod in the app's namespace, as far as the app is known? Elsewhere labels and owner references are somebody's words."""
+        app = self._apps.get(app_uid)
+        return app is None or app.source.metadata.namespace == pod.metadata.namespace
 
     def place(self, pod: Pod, node: str) -> None:
         """Count a live pod of an app where it is (node "" = still waiting); others are not counted."""
@@ -221,5 +228,6 @@ class AppIndex:
         return self._expected.get(member._replace(component=component), ())
 
     def labelled(self, member: Member) -> list[Replica]:
-        """Live pods with exactly these labels, owner chain not asked."""
-        return list(self._replicas.get((member.app_uid, member.instance), {}).get(member.component, {}).values())
+        """Live pods of the app's namespace with exactly these labels, owner chain not asked: orphans count."""
+        found = self._replicas.get((member.app_uid, member.instance), {}).get(member.component, {})
+        return [replica for replica in found.values() if self._at_home(replica.pod, member.app_uid)]

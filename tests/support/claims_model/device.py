@@ -1,13 +1,15 @@
 """Model of device claims with hand-over: two schedulers, sweepers, pods that die, successors, a rival app.
 
-DOUBLE two live pods with one device; LOST a live pod whose device's claim is missing or another's.
+DOUBLE two live pods with one device; LOST a live pod whose device's claim is missing or another's;
+FORGED a claim made or taken for a pod that only says whose it is.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import product
 from typing import Any, NamedTuple
 
-from tests.support.claims_model.device_rules import FREE, DeviceRules
+from tests.support.claims_model.device_rules import ALONE, ELSEWHERE, FREE, OWNED, DeviceRules
 from tests.support.claims_model.domain_basis import put
 from tests.support.claims_model.explore import Move
 
@@ -16,6 +18,8 @@ from robotapp_api.claims.release import Release
 
 IDLE: tuple[Any, ...] = ("idle", -1, -1)
 RESTING: tuple[Any, ...] = (-1, 0, 0, 0)
+FORGER = -2
+"""The pod of an attacker in a claim."""
 LIVE, SUSPENDED, DELETED = "LSG"
 ABSENT, PENDING, RUNNING, TERMINATING, GONE = "NPRTG"
 
@@ -30,6 +34,8 @@ class State(NamedTuple):
     """(step, pod, device)."""
     sweepers: tuple[tuple[Any, ...], ...]
     """(device, stage, holder, pod)."""
+    forged: tuple[tuple[int, str], ...] = ()
+    """(holder it imitates, how): look-alikes that another scheduler has bound, and that the attacker never takes away."""
 
 
 FIELD = {name: index for index, name in enumerate(State._fields)}
@@ -50,6 +56,8 @@ class DeviceModel:
     """A scheduler may take the device from a pod that waits for the rest of its devices (F4): fence, then delete."""
     fences: bool = True
     """False is a structure mutant: deleted without the fence."""
+    forgeries: int = 0
+    """Look-alikes the attacker may have bound; those for our scheduler need no bound, because none may ever have an effect."""
     rules: DeviceRules = field(default_factory=DeviceRules)
 
     def __post_init__(self) -> None:
@@ -67,6 +75,7 @@ class DeviceModel:
 
     def moves(self, s: State) -> Iterator[Move]:
         yield from self._people(s)
+        yield from self._attacker(s)
         yield from self._pods(s)
         for k, scheduler in enumerate(s.schedulers):
             if not k or scheduler != s.schedulers[k - 1]:
@@ -136,6 +145,21 @@ class DeviceModel:
             if state != DELETED:
                 yield move(s, f"h{h} deleted", False, apps=put(s.apps, h, DELETED))
 
+    def _attacker(self, s: State) -> Iterator[Move]:
+        """Pods with the labels of any holder. One of the holder's own namespace that lives is no look-alike, but may get nothing new."""
+        if not self.forgeries:
+            return
+        for h, how in product(range(len(s.apps)), (ELSEWHERE, OWNED, ALONE)):
+            if how != ALONE and (h, how) not in s.forged and len(s.forged) < self.forgeries:
+                forged = tuple(sorted((*s.forged, (h, how))))
+                yield move(s, f"look-alike of h{h} ({how}) runs", False, forged=forged)
+            for x, claim in enumerate(s.claims):
+                held = None if claim is None else self._who(claim[0])
+                take = self.rules.forged_take(held, FREE if claim is None else claim[1], self._who(h), how)
+                if take is not Take.BUSY:
+                    label = f"!FORGED: look-alike of h{h} ({how}) may {take.lower()} d{x}"
+                    yield move(s, label, False, claims=put(s.claims, x, (h, FORGER)))
+
     def _pods(self, s: State) -> Iterator[Move]:
         referred = {claim[1] for claim in s.claims if claim} | {one[1] for one in s.schedulers if one != IDLE}
         for i, (phase, device) in enumerate(s.pods):
@@ -161,7 +185,7 @@ class DeviceModel:
         step, i, x = one
         if one == IDLE:
             for pod, (phase, _) in enumerate(s.pods):
-                if phase == PENDING:
+                if phase == PENDING and not self._waits(s, pod):
                     yield from self._choose(s, k, pod)
                     yield from self._give_up(s, k, pod)
             return
@@ -186,6 +210,11 @@ class DeviceModel:
         else:
             label = "Unreserve" if step == "undo" else f"p{i} gives back"
             yield self._set_claim(s, f"{label} d{x}", True, x, None, scheduler=(k, IDLE))
+
+    def _waits(self, s: State, i: int) -> bool:
+        """For a predecessor, which a look-alike is taken for."""
+        h = self.holders[i]
+        return self.rules.waits(self._who(h), tuple(how for who, how in s.forged if who == h))
 
     def _give_up(self, s: State, k: int, i: int) -> Iterator[Move]:
         """Pod and claim have been read; both writes that follow carry the versions seen here."""

@@ -2,22 +2,30 @@
 
 from functools import cache
 
+import msgspec
 from tests.support import claims_objects as make
 
 from robotapp_api.claims.device import PodUse, Take, pod_use, release_device, take_device, wants_devices
 from robotapp_api.claims.objects import App, AppSpec, Claim, Component, DeviceRequirement, Holder, Meta
 from robotapp_api.claims.release import Release, preconditions
+from robotapp_scheduler.core.apps import AppIndex
+from robotapp_scheduler.core.objects import Pod
+from robotapp_scheduler.core.pods import Member
+from robotapp_scheduler.core.robotics import RobotApp
 
 FREE = -1
 """No pod, no device."""
 Who = tuple[int, int]
 """(group, holder): holders of one group are instances of one app."""
 DEVICE_NODE = "edge-1"
+HOME, ABROAD = "team", "attacker"
+ELSEWHERE, OWNED, ALONE = "elsewhere", "owned", "alone"
+"""Look-alikes: in another namespace, there with an owner reference to the app, and in the app's own without any owner."""
 
 
 class DeviceRules:
     def __init__(self) -> None:
-        for name in ("take", "use", "release"):
+        for name in ("take", "use", "release", "forged_take", "waits"):
             setattr(self, name, cache(getattr(self, name)))
 
     def holder(self, who: Who) -> Holder:
@@ -31,6 +39,51 @@ class DeviceRules:
     def take(self, claimed_by: Who | None, user: int, who: Who, pod: int) -> Take:
         claim = None if claimed_by is None else self.claim(claimed_by, user)
         return take_device(claim, holder=self.holder(who), pod_uid=f"pod-{pod}")
+
+    # The attacker: labels and owners as anybody may write them
+
+    def index(self, who: Who, *pods: Pod) -> AppIndex:
+        """What the scheduler knows: the app, and the pods with its labels that somebody has bound."""
+        holder, found = self.holder(who), AppIndex()
+        meta = {"name": holder.name, "namespace": HOME, "uid": holder.uid}
+        found.apply_app(msgspec.convert({"metadata": meta, "spec": {"components": [{"name": "driver"}]}}, RobotApp))
+        for pod in pods:
+            found.place(pod, DEVICE_NODE)
+        return found
+
+    def forged_pod(self, who: Who, how: str) -> Pod:
+        holder = self.holder(who)
+        owner = {"kind": "RobotApp", "name": holder.name, "uid": holder.uid, "controller": True}
+        meta = {
+            "name": "look-alike",
+            "namespace": HOME if how == ALONE else ABROAD,
+            "uid": f"forged-{how}",
+            "labels": make.labels(holder.uid, holder.instance, app=holder.name),
+            "ownerReferences": [owner] if how == OWNED else [],
+        }
+        return msgspec.convert({"metadata": meta}, Pod)
+
+    def forged_take(self, claimed_by: Who | None, user: int, who: Who, how: str) -> Take:
+        """What a look-alike that asks our scheduler may do about a device."""
+        pod, holder = self.forged_pod(who, how), self.holder(who)
+        if not self.belongs(pod, who):
+            return Take.BUSY
+        claim = None if claimed_by is None else self.claim(claimed_by, user)
+        own = msgspec.structs.replace(holder, namespace=pod.metadata.namespace)
+        return take_device(claim, holder=own, pod_uid=pod.metadata.uid)
+
+    def belongs(self, pod: Pod, who: Who) -> bool:
+        """Whether the scheduler tries the pod at all (PreEnqueue of groups)."""
+        return self.index(who).belongs(pod, self.holder(who).uid)
+
+    def waits(self, who: Who, forged: tuple[str, ...]) -> bool:
+        """Whether a pod of this component waits for these look-alikes, which run."""
+        holder = self.holder(who)
+        index = self.index(who, *(self.forged_pod(who, how) for how in forged))
+        return bool(self.predecessors(index, Member(holder.uid, holder.instance, holder.component)))
+
+    def predecessors(self, index: AppIndex, member: Member) -> int:
+        return len(index.labelled(member))
 
     def use(self, who: Who, pod: int, device: int, phase: str, granted: int) -> PodUse:
         """phase of the named pod: P pending, R running, T terminating, anything else gone."""
@@ -89,3 +142,24 @@ class TerminatingIsGone(DeviceRules):
 
     def use(self, who: Who, pod: int, device: int, phase: str, granted: int) -> PodUse:
         return super().use(who, pod, device, "G" if phase == "T" else phase, granted)
+
+
+class LabelsProve(DeviceRules):
+    """DA1: whose labels a pod wears, to whom it belongs, wherever it is: its device, and the turn of the true ones."""
+
+    def belongs(self, pod: Pod, who: Who) -> bool:  # noqa: ARG002 - nobody looks
+        return True
+
+
+class LabelsHoldBack(DeviceRules):
+    """DA2: a running pod with the labels is a predecessor, wherever it is."""
+
+    def predecessors(self, index: AppIndex, member: Member) -> int:  # noqa: ARG002 - nobody looks
+        return sum(map(len, index._replicas.values()))
+
+
+class OwnersUnchecked(DeviceRules):
+    """DA3: an owner reference is believed across namespaces."""
+
+    def belongs(self, pod: Pod, who: Who) -> bool:
+        return any(owner.uid == self.holder(who).uid for owner in pod.metadata.owner_references or ())

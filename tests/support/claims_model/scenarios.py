@@ -215,3 +215,14 @@ device("DM4", "freed with its app while the pod terminates", "LOST", devices.Fre
 device("DM5", "a terminating pod counts as gone", "LOST|DOUBLE", devices.TerminatingIsGone)
 device("DM7", "given back without the fence", "LOST|DOUBLE", gives_back=True, fences=False)
 device("DM6", "Unreserve after a binding without answer", "LOST", unreserve=True)
+
+device("D8", "attacker, 2 + 1 pods", forgeries=1, sweepers=1)
+device("D9", "2 look-alikes, 2 instances of one component", quick=False, groups=(0, 0), forgeries=2)
+device("D10", "attacker, 2 devices", quick=False, devices=2, holders=(0, 1), forgeries=1, sweepers=1)
+device("D11", "attacker, a pod gives its device back", quick=False, gives_back=True, forgeries=1)
+for number, about, expect, seeded in (
+    ("DA1", "labels prove whose pod it is", "FORGED", devices.LabelsProve),
+    ("DA2", "whatever wears the labels is a predecessor", "STUCK", devices.LabelsHoldBack),
+    ("DA3", "owner references are believed across namespaces", "FORGED", devices.OwnersUnchecked),
+):
+    device(number, about, expect, seeded, forgeries=1, sweepers=1)

@@ -9,7 +9,7 @@ from tests.support.scheduling import app_object, chain, make_core, make_node, me
 from robotapp_api.model.names import Label, PodReason
 from robotapp_scheduler.core.changes import Event
 from robotapp_scheduler.core.cycle import SchedulerCore
-from robotapp_scheduler.core.objects import Node
+from robotapp_scheduler.core.objects import Node, OwnerReference, Pod
 from robotapp_scheduler.core.queued import Gate
 
 EDGE = {str(Label.TIER): "edge"}
@@ -65,6 +65,42 @@ def test_a_single_replica_waits_until_its_predecessor_is_gone() -> None:
     assert gate_of(core).reason == "waiting for its predecessor teleop-driver-abc-old on n0 to end"
     depart(core, old)
     assert set(run(core)) == {"teleop-driver-abc-new"}
+
+
+def look_alike(**fields: Any) -> Pod:
+    """A pod with the driver's labels in somebody else's namespace."""
+    return member_pod("driver", uid="forged", namespace="attacker", **fields)
+
+
+def test_a_look_alike_in_another_namespace_is_no_predecessor() -> None:
+    core = make_core(*(make_node(name) for name in ("n0", "n1")))
+    driver(core)
+    core.cluster.apply_pod(look_alike(node="n0"))
+    arrive(core, member_pod("driver", uid="true"))
+    assert set(run(core)) == {"teleop-driver-abc-true"}
+
+
+def test_an_orphan_of_the_apps_own_namespace_is_waited_for_whoever_owns_it() -> None:
+    core = make_core(*(make_node(name) for name in ("n0", "n1")))
+    driver(core)
+    orphan = member_pod("driver", uid="orphan", node="n0")
+    orphan.metadata.owner_references = None
+    core.cluster.apply_pod(orphan)
+    arrive(core, member_pod("driver", uid="true"))
+    assert gate_of(core).code == PodReason.WAITING_FOR_PREDECESSOR
+
+
+def test_an_owner_reference_to_an_app_of_another_namespace_makes_no_member() -> None:
+    """Anybody may write one; the garbage collector deletes its object only minutes later."""
+    core = make_core(make_node("n0"))
+    driver(core)
+    forged = look_alike()
+    forged.metadata.owner_references = [
+        OwnerReference(kind="RobotApp", name="teleop", uid="app-1", api_version="robotics.io/v1alpha1", controller=True)
+    ]
+    arrive(core, forged)
+    assert run(core) == {}
+    assert gate_of(core).reason.startswith("its owner chain")
 
 
 NOWHERE: list[str] = []
