@@ -1,11 +1,12 @@
-"""Loads of `scripts/bench cycle` beside plain placing: pods that wait unschedulable, and pods that must preempt others."""
+"""Loads of `scripts/bench cycle` beside plain placing: latency rows, pods that wait unschedulable, and pods that must preempt others."""
 
 import time
 from collections.abc import Callable
 from typing import Any, Final
 
 import msgspec
-from tests.support.scheduling import default_profiles, make_node, make_pod
+import numpy as np
+from tests.support.scheduling import default_profiles, make_node, make_pod, telemetry
 
 from robotapp_api.model.names import Label
 from robotapp_scheduler.core.changes import Event
@@ -98,3 +99,30 @@ def _full(nodes: int) -> SchedulerCore:
 
 def _median_us(seconds: list[float]) -> float:
     return round(1e6 * sorted(seconds)[len(seconds) // 2], 1) if seconds else 0.0
+
+
+def round_trip_rows(core: SchedulerCore, *, asked: int = 500) -> dict[str, Any]:
+    """CPU of the latency model: a row that is kept, a row that is computed, and the longest step of a fit to new readings.
+
+    `x_pass`: the computed row in passes of one addition over all nodes, which is what the machine needs at least.
+    """
+    cluster, names = core.cluster, core.cluster.nodes.names
+    rtt = cluster.rtt
+    fit_us = spent_us(lambda: rtt.from_node(names[0], 95))
+    kept_us = spent_us(lambda: [rtt.from_node(names[0], 95) for _ in range(1000)]) / 1000
+    fresh_us = spent_us(lambda: [rtt.from_node(name, 95) for name in names[1:asked]]) / (asked - 1)
+    column = np.arange(float(len(names)))
+    pass_us = spent_us(lambda: [column + column for _ in range(1000)]) / 1000
+    cluster.apply_telemetry(telemetry(names[0], rtt_ms=dict.fromkeys(names[1:17], 5.0)))
+    steps_us = [spent_us(cluster.tick) for _ in range(40)]
+    return {
+        "nodes": len(names), "workload": "rtt row", "kept_us": round(kept_us, 2), "fresh_us": round(fresh_us, 1),
+        "x_pass": round(fresh_us / pass_us, 1), "first_fit_ms": round(fit_us / 1000, 1), "longest_tick_ms": round(max(steps_us) / 1000, 1),
+    }  # fmt: skip
+
+
+def spent_us(work: Callable[[], object]) -> float:
+    """CPU of this process."""
+    before = time.process_time()
+    work()
+    return 1e6 * (time.process_time() - before)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-from tests.bench.core_loads import PREEMPTORS, preempting, waiting
+from tests.bench.core_loads import PREEMPTORS, preempting, round_trip_rows, waiting
 from tests.support.scheduling import default_profiles, make_node, make_pod, telemetry
 
 from robotapp_api.model.names import Annotation, Label
@@ -129,6 +129,8 @@ def main() -> None:
         print("  ".join(f"{key} {value!s:>7}" for key, value in row.items()), flush=True)
 
     for nodes in args.nodes:
+        if args.only is None or "rtt" in args.only:
+            tell(round_trip_rows(build(nodes)))
         for workload, classes in (
             ("basic", 1), ("basic", 20), ("basic", args.pods + 100), ("rich", 20), ("rich", args.pods + 100),
             ("ros", 20), ("ros", args.pods + 100),

@@ -76,7 +76,7 @@ class SchedulerCore:
         self.cluster = cluster
         self.groups = Groups(cluster)
         self.explain = ExplainRing()
-        self.latencies = LatencyExport(cluster.nodes, cluster.rtt)
+        self.latencies = LatencyExport(cluster.rtt)
         self.plans: dict[str, int] = {}
         """Joint plans by what became of them, for scheduler_joint_plans_total."""
         self._clock = clock

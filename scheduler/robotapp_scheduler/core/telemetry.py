@@ -1,20 +1,21 @@
-"""Round-trip times from a node to all rows: measured pairs first, zone estimates for the rest, else unknown.
+"""Round-trip times from a node to all rows: measured pairs first, estimates for the rest, else unknown.
 
 What a pair's time is and when it is too old is decided in `robotapp_api.values.round_trips`, for the operator too.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_api.model.names import Label
-from robotapp_api.values.round_trips import Figures, RoundTrips
+from robotapp_api.values.round_trips import RoundTrips
 from robotapp_scheduler.core.columns import FloatArray
+from robotapp_scheduler.core.estimates import LatencyEstimates, Terms
+from robotapp_scheduler.core.measured_pairs import MeasuredPairs
 from robotapp_scheduler.core.node_table import NodeTable
 from robotapp_scheduler.core.robotics import Load, NodeTelemetry
-from robotapp_scheduler.core.zones import ZoneModel
+from robotapp_scheduler.joint.latencies import Measured
 
 CACHED_ROWS: Final = 512
 UNKNOWN, ESTIMATED, MEASURED = 0, 1, 2
@@ -39,9 +40,9 @@ class RttModel:
         self._clock = clock
         self._trips = RoundTrips()
         self._loads: dict[str, Load] = {}
-        self._rows: dict[tuple[str, int], tuple[tuple[int, int], RttRow]] = {}
-        self._zones = ZoneModel(clock)
-        self._zones_of_generation = -1
+        self._rows: dict[tuple[str, int], tuple[tuple[int, int, int], RttRow]] = {}
+        self._measured = MeasuredPairs(table)
+        self._estimates = LatencyEstimates(table, self._measured, clock)
         self.version = 0
 
     def __repr__(self) -> str:
@@ -57,22 +58,20 @@ class RttModel:
             self._loads[name] = status.load
         else:
             self._loads.pop(name, None)
-        return self._changed(name) if changed else False
+        return self._changed(name, changed) if changed else False
 
     def remove(self, name: str) -> bool:
         """The agent's object is gone."""
         self._loads.pop(name, None)
-        return self._changed(name) if self._trips.drop(name) else False
+        gone = self._trips.drop(name)
+        return self._changed(name, gone) if gone else False
 
     def expire(self) -> bool:
         """Drop times that grew too old; True when any may be different now. Call about once a second."""
         late = self._trips.expire(self._clock())
-        for name in late:
-            self._changed(name)
-        behind, self._zones.behind = self._zones.behind, False
-        if behind:
-            self.version += 1
-        return behind or bool(late)
+        for name, peers in late.items():
+            self._changed(name, peers)
+        return self._estimates.tick() or bool(late)
 
     def silent(self) -> list[str]:
         """Nodes whose load is unknown from now on, because their agent has been silent for too long."""
@@ -93,14 +92,15 @@ class RttModel:
 
     def from_node(self, name: str, percentile: int) -> RttRow:
         """RTT from a node to all rows of the table; the node itself is 0."""
-        key = (self.version, self._table.generation)
-        found = self._rows.get((name, percentile))
-        if found is not None and found[0] == key and len(found[1].rtt_us) == self._table.size:
+        key = (self._estimates.refresh(), self._table.zone_generation, self._table.size)
+        which = 1 if percentile >= 95 else 0
+        found = self._rows.get((name, which))
+        if found is not None and found[0] == key:
             return found[1]
-        row = self._compute(name, 1 if percentile >= 95 else 0)
+        row = self._compute(name, which)
         if len(self._rows) >= CACHED_ROWS:
             self._rows.clear()
-        self._rows[name, percentile] = (key, row)
+        self._rows[name, which] = (key, row)
         return row
 
     def between(self, left: str, right: str, percentile: int) -> tuple[float | None, str]:
@@ -112,27 +112,29 @@ class RttModel:
         value = float(rtt.rtt_us[row])
         return (None if np.isnan(value) else value), SOURCE_NAMES[int(rtt.source[row])]
 
-    def readings(self) -> Iterable[tuple[str, Mapping[str, Figures]]]:
-        """Node, and what its own agent measured per peer: the same object as long as nothing in it changes."""
-        return self._trips.all_reported()
+    def measured(self) -> Measured:
+        """All measured pairs."""
+        return self._measured.arrays()
 
-    def between_zones(self, left: str, right: str) -> tuple[float, float] | None:
-        """p50 and p95 usual between two zones, microseconds; None when nothing is measured between them."""
-        self._follow_nodes()
-        return self._zones.estimate(left, right)
+    def terms(self) -> Terms:
+        """What estimates are made of."""
+        return self._estimates.terms()
 
-    def _changed(self, name: str) -> bool:
-        self._zones.report(name, self._trips.reported(name))
+    def _changed(self, name: str, peers: Iterable[str]) -> bool:
+        """The times between a node and these peers are others than before."""
+        self._measured.report(name, self._trips.reported(name))
+        for node in (name, *peers):
+            self._rows.pop((node, 0), None)
+            self._rows.pop((node, 1), None)
         self.version += 1
         return True
 
     def _compute(self, name: str, which: int) -> RttRow:
         table = self._table
-        rtt = np.full(table.size, np.nan)
-        source = np.zeros(table.size, dtype=np.int8)
         own = table.row_of.get(name)
+        rtt = np.full(table.size, np.nan) if own is None else self._estimates.row(own, which)
+        source = np.where(np.isnan(rtt), UNKNOWN, ESTIMATED).astype(np.int8)
         if own is not None:
-            self._estimate(own, which, rtt, source)
             rtt[own], source[own] = 0.0, MEASURED
         for peer, figures in self._trips.around(name).items():
             row = table.row_of.get(peer)
@@ -140,27 +142,3 @@ class RttModel:
                 rtt[row], source[row] = figures[which], MEASURED
         rtt.flags.writeable = source.flags.writeable = False
         return RttRow(rtt, source)
-
-    def _estimate(self, own: int, which: int, rtt: FloatArray, source: npt.NDArray[np.int8]) -> None:
-        codes, vocabulary = self._table.labels.column(str(Label.ZONE))
-        zone = vocabulary.values[codes[own]]
-        if not zone:
-            return
-        self._follow_nodes()
-        per_zone = np.full(len(vocabulary.values), np.nan)
-        for code in range(1, len(per_zone)):
-            pair = self._zones.estimate(zone, vocabulary.values[code])
-            if pair is not None:
-                per_zone[code] = pair[which]
-        size = self._table.size
-        rtt[:] = per_zone[codes[:size]]
-        source[~np.isnan(rtt)] = ESTIMATED
-
-    def _follow_nodes(self) -> None:
-        """Nodes came, went or changed zone: the samples are sorted into zones anew."""
-        if self._zones_of_generation == self._table.zone_generation:
-            return
-        codes, vocabulary = self._table.labels.column(str(Label.ZONE))
-        zone_of = {name: vocabulary.values[codes[row]] for name, row in self._table.row_of.items()}
-        self._zones.rebuild(zone_of, dict(self._trips.all_reported()))
-        self._zones_of_generation = self._table.zone_generation

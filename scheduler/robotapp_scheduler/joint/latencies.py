@@ -1,4 +1,4 @@
-"""Round-trip times between rows: an estimate per pair of zones, and the pairs that were measured."""
+"""Round-trip times between rows: the pairs that were measured, and estimates of the others from nodes and zones."""
 
 from typing import Final, NamedTuple
 
@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.int32]
+BoolArray = npt.NDArray[np.bool_]
 
 MOST_GROUPS: Final = 16
 """Nodes that are not looked at one by one are looked at by zone; zones beyond this count as one."""
@@ -26,29 +27,42 @@ class Measured(NamedTuple):
 class Latencies:
     """RTT between `size` rows, symmetric, microseconds: NaN where nothing is known, infinite where no probe was answered.
 
-    `zone` is a code per row (0 = none), `estimate[p, a, b]` the estimate between two zones, p = 0 for p50 and 1 for p95.
+    `zone` is a code per row (0 = none), `path_us[p, a, b]` the time between two zones, p = 0 for p50 and 1 for p95.
+    `access_us[p]` is what a row's own last hop adds to that (0 unless given), and no estimate is below `least_us[p]`.
     """
 
-    def __init__(self, zone: IndexArray, estimate: FloatArray, measured: Measured) -> None:
+    def __init__(
+        self,
+        zone: IndexArray,
+        path_us: FloatArray,
+        measured: Measured,
+        *,
+        access_us: FloatArray | None = None,
+        least_us: FloatArray | None = None,
+    ) -> None:
         self.zone = zone
-        self.estimate = estimate
+        self.path_us = path_us
         self.measured = measured
         self.size = len(zone)
+        self.access_us = np.zeros((2, self.size)) if access_us is None else access_us
+        self.least_us = np.zeros(2) if least_us is None else least_us
         self._starts = np.searchsorted(measured.left, np.arange(self.size + 1))
         self._rows: dict[tuple[int, int], FloatArray] = {}
         self.group = _groups(zone)
         """Coarse zone of each row, 0 to at most MOST_GROUPS - 1."""
         self._most: dict[int, float] = {}
-        self._floors: dict[int, tuple[FloatArray, npt.NDArray[np.bool_]]] = {}
+        self._floors: dict[int, tuple[FloatArray, BoolArray]] = {}
 
     def __repr__(self) -> str:
         return f"Latencies({self.size} rows, {len(self.measured.left)} measured)"
 
     def row(self, node: int, which: int) -> FloatArray:
-        """From one row to all; the row itself is 0."""
+        """From one row to all; the row itself is 0. A p95 is never below the p50."""
         found = self._rows.get((node, which))
         if found is None:
-            found = self.estimate[which, self.zone[node]][self.zone]
+            found = self._estimated(node, which)
+            if which == 1:
+                found = np.maximum(found, self._estimated(node, 0))
             part = slice(int(self._starts[node]), int(self._starts[node + 1]))
             found[self.measured.right[part]] = self.measured.us[which, part]
             found[node] = 0.0
@@ -59,30 +73,57 @@ class Latencies:
         """No round trip that comes back is known to take longer."""
         found = self._most.get(which)
         if found is None:
-            estimate, measured = self.estimate[which], self.measured.us[which]
-            known = (estimate[np.isfinite(estimate)], measured[np.isfinite(measured)])
-            found = self._most[which] = float(max(times.max(initial=0.0) for times in known))
+            _, longest = self._access_of_zones(which)
+            path, measured = self.path_us[which] + np.add.outer(longest, longest), self.measured.us[which]
+            known = (
+                path[np.isfinite(path)],
+                measured[np.isfinite(measured)],
+                self.least_us[np.isfinite(self.least_us)],
+            )
+            found = float(max(times.max(initial=0.0) for times in known))
+            found = self._most[which] = max(found, self.most(0)) if which == 1 else found
         return found
 
-    def floor(self, which: int) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+    def floor(self, which: int) -> tuple[FloatArray, BoolArray]:
         """Per pair of groups: no known pair of different rows is nearer (infinite: none is known to be in reach); and whether some pair is not known."""
         found = self._floors.get(which)
         if found is None:
             count = int(self.group.max(initial=0)) + 1
             lowest = np.full((count, count), np.inf)
             doubt = np.zeros((count, count), dtype=np.bool_)
+            shortest, _ = self._access_of_zones(which)
             zones = _one_per_pair(self.zone, self.group)
             for code, group in zones:
                 for other, with_group in zones:
-                    estimate = float(self.estimate[which, code, other])
-                    if np.isnan(estimate):
+                    path_us = float(self.path_us[which, code, other] + shortest[code] + shortest[other])
+                    if np.isnan(path_us):
                         doubt[group, with_group] = True
                     else:
-                        lowest[group, with_group] = min(lowest[group, with_group], estimate)
+                        path_us = max(path_us, float(self.least_us[which]))
+                        lowest[group, with_group] = min(lowest[group, with_group], path_us)
+            cut_off = self.group[np.isnan(self.access_us[which])]
+            doubt[cut_off, :] = doubt[:, cut_off] = True
             at = (self.group[self.measured.left], self.group[self.measured.right])
             np.minimum.at(lowest, at, self.measured.us[which])
             found = self._floors[which] = (lowest, doubt)
         return found
+
+    def _estimated(self, node: int, which: int) -> FloatArray:
+        path_us = self.path_us[which, self.zone[node]][self.zone]
+        return estimated_us(path_us, node, self.access_us[which], float(self.least_us[which]))
+
+    def _access_of_zones(self, which: int) -> tuple[FloatArray, FloatArray]:
+        """The least and the most of each zone's rows; NaN where all of them are cut off."""
+        least, most = np.full((2, self.path_us.shape[1]), np.nan)
+        np.fmin.at(least, self.zone, self.access_us[which])
+        np.fmax.at(most, self.zone, self.access_us[which])
+        return least, most
+
+
+def estimated_us(path_us: FloatArray, own: int, access_us: FloatArray, least_us: float) -> FloatArray:
+    """Estimates from a row to all, where nothing is measured. `path_us`: per row, from the zone of `own` to its zone."""
+    found: FloatArray = np.maximum(path_us + (access_us[own] + access_us), least_us)
+    return found
 
 
 def _groups(zone: IndexArray) -> IndexArray:

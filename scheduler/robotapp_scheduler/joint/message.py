@@ -26,7 +26,16 @@ class _Order(msgspec.Struct, array_like=True):
 def encode_problem(problem: Problem, limits: Limits) -> bytes:
     """An order for the worker."""
     rtt = problem.rtt
-    arrays = (problem.cost, problem.demand, problem.free, rtt.zone, rtt.estimate, *rtt.measured)
+    arrays = (
+        problem.cost,
+        problem.demand,
+        problem.free,
+        rtt.zone,
+        rtt.path_us,
+        rtt.access_us,
+        rtt.least_us,
+        *rtt.measured,
+    )
     order = _Order(
         arrays=[_Array(array.dtype.str, array.shape, np.ascontiguousarray(array).tobytes()) for array in arrays],
         edges=[tuple(edge) for edge in problem.edges],
@@ -39,11 +48,11 @@ def encode_problem(problem: Problem, limits: Limits) -> bytes:
 def decode_problem(content: bytes) -> tuple[Problem, Limits]:
     """What `encode_problem` made."""
     order = msgspec.msgpack.decode(content, type=_Order)
-    cost, demand, free, zone, estimate, left, right, us = (
+    cost, demand, free, zone, path_us, access_us, least_us, left, right, us = (
         np.frombuffer(array.content, dtype=array.kind).reshape(array.shape) for array in order.arrays
     )
     edges = tuple(Edge(edge[0], edge[1], Relation(edge[2]), *edge[3:]) for edge in order.edges)
-    rtt = Latencies(zone, estimate, Measured(left, right, us))
+    rtt = Latencies(zone, path_us, Measured(left, right, us), access_us=access_us, least_us=least_us)
     return Problem(cost, demand, free, edges, rtt, order.step), Limits(*order.limits)
 
 

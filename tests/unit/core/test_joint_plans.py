@@ -301,7 +301,7 @@ def test_exported_latencies_equal_the_model() -> None:
     zones = {"a": "z1", "b": "z1", "c": "z2", "d": "z2", "e": ""}
     for name, zone in zones.items():
         core.cluster.apply_node(make_node(name, labels={str(Label.ZONE): zone} if zone else {}))
-    export = LatencyExport(core.cluster.nodes, core.cluster.rtt)
+    export = LatencyExport(core.cluster.rtt)
     said: list[tuple[str, dict[str, float]]] = [
         ("a", {"c": 20.0, "b": 1.0, "e": 7.0}), ("c", {"a": 22.0, "d": 2.0, "gone": 1.0}), ("d", {"b": 30.0}),
     ]  # fmt: skip

@@ -18,7 +18,7 @@ def zoned(clock: Clock | None = None, **zones: str) -> Cluster:
 
 def measured_by_planner(cluster: Cluster) -> dict[tuple[str, str], float]:
     """p95 in microseconds per measured pair, as the joint planner gets it."""
-    measured = LatencyExport(cluster.nodes, cluster.rtt).latencies().measured
+    measured = LatencyExport(cluster.rtt).latencies().measured
     names = cluster.nodes.names
     rows = zip(measured.left, measured.right, measured.us[1], strict=True)
     return {(names[left], names[right]): float(us) for left, right, us in rows}

@@ -1,0 +1,117 @@
+"""Estimates of unmeasured pairs on synthetic networks whose true round trips are known."""
+
+from random import Random
+from statistics import median
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tests.support.latency_networks import Network, cluster_of, network
+from tests.support.scheduling import Clock, telemetry
+
+from robotapp_scheduler.core.cluster import Cluster
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+def drawn(seed: int, *, robots: float | None = None) -> Network:
+    random = Random(seed)
+    share = random.choice((0.2, 0.5, 0.8)) if robots is None else robots
+    return network(random, nodes=random.randint(30, 60), zones=random.randint(1, 4), robots=share)
+
+
+def estimates_ms(cluster: Cluster, net: Network, percentile: int = 50) -> dict[tuple[str, str], float]:
+    found = {}
+    for pair in net.unmeasured():
+        time_us, source = cluster.rtt.between(*pair, percentile)
+        if time_us is not None:
+            assert source == "estimated"
+            found[pair] = time_us / 1000
+    return found
+
+
+def by_zones_alone_ms(net: Network) -> dict[tuple[str, str], float]:
+    """What the median of the pairs measured between two zones says."""
+    samples: dict[frozenset[str], list[float]] = {}
+    for name, peers in net.readings.items():
+        for peer, ms in peers.items():
+            samples.setdefault(frozenset((net.zone[name], net.zone[peer])), []).append(ms)
+    zones = {pair: frozenset(net.zone[end] for end in pair) for pair in net.unmeasured()}
+    return {pair: median(samples[both]) for pair, both in zones.items() if both in samples}
+
+
+def errors(net: Network, found: dict[tuple[str, str], float]) -> list[float]:
+    """Relative errors of pairs with a robot."""
+    return [
+        abs(ms - net.true_ms(*pair)) / net.true_ms(*pair)
+        for pair, ms in found.items()
+        if pair[0] in net.robots or pair[1] in net.robots
+    ]
+
+
+@settings(max_examples=40)
+@given(seeds)
+def test_a_typical_estimate_of_a_robot_is_within_a_fifth_and_better_than_by_zones_alone(seed: int) -> None:
+    net = drawn(seed)
+    ours = median(errors(net, estimates_ms(cluster_of(net), net)))
+    assert ours < 0.2
+    assert ours < median(errors(net, by_zones_alone_ms(net)))
+
+
+@settings(max_examples=20)
+@given(seeds, st.sampled_from((0.5, 2.0, 8.0)))
+def test_when_all_times_are_longer_all_estimates_are(seed: int, factor: float) -> None:
+    net = drawn(seed)
+    once, scaled = (estimates_ms(cluster_of(net, scale=scale), net) for scale in (1.0, factor))
+    assert once.keys() == scaled.keys()
+    np.testing.assert_allclose(list(scaled.values()), [factor * ms for ms in once.values()], rtol=1e-3, atol=0.02)
+
+
+@settings(max_examples=20)
+@given(seeds)
+def test_the_order_in_which_agents_report_does_not_matter(seed: int) -> None:
+    net, random = drawn(seed), Random(seed)
+    order = sorted(net.readings)
+    first = estimates_ms(cluster_of(net, order=order), net)
+    random.shuffle(order)
+    assert estimates_ms(cluster_of(net, order=order), net) == first
+
+
+@settings(max_examples=20)
+@given(seeds)
+def test_what_was_estimated_before_does_not_matter(seed: int) -> None:
+    """Terms are fitted to the readings alone, however often that was done on the way."""
+    net, clock = drawn(seed), Clock()
+    cluster = cluster_of(net, order=[min(net.readings)], clock=clock)
+    for name, peers in net.readings.items():
+        cluster.apply_telemetry(telemetry(name, rtt_ms=peers))
+        clock.forward(0.3)
+        cluster.rtt.between("n0", "n1", 95)
+    clock.forward(1.0)
+    assert estimates_ms(cluster, net) == estimates_ms(cluster_of(net), net)
+
+
+@settings(max_examples=20)
+@given(seeds)
+def test_an_agent_that_is_gone_leaves_no_evidence(seed: int) -> None:
+    net, clock = drawn(seed), Clock()
+    cluster = cluster_of(net, clock=clock)
+    estimates_ms(cluster, net)
+    gone = Random(seed).sample(sorted(net.readings), len(net.readings) // 2)
+    for name in gone:
+        cluster.remove_telemetry(telemetry(name))
+    clock.forward(1.0)
+    left = Network(net.zone, net.access_ms, net.path_ms, {n: {} if n in gone else p for n, p in net.readings.items()})
+    assert estimates_ms(cluster, left) == estimates_ms(cluster_of(left), left)
+
+
+@settings(max_examples=20)
+@given(seeds)
+def test_estimates_are_the_same_from_both_ends_and_a_p95_is_never_below_the_p50(seed: int) -> None:
+    net = drawn(seed)
+    cluster = cluster_of(net)
+    for one, other in net.unmeasured():
+        assert cluster.rtt.between(one, other, 50) == cluster.rtt.between(other, one, 50)
+        half, most = (cluster.rtt.between(one, other, percentile)[0] for percentile in (50, 95))
+        assert (half is None) == (most is None)
+        assert half is None or most is None or 0 < half <= most
