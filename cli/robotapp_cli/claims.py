@@ -1,13 +1,13 @@
-"""`domains` and `devices`: who holds what."""
+"""`domains`: who holds which DDS domain."""
 
 import msgspec
 
 from robotapp_api.claims.fullness import fullness
-from robotapp_api.claims.identity import device_label
 from robotapp_api.claims.objects import Claim, Pool
-from robotapp_api.client.resources import DOMAINPOOLS, NODETELEMETRIES, ROBOTCLAIMS
+from robotapp_api.client.resources import DOMAINPOOLS, ROBOTCLAIMS
+from robotapp_cli.devices import holder_of
 from robotapp_cli.fields import Json, age, meta, plain, status
-from robotapp_cli.output import Column, Output, blank_line, console, print_table, write_structured
+from robotapp_cli.output import Output, blank_line, console, print_table, write_structured
 from robotapp_cli.session import Session
 
 
@@ -43,7 +43,7 @@ def _pool_row(pool: Json, claims: list[Json]) -> list[str]:
 
 
 def _domain_row(claim: Json, *, wide: bool) -> list[str]:
-    domain, row = claim["spec"]["domain"], _holder(claim)
+    domain, row = claim["spec"]["domain"], holder_of(claim)
     scope = f"/{domain['scopeValue']}" if domain.get("scopeValue") else ""
     found = [
         str(domain["id"]),
@@ -54,75 +54,3 @@ def _domain_row(claim: Json, *, wide: bool) -> list[str]:
         age(meta(claim).get("creationTimestamp")),
     ]
     return [*found, meta(claim)["name"]] if wide else found
-
-
-def _holder(claim: Json) -> tuple[str, str, str]:
-    holder = claim["spec"]["holder"]
-    return f"{holder['namespace']}/{holder['name']}", holder.get("instance", ""), holder.get("component", "")
-
-
-async def show_devices(session: Session) -> None:
-    """Every device a node reports, with its holder. A claimed one that no NodeTelemetry reports may be there all the same: a label of the node can name it."""
-    telemetry = (await session.client.list(NODETELEMETRIES)).items
-    claims = {
-        (claim["spec"]["device"]["node"], claim["spec"]["device"]["id"]): claim
-        for claim in (await session.client.list(ROBOTCLAIMS)).items
-        if "device" in claim["spec"]
-    }
-    rows = [
-        _device(meta(node)["name"], device, claims)
-        for node in telemetry
-        for device in status(node).get("devices") or []
-    ]
-    seen = {(row["node"], device_label(row["device"])) for row in rows}
-    rows += [_unreported(claim) for key, claim in claims.items() if key not in seen]
-    if namespace := session.options.namespace:
-        rows = [row for row in rows if not row["holder"] or row["holder"].startswith(f"{namespace}/")]
-    rows.sort(key=lambda row: (row["node"], row["device"]))
-    if session.options.output.structured:
-        write_structured({"devices": rows}, session.options.output)
-        return
-    if not rows:
-        console().print(
-            "No node reports a device. NodeTelemetry is written by the node agents: kubectl get nodetelemetries",
-            soft_wrap=True,
-        )
-        return
-    keys = ["node", "device", "type", "model", "interface", "present", "holder", "instance", "component", "phase"]
-    wide = session.options.output is Output.WIDE
-    keys = [*keys, "claim", "path"] if wide else [key for key in keys if _tells(key, rows)]
-    columns = [Column(key.upper(), wraps=key == "path") for key in keys]
-    print_table(columns, [[row[key] or ("free" if key == "holder" else "") for key in keys] for row in rows])
-
-
-def _tells(key: str, rows: list[dict[str, str]]) -> bool:
-    """Is the column worth its width? Models and interfaces where there are any, presence where something is missing."""
-    usual = {"model": "", "interface": "", "present": "yes"}
-    return key not in usual or any(row[key] != usual[key] for row in rows)
-
-
-def _device(node: str, device: Json, claims: dict[tuple[str, str], Json]) -> dict[str, str]:
-    claim = claims.get((node, device_label(device["id"])))
-    found = {"node": node, "device": device["id"], "present": "yes" if device.get("present") else "no"}
-    found |= {key: device.get(key, "") for key in ("type", "model", "interface", "path")}
-    return found | _claim_fields(claim)
-
-
-def _unreported(claim: Json) -> dict[str, str]:
-    thing = claim["spec"]["device"]
-    found = {"node": thing["node"], "device": thing["id"], "type": thing["type"], "present": "unknown"}
-    return found | dict.fromkeys(("model", "interface", "path"), "") | _claim_fields(claim)
-
-
-def _claim_fields(claim: Json | None) -> dict[str, str]:
-    if claim is None:
-        return dict.fromkeys(("holder", "instance", "component", "phase", "claim"), "")
-    holder, instance, component = _holder(claim)
-    phase = status(claim).get("phase", "")
-    return {
-        "holder": holder,
-        "instance": instance,
-        "component": component,
-        "phase": phase,
-        "claim": meta(claim)["name"],
-    }

@@ -7,10 +7,12 @@ import typer
 
 from robotapp_api.model.names import SYSTEM_NAMESPACE
 from robotapp_cli.apps import show_info, show_list
-from robotapp_cli.claims import show_devices, show_domains
+from robotapp_cli.claims import show_domains
 from robotapp_cli.completion import complete_names, complete_robots
+from robotapp_cli.devices import show_devices
 from robotapp_cli.explain import Question, show_explain
 from robotapp_cli.failures import CliError, Exit, ended_by
+from robotapp_cli.nodes import show_nodes, show_robots
 from robotapp_cli.output import Output
 from robotapp_cli.rendering import show_children, show_file
 from robotapp_cli.session import Options, run
@@ -176,6 +178,22 @@ def devices_command(
 ) -> None:
     """Show the devices of all nodes and who holds them."""
     run(Options(namespace, False, context, kubeconfig, output), show_devices)
+
+
+@app.command("nodes", epilog="Example: kubectl robotapp nodes -o json")
+def nodes_command(
+    *, context: Context = None, kubeconfig: Kubeconfig = None, output: OutputFormat = Output.TABLE
+) -> None:
+    """Show all nodes: tier, zone, latency, devices, load, how old their agent's report is, since when they are offline."""
+    run(Options(None, False, context, kubeconfig, output), show_nodes)
+
+
+@app.command("robots", epilog="Example: kubectl robotapp robots")
+def robots_command(
+    *, context: Context = None, kubeconfig: Kubeconfig = None, output: OutputFormat = Output.TABLE
+) -> None:
+    """Show all robots with the same, by their primary node."""
+    run(Options(None, False, context, kubeconfig, output), show_robots)
 
 
 @app.command(

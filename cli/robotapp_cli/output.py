@@ -55,17 +55,23 @@ def write_structured(data: Any, output: Output) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A heading; `wraps` columns give way when the terminal is narrow."""
+    """A heading; `wraps` columns give way when the terminal is narrow, down to `narrowest` cells."""
 
     heading: str
     wraps: bool = False
+    narrowest: int = _NARROWEST
 
 
 def print_table(
-    columns: Sequence[Column | str], rows: Iterable[Sequence[str]], *, indent: int = 0, on: Console | None = None
+    columns: Sequence[Column | str],
+    rows: Iterable[Sequence[str]],
+    *,
+    indent: int = 0,
+    gap: int = _GAP,
+    on: Console | None = None,
 ) -> None:
     """Columns without lines, as kubectl prints them: folded to the width there is, but no name is ever cut."""
-    table = Table(box=None, pad_edge=False, show_edge=False, header_style="bold", padding=(0, _GAP, 0, 0))
+    table = Table(box=None, pad_edge=False, show_edge=False, header_style="bold", padding=(0, gap, 0, 0))
     specs = [column if isinstance(column, Column) else Column(column) for column in columns]
     lines = [list(row) for row in rows]
     for spec in specs:
@@ -73,18 +79,18 @@ def print_table(
     for row in lines:
         table.add_row(*(Text(cell, style=_STYLES.get(cell, "")) for cell in row))
     target = on or console()
-    target.width = max(target.width - indent, _least_width(specs, lines))
+    target.width = max(target.width - indent, _least_width(specs, lines, gap))
     with target.capture() as capture:
         target.print(table)
     for line in capture.get().splitlines():
         target.file.write(" " * indent + line.rstrip() + "\n")
 
 
-def _least_width(specs: Sequence[Column], rows: Sequence[Sequence[str]]) -> int:
+def _least_width(specs: Sequence[Column], rows: Sequence[Sequence[str]], gap: int) -> int:
     """Cells a table takes when everything that may be folded is."""
     longest = (max(map(cell_len, cells)) for cells in zip([spec.heading for spec in specs], *rows, strict=True))
-    widths = [min(_NARROWEST, width) if spec.wraps else width for spec, width in zip(specs, longest, strict=True)]
-    return sum(widths) + _GAP * len(specs)
+    widths = [min(spec.narrowest, width) if spec.wraps else width for spec, width in zip(specs, longest, strict=True)]
+    return sum(widths) + gap * len(specs)
 
 
 def blank_line() -> None:

@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,9 @@ import pytest
 import yaml
 
 from robotapp_testbed import ControlPlane, product, wait_until
-from robotapp_testbed.nodes import Device
+from robotapp_testbed.nodes import Device, edge
 from robotapp_testbed.telemetry import SimulatedTelemetry
-from robotapp_testbed.topology import apply, fleet
+from robotapp_testbed.topology import apply, fleet, remove
 
 pytestmark = pytest.mark.live
 
@@ -52,6 +53,12 @@ class World:
 
     def text(self, *arguments: str) -> str:
         done = self.run(*arguments, "-n", NAMESPACE)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    def cluster(self, *arguments: str) -> str:
+        """Of a command that looks at the whole cluster."""
+        done = self.run(*arguments)
         assert done.returncode == 0, done.stderr
         return done.stdout
 
@@ -163,6 +170,41 @@ def test_domains_and_devices_name_their_holders(world: World) -> None:
     ]
     (device,) = json.loads(world.text("devices", "-o", "json"))["devices"]
     assert (device["node"], device["device"], device["holder"]) == ("amr-07", "can-can0", f"{NAMESPACE}/can-holder")
+
+
+def test_nodes_and_robots_show_what_the_agents_wrote_and_how_old_it_is(world: World) -> None:
+    found = {row["node"]: row for row in json.loads(world.cluster("nodes", "-o", "json"))["nodes"]}
+    robot = found["amr-07"]
+    assert (robot["tier"], robot["robot"], robot["ready"], robot["silent"]) == ("robot", "amr-07", True, False)
+    assert robot["devices"] == {"free": 0, "held": 1}
+    assert robot["rttP95"].endswith("ms")
+    assert abs(time.time() - datetime.fromisoformat(robot["reportedAt"]).timestamp()) < 3600
+    robots = json.loads(world.cluster("robots", "-o", "json"))["robots"]
+    assert [row["robot"] for row in robots] == ["amr-07", "amr-08"]
+    assert world.cluster("nodes").splitlines()[0].split()[:3] == ["NODE", "TIER", "ZONE"]
+
+
+def test_nodes_need_the_right_to_see_the_cluster(world: World) -> None:
+    done = world.run("nodes", identity="tenant")
+    assert done.returncode == 1
+    assert "nodes" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_node_without_an_agent_shows_the_devices_its_labels_name(world: World) -> None:
+    lonely = edge("edge-lonely", devices=[Device(id="can-can1", type="can", interface="can1")])
+    apply(world.plane, [lonely])
+    try:
+        rows = json.loads(world.cluster("devices", "-o", "json"))["devices"]
+        assert [(row["device"], row["source"], row["present"]) for row in rows if row["node"] == lonely.name] == [
+            ("can-can1", "label", "yes")
+        ]
+        (row,) = [
+            row for row in json.loads(world.cluster("nodes", "-o", "json"))["nodes"] if row["node"] == lonely.name
+        ]
+        assert (row["devices"], row["reportedAt"]) == ({"free": 1, "held": 0}, "")
+    finally:
+        remove(world.plane, [lonely])
 
 
 def test_what_render_shows_can_be_applied_again_without_a_change(world: World) -> None:

@@ -122,7 +122,31 @@ class TestDevices:
         assert (row["device"], row["holder"]) == ("/dev/ttyUSB0", "fleet/teleop")
 
     def test_no_device_at_all_says_who_would_report_one(self, stage: Stage) -> None:
-        assert "written by the node agents" in stage.text("devices")
+        assert "reported by the node agents" in stage.text("devices")
+
+    def test_where_no_agent_reports_the_nodes_labels_name_the_devices(self, stage: Stage) -> None:
+        labels = {"hardware.robotics.io/can-can0": "true", "hardware.robotics.io/gpu": "nvidia", "zone": "a"}
+        stage.add("/nodes", {"metadata": {"name": "amr-07", "labels": labels}})
+        stage.add("/nodes", {"metadata": {"name": "amr-08"}})
+        stage.add("robotics.io/robotclaims", claim("dev.a", device={"node": "amr-07", "id": "can-can0", "type": "can"}))
+        rows = [line.split()[:6] for line in stage.text("devices").splitlines()[1:]]
+        assert rows == [
+            ["amr-07", "can-can0", "can", "can0", "fleet/teleop", "amr-07"],
+            ["amr-07", "gpu", "gpu", "nvidia", "device", "plugin"],
+        ]
+        assert {row["source"] for row in stage.data("devices")["devices"]} == {"label"}
+
+    def test_a_device_named_by_label_and_agent_is_one_and_keeps_its_holder(self, stage: Stage) -> None:
+        """It was claimed when only the label was known, and the agent knows it by its serial number."""
+        stage.add("/nodes", {"metadata": {"name": "n", "labels": {"hardware.robotics.io/usb": "d435"}}})
+        thing = {"node": "n", "id": "usb", "type": "usb"}
+        stage.add("robotics.io/robotclaims", claim("dev.n.usb", device=thing))
+        (row,) = stage.data("devices")["devices"]
+        assert (row["device"], row["model"], row["source"], row["holder"]) == ("usb", "d435", "label", "fleet/teleop")
+        reported = {"id": "usb-0123", "type": "usb", "model": "d435", "identity": "8086:0b3a:0123", "present": True}
+        stage.add("robotics.io/nodetelemetries", {"metadata": {"name": "n"}, "status": {"devices": [reported]}})
+        (row,) = stage.data("devices")["devices"]
+        assert (row["device"], row["source"], row["claim"]) == ("usb-0123", "agent", "dev.n.usb")
 
 
 class TestRender:
@@ -261,7 +285,9 @@ class TestErrors:
     def test_wrong_usage_has_code_2(self, stage: Stage, arguments: list[str]) -> None:
         assert stage.run(*arguments).exit_code == 2
 
-    @pytest.mark.parametrize("command", ["list", "info", "explain", "simulate", "domains", "devices", "render", "lint"])
+    @pytest.mark.parametrize(
+        "command", ["list", "info", "explain", "simulate", "domains", "devices", "nodes", "robots", "render", "lint"]
+    )
     def test_every_command_has_help_with_an_example(self, stage: Stage, command: str) -> None:
         assert f"kubectl robotapp {command}" in stage.text(command, "--help")
 

@@ -6,8 +6,9 @@ import msgspec
 import pytest
 from tests.support.scheduling import device_claim, make_cluster, make_node, telemetry
 
+from robotapp_api.claims.node_devices import Device
 from robotapp_api.claims.objects import Claim, DeviceThing, TelemetryDevice
-from robotapp_scheduler.core.devices import Device, DeviceGrant, DeviceIndex
+from robotapp_scheduler.core.devices import DeviceGrant, DeviceIndex
 from robotapp_scheduler.core.ros import DeviceHolder, DeviceWish
 
 CAMERAS = (("cam0", "111"), ("cam1", "222"))

@@ -2,10 +2,11 @@ import pytest
 from tests.support.scheduling import device_claim, make_cluster, make_node, make_pod, telemetry
 
 from robotapp_api.claims.identity import device_label
+from robotapp_api.claims.node_devices import Device, devices_of_labels
 from robotapp_api.claims.objects import TelemetryDevice
 from robotapp_api.model.names import Annotation
 from robotapp_scheduler.core.changes import Change
-from robotapp_scheduler.core.devices import Device, DeviceGrant, DeviceIndex, devices_of_labels
+from robotapp_scheduler.core.devices import DeviceGrant, DeviceIndex
 from robotapp_scheduler.core.ros import DeviceHolder, DeviceWish
 
 MINE = DeviceHolder(uid="app-1", namespace="default", instance="amr", component="driver", pod_uid="new")

@@ -10,10 +10,11 @@ from tests.support.apiserver import FakeApiServer
 from tests.support.clients import client_for
 
 from robotapp_api.claims.identity import claim_object, domain_spec, holder_of_app
+from robotapp_api.claims.node_devices import Device
 from robotapp_api.client.api import ApiClient
 from robotapp_api.client.resources import DOMAINPOOLS, PODS, ROBOTCLAIMS
 from robotapp_api.model.names import Annotation, Label, PodReason
-from robotapp_scheduler.core.devices import Device, DeviceGrant
+from robotapp_scheduler.core.devices import DeviceGrant
 from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo
 from robotapp_scheduler.shell.reserve import Readiness, Reserver, domain_wish, granted_pods, holder_of, thing

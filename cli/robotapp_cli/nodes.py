@@ -1,0 +1,240 @@
+"""`nodes` and `robots`: where each stands in the network, what it has, and whether it can be heard.
+
+How old an agent's report is, its object does not say: no field may change for its own sake. It is the time at which the API
+server recorded the last write of the status (`metadata.managedFields`).
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
+from math import isinf
+from statistics import median_low
+from typing import Any, Final, NamedTuple
+
+import msgspec
+
+from robotapp_api.claims.instances import primary_node
+from robotapp_api.client.resources import NODES, NODETELEMETRIES, ROBOTCLAIMS
+from robotapp_api.model.names import Label
+from robotapp_api.values.round_trips import RoundTrips, Rtt
+from robotapp_cli.devices import NodeDevice, devices_of
+from robotapp_cli.fields import Json, age, condition, label, meta, short_ms, status
+from robotapp_cli.output import Column, Output, console, print_table, write_structured
+from robotapp_cli.session import Session
+
+_GAP: Final = 2
+"""Eight columns fit into a terminal of 80 characters."""
+
+
+@dataclass(slots=True)
+class NodeView:
+    """One node. Times are what the API server recorded; an empty text or None is not known."""
+
+    node: str
+    tier: str = ""
+    robot: str = ""
+    zone: str = ""
+    rtt_zone: str = ""
+    """The zone that `rtt_p95` leads to: the node's own, or where nothing is measured inside it the nearest."""
+    rtt_p95: str = ""
+    """The median of the measured pairs, such as 0.8ms; unreachable when most of them are."""
+    devices: dict[str, int] = field(default_factory=lambda: {"free": 0, "held": 0})
+    load: dict[str, int] = field(default_factory=dict)
+    """cpuPercent and memoryPercent of an agent that is heard."""
+    reported_at: str = ""
+    """When the agent last wrote."""
+    silent: bool = False
+    """The agent has missed three heartbeats: what it measured counts no more."""
+    ready: bool = True
+    offline_since: str = ""
+
+
+@dataclass(slots=True)
+class RobotView:
+    """One robot, by its primary node."""
+
+    robot: str
+    nodes: list[str]
+    problem: str
+    """Why it has no primary node; the first one is shown then."""
+    primary: NodeView
+    devices: dict[str, int]
+    """Of all its nodes."""
+
+
+class _Computer(NamedTuple):
+    """A node with the labels that say what it is to its robot."""
+
+    name: str
+    labels: Mapping[str, str]
+    view: NodeView
+
+
+async def show_nodes(session: Session) -> None:
+    """All nodes, by name."""
+    found = [each.view for each in await _nodes(session)]
+    if session.options.output.structured:
+        write_structured({"nodes": [_plain(asdict(each)) for each in found]}, session.options.output)
+    elif not found:
+        console().print("The cluster has no nodes.", soft_wrap=True)
+    else:
+        first = [Column("NODE", wraps=True, narrowest=15), Column("TIER")]
+        _print(first, [([each.node, each.tier], each) for each in found], wide=_is_wide(session))
+
+
+async def show_robots(session: Session) -> None:
+    """All robots, by name."""
+    robots = _robots(await _nodes(session))
+    if session.options.output.structured:
+        write_structured({"robots": [_plain(asdict(each)) for each in robots]}, session.options.output)
+    elif not robots:
+        text = f"No node belongs to a robot: kubectl label node NODE {Label.ROBOT}=NAME {Label.TIER}=robot"
+        console().print(text, soft_wrap=True)
+    else:
+        first = [Column("ROBOT", wraps=True, narrowest=10), Column("NODE", wraps=True, narrowest=10)]
+        rows = [([each.robot, _computers(each)], each.primary) for each in robots]
+        _print(first, rows, wide=_is_wide(session), devices=[each.devices for each in robots])
+        for problem in filter(None, (each.problem for each in robots)):
+            console().print(problem, style="yellow", soft_wrap=True)
+
+
+def _is_wide(session: Session) -> bool:
+    return session.options.output is Output.WIDE
+
+
+async def _nodes(session: Session) -> list[_Computer]:
+    """By name."""
+    client = session.client
+    nodes = (await client.list(NODES)).items
+    telemetry = {meta(each)["name"]: each for each in (await client.list(NODETELEMETRIES)).items}
+    devices = devices_of(nodes, telemetry.values(), (await client.list(ROBOTCLAIMS)).items)
+    now_s = datetime.now(UTC).timestamp()
+    trips = _round_trips(telemetry, now_s=now_s)
+    zones = {meta(node)["name"]: label(node, Label.ZONE) for node in nodes}
+    found = []
+    for node in sorted(nodes, key=lambda node: str(meta(node)["name"])):
+        name = meta(node)["name"]
+        view = _view(node, telemetry.get(name), trips, now_s=now_s)
+        view.rtt_zone, view.rtt_p95 = _to_zone(name, zones, trips)
+        view.devices = _counted(devices.get(name, []))
+        found.append(_Computer(name, meta(node).get("labels") or {}, view))
+    return found
+
+
+def _view(node: Json, telemetry: Json | None, trips: RoundTrips, *, now_s: float) -> NodeView:
+    name = meta(node)["name"]
+    ready = condition(node, "Ready")
+    view = NodeView(name, label(node, Label.TIER), label(node, Label.ROBOT), label(node, Label.ZONE))
+    if ready.get("status") != "True":
+        view.ready, view.offline_since = False, ready.get("lastTransitionTime") or ""
+    if telemetry is not None:
+        view.reported_at = written_at(telemetry)
+        view.silent = bool(view.reported_at) and trips.silent_from_s(name) <= now_s
+        load = status(telemetry).get("load") or {}
+        kept = () if view.silent else ("cpuPercent", "memoryPercent")
+        view.load = {key: load[key] for key in kept if key in load}
+    return view
+
+
+def written_at(telemetry: Json) -> str:
+    """When the status was last written, as the API server recorded it; empty before the first time."""
+    entries = meta(telemetry).get("managedFields") or []
+    return max((str(each.get("time", "")) for each in entries if each.get("subresource") == "status"), default="")
+
+
+def _round_trips(telemetry: Mapping[str, Json], *, now_s: float) -> RoundTrips:
+    """What still counts of the reports, each as old as its last write."""
+    found = RoundTrips()
+    for name, each in telemetry.items():
+        if written := written_at(each):
+            entries = msgspec.convert(status(each).get("rtt") or [], list[Rtt])
+            seq, interval_s = status(each).get("seq"), status(each).get("intervalSeconds")
+            at_s = datetime.fromisoformat(written).timestamp()
+            found.receive(name, entries, seq=seq, interval_s=interval_s, now_s=at_s)
+    found.expire(now_s)
+    return found
+
+
+def _to_zone(node: str, zones: Mapping[str, str], trips: RoundTrips) -> tuple[str, str]:
+    """The node's own zone or the nearest one, and the usual p95 to its nodes."""
+    by_zone: dict[str, list[float]] = {}
+    for peer, figures in trips.around(node).items():
+        if zone := zones.get(peer):
+            by_zone.setdefault(zone, []).append(figures.p95_us)
+    usual = {zone: median_low(times) for zone, times in by_zone.items()}
+    if not usual:
+        return "", ""
+    own = zones.get(node, "")
+    zone = own if own in usual else min(usual, key=lambda each: (usual[each], each))
+    return zone, "unreachable" if isinf(usual[zone]) else f"{short_ms(usual[zone] / 1000)}ms"
+
+
+def _counted(devices: Iterable[NodeDevice]) -> dict[str, int]:
+    states = [device.state for device in devices]
+    return {"free": states.count("free"), "held": states.count("held")}
+
+
+def _robots(nodes: Iterable[_Computer]) -> list[RobotView]:
+    by_robot: dict[str, list[_Computer]] = {}
+    for node in nodes:
+        if node.view.robot:
+            by_robot.setdefault(node.view.robot, []).append(node)
+    return [_robot(robot, found) for robot, found in sorted(by_robot.items())]
+
+
+def _robot(robot: str, nodes: list[_Computer]) -> RobotView:
+    primary = primary_node(robot, nodes)
+    shown = next((node for node in nodes if node.name == primary.node), nodes[0])
+    devices = {key: sum(node.view.devices[key] for node in nodes) for key in ("free", "held")}
+    return RobotView(robot, [node.name for node in nodes], primary.problem, shown.view, devices)
+
+
+def _computers(robot: RobotView) -> str:
+    more = len(robot.nodes) - 1
+    return robot.primary.node + (f" +{more}" if more else "")
+
+
+def _print(
+    first: list[Column],
+    rows: list[tuple[list[str], NodeView]],
+    *,
+    wide: bool,
+    devices: list[dict[str, int]] | None = None,
+) -> None:
+    """The columns both commands share, without those that would be empty (unless `wide`)."""
+    counts = devices or [view.devices for _, view in rows]
+    cells = [_cells(view, count) for (_, view), count in zip(rows, counts, strict=True)]
+    keys = [key for key in cells[0] if wide or any(each[key] for each in cells)]
+    narrow = {"ZONE": 6, "RTT P95": 7, "AGENT": 6}
+    columns = [*first, *(Column(key, wraps=key in narrow, narrowest=narrow.get(key, 0)) for key in keys)]
+    print_table(
+        columns,
+        [[*names, *(each[key] for key in keys)] for (names, _), each in zip(rows, cells, strict=True)],
+        gap=_GAP,
+    )
+
+
+def _cells(view: NodeView, devices: Mapping[str, int]) -> dict[str, str]:
+    load = [str(view.load.get(key, "-")) for key in ("cpuPercent", "memoryPercent")] if view.load else []
+    far = f" {view.rtt_zone}" if view.rtt_zone not in ("", view.zone) else ""
+    written = age(view.reported_at)
+    return {
+        "ZONE": view.zone,
+        "RTT P95": f"{view.rtt_p95}{far}",
+        "FREE/HELD": f"{devices['free']}/{devices['held']}" if any(devices.values()) else "",
+        "CPU/MEM": "/".join(load) + "%" if load else "",
+        "AGENT": f"silent {written}" if view.silent else written,
+        "OFFLINE": "" if view.ready else age(view.offline_since) or "yes",
+    }
+
+
+def _plain(view: Any) -> Any:
+    """CamelCase keys."""
+    if not isinstance(view, dict):
+        return view
+    return {_camel(key): _plain(value) for key, value in view.items()}
+
+
+def _camel(key: str) -> str:
+    start, *others = key.split("_")
+    return start + "".join(part.title() for part in others)
