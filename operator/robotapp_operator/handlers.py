@@ -27,6 +27,7 @@ def observe(kind: str | None, body: Mapping[str, Any], cache: Cache, queue: Queu
     if kind == "DELETED":
         cache.forget_app(uid)
         queue.add(Key(Work.APP, uid))
+        queue.add(Key(Work.PROBES, ""), delay_s=1.0)
         wake_sharers(cache, queue, key)
         return
     after = cache.update_app(body)

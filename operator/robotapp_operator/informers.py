@@ -194,7 +194,8 @@ class Informers:
             peers = self._cache.drop_telemetry(name)
         else:
             peers = self._cache.put_telemetry(item, now_s=self._clock())
-        if change.new is not None and lacks_owner(item, self._cache.nodes.get(name)):
+        begins = change.old is None and (self._cache.pods.on_node(name) or self._robot_of(name))
+        if begins or (change.new is not None and lacks_owner(item, self._cache.nodes.get(name))):
             self._queue.add(Key(Work.PROBES, ""), delay_s=OWNER_DELAY_S)
         if change.old is None or change.new is None or change.old.status.devices != item.status.devices:
             self._cache.reported_devices += 1

@@ -26,7 +26,9 @@ class Probes:
         self._cache = cache
 
     async def publish(self) -> None:
-        wanted = wanted_probes(self._pairs())
+        pairs = list(self._pairs())
+        urgent = (pair for pair, hard in pairs if hard)
+        wanted = wanted_probes((pair for pair, _ in pairs), first=urgent, agents=self._cache.telemetry)
         for name, telemetry in list(self._cache.telemetry.items()):
             peers = list(wanted.get(name, ()))
             node = self._cache.nodes.get(name)
@@ -39,7 +41,8 @@ class Probes:
                 continue
             telemetry.spec.probe = peers
 
-    def _pairs(self) -> Iterator[tuple[str, str]]:
+    def _pairs(self) -> Iterator[tuple[tuple[str, str], bool]]:
+        """The nodes of each edge whose two ends are placed, and whether it has a budget that must be met."""
         for uid, record in self._cache.apps.items():
             if record.app is None or not record.app.spec.edges:
                 continue
@@ -52,7 +55,8 @@ class Probes:
             for robot, ends in placed.items():
                 ends[ROBOT_END] = instances[robot].node if robot in instances else ""
                 for edge in record.app.spec.edges:
-                    yield ends.get(edge.from_, ""), ends.get(edge.to, "")
+                    hard = edge.latency is not None and edge.latency.enforce == "Required"
+                    yield (ends.get(edge.from_, ""), ends.get(edge.to, "")), hard
 
 
 def _owners(telemetry: Telemetry, node: Node | None) -> list[dict[str, str]]:

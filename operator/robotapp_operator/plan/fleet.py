@@ -3,7 +3,7 @@
 Derived from claims and pods at any time; nothing is ever read back from it.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from typing import Final, NamedTuple
 
 SHARD_BYTES: Final = 800 * 1024
@@ -54,13 +54,29 @@ def shards(lines: Mapping[str, str], limit: int = SHARD_BYTES) -> Sequence[dict[
     return pieces
 
 
-def wanted_probes(pairs: Iterable[tuple[str, str]], *, limit: int = 16) -> dict[str, tuple[str, ...]]:
-    """Which peers each node's agent should measure, at most `limit`: one direction per pair, where there is room."""
+def wanted_probes(
+    pairs: Iterable[tuple[str, str]],
+    *,
+    first: Iterable[tuple[str, str]] = (),
+    agents: Container[str] | None = None,
+    limit: int = 16,
+) -> dict[str, tuple[str, ...]]:
+    """Which peers each node's agent should measure, at most `limit`: one direction per pair, where there is room.
+
+    `first`: pairs that get theirs before all others. `agents`: nodes that have one, all unless given; a pair is measured by
+    either end, and by none where neither has an agent.
+    """
     lists: dict[str, list[str]] = {}
-    for one, other in sorted({(min(pair), max(pair)) for pair in pairs if all(pair) and pair[0] != pair[1]}):
-        near, far = (one, other) if len(lists.get(one, ())) <= len(lists.get(other, ())) else (other, one)
-        if len(lists.get(near, ())) < limit:
-            lists.setdefault(near, []).append(far)
-        elif len(lists.get(far, ())) < limit:
-            lists.setdefault(far, []).append(near)
+    early = _in_order(first)
+    for pair in [*early, *(pair for pair in _in_order(pairs) if pair not in early)]:
+        ends = [node for node in pair if agents is None or node in agents]
+        for near in sorted(ends, key=lambda node: len(lists.get(node, ()))):  # a tie goes to the first name
+            if len(lists.get(near, ())) < limit:
+                lists.setdefault(near, []).append(pair[0] if near == pair[1] else pair[1])
+                break
     return {node: tuple(sorted(peers)) for node, peers in lists.items()}
+
+
+def _in_order(pairs: Iterable[tuple[str, str]]) -> dict[tuple[str, str], None]:
+    """Each pair of different nodes once, by name."""
+    return dict.fromkeys(sorted({(min(pair), max(pair)) for pair in pairs if all(pair) and pair[0] != pair[1]}))

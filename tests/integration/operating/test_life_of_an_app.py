@@ -10,6 +10,9 @@ from tests.support.live import HandBinder, Tenant, eventually, part, pool
 from robotapp_api.model.names import FLEET_CONFIG_MAP, Annotation
 from robotapp_api.serving.tls import AUTHENTICATION
 from robotapp_testbed import ControlPlane, namespaces, product, topology
+from robotapp_testbed.telemetry import PATH as TELEMETRY
+from robotapp_testbed.telemetry import create as create_telemetry
+from robotapp_testbed.telemetry import node_uids
 
 pytestmark = pytest.mark.usefixtures("operator")
 
@@ -243,6 +246,13 @@ def test_latency_is_measured_where_the_edges_are_and_judged(
             return robot in lists.get("cloud-1", []) or "cloud-1" in lists.get(robot, [])
 
         eventually(asked)
+        for name, uid in node_uids(installed_plane).items():
+            if name in ("cloud-1", robot):  # an agent that is installed later, and makes its object itself
+                installed_plane.api.delete(f"{TELEMETRY}/{name}")
+                create_telemetry(installed_plane, name, uid=uid, labels={})
+        eventually(asked)
+        tenant.delete("near")
+        eventually(lambda: not asked())
 
 
 def test_an_operator_of_one_namespace_leaves_the_others_alone(

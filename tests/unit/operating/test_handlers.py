@@ -13,7 +13,8 @@ from robotapp_operator.queue import Key, Queue
 class World:
     def __init__(self) -> None:
         self.cache = Cache()
-        self.queue = Queue(clock=lambda: 0.0, jitter=lambda: 0.0)
+        self.now_s = 0.0
+        self.queue = Queue(clock=lambda: self.now_s, jitter=lambda: 0.0)
 
     def see(self, kind: str | None, body: dict[str, Any]) -> list[Key]:
         observe(kind, body, self.cache, self.queue)
@@ -62,6 +63,14 @@ def test_a_deleted_app_is_forgotten() -> None:
     world.see("ADDED", app_body())
     assert world.see("DELETED", app_body()) == [Key(Work.APP, "uid-1")]
     assert world.cache.apps == {}
+
+
+def test_agents_are_no_longer_asked_for_the_pairs_of_a_deleted_app() -> None:
+    world = World()
+    world.see("ADDED", app_body())
+    assert Key(Work.PROBES, "") not in world.see("DELETED", app_body()), "many may be deleted at once"
+    world.now_s += 2.0
+    assert Key(Work.PROBES, "") in world.see(None, app_body(uid="uid-2"))
 
 
 def test_a_late_event_does_not_bring_back_an_older_copy() -> None:

@@ -18,6 +18,7 @@ def world() -> World:
     return made
 
 
+PROBES = Key(Work.PROBES, "")
 EDGE = {"topic": "/t", "from": "operator", "to": "driver"}
 
 
@@ -42,8 +43,8 @@ def test_the_robot_itself_is_an_end(world: World) -> None:
     world.cache.update_app(app_body(generation=2, edges=[EDGE | {"to": "@robot"}], robots=EACH))
     world.cache.nodes["amr"] = make_node("amr", robot="a")
     world.see("_pod", None, pod("edge-1"))
-    assert world.see("_telemetry", None, telemetry("edge-1", amr=3)) == OBSERVED
-    assert world.see("_telemetry", None, telemetry("amr", edge_1=3)) == OBSERVED
+    assert world.see("_telemetry", None, telemetry("edge-1", amr=3)) == {*OBSERVED, PROBES}
+    assert world.see("_telemetry", None, telemetry("amr", edge_1=3)) == {*OBSERVED, PROBES}
 
 
 def test_a_time_that_grew_too_old_concerns_its_instances_though_no_event_comes(world: World) -> None:
@@ -66,7 +67,16 @@ def test_a_time_that_grew_too_old_concerns_its_instances_though_no_event_comes(w
 
 def test_apps_without_edges_do_not_mind_round_trip_times(world: World) -> None:
     world.see("_pod", None, pod("edge-1"))
-    assert world.see("_telemetry", None, telemetry("edge-1", edge_1=3)) == set()
+    assert world.see("_telemetry", None, telemetry("edge-1", edge_1=3)) == {PROBES}
+
+
+def test_an_agent_that_begins_on_a_node_in_use_is_asked_for_its_pairs(world: World) -> None:
+    assert world.see("_telemetry", None, telemetry("edge-1")) == set()
+    world.see("_pod", None, pod("edge-2"))
+    assert world.see("_telemetry", None, telemetry("edge-2")) == {PROBES}
+    assert world.see("_telemetry", telemetry("edge-2"), telemetry("edge-2")) == set()
+    world.cache.nodes["amr"] = make_node("amr", robot="a")
+    assert world.see("_telemetry", None, telemetry("amr")) == {PROBES}
 
 
 def test_a_device_that_comes_or_goes_concerns_every_app_that_wants_one(world: World) -> None:

@@ -56,6 +56,26 @@ def test_no_agent_is_asked_for_more_than_sixteen(pairs: list[tuple[str, str]]) -
     assert wanted_probes(reversed(pairs)) == probes
 
 
+def test_pairs_with_a_budget_that_must_be_met_come_before_all_others() -> None:
+    others = [(f"a{i:02}", f"b{j:02}") for i in range(33) for j in range(33)]
+    hard = [("a31", "b32"), ("b31", "a32")]
+    assert not {("a31", "b32"), ("a32", "b31")} <= asked(wanted_probes(others + hard, limit=3))
+    assert {("a31", "b32"), ("a32", "b31")} <= asked(wanted_probes(others, first=hard, limit=3))
+
+
+def test_a_pair_is_measured_by_an_end_that_has_an_agent_and_by_none_without() -> None:
+    assert wanted_probes([("a", "b"), ("a", "c")], agents={"b"}) == {"b": ("a",)}
+
+
+def test_one_server_and_two_hundred_robots_are_all_measured_by_the_robots() -> None:
+    pairs = [("edge-1", f"robot-{i:03}") for i in range(200)]
+    assert asked(wanted_probes(pairs)) == set(pairs)
+
+
+def asked(probes: dict[str, tuple[str, ...]]) -> set[tuple[str, str]]:
+    return {(min(node, peer), max(node, peer)) for node, peers in probes.items() for peer in peers}
+
+
 def test_there_are_never_more_shards_than_the_operators_role_names() -> None:
     lines = {f"app.a{number:02}": "x" for number in range(20)}
     assert [list(piece) for piece in shards(lines, limit=8)] == [[f"app.a{number:02}"] for number in range(MAX_SHARDS)]
