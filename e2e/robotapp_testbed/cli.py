@@ -78,7 +78,7 @@ def _parser() -> argparse.ArgumentParser:
 
     env = commands.add_parser("env", help="print the shell lines that point KUBECONFIG and PATH at the cluster")
     env.add_argument(
-        "--identity", default="admin", help="whose kubeconfig: admin, operator, scheduler, tenant, tenant-b"
+        "--identity", default="admin", help="whose kubeconfig: admin, operator, scheduler, labeller, tenant, tenant-b"
     )
     env.set_defaults(run=_env)
 

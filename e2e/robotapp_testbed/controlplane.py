@@ -39,7 +39,7 @@ class ControlPlane:
 
     `kube_scheduler` is True for a configuration meant for comparisons, or the path of a configuration file.
     `audit` is True for one metadata record per request, or an audit level with bodies (Request, RequestResponse).
-    `identities` come on top of admin, operator, scheduler, tenant and tenant-b.
+    `identities` come on top of admin, operator, scheduler, labeller, tenant and tenant-b.
     `extra_args` are appended to a program's arguments, by its name.
     `node_lease_s`: above 500 nodes use 400 or more, else the leases alone keep the API server busy.
     """

@@ -13,6 +13,7 @@ from robotapp_api.model.names import SYSTEM_NAMESPACE
 
 OPERATOR_ACCOUNT: Final = "robotapp-operator"
 SCHEDULER_ACCOUNT: Final = "robotapp-scheduler"
+LABELLER_ACCOUNT: Final = "robotapp-labeller"
 ADMIN: Final = "admin"
 
 _P256_ORDER = 0xFFFFFFFF00000000FFFFFFFFFFFFFFFFBCE6FAADA7179E84F3B9CAC2FC632551
@@ -38,11 +39,12 @@ def service_account(name: str, *, namespace: str = SYSTEM_NAMESPACE) -> Identity
 
 
 def standard_identities() -> dict[str, Identity]:
-    """admin may do everything; operator and scheduler have the chart's rights; tenants have what a test grants them."""
+    """admin may do everything; operator, scheduler and labeller have the chart's rights; tenants have what a test grants them."""
     return {
         ADMIN: Identity(user="admin", groups=("system:masters",)),
         "operator": service_account(OPERATOR_ACCOUNT),
         "scheduler": service_account(SCHEDULER_ACCOUNT),
+        "labeller": service_account(LABELLER_ACCOUNT),
         "tenant": Identity(user="tenant", groups=("tenants",)),
         "tenant-b": Identity(user="tenant-b", groups=("tenants",)),
     }

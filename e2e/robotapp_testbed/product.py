@@ -25,6 +25,8 @@ CHART = REPOSITORY / "helm" / "robotapp"
 CRDS = REPOSITORY / "crds"
 _WORKLOADS = frozenset({"Deployment", "DaemonSet", "StatefulSet", "Job", "CronJob", "PodDisruptionBudget", "Pod"})
 _FIRST = ("Namespace", "CustomResourceDefinition")
+_KEPT = "Secret"
+"""Of a kind whose content the chart makes once: without a cluster to look at, each rendering has another."""
 _CRD_PATH = "/apis/apiextensions.k8s.io/v1/customresourcedefinitions"
 _MANAGER = "robotapp-testbed"
 _PROCESS_READY_S = 90.0
@@ -40,7 +42,7 @@ def install(cp: ControlPlane, *, values: Mapping[str, Any] | None = None) -> Non
     objects = _rendered(cp, values or {}) if (CHART / "Chart.yaml").exists() else []
     objects = [*_crds(objects), *objects]
     define(cp, [_namespace(), *(obj for obj in objects if obj["kind"] in _FIRST)])
-    _apply(cp, [obj for obj in objects if obj["kind"] not in _FIRST])
+    _apply(cp, [obj for obj in objects if obj["kind"] not in _FIRST and not _is_kept(cp, obj)])
     if any(obj["kind"] == "ValidatingAdmissionPolicyBinding" for obj in objects):
         _wait_for_policies(cp)
 
@@ -229,6 +231,13 @@ def _is_installed(obj: Mapping[str, Any]) -> bool:
     """Whether `helm install` creates the object: always, unless it is a hook for another moment."""
     hook = obj["metadata"].get("annotations", {}).get("helm.sh/hook", "post-install")
     return "install" in hook
+
+
+def _is_kept(cp: ControlPlane, obj: Mapping[str, Any]) -> bool:
+    if obj["kind"] != _KEPT:
+        return False
+    where = f"/api/v1/namespaces/{obj['metadata']['namespace']}/secrets"
+    return any(item["metadata"]["name"] == obj["metadata"]["name"] for item in cp.api.get(where)["items"])
 
 
 def _crds(rendered: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:

@@ -30,10 +30,10 @@ def control_plane() -> Iterator["ControlPlane"]:
 
 @pytest.fixture(scope="session")
 def installed_plane(control_plane: "ControlPlane") -> "ControlPlane":
-    """The same control plane with our CRDs, default pool, RBAC and policies; operator and scheduler are the test's to start."""
+    """The same control plane with our CRDs, default pool, RBAC and policies; the programs are the test's to start."""
     from robotapp_testbed import product
 
-    product.install(control_plane)
+    product.install(control_plane, values={"agent": {"labeller": {"enabled": True}}})
     return control_plane
 
 

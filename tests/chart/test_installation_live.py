@@ -1,5 +1,6 @@
 """helm install, upgrade and uninstall on the real API server."""
 
+import base64
 import json
 import re
 import subprocess
@@ -179,3 +180,39 @@ def test_our_pods_are_admitted_to_a_restricted_namespace(free: Chart) -> None:
             "metadata": {**template["metadata"], "generateName": "x-", "namespace": NAMESPACE},
         }
         free.plane.kubectl("create", "--dry-run=server", "-f", "-", stdin=json.dumps({**pod, "spec": template["spec"]}))
+
+
+def test_the_key_is_made_once_and_an_upgrade_keeps_it_and_what_was_added(free: Chart) -> None:
+    def keys() -> dict[str, str]:
+        text = free.plane.kubectl("get", "secret", "robotapp-agent-key", "-n", "robotapp-agent", "-o", "json")
+        return dict(json.loads(text)["data"])
+
+    free.install(NO_PODS)
+    first = keys()
+    assert [len(base64.b64decode(key)) for key in first.values()] == [32]
+    free.upgrade(NO_PODS)
+    assert keys() == first
+    added = base64.b64encode(bytes(32)).decode()
+    patch = ["patch", "secret", "robotapp-agent-key", "-n", "robotapp-agent", "--type=merge"]
+    free.plane.kubectl(*patch, "-p", json.dumps({"data": {"key-02": added}}))
+    free.upgrade({**NO_PODS, "agent.intervalSeconds": "5"})
+    assert keys() == {**first, "key-02": added}
+    free.plane.kubectl(*patch, "-p", json.dumps({"data": {"key-01": None}}))
+    free.upgrade(NO_PODS)
+    assert keys() == {"key-02": added}
+
+
+def test_the_agents_pod_is_admitted_to_its_namespace_and_without_the_nodes_folders_to_a_restricted_one(
+    free: Chart,
+) -> None:
+    free.install(NO_PODS)
+    template = of_kind(free.render(NO_PODS), "DaemonSet")[0]["spec"]["template"]
+    kind = {"apiVersion": "v1", "kind": "Pod"}
+    pod = {**kind, "metadata": {"generateName": "x-", "namespace": "robotapp-agent"}, "spec": template["spec"]}
+    free.plane.kubectl("create", "--dry-run=server", "-f", "-", stdin=json.dumps(pod))
+    label = ("label", "namespace", "robotapp-agent", "pod-security.kubernetes.io/enforce=restricted", "--overwrite")
+    free.plane.kubectl(*label)
+    refusal = free.plane.kubectl("create", "--dry-run=server", "-f", "-", stdin=json.dumps(pod), check=False)
+    assert 'restricted volume types (volumes "sys", "dev", "udev" use restricted volume type "hostPath")' in refusal
+    told = refusal.partition('violates PodSecurity "restricted:latest": ')[2]
+    assert told.count("(") == 1, f"more than the volumes: {told}"

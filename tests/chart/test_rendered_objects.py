@@ -4,7 +4,19 @@ import json
 import re
 
 import pytest
-from tests.support.chart import CHART, NAMESPACE, NO_WORKLOADS, Chart, Object, flags, named, of_kind, pod_spec, rules
+from tests.support.chart import (
+    CHART,
+    NAMESPACE,
+    NO_KEY,
+    NO_WORKLOADS,
+    Chart,
+    Object,
+    flags,
+    named,
+    of_kind,
+    pod_spec,
+    rules,
+)
 
 from robotapp_api.model.names import FLEET_CONFIG_MAP, SCHEDULER_NAME
 from robotapp_operator.plan.fleet import MAX_SHARDS
@@ -189,7 +201,7 @@ def test_without_the_workloads_everything_else_is_rendered_alike(chart: Chart) -
     def others(objects: list[Object]) -> list[Object]:
         return [item for item in objects if item["kind"] != "Deployment"]
 
-    everything, cluster_side = chart.render(), chart.render(NO_WORKLOADS)
+    everything, cluster_side = chart.render(NO_KEY), chart.render({**NO_KEY, **NO_WORKLOADS})
     assert cluster_side == others(everything)
     assert len(of_kind(everything, "Deployment")) == 2
 
@@ -235,7 +247,13 @@ def test_shipped_values_name_no_registry(chart: Chart) -> None:
 
 def test_switches_leave_their_objects_out(chart: Chart) -> None:
     objects = chart.render(
-        {"rbac.create": "false", "policies.enabled": "false", "domainPool.create": "false", "crds.enabled": "false"}
+        {
+            "rbac.create": "false",
+            "policies.enabled": "false",
+            "domainPool.create": "false",
+            "crds.enabled": "false",
+            "agent.enabled": "false",
+        }
     )
     kinds = {item["kind"] for item in objects}
     assert kinds == {"ServiceAccount", "ConfigMap", "Deployment", "Lease"}
@@ -334,7 +352,7 @@ def test_the_notes_say_what_is_not_part_of_the_release_and_promise_no_app(chart:
 
 def test_values_that_may_be_empty_may_be_left_without_a_value(chart: Chart) -> None:
     empty = ("domainPool.sharedIds", "imagePullSecrets", "operator.tls.secretName", "scheduler.affinity")
-    assert chart.render(dict.fromkeys(empty, "null")) == chart.render()
+    assert chart.render({**NO_KEY, **dict.fromkeys(empty, "null")}) == chart.render(NO_KEY)
 
 
 def test_policies_name_the_account_of_this_release(chart: Chart) -> None:

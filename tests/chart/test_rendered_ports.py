@@ -37,7 +37,7 @@ def test_the_roles_a_refused_caller_is_told_of_may_get_the_pages(rendered: list[
 
 def test_without_monitors_there_is_no_token(chart: Chart) -> None:
     objects = chart.render()
-    assert of_kind(objects, "Secret") == []
+    assert [item["type"] for item in of_kind(objects, "Secret")] == ["Opaque"], "the agents' key"
     assert "robotapp-metrics" not in {item["metadata"]["name"] for item in of_kind(objects, "ServiceAccount")}
 
 

@@ -12,14 +12,15 @@ CHART = Path(__file__).resolve().parents[2] / "helm" / "robotapp"
 SCHEMA = json.loads((CHART / "values.schema.json").read_text())
 VALUES = yaml.safe_load((CHART / "values.yaml").read_text())
 
+PODS = ("operator", "scheduler", "agent", "agent.labeller")
 # Passed on to Kubernetes as they stand; the API server (or the scheduler, for its config) checks them.
 PASSED_ON = {
     "global",
-    *(f"{part}.{key}" for part in ("operator", "scheduler") for key in ("resources", "affinity")),
+    *(f"{part}.{key}" for part in PODS for key in ("resources", "affinity")),
     "scheduler.config",
 }
 # What a person may take away with null: the container then has neither requests nor limits.
-REMOVABLE = {f"{part}.resources" for part in ("operator", "scheduler")}
+REMOVABLE = {f"{part}.resources" for part in PODS}
 # Whose absence says something: a namespace without a quota is unlimited.
 ABSENT = {"domainPool.quota.default"}
 KINDS: dict[str, tuple[type, ...]] = {

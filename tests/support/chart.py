@@ -18,6 +18,8 @@ CRDS = [
     for plural in ("robotapps", "robotappinstances", "robotclaims", "domainpools", "nodetelemetries")
 ]
 NO_WORKLOADS = {"operator.enabled": "false", "scheduler.enabled": "false"}
+NO_KEY = {"agent.keySecretName": "own"}
+"""Else each rendering has another key of the agents' measurements."""
 # They come and go by themselves, or are no stored objects.
 _TRANSIENT = {
     "events",

@@ -18,6 +18,9 @@ RELEASES = ("1.32", "1.33", "1.34", "1.35", "1.36", "1.37")
 COMPILED = ("CustomResourceDefinition", "ValidatingAdmissionPolicy")
 """Kinds whose expressions the program compiles."""
 
+EVERY_POLICY = ("agent.labeller.enabled=true",)
+"""Values with which the chart has all its policies."""
+
 Report = dict[str, Any]
 
 
@@ -29,7 +32,7 @@ def compiler(progress: Progress | None = None) -> Path:
 def rendered(release: str, *values: str) -> list[Object]:
     """The chart as helm renders it for that release; CalledProcessError when the chart refuses the release."""
     helm = Assets().resolve(["helm"])["helm"]
-    given = [part for value in values for part in ("--set", value)]
+    given = [part for value in (*EVERY_POLICY, *values) for part in ("--set", value)]
     command = [helm, "template", "robotapp", CHART, "--namespace", NAMESPACE, "--kube-version", f"{release}.0", *given]
     answer = subprocess.run(command, capture_output=True, text=True, check=True)
     return [document for document in yaml.safe_load_all(answer.stdout) if document]

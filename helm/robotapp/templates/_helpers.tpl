@@ -39,7 +39,7 @@ app.kubernetes.io/component: {{ .component }}
 {{- printf "system:serviceaccount:%s:%s-%s" .root.Release.Namespace (include "robotapp.name" .root) .component -}}
 {{- end -}}
 
-{{/* Pod fields that every component shares; argument: root, component, values. */}}
+{{/* Pod fields that every component shares; argument: root, component, values; asRoot: as user 0, without its capabilities. */}}
 {{- define "robotapp.podCommon" -}}
 serviceAccountName: {{ include "robotapp.name" .root }}-{{ .component }}
 {{- with .root.Values.imagePullSecrets }}
@@ -53,9 +53,14 @@ priorityClassName: {{ . }}
 {{- end }}
 terminationGracePeriodSeconds: 30
 securityContext:
+  {{- if .asRoot }}
+  runAsUser: 0
+  runAsGroup: 0
+  {{- else }}
   runAsNonRoot: true
   runAsUser: 65532
   runAsGroup: 65532
+  {{- end }}
   seccompProfile: {type: RuntimeDefault}
 {{- with .values.nodeSelector }}
 nodeSelector:

@@ -77,5 +77,5 @@ def test_a_failed_command_can_be_looked_at_instead_of_raised(control_plane: Cont
 
 
 def test_an_unknown_identity_is_explained(control_plane: ControlPlane) -> None:
-    with pytest.raises(TestbedError, match="known are admin, operator, scheduler, tenant"):
+    with pytest.raises(TestbedError, match="known are admin, operator, scheduler, labeller, tenant"):
         control_plane.kubeconfig("stranger")

@@ -3,7 +3,8 @@
 from tests.support.attacks.attack import Attack, Road, Stop
 from tests.support.attacks.escalations import ESCALATIONS
 from tests.support.attacks.grants import GRANTS
+from tests.support.attacks.stolen_agents import STOLEN
 
-__all__ = ["ATTACKS", "ESCALATIONS", "GRANTS", "Attack", "Road", "Stop"]
+__all__ = ["ATTACKS", "ESCALATIONS", "GRANTS", "STOLEN", "Attack", "Road", "Stop"]
 
-ATTACKS = (*ESCALATIONS, *GRANTS)
+ATTACKS = (*ESCALATIONS, *GRANTS, *STOLEN)

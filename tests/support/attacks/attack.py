@@ -42,6 +42,15 @@ class Stop(Enum):
         r"shows what the robotapp operator found|an instance never becomes another one",
     )
 
+    AGENT = (
+        "policy `robotapp-agent`, RBAC",
+        r"by the robotapp agent on that node alone|an agent creates|cannot (update|patch) resource",
+    )
+    LABELLER = (
+        "policy `robotapp-labeller`, RBAC",
+        r"the robotapp labeller writes labels of hardware.robotics.io|cannot (create|update) resource",
+    )
+
     @property
     def words(self) -> str:
         return self.value[0]
@@ -75,7 +84,8 @@ class Attack:
     """One kind of attack. `good` is the honest object, `changes` (path → value) make it the attacker's.
 
     `who`: clerk (may write RobotApps of the namespace, nothing else), deputy (every right on our kinds in the namespace),
-    tenant (`admin` of the namespace), or a stolen token: operator, scheduler.
+    tenant (`admin` of the namespace), or a stolen token: operator, scheduler,
+    agent (of the pod on one node), labeller.
     `where`: own (the attacker's namespace), victim or system; of no importance for what belongs to no namespace.
     `name`: of the object; empty means a fresh one, made before the attack by `made` for all roads but creation.
     """
@@ -90,6 +100,8 @@ class Attack:
     where: str = "own"
     name: str = ""
     subresource: str = ""
+    there: bool = False
+    """The object of this name exists, so that it is changed instead of refused unseen."""
     says: str = field(default="")
     """Regular expression in place of the stop's own, where the refusal has other words."""
 

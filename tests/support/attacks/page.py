@@ -7,11 +7,17 @@ from typing import Final
 from tests.support.attacks.attack import Attack
 from tests.support.attacks.escalations import FIELDS, REFERENCES, RIGHTS
 from tests.support.attacks.grants import OBJECTS, PODS, SPECS
+from tests.support.attacks.stolen_agents import AGENT, LABELLER
 
 PAGE: Final = Path(__file__).resolve().parents[3] / "docs" / "security.md"
 BEGIN: Final = "<!-- attacks: written by python -m tests.support.attacks.page -->"
 END: Final = "<!-- end of attacks -->"
-_WHO: Final = {"operator": "operator's token", "scheduler": "scheduler's token"}
+_WHO: Final = {
+    "operator": "operator's token",
+    "scheduler": "scheduler's token",
+    "agent": "an agent's token",
+    "labeller": "labeller's token",
+}
 _SECTIONS: Final[Mapping[str, Sequence[Attack]]] = {
     "A RobotApp lends its writer a ServiceAccount or a Secret": REFERENCES,
     "A RobotApp wants more than a component may have": FIELDS,
@@ -19,6 +25,8 @@ _SECTIONS: Final[Mapping[str, Sequence[Attack]]] = {
     "A pod brings its own grant, or joins an app": PODS,
     "A RobotApp chooses its domain or its membership past the operator": SPECS,
     "Somebody writes claims, pools, telemetry or instances": OBJECTS,
+    "The token of a node's agent is stolen": AGENT,
+    "The token of the labeller is stolen": LABELLER,
 }
 
 

@@ -7,13 +7,17 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import yaml
+from tests.support import agent_tokens
 from tests.support.attacks import kinds
 from tests.support.attacks.attack import Attack, Json, Road, merge_patch
+from tests.support.attacks.stolen_agents import NODE, OTHER
 
-from robotapp_testbed import ControlPlane
+from robotapp_testbed import ControlPlane, topology
 from robotapp_testbed.api import APPLY, MERGE, Api
 from robotapp_testbed.failures import ApiStatusError
 from robotapp_testbed.namespaces import created
+from robotapp_testbed.nodes import robot
+from robotapp_testbed.telemetry import create
 
 _POLICIES_S = 90.0
 _RIGHTS = {
@@ -45,7 +49,7 @@ class World:
         elif road is Road.APPLY:
             result = _apply(attacker, f"{path}{query}", attack.changed(honest))
         else:
-            stored = self._stored(attack, honest, kind.path(namespace))
+            stored = self._stored(attack, honest, path, kind.path(namespace))
             if road is Road.UPDATE:
                 result = attacker.request("PUT", f"{path}{query}", attack.changed(stored))
             elif road is Road.PATCH:
@@ -55,8 +59,10 @@ class World:
                 result = _apply(attacker, f"{path}{query}", attack.changed(honest))
         return dict(result)
 
-    def _stored(self, attack: Attack, honest: Json, collection: str) -> Json:
-        """The honest object in the API server, made by the admin. What has a name of its own is refused unseen."""
+    def _stored(self, attack: Attack, honest: Json, path: str, collection: str) -> Json:
+        """The honest object in the API server, made by the admin. What has a name of its own is refused unseen or is there."""
+        if attack.there:
+            return dict(self.admin.get(path))
         return honest if attack.name else dict(self.admin.create(collection, honest))
 
 
@@ -75,10 +81,11 @@ def _apply(attacker: Api, path: str, obj: Json) -> Json:
 
 @contextmanager
 def attacked(plane: ControlPlane, own: str, victim: str) -> Iterator[World]:
-    """Two namespaces; `tenant` is admin of the first, where clerk and deputy are ServiceAccounts."""
-    with created(plane, own), created(plane, victim):
+    """Two namespaces; `tenant` is admin of the first, where clerk and deputy are ServiceAccounts. Two nodes with telemetry."""
+    with created(plane, own), created(plane, victim), _nodes(plane) as agent:
         plane.kubectl("create", "rolebinding", "tenant", "--clusterrole=admin", "--user=tenant", "-n", own)
-        tokens = {name: _token(plane, name) for name in ("tenant", "operator", "scheduler")}
+        tokens = {name: _token(plane, name) for name in ("tenant", "operator", "scheduler", "labeller")}
+        tokens["agent"] = agent
         for name, rights in _RIGHTS.items():
             plane.kubectl("create", "serviceaccount", name, "-n", own)
             plane.kubectl("create", "role", name, *rights, "-n", own)
@@ -93,6 +100,20 @@ def attacked(plane: ControlPlane, own: str, victim: str) -> Iterator[World]:
         finally:
             for api in apis.values():
                 api.close()
+
+
+@contextmanager
+def _nodes(plane: ControlPlane) -> Iterator[str]:
+    """The token of the agent on the first of two nodes."""
+    nodes = [robot(NODE), robot(OTHER)]
+    topology.apply(plane, nodes)
+    try:
+        for node in nodes:
+            create(plane, node.name, uid="", labels={})
+        yield agent_tokens.bound_token(plane, NODE)
+    finally:
+        agent_tokens.remove(plane, NODE)
+        topology.remove(plane, nodes)
 
 
 def _token(plane: ControlPlane, name: str) -> str:
