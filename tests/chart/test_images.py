@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from tests.support.chart import Chart, named
+from tests.support.chart import Chart, named, pod_spec
 
 from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME
 from robotapp_operator.settings import parse as parse_operator
@@ -14,14 +14,18 @@ from robotapp_scheduler.options import parse as parse_scheduler
 from robotapp_scheduler.plugins.registry import catalogue
 
 ROOT = Path(__file__).resolve().parents[2]
-FOREIGN = {"operator": ("numpy", "typer", "uvloop"), "scheduler": ("kopf", "typer", "rich")}
+FOREIGN = {
+    "operator": ("numpy", "typer", "uvloop"),
+    "scheduler": ("kopf", "typer", "rich"),
+    "agent": ("pydantic", "numpy", "kopf", "typer", "structlog"),
+}
 
 
 def dockerfile(component: str) -> str:
     return (ROOT / component / "Dockerfile").read_text()
 
 
-@pytest.mark.parametrize("component", ["operator", "scheduler"])
+@pytest.mark.parametrize("component", FOREIGN)
 def test_the_image_runs_as_the_user_the_chart_asks_for(component: str) -> None:
     lines = dockerfile(component).splitlines()
     assert "USER 65532:65532" in lines
@@ -29,7 +33,7 @@ def test_the_image_runs_as_the_user_the_chart_asks_for(component: str) -> None:
     assert lines.index("USER 65532:65532") > max(index for index, line in enumerate(lines) if line.startswith("FROM"))
 
 
-@pytest.mark.parametrize("component", ["operator", "scheduler"])
+@pytest.mark.parametrize("component", FOREIGN)
 def test_the_image_holds_the_locked_packages_of_its_extra_alone(component: str) -> None:
     assert f"--extra {component} " in dockerfile(component)
     assert "--require-hashes" in dockerfile(component)
@@ -52,12 +56,13 @@ def test_the_image_holds_the_locked_packages_of_its_extra_alone(component: str) 
     assert not set(FOREIGN[component]) & packages
 
 
-@pytest.mark.parametrize("component", ["operator", "scheduler"])
+@pytest.mark.parametrize("component", FOREIGN)
 def test_every_package_of_the_wheel_is_copied(component: str) -> None:
     for package in (
         "crds/robotapp_api",
         "operator/robotapp_operator",
         "scheduler/robotapp_scheduler",
+        "agent/robotapp_agent",
         "cli/robotapp_cli",
         "rigel_bridge/rigel_bridge",
     ):
@@ -68,10 +73,7 @@ def test_every_package_of_the_wheel_is_copied(component: str) -> None:
 def test_the_programs_understand_the_arguments_the_chart_gives(chart: Chart) -> None:
     given = {"operator.watchNamespaces": "{a,b}", "operator.sweepSeconds": "5", "operator.schedulerName": "other"}
     objects = chart.render(given)
-    arguments = {
-        name: named(objects, "Deployment", f"robotapp-{name}")["spec"]["template"]["spec"]["containers"][0]["args"]
-        for name in FOREIGN
-    }
+    arguments = {name: pod_spec(objects, name)["containers"][0]["args"] for name in ("operator", "scheduler")}
     operator = parse_operator(arguments["operator"], {})
     assert (operator.namespaces, operator.sweep_seconds, operator.lease_namespace) == (("a", "b"), 5, "robotapp-system")
     assert operator.scheduler_name == "other"
