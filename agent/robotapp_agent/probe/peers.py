@@ -1,5 +1,7 @@
 """Which nodes are probed in a round. Pure, and the same on every node without talking.
 
+In a cluster of at most 17 nodes all of them, so that every pair is measured. Else:
+
 1. What `spec.probe` names, so that the edges of running apps are measured.
 2. In the node's own zone: all of a small zone, else three of its representatives, which show how far the node is from its zone.
 3. One node in each other zone in turn, at most four zones in a round. Each node has its own one there, so that the probes spread
@@ -43,6 +45,8 @@ def choose_peers(
     """
     wanted = sorted({name for name in asked if name in zones and name != own_name})
     first = _in_turn(wanted, MOST_ASKED, round_number)
+    if len(zones.keys() - {own_name}) <= MOST_PEERS:
+        return tuple(Peer(name) for name in [*wanted, *sorted(zones.keys() - {own_name, *wanted})])
     members = _by_zone(own_name, zones)
     own_zone = zones.get(own_name, "")
     others = sorted(zone for zone in members if zone != own_zone)

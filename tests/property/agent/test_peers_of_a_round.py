@@ -35,7 +35,8 @@ def test_what_is_asked_for_comes_first_and_in_every_round(
     wanted = set(asked) & zones.keys() - {own}
     peers = choose_peers(own, zones=zones, asked=asked, round_number=number)
     first = peers[: min(len(wanted), MOST_ASKED)]
-    if len(wanted) <= MOST_ASKED:
+    if len(wanted) <= MOST_ASKED or len(zones.keys() - {own}) <= MOST_PEERS:
+        first = peers[: len(wanted)]
         assert set(first) == {Peer(name) for name in wanted}
         return
     following = choose_peers(own, zones=zones, asked=asked, round_number=number + 1)
@@ -89,8 +90,21 @@ def test_a_small_zone_is_measured_whole_and_a_larger_one_at_three_nodes(
     near = {name for name, zone in zones.items() if zone == zones.get(own, "") and name != own}
     peers = choose_peers(own, zones=zones, asked=(), round_number=number)
     mine = {peer for peer in peers if peer.name in near}
+    if len(zones.keys() - {own}) <= MOST_PEERS:
+        assert mine == {Peer(name) for name in near}
+        return
     assert mine == {Peer(name) for name in near} if len(near) <= SMALL_ZONE else len(mine) == OWN_ZONE
     assert len(peers) - len(mine) <= OTHER_ZONES
+
+
+@given(own_names, clusters, asked_lists, rounds)
+def test_a_small_cluster_is_measured_whole_in_every_round(
+    own: str, zones: dict[str, str], asked: list[str], number: int
+) -> None:
+    others = zones.keys() - {own}
+    peers = choose_peers(own, zones=zones, asked=asked, round_number=number)
+    if len(others) <= MOST_PEERS:
+        assert set(peers) == {Peer(name) for name in others}
 
 
 def of_sizes(*sizes: int) -> dict[str, str]:
