@@ -116,21 +116,13 @@ def _parser(environment: Mapping[str, str]) -> argparse.ArgumentParser:
     add("host-root", "folder with the node's sys, dev and run/udev; default: /", default="/", convert=Path)
     add("service", f"headless Service of all agents; default: {SERVICE}", default=SERVICE, convert=arguments.name)
     add("namespace", "namespace of that Service; default: the service account's", convert=arguments.name)
-    add(
-        "probe-port",
-        f"UDP port of the probes, 0 for none; default: {PROBE_PORT}",
-        default=str(PROBE_PORT),
-        convert=arguments.port,
-    )
+    probes = f"UDP port of the probes, 0 for none; default: {PROBE_PORT}"
+    add("probe-port", probes, default=str(PROBE_PORT), convert=arguments.port)
     add("key-dir", "folder with the keys of the probes (a mounted Secret); default: no probes", convert=Path)
     add("device-rules", "file of rules that name, add or ignore devices; default: none", convert=Path)
     add("features-dir", "folder where Node Feature Discovery reads feature files; default: none", convert=Path)
-    add(
-        "health-port",
-        f"TCP port of /healthz, 0 for none; default: {HEALTH_PORT}",
-        default=str(HEALTH_PORT),
-        convert=arguments.port,
-    )
+    health = f"TCP port of /healthz, 0 for none; default: {HEALTH_PORT}"
+    add("health-port", health, default=str(HEALTH_PORT), convert=arguments.port)
     add(
         "interval-seconds",
         "time from one heartbeat to the next; default: max(10, nodes / 50)",
