@@ -60,9 +60,12 @@ def core_of(cluster: ClusterDump, pod: Json, tiers: tuple[str, ...]) -> tuple[Sc
     for kind in ("Node", *(kind for kind in objects if kind != "Node")):
         for item in objects[kind]:
             feed(core, kind, item)
-    core.cluster.apply_app(app_object({"name": COMPONENT, "runsOn": list(tiers)}))
-    for owned in chain(COMPONENT):
+    app = app_object({"name": COMPONENT, "runsOn": list(tiers)})
+    owners = chain(COMPONENT)
+    for owned in (app, *owners):
         owned.metadata.namespace = pod["metadata"]["namespace"]
+    core.cluster.apply_app(app)
+    for owned in owners:
         core.cluster.apply_owner(owned)
     info = PodInfo(to_pod(pod))
     core.cluster.apply_pod(info.pod)
