@@ -15,7 +15,8 @@ LOST: Final = 0.1
 
 
 def latencies(random: Random, *, rows: int, zones: int, measured: int, unknown: float = 0.1) -> Latencies:
-    """Zones some milliseconds apart, and measured pairs around that; a share of zone pairs is unknown."""
+    """Zones some milliseconds apart, rows with a last hop of their own, and measured pairs around that; a share of zone pairs is
+    unknown, and so are some rows."""
     zone = np.array([random.randint(0, zones) for _ in range(rows)], dtype=np.int32)
     estimate = np.full((2, zones + 1, zones + 1), np.nan)
     for a in range(1, zones + 1):
@@ -35,7 +36,15 @@ def latencies(random: Random, *, rows: int, zones: int, measured: int, unknown: 
     left = np.array([a for a, _ in ordered], dtype=np.int32)
     right = np.array([b for _, b in ordered], dtype=np.int32)
     usual_us = np.array([pairs[pair] for pair in ordered])
-    return Latencies(zone, estimate, Measured(left, right, np.stack([usual_us, usual_us * 1.5])))
+    cut_off = np.nan if unknown else 0.0
+    access = np.array([random.choice((0.0, 0.0, random.uniform(-300.0, 20_000.0), cut_off)) for _ in range(rows)])
+    return Latencies(
+        zone,
+        estimate,
+        Measured(left, right, np.stack([usual_us, usual_us * 1.5])),
+        access_us=np.stack([access, access * 1.2]),
+        least_us=np.array([250.0, 260.0]),
+    )
 
 
 def small_problem(random: Random) -> Problem:

@@ -95,7 +95,7 @@ class Latencies:
             zones = _one_per_pair(self.zone, self.group)
             for code, group in zones:
                 for other, with_group in zones:
-                    path_us = float(self.path_us[which, code, other] + shortest[code] + shortest[other])
+                    path_us = float(self.path_us[which, code, other] + (shortest[code] + shortest[other]))
                     if np.isnan(path_us):
                         doubt[group, with_group] = True
                     else:
