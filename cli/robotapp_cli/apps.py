@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from robotapp_api.client.resources import EVENTS, ROBOTAPPS
 from robotapp_api.model.names import Condition, Phase
-from robotapp_cli.fields import Json, age, meta, milliseconds, plain, short_ms, status
+from robotapp_cli.fields import Json, age, elapsed, meta, milliseconds, plain, short_ms, status
 from robotapp_cli.instances import Instance, chosen, in_full, instances_of
 from robotapp_cli.output import Column, Output, arrow, bar, blank_line, console, print_table, write_structured
 from robotapp_cli.session import Session
@@ -181,7 +181,6 @@ def edge_rows(edges: list[Json]) -> Iterator[list[str]]:
         budget, p95 = milliseconds(edge.get("budget")), milliseconds(edge.get("p95"))
         lost = bool(edge.get("measured")) and p95 is None
         share = float("inf") if lost else p95 / budget if p95 is not None and budget else None
-        known = "measured" if edge.get("measured") else "estimated" if edge.get("estimated") else "unknown"
         time = "unreachable" if lost else short_ms(p95)
         same = len(set(edge.get("nodes") or [])) == 1 and len(edge.get("nodes") or []) == 2
         yield [
@@ -189,8 +188,19 @@ def edge_rows(edges: list[Json]) -> Iterator[list[str]]:
             f"{edge['from']} {arrow()} {edge['to']}",
             f"{time}/{short_ms(budget)} ms" if budget else f"{time}, no budget" if lost else f"{time} ms, no budget",
             bar(share) if budget else "",
-            "same node" if same else known,
+            "same node" if same else _how_known(edge),
         ]
+
+
+def _how_known(edge: Json) -> str:
+    """`measured 4s ago`, `estimated (hall, cloud)`, `unknown`."""
+    if edge.get("measured"):
+        age_s = edge.get("ageSeconds")
+        return "measured" if age_s is None else f"measured {elapsed(age_s)} ago"
+    if not edge.get("estimated"):
+        return "unknown"
+    zones = ", ".join(dict.fromkeys(edge.get("zones") or ()))
+    return f"estimated ({zones})" if zones else "estimated"
 
 
 def _named(edge: Json) -> str:

@@ -12,7 +12,7 @@ from robotapp_cli.failures import CliError, Exit
 from robotapp_cli.fields import Json, condition, label, meta, status
 from robotapp_cli.instances import Instance, chosen, in_full, instances_of
 from robotapp_cli.output import Column, Output, blank_line, console, print_table, write_structured
-from robotapp_cli.reasons import budgets, hardware, refusals, with_estimates
+from robotapp_cli.reasons import budgets, hardware, refusals, with_what_is_known
 from robotapp_cli.scheduler_link import Link, connect
 from robotapp_cli.session import Session
 
@@ -123,7 +123,7 @@ async def _instance(app: Json, pods: list[Json], *, instance: Instance, question
         if name not in own:
             rows.append(Row(name, reasons=[messages.get(name) or _why_none(app, instance)]))
     edges = [edge for edge in instance.edges if question.component in (None, edge["from"], edge["to"])]
-    return InstanceView(instance.name, instance.domain, rows, with_estimates(edges, records))
+    return InstanceView(instance.name, instance.domain, rows, with_what_is_known(edges, records))
 
 
 def _why_none(app: Json, instance: Instance) -> str:

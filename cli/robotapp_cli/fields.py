@@ -38,7 +38,12 @@ def age(timestamp: str | None, now: datetime | None = None) -> str:
     """`5s`, `3m`, `4h`, `12d`, as kubectl shows ages."""
     if not timestamp:
         return ""
-    seconds = max(0, int(((now or datetime.now(UTC)) - datetime.fromisoformat(timestamp)).total_seconds()))
+    return elapsed(((now or datetime.now(UTC)) - datetime.fromisoformat(timestamp)).total_seconds())
+
+
+def elapsed(seconds: float) -> str:
+    """The same of a number of seconds."""
+    seconds = max(0, int(seconds))
     for unit, size, limit in (("s", 1, 120), ("m", 60, 7200), ("h", 3600, 172_800)):
         if seconds < limit:
             return f"{seconds // size}{unit}"

@@ -49,23 +49,37 @@ def _component(app: Json, name: str) -> Json:
     return next((item for item in app["spec"]["components"] if item["name"] == name), {})
 
 
-def with_estimates(edges: list[Json], records: Mapping[str, Json]) -> list[Json]:
-    """The edges of a status; what it does not know is filled in with what the scheduler estimated. `records`: by component."""
-    return [_estimated(edge, records) for edge in edges]
+def with_what_is_known(edges: list[Json], records: Mapping[str, Json]) -> list[Json]:
+    """The edges of a status with what the scheduler knows by now: the age of a measurement, and an estimate where there is
+    none. `records`: by component.
+    """
+    return [edge | _known(edge, records) for edge in edges]
 
 
-def _estimated(edge: Json, records: Mapping[str, Json]) -> Json:
-    if edge.get("measured") or edge.get("p95"):
-        return edge
+def _known(edge: Json, records: Mapping[str, Json]) -> Json:
+    now = _now(edge, records)
+    source, rtt_ms = now.get("source"), now.get("rttMs")
+    if edge.get("measured"):
+        return {"ageSeconds": now["ageS"]} if source == "measured" and now.get("ageS") is not None else {}
+    if edge.get("p95") or source != "estimated" or rtt_ms is None:
+        return {}
+    return {"p95": f"{rtt_ms:.3f}ms", "estimated": True, "zones": list(now.get("zones") or ())}
+
+
+def _now(edge: Json, records: Mapping[str, Json]) -> Json:
+    """What the scheduler knows of the nodes of an edge; empty when its records name others."""
     kind = str(edge.get("kind", "Topic"))
     topic = edge["topic"] if kind == "Topic" else f"{kind.lower()} {edge['topic']}"
     for own, peer in ((edge["from"], edge["to"]), (edge["to"], edge["from"])):
         record = records.get(own) or {}
         for found in record.get("edges") or []:
             here = {record.get("node"), found.get("peerNode")} == set(edge.get("nodes") or [])
-            if here and found.get("source") == "estimated" and found.get("what") == f"{topic} to {peer}":
-                return edge | {"p95": f"{found['rttMs']:.3f}ms", "estimated": True}
-    return edge
+            if here and found.get("what") == f"{topic} to {peer}":
+                now: Json = (
+                    found.get("now") or found
+                )  # a scheduler of the version before tells what it was at the decision
+                return now
+    return {}
 
 
 def refusals(record: Json, peers: tuple[Peer, ...], *, wanted: str = "") -> list[str]:

@@ -65,11 +65,18 @@ def is_unreachable(time_us: float | None) -> bool:
     return time_us is not None and isinf(time_us)
 
 
+class _Span(NamedTuple):
+    """From when a round was first received until its times count no more."""
+
+    first_s: float
+    end_s: float
+
+
 class _Report(NamedTuple):
     """What one node's agent reported. `live`: the times that count. `seen`: when each of its rounds was first received."""
 
     live: Mapping[str, Figures]
-    expires: Mapping[str, float]
+    spans: Mapping[str, _Span]
     seen: Mapping[Hashable, float]
     next_s: float = _NEVER_S
     """When the first of `live` expires."""
@@ -100,23 +107,23 @@ class RoundTrips:
         since_s = now_s if seq is None else old.seen.get(seq, now_s)
         seen: dict[Hashable, float] = {} if seq is None else {seq: since_s}
         live: dict[str, Figures] = {}
-        expires: dict[str, float] = {}
-        ends: dict[tuple[Hashable, int], float] = {}
-        """Readings of one round share the number: at 5000 nodes there are 300,000 of them."""
+        spans: dict[str, _Span] = {}
+        shared: dict[tuple[Hashable, int], _Span] = {}
+        """Readings of one round share their span: at 5000 nodes there are 300,000 of them."""
         for entry in rtt:
             figures = figures_of(entry)
             own_seq = seq if entry.seq is None else entry.seq
             mark = (entry.peer, figures) if own_seq is None else own_seq
             rounds = min(entry.every_rounds or 1, MOST_ROUNDS)
-            end_s = ends.get((mark, rounds))
-            if end_s is None:
+            span = shared.get((mark, rounds))
+            if span is None:
                 first_s = seen.setdefault(mark, old.seen.get(mark, now_s))
-                end_s = ends[mark, rounds] = first_s + PERIODS_KEPT * interval_s * rounds
-            if end_s > now_s:
+                span = shared[mark, rounds] = _Span(first_s, first_s + PERIODS_KEPT * interval_s * rounds)
+            if span.end_s > now_s:
                 live[entry.peer] = figures
-                expires[entry.peer] = end_s
-        next_s = min(expires.values(), default=_NEVER_S)
-        return self._replace(node, old, _Report(live, expires, seen, next_s, since_s, interval_s))
+                spans[entry.peer] = span
+        next_s = min((span.end_s for span in spans.values()), default=_NEVER_S)
+        return self._replace(node, old, _Report(live, spans, seen, next_s, since_s, interval_s))
 
     def drop(self, node: str) -> frozenset[str]:
         """The node's object is gone. Returns the peers to which its times were known."""
@@ -136,6 +143,15 @@ class RoundTrips:
             figures = self._reports.get(near, _NOTHING).live.get(far)
             found = found if figures is None else worse(found, figures)
         return found
+
+    def age_s(self, one: str, other: str, *, now_s: float) -> float | None:
+        """Seconds since the round was received that decides the pair's p95, None when the pair is not measured."""
+        found = [
+            (report.live[far].p95_us, report.spans[far].first_s)
+            for near, far in ((one, other), (other, one))
+            if far in (report := self._reports.get(near, _NOTHING)).live
+        ]
+        return now_s - max(found)[1] if found else None
 
     def around(self, node: str) -> dict[str, Figures]:
         """The same for every peer of a node that is known."""
@@ -175,5 +191,5 @@ class RoundTrips:
 
 
 def _kept(report: _Report, now_s: float) -> _Report:
-    live = {peer: figures for peer, figures in report.live.items() if report.expires[peer] > now_s}
-    return report._replace(live=live, next_s=min((report.expires[peer] for peer in live), default=_NEVER_S))
+    live = {peer: figures for peer, figures in report.live.items() if report.spans[peer].end_s > now_s}
+    return report._replace(live=live, next_s=min((report.spans[peer].end_s for peer in live), default=_NEVER_S))

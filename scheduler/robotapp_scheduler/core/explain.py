@@ -52,6 +52,7 @@ class EdgeView(msgspec.Struct, frozen=True, gc=False, rename="camel"):
     source: str
     """measured (this pair), estimated (zones) or unknown."""
     met: bool | None
+    percentile: int = 95
 
 
 class Record(msgspec.Struct, gc=False, rename="camel"):

@@ -127,4 +127,5 @@ class Recorder:
             budget_ms=None if budget_us is None else budget_us / 1000,
             source=source,
             met=None if rtt_us is None or budget_us is None else rtt_us <= budget_us,
+            percentile=endpoint.percentile,
         )

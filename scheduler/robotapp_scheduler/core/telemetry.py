@@ -6,10 +6,12 @@ What a pair's time is and when it is too old is decided in `robotapp_api.values.
 from collections.abc import Callable, Iterable
 from typing import Final, NamedTuple
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_api.values.round_trips import RoundTrips
+from robotapp_api.model.names import Label
+from robotapp_api.values.round_trips import RoundTrips, is_unreachable
 from robotapp_scheduler.core.columns import FloatArray
 from robotapp_scheduler.core.estimates import LatencyEstimates, Terms
 from robotapp_scheduler.core.measured_pairs import MeasuredPairs
@@ -30,6 +32,17 @@ class RttRow(NamedTuple):
 
     rtt_us: FloatArray
     source: npt.NDArray[np.int8]
+
+
+class PairView(msgspec.Struct, frozen=True, gc=False, rename="camel"):
+    """What is known of one pair, to be shown. No time and `measured`: no probe was answered."""
+
+    rtt_ms: float | None
+    source: str
+    age_s: float | None
+    """Since the measurement was received."""
+    zones: tuple[str, ...]
+    """Of the two nodes, where the time is estimated."""
 
 
 class RttModel:
@@ -112,6 +125,13 @@ class RttModel:
         value = float(rtt.rtt_us[row])
         return (None if np.isnan(value) else value), SOURCE_NAMES[int(rtt.source[row])]
 
+    def known(self, left: str, right: str, percentile: int) -> PairView:
+        """One pair, with the age of what was measured or the zones of what is estimated."""
+        rtt_us, source = self.between(left, right, percentile)
+        zones = tuple(self._zone(name) for name in (left, right)) if source == SOURCE_NAMES[ESTIMATED] else ()
+        rtt_ms = None if rtt_us is None or is_unreachable(rtt_us) else rtt_us / 1000
+        return PairView(rtt_ms, source, self._trips.age_s(left, right, now_s=self._clock()), zones)
+
     def measured(self) -> Measured:
         """All measured pairs."""
         return self._measured.arrays()
@@ -119,6 +139,10 @@ class RttModel:
     def terms(self) -> Terms:
         """What estimates are made of."""
         return self._estimates.terms()
+
+    def _zone(self, name: str) -> str:
+        row = self._table.row_of.get(name)
+        return self._table.labels.of(row).get(Label.ZONE, "") if row is not None else ""
 
     def _changed(self, name: str, peers: Iterable[str]) -> bool:
         """The times between a node and these peers are others than before."""

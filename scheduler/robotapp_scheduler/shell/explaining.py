@@ -64,7 +64,13 @@ class Explainer:
 
     def _shown(self, found: dict[str, Any], *, with_nodes: bool) -> dict[str, Any]:
         found["config"] = self._digest()
+        if with_nodes and found.get("node"):
+            found["edges"] = [edge | {"now": self._known(found["node"], edge)} for edge in found.get("edges", ())]
         return found if with_nodes else without_nodes(found)
+
+    def _known(self, node: str, edge: Mapping[str, Any]) -> Any:
+        """What is known by now of the way between the pod's node and the other end of a connection."""
+        return msgspec.to_builtins(self._core.cluster.rtt.known(edge["peerNode"], node, edge["percentile"]))
 
     def _again(self, pod: Pod, *, recorded: dict[str, Any] | None, full: bool) -> dict[str, Any]:
         made = reconsider(self._core, pod)

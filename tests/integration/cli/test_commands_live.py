@@ -1,6 +1,7 @@
 """kubectl-robotapp as a user runs it, on the real control plane with operator and scheduler."""
 
 import json
+import re
 import subprocess
 import sys
 import time
@@ -102,6 +103,19 @@ def test_explain_names_the_node_that_is_too_far_with_its_latency(world: World) -
     assert "cloud-1: 60.0 ms to amr-07 > 30 ms" in text
     assert "/cmd_vel" in text
     assert "records" not in text, "the scheduler's own records are shown, no fallback"
+
+
+def test_explain_shows_how_old_each_measurement_is_and_the_figure_of_the_status(world: World) -> None:
+    def shown() -> re.Match[str] | None:
+        text = world.text("explain", "teleop", "--scheduler-url", world.scheduler_url)
+        return re.search(r"/cmd_vel .* (\S+)/30 ms .*measured (\d+)s ago", text)
+
+    assert wait_until(lambda: shown() is not None, timeout_s=60)
+    found = shown()
+    assert found is not None
+    assert int(found[2]) <= 30, "a heartbeat every ten seconds, and unknown after three"
+    budget = world.app("teleop")["status"]["summary"]["budget"]
+    assert budget == f"{found[1]}/30ms"
 
 
 def test_explain_without_the_scheduler_says_so_and_shows_the_nodes(world: World) -> None:

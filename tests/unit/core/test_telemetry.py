@@ -10,6 +10,7 @@ from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.latency_export import LatencyExport
 from robotapp_scheduler.core.robotics import NodeTelemetry
+from robotapp_scheduler.core.telemetry import PairView
 
 
 def zoned(clock: Clock | None = None, **zones: str) -> Cluster:
@@ -196,3 +197,25 @@ def test_the_oldest_reading_in_use_has_an_age_and_none_has_none() -> None:
     assert cluster.rtt.oldest_age_s() == 7
     cluster.apply_telemetry(telemetry("a", rtt_ms={"b": 15}, seq=2))
     assert cluster.rtt.oldest_age_s() == 0
+
+
+def test_a_measured_pair_is_as_old_as_the_direction_that_counts() -> None:
+    clock = Clock()
+    cluster = zoned(clock, a="z1", b="z2", c="z2")
+    cluster.apply_telemetry(telemetry("a", rtt_ms={"b": 40}, seq=1, interval_s=60))
+    clock.forward(5)
+    cluster.apply_telemetry(telemetry("b", rtt_ms={"a": 15}, seq=1, interval_s=60))
+    clock.forward(4)
+    assert cluster.rtt.known("b", "a", 95) == PairView(40.0, "measured", 9.0, ())
+    cluster.apply_telemetry(telemetry("a", rtt_ms={"b": 40}, seq=1, interval_s=60))
+    assert cluster.rtt.known("a", "b", 95).age_s == 9.0, "the same round written again"
+    cluster.apply_telemetry(telemetry("a", lost=["b"], seq=2, interval_s=60))
+    assert cluster.rtt.known("a", "b", 95) == PairView(None, "measured", 0.0, ())
+    clock.forward(1)
+    assert cluster.rtt.known("a", "c", 95) == PairView(None, "unknown", None, ())
+
+
+def test_an_estimated_pair_names_its_zones() -> None:
+    cluster = zoned(a="z1", b="z2", c="z2")
+    cluster.apply_telemetry(telemetry("a", rtt_ms={"b": 15}))
+    assert cluster.rtt.known("c", "a", 95) == PairView(15.0, "estimated", None, ("z2", "z1"))

@@ -1,12 +1,14 @@
 """What /explain answers: the record as it was made, or one made again and marked so."""
 
+import json
 from datetime import UTC, datetime
 from typing import Any
 
 import msgspec
 from tests.support.pod_groups import announce, arrive, pod_group, run, team_pod
-from tests.support.scheduling import Clock, make_core, make_node, make_pod
+from tests.support.scheduling import Clock, make_core, make_node, make_pod, telemetry
 
+from robotapp_api.model.names import Annotation
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.pods import PodInfo
@@ -157,3 +159,21 @@ def test_who_may_not_get_nodes_sees_reasons_and_counts_but_no_names() -> None:
     assert '"nodes":1' in shown
     for name in ("edge-2", "edge-3", "edge-4"):
         assert name not in shown
+
+
+def test_an_edge_has_what_is_known_of_it_now_with_its_age() -> None:
+    clock = Clock()
+    core = make_core(make_node("n1"), make_node("master"), clock=clock)
+    core.cluster.apply_telemetry(telemetry("n1", rtt_ms={"master": 5}, seq=1))
+    near = {str(Annotation.TOPOLOGY): json.dumps({"master_node": "master"})}
+    far = {str(Annotation.POLICIES): json.dumps({"latency_budget": "30ms"})}
+    core.cluster.apply_node(make_node("master", unschedulable=True))
+    core.schedule_one(PodInfo(make_pod("p", annotations=near | far)))
+    clock.forward(3)
+    core.cluster.apply_telemetry(telemetry("n1", rtt_ms={"master": 7}, seq=2))
+    clock.forward(4)
+    found = explainer(core, clock=clock)("default", "p", with_nodes=True, full=False)
+    assert found is not None
+    (edge,) = found["edges"]
+    assert (edge["peerNode"], edge["rttMs"]) == ("master", 5.0)
+    assert edge["now"] == {"rttMs": 7.0, "source": "measured", "ageS": 4.0, "zones": ()}
