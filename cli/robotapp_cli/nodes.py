@@ -109,7 +109,7 @@ async def _nodes(session: Session) -> list[_Computer]:
     telemetry = {meta(each)["name"]: each for each in (await client.list(NODETELEMETRIES)).items}
     devices = devices_of(nodes, telemetry.values(), (await client.list(ROBOTCLAIMS)).items)
     now_s = datetime.now(UTC).timestamp()
-    trips = _round_trips(telemetry, now_s=now_s)
+    trips = reported_round_trips(telemetry, now_s=now_s)
     zones = {meta(node)["name"]: label(node, Label.ZONE) for node in nodes}
     found = []
     for node in sorted(nodes, key=lambda node: str(meta(node)["name"])):
@@ -142,7 +142,7 @@ def written_at(telemetry: Json) -> str:
     return max((str(each.get("time", "")) for each in entries if each.get("subresource") == "status"), default="")
 
 
-def _round_trips(telemetry: Mapping[str, Json], *, now_s: float) -> RoundTrips:
+def reported_round_trips(telemetry: Mapping[str, Json], *, now_s: float) -> RoundTrips:
     """What still counts of the reports, each as old as its last write."""
     found = RoundTrips()
     for name, each in telemetry.items():

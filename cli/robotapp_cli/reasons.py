@@ -8,6 +8,8 @@ from robotapp_api.model.names import ROBOT_END
 from robotapp_cli.fields import Json, milliseconds, short_ms
 
 _PREFIX: Final = "node(s) "
+_BY_ESTIMATE: Final = " by estimate"
+"""End of a reason whose number nobody measured."""
 _HARDWARE: Final = "HardwareAffinityFilter"
 
 
@@ -116,7 +118,8 @@ def _measured(number: float, refusal: Json, peers: Iterable[Peer], reason: str) 
         return f"{number:.1f} {unit}, {reason}".replace(" ,", ",")
     tightest = min(peer.budget_ms for peer in broken)
     where = sorted({peer.node for peer in broken if peer.budget_ms == tightest})
-    return f"{number:.1f} ms to {' or '.join(where)} > {short_ms(tightest)} ms"
+    about = "about " if reason.endswith(_BY_ESTIMATE) else ""
+    return f"{about}{number:.1f} ms to {' or '.join(where)} > {short_ms(tightest)} ms"
 
 
 def _amount(number: float, reason: str) -> str:

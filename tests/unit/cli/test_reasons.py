@@ -1,5 +1,6 @@
 """The scheduler's record in words. Records are made by the scheduler's own types, so the two cannot drift apart."""
 
+import msgspec
 import pytest
 from tests.support.cli import robotapp
 
@@ -27,6 +28,11 @@ def test_a_latency_names_the_peer_and_the_budget() -> None:
         what="/cmd_vel to driver", peer_node="amr-07", rtt_ms=2.0, budget_ms=30.0, source="measured", met=True
     )
     assert refusals(record(LATE, edges=(edge,)), ()) == ["cloud-1: 61.0 ms to amr-07 > 30 ms"]
+
+
+def test_a_latency_that_is_an_estimate_is_named_as_one() -> None:
+    guess = msgspec.structs.replace(LATE, reason="node(s) exceeded the latency budget by estimate")
+    assert refusals(record(guess), (Peer("amr-07", 30.0),)) == ["cloud-1: about 61.0 ms to amr-07 > 30 ms"]
 
 
 def test_without_a_placement_the_peers_come_from_the_spec() -> None:

@@ -88,6 +88,22 @@ def test_nodes_beyond_the_budget_are_refused_with_their_distance() -> None:
     assert verdict.reasons[int(verdict.codes[4])] == ("node(s) exceeded the latency budget",)
 
 
+def test_a_refusal_by_an_estimate_says_so() -> None:
+    zones = {"robot": "floor", "near": "hall", "far": "cloud", "other": "cloud"}
+    cluster = make_cluster(*(make_node(name, labels={str(Label.ZONE): zone}) for name, zone in zones.items()))
+    cluster.apply_telemetry(telemetry("robot", rtt_ms={"near": 5, "far": 60}))
+    verdict = latency().filter(pod(endpoints=(near_robot(30),)), Nodes(cluster))
+    assert mask(verdict) == [True, True, False, False]
+    assert isinstance(verdict, Verdict)
+    assert verdict.codes is not None
+    assert [verdict.reasons[int(code)] for code in verdict.codes[2:]] == [
+        ("node(s) exceeded the latency budget",),
+        ("node(s) exceeded the latency budget by estimate",),
+    ]
+    assert verdict.detail is not None
+    assert verdict.detail[2:].tolist() == [60.0, 60.0]
+
+
 def out_of_reach() -> Cluster:
     """As `line(10)`, with a third node that gets no answer from the robot."""
     cluster = make_cluster(make_node("robot"), make_node("n0"), make_node("cut-off"))

@@ -12,14 +12,15 @@ from robotapp_scheduler.core.framework import FilterResult, Verdict
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.ros import Endpoint
 from robotapp_scheduler.core.view import Nodes
-from robotapp_scheduler.plugins.ros.round_trips import nearest_us
+from robotapp_scheduler.plugins.ros.round_trips import estimated, nearest_us
 
 DRAINING: Final = "node(s) were shutting down gracefully"
 TOO_FAR: Final = "node(s) exceeded the latency budget"
+LIKELY_TOO_FAR: Final = "node(s) exceeded the latency budget by estimate"
 UNKNOWN: Final = "node(s) had no latency measurement"
 OUTLIER: Final = "node(s) were latency outliers"
 UNREACHABLE: Final = "node(s) got no answer from the other end of a connection"
-_PASS, _DRAINING, _TOO_FAR, _UNKNOWN, _OUTLIER, _UNREACHABLE = range(-1, 5)
+_PASS, _DRAINING, _TOO_FAR, _UNKNOWN, _OUTLIER, _UNREACHABLE, _LIKELY_TOO_FAR = range(-1, 6)
 
 
 class LatencyFilterArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
@@ -70,7 +71,7 @@ class LatencyFilter:
             if endpoint.required:
                 self._judge(nodes, endpoint, codes, detail)
         mask = np.equal(codes, _PASS)
-        reasons = ((DRAINING,), (TOO_FAR,), (UNKNOWN,), (OUTLIER,), (UNREACHABLE,))
+        reasons = ((DRAINING,), (TOO_FAR,), (UNKNOWN,), (OUTLIER,), (UNREACHABLE,), (LIKELY_TOO_FAR,))
         return Verdict(mask, np.maximum(codes, 0), reasons, detail=detail, detail_unit="ms")
 
     def _judge(self, nodes: Nodes, endpoint: Endpoint, codes: IntArray, detail: FloatArray) -> None:
@@ -80,7 +81,10 @@ class LatencyFilter:
         self._mark(codes, lost, _UNREACHABLE)
         far = (rtt_us > budget_us) & ~lost  # NaN is never greater: unknown is judged below
         np.fmax(detail, rtt_us / 1000.0, out=detail, where=far)
-        self._mark(codes, far, _TOO_FAR)
+        if far.any():
+            guessed = estimated(nodes, endpoint, rtt_us)
+            self._mark(codes, far & ~guessed, _TOO_FAR)
+            self._mark(codes, far & guessed, _LIKELY_TOO_FAR)
         if self.deny_unknown:
             self._mark(codes, np.isnan(rtt_us), _UNKNOWN)
         if self._outlier_factor > 0.0:

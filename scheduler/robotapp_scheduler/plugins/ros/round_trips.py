@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from robotapp_scheduler.core.columns import FloatArray
+from robotapp_scheduler.core.columns import BoolArray, FloatArray
 from robotapp_scheduler.core.ros import Endpoint
+from robotapp_scheduler.core.telemetry import ESTIMATED
 from robotapp_scheduler.core.view import Nodes
 
 
@@ -18,3 +19,10 @@ def nearest_us(nodes: Nodes, endpoint: Endpoint, percentile: int | None = None) 
     if len(rows) > 1 and lost.any():  # a node of which nothing is known may be in reach
         result = np.where(lost & np.any([np.isnan(row) for row in rows], axis=0), np.nan, result)
     return result
+
+
+def estimated(nodes: Nodes, endpoint: Endpoint, rtt_us: FloatArray) -> BoolArray:
+    """Rows whose time in `rtt_us`, made by `nearest_us`, is an estimate."""
+    rows = [nodes.rtt_from(name, endpoint.percentile) for name in endpoint.nodes]
+    found: BoolArray = np.any([(row.source == ESTIMATED) & (row.rtt_us == rtt_us) for row in rows], axis=0)
+    return found
