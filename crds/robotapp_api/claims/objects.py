@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import msgspec
 
-from robotapp_api.model.names import GROUP, SCHEDULER_NAME, THESIS_SCHEDULER_NAME, ClaimPhase, Label
+from robotapp_api.model.names import GROUP, SCHEDULER_NAME, THESIS_SCHEDULER_NAME, Annotation, ClaimPhase, Label
 
 ROS_DOMAIN_ID: Final = "ROS_DOMAIN_ID"
 EXCLUSIVE: Final = "Exclusive"
@@ -135,6 +135,11 @@ class Claim(Object, frozen=True, kw_only=True):
     @property
     def parked(self) -> bool:
         return self.status.phase == ClaimPhase.PARKED
+
+    @property
+    def momentary(self) -> bool:
+        """Its holder only joins those who share the device, which takes as long as a binding."""
+        return str(Annotation.MOMENTARY) in self.metadata.annotations
 
     @property
     def standing(self) -> bool:

@@ -14,7 +14,7 @@ from robotapp_api.claims.release import preconditions
 from robotapp_api.client.api import Json, Listing
 from robotapp_api.client.errors import AlreadyExists, Conflict, NotFound, means_gone
 from robotapp_api.client.resources import ROBOTCLAIMS, Resource
-from robotapp_api.model.names import API_VERSION, ClaimPhase
+from robotapp_api.model.names import API_VERSION, Annotation, ClaimPhase
 
 T = TypeVar("T")
 
@@ -48,10 +48,13 @@ class Refused(Exception):  # noqa: N818 - a normal answer of the protocol, not a
     """The precondition did not hold any more."""
 
 
-async def create_claim(client: Api, spec: ClaimSpec) -> Claim | None:
-    """Take the thing; None when somebody (possibly ourselves, earlier) has it."""
+async def create_claim(client: Api, spec: ClaimSpec, *, momentary: bool = False) -> Claim | None:
+    """Take the thing; None when somebody (possibly ourselves, earlier) has it. momentary: until a pod is bound."""
+    body = claim_object(spec)
+    if momentary:
+        body["metadata"]["annotations"][str(Annotation.MOMENTARY)] = "true"
     try:
-        return msgspec.convert(await client.create(ROBOTCLAIMS, claim_object(spec)), Claim)
+        return msgspec.convert(await client.create(ROBOTCLAIMS, body), Claim)
     except AlreadyExists:
         return None
 

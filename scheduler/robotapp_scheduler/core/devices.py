@@ -155,6 +155,8 @@ class DeviceIndex:
     def blocker(self, node: str, device: Device, holder: DeviceHolder, *, exclusive: bool = True) -> Busy | None:
         """Who stands in the way of this pod using the device, alone or together with others; None when it may."""
         for claim in self._claims_on(node, device):
+            if claim.momentary and not exclusive:
+                continue
             if take_device(claim, holder=holder, pod_uid=holder.pod_uid) is Take.BUSY:
                 return Busy(device, claim.holder.namespace, claim.holder.name)
         for pod_uid, use in self._uses_of(node, device):

@@ -186,6 +186,8 @@ class Placer:
                 if reserved.annotations:
                     continue  # that took its time: the pod is read again, so that the bind is for its newest version
             outcome = await self._bind(decision, reserved, steps.context.annotations)
+            if outcome.result is BindResult.BOUND and reserved.sharing.claims:
+                await self._reserver.bound(reserved)
             if outcome.result is not BindResult.CHANGED or not reserved.annotations:
                 break
         return decision, outcome

@@ -4,9 +4,11 @@ The filter read a cache; here the API server decides. What a failed attempt has 
 and the sweep frees it when the pod is gone; only what is of no use without a device that another holder has is given back.
 """
 
+import logging
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from typing import Final
 
 from robotapp_api.claims.bind import needs_check
 from robotapp_api.claims.device import Chosen, chosen
@@ -16,7 +18,8 @@ from robotapp_api.claims.objects import Holder, Meta, PodSpec, PodStatus
 from robotapp_api.claims.objects import Pod as ClaimPod
 from robotapp_api.client.api import ApiClient
 from robotapp_api.client.claims import check_bind_all, ensure_pod_domain
-from robotapp_api.client.device_claims import Reservation, may_share, reserve_devices
+from robotapp_api.client.device_claims import Reservation, reserve_devices
+from robotapp_api.client.device_sharing import begin_sharing, end_sharing, shared_by_others
 from robotapp_api.client.errors import ClientError
 from robotapp_api.client.giving_back import give_back
 from robotapp_api.client.resources import PODS
@@ -25,6 +28,11 @@ from robotapp_api.model.names import GRANTED_PREFIX, Label, PodReason, Reason
 from robotapp_scheduler.core.devices import DeviceGrant
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo
 from robotapp_scheduler.core.ros import RosRequest
+
+log = logging.getLogger(__name__)
+
+
+NOTHING: Final = Reservation(True)
 
 
 class Readiness(StrEnum):
@@ -39,13 +47,17 @@ class Readiness(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Reserved:
-    """`annotations` and `resource_version` go into the Binding; `reason` and `message` to the user otherwise."""
+    """`annotations` and `resource_version` go into the Binding; `reason` and `message` to the user otherwise.
+
+    sharing: what is held until the pod is bound (`Reserver.bound`).
+    """
 
     readiness: Readiness
     annotations: Mapping[str, str] = field(default_factory=dict)
     resource_version: str = ""
     reason: str = ""
     message: str = ""
+    sharing: Reservation = NOTHING
 
 
 READY = Reserved(Readiness.READY)
@@ -106,7 +118,7 @@ class Reserver:
             stored = await self._stored(pod)
             if stored is None:
                 return Reserved(Readiness.GONE)
-            found = await self._devices(pod, node, wanted)
+            sharing, found = await self._devices(pod, node, wanted)
             if not found.ok:
                 if found.in_vain:
                     await give_back(self._client, stored, found.in_vain)
@@ -122,16 +134,29 @@ class Reserver:
         version = stored.metadata.resource_version
         shared = [grant.device.id for grant in wanted if not grant.exclusive]
         given = grants(domain=number, devices=found.ids, shared=shared)
-        return Reserved(Readiness.READY, annotations=given, resource_version=version)
+        return Reserved(Readiness.READY, annotations=given, resource_version=version, sharing=sharing)
 
-    async def _devices(self, pod: PodInfo, node: str, wanted: Sequence[DeviceGrant]) -> Reservation:
-        """Look at the shared ones first: then nothing has to be given back when one of them is held."""
-        holder = holder_of(pod)
+    async def bound(self, reserved: Reserved) -> None:
+        """The pod is bound: what stood for the way there goes. Where that fails, the sweep sees a pod without the grant."""
+        try:
+            await end_sharing(self._client, reserved.sharing)
+        except ClientError as error:
+            log.info("claims of a shared device are left to the sweep: %s", error)
+
+    async def _devices(self, pod: PodInfo, node: str, wanted: Sequence[DeviceGrant]) -> tuple[Reservation, Reservation]:
+        """What is held for the moment of the binding, and the grant. What is taken although the rest is not to be had is `in_vain`."""
+        client, holder = self._client, holder_of(pod)
         shared, exclusive = [[thing(grant) for grant in wanted if grant.exclusive is alone] for alone in (False, True)]
-        found = await may_share(self._client, holder=holder, pod_uid=pod.uid, devices=shared)
-        if not found.ok or not exclusive:
-            return found
-        return await reserve_devices(self._client, holder=holder, pod_uid=pod.uid, node=node, devices=exclusive)
+        sharing = await begin_sharing(
+            client, namespace=pod.namespace, pod=pod.name, pod_uid=pod.uid, node=node, devices=shared
+        )
+        if not sharing.ok or not exclusive:
+            return sharing, replace(sharing, ids=())
+        found = await reserve_devices(client, holder=holder, pod_uid=pod.uid, node=node, devices=exclusive)
+        if found.ok:
+            others = await shared_by_others(client, holder=holder, pod_uid=pod.uid, node=node, devices=exclusive)
+            found = found if others.ok else replace(others, in_vain=found.claims)
+        return sharing, found if found.ok else replace(found, in_vain=(*found.in_vain, *sharing.claims))
 
     async def _stored(self, pod: PodInfo) -> ClaimPod | None:
         """The pod as etcd has it; None when it is gone, replaced, on its way out or ended."""

@@ -1,5 +1,6 @@
 """Reservations against the small API server: the protocol itself is proved with the claims; here is what we make of it."""
 
+import asyncio
 import json
 from collections.abc import AsyncIterator
 from typing import Any
@@ -11,13 +12,14 @@ from tests.support.clients import client_for
 
 from robotapp_api.claims.identity import claim_object, domain_spec, holder_of_app
 from robotapp_api.claims.node_devices import Device
+from robotapp_api.claims.objects import Claim
 from robotapp_api.client.api import ApiClient
 from robotapp_api.client.resources import DOMAINPOOLS, PODS, ROBOTCLAIMS
 from robotapp_api.model.names import Annotation, Label, PodReason
 from robotapp_scheduler.core.devices import DeviceGrant
 from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo
-from robotapp_scheduler.shell.reserve import Readiness, Reserver, domain_wish, granted_pods, holder_of, thing
+from robotapp_scheduler.shell.reserve import Readiness, Reserved, Reserver, domain_wish, granted_pods, holder_of, thing
 
 CAN = DeviceGrant("can0", "edge-1", Device(id="can-can0", type="can", interface="can0"), exclusive=True)
 
@@ -87,17 +89,65 @@ async def test_a_pod_that_is_gone_or_replaced_claims_nothing(client: ApiClient) 
     assert (await client.list(ROBOTCLAIMS)).items == []
 
 
-async def test_a_shared_device_is_granted_without_a_claim_unless_somebody_holds_it_alone(client: ApiClient) -> None:
-    shared = CAN._replace(exclusive=False)
-    first = await stored(client, "first")
-    found = await Reserver(client).things(first, "edge-1", (shared,))
-    assert found.readiness is Readiness.READY
-    assert found.annotations == {str(Annotation.GRANTED_SHARED): "can-can0"}
-    assert (await client.list(ROBOTCLAIMS)).items == []
+SHARED = CAN._replace(exclusive=False)
+
+
+async def bind(client: ApiClient, pod: PodInfo, found: Reserved) -> None:
+    """As the Binding does it: the grants are in the pod, which must be what it was when they were decided."""
+    meta = {"annotations": dict(found.annotations), "resourceVersion": found.resource_version}
+    await client.patch(PODS, pod.name, {"metadata": meta, "spec": {"nodeName": "edge-1"}}, namespace=pod.namespace)
+
+
+async def test_a_device_is_shared_by_many_and_no_claim_stays(client: ApiClient) -> None:
+    for name in ("first", "second"):
+        pod = await stored(client, name)
+        found = await Reserver(client).things(pod, "edge-1", (SHARED,))
+        assert found.annotations == {str(Annotation.GRANTED_SHARED): "can-can0"}
+        (claim,) = (await client.list(ROBOTCLAIMS, as_type=Claim)).items
+        assert (claim.momentary, claim.holder.uid) == (True, pod.uid)
+        await bind(client, pod, found)
+        await Reserver(client).bound(found)
+        assert (await client.list(ROBOTCLAIMS)).items == []
+
+
+async def test_nobody_shares_a_device_that_is_held_alone(client: ApiClient) -> None:
     await Reserver(client).things(await stored(client, "holder"), "edge-1", (CAN,))
-    late = await Reserver(client).things(await stored(client, "late"), "edge-1", (shared,))
+    late = await Reserver(client).things(await stored(client, "late"), "edge-1", (SHARED,))
     assert (late.readiness, late.reason) == (Readiness.BUSY, "DeviceBusy")
     assert "held by pod a/holder" in late.message
+
+
+async def test_another_scheduler_does_not_hold_alone_what_is_just_being_shared(client: ApiClient) -> None:
+    """The binding of the first is decided and on its way; the second scheduler's caches know nothing of it."""
+    sharer, alone = await stored(client, "sharer"), await stored(client, "alone")
+    on_its_way = await Reserver(client).things(sharer, "edge-1", (SHARED,))
+    assert (await Reserver(client).things(alone, "edge-1", (CAN,))).readiness is Readiness.BUSY
+    await bind(client, sharer, on_its_way)
+    await Reserver(client).bound(on_its_way)
+    found = await Reserver(client).things(alone, "edge-1", (CAN,))
+    assert (found.readiness, found.annotations) == (Readiness.BUSY, {})
+    assert "device can-can0 on edge-1 is shared by a/sharer" in found.message
+    assert (await client.list(ROBOTCLAIMS)).items == [], "what was taken in vain is given back"
+    await client.patch(PODS, "sharer", {"status": {"phase": "Succeeded"}}, namespace="a", subresource="status")
+    assert (await Reserver(client).things(alone, "edge-1", (CAN,))).readiness is Readiness.READY
+
+
+async def test_a_pod_that_cannot_have_its_own_device_gives_the_way_into_a_shared_one_back(client: ApiClient) -> None:
+    lidar = DeviceGrant("lidar", "edge-1", Device(id="lidar-top", type="lidar"), exclusive=False)
+    await Reserver(client).things(await stored(client, "holder"), "edge-1", (CAN,))
+    found = await Reserver(client).things(await stored(client, "both"), "edge-1", (lidar, CAN))
+    assert found.readiness is Readiness.BUSY
+    assert len((await client.list(ROBOTCLAIMS)).items) == 1
+
+
+async def test_whoever_joins_at_the_same_time_waits_for_its_turn(client: ApiClient) -> None:
+    async def join(name: str) -> Readiness:
+        pod = await stored(client, name)
+        found = await Reserver(client).things(pod, "edge-1", (SHARED,))
+        await Reserver(client).bound(found)
+        return found.readiness
+
+    assert await asyncio.gather(*map(join, "abcd")) == [Readiness.READY] * 4
 
 
 @pytest.mark.parametrize(("wish", "expected"), [("auto", {"1", "2", "3"}), ("2", {"2"})])

@@ -1,0 +1,64 @@
+"""Sharing a device: no claim stands while it is shared, so the way into it leads over the claim's name.
+
+Whoever joins takes the claim for the moment of its binding, and whoever wants the device alone looks for sharers once
+the claim is its own. A create is mutual exclusion: the one that comes second meets the claim, or the pod that was bound.
+"""
+
+import asyncio
+from collections.abc import Sequence
+from typing import Final
+
+from robotapp_api.claims.device import Chosen
+from robotapp_api.claims.identity import holder_of_pod, shared_devices
+from robotapp_api.claims.objects import Holder, Pod
+from robotapp_api.client.claim_writes import Api, Refused, delete_claim
+from robotapp_api.client.device_claims import Reservation, reserve_devices
+from robotapp_api.client.resources import PODS
+from robotapp_api.model.names import Reason
+
+WAITS_S: Final = (0.02, 0.05, 0.1, 0.2, 0.4)
+"""Another pod that joins is done in a few milliseconds; so many times it is waited for."""
+
+
+async def begin_sharing(
+    client: Api, *, namespace: str, pod: str, pod_uid: str, node: str, devices: Sequence[Chosen]
+) -> Reservation:
+    """Hold the claims of these devices until the pod is bound; not ok when somebody has one of them alone.
+
+    The holder is the pod itself: bound or gone, it has no right to the claim, so that the sweep ends what we could not.
+    """
+    holder = holder_of_pod(namespace=namespace, name=pod, uid=pod_uid)
+    found = Reservation(True)
+    for wait_s in (*WAITS_S, None):
+        found = await reserve_devices(
+            client, holder=holder, pod_uid=pod_uid, node=node, devices=devices, momentary=True
+        )
+        if found.ok or not found.passes or wait_s is None:
+            break
+        await asyncio.sleep(wait_s)
+    return found
+
+
+async def end_sharing(client: Api, found: Reservation) -> None:
+    """The pod is bound. What changed meanwhile is the sweep's."""
+    for claim in found.claims:
+        try:
+            await delete_claim(client, claim)
+        except Refused:
+            continue
+
+
+async def shared_by_others(
+    client: Api, *, holder: Holder, pod_uid: str, node: str, devices: Sequence[Chosen]
+) -> Reservation:
+    """Whether pods that are bound share one of these devices, whose claims are ours by now."""
+    wanted = {device.id for device in devices}
+    pods = await client.list(PODS, field_selector=f"spec.nodeName={node}", as_type=Pod)
+    for pod in pods.items:
+        used = sorted(wanted & shared_devices(pod.metadata.annotations))
+        if used and pod.metadata.uid != pod_uid and not pod.terminal:
+            meta = pod.metadata
+            who = f"{meta.namespace}/{meta.name}" if meta.namespace == holder.namespace else "another namespace"
+            text = f"device {used[0]} on {node} is shared by {who}: it is free when its pods are gone"
+            return Reservation(False, reason=Reason.DEVICE_BUSY, message=text, taken_by_another=True)
+    return Reservation(True)
