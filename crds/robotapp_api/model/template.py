@@ -67,7 +67,8 @@ class TemplateSpec(Model):
     priority_class_name: Annotated[str, Core("PodSpec", "priorityClassName")] | None = None
     """PriorityClass of the pod; it comes before qosClass in the scheduler's queue."""
     service_account_name: Annotated[str, Core("PodSpec", "serviceAccountName")] | None = None
-    """ServiceAccount of this namespace the pod runs as."""
+    """ServiceAccount of this namespace the pod runs as. Its token is mounted, except that of `default`, which is also what a
+    pod without this field runs as: name an account of its own for a component that talks to the API server."""
     security_context: Annotated[Json, Core("PodSpec", "securityContext")] | None = None
     """Security options of the pod; those of the container stand beside its image."""
     runtime_class_name: Annotated[str, Core("PodSpec", "runtimeClassName")] | None = None

@@ -19,6 +19,7 @@ from robotapp_operator.plan.ros1 import ros1_environment
 from robotapp_operator.plan.where import affinity, tolerations
 from robotapp_operator.plan.wish import Domain, Wish
 
+DEFAULT_ACCOUNT: Final = "default"
 GRANTED_DEVICES_PATH: Final = f"metadata.annotations['{Annotation.GRANTED_DEVICES.value}']"
 PEER_WAIT_S: Final = 10
 """A peer that is late is found later through its own announcement; waiting longer would only delay the others."""
@@ -32,8 +33,9 @@ def pod_template(component: Component, wish: Wish, *, domain: Domain | None, sta
         annotations[Annotation.DOMAIN_CLAIM.value] = domain.claim  # spares the scheduler a search
     spec = {
         "schedulerName": wish.app.scheduler_name,
-        # A robot's process has no business with the API server unless its author gave it an account.
-        "automountServiceAccountToken": template.service_account_name is not None,
+        # A robot's process has no business with the API server unless its author gave it an account. `default` is what
+        # every pod runs as and whoever may write RobotApps may name: its token is lent to none of them.
+        "automountServiceAccountToken": template.service_account_name not in (None, DEFAULT_ACCOUNT),
         "enableServiceLinks": False,
         "serviceAccountName": template.service_account_name,
         "priorityClassName": template.priority_class_name,

@@ -50,6 +50,9 @@ def test_the_domain_is_a_literal_and_its_claim_is_named() -> None:
 
 def test_robots_get_no_api_token_unless_their_author_named_an_account() -> None:
     assert template()["spec"]["automountServiceAccountToken"] is False
+    assert (
+        template(template={"spec": {"serviceAccountName": "default"}})["spec"]["automountServiceAccountToken"] is False
+    )
     assert template(template={"spec": {"serviceAccountName": "ours"}})["spec"]["automountServiceAccountToken"] is True
 
 
