@@ -137,6 +137,7 @@ class Children:
             domain_request(app, instance, scope_value=self._scope_value(app, instance)),
             deployments=[protocol_view(item) for item in observed.values() if isinstance(item, Deployment)],
             shared_uses=self._shared_uses(app),
+            known_claims=self._cache.all_claims,
         )
         memory = self._memory.of(uid)
         memory.outcomes[robot] = outcome

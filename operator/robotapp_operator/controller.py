@@ -15,6 +15,7 @@ from robotapp_operator.gather import problems_now, wanted_instances
 from robotapp_operator.informers import ORPHAN_S
 from robotapp_operator.instance_objects import InstanceObjects
 from robotapp_operator.keys import Work, name_of, namespace_group
+from robotapp_operator.line import Line
 from robotapp_operator.memory import Memory
 from robotapp_operator.metrics import Metrics
 from robotapp_operator.plan.record import Record
@@ -36,6 +37,8 @@ FIRST_OBJECT_S: Final = 1.0
 STATUS_REST_S: Final = 0.2
 """An app's status is looked at five times per second at most, and less often the more instances it has."""
 STATUS_REST_PER_INSTANCE_S: Final = 0.001
+WAITING_REST_S: Final = 0.1
+NEXT_IN_LINE_S: Final = 1.0
 ROBOTS_REST_S: Final = 2.0
 FLEET_REST_S: Final = 5.0
 POOL_REST_S: Final = 5.0
@@ -79,6 +82,7 @@ class Controller:
         self._pools = pools
         self._list_apps = list_apps
         self._wake_sweep = wake_sweep
+        self._line = Line(cache, memory)
         self._work: Mapping[str, Callable[[Key], Awaitable[float | None]]] = {
             Work.APP: self._app,
             Work.ROBOTS: self._robots,
@@ -269,13 +273,12 @@ class Controller:
         return 0.0 if await self._gates.open(key.group, key.instance) else None
 
     async def _waiting(self, key: Key) -> float:
-        pool = name_of(key.group)
-        for uid, robot in self._memory.without_domain():
-            record = self._cache.apps.get(uid)
-            app = record.app if record else None
-            if app and (app.pool == pool or app.share_with):
-                self._queue.hurry(Key(Work.CHILDREN, uid, robot))
-        return 0.1
+        chosen, others_wait = self._line.next(name_of(key.group))
+        for uid, robot in chosen:
+            self._queue.hurry(Key(Work.CHILDREN, uid, robot))
+        if others_wait:  # those whose turn it is may be gone, or not want what is free
+            self._queue.add(key, delay_s=NEXT_IN_LINE_S)
+        return WAITING_REST_S
 
     async def _pool(self, key: Key) -> float:
         await self._pools.publish(name_of(key.group))

@@ -17,7 +17,7 @@ from tests.support.claims_objects import app_holder, app_json, deployment_json, 
 from tests.support.claims_store import Client, Store
 
 from robotapp_api.claims.domain import DomainRequest
-from robotapp_api.claims.objects import Pod
+from robotapp_api.claims.objects import Claim, Pod
 from robotapp_api.claims.usage import named_ids
 from robotapp_api.client.claims import check_bind_all, ensure_domain
 from robotapp_api.client.errors import ApiError, Unreachable
@@ -90,7 +90,9 @@ class World:
             if found is not None:
                 await client.delete(DEPLOYMENTS, name, namespace="team", uid=found["metadata"]["uid"])
             return
-        outcome = await ensure_domain(client, DomainRequest(app_holder(uid, name=name)))
+        cached = [msgspec.convert(claim, Claim) for claim in self.store.all(ROBOTCLAIMS)]  # old when it is looked at
+        request = DomainRequest(app_holder(uid, name=name))
+        outcome = await ensure_domain(client, request, known_claims=lambda: cached)
         if outcome.gone:
             return
         fence = outcome.fences.get(name)

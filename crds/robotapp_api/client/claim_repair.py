@@ -16,7 +16,8 @@ from robotapp_api.claims.release import is_gone, joined
 from robotapp_api.claims.repair import ClaimConflict, Missing, conflicts, missing_claims, needed_by, refusal, runs
 from robotapp_api.client.claim_errors import Troubles
 from robotapp_api.client.claim_writes import create_claim, touch
-from robotapp_api.client.claims import pool_claims, resolve_owner, turn
+from robotapp_api.client.claims import resolve_owner
+from robotapp_api.client.domain_claims import pool_claims, turn
 from robotapp_api.client.resources import DOMAINPOOLS, PODS
 from robotapp_api.client.sweep_view import View, find
 from robotapp_api.model.names import Label

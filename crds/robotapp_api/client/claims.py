@@ -1,21 +1,20 @@
 """Domains: the steps of an operator (rule 5) and the scheduler's bind check (rule 1), with their reads in order."""
 
-import asyncio
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
-from weakref import WeakValueDictionary
 
 from robotapp_api.claims import domain as rules
 from robotapp_api.claims.bind import ALLOWED, BindVerdict, bind_verdict, needs_check, shared_verdict
-from robotapp_api.claims.domain import DomainOutcome, DomainPlan, DomainRequest, Step
-from robotapp_api.claims.identity import Found, claim_name, same_holder, same_tuple
+from robotapp_api.claims.domain import DomainOutcome, DomainRequest, Step
+from robotapp_api.claims.identity import same_holder
 from robotapp_api.claims.objects import App, Claim, Deployment, Holder, Pod, Pool
 from robotapp_api.claims.release import claims_domain, joined
 from robotapp_api.claims.share import AppKey, Join, claim_to_join, owner_of, waiting_text
 from robotapp_api.claims.usage import deployment_ids, named_ids, usage_of
-from robotapp_api.client.claim_writes import Api, Refused, create_claim, note_nodes, touch
+from robotapp_api.client.claim_writes import Api, Refused, note_nodes, touch
+from robotapp_api.client.domain_claims import create_domain, held_outcome
 from robotapp_api.client.resources import DEPLOYMENTS, DOMAINPOOLS, ROBOTAPPS, ROBOTCLAIMS
 from robotapp_api.client.sweep_view import find
 from robotapp_api.model.names import Annotation, Label, Reason
@@ -23,11 +22,7 @@ from robotapp_api.values.ranges import parse_ids
 
 RESTARTS = 5
 """Start over this often within one call when another writer was faster; then the caller's queue backs off."""
-LIST_AFTER_CONFLICTS = 3
-"""In a crowded pool one LIST is cheaper than trying every id."""
 KEEPS_CHANGING: Final = BindVerdict(False, "the claim of its domain keeps changing; trying again")
-_TURNS: Final[WeakValueDictionary[tuple[str, str], asyncio.Lock]] = WeakValueDictionary()
-"""By pool and namespace with a quota; a lock lives while somebody uses it."""
 
 
 async def ensure_domain(
@@ -36,26 +31,33 @@ async def ensure_domain(
     *,
     deployments: Sequence[Deployment] | None = None,
     shared_uses: Mapping[int, int] | None = None,
+    known_claims: Callable[[], Iterable[Claim]] = tuple,
 ) -> DomainOutcome:
     """The domain of one app instance: kept, adopted, created, joined, or a value that says why there is none.
 
     deployments: the instance's Deployments when the caller has them (a cache will do: their resourceVersion fences the
-    template write); read here otherwise. shared_uses: users per shared id, for isolation Discovery.
+    template write); read here otherwise. shared_uses: users per shared id, for isolation Discovery. known_claims: from a
+    cache, see `create_domain`.
     Raises ApiError or Unreachable; a claim whose create got no answer is found and adopted by the next call.
     """
     for _ in range(RESTARTS):
         try:
-            return await _ensure_once(client, request, deployments=deployments, shared_uses=shared_uses or {})
+            return await _ensure_once(
+                client, request, deployments=deployments, shared_uses=shared_uses or {}, known_claims=known_claims
+            )
         except Refused:
             deployments = None
     return DomainOutcome(Reason.PENDING, "another operator works on this app; trying again")
 
 
-async def ensure_pod_domain(client: Api, request: DomainRequest, *, node: str = "") -> DomainOutcome:
+async def ensure_pod_domain(
+    client: Api, request: DomainRequest, *, node: str = "", known_claims: Callable[[], Iterable[Claim]] = tuple
+) -> DomainOutcome:
     """The domain of a bare pod (`dds-domain: auto` or a number): adopted or created, or a value that says why not.
 
     Call it between reading the pod and binding it with the resourceVersion that was read; the id is the Binding's grant.
     request.holder is the pod, node where it is about to be bound. Never rolled back: calling again adopts what was created.
+    known_claims: from a cache, see `create_domain`.
     Raises ApiError or Unreachable.
     """
     pool = await _find_pool(client, request.pool)
@@ -66,15 +68,17 @@ async def ensure_pod_domain(client: Api, request: DomainRequest, *, node: str = 
         return refusal
     for _ in range(RESTARTS):
         try:
-            return await _own_at(client, request, pool, node)
+            return await _own_at(client, request, pool, node, known_claims)
         except Refused:
             continue
     return DomainOutcome(Reason.PENDING, "its claim keeps changing; trying again")
 
 
-async def _own_at(client: Api, request: DomainRequest, pool: Pool, node: str) -> DomainOutcome:
+async def _own_at(
+    client: Api, request: DomainRequest, pool: Pool, node: str, known_claims: Callable[[], Iterable[Claim]]
+) -> DomainOutcome:
     """The pod's own domain, whose claim names the node (if known) before the pod is bound there."""
-    outcome = await _own(client, request, pool, ())
+    outcome = await _own(client, request, pool, (), known_claims)
     if node and outcome.held:
         claim = await find_claim(client, outcome.claim)
         if claim is None or not same_holder(claim.holder, request.holder):
@@ -84,7 +88,12 @@ async def _own_at(client: Api, request: DomainRequest, pool: Pool, node: str) ->
 
 
 async def _ensure_once(
-    client: Api, request: DomainRequest, *, deployments: Sequence[Deployment] | None, shared_uses: Mapping[int, int]
+    client: Api,
+    request: DomainRequest,
+    *,
+    deployments: Sequence[Deployment] | None,
+    shared_uses: Mapping[int, int],
+    known_claims: Callable[[], Iterable[Claim]],
 ) -> DomainOutcome:
     holder = request.holder
     app = await find_app(client, (holder.namespace, holder.name))
@@ -109,10 +118,16 @@ async def _ensure_once(
     refusal = rules.check_request(request, pool)
     if refusal is not None:
         return await _refused(client, request, refusal, deployments)
-    return await _own(client, request, pool, deployments)
+    return await _own(client, request, pool, deployments, known_claims)
 
 
-async def _own(client: Api, request: DomainRequest, pool: Pool, deployments: Sequence[Deployment]) -> DomainOutcome:
+async def _own(
+    client: Api,
+    request: DomainRequest,
+    pool: Pool,
+    deployments: Sequence[Deployment],
+    known_claims: Callable[[], Iterable[Claim]],
+) -> DomainOutcome:
     holder = request.holder
     claims = await instance_claims(client, holder.uid, instance=holder.instance)
     held = rules.held_ids(claims, request, pool.spec.scope)
@@ -125,76 +140,15 @@ async def _own(client: Api, request: DomainRequest, pool: Pool, deployments: Seq
         requested=request.requested_id,
     )
     if plan.id is None:
-        outcome = await _create(client, request, pool, plan)
+        outcome = await create_domain(client, request, pool, plan, known_claims=known_claims)
     else:
         claim = held[plan.id]
         if plan.step is Step.ADOPT:
             await touch(client, claim)
-        outcome = _held(claim)
+        outcome = held_outcome(claim)
     if outcome.id is None:
         return await _refused(client, request, outcome, deployments)
     return _without(outcome, deployments, held=(outcome.id,))
-
-
-async def _create(client: Api, request: DomainRequest, pool: Pool, plan: DomainPlan) -> DomainOutcome:
-    """A new claim, within the quota. Of one process only one at a time counts and creates, or all would count too few."""
-    if refusal := rules.withheld(request, pool):
-        return refusal
-    namespace = request.holder.namespace
-    if rules.quota_of(pool, namespace) is None:
-        return await _try_candidates(client, request, pool, plan)
-    async with turn(request.pool, namespace):
-        mine = [c for c in await pool_claims(client, request) if c.holder.namespace == namespace]
-        refusal = rules.over_quota(request, pool, held=len(mine))
-        return refusal or await _try_candidates(client, request, pool, plan)
-
-
-def turn(pool: str, namespace: str) -> asyncio.Lock:
-    """For who counts a namespace's claims of a pool and then creates one."""
-    return _TURNS.setdefault((pool, namespace), asyncio.Lock())
-
-
-async def _try_candidates(client: Api, request: DomainRequest, pool: Pool, plan: DomainPlan) -> DomainOutcome:
-    """The candidates in their order. Only a create decides; the LIST merely spares tries that would fail."""
-    taken: set[int] = set()
-    conflicts = 0
-    for number in plan.candidates:
-        if number in taken:
-            continue
-        spec = rules.spec_for(request, pool.spec.scope, number)
-        claim = await create_claim(client, spec)
-        if claim is not None:
-            return replace(_held(claim), created=True)
-        name = claim_name(spec)
-        existing = await find_claim(client, name)
-        if existing is None or same_tuple(spec, existing.spec) is Found.MINE:
-            raise Refused  # it was freed just now, or an earlier create of ours is here: start over and adopt it
-        if request.requested_id is not None:
-            return rules.taken(request, existing.holder)
-        conflicts += 1
-        if conflicts % LIST_AFTER_CONFLICTS == 0:
-            claims = await pool_claims(client, request)
-            if rules.held_ids(claims, request, pool.spec.scope):
-                raise Refused  # another operator took one for this instance meanwhile
-            taken = {c.spec.domain.id for c in claims if c.spec.domain and _same_scope(c, request)}
-    claims = [c for c in await pool_claims(client, request) if _same_scope(c, request)]
-    return rules.exhausted(
-        request,
-        pool,
-        claimed=len(claims),
-        resting=sum(c.draining for c in claims),
-        parked=sum(c.parked for c in claims),
-    )
-
-
-def _same_scope(claim: Claim, request: DomainRequest) -> bool:
-    return claim.spec.domain is not None and claim.spec.domain.scope_value == request.scope_value
-
-
-def _held(claim: Claim) -> DomainOutcome:
-    domain = claim.spec.domain
-    assert domain is not None  # noqa: S101 - only domain claims get here
-    return DomainOutcome(Reason.ALLOCATED, f"domain {domain.id} of pool {domain.pool}", id=domain.id, claim=claim.name)
 
 
 def _without(outcome: DomainOutcome, deployments: Sequence[Deployment], *, held: Iterable[int]) -> DomainOutcome:
@@ -210,6 +164,8 @@ async def _refused(
     client: Api, request: DomainRequest, outcome: DomainOutcome, deployments: Sequence[Deployment]
 ) -> DomainOutcome:
     """No id to be had as the spec asks. What the instance holds all the same, of whatever pool, its pods may keep."""
+    if not deployments:
+        return outcome  # nothing names an id, held or not
     claims = await instance_claims(client, request.holder.uid, instance=request.holder.instance)
     held = {claim.spec.domain.id for claim in claims if claim.spec.domain and same_holder(claim.holder, request.holder)}
     return _without(outcome, deployments, held=held)
@@ -233,7 +189,7 @@ async def _join(client: Api, request: DomainRequest, owner: AppKey, deployments:
         if claim is None or claim.spec.domain is None:
             return await _refused(client, request, DomainOutcome(Reason.PENDING, text), deployments)
         return _without(DomainOutcome(Reason.PENDING, text), deployments, held=(claim.spec.domain.id,))
-    outcome = _held(claim)
+    outcome = held_outcome(claim)
     shared = replace(outcome, message=f"{outcome.message}, shared with {named}")
     return _without(shared, deployments, held=() if shared.id is None else (shared.id,))
 
@@ -273,11 +229,6 @@ async def instance_claims(client: Api, uid: str, *, instance: str | None = None)
         selector += f",spec.holder.instance={instance}"
     listing = await client.list(ROBOTCLAIMS, field_selector=selector, as_type=Claim)
     return [claim for claim in listing.items if claim.spec.domain is not None]
-
-
-async def pool_claims(client: Api, request: DomainRequest) -> list[Claim]:
-    listing = await client.list(ROBOTCLAIMS, field_selector=f"spec.domain.pool={request.pool}", as_type=Claim)
-    return listing.items
 
 
 async def resolve_owner(client: Api, app: App) -> Join:

@@ -161,7 +161,7 @@ class Scheduler:
         placer = Placer(
             self.core,
             binder=Binder(client, permitted=self._may_act),
-            reserver=Reserver(client),
+            reserver=Reserver(client, known_claims=self.domains.held),
             reporter=self.reporter,
             metrics=self.metrics,
             volumes=self.volumes,

@@ -5,7 +5,7 @@ and the sweep frees it when the pod is gone; only what is of no use without a de
 """
 
 import logging
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Final
@@ -14,15 +14,16 @@ from robotapp_api.claims.bind import needs_check
 from robotapp_api.claims.device import Chosen, chosen
 from robotapp_api.claims.domain import DomainOutcome, DomainRequest
 from robotapp_api.claims.identity import grants, holder_of_app, holder_of_pod
-from robotapp_api.claims.objects import Holder, Meta, PodSpec, PodStatus
+from robotapp_api.claims.objects import Claim, Holder, Meta, PodSpec, PodStatus, Pool
 from robotapp_api.claims.objects import Pod as ClaimPod
 from robotapp_api.client.api import ApiClient
 from robotapp_api.client.claims import check_bind_all, ensure_pod_domain
 from robotapp_api.client.device_claims import Reservation, reserve_devices
 from robotapp_api.client.device_sharing import begin_sharing, end_sharing, shared_by_others
+from robotapp_api.client.domain_claims import full_pool
 from robotapp_api.client.errors import ClientError
 from robotapp_api.client.giving_back import give_back
-from robotapp_api.client.resources import PODS
+from robotapp_api.client.resources import DOMAINPOOLS, PODS
 from robotapp_api.client.sweep_view import find
 from robotapp_api.model.names import GRANTED_PREFIX, Label, PodReason, Reason
 from robotapp_scheduler.core.devices import DeviceGrant
@@ -31,8 +32,9 @@ from robotapp_scheduler.core.ros import RosRequest
 
 log = logging.getLogger(__name__)
 
-
 NOTHING: Final = Reservation(True)
+POOL_S: Final = 1.0
+"""How old the pool may be by which a pod is told that all ids are taken. Before an id is taken it is read anew."""
 
 
 class Readiness(StrEnum):
@@ -64,10 +66,14 @@ READY = Reserved(Readiness.READY)
 
 
 class Reserver:
-    """Bind checks and device claims through one client."""
+    """Bind checks and device claims through one client. `known_claims`: from the cache, so that nobody tries a taken domain."""
 
-    def __init__(self, client: ApiClient) -> None:
+    def __init__(self, client: ApiClient, *, known_claims: Callable[[], Collection[Claim]] = tuple) -> None:
         self._client = client
+        self._known_claims = known_claims
+        self._pool: Pool | None = None
+        """The pool of bare pods as it was when it was last read for a pod that waits."""
+        self._pool_read_s = float("-inf")
 
     def __repr__(self) -> str:
         return "<Reserver>"
@@ -115,6 +121,9 @@ class Reserver:
             return READY
         domain = domain_wish(pod)
         try:
+            full = await self._full(pod, domain) if domain else None
+            if full is not None:
+                return Reserved(Readiness.WAIT, reason=_no_domain(full), message=full.message)
             stored = await self._stored(pod)
             if stored is None:
                 return Reserved(Readiness.GONE)
@@ -125,7 +134,9 @@ class Reserver:
                 return Reserved(Readiness.BUSY, reason=found.reason, message=found.message)
             number: int | None = None
             if domain:
-                outcome = await ensure_pod_domain(self._client, domain_request(pod, domain), node=node)
+                outcome = await ensure_pod_domain(
+                    self._client, domain_request(pod, domain), node=node, known_claims=self._known_claims
+                )
                 if not outcome.held:
                     return Reserved(Readiness.WAIT, reason=_no_domain(outcome), message=outcome.message)
                 number = outcome.id
@@ -142,6 +153,17 @@ class Reserver:
             await end_sharing(self._client, reserved.sharing)
         except ClientError as error:
             log.info("claims of a shared device are left to the sweep: %s", error)
+
+    async def _full(self, pod: PodInfo, wish: str) -> DomainOutcome | None:
+        """Why trying is no use: the cache shows every id in other hands. Pods that wait for a full pool cost the server nothing."""
+        request, claims = domain_request(pod, wish), self._known_claims()
+        if not claims:
+            return None
+        now_s = self._client.clock()
+        if now_s - self._pool_read_s >= POOL_S:
+            self._pool = await find(self._client, DOMAINPOOLS, request.pool, "", Pool)
+            self._pool_read_s = now_s
+        return None if self._pool is None else full_pool(request, self._pool, claims)
 
     async def _devices(self, pod: PodInfo, node: str, wanted: Sequence[DeviceGrant]) -> tuple[Reservation, Reservation]:
         """What is held for the moment of the binding, and the grant. What is taken although the rest is not to be had is `in_vain`."""

@@ -9,7 +9,8 @@ from tests.support.clients import FakeTime
 
 from robotapp_api.claims.domain import DomainRequest
 from robotapp_api.claims.repair import ClaimConflict
-from robotapp_api.client.claims import ensure_domain, pool_claims
+from robotapp_api.client.claims import ensure_domain
+from robotapp_api.client.domain_claims import pool_claims
 from robotapp_api.client.errors import Forbidden
 from robotapp_api.client.resources import DOMAINPOOLS, PODS, ROBOTCLAIMS
 from robotapp_api.client.sweep import Sweeper

@@ -2,16 +2,19 @@
 
 import msgspec
 import pytest
+from tests.support.claims_objects import pool_json
 from tests.support.controlling import World
 from tests.support.factories import app_body, make_app, make_deployment, robots
 
 from robotapp_api.claims.domain import DomainOutcome
+from robotapp_api.claims.objects import Pool
 from robotapp_api.client import TooManyRequests, Unreachable
 from robotapp_api.model.names import Label, Reason
 from robotapp_operator.controller import (
     BUG_DELAY_S,
     FIRST_OBJECT_S,
     FLEET_REST_S,
+    NEXT_IN_LINE_S,
     POOL_REST_S,
     STATUS_REST_S,
     YIELD_S,
@@ -150,6 +153,19 @@ async def test_whoever_waits_for_a_domain_tries_again_when_one_may_be_free(world
     world.memory.of("uid-3").outcomes["a"] = DomainOutcome(Reason.ALLOCATED, "ok", id=7)
     await world.handle(Key(Work.WAITING, "pool/default"))
     assert world.due() == {Key(Work.CHILDREN, uid, "a") for uid in ("uid-1", "uid-4")}
+
+
+async def test_one_free_id_wakes_one_of_those_who_wait_and_the_next_one_a_little_later(world: World) -> None:
+    world.cache.pools["default"] = msgspec.convert(pool_json("1"), Pool)
+    for uid in ("uid-1", "uid-2"):
+        world.cache.update_app(app_body(uid, uid=uid))
+        world.memory.of(uid).outcomes[""] = DomainOutcome(Reason.DOMAIN_EXHAUSTED, "full")
+    waiting = Key(Work.WAITING, "pool/default")
+    await world.handle(waiting)
+    assert world.due() == {Key(Work.CHILDREN, "uid-1", "")}
+    assert world.due(NEXT_IN_LINE_S) == {waiting}
+    await world.handle(waiting)
+    assert world.due() == {Key(Work.CHILDREN, "uid-2", "")}
 
 
 async def test_unfinished_work_backs_off_and_lost_races_too(world: World) -> None:

@@ -171,6 +171,26 @@ async def test_an_empty_pool_lets_the_pod_wait_with_what_to_do(client: ApiClient
     assert "3 of 3 domain ids" in found.message
 
 
+async def test_pods_that_wait_for_a_full_pool_cost_the_server_one_look_at_the_pool_per_second() -> None:
+    async with FakeApiServer() as server, client_for(server.endpoint) as client:
+        await client.create(DOMAINPOOLS, {"metadata": {"name": "default"}, "spec": {"scope": "Cluster", "ids": "1-3"}})
+        auto = {str(Annotation.DDS_DOMAIN): "auto"}
+        for number in range(3):
+            await Reserver(client).things(await stored(client, f"t{number}", annotations=auto), "edge-1", ())
+        late = [await stored(client, f"late-{number}", annotations=auto) for number in range(5)]
+        known = (await client.list(ROBOTCLAIMS, as_type=Claim)).items
+        reserver = Reserver(client, known_claims=lambda: known)
+        before = len(server.requests)
+        answers = [await reserver.things(pod, "edge-1", ()) for pod in late]
+        assert {answer.reason for answer in answers} == {PodReason.WAITING_FOR_DOMAIN}
+        assert "3 of 3 domain ids" in answers[0].message
+        assert len(server.requests) == before + 1
+        known.pop()
+        assert (await reserver.things(late[0], "edge-1", ())).readiness is Readiness.WAIT, "the create decides"
+        await client.delete(ROBOTCLAIMS, known.pop().name)
+        assert (await reserver.things(late[0], "edge-1", ())).readiness is Readiness.READY
+
+
 async def test_a_bare_pod_that_names_a_reserved_id_is_told_to_change_its_annotation(client: ApiClient) -> None:
     await client.patch(DOMAINPOOLS, "default", {"spec": {"reserved": [2]}})
     pod = await stored(client, "talker", annotations={str(Annotation.DDS_DOMAIN): "2"})

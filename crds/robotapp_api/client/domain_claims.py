@@ -1,0 +1,134 @@
+"""A new domain claim: within the quota, in the order of the candidates, past what a cache shows in the hands of others."""
+
+import asyncio
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import Final
+from weakref import WeakValueDictionary
+
+from robotapp_api.claims import domain as rules
+from robotapp_api.claims.domain import DomainOutcome, DomainPlan, DomainRequest
+from robotapp_api.claims.identity import Found, claim_name, same_holder, same_tuple
+from robotapp_api.claims.objects import Claim, Pool
+from robotapp_api.client.claim_writes import Api, Refused, create_claim
+from robotapp_api.client.resources import ROBOTCLAIMS
+from robotapp_api.client.sweep_view import find
+from robotapp_api.model.names import Reason
+
+LIST_AFTER_CONFLICTS: Final = 3
+"""In a crowded pool one LIST is cheaper than trying every id."""
+_TURNS: Final[WeakValueDictionary[tuple[str, str], asyncio.Lock]] = WeakValueDictionary()
+"""By pool and namespace with a quota; a lock lives while somebody uses it."""
+
+
+async def create_domain(
+    client: Api,
+    request: DomainRequest,
+    pool: Pool,
+    plan: DomainPlan,
+    *,
+    known_claims: Callable[[], Iterable[Claim]] = tuple,
+) -> DomainOutcome:
+    """A new claim, within the quota. Of one process only one at a time counts and creates, or all would count too few.
+
+    known_claims: from a cache. What others hold there is not tried; when that is every candidate, the server is not
+    asked at all, so that those who wait for a full pool cost it nothing. The caller tries again when a claim is gone.
+    """
+    if refusal := rules.withheld(request, pool):
+        return refusal
+    namespace = request.holder.namespace
+    if rules.quota_of(pool, namespace) is None:
+        return await _try_free(client, request, pool, plan, known_claims)
+    async with turn(request.pool, namespace):
+        mine = [c for c in await pool_claims(client, request) if c.holder.namespace == namespace]
+        refusal = rules.over_quota(request, pool, held=len(mine))
+        return refusal or await _try_free(client, request, pool, plan, known_claims)
+
+
+def turn(pool: str, namespace: str) -> asyncio.Lock:
+    """For who counts a namespace's claims of a pool and then creates one."""
+    return _TURNS.setdefault((pool, namespace), asyncio.Lock())
+
+
+def held_outcome(claim: Claim) -> DomainOutcome:
+    """The answer to a request whose claim this is."""
+    domain = claim.spec.domain
+    assert domain is not None  # noqa: S101 - only domain claims get here
+    return DomainOutcome(Reason.ALLOCATED, f"domain {domain.id} of pool {domain.pool}", id=domain.id, claim=claim.name)
+
+
+async def pool_claims(client: Api, request: DomainRequest) -> list[Claim]:
+    listing = await client.list(ROBOTCLAIMS, field_selector=f"spec.domain.pool={request.pool}", as_type=Claim)
+    return listing.items
+
+
+def full_pool(request: DomainRequest, pool: Pool, claims: Iterable[Claim]) -> DomainOutcome | None:
+    """Exhausted when others hold every id the pool hands out; None when one may be free, or one is asked for by its number."""
+    if request.requested_id is not None:
+        return None
+    others = _of_others(request, claims)
+    return _exhausted(request, pool, others) if _ids(others) >= rules.pool_ids(pool) else None
+
+
+async def _try_free(
+    client: Api, request: DomainRequest, pool: Pool, plan: DomainPlan, known_claims: Callable[[], Iterable[Claim]]
+) -> DomainOutcome:
+    """Leave out what others are known to hold. Somebody who asks for one id by its number is told who has it, fresh."""
+    if request.requested_id is not None:
+        return await _try_candidates(client, request, pool, plan.candidates)
+    others = _of_others(request, known_claims())
+    taken = _ids(others)
+    candidates = tuple(number for number in plan.candidates if number not in taken)
+    if plan.candidates and not candidates:
+        return _exhausted(request, pool, others)
+    return await _try_candidates(client, request, pool, candidates)
+
+
+async def _try_candidates(
+    client: Api, request: DomainRequest, pool: Pool, candidates: tuple[int, ...]
+) -> DomainOutcome:
+    """The candidates in their order. Only a create decides; the LIST merely spares tries that would fail."""
+    taken: set[int] = set()
+    conflicts = 0
+    for number in candidates:
+        if number in taken:
+            continue
+        spec = rules.spec_for(request, pool.spec.scope, number)
+        claim = await create_claim(client, spec)
+        if claim is not None:
+            return replace(held_outcome(claim), created=True)
+        existing = await find(client, ROBOTCLAIMS, claim_name(spec), "", Claim)
+        if existing is None or same_tuple(spec, existing.spec) is Found.MINE:
+            raise Refused  # it was freed just now, or an earlier create of ours is here: start over and adopt it
+        if request.requested_id is not None:
+            return rules.taken(request, existing.holder)
+        conflicts += 1
+        if conflicts % LIST_AFTER_CONFLICTS == 0:
+            claims = await pool_claims(client, request)
+            if rules.held_ids(claims, request, pool.spec.scope):
+                raise Refused  # another operator took one for this instance meanwhile
+            taken = _ids(claim for claim in claims if _same_place(claim, request))
+    return _exhausted(request, pool, [c for c in await pool_claims(client, request) if _same_place(c, request)])
+
+
+def _exhausted(request: DomainRequest, pool: Pool, claims: list[Claim]) -> DomainOutcome:
+    return rules.exhausted(
+        request,
+        pool,
+        claimed=len(claims),
+        resting=sum(c.draining for c in claims),
+        parked=sum(c.parked for c in claims),
+    )
+
+
+def _same_place(claim: Claim, request: DomainRequest) -> bool:
+    domain = claim.spec.domain
+    return domain is not None and (domain.pool, domain.scope_value) == (request.pool, request.scope_value)
+
+
+def _of_others(request: DomainRequest, claims: Iterable[Claim]) -> list[Claim]:
+    return [c for c in claims if _same_place(c, request) and not same_holder(c.holder, request.holder)]
+
+
+def _ids(claims: Iterable[Claim]) -> set[int]:
+    return {claim.spec.domain.id for claim in claims if claim.spec.domain is not None}

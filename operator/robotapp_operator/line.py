@@ -1,0 +1,70 @@
+"""Whose turn it is when a domain id may be free: as many as there are ids, one after the other.
+
+Of five hundred that wait for a full pool one can win an id that comes free; if all tried, each id that changes hands would
+cost the API server thousands of requests.
+"""
+
+from collections.abc import Iterator
+
+from robotapp_api.claims.domain import pool_ids
+from robotapp_api.model.names import Reason
+from robotapp_operator.cache import Cache
+from robotapp_operator.memory import Memory
+from robotapp_operator.plan.wish import App
+
+Waiting = tuple[str, str]
+"""(uid of the app, instance)."""
+
+
+class Line:
+    """Decides on the caches: who is asked in vain loses nothing but its turn, and the next in line is asked soon."""
+
+    def __init__(self, cache: Cache, memory: Memory) -> None:
+        self._cache = cache
+        self._memory = memory
+        self._last: dict[str, Waiting] = {}
+        """By pool: who was asked last. The next turn begins behind it."""
+
+    def __repr__(self) -> str:
+        return f"<Line of {len(self._memory.without_domain())}>"
+
+    def next(self, pool: str) -> tuple[list[Waiting], bool]:
+        """Who shall try now, and whether others wait on although ids are free."""
+        in_line, others = list[Waiting](), list[Waiting]()
+        for uid, robot, app in self._waiting(pool):
+            (in_line if self._takes_any(app, uid, robot) else others).append((uid, robot))
+        free = self._free(pool)
+        if free is None:
+            return others + in_line, False
+        chosen = self._turn(pool, in_line, free)
+        return others + chosen, 0 < len(chosen) < len(in_line)
+
+    def _waiting(self, pool: str) -> Iterator[tuple[str, str, App]]:
+        for uid, robot in self._memory.without_domain():
+            record = self._cache.apps.get(uid)
+            app = record.app if record else None
+            if app and (app.pool == pool or app.share_with):
+                yield uid, robot, app
+
+    def _takes_any(self, app: App, uid: str, robot: str) -> bool:
+        """Whether it waits for nothing but a free id. Those who were refused for another reason are asked each time."""
+        outcome = self._memory.outcome(uid, robot)
+        exhausted = outcome is not None and outcome.reason is Reason.DOMAIN_EXHAUSTED
+        shared = app.spec.ros2 is not None and app.spec.ros2.isolation != "Domain"
+        return exhausted and not shared and not app.share_with and app.requested_domain is None
+
+    def _free(self, pool: str) -> int | None:
+        """Ids of the pool without a claim; None where they are counted by zone or node."""
+        found = self._cache.pools.get(pool)
+        if found is None or found.spec.scope != "Cluster":
+            return None
+        things = (claim.spec.domain for claim in self._cache.all_claims())
+        return len(pool_ids(found) - {thing.id for thing in things if thing is not None and thing.pool == pool})
+
+    def _turn(self, pool: str, in_line: list[Waiting], free: int) -> list[Waiting]:
+        last = self._last.get(pool)
+        start = in_line.index(last) + 1 if last in in_line else 0
+        chosen = [*in_line[start:], *in_line[:start]][:free]
+        if chosen:
+            self._last[pool] = chosen[-1]
+        return chosen

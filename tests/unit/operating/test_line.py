@@ -1,0 +1,80 @@
+"""Of those who wait for a domain as many try as there are ids, in turn; who waits for something else is always asked."""
+
+import msgspec
+from tests.support import claims_objects as make
+from tests.support.factories import app_body
+
+from robotapp_api.claims.domain import DomainOutcome
+from robotapp_api.claims.objects import Pool
+from robotapp_api.model.names import Reason
+from robotapp_operator.cache import Cache
+from robotapp_operator.line import Line
+from robotapp_operator.memory import Memory
+
+
+class World:
+    def __init__(self, ids: str = "1-3", *, scope: str = "Cluster") -> None:
+        self.cache, self.memory = Cache(), Memory()
+        self.cache.pools["default"] = msgspec.convert(make.pool_json(ids, scope=scope), Pool)
+        self.line = Line(self.cache, self.memory)
+
+    def wait(self, *uids: str, reason: Reason = Reason.DOMAIN_EXHAUSTED, **ros2: object) -> None:
+        for uid in uids:
+            self.cache.update_app(app_body(uid, uid=uid, ros2=ros2))
+            self.memory.of(uid).outcomes[""] = DomainOutcome(reason, "x")
+
+    def claimed(self, *ids: int) -> None:
+        for number in ids:
+            claim = make.domain_claim(number, make.app_holder(f"holder-{number}"))
+            self.cache.claims.put(claim.holder.uid, claim.name, claim)
+
+    def next(self) -> tuple[list[str], bool]:
+        chosen, others = self.line.next("default")
+        return [uid for uid, _ in chosen], others
+
+
+def test_as_many_try_as_ids_are_free_and_each_in_its_turn() -> None:
+    world = World("1-3")
+    world.claimed(1)
+    world.wait(*"abcde")
+    assert [world.next() for _ in range(3)] == [(["a", "b"], True), (["c", "d"], True), (["e", "a"], True)]
+
+
+def test_nobody_tries_while_every_id_is_claimed_and_nobody_is_asked_again() -> None:
+    world = World("1-2")
+    world.claimed(1, 2)
+    world.wait(*"abc")
+    assert world.next() == ([], False)
+
+
+def test_the_last_one_in_line_is_not_waited_for() -> None:
+    world = World("1-2")
+    world.wait("a")
+    assert world.next() == (["a"], False)
+
+
+def test_the_turn_goes_on_when_who_had_it_is_gone() -> None:
+    world = World("1")
+    world.wait(*"abc")
+    assert world.next() == (["a"], True)
+    world.cache.forget_app("a")
+    world.memory.forget("a")
+    assert {*world.next()[0], *world.next()[0]} == {"b", "c"}
+
+
+def test_who_was_refused_for_another_reason_than_a_full_pool_is_asked_each_time() -> None:
+    world = World("1")
+    world.claimed(1)
+    world.wait("quota", reason=Reason.QUOTA_EXCEEDED)
+    world.wait("number", domain=7)
+    world.wait("sharing", shareWith=[{"namespace": "default", "name": "other"}])
+    world.wait("auto")
+    assert world.next() == (["quota", "number", "sharing"], False)
+
+
+def test_pools_that_count_by_zone_and_pools_that_are_not_known_ask_everybody() -> None:
+    world = World("1", scope="Zone")
+    world.wait(*"abc")
+    assert world.next() == (["a", "b", "c"], False)
+    world.cache.pools.clear()
+    assert world.next() == (["a", "b", "c"], False)
