@@ -5,7 +5,7 @@ import contextlib
 from collections.abc import AsyncIterator
 
 import pytest
-from tests.support.claims_objects import pool_json
+from tests.support.claims_objects import app_holder, app_json, pool_json
 from tests.support.clients import until
 from tests.support.sweep_world import World, refuse
 
@@ -15,7 +15,7 @@ from robotapp_api.client.resources import (
     ROBOTAPPS,
     ROBOTCLAIMS,
 )
-from robotapp_api.client.sweep import Sweeper
+from robotapp_api.client.sweep import PAUSE_S, Sweeper, pause_s
 
 
 @pytest.mark.parametrize("what", ["list robotclaims", "list deployments", "list replicasets", "list pods"])
@@ -162,3 +162,50 @@ async def test_the_end_of_a_rest_brings_the_next_pass_without_waiting_for_the_pe
     world.delete_app()
     async with looping(Sweeper(world.store.client(), period_s=3600)):
         await until(lambda: world.phase(name) == "gone")
+
+
+async def abandoned(world: World, name: str) -> str:
+    """A claim whose app is gone."""
+    uid = world.store.put(ROBOTAPPS, app_json(name))["metadata"]["uid"]
+    claim = await world.domain(app_holder(uid, name=name))
+    world.store.remove(ROBOTAPPS, name, "team")
+    return claim
+
+
+def test_a_pass_is_followed_by_a_rest_that_is_no_longer_than_the_period() -> None:
+    assert pause_s(0.0, period_s=30) == PAUSE_S
+    assert pause_s(0.5, period_s=30) == 2.0
+    assert pause_s(12.0, period_s=30) == 30
+    assert pause_s(12.0, period_s=1) == 1
+
+
+async def test_claims_are_looked_after_side_by_side_and_one_that_takes_long_holds_up_no_other() -> None:
+    world = World()
+    slow, *quick = [await abandoned(world, name) for name in ("slow", "quick-1", "quick-2")]
+    stuck = asyncio.Event()
+
+    async def gate(what: str) -> None:
+        if what == "get robotapps slow":
+            await stuck.wait()
+
+    passing = asyncio.create_task(Sweeper(world.store.client(before=gate)).sweep_once())
+    await until(lambda: all(world.phase(name) == "Draining" for name in quick))
+    assert world.phase(slow) == "Reserved"
+    stuck.set()
+    await passing
+    assert world.phase(slow) == "Draining"
+
+
+@pytest.mark.parametrize("at_once", [1, 8])
+async def test_no_answer_ends_the_pass_as_it_is_and_leaves_nothing_running(at_once: int) -> None:
+    world = World()
+    for n in range(3):
+        await abandoned(world, f"app-{n}")
+
+    async def gate(what: str) -> None:
+        if what.startswith("get robotapps"):
+            raise Unreachable("gone", maybe_applied=False)
+
+    with pytest.raises(Unreachable):
+        await Sweeper(world.store.client(before=gate), at_once=at_once).sweep_once()
+    assert len(asyncio.all_tasks()) == 1
