@@ -4,6 +4,7 @@ The filter read a cache; here the API server decides. What a failed attempt has 
 and the sweep frees it when the pod is gone; only what is of no use without a device that another holder has is given back.
 """
 
+import asyncio
 import logging
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -35,6 +36,8 @@ log = logging.getLogger(__name__)
 NOTHING: Final = Reservation(True)
 POOL_S: Final = 1.0
 """How old the pool may be by which a pod is told that all ids are taken. Before an id is taken it is read anew."""
+WORDS_S: Final = 10.0
+"""How old the figures may be in what it is told."""
 
 
 class Readiness(StrEnum):
@@ -72,8 +75,9 @@ class Reserver:
         self._client = client
         self._known_claims = known_claims
         self._pool: Pool | None = None
-        """The pool of bare pods as it was when it was last read for a pod that waits."""
-        self._pool_read_s = float("-inf")
+        self._reading = asyncio.Lock()
+        self._words: DomainOutcome | None = None
+        self._pool_read_s = self._words_s = float("-inf")
 
     def __repr__(self) -> str:
         return "<Reserver>"
@@ -155,15 +159,28 @@ class Reserver:
             log.info("claims of a shared device are left to the sweep: %s", error)
 
     async def _full(self, pod: PodInfo, wish: str) -> DomainOutcome | None:
-        """Why trying is no use: the cache shows every id in other hands. Pods that wait for a full pool cost the server nothing."""
+        """Why trying is no use: the cache shows every id in other hands. Pods that wait for a full pool cost the server nothing.
+
+        All are told the same words for a while: with the latest figures each attempt would rewrite each pod's condition.
+        """
         request, claims = domain_request(pod, wish), self._known_claims()
         if not claims:
             return None
+        pool = await self._pool_for_refusals(request.pool)
+        full = None if pool is None else full_pool(request, pool, claims)
         now_s = self._client.clock()
-        if now_s - self._pool_read_s >= POOL_S:
-            self._pool = await find(self._client, DOMAINPOOLS, request.pool, "", Pool)
-            self._pool_read_s = now_s
-        return None if self._pool is None else full_pool(request, self._pool, claims)
+        if full is not None and (self._words is None or now_s - self._words_s >= WORDS_S):
+            self._words, self._words_s = full, now_s
+        return full and self._words
+
+    async def _pool_for_refusals(self, name: str) -> Pool | None:
+        """The pool of bare pods, read once for all who ask at the same time."""
+        async with self._reading:
+            now_s = self._client.clock()
+            if now_s - self._pool_read_s >= POOL_S:
+                self._pool = await find(self._client, DOMAINPOOLS, name, "", Pool)
+                self._pool_read_s = now_s
+            return self._pool
 
     async def _devices(self, pod: PodInfo, node: str, wanted: Sequence[DeviceGrant]) -> tuple[Reservation, Reservation]:
         """What is held for the moment of the binding, and the grant. What is taken although the rest is not to be had is `in_vain`."""
