@@ -167,18 +167,19 @@ def round_trips_ms(origin: Namespace, target: Namespace, *, count: int, pause_s:
             request = _echo_request(number)
             began_ns = time.time_ns()
             pinger.sendto(request, (target.address, 0))
-            came_ns = _reply_came_ns(pinger, number)
+            came_ns = _reply_came_ns(pinger, target, number)
             if came_ns is not None:
                 found.append((came_ns - began_ns) / 1e6)
             time.sleep(pause_s)
     return found
 
 
-def _reply_came_ns(pinger: socket.socket, number: int) -> int | None:
+def _reply_came_ns(pinger: socket.socket, target: Namespace, number: int) -> int | None:
+    """A raw socket also gets the replies to other pings of its node."""
     try:
         while True:
-            packet, ((_, _, stamp),), _, _ = pinger.recvmsg(256, 256)
-            if packet[20] == 0 and int.from_bytes(packet[26:28], "big") == number:
+            packet, ((_, _, stamp),), _, (source, _) = pinger.recvmsg(256, 256)
+            if source == target.address and packet[20] == 0 and int.from_bytes(packet[26:28], "big") == number:
                 seconds, nanoseconds = struct.unpack("@qq", stamp)
                 return int(seconds * 1_000_000_000 + nanoseconds)
     except TimeoutError:

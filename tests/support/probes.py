@@ -1,5 +1,7 @@
 """Two agents' ends of a probe without sockets, and their keys."""
 
+from collections.abc import Callable
+
 from robotapp_agent.probe.keys import KeyRing
 from robotapp_agent.probe.prober import Prober
 from robotapp_agent.probe.responder import Responder
@@ -20,8 +22,15 @@ def prober(name: str = "a", *, keys: KeyRing | None = None, session: bytes = SES
     return Prober(own_name=name, keys=keys or ring(), session=session)
 
 
-def responder(name: str = "b", *, keys: KeyRing | None = None, now_s: float = 0) -> Responder:
-    return Responder(own_name=name, keys=keys or ring(), clock=lambda: now_s)
+def responder(name: str = "b", *, keys: KeyRing | None = None, clock_ns: Callable[[], int] = lambda: 0) -> Responder:
+    return Responder(own_name=name, keys=keys or ring(), clock_ns=clock_ns)
+
+
+def reply_of(end: Responder, request: bytes, *, source: str = "10.0.0.1", received_ns: int = 0) -> bytes:
+    """Its reply; fails when there is none."""
+    reply = end.answer(request, source=source, received_ns=received_ns)
+    assert reply
+    return reply
 
 
 def request_of(sender: Prober, peer: str = "b", *, at_ns: int = 0) -> bytes:

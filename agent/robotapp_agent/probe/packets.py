@@ -1,6 +1,6 @@
 """The datagrams of a probe and what makes them trustworthy: authentication and replay windows. Pure.
 
-A request and its reply have the same size (74 bytes, big endian):
+A request and its reply have the same size (78 bytes, big endian):
 
 | bytes | field |
 |---|---|
@@ -10,6 +10,7 @@ A request and its reply have the same size (74 bytes, big endian):
 | 16, 16 | sender, receiver: first half of the SHA-256 of the node's name |
 | 8 | session: random, new with every start of the prober |
 | 8 | sequence: counts the requests of the session |
+| 4 | held: microseconds from the arrival of the request to its reply; 0 in a request |
 | 16 | HMAC-SHA256 of everything before it, truncated |
 
 The code covers the direction and both ends, so a reply is no request, and a request of one pair is none of another.
@@ -26,7 +27,7 @@ VERSION: Final = 1
 REQUEST: Final = 1
 REPLY: Final = 2
 SESSION_BYTES: Final = 8
-_BODY: Final = struct.Struct(">BB8s16s16s8sQ")
+_BODY: Final = struct.Struct(">BB8s16s16s8sQI")
 _MAC_BYTES: Final = 16
 SIZE_BYTES: Final = _BODY.size + _MAC_BYTES
 
@@ -45,6 +46,7 @@ class Packet(NamedTuple):
     receiver: bytes
     session: bytes
     sequence: int
+    held_us: int = 0
 
 
 def node_id(name: str) -> bytes:
@@ -55,7 +57,9 @@ def node_id(name: str) -> bytes:
 def seal(packet: Packet) -> bytes:
     """The datagram."""
     key = packet.key
-    body = _BODY.pack(VERSION, packet.kind, key.id, packet.sender, packet.receiver, packet.session, packet.sequence)
+    body = _BODY.pack(
+        VERSION, packet.kind, key.id, packet.sender, packet.receiver, packet.session, packet.sequence, packet.held_us
+    )
     return body + hmac.digest(key.secret, body, "sha256")[:_MAC_BYTES]
 
 
@@ -63,14 +67,14 @@ def open_packet(data: bytes, *, kind: int, receiver: bytes, keys: KeyRing) -> Pa
     """The fields, None when anything is wrong. The cheap reasons come first."""
     if len(data) != SIZE_BYTES or data[0] != VERSION or data[1] != kind:
         return None
-    _, _, key_id, sender, addressed, session, sequence = _BODY.unpack_from(data)
+    _, _, key_id, sender, addressed, session, sequence, held_us = _BODY.unpack_from(data)
     key = keys.find(key_id) if addressed == receiver else None
     if key is None:
         return None
     code = hmac.digest(key.secret, data[: _BODY.size], "sha256")[:_MAC_BYTES]
     if not hmac.compare_digest(code, data[_BODY.size :]):
         return None
-    return Packet(kind, key, sender, receiver, session, sequence)
+    return Packet(kind, key, sender, receiver, session, sequence, held_us)
 
 
 class ReplayWindows:

@@ -6,8 +6,8 @@ from typing import Final, NamedTuple
 from robotapp_agent.probe.keys import KeyRing
 from robotapp_agent.probe.packets import REPLY, REQUEST, Packet, node_id, open_packet, seal
 
-MOST_QUEUED_NS: Final = 1_000_000_000
-"""A reply that seems to have waited longer than this for us was stamped by a clock that jumped meanwhile."""
+MOST_HELD_NS: Final = 1_000_000
+"""What the peer needed to wake up and answer is not the network's, but only the peer knows it: by more than this nobody gets near."""
 
 
 class Request(NamedTuple):
@@ -47,26 +47,22 @@ class Prober:
         return Request(self._sequence, seal(packet))
 
     def sent(self, request: Request, *, peer: str, at_ns: int) -> None:
-        """Call it right before the datagram goes to the socket: the reply may be here before the call returns."""
+        """It went to the socket right after `at_ns`. One that did not leave for want of a route is as lost as on the way."""
         self._probes[request.sequence] = _Probe(peer, node_id(peer), at_ns)
 
-    def not_sent(self, request: Request) -> None:
-        """The kernel did not take it (its own queue was full): that is no loss on the way."""
-        self._probes.pop(request.sequence, None)
-
-    def receive(self, data: bytes, *, now_ns: int, queued_ns: int, timeout_ns: int) -> bool:
-        """Take a reply that waited `queued_ns` for us (0 when unknown). False when it belongs to no open request."""
+    def receive(self, data: bytes, *, received_ns: int, timeout_ns: int) -> bool:
+        """Take a reply. False when it belongs to no open request or comes too late."""
         reply = open_packet(data, kind=REPLY, receiver=self._own_id, keys=self._keys)
         if reply is None or reply.session != self._session:
             return False
         probe = self._probes.get(reply.sequence)
         if probe is None or probe.round_trip_ns is not None or probe.peer_id != reply.sender:
             return False
-        plausible = 0 <= queued_ns <= min(MOST_QUEUED_NS, now_ns - probe.sent_ns)
-        round_trip_ns = now_ns - probe.sent_ns - (queued_ns if plausible else 0)
-        if round_trip_ns > timeout_ns:
+        elapsed_ns = received_ns - probe.sent_ns
+        if not 0 <= elapsed_ns <= timeout_ns:
             return False
-        self._probes[reply.sequence] = probe._replace(round_trip_ns=round_trip_ns)
+        held_ns = min(reply.held_us * 1000, MOST_HELD_NS)
+        self._probes[reply.sequence] = probe._replace(round_trip_ns=max(elapsed_ns - held_ns, 0))
         return True
 
     def finish(self) -> dict[str, Sequence[int | None]]:

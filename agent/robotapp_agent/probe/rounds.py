@@ -9,6 +9,8 @@ PROBES: Final = 10
 """To each peer in a round."""
 LOSS_ROUNDS: Final = 12
 """Rounds over which losses count: 120 probes, two minutes of the shortest heartbeat. Ten probes cannot show one percent."""
+MOST_GROUPS: Final = 4
+"""Moments of each tenth of a round at which probes leave: waking up costs the process more than ten probes do."""
 MOST_WINDOWS: Final = 256
 MOST_TIMEOUT_S: Final = 2.0
 _MILLION: Final = 1_000_000
@@ -18,7 +20,9 @@ Trips = Sequence[int | None]
 
 
 class RoundResult(NamedTuple):
-    """One peer in one round. Without times nothing was answered: the peer is unreachable and `loss_ppm` is 1,000,000."""
+    """One peer in one round. Without times nothing was answered in this round and the peer's round before: the peer is
+    unreachable and `loss_ppm` is 1,000,000.
+    """
 
     peer: str
     p50_us: int | None
@@ -27,24 +31,28 @@ class RoundResult(NamedTuple):
     """Mean difference between consecutive round trips (RFC 3550's difference, without its smoothing over earlier rounds); None
     with fewer than two answers."""
     loss_ppm: int
-    """Probes without an answer, per million, over the last LOSS_ROUNDS rounds since the peer was last unreachable."""
+    """Probes without an answer, per million, over the last LOSS_ROUNDS rounds since the peer's last round of silence."""
     sent: int
     """Of this round, as is `answered`."""
     answered: int
 
 
 class Round(NamedTuple):
-    """All peers of one round. `discarded`: why nothing in it counts (the machine slept, the process stood still), else ""."""
+    """All peers of one round."""
 
     results: tuple[RoundResult, ...] = ()
+    silent: tuple[str, ...] = ()
+    """Peers that answered nothing, but did in their round before, or had none. Their agent may be restarting, which takes no link
+    away, and be back at another address: look for it. Nothing is known of them in this round."""
     discarded: str = ""
+    """Why nothing in this round counts (the machine slept, the process stood still), else ""."""
 
 
 class Shot(NamedTuple):
-    """One probe to send: when, and to which of the peers."""
+    """When to send one probe each to some of the peers."""
 
     offset_s: float
-    peer: int
+    peers: range
 
 
 def timeout_s(seconds: float) -> float:
@@ -53,51 +61,67 @@ def timeout_s(seconds: float) -> float:
 
 
 def schedule(peers: int, *, seconds: float, uniform: Callable[[], float]) -> tuple[Shot, ...]:
-    """PROBES to each peer in time order. Chance decides when in its share of the round a probe leaves, so that it does not keep
+    """PROBES to each peer in time order. Chance decides when in its tenth of the round a probe leaves, so that it does not keep
     step with anything periodic, such as the beacons of a Wi-Fi; the last ones still have the time for their answer.
     """
     step_s = (seconds - timeout_s(seconds)) / PROBES
-    shots = [Shot((number + uniform()) * step_s, peer) for number in range(PROBES) for peer in range(peers)]
-    return tuple(sorted(shots))
+    groups = [range(first, peers, MOST_GROUPS) for first in range(min(peers, MOST_GROUPS))]
+    shots = (Shot((number + uniform()) * step_s, group) for number in range(PROBES) for group in groups)
+    return tuple(sorted(shots, key=lambda shot: shot.offset_s))
 
 
 class RoundSummary:
-    """Turns the round trips of each round into figures. Keeps the losses of earlier rounds of the MOST_WINDOWS latest peers."""
+    """Turns the round trips of each round into figures. Remembers the losses of the MOST_WINDOWS latest peers."""
 
     def __init__(self) -> None:
-        self._windows: dict[str, deque[tuple[int, int]]] = {}
+        self._peers: dict[str, _Peer] = {}
 
     def __repr__(self) -> str:
-        return f"<RoundSummary of {len(self._windows)} peers>"
+        return f"<RoundSummary of {len(self._peers)} peers>"
 
-    def results(self, trips: Mapping[str, Trips]) -> tuple[RoundResult, ...]:
+    def round(self, trips: Mapping[str, Trips]) -> Round:
         """Figures of all peers to which something was sent."""
-        return tuple(self._result(peer, found) for peer, found in trips.items() if found)
+        results, silent = [], []
+        for name, found in trips.items():
+            if found:
+                self._peers[name] = peer = self._peers.pop(name, None) or _Peer()
+                loss_ppm = peer.loss_ppm(found)
+                if peer.silent_rounds == 1:
+                    silent.append(name)
+                else:
+                    results.append(_result(name, found, loss_ppm))
+        for name in list(self._peers)[:-MOST_WINDOWS]:
+            del self._peers[name]
+        return Round(tuple(results), tuple(silent))
 
-    def _result(self, peer: str, trips: Trips) -> RoundResult:
-        times_us = [each for each in trips if each is not None]
-        loss_ppm = self._loss_ppm(peer, trips)
-        if not times_us:
-            return RoundResult(peer, None, None, None, loss_ppm, len(trips), 0)
-        ordered = sorted(times_us)
-        p50_us, p95_us = quantile(ordered, 50), quantile(ordered, 95)
-        return RoundResult(peer, p50_us, p95_us, jitter_us(times_us), loss_ppm, len(trips), len(times_us))
 
-    def _loss_ppm(self, peer: str, trips: Trips) -> int:
-        window = self._windows.pop(peer, None)
-        self._windows[peer] = window = deque(maxlen=LOSS_ROUNDS) if window is None else window
-        if len(self._windows) > MOST_WINDOWS:
-            del self._windows[next(iter(self._windows))]
-        if all(each is None for each in trips):
-            window.clear()  # the link is down, which is more than loss
-            window.append((0, 0))
+class _Peer:
+    def __init__(self) -> None:
+        self.silent_rounds = 0
+        """In a row, up to now."""
+        self._losses: deque[tuple[int, int]] = deque(maxlen=LOSS_ROUNDS)
+        """(sent, lost) of each round."""
+
+    def loss_ppm(self, trips: Trips) -> int:
+        if all(each is None for each in trips):  # the link or the agent is down, which is not loss
+            self._losses.clear()
+            self.silent_rounds += 1
             return _MILLION
-        if window and window[-1] == (0, 0):
-            trips = _from_first_answer(trips)  # before it the link was still down
-            window.clear()
-        window.append((len(trips), sum(each is None for each in trips)))
-        sent, lost = sum(each[0] for each in window), sum(each[1] for each in window)
+        if self.silent_rounds:  # before the first answer it was still down
+            trips = trips[next(index for index, each in enumerate(trips) if each is not None) :]
+            self.silent_rounds = 0
+        self._losses.append((len(trips), sum(each is None for each in trips)))
+        sent, lost = sum(each[0] for each in self._losses), sum(each[1] for each in self._losses)
         return (_MILLION * lost + sent // 2) // sent
+
+
+def _result(peer: str, trips: Trips, loss_ppm: int) -> RoundResult:
+    times_us = [each for each in trips if each is not None]
+    if not times_us:
+        return RoundResult(peer, None, None, None, loss_ppm, len(trips), 0)
+    ordered = sorted(times_us)
+    p50_us, p95_us = quantile(ordered, 50), quantile(ordered, 95)
+    return RoundResult(peer, p50_us, p95_us, jitter_us(times_us), loss_ppm, len(trips), len(times_us))
 
 
 def quantile(ordered: Sequence[int], percent: int) -> int:
@@ -109,8 +133,3 @@ def jitter_us(times_us: Sequence[int]) -> int | None:
     """Mean difference between one round trip and the next."""
     steps = [abs(after - before) for before, after in pairwise(times_us)]
     return round(sum(steps) / len(steps)) if steps else None
-
-
-def _from_first_answer(trips: Trips) -> Trips:
-    first = next(index for index, each in enumerate(trips) if each is not None)
-    return trips[first:]

@@ -1,6 +1,7 @@
 """UDP sockets of the event loop that know when a datagram came and to which of our addresses."""
 
 import asyncio
+import errno
 import ipaddress
 import socket
 import struct
@@ -17,23 +18,24 @@ _TIMESPEC: Final = struct.Struct("@ll")
 _PKTINFO4: Final = struct.Struct("@I4s4s")  # struct in_pktinfo: interface, local address, address in the header
 _PKTINFO6: Final = struct.Struct("@16sI")  # struct in6_pktinfo
 _ANCILLARY_BYTES: Final = 256
+_OWN_QUEUE_FULL: Final = (errno.EAGAIN, errno.ENOBUFS, errno.ENOMEM)
 _AT_ONCE: Final = 32
 """Datagrams read before other work of the event loop has its turn."""
 READS_PER_S: Final = 1000.0
 """What anybody who can reach the port makes us read. The kernel drops the rest, at no cost worth mentioning."""
 _PAUSE_S: Final = 0.02
+_MOST_QUEUED_NS: Final = 1_000_000_000
+"""What seems to have waited longer than this for us was stamped by a wall clock that jumped meanwhile."""
 
 Address = tuple[str, int] | tuple[str, int, int, int]
 
 
 class Datagram(NamedTuple):
-    """What came. `queued_ns`: how long it waited for us since the kernel received it, by the wall clock, so possibly nonsense."""
+    """What came. `received_ns`: when the kernel received it, by the monotonic clock."""
 
     data: bytes
     source: Address
-    now_ns: int
-    """When we read it, by the monotonic clock."""
-    queued_ns: int
+    received_ns: int
 
 
 Handler = Callable[[Datagram], bytes | None]
@@ -62,9 +64,15 @@ class DatagramSocket:
         """The port it is bound to."""
         return int(self._file.getsockname()[1])
 
-    def send(self, data: bytes, address: Address) -> None:
-        """OSError when the kernel does not take it."""
-        self._file.sendto(data, address)
+    def send(self, data: bytes, address: Address) -> int:
+        """Returns the nanoseconds of the monotonic clock at which it went to the kernel; 0 when the kernel's queue is full."""
+        now_ns = time.monotonic_ns()
+        try:
+            self._file.sendto(data, address)
+        except OSError as error:  # without a route it is as lost as on the way
+            if error.errno in _OWN_QUEUE_FULL:
+                return 0
+        return now_ns
 
     def close(self) -> None:
         """Stop reading and give the port back."""
@@ -85,7 +93,7 @@ class DatagramSocket:
                 return
             now_ns, wall_ns = time.monotonic_ns(), time.time_ns()
             stamp_ns, local = _read_extras(extras)
-            reply = self._handler(Datagram(data, source, now_ns, wall_ns - stamp_ns if stamp_ns else 0))
+            reply = self._handler(Datagram(data, source, arrival_ns(stamp_ns, now_ns=now_ns, wall_ns=wall_ns)))
             if reply is not None:
                 with suppress(OSError):  # a reply that cannot leave is a lost one
                     self._file.sendmsg([reply], local, 0, source)
@@ -93,6 +101,14 @@ class DatagramSocket:
     def _rest(self) -> None:
         self._loop.remove_reader(self._file)
         self._pause = self._loop.call_later(_PAUSE_S, self._loop.add_reader, self._file, self._read)
+
+
+def arrival_ns(stamp_ns: int, *, now_ns: int, wall_ns: int) -> int:
+    """When the kernel received what it stamped with the time `stamp_ns` of the wall clock, by the monotonic clock: `now_ns` and
+    `wall_ns` are the present moment. The present one for a stamp that cannot be right.
+    """
+    queued_ns = wall_ns - stamp_ns
+    return now_ns - queued_ns if 0 <= queued_ns <= _MOST_QUEUED_NS else now_ns
 
 
 def address_of(text: str, port: int) -> tuple[socket.AddressFamily, Address] | None:

@@ -1,7 +1,7 @@
 """Probes over UDP: answers those of other nodes, and measures round trips to them.
 
-The time of a round trip is the prober's alone: from right before the request goes to the socket until the prober's kernel received
-the reply. The time that the other agent takes is part of it, because only the other agent could tell how long that was.
+A round trip is timed by the prober's monotonic clock, from right before the request goes to the socket until the prober's kernel
+received the reply. What the other agent took to answer is subtracted, at most 1 ms of it: a node that lies about it gains no more.
 """
 
 import asyncio
@@ -26,7 +26,6 @@ from robotapp_agent.shell.datagrams import Address, Datagram, DatagramSocket, Ha
 MOST_STALL_S: Final = 1.0
 """A round in which we were woken later than this, or that the machine slept through, counts for nothing."""
 _NO_SUCH_FAMILY: Final = (errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT, errno.EADDRNOTAVAIL)
-_OWN_QUEUE_FULL: Final = (errno.EAGAIN, errno.ENOBUFS, errno.ENOMEM)
 
 
 class PeerAddress(NamedTuple):
@@ -56,7 +55,7 @@ class UdpProbes:
         self._keys = keys
         self._port = port
         self._slept_ns = slept_ns
-        self._responder = Responder(own_name=own_name, keys=keys, clock=time.monotonic)
+        self._responder = Responder(own_name=own_name, keys=keys, clock_ns=time.monotonic_ns)
         self._prober = Prober(own_name=own_name, keys=keys, session=os.urandom(SESSION_BYTES))
         self._summary = RoundSummary()
         self._senders: dict[socket.AddressFamily, DatagramSocket] = {}
@@ -86,9 +85,10 @@ class UdpProbes:
         self._timeout_ns = round(timeout_s(seconds) * 1e9)
         began_s, slept_ns = time.monotonic(), self._slept_ns()
         try:
-            for offset_s, index in schedule(len(targets), seconds=seconds, uniform=random.random):
+            for offset_s, indices in schedule(len(targets), seconds=seconds, uniform=random.random):
                 await self._until(began_s + offset_s, slept_ns)
-                self._send(*targets[index])
+                for index in indices:
+                    self._send(*targets[index])
             await self._until(began_s + seconds, slept_ns)
         except _Stalled as stalled:
             return Round(discarded=str(stalled))
@@ -96,7 +96,7 @@ class UdpProbes:
             trips = self._prober.finish()
         if self._keys.signing is None:
             return Round(discarded="there is no probe key")
-        return Round(self._summary.results(trips))
+        return self._summary.round(trips)
 
     def _targets(self, peers: Sequence[PeerAddress]) -> list[tuple[str, socket.AddressFamily, Address]]:
         by_name = {peer.name: address_of(peer.address, self._port) for peer in peers}
@@ -116,18 +116,15 @@ class UdpProbes:
         request = self._prober.request(peer)
         if request is None:
             return
-        self._prober.sent(request, peer=peer, at_ns=time.monotonic_ns())
-        try:
-            self._senders[family].send(request.data, address)
-        except OSError as error:  # without a route to the peer the probe is as lost as on the way
-            if error.errno in _OWN_QUEUE_FULL:
-                self._prober.not_sent(request)
+        at_ns = self._senders[family].send(request.data, address)
+        if at_ns:
+            self._prober.sent(request, peer=peer, at_ns=at_ns)
 
     def _answer(self, came: Datagram) -> bytes | None:
-        return self._responder.answer(came.data, source=came.source[0])
+        return self._responder.answer(came.data, source=came.source[0], received_ns=came.received_ns)
 
     def _take(self, came: Datagram) -> None:
-        self._prober.receive(came.data, now_ns=came.now_ns, queued_ns=came.queued_ns, timeout_ns=self._timeout_ns)
+        self._prober.receive(came.data, received_ns=came.received_ns, timeout_ns=self._timeout_ns)
 
 
 def _opened(stack: ExitStack, port: int, handler: Handler) -> dict[socket.AddressFamily, DatagramSocket]:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.support.probes import OTHER_SECRET, SECRET, TIMEOUT_NS, prober, request_of, responder, ring, state
+from tests.support.probes import OTHER_SECRET, SECRET, TIMEOUT_NS, prober, reply_of, request_of, responder, ring, state
 
 from robotapp_agent.probe.packets import SIZE_BYTES
 from robotapp_agent.probe.prober import Prober
@@ -48,9 +48,8 @@ def exchanged(count: int) -> tuple[Prober, Responder, list[bytes]]:
     seen = []
     for _ in range(count):
         request = request_of(sender)
-        reply = end.answer(request, source="10.0.0.1")
-        assert reply
-        assert sender.receive(reply, now_ns=1000, queued_ns=0, timeout_ns=TIMEOUT_NS)
+        reply = reply_of(end, request)
+        assert sender.receive(reply, received_ns=1000, timeout_ns=TIMEOUT_NS)
         seen += [request, reply]
     request_of(sender)
     return sender, end, seen
@@ -60,15 +59,15 @@ def test_ten_thousand_hostile_datagrams_change_nothing_and_get_no_reply() -> Non
     sender, end, seen = exchanged(50)
     before = state(sender), state(end)
     for data in hostile(1, seen):
-        assert end.answer(data, source="10.0.0.66") is None
-        assert not sender.receive(data, now_ns=2000, queued_ns=0, timeout_ns=TIMEOUT_NS)
+        assert end.answer(data, source="10.0.0.66", received_ns=0) is None
+        assert not sender.receive(data, received_ns=2000, timeout_ns=TIMEOUT_NS)
     assert (state(sender), state(end)) == before
 
 
 @given(st.binary(max_size=2 * SIZE_BYTES))
 def test_no_bytes_crash_either_end(data: bytes) -> None:
-    assert responder().answer(data, source="10.0.0.66") is None
-    assert not prober().receive(data, now_ns=0, queued_ns=0, timeout_ns=TIMEOUT_NS)
+    assert responder().answer(data, source="10.0.0.66", received_ns=0) is None
+    assert not prober().receive(data, received_ns=0, timeout_ns=TIMEOUT_NS)
 
 
 def test_a_hostile_datagram_costs_no_more_than_ten_authentication_codes() -> None:
@@ -77,8 +76,10 @@ def test_a_hostile_datagram_costs_no_more_than_ten_authentication_codes() -> Non
     datagrams = list(hostile(2, seen))
     shares = []
     for _ in range(5):
-        code_s = measured_s(lambda: [hmac.digest(SECRET, data[:58], "sha256") for data in datagrams])
-        shares.append(measured_s(lambda: [end.answer(data, source="10.0.0.66") for data in datagrams]) / code_s)
+        code_s = measured_s(lambda: [hmac.digest(SECRET, data[:62], "sha256") for data in datagrams])
+        shares.append(
+            measured_s(lambda: [end.answer(data, source="10.0.0.66", received_ns=0) for data in datagrams]) / code_s
+        )
     assert min(shares) <= CODES, shares
 
 

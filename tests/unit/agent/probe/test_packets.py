@@ -25,7 +25,7 @@ def test_a_sealed_packet_opens_as_what_it_was() -> None:
 
 
 def test_requests_and_replies_have_one_size() -> None:
-    assert len(seal(packet())) == len(seal(packet(kind=REPLY))) == SIZE_BYTES == 74
+    assert len(seal(packet())) == len(seal(packet(kind=REPLY))) == SIZE_BYTES == 78
 
 
 def test_a_packet_opens_as_its_own_kind_for_its_own_receiver_and_with_its_own_key_only() -> None:

@@ -13,7 +13,7 @@ from tests.support.probes import OTHER_SECRET, SECRET, prober, request_of, ring
 from robotapp_agent.probe.keys import KeyRing
 from robotapp_agent.probe.packets import REPLY, SIZE_BYTES, node_id, open_packet
 from robotapp_agent.probe.rounds import PROBES, Round, RoundResult
-from robotapp_agent.shell.datagrams import READS_PER_S, address_of
+from robotapp_agent.shell.datagrams import READS_PER_S, address_of, arrival_ns
 from robotapp_agent.shell.udp import PeerAddress, UdpProbes, slept_ns
 from robotapp_testbed.ports import free_ports
 
@@ -62,6 +62,7 @@ async def test_a_reply_leaves_from_the_address_that_its_request_was_sent_to(addr
 
 async def test_another_node_at_the_address_or_another_key_is_unreachable() -> None:
     async with listening("b") as (probes, _):
+        assert (await probes.round([PeerAddress("c", "127.0.0.1")], seconds=SECONDS)).silent == ("c",)
         (result,) = (await probes.round([PeerAddress("c", "127.0.0.1")], seconds=SECONDS)).results
     assert (result.p50_us, result.p95_us, result.jitter_us, result.loss_ppm) == (None, None, None, 1_000_000)
 
@@ -71,7 +72,7 @@ async def test_a_peer_without_a_usable_address_is_left_out_and_more_than_sixteen
     many = [PeerAddress(f"node-{index}", "127.0.0.1") for index in range(20)]
     async with listening() as (probes, _):
         assert await probes.round(strange, seconds=SECONDS) == Round()
-        assert len((await probes.round(many, seconds=SECONDS)).results) == 16
+        assert len((await probes.round(many, seconds=SECONDS)).silent) == 16
 
 
 async def test_without_a_key_a_round_is_discarded() -> None:
@@ -138,6 +139,15 @@ async def test_the_port_is_free_after_the_block() -> None:
         pass
     async with UdpProbes(own_name="b", keys=ring(SECRET), port=port):
         pass
+
+
+@pytest.mark.parametrize(
+    ("queued_ns", "arrived_ns"),
+    [(0, 5000), (400, 4600), (-1, 5000), (3600 * 10**9, 5000), (-3600 * 10**9, 5000), (1_700_000_000 * 10**9, 5000)],
+)
+def test_a_wall_clock_that_jumped_moves_no_arrival(queued_ns: int, arrived_ns: int) -> None:
+    wall_ns = 1_700_000_000 * 10**9
+    assert arrival_ns(wall_ns - queued_ns, now_ns=5000, wall_ns=wall_ns) == arrived_ns
 
 
 @pytest.mark.parametrize(
