@@ -7,6 +7,7 @@ third power of the text's length, which is bounded, and the outcome is remembere
 
 import itertools
 import re
+import warnings
 from functools import lru_cache
 from typing import Final
 
@@ -15,6 +16,7 @@ LONGEST_TEXT: Final = 256
 """Characters of a text that are compared; what follows is ignored."""
 MOST_REPEATS: Final = 3
 MOST_CHOICES: Final = 4
+_FLAGS: Final = re.ASCII | re.DOTALL
 _PART: Final = re.compile(r"\\.|\[\^?\]?(?:\\.|[^\]\\])*\]|\(\?:|\(\?|\{[0-9]*,?[0-9]*\}|.", re.DOTALL)
 _REPEAT: Final = re.compile(r"[*+]|\{[0-9]*,?[0-9]*\}")
 _FIXED: Final = re.compile(r"\{[0-9]+\}")
@@ -34,8 +36,10 @@ def problem_of(pattern: str) -> str:
     if parts.count("?") + parts.count("|") > MOST_CHOICES:
         return f"more than {MOST_CHOICES} choices (? or |), which may take very long: write several rules"
     try:
-        re.compile(pattern, re.ASCII)
-    except (re.error, OverflowError, RecursionError) as error:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # what Python means to read in another way one day
+            re.compile(pattern, _FLAGS)
+    except (re.error, OverflowError, RecursionError, Warning) as error:
         return f"no regular expression: {error}"
     return ""
 
@@ -43,4 +47,4 @@ def problem_of(pattern: str) -> str:
 @lru_cache(maxsize=4096)
 def matches(pattern: str, text: str) -> bool:
     """Whether the pattern, one that `problem_of` has nothing against, matches the whole text. Both change rarely: remembered."""
-    return re.fullmatch(pattern, text[:LONGEST_TEXT], re.ASCII | re.DOTALL) is not None
+    return re.fullmatch(pattern, text[:LONGEST_TEXT], _FLAGS) is not None

@@ -8,8 +8,8 @@ from typing import Final, NamedTuple
 from robotapp_agent.devices.changes import MOST_DEVICES, Presence
 from robotapp_agent.devices.device import Device
 from robotapp_agent.devices.discovery import discover
-from robotapp_agent.shell.rules_file import RulesFile
-from robotapp_agent.shell.sysfs import HostPaths, SysfsReader
+from robotapp_agent.shell.host.rules_file import RulesFile
+from robotapp_agent.shell.host.sysfs import HostPaths, SysfsReader
 
 __all__ = ["SCAN_PERIOD_S", "SOON_S", "DeviceScanner", "HostPaths", "Scan"]
 

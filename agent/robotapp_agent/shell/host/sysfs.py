@@ -18,7 +18,7 @@ from robotapp_agent.devices.tree import (
     Snapshot,
     Wanted,
 )
-from robotapp_agent.shell.host_files import Bounds, Budget, Stopped, Tree
+from robotapp_agent.shell.host.files import Bounds, Budget, Stopped, Tree
 
 _READ_ANEW_AFTER: Final = 30
 """Scans. An attribute may change while its device stays; nothing that names a device does."""
