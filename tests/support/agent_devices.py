@@ -1,5 +1,7 @@
 """Devices and trees of sysfs for property tests of the agent."""
 
+import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -79,23 +81,22 @@ class Tree:
         return f"Tree({self.nodes!r})"
 
     def write(self, root: Path) -> None:
-        """What cannot be made, because something else is there, is left out."""
+        """What cannot be made, because something else is there or a link is on the way, is left out: never outside of root."""
         for steps, kind, content in self.nodes:
             path = root.joinpath(*steps)
-            try:
+            above = (root.joinpath(*steps[:end]) for end in range(1, len(steps) + 1))
+            if os.path.lexists(path) or any(each.is_symlink() for each in above):
+                continue
+            with suppress(OSError, ValueError):
                 path.parent.mkdir(parents=True, exist_ok=True)
                 if kind == "file":
                     path.write_bytes(content)
                 elif kind == "link":
                     path.symlink_to(content)
                 elif kind == "pipe":
-                    import os
-
                     os.mkfifo(path)
                 else:
-                    path.mkdir(exist_ok=True)
-            except (OSError, ValueError):
-                continue
+                    path.mkdir()
 
 
 @st.composite
