@@ -7,6 +7,7 @@ only its sockets and files are simulated. All share this process and a pool of c
 import argparse
 import asyncio
 import json
+import logging
 import random
 import sys
 import time
@@ -278,6 +279,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--limit", type=amount, default=50.0, help="writes per second of all; default: 50")
     parser.add_argument("--json", type=report)
     options = parser.parse_args(arguments)
+    logging.getLogger("robotapp_agent").setLevel(logging.CRITICAL)  # thousands would report the same outage
     with ControlPlane(kwok=False, controller_manager=False) as plane:
         crds.install(plane)
         rows, objects = asyncio.run(measured(plane, options))

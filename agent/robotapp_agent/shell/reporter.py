@@ -5,7 +5,7 @@ import logging
 from collections.abc import Callable
 from typing import Final, Protocol
 
-from robotapp_agent.report.changes import Pace, urgency
+from robotapp_agent.report.changes import SHORTEST_S, Pace, urgency
 from robotapp_agent.report.readings import Readings
 from robotapp_agent.report.status import Status, status_of
 from robotapp_api.client.backoff import Backoff
@@ -104,7 +104,7 @@ class Reporter:
         if self._backoff is None:
             slow = is_refusal(error)
             cap_s = REFUSAL_CAP_S if slow else max(OUTAGE_CAP_S, interval_s)
-            self._backoff = Backoff(base_s=20.0 if slow else 2.0, cap_s=cap_s, uniform=self._uniform)
+            self._backoff = Backoff(base_s=40.0 if slow else 2 * SHORTEST_S, cap_s=cap_s, uniform=self._uniform)
         wish_s = error.retry_after_s if isinstance(error, ApiError) else None
         return self._backoff.next_s(at_least_s=min(wish_s, REFUSAL_CAP_S) if wish_s is not None else None)
 
