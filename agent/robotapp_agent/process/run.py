@@ -32,6 +32,7 @@ log = logging.getLogger(__name__)
 
 START_SPREAD_S: Final = 3.0
 """A new version starts on all nodes at once: the first request of each agent comes within this time."""
+LOOK_S: Final = 10.0
 PATIENCE_S: Final = 5.0
 CONNECTIONS: Final = 2
 REQUEST_S: Final = 20.0
@@ -89,12 +90,17 @@ async def _work(options: Options, endpoint: Endpoint, client: ApiClient, node: C
 
 
 async def look_around(writer: ApiWriter, peers: Endpoints) -> Earlier | None:
-    """What an earlier run left, and the size of the cluster; None when the API server does not tell, which is no reason to wait."""
+    """What an earlier run left, and the size of the cluster. None when the API server does not tell soon: an agent that cannot
+    reach it answers the probes of others all the same.
+    """
     try:
-        await peers.count()
-        return await writer.earlier()
-    except ClientError as error:
-        log.warning("the agent begins without what the API server knows: %s", error)
+        async with asyncio.timeout(LOOK_S):
+            await peers.count()
+            return await writer.earlier()
+    except (ClientError, TimeoutError) as error:
+        log.warning(
+            "the agent begins without what the API server knows: %s", str(error) or f"no answer in {LOOK_S:.0f} s"
+        )
         return None
 
 

@@ -8,6 +8,8 @@ from robotapp_agent.report.readings import Load
 
 _DIGITS: Final = 20
 """Longest number we read: a 64-bit counter."""
+_MOST_BPS: Final = 10**14
+"""More is no traffic but a broken counter."""
 _MEMORY: Final = re.compile(r"^(MemTotal|MemAvailable):\s+(\d{1,15}) kB", re.MULTILINE)
 
 
@@ -115,7 +117,8 @@ def _network_bps(before: Sample, after: Sample) -> int | None:
         then = before.traffic.get(name)
         if then is not None and now.received >= then.received and now.sent >= then.sent:
             moved += now.received - then.received + now.sent - then.sent
-    return _two_digits(round(8 * moved / elapsed_s))
+    found = _two_digits(round(8 * moved / elapsed_s))
+    return found if found <= _MOST_BPS else None
 
 
 def _two_digits(value: int) -> int:

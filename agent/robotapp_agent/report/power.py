@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterable, Mapping
+from itertools import count
 from typing import Final, NamedTuple
 
 from robotapp_agent.report.load import number
@@ -75,7 +76,9 @@ def _folded(name: str) -> str:
 
 
 def _numbered(readings: Iterable[Temperature]) -> Iterable[Temperature]:
-    seen: dict[str, int] = {}
+    seen: set[str] = set()
     for name, celsius in readings:
-        count = seen[name] = seen.get(name, 0) + 1
-        yield Temperature(name if count == 1 else f"{name}-{count}", celsius)
+        names = (name if number == 1 else f"{name}-{number}" for number in count(1))
+        free = next(each for each in names if each not in seen)
+        seen.add(free)
+        yield Temperature(free, celsius)

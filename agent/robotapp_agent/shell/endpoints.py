@@ -82,6 +82,8 @@ class Endpoints:
         self.changed: Callable[[], None] = lambda: None
         """Called after each list."""
         self._sooner = asyncio.Event()
+        self._missing: set[str] = set()
+        """Nodes that were looked for and have no agent."""
         self.peers: Mapping[str, Peer] = {}
         """By name of the node, the own one included. Replaced as a whole."""
         self.nodes = 0
@@ -105,9 +107,11 @@ class Endpoints:
         return self.nodes
 
     def look_for(self, names: Collection[str]) -> None:
-        """Read the list sooner when one of these nodes is not in it."""
-        if any(name not in self.peers for name in names):
+        """Read the list sooner when one of these nodes is not in it; once only for a node that then is not in it either."""
+        missing = {name for name in names if name not in self.peers}
+        if missing - self._missing:
             self._sooner.set()
+        self._missing = missing
 
     async def run(self) -> None:
         """Read the list again and again."""

@@ -91,6 +91,20 @@ async def test_after_each_list_the_agent_learns_of_it() -> None:
         assert told == [1]
 
 
+async def test_a_node_without_agent_is_looked_for_once() -> None:
+    async with watching(slice_of("a", endpoint("robot-1", "10.0.0.1"))) as (peers, _, _):
+        await peers.refresh()
+        peers.look_for(["robot-1"])
+        assert not peers._sooner.is_set()
+        peers.look_for(["robot-1", "robot-2"])
+        assert peers._sooner.is_set()
+        peers._sooner.clear()
+        peers.look_for(["robot-2"])
+        assert not peers._sooner.is_set()
+        peers.look_for(["robot-3"])
+        assert peers._sooner.is_set()
+
+
 def test_addresses_are_those_of_both_families_without_a_zone() -> None:
     assert is_address("10.0.0.1")
     assert is_address("fd00::1")

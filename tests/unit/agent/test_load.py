@@ -66,6 +66,11 @@ def test_without_two_samples_there_is_no_cpu_and_no_network() -> None:
     assert load_between(Sample(1.0), Sample(2.0)) == Load()
 
 
+def test_more_traffic_than_there_can_be_counts_as_unknown() -> None:
+    before, after = Sample(1.0, traffic={"eth0": Traffic(0, 0)}), Sample(1.001, traffic={"eth0": Traffic(2**63, 0)})
+    assert load_between(before, after) == Load()
+
+
 def test_a_clock_or_counters_that_go_backwards_give_no_load() -> None:
     late = Sample(20.0, cpu=CpuTimes(150, 1200), traffic={"eth0": Traffic(5, 5)})
     assert load_between(late, late._replace(at_s=10.0, cpu=CpuTimes(1, 2))) == Load()

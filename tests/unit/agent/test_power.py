@@ -17,6 +17,11 @@ def test_sensors_of_one_name_are_numbered() -> None:
     assert found == (Temperature("cpu", 1), Temperature("cpu-2", 2), Temperature("cpu-3", 3))
 
 
+def test_a_number_that_another_sensor_has_in_its_name_is_not_given_twice() -> None:
+    found = temperatures([Sensor("cpu", "1000"), Sensor("cpu-2", "2000"), Sensor("cpu", "3000")], [])
+    assert [reading.name for reading in found] == ["cpu", "cpu-2", "cpu-3"]
+
+
 @pytest.mark.parametrize(
     ("name", "value"),
     [("cpu", ""), ("cpu", "hot"), ("cpu", "-274000"), ("cpu", "9999999"), ("", "1000"), ("\x1b\x00", "1000")],
