@@ -10,7 +10,7 @@ from robotapp_agent.report.changes import SHORTEST_INTERVAL_S
 from robotapp_agent.report.knowledge import Knowledge
 from robotapp_agent.report.status import shown, status_of
 from robotapp_agent.shell.device_scanner import DeviceScanner, HostPaths
-from robotapp_agent.shell.node_files import NodeFiles
+from robotapp_agent.shell.host.node_files import NodeFiles
 from robotapp_agent.shell.options import Options
 
 _BETWEEN_S: Final = 1.0
@@ -27,7 +27,8 @@ def look(options: Options) -> tuple[dict[str, Any], str]:
         fixed_interval_s=options.interval_seconds or SHORTEST_INTERVAL_S,
     )
     knowledge.sampled(files.sample().load)
-    scan = DeviceScanner(HostPaths.below(options.host_root), rules_path=options.device_rules).scan()
+    paths = HostPaths.below(options.host_root)
+    scan = DeviceScanner(paths, rules_path=options.device_rules, node=options.node_name).scan()
     time.sleep(_BETWEEN_S)
     sample = files.sample()
     knowledge.sampled(sample.load)

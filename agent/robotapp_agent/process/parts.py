@@ -14,8 +14,9 @@ from robotapp_agent.report.changes import ROUND_JITTER
 from robotapp_agent.report.knowledge import Knowledge
 from robotapp_agent.shell.device_scanner import DeviceScanner
 from robotapp_agent.shell.endpoints import Peer
+from robotapp_agent.shell.feature_file import FeatureFile
+from robotapp_agent.shell.host.node_files import NodeFiles
 from robotapp_agent.shell.key_files import refresh_keys
-from robotapp_agent.shell.node_files import NodeFiles
 from robotapp_agent.shell.udp import PeerAddress, UdpProbes
 
 log = logging.getLogger(__name__)
@@ -38,14 +39,18 @@ async def sample_load(files: NodeFiles, knowledge: Knowledge, wake: Wake) -> Non
         await asyncio.sleep(SAMPLE_S)
 
 
-async def scan_devices(scanner: DeviceScanner, knowledge: Knowledge, wake: Wake) -> None:
-    """Devices, in a thread as well. A problem is logged when it is another one than before."""
-    problem = ""
+async def scan_devices(scanner: DeviceScanner, features: FeatureFile | None, knowledge: Knowledge, wake: Wake) -> None:
+    """Devices, in a thread as well, and their labels for Node Feature Discovery. A problem is logged when it is a new one."""
+    said = ("", "")
     while True:
         scan = await asyncio.to_thread(scanner.scan)
-        if scan.problem and scan.problem != problem:
-            log.warning("devices: %s", scan.problem)
-        problem = scan.problem
+        if features is not None:
+            await asyncio.to_thread(features.write, scan.devices)
+        problems = (scan.problem, features.problem if features is not None else "")
+        for problem, before in zip(problems, said, strict=True):
+            if problem and problem != before:
+                log.warning("devices: %s", problem)
+        said = problems
         knowledge.devices, knowledge.device_problem = scan.devices, scan.problem
         wake()
         await asyncio.sleep(scan.next_s)

@@ -20,7 +20,8 @@ from robotapp_agent.report.knowledge import Knowledge
 from robotapp_agent.shell.api_writer import ApiWriter, Earlier
 from robotapp_agent.shell.device_scanner import DeviceScanner, HostPaths
 from robotapp_agent.shell.endpoints import Endpoints
-from robotapp_agent.shell.node_files import NodeFiles
+from robotapp_agent.shell.feature_file import FeatureFile
+from robotapp_agent.shell.host.node_files import NodeFiles
 from robotapp_agent.shell.options import Options
 from robotapp_agent.shell.own_node import OwnNode, own_node
 from robotapp_agent.shell.reporter import Reporter
@@ -134,11 +135,15 @@ class NodeAgent:
         self._peers = peers
         self._files = files
         self._keys = KeyRing()
+        self._ending = False
         self._scanner = DeviceScanner(
             HostPaths.below(options.host_root),
             rules_path=options.device_rules,
+            node=node,
             reported=earlier.devices,
+            cancelled=lambda: self._ending,
         )
+        self._features = None if options.features_dir is None else FeatureFile(options.features_dir)
         self._reporter = Reporter(
             writer,
             knowledge.readings,
@@ -155,15 +160,18 @@ class NodeAgent:
         return f"<NodeAgent {self._knowledge!r}, {self._reporter!r}>"
 
     async def work(self) -> None:
-        """Run all parts until cancelled."""
-        async with asyncio.TaskGroup() as group:
-            for name, part in self._parts():
-                group.create_task(supervised(name, part, clock=time.monotonic), name=name)
+        """Run all parts until cancelled. A scan that is under way in its thread ends then as well, or the process would wait."""
+        try:
+            async with asyncio.TaskGroup() as group:
+                for name, part in self._parts():
+                    group.create_task(supervised(name, part, clock=time.monotonic), name=name)
+        finally:
+            self._ending = True
 
     def _parts(self) -> Iterable[tuple[str, Callable[[], Awaitable[None]]]]:
         options, knowledge, wake = self._options, self._knowledge, self._wake
         yield "load", lambda: parts.sample_load(self._files, knowledge, wake)
-        yield "devices", lambda: parts.scan_devices(self._scanner, knowledge, wake)
+        yield "devices", lambda: parts.scan_devices(self._scanner, self._features, knowledge, wake)
         yield "peers", self._peers.run
         yield "report", self._report
         if options.key_dir is not None and options.probe_port:

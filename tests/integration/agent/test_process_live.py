@@ -3,6 +3,7 @@
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from tests.support import crds
@@ -10,6 +11,7 @@ from tests.support.agent_process import TELEMETRY, agent, status_of
 from tests.support.live import eventually
 
 from robotapp_testbed import ControlPlane, Process
+from robotapp_testbed.fake_host import FakeHost
 from robotapp_testbed.servers import answers
 
 pytestmark = pytest.mark.live
@@ -68,6 +70,29 @@ def test_it_outlives_its_api_server_and_creates_its_object_anew(plane: ControlPl
     assert "written again" in running.log_text(), f"away for {time.monotonic() - away_from:.0f} s"
     plane.api.delete(f"{TELEMETRY}/{NODE}")
     eventually(lambda: seq(plane) > before)
+
+
+def test_a_camera_is_reported_and_labelled_while_it_is_plugged_in(plane: ControlPlane, tmp_path: Path) -> None:
+    host = FakeHost(tmp_path / "host")
+    features = tmp_path / "features.d"
+    features.mkdir()
+    process = agent(plane, NODE, f"--features-dir={features}", host_root=host.root)
+    process.start().wait_ready()
+    try:
+        eventually(lambda: status_of(plane, NODE))
+        camera = host.camera("1-2")
+        eventually(lambda: [device["present"] for device in cameras(plane)] == [True])
+        assert "hardware.robotics.io/video=" in (features / "robotapp").read_text()
+        host.remove(camera)
+        eventually(lambda: [device["present"] for device in cameras(plane)] == [False])
+        assert "hardware.robotics.io/video=" not in (features / "robotapp").read_text()
+    finally:
+        process.stop()
+        plane.api.delete(f"{TELEMETRY}/{NODE}")
+
+
+def cameras(plane: ControlPlane) -> list[dict[str, Any]]:
+    return [device for device in status_of(plane, NODE).get("devices", ()) if device["type"] == "video"]
 
 
 def test_it_ends_cleanly_when_told(plane: ControlPlane, running: Process) -> None:

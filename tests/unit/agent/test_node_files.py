@@ -7,7 +7,7 @@ import pytest
 
 from robotapp_agent.report.load import Traffic
 from robotapp_agent.report.readings import Battery, Temperature
-from robotapp_agent.shell.node_files import NodeFiles, read_text
+from robotapp_agent.shell.host.node_files import NodeFiles, read_text
 
 
 def put(root: Path, name: str, text: str) -> None:
