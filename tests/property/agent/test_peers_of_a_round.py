@@ -3,7 +3,7 @@
 from collections import Counter
 from math import ceil
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from robotapp_agent.probe.peers import MOST_ASKED, MOST_PEERS, OTHER_ZONES, OWN_ZONE, SMALL_ZONE, Peer, choose_peers
@@ -55,7 +55,6 @@ def test_the_order_of_the_input_changes_nothing(
     )
 
 
-@settings(deadline=None)
 @given(own_names, clusters, asked_lists, rounds)
 def test_every_peer_comes_exactly_in_its_turn(own: str, zones: dict[str, str], asked: list[str], first: int) -> None:
     """`every_rounds` is what readers age an entry by: too small a number and it is unknown half of the time."""
@@ -68,7 +67,6 @@ def test_every_peer_comes_exactly_in_its_turn(own: str, zones: dict[str, str], a
         assert turns == list(range(turns[0], 16, peer.every_rounds))
 
 
-@settings(deadline=None)
 @given(own_names, clusters, asked_lists, rounds)
 def test_every_other_zone_has_its_turn_within_as_many_rounds_as_there_are_zones(
     own: str, zones: dict[str, str], asked: list[str], first: int
