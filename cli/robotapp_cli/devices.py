@@ -39,7 +39,8 @@ class NodeDevice:
     @property
     def row(self) -> dict[str, str]:
         found = {"node": self.node, "device": self.device.id, "present": self.present, "source": self.source}
-        found |= {key: getattr(self.device, key) for key in ("type", "model", "interface")} | {"path": self.path}
+        found |= {key: getattr(self.device, key) for key in ("type", "model", "interface")}
+        found |= {"names": ",".join(self.device.names), "path": self.path}
         return found | _claim_fields(self.claim)
 
 
@@ -63,8 +64,8 @@ async def show_devices(session: Session) -> None:
         return
     keys = ["node", "device", "type", "model", "interface", "present", "holder", "instance", "component", "phase"]
     wide = session.options.output is Output.WIDE
-    keys = [*keys, "source", "claim", "path"] if wide else [key for key in keys if _tells(key, rows)]
-    columns = [Column(key.upper(), wraps=key == "path") for key in keys]
+    keys = [*keys, "names", "source", "claim", "path"] if wide else [key for key in keys if _tells(key, rows)]
+    columns = [Column(key.upper(), wraps=key in ("names", "path")) for key in keys]
     print_table(columns, [[_cell(key, row) for key in keys] for row in rows])
 
 
@@ -94,7 +95,12 @@ def _reported(telemetry: Json) -> list[NodeDevice]:
     return [
         NodeDevice(
             node,
-            Device(item["id"], item["type"], *(item.get(key, "") for key in ("model", "interface", "identity"))),
+            Device(
+                item["id"],
+                item["type"],
+                *(item.get(key, "") for key in ("model", "interface", "identity")),
+                tuple(item.get("names") or ()),
+            ),
             "agent",
             "yes" if item.get("present") else "no",
             item.get("path", ""),

@@ -143,10 +143,10 @@ class TestDevices:
         stage.add("robotics.io/robotclaims", claim("dev.n.usb", device=thing))
         (row,) = stage.data("devices")["devices"]
         assert (row["device"], row["model"], row["source"], row["holder"]) == ("usb", "d435", "label", "fleet/teleop")
-        reported = {"id": "usb-0123", "type": "usb", "model": "d435", "identity": "8086:0b3a:0123", "present": True}
+        reported = {"id": "video-0123", "type": "video", "identity": "8086:0b3a:0123", "names": ["usb"], "present": True}
         stage.add("robotics.io/nodetelemetries", {"metadata": {"name": "n"}, "status": {"devices": [reported]}})
         (row,) = stage.data("devices")["devices"]
-        assert (row["device"], row["source"], row["claim"]) == ("usb-0123", "agent", "dev.n.usb")
+        assert (row["device"], row["source"], row["claim"]) == ("video-0123", "agent", "dev.n.usb")
 
 
 class TestRender:
