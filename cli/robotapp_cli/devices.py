@@ -98,8 +98,10 @@ def _reported(telemetry: Json) -> list[NodeDevice]:
             Device(
                 item["id"],
                 item["type"],
-                *(item.get(key, "") for key in ("model", "interface", "identity")),
-                tuple(item.get("names") or ()),
+                model=item.get("model", ""),
+                interface=item.get("interface", ""),
+                identity=item.get("identity", ""),
+                names=tuple(item.get("names") or ()),
             ),
             "agent",
             "yes" if item.get("present") else "no",

@@ -143,7 +143,13 @@ class TestDevices:
         stage.add("robotics.io/robotclaims", claim("dev.n.usb", device=thing))
         (row,) = stage.data("devices")["devices"]
         assert (row["device"], row["model"], row["source"], row["holder"]) == ("usb", "d435", "label", "fleet/teleop")
-        reported = {"id": "video-0123", "type": "video", "identity": "8086:0b3a:0123", "names": ["usb"], "present": True}
+        reported = {
+            "id": "video-0123",
+            "type": "video",
+            "identity": "8086:0b3a:0123",
+            "names": ["usb"],
+            "present": True,
+        }
         stage.add("robotics.io/nodetelemetries", {"metadata": {"name": "n"}, "status": {"devices": [reported]}})
         (row,) = stage.data("devices")["devices"]
         assert (row["device"], row["source"], row["claim"]) == ("video-0123", "agent", "dev.n.usb")

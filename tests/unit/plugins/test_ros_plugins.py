@@ -12,13 +12,11 @@ from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.ros import DeviceHolder, DeviceWish, Endpoint, Hardware, PeerGroup, RosContext
 from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.plugins.registry import ROS, catalogue
-from robotapp_scheduler.plugins.ros.bind import DefaultBinder, ROSBind
 from robotapp_scheduler.plugins.ros.deadline_score import DeadlineScore
 from robotapp_scheduler.plugins.ros.hardware_affinity import HardwareAffinityFilter
 from robotapp_scheduler.plugins.ros.latency_filter import LatencyFilter, LatencyFilterArgs
 from robotapp_scheduler.plugins.ros.latency_score import LatencyScore, LatencyScoreArgs
 from robotapp_scheduler.plugins.ros.load_balance import LoadBalanceArgs, LoadBalanceScore
-from robotapp_scheduler.plugins.ros.queue_sort import ROSQueueSort, ROSQueueSortArgs
 from robotapp_scheduler.plugins.ros.reserve import ROSReserve
 from robotapp_scheduler.plugins.ros.shared_data import SharedDataFilter
 from robotapp_scheduler.plugins.ros.topology_score import TopologyScore
@@ -352,54 +350,3 @@ def test_measured_load_replaces_requests_where_an_agent_reports_it() -> None:
     cluster.apply_telemetry(telemetry("a", load={"cpuPercent": 80, "memoryPercent": 40}))
     plugin = LoadBalanceScore(LoadBalanceArgs(source="Telemetry"))
     assert scores(plugin.score(pod(), Nodes(cluster))) == [35.0, 100.0]
-
-
-# --- Queue and bind ------------------------------------------------------------------------------------------------------
-
-
-def queued(priority: int = 0, *qos: str) -> PodInfo:
-    info = make_info("p", priority=priority)
-    info.qos = (qos[0], qos[1], qos[2]) if qos else None
-    return info
-
-
-def test_priority_class_stands_before_the_tier_and_system_pods_before_everything() -> None:
-    sort = ROSQueueSort()
-    order = [
-        sort.queue_key(queued(2_000_000_000), 9.0),
-        sort.queue_key(queued(10), 9.0),
-        sort.queue_key(queued(0, "realtime", "", ""), 9.0),
-        sort.queue_key(queued(0, "sensor_data", "best_effort", ""), 9.0),
-        sort.queue_key(queued(0), 1.0),
-        sort.queue_key(queued(0), 2.0),
-        sort.queue_key(queued(0, "best_effort", "", ""), 0.0),
-    ]
-    assert order == sorted(order)
-
-
-def test_the_thesis_order_puts_the_tier_first_and_best_effort_reliability_last() -> None:
-    sort = ROSQueueSort(ROSQueueSortArgs(order="Thesis"))
-    order = [
-        sort.queue_key(queued(0, "realtime", "", ""), 9.0),
-        sort.queue_key(queued(0, "system_default", "reliable", "manual_by_topic"), 9.0),
-        sort.queue_key(queued(5), 9.0),
-        sort.queue_key(queued(0), 9.0),
-        sort.queue_key(queued(9, "realtime", "best_effort", ""), 0.0),
-    ]
-    assert order == sorted(order)
-
-
-def test_with_ageing_a_waiting_pod_overtakes_a_higher_tier_of_the_same_priority() -> None:
-    sort = ROSQueueSort(ROSQueueSortArgs(aging_seconds=60))
-    best_effort, realtime = queued(0, "best_effort", "", ""), queued(0, "realtime", "", "")
-    assert sort.queue_key(best_effort, 0.0) > sort.queue_key(realtime, 100.0)
-    assert sort.queue_key(best_effort, 0.0) < sort.queue_key(realtime, 181.0)
-
-
-def test_grants_become_annotations_of_the_binding_under_either_name() -> None:
-    for plugin in (ROSBind(), DefaultBinder()):
-        assert plugin.bind(domain=7, devices=["usb-cam", "can-can0"]) == {
-            "granted.robotics.io/devices": "can-can0,usb-cam",
-            "granted.robotics.io/dds-domain": "7",
-        }
-        assert plugin.bind() == {}
