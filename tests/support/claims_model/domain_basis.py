@@ -90,6 +90,8 @@ class Basis:
     """Structure mutant: the sweep lists pods before it reads the claims."""
     cached_check: bool = False
     """Structure mutant: the bind check may have been read before the pod existed."""
+    old_cache: bool = False
+    """Operators may pass over an id, because a cache of theirs still shows it in the hands of another."""
     forgeries: int = 0
     """Objects the attacker may write."""
     vanishings: int = 0

@@ -57,6 +57,9 @@ class Operators(Basis):
 
     def _create(self, s: State, k: int, h: int, candidates: tuple[int, ...]) -> Iterator[Move]:
         x, claim = candidates[0], s.claims[candidates[0]]
+        if self.old_cache and (claim is None or claim[0] != h):
+            to = ("create", h, candidates[1:]) if candidates[1:] else self._no_id(s, h)
+            yield move(s, f"O passes over id{x}", False, operators=self._ops(s, k, to))
         if claim is None:
             changed = {"claims": put(s.claims, x, (h, 0)), "sweepers": self._sweeps(s, claim=x, gone=True)}
             to = ("write", h, x)
