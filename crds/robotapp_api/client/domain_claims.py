@@ -1,7 +1,7 @@
 """A new domain claim: within the quota, in the order of the candidates, past what a cache shows in the hands of others."""
 
 import asyncio
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import replace
 from typing import Final
 from weakref import WeakValueDictionary
@@ -62,12 +62,19 @@ async def pool_claims(client: Api, request: DomainRequest) -> list[Claim]:
     return listing.items
 
 
-def full_pool(request: DomainRequest, pool: Pool, claims: Iterable[Claim]) -> DomainOutcome | None:
-    """Exhausted when others hold every id the pool hands out; None when one may be free, or one is asked for by its number."""
-    if request.requested_id is not None:
+def full_pool(
+    request: DomainRequest, pool: Pool, claims: Iterable[Claim], *, trying: Collection[str] = ()
+) -> DomainOutcome | None:
+    """Exhausted when others hold every id the pool hands out; None when one may be free, or one is asked for by its number.
+
+    trying: uids of holders that are about to take one.
+    """
+    there = [claim for claim in claims if _same_place(claim, request)]
+    if request.requested_id is not None or any(same_holder(claim.holder, request.holder) for claim in there):
         return None
-    others = _of_others(request, claims)
-    return _exhausted(request, pool, others) if _ids(others) >= rules.pool_ids(pool) else None
+    free = rules.pool_ids(pool) - _ids(there)
+    taking = set(trying) - {claim.holder.uid for claim in there}
+    return _exhausted(request, pool, there, taking=len(free)) if len(free) <= len(taking) else None
 
 
 async def _try_free(
@@ -111,11 +118,12 @@ async def _try_candidates(
     return _exhausted(request, pool, [c for c in await pool_claims(client, request) if _same_place(c, request)])
 
 
-def _exhausted(request: DomainRequest, pool: Pool, claims: list[Claim]) -> DomainOutcome:
+def _exhausted(request: DomainRequest, pool: Pool, claims: list[Claim], *, taking: int = 0) -> DomainOutcome:
+    """taking: ids that are being taken at this moment."""
     return rules.exhausted(
         request,
         pool,
-        claimed=len(claims),
+        claimed=len(claims) + taking,
         resting=sum(c.draining for c in claims),
         parked=sum(c.parked for c in claims),
     )

@@ -76,6 +76,8 @@ class Reserver:
         self._known_claims = known_claims
         self._pool: Pool | None = None
         self._reading = asyncio.Lock()
+        self._trying: set[str] = set()
+        """Pods that are taking a domain just now: of those who wait as many try as ids are free."""
         self._words: DomainOutcome | None = None
         self._pool_read_s = self._words_s = float("-inf")
 
@@ -125,27 +127,35 @@ class Reserver:
             return READY
         domain = domain_wish(pod)
         try:
-            full = await self._full(pod, domain) if domain else None
+            if not domain:
+                return await self._claim(pod, node, wanted, "")
+            full = await self._full(pod, domain)
             if full is not None:
                 return Reserved(Readiness.WAIT, reason=_no_domain(full), message=full.message)
-            stored = await self._stored(pod)
-            if stored is None:
-                return Reserved(Readiness.GONE)
-            sharing, found = await self._devices(pod, node, wanted)
-            if not found.ok:
-                if found.in_vain:
-                    await give_back(self._client, stored, found.in_vain)
-                return Reserved(Readiness.BUSY, reason=found.reason, message=found.message)
-            number: int | None = None
-            if domain:
-                outcome = await ensure_pod_domain(
-                    self._client, domain_request(pod, domain), node=node, known_claims=self._known_claims
-                )
-                if not outcome.held:
-                    return Reserved(Readiness.WAIT, reason=_no_domain(outcome), message=outcome.message)
-                number = outcome.id
+            self._trying.add(pod.uid)
+            try:
+                return await self._claim(pod, node, wanted, domain)
+            finally:
+                self._trying.discard(pod.uid)
         except ClientError as error:
             return _error(error)
+
+    async def _claim(self, pod: PodInfo, node: str, wanted: Sequence[DeviceGrant], domain: str) -> Reserved:
+        stored = await self._stored(pod)
+        if stored is None:
+            return Reserved(Readiness.GONE)
+        sharing, found = await self._devices(pod, node, wanted)
+        if not found.ok:
+            if found.in_vain:
+                await give_back(self._client, stored, found.in_vain)
+            return Reserved(Readiness.BUSY, reason=found.reason, message=found.message)
+        number: int | None = None
+        if domain:
+            request = domain_request(pod, domain)
+            outcome = await ensure_pod_domain(self._client, request, node=node, known_claims=self._known_claims)
+            if not outcome.held:
+                return Reserved(Readiness.WAIT, reason=_no_domain(outcome), message=outcome.message)
+            number = outcome.id
         version = stored.metadata.resource_version
         shared = [grant.device.id for grant in wanted if not grant.exclusive]
         given = grants(domain=number, devices=found.ids, shared=shared)
@@ -167,7 +177,7 @@ class Reserver:
         if not claims:
             return None
         pool = await self._pool_for_refusals(request.pool)
-        full = None if pool is None else full_pool(request, pool, claims)
+        full = None if pool is None else full_pool(request, pool, claims, trying=self._trying)
         now_s = self._client.clock()
         if full is not None and (self._words is None or now_s - self._words_s >= WORDS_S):
             self._words, self._words_s = full, now_s

@@ -191,6 +191,22 @@ async def test_pods_that_wait_for_a_full_pool_cost_the_server_one_look_at_the_po
         assert (await reserver.things(late[0], "edge-1", ())).readiness is Readiness.READY
 
 
+async def test_of_the_pods_that_wait_as_many_try_as_ids_are_free_and_who_holds_one_always_does() -> None:
+    auto = {str(Annotation.DDS_DOMAIN): "auto"}
+    async with FakeApiServer() as server, client_for(server.endpoint) as client:
+        await client.create(DOMAINPOOLS, {"metadata": {"name": "default"}, "spec": {"scope": "Cluster", "ids": "1-3"}})
+        known: list[Claim] = []
+        reserver = Reserver(client, known_claims=lambda: known)
+        pods = [await stored(client, f"t{number}", annotations=auto) for number in range(9)]
+        for pod in pods[:2]:
+            assert (await reserver.things(pod, "edge-1", ())).readiness is Readiness.READY
+        known += (await client.list(ROBOTCLAIMS, as_type=Claim)).items
+        answers = await asyncio.gather(*(reserver.things(pod, "edge-1", ()) for pod in pods))
+        found = [answer.readiness for answer in answers]
+        assert found == [Readiness.READY] * 3 + [Readiness.WAIT] * 6
+        assert [path for verb, path in server.requests if verb == "POST" and "robotclaims" in path][3:] == []
+
+
 async def test_a_bare_pod_that_names_a_reserved_id_is_told_to_change_its_annotation(client: ApiClient) -> None:
     await client.patch(DOMAINPOOLS, "default", {"spec": {"reserved": [2]}})
     pod = await stored(client, "talker", annotations={str(Annotation.DDS_DOMAIN): "2"})
