@@ -219,8 +219,10 @@ def pool_not_found(request: DomainRequest) -> DomainOutcome:
 
 
 def exhausted(request: DomainRequest, pool: Pool, *, claimed: int, resting: int, parked: int = 0) -> DomainOutcome:
+    """To a bare pod without what changes from moment to moment: each attempt would be another event and another condition."""
     rest = f", {resting} of them resting up to {pool.spec.quarantine_seconds} s after use" if resting else ""
     rest += f", {parked} of them parked for robots out of sight" if parked else ""
+    rest = rest if request.holder.is_app else ""
     total = len(pool_ids(pool))
     another = ", or use another pool (spec.ros2.pool)" if request.holder.is_app else ""
     return DomainOutcome(

@@ -36,8 +36,6 @@ log = logging.getLogger(__name__)
 NOTHING: Final = Reservation(True)
 POOL_S: Final = 1.0
 """How old the pool may be by which a pod is told that all ids are taken. Before an id is taken it is read anew."""
-WORDS_S: Final = 10.0
-"""How old the figures may be in what it is told."""
 
 
 class Readiness(StrEnum):
@@ -78,8 +76,7 @@ class Reserver:
         self._reading = asyncio.Lock()
         self._trying: set[str] = set()
         """Pods that are taking a domain just now: of those who wait as many try as ids are free."""
-        self._words: DomainOutcome | None = None
-        self._pool_read_s = self._words_s = float("-inf")
+        self._pool_read_s = float("-inf")
 
     def __repr__(self) -> str:
         return "<Reserver>"
@@ -169,19 +166,12 @@ class Reserver:
             log.info("claims of a shared device are left to the sweep: %s", error)
 
     async def _full(self, pod: PodInfo, wish: str) -> DomainOutcome | None:
-        """Why trying is no use: the cache shows every id in other hands. Pods that wait for a full pool cost the server nothing.
-
-        All are told the same words for a while: with the latest figures each attempt would rewrite each pod's condition.
-        """
+        """Why trying is no use: the cache shows every id in other hands. Pods that wait for a full pool cost the server nothing."""
         request, claims = domain_request(pod, wish), self._known_claims()
         if not claims:
             return None
         pool = await self._pool_for_refusals(request.pool)
-        full = None if pool is None else full_pool(request, pool, claims, trying=self._trying)
-        now_s = self._client.clock()
-        if full is not None and (self._words is None or now_s - self._words_s >= WORDS_S):
-            self._words, self._words_s = full, now_s
-        return full and self._words
+        return None if pool is None else full_pool(request, pool, claims, trying=self._trying)
 
     async def _pool_for_refusals(self, name: str) -> Pool | None:
         """The pool of bare pods, read once for all who ask at the same time."""

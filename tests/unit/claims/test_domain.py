@@ -262,3 +262,10 @@ def test_isolation_discovery_stays_where_it_is_and_else_takes_the_least_used_sha
     assert (new.id, stay.id, none.id) == (91, 90, None)
     assert new.claim == ""
     assert "sharedIds" in none.message
+
+
+def test_a_bare_pod_that_waits_for_a_full_pool_is_told_the_same_whatever_rests_just_now() -> None:
+    pod = DomainRequest(holder_of_pod(namespace="team", name="talker", uid="p"))
+    told = {domain.exhausted(pod, pool("1-3"), claimed=3, resting=n, parked=n).message for n in range(3)}
+    assert len(told) == 1
+    assert "3 of 3 domain ids" in told.pop()
