@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Final
 
 from robotapp_api.client.resources import PODS, ROBOTAPPS
-from robotapp_api.model.names import SYSTEM_NAMESPACE, Condition, Label
+from robotapp_api.model.names import SYSTEM_NAMESPACE, Condition, Label, PodReason
 from robotapp_cli.apps import print_edges
 from robotapp_cli.failures import CliError, Exit
 from robotapp_cli.fields import Json, condition, label, meta, status
@@ -174,10 +174,22 @@ def _row(component: str, pod: Json, record: Json | None, reasons: list[str]) -> 
         row.tier = str(record.get("tier") or "")
         row.planned = str(record.get("planned") or "")
         row.recomputed = bool(record.get("recomputed"))
-    if not node and not reasons:
-        waiting = condition(pod, "PodScheduled")
-        row.reasons = [waiting.get("message") or "the scheduler has not looked at it yet"]
+    if not node:
+        told = str(condition(pod, "PodScheduled").get("message") or "the scheduler has not looked at it yet")
+        row.reasons = [*_held_back(pod, record), *reasons] or [told]
     return row
+
+
+def _held_back(pod: Json, record: Json | None) -> list[str]:
+    """What else than a lack of nodes keeps the pod waiting: others of its group, its predecessor, its domain.
+
+    A node that the rules of the pod itself admit (`feasible`) is no use while the group is placed whole or not at all.
+    """
+    if record and record.get("feasible") and not record.get("node") and record.get("message"):
+        return [str(record["message"])]
+    waiting = condition(pod, "PodScheduled")
+    about_nodes = waiting.get("reason", PodReason.UNSCHEDULABLE) == PodReason.UNSCHEDULABLE
+    return [] if about_nodes or not waiting.get("message") else [str(waiting["message"])]
 
 
 def _note(link: Link, views: list[InstanceView]) -> str:

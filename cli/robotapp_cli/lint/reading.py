@@ -36,6 +36,10 @@ _CURES: Final = {
 """What to do about a complaint of the parser."""
 
 
+_PAIR: Final = re.compile(r"(?<!\\)((?:\\\\)*)\\u([dD][89abAB][0-9a-fA-F]{2})\\u([dD][c-fC-F][0-9a-fA-F]{2})")
+"""A high surrogate and its low one; not behind a backslash that stands for itself."""
+
+
 class UnreadableError(Exception):
     """The text ends here for its reader: one sentence and the place."""
 
@@ -111,6 +115,7 @@ def text_of(data: bytes) -> str:
 def read(text: str) -> Iterator[Document]:
     """The documents that hold something, one by one. Raises UnreadableError where the text ends to be readable."""
     builder = _Builder()
+    text = _without_pairs(text)
     try:
         for event in yaml.parse(text, Loader=yaml.CSafeLoader):
             if builder.take(event):
@@ -121,6 +126,18 @@ def read(text: str) -> Iterator[Document]:
         raise UnreadableError(_sentence(error, _line(text, place)), place) from error
     except (yaml.YAMLError, RecursionError, MemoryError) as error:
         raise UnreadableError(f"this cannot be read as YAML: {' '.join(str(error).split())}", Place(1, 1)) from error
+
+
+def _without_pairs(text: str) -> str:
+    """JSON writes a character beyond 16 bits as two escapes, which YAML does not know; kubectl takes what begins with { as JSON."""
+    if not text.lstrip().startswith("{"):
+        return text
+
+    def one(found: re.Match[str]) -> str:
+        high, low = int(found[2], 16), int(found[3], 16)
+        return f"{found[1]}\\U{0x10000 + ((high - 0xD800) << 10) + (low - 0xDC00):08X}"
+
+    return _PAIR.sub(one, text)
 
 
 def _place(mark: Any) -> Place:

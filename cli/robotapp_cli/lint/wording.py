@@ -25,6 +25,7 @@ _TYPES: Final = {
 _BY_PATTERN: Final = {
     scalars.LABEL_PATTERN: "lower-case letters, digits and -, such as camera-driver",
     scalars.SUBDOMAIN_PATTERN: "lower-case letters, digits, - and ., such as camera-driver",
+    scalars.IMAGE_PATTERN: "an image without blanks, such as ghcr.io/team/driver:1.2",
     scalars.QUANTITY_PATTERN: "a quantity, such as 20, 500m, 40M or 512Mi",
     LABEL_KEY: "a label key, such as robotics.io/robot",
 }

@@ -1,17 +1,26 @@
 """Checks of edges: what several edges of one publisher state must agree, or nobody knows what it offers."""
 
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
 
 from robotapp_api.checks.problem import Problem, invalid
 from robotapp_api.model.edge import Edge
 from robotapp_api.values.duration import parse_us
 from robotapp_api.values.quantity import parse_milli
 
+_DURATIONS: Final = ("deadline", "lease")
+_REFUSED_PAIRS: Final = {
+    ("reliability", "best_effort", "reliable"),
+    ("durability", "volatile", "transient_local"),
+    ("liveliness", "automatic", "manual_by_topic"),
+}
+"""(policy, offered, asked) that DDS does not connect; the schema's rules say the same of one edge."""
+
 
 def edge_problems(edges: tuple[Edge, ...]) -> Iterator[Problem]:
     """Contradictions, and rates that are none."""
     yield from _rates(edges)
+    yield from _times(edges)
     first: dict[tuple[str, str, str], tuple[int, dict[str, Any]]] = {}
     for index, edge in enumerate(edges):
         at, known = first.setdefault((edge.kind, edge.topic, edge.from_), (index, {}))
@@ -22,6 +31,44 @@ def edge_problems(edges: tuple[Edge, ...]) -> Iterator[Problem]:
                     f"spec.edges[{index}].{field}",
                     f"{edge.from_} offers {edge.topic} with {field} {value}, but {before} stands at another edge of it (the first is spec.edges[{at}]); write one value",
                 )
+    yield from _unmet(edges, {key: known for key, (_, known) in first.items()})
+
+
+def _unmet(edges: tuple[Edge, ...], offered: Mapping[tuple[str, str, str], Mapping[str, Any]]) -> Iterator[Problem]:
+    """What an edge asks that its publisher offers at another edge only: the schema compares what stands at one."""
+    for index, edge in enumerate(edges):
+        if edge.requested_qos is None:
+            continue
+        own = edge.qos.model_dump(by_alias=True) if edge.qos is not None else {}
+        stated = offered[edge.kind, edge.topic, edge.from_]
+        for name, asked in edge.requested_qos.model_dump(by_alias=True).items():
+            offer = stated.get(f"qos.{name}")
+            if own.get(name) is None and _refuses(name, offer, asked):
+                yield invalid(
+                    f"spec.edges[{index}].requestedQos.{name}",
+                    f"{edge.to} asks {edge.topic} with {name} {asked}, but {edge.from_} offers {offer} at another edge of it, so DDS refuses the pair; change one of them",
+                )
+
+
+def _refuses(name: str, offered: str | None, asked: str | None) -> bool:
+    """Whether DDS refuses a pair with these two values of one policy. What is absent is not compared."""
+    if offered is None or asked is None:
+        return False
+    if name in _DURATIONS:
+        times = [_us(text) for text in (asked, offered)]
+        return None not in times and times[0] < times[1]  # type: ignore[operator]  # neither is None
+    return (name, offered, asked) in _REFUSED_PAIRS
+
+
+def _times(edges: tuple[Edge, ...]) -> Iterator[Problem]:
+    """Durations of 0, which no message keeps. Those of a budget are refused by the schema."""
+    for index, edge in enumerate(edges):
+        for side, qos in (("qos", edge.qos), ("requestedQos", edge.requested_qos)):
+            for name in _DURATIONS if qos is not None else ():
+                text = getattr(qos, name)
+                if text is not None and _us(text) == 0:
+                    cure = f"{text} cannot be kept; write for example 100ms, or leave {name} out for no limit"
+                    yield invalid(f"spec.edges[{index}].{side}.{name}", cure)
 
 
 def _offered(edge: Edge) -> dict[str, Any]:
@@ -37,11 +84,17 @@ def _meaning(field: str, value: Any) -> Any:
     if field == "rateHz":
         return _milli(value)
     if field in ("qos.deadline", "qos.lease"):
-        try:
-            return parse_us(value)
-        except ValueError:  # no duration that can be; its own field is refused for that
-            return value
+        found = _us(value)
+        return value if found is None else found
     return value
+
+
+def _us(text: str) -> int | None:
+    """None for what is no duration that can be; its own field is refused for that."""
+    try:
+        return parse_us(text)
+    except ValueError:
+        return None
 
 
 def _rates(edges: tuple[Edge, ...]) -> Iterator[Problem]:

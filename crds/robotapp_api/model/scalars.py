@@ -1,6 +1,6 @@
 """Strings and numbers with the bounds and patterns of the API. RE2 and pydantic's engine share the syntax used here."""
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 from pydantic import Field, StringConstraints, WithJsonSchema
 
@@ -26,8 +26,10 @@ AppName = Annotated[str, StringConstraints(min_length=1, max_length=40, pattern=
 NodeName = Annotated[str, StringConstraints(min_length=1, max_length=253)]
 ShortText = Annotated[str, StringConstraints(max_length=63)]
 Text = Annotated[str, StringConstraints(max_length=253)]
-Image = Annotated[str, StringConstraints(min_length=1, max_length=512)]
-OptionalImage = Annotated[str, StringConstraints(max_length=512)]
+IMAGE_PATTERN: Final = r"^\S*$"
+"""No image name has blanks; without this rule the kubelet would say so after the pod was placed."""
+Image = Annotated[str, StringConstraints(min_length=1, max_length=512, pattern=IMAGE_PATTERN)]
+OptionalImage = Annotated[str, StringConstraints(max_length=512, pattern=IMAGE_PATTERN)]
 Token = Annotated[str, StringConstraints(min_length=1, max_length=32, pattern=LABEL_PATTERN)]
 """Type of a device or capability, such as usb or gpu."""
 

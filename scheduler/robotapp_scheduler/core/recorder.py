@@ -51,12 +51,10 @@ class Recorder:
         """Why a node of this tier was taken, where `runsOn` leaves a choice."""
 
     def tiered(self, tiers: Sequence[str], evaluation: Evaluation, *, planned: str) -> Evaluation:
-        """What is left to choose from by the order of `runsOn`: all of it where the group's plan chose the node."""
+        """What is left to choose from by the order of `runsOn`; `planned`: the node that the group's plan chose."""
         table = self._cluster.nodes
-        if planned:
-            self.tier = planned_tier(table, tiers, evaluation, planned)
-            return evaluation
-        self.evaluation, self.tier = earliest_tier(table, tiers, evaluation)
+        found = planned_tier(table, tiers, evaluation, planned) if planned else earliest_tier(table, tiers, evaluation)
+        self.evaluation, self.tier = found
         return self.evaluation
 
     def scored(self, pod: PodInfo, evaluation: Evaluation, chosen: Sight) -> None:

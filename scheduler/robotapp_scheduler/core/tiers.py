@@ -24,7 +24,7 @@ Ranks = npt.NDArray[np.int32]
 
 
 class InOrder(NamedTuple):
-    """An evaluation in which only nodes of the earliest feasible tier are left, and for people how it came to that."""
+    """An evaluation without the nodes that `runsOn` puts behind the choice, and for people how it came to that."""
 
     evaluation: Evaluation
     why: str
@@ -67,22 +67,32 @@ def earliest_tier(table: NodeTable, tiers: Sequence[str], evaluation: Evaluation
     best = int(ranks.min())
     later = ranks > best
     why = _why(tiers, best, int(later.sum()))
+    return InOrder(_without_later(tiers, evaluation, feasible, ranks, last=best), why)
+
+
+def planned_tier(table: NodeTable, tiers: Sequence[str], evaluation: Evaluation, node: str) -> InOrder:
+    """The same for a node that a plan for the whole group chose: nodes of later tiers than that one's are no alternative to it."""
+    feasible, ranks = _feasible(table, tiers, evaluation)
+    rank, best = _rank_of(table, tiers, node), int(ranks.min())
+    left = _without_later(tiers, evaluation, feasible, ranks, last=rank)
+    if rank > best:
+        why = f"{_tier(tiers, rank)}: a node of tier {tiers[best]} was feasible for this pod, but not in the plan of its group"
+        return InOrder(left, why)
+    return InOrder(left, _why(tiers, best, int((ranks > best).sum())))
+
+
+def _without_later(
+    tiers: Sequence[str], evaluation: Evaluation, feasible: npt.NDArray[np.intp], ranks: Ranks, *, last: int
+) -> Evaluation:
+    """The evaluation without feasible nodes of tiers after the one of rank `last`."""
+    later = ranks > last
     if not later.any():
-        return InOrder(evaluation, why)
+        return evaluation
     reasons = np.zeros(len(tiers) + 1, dtype=np.int32)
     for rank in np.unique(ranks[later]):
-        text = f"node(s) of {_tier(tiers, int(rank))}, and {tiers[best]} comes first in runsOn"
+        text = f"node(s) of {_tier(tiers, int(rank))}, and {tiers[last]} comes first in runsOn"
         reasons[rank] = evaluation.reasons.code(Reason(RUNS_ON, (text,), resolvable=True))
-    return InOrder(evaluation.replaced(feasible[later], reasons[ranks[later]]), why)
-
-
-def planned_tier(table: NodeTable, tiers: Sequence[str], evaluation: Evaluation, node: str) -> str:
-    """For people: how the tier of a node that a plan for the whole group chose compares to what was feasible."""
-    _, ranks = _feasible(table, tiers, evaluation)
-    rank, best = _rank_of(table, tiers, node), int(ranks.min())
-    if rank > best:
-        return f"{_tier(tiers, rank)}: a node of tier {tiers[best]} was feasible for this pod, but not in the plan of its group"
-    return _why(tiers, best, int((ranks > best).sum()))
+    return evaluation.replaced(feasible[later], reasons[ranks[later]])
 
 
 def _rank_of(table: NodeTable, tiers: Sequence[str], node: str) -> int:

@@ -66,7 +66,7 @@ def advice_of(posed: Posed, solution: Solution) -> Advice:
         worth = "a plan with more of them on earlier tiers is not ruled out"
     else:
         worth = "no plan is better" if proved else f"no plan is more than {gap:.0f} % better"
-    why = f"planned as one of {len(rows)} pods of its group; {worth}"
+    why = f"planned together with its group; {worth}"
     return Advice(nodes, result="optimal" if proved else "bounded", why=why)
 
 

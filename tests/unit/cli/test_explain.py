@@ -105,7 +105,7 @@ def test_an_edge_nobody_measured_shows_the_schedulers_estimate_as_what_it_is(sta
 
 
 def test_how_the_pods_were_planned_together_is_said_once(placed: Stage) -> None:
-    why = "planned as one of 2 pods of its group; no plan is better"
+    why = "planned together with its group; no plan is better"
     for name, record in placed.scheduler.records.items():
         placed.scheduler.records[name] = {**record, "planned": why}
     assert placed.text("explain", "teleop", "--scheduler-url", placed.scheduler.url).count(why) == 1
@@ -117,6 +117,27 @@ def test_why_a_tier_of_runs_on_was_taken_is_said_for_the_component(placed: Stage
     placed.scheduler.records[name] = {**record, "tier": why}
     text = placed.text("explain", "teleop", "--scheduler-url", placed.scheduler.url)
     assert [line for line in text.splitlines() if line.endswith(f": {why}")]
+
+
+def waiting_panel(stage: Stage, record: dict[str, Any], **condition: str) -> str:
+    stage.add(ROBOTAPPS, robotapp(edges=[EDGE]))
+    stage.add(INSTANCES, instance(**SEEN))
+    stage.add("/pods", pod("panel-1", "panel", conditions=[WAITING | condition]))
+    stage.scheduler.records = {"panel-1": RECORD | {"node": None, "runnerUp": None} | record}
+    return stage.text("explain", "teleop", "--scheduler-url", stage.scheduler.url)
+
+
+def test_a_pod_that_its_group_holds_back_is_told_so_before_the_nodes_it_cannot_use(stage: Stage) -> None:
+    why = "all pods of the group are placed together or none, and driver has no node"
+    text = waiting_panel(stage, {"feasible": 2, "message": why})
+    assert text.index("all pods of the group") < text.index("cloud-1")
+
+
+@pytest.mark.parametrize("reason", ["WaitingForGroup", "WaitingForPredecessor", "WaitingForDomain"])
+def test_what_is_no_matter_of_nodes_is_said_beside_an_older_record(stage: Stage, reason: str) -> None:
+    text = waiting_panel(stage, {"feasible": 0}, reason=reason, message="waiting for what is to come")
+    assert "waiting for what is to come" in text
+    assert "cloud-1" in text
 
 
 def test_the_users_token_goes_to_the_scheduler(placed: Stage) -> None:

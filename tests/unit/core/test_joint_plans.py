@@ -93,7 +93,7 @@ def test_a_teleoperated_robot_gets_the_plan_with_the_least_rtt_over_its_edges() 
     assert core.plans == {"optimal": 1}
     record = core.explain.get(batch[0].info.uid)
     assert record is not None
-    assert record.planned == "planned as one of 6 pods of its group; no plan is better"
+    assert record.planned == "planned together with its group; no plan is better"
 
 
 def test_a_plan_that_a_filter_refuses_is_dropped_as_a_whole_and_the_pods_are_placed_one_by_one() -> None:
@@ -240,7 +240,10 @@ def test_a_pod_that_falls_back_so_that_more_others_need_not_is_told_so() -> None
     for queued in batch:
         record = core.explain.get(queued.info.uid)
         assert record is not None
-        said[queued.info.labels[Label.COMPONENT]] = record.tier
+        component = queued.info.labels[Label.COMPONENT]
+        said[component] = record.tier
+        if component != "big":
+            assert record.runner_up is None, "a node of a later tier is no alternative, whatever its score"
     in_order = "tier Edge comes first in runsOn; 1 feasible node(s) of later tiers were left out"
     assert said == {
         "big": "tier Robot: a node of tier Edge was feasible for this pod, but not in the plan of its group",

@@ -1,5 +1,7 @@
 """YAML with places: what kubectl would read, where it stands, and sentences for what nobody can read."""
 
+import json
+
 import pytest
 import yaml
 
@@ -121,6 +123,22 @@ class TestProblems:
         assert said.startswith(message)
 
 
+class TestJson:
+    @pytest.mark.parametrize(
+        ("data", "value"),
+        [
+            (rb'{"a": "\ud83d\ude00!"}', "\U0001f600!"),
+            (rb' {"a": "\\\uD83D\uDE00"}', "\\\U0001f600"),
+            (rb'{"a": "\\ud83d\\ude00"}', "\\ud83d\\ude00"),
+            (rb'{"a": "\u00e4"}', "\u00e4"),
+        ],
+    )
+    def test_a_character_in_two_escapes_is_what_kubectl_reads(self, data: bytes, value: str) -> None:
+        assert json.loads(data)["a"] == value
+        (found,) = read(text_of(data))
+        assert found.root.value["a"] == value
+
+
 class TestUnreadable:
     @pytest.mark.parametrize(
         ("data", "place", "message"),
@@ -133,7 +151,8 @@ class TestUnreadable:
             (b"a: 1\n  b: 2\n", (2, 4), "indent the line like its neighbours"),
             (b"a: 1\nb: \xff\n", (2, 4), "this is no UTF-8 text"),
             (b"a: 1\nb: \x01", (2, 4), "the control character '\\x01' is not allowed in YAML"),
-            (b'{"a": "\\ud83d\\ude00"}', (1, 10), "write the character itself"),
+            (b'{"a": "\\ud83d"}', (1, 10), "write the character itself"),
+            (b'a: "\\ud83d\\ude00"', (1, 7), "write the character itself"),
             (b"a: *b", (1, 4), "*b names nothing that is complete here"),
             (b"a: &a [*a]", (1, 8), "*a names nothing that is complete here"),
             (b"[" * 100_000, (1, DEEPEST + 1), f"this is nested deeper than {DEEPEST} levels"),
