@@ -18,7 +18,7 @@ def no_bind_check() -> Iterator[None]:
     def always(_: Pod, __: Claim | None, **___: Any) -> BindVerdict:
         return ALLOWED
 
-    with mock.patch("robotapp_api.client.claims.bind_verdict", always):
+    with mock.patch("robotapp_api.client.bind_check.bind_verdict", always):
         yield
 
 

@@ -19,7 +19,8 @@ from tests.support.claims_store import Client, Store
 from robotapp_api.claims.domain import DomainRequest
 from robotapp_api.claims.objects import Claim, Pod
 from robotapp_api.claims.usage import named_ids
-from robotapp_api.client.claims import check_bind_all, ensure_domain
+from robotapp_api.client.bind_check import check_bind_all
+from robotapp_api.client.claims import ensure_domain
 from robotapp_api.client.errors import ApiError, Unreachable
 from robotapp_api.client.resources import DEPLOYMENTS, DOMAINPOOLS, NODES, PODS, REPLICASETS, ROBOTAPPS, ROBOTCLAIMS
 from robotapp_api.client.sweep import Sweeper

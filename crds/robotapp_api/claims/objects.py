@@ -137,6 +137,12 @@ class Claim(Object, frozen=True, kw_only=True):
         return self.status.phase == ClaimPhase.PARKED
 
     @property
+    def nodes(self) -> tuple[str, ...]:
+        """Nodes where its pods may run: a create cannot carry the status, so the first one may be an annotation."""
+        first = self.metadata.annotations.get(Annotation.FIRST_NODE, "")
+        return tuple(sorted({*self.status.nodes, first} - {""})) if first else self.status.nodes
+
+    @property
     def momentary(self) -> bool:
         """Its holder only joins those who share the device, which takes as long as a binding."""
         return str(Annotation.MOMENTARY) in self.metadata.annotations

@@ -64,7 +64,7 @@ def unseen_nodes(claim: Claim, *, ready: Collection[str]) -> tuple[str, ...]:
     """
     if claim.metadata.annotations.get(Annotation.PODS_GONE) == str(claim.status.attempt):
         return ()
-    return tuple(node for node in claim.status.nodes if node not in ready)
+    return tuple(node for node in claim.nodes if node not in ready)
 
 
 def is_gone(found: App | Pod | None, uid: str) -> bool:

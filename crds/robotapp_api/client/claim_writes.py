@@ -48,9 +48,14 @@ class Refused(Exception):  # noqa: N818 - a normal answer of the protocol, not a
     """The precondition did not hold any more."""
 
 
-async def create_claim(client: Api, spec: ClaimSpec, *, momentary: bool = False) -> Claim | None:
-    """Take the thing; None when somebody (possibly ourselves, earlier) has it. momentary: until a pod is bound."""
+async def create_claim(client: Api, spec: ClaimSpec, *, momentary: bool = False, node: str = "") -> Claim | None:
+    """Take the thing; None when somebody (possibly ourselves, earlier) has it.
+
+    momentary: until a pod is bound. node: where the pod that it is for is about to be bound.
+    """
     body = claim_object(spec)
+    if node:
+        body["metadata"]["annotations"][str(Annotation.FIRST_NODE)] = node
     if momentary:
         body["metadata"]["annotations"][str(Annotation.MOMENTARY)] = "true"
     try:
@@ -67,7 +72,7 @@ async def note_nodes(client: Api, claim: Claim, nodes: Collection[str]) -> Claim
     status = {"phase": claim.status.phase, "attempt": claim.status.attempt + 1} | _use(
         claim.status.pod, claim.status.node
     )
-    return await _write_status(client, claim, status, nodes={*claim.status.nodes, *nodes})
+    return await _write_status(client, claim, status, nodes={*claim.nodes, *nodes})
 
 
 async def strike_nodes(client: Api, claim: Claim, nodes: Collection[str]) -> Claim:
@@ -114,7 +119,7 @@ async def _write_status(
 ) -> Claim:
     """nodes: None keeps those of the claim."""
     condition = preconditions(claim)
-    named = sorted(claim.status.nodes if nodes is None else nodes)
+    named = sorted(claim.nodes if nodes is None else nodes)
     body = {
         "apiVersion": API_VERSION,
         "kind": "RobotClaim",

@@ -1,28 +1,24 @@
-"""Domains: the steps of an operator (rule 5) and the scheduler's bind check (rule 1), with their reads in order."""
+"""Domains: the steps of an operator (rule 5), and of a scheduler for a bare pod, with their reads in order."""
 
-from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
 from robotapp_api.claims import domain as rules
-from robotapp_api.claims.bind import ALLOWED, BindVerdict, bind_verdict, needs_check, shared_verdict
 from robotapp_api.claims.domain import DomainOutcome, DomainRequest, Step
 from robotapp_api.claims.identity import same_holder
-from robotapp_api.claims.objects import App, Claim, Deployment, Holder, Pod, Pool
-from robotapp_api.claims.release import claims_domain, joined
+from robotapp_api.claims.objects import App, Claim, Deployment, Holder, Pool
+from robotapp_api.claims.release import claims_domain
 from robotapp_api.claims.share import AppKey, Join, claim_to_join, owner_of, waiting_text
-from robotapp_api.claims.usage import deployment_ids, named_ids, usage_of
+from robotapp_api.claims.usage import deployment_ids, usage_of
 from robotapp_api.client.claim_writes import Api, Refused, note_nodes, touch
 from robotapp_api.client.domain_claims import create_domain, held_outcome
 from robotapp_api.client.resources import DEPLOYMENTS, DOMAINPOOLS, ROBOTAPPS, ROBOTCLAIMS
 from robotapp_api.client.sweep_view import find
-from robotapp_api.model.names import Annotation, Label, Reason
-from robotapp_api.values.ranges import parse_ids
+from robotapp_api.model.names import Label, Reason
 
 RESTARTS = 5
 """Start over this often within one call when another writer was faster; then the caller's queue backs off."""
-KEEPS_CHANGING: Final = BindVerdict(False, "the claim of its domain keeps changing; trying again")
 
 
 async def ensure_domain(
@@ -60,7 +56,7 @@ async def ensure_pod_domain(
     known_claims: from a cache, see `create_domain`.
     Raises ApiError or Unreachable.
     """
-    pool = await _find_pool(client, request.pool)
+    pool = await find_pool(client, request.pool)
     if pool is None:
         return rules.pool_not_found(request)
     refusal = rules.check_request(request, pool)
@@ -77,9 +73,12 @@ async def ensure_pod_domain(
 async def _own_at(
     client: Api, request: DomainRequest, pool: Pool, node: str, known_claims: Callable[[], Iterable[Claim]]
 ) -> DomainOutcome:
-    """The pod's own domain, whose claim names the node (if known) before the pod is bound there."""
-    outcome = await _own(client, request, pool, (), known_claims)
-    if node and outcome.held:
+    """The pod's own domain, whose claim names the node (if known) before the pod is bound there.
+
+    A claim that was made just now does so from the beginning. Nobody can have read it to release it: the pod was there.
+    """
+    outcome = await _own(client, request, pool, (), known_claims, node=node)
+    if node and outcome.held and not outcome.created:
         claim = await find_claim(client, outcome.claim)
         if claim is None or not same_holder(claim.holder, request.holder):
             raise Refused  # freed, and perhaps taken by another, between the two requests
@@ -106,7 +105,7 @@ async def _ensure_once(
         return await _refused(client, request, DomainOutcome(Reason.INVALID_SPEC, join.message), deployments)
     if join.owner != (holder.namespace, holder.name):
         return await _join(client, request, join.owner, deployments)
-    pool = await _find_pool(client, request.pool)
+    pool = await find_pool(client, request.pool)
     if pool is None:
         return await _refused(client, request, rules.pool_not_found(request), deployments)
     if request.isolation == "Discovery":
@@ -127,6 +126,8 @@ async def _own(
     pool: Pool,
     deployments: Sequence[Deployment],
     known_claims: Callable[[], Iterable[Claim]],
+    *,
+    node: str = "",
 ) -> DomainOutcome:
     holder = request.holder
     claims = await instance_claims(client, holder.uid, instance=holder.instance)
@@ -140,7 +141,7 @@ async def _own(
         requested=request.requested_id,
     )
     if plan.id is None:
-        outcome = await create_domain(client, request, pool, plan, known_claims=known_claims)
+        outcome = await create_domain(client, request, pool, plan, known_claims=known_claims, node=node)
     else:
         claim = held[plan.id]
         if plan.step is Step.ADOPT:
@@ -205,7 +206,7 @@ async def find_claim(client: Api, name: str) -> Claim | None:
     return await find(client, ROBOTCLAIMS, name, "", Claim)
 
 
-async def _find_pool(client: Api, name: str) -> Pool | None:
+async def find_pool(client: Api, name: str) -> Pool | None:
     return await find(client, DOMAINPOOLS, name, "", Pool)
 
 
@@ -247,102 +248,3 @@ async def resolve_owner(client: Api, app: App) -> Join:
             return join
         for key in wanted:
             known[key] = await find_app(client, key)
-
-
-# The scheduler's side
-
-
-async def check_bind(client: Api, pod: Pod) -> BindVerdict:
-    """Rule 1 for one pod. Call it after the pod was seen pending; bind with the pod's uid at once when allowed."""
-    return (await check_bind_all(client, (pod,)))[0]
-
-
-async def check_bind_all(client: Api, pods: Sequence[Pod], *, nodes: Sequence[str] = ()) -> list[BindVerdict]:
-    """Rule 1 for pods that have all been seen pending before this call: one read per claim, not per pod.
-
-    nodes: where each pod is about to be bound, which its claim says from now on; empty when another scheduler decides.
-    """
-    going = {pod.metadata.uid: node for pod, node in zip(pods, nodes, strict=bool(nodes))}
-    verdicts: dict[str, BindVerdict] = {}
-    left = list(pods)
-    for _ in range(RESTARTS):
-        left = await _check_and_note(client, left, going, verdicts)
-        if not left:
-            break
-    return [verdicts.get(pod.metadata.uid, KEEPS_CHANGING) for pod in pods]
-
-
-async def _check_and_note(
-    client: Api, pods: Iterable[Pod], going: Mapping[str, str], verdicts: dict[str, BindVerdict]
-) -> list[Pod]:
-    """Fill `verdicts`. Returns the pods whose claim changed before their node could be written into it."""
-    read: dict[str, Claim | None] = {}
-    allowed: dict[str, list[Pod]] = defaultdict(list)
-    for pod in pods:
-        verdict, claim = await _check(client, pod, read)
-        if verdict.allowed and claim is not None and pod.metadata.uid in going:
-            read[claim.name] = claim
-            allowed[claim.name].append(pod)
-        else:
-            verdicts[pod.metadata.uid] = verdict
-    left: list[Pod] = []
-    for name, found in allowed.items():
-        claim = read[name]
-        try:
-            if claim is not None:
-                await note_nodes(client, claim, {going[pod.metadata.uid] for pod in found})
-        except Refused:
-            left += found
-        else:
-            verdicts |= {pod.metadata.uid: ALLOWED for pod in found}
-    return left
-
-
-async def _check(client: Api, pod: Pod, read: dict[str, Claim | None]) -> tuple[BindVerdict, Claim | None]:
-    """The verdict on one pod, and the claim it stands on. read: claims read so far, by name."""
-    if not needs_check(pod):
-        return ALLOWED, None
-    name = pod.metadata.annotations.get(Annotation.DOMAIN_CLAIM, "")
-    if not name:
-        return await _check_without_annotation(client, pod)
-    if name not in read:
-        read[name] = await find_claim(client, name)
-    claim = read[name]
-    verdict = bind_verdict(pod, claim)
-    if not verdict.allowed and claim is not None and await _shares(client, pod, claim):
-        verdict = bind_verdict(pod, claim, sharing=(claim.holder.uid,))
-    return verdict, claim
-
-
-async def _check_without_annotation(client: Api, pod: Pod) -> tuple[BindVerdict, Claim | None]:
-    claims = await instance_claims(client, pod.metadata.app_uid, instance=pod.metadata.instance)
-    ids = named_ids(pod.spec)
-    match = [claim for claim in claims if claim.spec.domain and {claim.spec.domain.id} == ids]
-    standing = [claim for claim in match if claim.standing]
-    claim = next(iter(standing or match), None)
-    verdict = bind_verdict(pod, claim)
-    if match:
-        return verdict, claim
-    app = await _app_of(client, pod)
-    if app is None or app.spec.ros2 is None or app.spec.ros2.isolation != "Discovery":
-        return verdict, None
-    pool = await _find_pool(client, app.spec.ros2.pool)
-    return (verdict if pool is None else shared_verdict(pod, parse_ids(pool.spec.shared_ids))), None
-
-
-async def _app_of(client: Api, pod: Pod) -> App | None:
-    name = pod.metadata.labels.get(Label.APP, "")
-    app = await find_app(client, (pod.metadata.namespace, name)) if name else None
-    return app if app is not None and app.metadata.uid == pod.metadata.app_uid else None
-
-
-async def _shares(client: Api, pod: Pod, claim: Claim) -> bool:
-    """Whether the pod's app joins the holder's domain on purpose, as both apps say now."""
-    holder = claim.holder
-    if not holder.is_app or holder.uid == pod.metadata.app_uid:
-        return False
-    app = await _app_of(client, pod)
-    if app is None or not joined(app):
-        return False
-    join = await resolve_owner(client, app)
-    return join.owner == (holder.namespace, holder.name)

@@ -28,21 +28,23 @@ async def create_domain(
     plan: DomainPlan,
     *,
     known_claims: Callable[[], Iterable[Claim]] = tuple,
+    node: str = "",
 ) -> DomainOutcome:
     """A new claim, within the quota. Of one process only one at a time counts and creates, or all would count too few.
 
     known_claims: from a cache. What others hold there is not tried; when that is every candidate, the server is not
     asked at all, so that those who wait for a full pool cost it nothing. The caller tries again when a claim is gone.
+    node: where the pod that it is for is about to be bound.
     """
     if refusal := rules.withheld(request, pool):
         return refusal
     namespace = request.holder.namespace
     if rules.quota_of(pool, namespace) is None:
-        return await _try_free(client, request, pool, plan, known_claims)
+        return await _try_free(client, request, pool, plan, known_claims, node=node)
     async with turn(request.pool, namespace):
         mine = [c for c in await pool_claims(client, request) if c.holder.namespace == namespace]
         refusal = rules.over_quota(request, pool, held=len(mine))
-        return refusal or await _try_free(client, request, pool, plan, known_claims)
+        return refusal or await _try_free(client, request, pool, plan, known_claims, node=node)
 
 
 def turn(pool: str, namespace: str) -> asyncio.Lock:
@@ -78,21 +80,27 @@ def full_pool(
 
 
 async def _try_free(
-    client: Api, request: DomainRequest, pool: Pool, plan: DomainPlan, known_claims: Callable[[], Iterable[Claim]]
+    client: Api,
+    request: DomainRequest,
+    pool: Pool,
+    plan: DomainPlan,
+    known_claims: Callable[[], Iterable[Claim]],
+    *,
+    node: str,
 ) -> DomainOutcome:
     """Leave out what others are known to hold. Somebody who asks for one id by its number is told who has it, fresh."""
     if request.requested_id is not None:
-        return await _try_candidates(client, request, pool, plan.candidates)
+        return await _try_candidates(client, request, pool, plan.candidates, node=node)
     others = _of_others(request, known_claims())
     taken = _ids(others)
     candidates = tuple(number for number in plan.candidates if number not in taken)
     if plan.candidates and not candidates:
         return _exhausted(request, pool, others)
-    return await _try_candidates(client, request, pool, candidates)
+    return await _try_candidates(client, request, pool, candidates, node=node)
 
 
 async def _try_candidates(
-    client: Api, request: DomainRequest, pool: Pool, candidates: tuple[int, ...]
+    client: Api, request: DomainRequest, pool: Pool, candidates: tuple[int, ...], *, node: str
 ) -> DomainOutcome:
     """The candidates in their order. Only a create decides; the LIST merely spares tries that would fail."""
     taken: set[int] = set()
@@ -101,7 +109,7 @@ async def _try_candidates(
         if number in taken:
             continue
         spec = rules.spec_for(request, pool.spec.scope, number)
-        claim = await create_claim(client, spec)
+        claim = await create_claim(client, spec, node=node)
         if claim is not None:
             return replace(held_outcome(claim), created=True)
         existing = await find(client, ROBOTCLAIMS, claim_name(spec), "", Claim)

@@ -142,7 +142,7 @@ class View:
 
         Each is read once per pass, after the pods: a node that was ready before its pods vanished proves nothing.
         """
-        ready = [node for node in claim.status.nodes if await self.is_ready(node)]
+        ready = [node for node in claim.nodes if await self.is_ready(node)]
         return unseen_nodes(claim, ready=ready)
 
     async def is_ready(self, node: str) -> bool:

@@ -92,6 +92,8 @@ class Annotation(StrEnum):
     """On children: hash of the labels and spec they were written with."""
     PARAMETERS_HASH = "robotics.io/parameters-hash"
     """On pods: hash of the ConfigMap keys that are their parameter files."""
+    FIRST_NODE = "robotics.io/first-node"
+    """On a RobotClaim: the node of the pod it was made for, which counts as one of status.nodes."""
     MOMENTARY = "robotics.io/momentary"
     """On a RobotClaim of a device: its holder is just being bound to share that device, and gives the claim up then."""
     THING = "robotics.io/thing"

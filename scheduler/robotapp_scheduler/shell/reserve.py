@@ -18,7 +18,9 @@ from robotapp_api.claims.identity import grants, holder_of_app, holder_of_pod
 from robotapp_api.claims.objects import Claim, Holder, Meta, PodSpec, PodStatus, Pool
 from robotapp_api.claims.objects import Pod as ClaimPod
 from robotapp_api.client.api import ApiClient
-from robotapp_api.client.claims import check_bind_all, ensure_pod_domain
+from robotapp_api.client.at_once import at_once
+from robotapp_api.client.bind_check import check_bind_all
+from robotapp_api.client.claims import ensure_pod_domain
 from robotapp_api.client.device_claims import Reservation, reserve_devices
 from robotapp_api.client.device_sharing import begin_sharing, end_sharing, shared_by_others
 from robotapp_api.client.domain_claims import full_pool
@@ -90,15 +92,12 @@ class Reserver:
         verdicts = {pod.uid: READY for pod, _ in placed}
         asked: list[ClaimPod] = []
         nodes: list[str] = []
-        for pod, node in placed:
-            if pod.member is None:
-                continue
-            try:
-                stored = await self._stored(pod)
-            except ClientError as error:
-                verdicts[pod.uid] = _error(error)
-                continue
-            if stored is None:
+        members = [(pod, node) for pod, node in placed if pod.member is not None]
+        found = await at_once(self._stored_or_error, [pod for pod, _ in members])
+        for (pod, node), stored in zip(members, found, strict=True):
+            if isinstance(stored, ClientError):
+                verdicts[pod.uid] = _error(stored)
+            elif stored is None:
                 verdicts[pod.uid] = Reserved(Readiness.GONE)
             elif needs_check(stored):
                 asked.append(stored)
@@ -196,6 +195,12 @@ class Reserver:
             others = await shared_by_others(client, holder=holder, pod_uid=pod.uid, node=node, devices=exclusive)
             found = found if others.ok else replace(others, in_vain=found.claims)
         return sharing, found if found.ok else replace(found, in_vain=(*found.in_vain, *sharing.claims))
+
+    async def _stored_or_error(self, pod: PodInfo) -> ClaimPod | ClientError | None:
+        try:
+            return await self._stored(pod)
+        except ClientError as error:
+            return error
 
     async def _stored(self, pod: PodInfo) -> ClaimPod | None:
         """The pod as etcd has it; None when it is gone, replaced, on its way out or ended."""

@@ -7,7 +7,8 @@ from tests.support.claims_objects import app_json, deployment_json, labels, owne
 from tests.support.sweep_world import World, number
 
 from robotapp_api.claims.domain import DomainRequest
-from robotapp_api.client.claims import check_bind_all, ensure_domain, find_claim
+from robotapp_api.client.bind_check import check_bind_all
+from robotapp_api.client.claims import ensure_domain, find_claim
 from robotapp_api.client.resources import DEPLOYMENTS, DOMAINPOOLS, PODS, REPLICASETS, ROBOTAPPS, ROBOTCLAIMS
 
 Json = dict[str, Any]

@@ -7,7 +7,8 @@ from tests.support.sweep_world import World, number
 
 from robotapp_api.claims.domain import DomainRequest
 from robotapp_api.claims.objects import Claim, Pod
-from robotapp_api.client.claims import check_bind_all, ensure_domain, ensure_pod_domain
+from robotapp_api.client.bind_check import check_bind_all
+from robotapp_api.client.claims import ensure_domain, ensure_pod_domain
 from robotapp_api.client.resources import DEPLOYMENTS, NODES, PODS, ROBOTAPPS, ROBOTCLAIMS
 from robotapp_api.client.whereabouts import IDLE_S
 from robotapp_api.model.names import Annotation, Reason
@@ -166,10 +167,21 @@ async def test_the_same_instance_adopts_its_own_parked_claim_and_no_pod_is_bound
 async def test_a_bare_pod_out_of_sight_keeps_its_domain_too(world: Robot) -> None:
     world.node(ready=False)
     holder = pod_holder(world.store.put(PODS, pod_json(name="pod"))["metadata"]["uid"])
+    writes = len(world.store.writes)
     found = await ensure_pod_domain(world.store.client(), DomainRequest(holder), node="amr-1")
+    assert len(world.store.writes) == writes + 1, "the claim names the node from the beginning"
     world.store.remove(PODS, "pod", "team")
     await world.sweep()
     assert world.phase(found.claim) == "Parked"
+    assert convert(world.store.find(ROBOTCLAIMS, found.claim), Claim).status.nodes == ("amr-1",)
+
+
+async def test_a_bare_pod_that_is_tried_again_elsewhere_is_out_of_sight_on_either_node(world: Robot) -> None:
+    """The binding to the first may have had no answer."""
+    holder = pod_holder(world.store.put(PODS, pod_json(name="pod"))["metadata"]["uid"])
+    for node in ("amr-1", "amr-2"):
+        found = await ensure_pod_domain(world.store.client(), DomainRequest(holder), node=node)
+    assert convert(world.store.find(ROBOTCLAIMS, found.claim), Claim).nodes == ("amr-1", "amr-2")
 
 
 async def test_the_sweep_names_nodes_of_pods_that_another_scheduler_has_bound(world: Robot) -> None:
