@@ -126,3 +126,28 @@ def test_ids_do_not_depend_on_udev(tmp_path: Path) -> None:
     before = paths_by_id(host)
     host.properties("81:0", ID_SERIAL="other", ID_SERIAL_SHORT="other", ID_V4L_CAPABILITIES=":capture:")
     assert paths_by_id(host) == before
+
+
+def test_after_500_cycles_of_plugging_the_list_is_what_is_plugged_in(tmp_path: Path) -> None:
+    """Two cameras and an adapter, pulled and put back under a scanner that looks at any moment, each time with other numbers."""
+    host = FakeHost(tmp_path)
+    scanner = DeviceScanner(HostPaths.below(tmp_path))
+    scanner.scan()
+    plugged: dict[str, str] = {}
+    for cycle in range(500):
+        port = ("1-1", "1-2", "1-3")[cycle * 7 % 3]
+        if port in plugged:
+            host.remove(plugged.pop(port))
+        elif port == "1-3":
+            plugged[port] = host.adapter(port, f"ttyUSB{cycle}")
+        else:
+            plugged[port] = host.camera(port, first=2 * cycle)
+        if cycle % 3 != 1:
+            scanner.scan()
+    scanner.scan()
+    scan = scanner.scan()
+    kinds = {"1-1": "video-046d-082d", "1-2": "video-046d-082d", "1-3": "serial-0403-6001"}
+    expected = {f"{kinds[port]}-00-14-0-{port.removeprefix('1-')}" for port in plugged}
+    assert {device.id for device in scan.devices if device.present} == expected
+    assert {device.id for device in scan.devices} == {f"{kind}-00-14-0-{port[2:]}" for port, kind in kinds.items()}
+    assert (scan.problem, scan.next_s) == ("", 10.0)
