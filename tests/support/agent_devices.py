@@ -90,7 +90,8 @@ class Tree:
             with suppress(OSError, ValueError):
                 path.parent.mkdir(parents=True, exist_ok=True)
                 if kind == "file":
-                    path.write_bytes(content)
+                    with path.open("xb") as file:  # what is there may be a pipe, which would wait for a reader
+                        file.write(content)
                 elif kind == "link":
                     path.symlink_to(content)
                 elif kind == "pipe":
