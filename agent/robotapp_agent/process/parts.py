@@ -72,10 +72,19 @@ class Rounds:
     """Measures one round of probes after the other.
 
     `peers` are the agents by node, `asked` the nodes that spec.probe names. A peer with several addresses is probed at one of
-    them, and at the next one after a round without an answer.
+    them, and at the next one after a round without an answer. `look_again` is called when a peer answers no longer: its agent may
+    have restarted at another address, which has to be known before its next round, or the peer would be reported as unreachable.
     """
 
-    def __init__(self, node: str, knowledge: Knowledge, wake: Wake, *, peers: Callable[[], Mapping[str, Peer]]) -> None:
+    def __init__(
+        self,
+        node: str,
+        knowledge: Knowledge,
+        wake: Wake,
+        *,
+        peers: Callable[[], Mapping[str, Peer]],
+        look_again: Callable[[], None],
+    ) -> None:
         self.asked: tuple[str, ...] = ()
         self.ended_s = time.monotonic()
         """When the last round ended, for the liveness check."""
@@ -83,6 +92,7 @@ class Rounds:
         self._knowledge = knowledge
         self._wake = wake
         self._peers = peers
+        self._look_again = look_again
         self._first = True
         self._turns: dict[str, int] = {}
         self._discarded = ""
@@ -115,9 +125,11 @@ class Rounds:
         if measured.discarded and measured.discarded != self._discarded:
             log.info("rounds of probes do not count: %s", measured.discarded)
         self._discarded = measured.discarded
-        for result in measured.results:
-            if result.p50_us is None:
-                self._turns[result.peer] = self._turns.get(result.peer, 0) + 1
+        unreachable = (result.peer for result in measured.results if result.p50_us is None)
+        for name in (*measured.silent, *unreachable):
+            self._turns[name] = self._turns.get(name, 0) + 1
+        if measured.silent:
+            self._look_again()
         self._turns = {name: turn for name, turn in self._turns.items() if name in peers}
         results = () if measured.discarded else measured.results
         self._knowledge.round_ended(results, every_rounds={peer.name: peer.every_rounds for peer in chosen})

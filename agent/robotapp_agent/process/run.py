@@ -152,7 +152,7 @@ class NodeAgent:
             clock=time.monotonic,
             uniform=random.random,
         )
-        self._rounds = parts.Rounds(node, knowledge, self._wake, peers=lambda: peers.peers)
+        self._rounds = parts.Rounds(node, knowledge, self._wake, peers=lambda: peers.peers, look_again=peers.look_again)
         self._first = asyncio.Event()
         peers.changed = self._counted
 

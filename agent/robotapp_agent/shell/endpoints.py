@@ -1,6 +1,7 @@
 """The other agents: which nodes have one, in which zone, and at which addresses, from the EndpointSlices of their Service."""
 
 import asyncio
+import contextlib
 import logging
 import socket
 from collections.abc import Callable, Collection, Mapping
@@ -18,6 +19,9 @@ log = logging.getLogger(__name__)
 SHORTEST_PERIOD_S: Final = 30.0
 SECONDS_PER_NODE: Final = 0.12
 """All agents together read the list eight times per second, whatever the size of the cluster."""
+SOONEST_S: Final = 10.0
+SOONEST_PER_NODE_S: Final = 0.04
+"""When all of them have a reason to read it sooner: 25 times per second."""
 JITTER: Final = 0.2
 SLOWEST_RETRY_S: Final = 300.0
 PAGE: Final = 500
@@ -113,10 +117,15 @@ class Endpoints:
             self._sooner.set()
         self._missing = missing
 
+    def look_again(self) -> None:
+        """Read the list sooner: an agent that answers no longer may have another address."""
+        self._sooner.set()
+
     async def run(self) -> None:
         """Read the list again and again."""
         backoff = Backoff(base_s=2.0, cap_s=SLOWEST_RETRY_S, uniform=self._uniform)
         while True:
+            self._sooner.clear()
             try:
                 await self.refresh()
             except (ClientError, msgspec.ValidationError) as error:
@@ -127,7 +136,6 @@ class Endpoints:
                 await asyncio.sleep(wait_s)
                 continue
             backoff.reset()
-            self._sooner.clear()
             await self._pause()
 
     async def refresh(self) -> None:
@@ -144,14 +152,13 @@ class Endpoints:
         self.changed()
 
     async def _pause(self) -> None:
-        await asyncio.sleep(SHORTEST_PERIOD_S * (1 + JITTER * self._uniform()))
-        rest_s = SECONDS_PER_NODE * self.nodes - SHORTEST_PERIOD_S
-        if rest_s > 0:
-            try:
-                async with asyncio.timeout(rest_s * (1 + JITTER * self._uniform())):
-                    await self._sooner.wait()
-            except TimeoutError:
-                return
+        soonest_s = max(SOONEST_S, SOONEST_PER_NODE_S * self.nodes)
+        period_s = max(SHORTEST_PERIOD_S, SECONDS_PER_NODE * self.nodes)
+        stretch = 1 + JITTER * self._uniform()
+        await asyncio.sleep(soonest_s * stretch)
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout((period_s - soonest_s) * stretch):
+                await self._sooner.wait()
 
 
 def _take(found: dict[str, Peer], endpoints: list[_Endpoint] | tuple[()]) -> None:

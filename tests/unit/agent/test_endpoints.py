@@ -7,6 +7,7 @@ from typing import Any
 
 from tests.support.apiserver import FakeApiServer
 from tests.support.clients import client_for, until
+from tests.support.virtual_time import run_virtually
 
 from robotapp_agent.shell.endpoints import Endpoints, Peer, is_address
 from robotapp_api.client import ApiClient
@@ -103,6 +104,26 @@ async def test_a_node_without_agent_is_looked_for_once() -> None:
         assert not peers._sooner.is_set()
         peers.look_for(["robot-3"])
         assert peers._sooner.is_set()
+
+
+def test_the_list_is_read_every_thirty_seconds_and_ten_after_the_last_time_when_an_agent_answers_no_longer() -> None:
+    peers = Endpoints(None, namespace="robots", service="robotapp-agent", uniform=lambda: 0.0)  # type: ignore[arg-type]
+    read_s: list[float] = []
+
+    async def refresh() -> None:
+        read_s.append(asyncio.get_running_loop().time())
+
+    async def story() -> None:
+        peers.refresh = refresh  # type: ignore[method-assign]
+        task = asyncio.create_task(peers.run())
+        await asyncio.sleep(65)
+        peers.look_again()
+        await asyncio.sleep(36)
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+    run_virtually(story())
+    assert read_s == [0, 30, 60, 70, 100]
 
 
 def test_addresses_are_those_of_both_families_without_a_zone() -> None:

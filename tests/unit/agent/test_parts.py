@@ -9,7 +9,7 @@ import pytest
 from tests.support.virtual_time import run_virtually
 
 from robotapp_agent.probe.keys import KeyRing
-from robotapp_agent.probe.rounds import Round, RoundResult
+from robotapp_agent.probe.rounds import Round, RoundSummary
 from robotapp_agent.process import parts
 from robotapp_agent.process.parts import Rounds
 from robotapp_agent.report.knowledge import Knowledge
@@ -25,6 +25,8 @@ class Net:
         self.discarded = ""
         self.rounds: list[tuple[float, list[PeerAddress]]] = []
         self.refused: OSError | None = None
+        self.looked_again = 0
+        self._summary = RoundSummary()
 
     def __call__(self, **_: object) -> "Net":
         return self
@@ -37,15 +39,15 @@ class Net:
     async def __aexit__(self, *_: object) -> None:
         return
 
+    def look_again(self) -> None:
+        self.looked_again += 1
+
     async def round(self, peers: Sequence[PeerAddress], *, seconds: float) -> Round:
         self.rounds.append((seconds, list(peers)))
         await asyncio.sleep(seconds)
-        return Round(tuple(self._result(peer) for peer in peers), discarded=self.discarded)
-
-    def _result(self, peer: PeerAddress) -> RoundResult:
-        if peer.address in self.dark:
-            return RoundResult(peer.name, None, None, None, 1_000_000, 10, 0)
-        return RoundResult(peer.name, 1000, 2000, 100, 0, 10, 10)
+        if self.discarded:
+            return Round(discarded=self.discarded)
+        return self._summary.round({peer.name: [None if peer.address in self.dark else 1000] * 10 for peer in peers})
 
 
 PEERS = {"own": Peer("", ("10.0.0.1",)), "other": Peer("", ("10.0.0.2", "fd00::2"))}
@@ -62,7 +64,7 @@ def rounds_of(net: Net, *, seconds: float, interval_s: int = 100) -> tuple[Knowl
     knowledge = Knowledge(arch="arm64", realtime=False, seq=0, fixed_interval_s=interval_s)
 
     async def story() -> None:
-        rounds = Rounds("own", knowledge, lambda: None, peers=lambda: PEERS)
+        rounds = Rounds("own", knowledge, lambda: None, peers=lambda: PEERS, look_again=net.look_again)
         task = asyncio.create_task(rounds.probe(KeyRing(), 7311))
         await asyncio.sleep(seconds)
         task.cancel()
@@ -85,6 +87,19 @@ def test_a_peer_that_does_not_answer_is_probed_at_its_other_address(net: Net) ->
     assert [peers[0].address for _, peers in net.rounds] == ["10.0.0.2", "fd00::2", "fd00::2"]
     (trip,) = knowledge.readings().round_trips or ()
     assert trip.p50_us == 1000
+
+
+def test_addresses_are_looked_for_after_the_first_round_without_an_answer_and_the_node_is_unreachable_after_the_second(
+    net: Net,
+) -> None:
+    net.dark = {"10.0.0.2", "fd00::2"}
+    knowledge, _ = rounds_of(net, seconds=50)
+    assert (knowledge.readings().round_trips, net.looked_again) == ((), 1)
+    net.rounds.clear()
+    knowledge, _ = rounds_of(net, seconds=330)
+    (trip,) = knowledge.readings().round_trips or ()
+    assert trip.unreachable
+    assert net.looked_again == 1
 
 
 def test_a_round_that_is_discarded_counts_but_changes_no_round_trip(net: Net) -> None:
