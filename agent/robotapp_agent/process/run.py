@@ -31,8 +31,10 @@ from robotapp_api.client.login import SERVICE_ACCOUNT, Endpoint, load
 
 log = logging.getLogger(__name__)
 
-START_SPREAD_S: Final = 3.0
+START_SPREAD_S: Final = 5.0
 """A new version starts on all nodes at once: the first request of each agent comes within this time."""
+READS_PER_SECOND: Final = 500
+"""Of all agents together, when they start."""
 LOOK_S: Final = 10.0
 PATIENCE_S: Final = 5.0
 CONNECTIONS: Final = 2
@@ -97,6 +99,8 @@ async def look_around(writer: ApiWriter, peers: Endpoints) -> Earlier | None:
     try:
         async with asyncio.timeout(LOOK_S):
             await peers.count()
+        await asyncio.sleep(peers.nodes / READS_PER_SECOND * random.random())  # noqa: S311 - spreads load
+        async with asyncio.timeout(LOOK_S):
             return await writer.earlier()
     except (ClientError, TimeoutError) as error:
         log.warning(

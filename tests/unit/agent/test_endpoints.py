@@ -1,10 +1,13 @@
 """The peers from EndpointSlices, on the API server made for unit tests."""
 
 import asyncio
+import random
+from collections import Counter
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import Any
+from typing import Any, cast
 
+import pytest
 from tests.support.apiserver import FakeApiServer
 from tests.support.clients import client_for, until
 from tests.support.virtual_time import run_virtually
@@ -124,6 +127,59 @@ def test_the_list_is_read_every_thirty_seconds_and_ten_after_the_last_time_when_
 
     run_virtually(story())
     assert read_s == [0, 30, 60, 70, 100]
+
+
+class Lists:
+    """Stands for the client: counts the lists that agents read, in virtual time."""
+
+    def __init__(self) -> None:
+        self.begun: list[float] = []
+
+    def pages(self, *_: object, **__: object) -> AsyncIterator[tuple[Any, bool]]:
+        self.begun.append(asyncio.get_running_loop().time())
+        return self._none()
+
+    async def _none(self) -> AsyncIterator[tuple[Any, bool]]:
+        return
+        yield
+
+
+def lists_of(agents: int, *, seconds: float, looking_from_s: float = 1e9) -> list[float]:
+    """When agents that have just started, in a cluster of as many nodes, read the list."""
+
+    async def story() -> list[float]:
+        client, chance = Lists(), random.Random(1)
+        found = [Endpoints(cast(Any, client), namespace="x", service="y", uniform=chance.random) for _ in range(agents)]
+        for each in found:
+            each.nodes = agents
+            each.changed = lambda each=each: setattr(each, "nodes", agents)  # type: ignore[misc]
+        tasks = [asyncio.create_task(each.run()) for each in found]
+        await asyncio.sleep(min(seconds, looking_from_s))
+        for each in found:
+            each.look_for(["robot-1"])
+        await asyncio.sleep(max(0.0, seconds - looking_from_s))
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        return client.begun
+
+    return run_virtually(story())
+
+
+def test_agents_that_start_together_do_not_read_their_list_together() -> None:
+    begun = lists_of(1000, seconds=120)
+    assert len(begun) == pytest.approx(1000, rel=0.1)
+    assert max(Counter(int(at_s / 10) for at_s in begun).values()) <= 10 * 8.4 * 1.5
+
+
+def test_nor_do_agents_that_look_for_a_node_together() -> None:
+    begun = lists_of(1000, seconds=45, looking_from_s=10)
+    assert len(begun) >= 1000
+    assert max(Counter(int(at_s) for at_s in begun).values()) <= 60
+
+
+def test_in_a_small_cluster_the_list_is_read_at_once() -> None:
+    assert max(lists_of(10, seconds=20)) <= 1.2
 
 
 def test_addresses_are_those_of_both_families_without_a_zone() -> None:

@@ -18,6 +18,8 @@ class Silent:
         self._wait_s = wait_s
         self._error = error
 
+    nodes = 0
+
     async def count(self) -> int:
         await asyncio.sleep(self._wait_s)
         if self._error is not None:
