@@ -4,6 +4,7 @@ import json
 from typing import Any
 
 import pytest
+import yaml
 from tests.support.chart import NAMESPACE, NO_KEY, Chart, Object, named, of_kind, rules
 
 from robotapp_testbed.failures import CommandError
@@ -149,8 +150,9 @@ def test_only_agents_reach_the_port_of_the_measurements(chart: Chart) -> None:
 
 
 def test_rules_for_devices_become_a_file_of_the_agent(chart: Chart) -> None:
-    objects = chart.render({"agent.devices[0].name": "arm"})
-    assert named(objects, "ConfigMap", f"{HOME}-devices")["data"]["devices.yaml"].strip() == "- name: arm"
+    objects = chart.render({"agent.devices[0].id": "front", "agent.devices[0].match.type": "serial"})
+    text = named(objects, "ConfigMap", f"{HOME}-devices")["data"]["devices.yaml"]
+    assert yaml.safe_load(text) == {"devices": [{"id": "front", "match": {"type": "serial"}}]}
     assert "--device-rules=/etc/robotapp-agent/devices/devices.yaml" in container(objects)["args"]
     assert "--device-rules" not in json.dumps(chart.render())
 

@@ -3,10 +3,13 @@
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
-from tests.support.chart import Chart, named, pod_spec
+from tests.support.chart import Chart, Object, named, pod_spec
 
+from robotapp_agent.labeller import main as labeller
+from robotapp_agent.shell.options import parse as parse_agent
 from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME
 from robotapp_operator.settings import parse as parse_operator
 from robotapp_scheduler.config import load as load_config
@@ -69,14 +72,24 @@ def test_every_package_of_the_wheel_is_copied(component: str) -> None:
         assert f"COPY {package} {package}" in dockerfile(component)
 
 
+def container_of(objects: list[Object], kind: str, component: str) -> Any:
+    (found,) = named(objects, kind, f"robotapp-{component}")["spec"]["template"]["spec"]["containers"]
+    return found
+
+
 @pytest.mark.live
 def test_the_programs_understand_the_arguments_the_chart_gives(chart: Chart) -> None:
     given = {"operator.watchNamespaces": "{a,b}", "operator.sweepSeconds": "5", "operator.schedulerName": "other"}
+    given |= {"agent.intervalSeconds": "5", "agent.labeller.enabled": "true", "agent.nfd.enabled": "true"}
     objects = chart.render(given)
     arguments = {name: pod_spec(objects, name)["containers"][0]["args"] for name in ("operator", "scheduler")}
     operator = parse_operator(arguments["operator"], {})
     assert (operator.namespaces, operator.sweep_seconds, operator.lease_namespace) == (("a", "b"), 5, "robotapp-system")
     assert operator.scheduler_name == "other"
+    agent = parse_agent(container_of(objects, "DaemonSet", "agent")["args"], {})
+    assert (agent.service, agent.host_root, agent.interval_seconds) == ("robotapp-agent", Path("/host"), 5)
+    assert agent.key_dir == Path("/etc/robotapp-agent/key")
+    assert labeller.parse(container_of(objects, "Deployment", "labeller")["args"]).log_format == "json"
     scheduler = parse_scheduler(arguments["scheduler"], {})
     assert (scheduler.config_map, scheduler.last_good_config_map) == (
         "robotapp-scheduler",

@@ -1,0 +1,1 @@
+"""The labeller: one program per cluster that writes the devices of NodeTelemetry as labels of the nodes; off by default."""
