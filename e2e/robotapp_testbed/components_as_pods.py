@@ -1,17 +1,29 @@
-"""Operator and scheduler as pods on real nodes: the chart's own workloads, ServiceAccounts and security settings."""
+"""Our programs as pods on real nodes: the chart's own workloads, ServiceAccounts and security settings.
 
-from collections.abc import Mapping
+components_as_pods.run(cp)  # operator, scheduler and an agent on every node
+with components_as_pods.agents(cp, interval_s=2):  # the agents alone
+    components_as_pods.wait_measured(cp)
+"""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Final
 
-from robotapp_api.model.names import SYSTEM_NAMESPACE
+from robotapp_api.model.names import API_VERSION, SYSTEM_NAMESPACE
 from robotapp_testbed import images, product
 from robotapp_testbed.controlplane import ControlPlane
+from robotapp_testbed.failures import TestbedError
+from robotapp_testbed.process import wait_until
 
-IMAGES: Final = ("operator", "scheduler")
+IMAGES: Final = ("operator", "scheduler", "agent")
 """What RealNodes needs in `images` for them."""
+AGENTS: Final = "robotapp-agent"
+"""DaemonSet of the agents, and its namespace."""
+TELEMETRY: Final = f"/apis/{API_VERSION}/nodetelemetries"
 
 _ROLLED_OUT_S = 90
+_MEASURED_S = 90.0
 _RESTRICTED = {
     f"pod-security.kubernetes.io/{mode}{kind}": value
     for mode in ("enforce", "warn")
@@ -34,26 +46,70 @@ class Usage:
 
 
 def run(cp: ControlPlane, *, values: Mapping[str, Any] | None = None) -> None:
-    """Install everything the chart has and wait until both programs are ready. The namespace enforces `restricted`."""
-    own = _values()
-    merged = {
-        key: {**own.get(key, {}), **given} if isinstance(given, Mapping) else given
-        for key, given in (values or {}).items()
-    }
-    product.install(cp, values={**own, **merged})
+    """Install everything the chart has and wait until all programs run. The release's namespace enforces `restricted`."""
+    merged = _values(values or {})
+    product.install(cp, values=merged)
     cp.kubectl("label", "--overwrite", "namespace", SYSTEM_NAMESPACE, *(f"{k}={v}" for k, v in _RESTRICTED.items()))
-    product.apply_workloads(cp, values={**own, **merged})
-    for name in IMAGES:
-        arguments = ("rollout", "status", f"deployment/robotapp-{name}", f"--timeout={_ROLLED_OUT_S}s")
-        cp.kubectl(*arguments, f"--namespace={SYSTEM_NAMESPACE}")
+    product.apply_workloads(cp, values=merged)
+    for name in ("operator", "scheduler"):
+        _wait_rolled_out(cp, f"deployment/robotapp-{name}", SYSTEM_NAMESPACE)
+    _wait_rolled_out(cp, f"daemonset/{AGENTS}", AGENTS)
 
 
-def _values() -> dict[str, Any]:
-    own = {}
+@contextmanager
+def agents(cp: ControlPlane, *, interval_s: int = 2, values: Mapping[str, Any] | None = None) -> Iterator[None]:
+    """The chart's agent on every node, measuring each `interval_s`; at the end both go, the agents and what they wrote."""
+    merged = _values({"agent": {"intervalSeconds": interval_s, **(values or {})}})
+    product.install(cp, values=merged)
+    product.apply_workloads(cp, values=merged, kinds={"DaemonSet"})
+    try:
+        _wait_rolled_out(cp, f"daemonset/{AGENTS}", AGENTS)
+        yield
+    finally:
+        # In the foreground: an agent that still runs would write its telemetry again.
+        cp.kubectl("delete", "daemonset", AGENTS, "-n", AGENTS, "--cascade=foreground", f"--timeout={_ROLLED_OUT_S}s")
+        cp.api.delete(TELEMETRY)
+
+
+def wait_measured(cp: ControlPlane, *, timeout_s: float = _MEASURED_S) -> None:
+    """Until every node's agent has measured a round trip to every other node."""
+    if not wait_until(lambda: not _unmeasured(cp), timeout_s=timeout_s, poll_s=0.2):
+        missing = "; ".join(f"{one} to {', '.join(others)}" for one, others in _unmeasured(cp).items())
+        raise TestbedError(f"not measured after {timeout_s:.0f} s: {missing}. See kubectl logs -n {AGENTS} ds/{AGENTS}")
+
+
+def round_trip(cp: ControlPlane, one: str, other: str) -> dict[str, Any]:
+    """The entry of one node's telemetry about another one; empty without one."""
+    for item in cp.api.get(TELEMETRY)["items"]:
+        if item["metadata"]["name"] == one:
+            return next((each for each in item.get("status", {}).get("rtt", []) if each["peer"] == other), {})
+    return {}
+
+
+def _unmeasured(cp: ControlPlane) -> dict[str, list[str]]:
+    names = {item["metadata"]["name"] for item in cp.api.get("/api/v1/nodes")["items"]}
+    found = {
+        item["metadata"]["name"]: {each["peer"] for each in item.get("status", {}).get("rtt", []) if "p50Us" in each}
+        for item in cp.api.get(TELEMETRY)["items"]
+    }
+    missing = {name: sorted(names - {name} - found.get(name, set())) for name in sorted(names)}
+    return {name: others for name, others in missing.items() if others}
+
+
+def _wait_rolled_out(cp: ControlPlane, workload: str, namespace: str) -> None:
+    cp.kubectl("rollout", "status", workload, f"--timeout={_ROLLED_OUT_S}s", f"--namespace={namespace}")
+
+
+def _values(given: Mapping[str, Any]) -> dict[str, Any]:
+    """The caller's values on top of our images."""
+    own: dict[str, Any] = {}
     for name in IMAGES:
         repository, _, tag = images.reference(name).rpartition(":")
         own[name] = {"image": {"repository": repository, "tag": tag, "pullPolicy": "Never"}}
-    return own
+    merged = {
+        key: {**own.get(key, {}), **value} if isinstance(value, Mapping) else value for key, value in given.items()
+    }
+    return {**own, **merged}
 
 
 def usage(cp: ControlPlane, namespace: str = SYSTEM_NAMESPACE) -> dict[str, Usage]:

@@ -47,9 +47,9 @@ def install(cp: ControlPlane, *, values: Mapping[str, Any] | None = None) -> Non
         _wait_for_policies(cp)
 
 
-def apply_workloads(cp: ControlPlane, *, values: Mapping[str, Any]) -> None:
-    """The chart's Deployments and what belongs to them, which `install` leaves out; for clusters whose nodes run containers."""
-    _apply(cp, [obj for obj in _template(cp, values) if obj["kind"] in _WORKLOADS])
+def apply_workloads(cp: ControlPlane, *, values: Mapping[str, Any], kinds: AbstractSet[str] = _WORKLOADS) -> None:
+    """The chart's Deployments, its DaemonSet and what belongs to them, which `install` leaves out; for nodes that run containers."""
+    _apply(cp, [obj for obj in _template(cp, values) if obj["kind"] in kinds])
 
 
 def define(cp: ControlPlane, objects: Sequence[Mapping[str, Any]]) -> None:

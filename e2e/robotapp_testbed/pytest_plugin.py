@@ -62,7 +62,7 @@ def real_nodes(real_machine: type["RealNodes"]) -> Iterator["RealNodes"]:
     """Two real nodes, robot-1 and edge-1, joined by the latency switch; nothing of the product."""
     from robotapp_testbed.nodes import edge, robot
 
-    with real_machine([robot("robot-1"), edge("edge-1")], delays={}) as plane:
+    with real_machine([robot("robot-1"), edge("edge-1")], delays={}, images=("tools", "agent")) as plane:
         _RUNNING.append(plane)
         yield plane
         _RUNNING.remove(plane)

@@ -18,7 +18,7 @@ from tests.bench import options, stability
 from tests.support.nodes_campaign import DOWN_S, UP_S, Kill, Life, kill, live
 
 from robotapp_testbed import components_as_pods
-from robotapp_testbed.real import MeasuredTelemetry, RealNodes, UnavailableError, parts, prerequisites
+from robotapp_testbed.real import RealNodes, UnavailableError, parts, prerequisites
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -66,12 +66,12 @@ class Found:
 
 
 def stable(seconds: float) -> stability.Stable:
-    """Three apps, placed on four nodes by our scheduler, with operator and scheduler as pods."""
+    """Three apps, placed on four nodes by our scheduler, with operator, scheduler and agents as pods."""
     images = ("tools", "ros2", *components_as_pods.IMAGES)
     with RealNodes(stability.NODES, delays=stability.ONE_WAY_MS, images=images) as cp:
         components_as_pods.run(cp)
-        with MeasuredTelemetry(cp):
-            return stability.run(cp, seconds=seconds, say=say)
+        components_as_pods.wait_measured(cp)
+        return stability.run(cp, seconds=seconds, say=say)
 
 
 def _several(wanted: int | None, long: bool) -> int:

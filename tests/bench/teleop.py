@@ -2,7 +2,7 @@
 
 Five real nodes behind the latency switch: two robots, an edge server near them, one in another hall, a cloud. Some teleoperation apps
 (50 Hz, Cyclone DDS) are placed by one scheduler, run, and tell their round trips; then the same by the other, and in the next round in the
-other order. Operator and scheduler run as pods; what they use comes from the kubelets. Needs root. `--long` adds ten minutes of three
+other order. Operator, scheduler and node agents run as pods; what they use comes from the kubelets. Needs root. `--long` adds ten minutes of three
 apps with cameras.
 """
 
@@ -22,7 +22,7 @@ from tests.support import teleop
 from robotapp_testbed import components_as_pods
 from robotapp_testbed.namespaces import created
 from robotapp_testbed.nodes import cloud, edge, robot
-from robotapp_testbed.real import MeasuredTelemetry, RealNodes, UnavailableError, prerequisites
+from robotapp_testbed.real import RealNodes, UnavailableError, prerequisites
 from ros_nodes.trips import Row
 
 NODES = (robot("robot-1"), robot("robot-2"), edge("edge-1"), edge("edge-2", zone="hall-2"), cloud("cloud-1"))
@@ -59,19 +59,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     turns = order(SCHEDULERS, arguments.rounds)
     with RealNodes(NODES, delays=ONE_WAY_MS, images=images) as cp:
         components_as_pods.run(cp)
-        with MeasuredTelemetry(cp):
-            for number, name in enumerate(turns, start=1):
-                outcomes.append(run(cp, name, number=number, apps=arguments.apps, seconds=arguments.seconds))
-                say(f"run {number} of {len(turns)}: {line(outcomes[-1])}")
-                _save(arguments.json, outcomes, stable)
-            if arguments.long:
-                stable = stability.run(cp, seconds=stability.MINUTES * 60, say=say)
-        usage = components_as_pods.usage(cp)
+        components_as_pods.wait_measured(cp)
+        for number, name in enumerate(turns, start=1):
+            outcomes.append(run(cp, name, number=number, apps=arguments.apps, seconds=arguments.seconds))
+            say(f"run {number} of {len(turns)}: {line(outcomes[-1])}")
+            _save(arguments.json, outcomes, stable)
+        if arguments.long:
+            stable = stability.run(cp, seconds=stability.MINUTES * 60, say=say)
+        usage = {**components_as_pods.usage(cp), **components_as_pods.usage(cp, components_as_pods.AGENTS)}
     print("\n".join(table(outcomes)))
     for name, used in usage.items():
-        print(
-            f"{name.rsplit('-', 2)[0]:20} RSS {used.rss_bytes / 1e6:4.0f} MB, CPU {used.cpu_s:5.1f} s since its start"
-        )
+        print(f"{name:40} RSS {used.rss_bytes / 1e6:4.0f} MB, CPU {used.cpu_s:5.1f} s since its start")
     _save(arguments.json, outcomes, stable)
     problems = stable.problems if stable else []
     for problem in problems:

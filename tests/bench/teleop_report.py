@@ -9,12 +9,12 @@ from ros_nodes.trips import TRIP, Row, percentile, summarise
 
 REAL = (
     "real: kubelets, containers and network namespaces; Cyclone DDS in every pod; round trips as the operator's program measures them;"
-    " our operator and scheduler as pods of the chart; kube-scheduler as it is"
+    " our operator, scheduler and node agents as pods of the chart; kube-scheduler as it is"
 )
 SIMULATED = (
     "simulated: distances (a switch in user space holds each frame back, one way, as set per pair of nodes); the robot and its operator"
-    " (programs that answer at once); the node agents (the testbed pings over the switch and writes NodeTelemetry). All nodes and both"
-    " schedulers share the CPUs of this machine: absolute times are its own, the comparison is what counts"
+    " (programs that answer at once). All nodes and both schedulers share the CPUs of this machine: absolute times are its own, the"
+    " comparison is what counts"
 )
 
 

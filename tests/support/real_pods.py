@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from typing import Any
 
+from tests.support.live import part
+
 from robotapp_testbed import ControlPlane, images, wait_until
 
 RUNNING_S = 90.0
@@ -25,6 +27,12 @@ def pod(name: str, node: str, command: Sequence[str] = FOREVER, **spec: Any) -> 
         "metadata": {"name": name, "labels": {"app": name}},
         "spec": {"nodeName": node, "terminationGracePeriodSeconds": 0, "containers": [container], **spec},
     }
+
+
+def component(name: str, **fields: Any) -> dict[str, Any]:
+    """A component of a RobotApp that runs on real nodes until it is told to end."""
+    line = "trap exit TERM; while :; do sleep 1 & wait; done"
+    return part(name, args=["-c", line], **fields) | {"image": images.reference("tools")}
 
 
 def run(cp: ControlPlane, namespace: str, *pods: dict[str, Any]) -> None:

@@ -23,6 +23,7 @@ RECIPES: Final[Mapping[str, Callable[[], Recipe]]] = {
     "tools": Tools,
     "operator": partial(Component, "operator"),
     "scheduler": partial(Component, "scheduler"),
+    "agent": partial(Component, "agent"),
     "ros2": Ros2,
     "ros1": Ros1,
 }

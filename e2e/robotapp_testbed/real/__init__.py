@@ -3,6 +3,5 @@
 from robotapp_testbed.real.cluster import RealNodes
 from robotapp_testbed.real.node import RealNode
 from robotapp_testbed.real.prerequisites import UnavailableError
-from robotapp_testbed.real.telemetry import MeasuredTelemetry
 
-__all__ = ["MeasuredTelemetry", "RealNode", "RealNodes", "UnavailableError"]
+__all__ = ["RealNode", "RealNodes", "UnavailableError"]

@@ -16,9 +16,12 @@ from robotapp_testbed.process import wait_until
 from robotapp_testbed.real import cgroups, containerd, kubelet, network, prerequisites, services, sweep
 from robotapp_testbed.real.addresses import Addresses
 from robotapp_testbed.real.box import Box, Inside, Plan
+from robotapp_testbed.real.pings import Rtt, figures
 
 _SERVES_S = 60.0
 _CGROUP_FREE_S = 30.0
+_PING_PAUSE_S = 0.05
+_PING_ANSWER_S = 2
 
 
 @dataclass(frozen=True)
@@ -161,6 +164,12 @@ class RealNode:
 
     def reconnect(self) -> None:
         self._set_control_link("up")
+
+    def ping(self, other: "RealNode", *, count: int = 10) -> Rtt:
+        """What ping sees on the way the pods' frames take, through the latency switch."""
+        busybox = prerequisites.required_program("busybox")
+        options = ("-c", str(count), "-i", str(_PING_PAUSE_S), "-W", str(_PING_ANSWER_S))
+        return figures(self.box.run(busybox, "ping", *options, other.pod_ip, check=False))
 
     def kill_container(self, container_id: str) -> None:
         """SIGKILL the first process of a container; `container_id` is that of the pod's status (`containerd://…`)."""

@@ -10,7 +10,7 @@ _MILLION = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class Rtt:
-    """Round trips to one node in one round; `p50_us` and `p95_us` are None when nothing came back.
+    """Round trips to one node; `p50_us` and `p95_us` are None when nothing came back.
 
     loss_ppm: pings without an answer, per million.
     """
@@ -18,12 +18,6 @@ class Rtt:
     p50_us: int | None
     p95_us: int | None
     loss_ppm: int
-
-    def status(self, peer: str, *, seq: int) -> dict[str, object]:
-        """An entry of NodeTelemetry's `rtt`, measured in round `seq`."""
-        figures = {"p50Us": self.p50_us, "p95Us": self.p95_us}
-        known = {name: value for name, value in figures.items() if value is not None}
-        return {"peer": peer, **known, "lossPPM": self.loss_ppm, "seq": seq}
 
 
 def figures(text: str) -> Rtt:

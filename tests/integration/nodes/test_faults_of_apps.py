@@ -7,11 +7,13 @@ from typing import Any
 
 import pytest
 import yaml
-from tests.support.live import Tenant, eventually, part, pool
+from tests.support.live import Tenant, eventually, pool
+from tests.support.real_pods import component
 
 from robotapp_scheduler.config_model import API_VERSION, KIND
-from robotapp_testbed import images, product
-from robotapp_testbed.real import MeasuredTelemetry, RealNodes
+from robotapp_testbed import components_as_pods, product
+from robotapp_testbed.components_as_pods import round_trip
+from robotapp_testbed.real import RealNodes
 
 pytestmark = pytest.mark.live
 
@@ -22,7 +24,7 @@ CUT_S = 12.0
 
 @pytest.fixture(scope="module")
 def plane(real_nodes: RealNodes, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RealNodes]:
-    """The real nodes with our operator and scheduler, and telemetry measured on their links.
+    """The real nodes with our operator and scheduler, and the chart's agents, which measure the link.
 
     Neither has a Lease: nobody would start them again when they lose it because a busy machine takes ten seconds to bring
     the API server back.
@@ -35,7 +37,8 @@ def plane(real_nodes: RealNodes, tmp_path_factory: pytest.TempPathFactory) -> It
     mark = secrets.token_hex(2)
     operator = product.start_operator(real_nodes, name=f"operator-{mark}", sweep_seconds=1, no_leader_election=True)
     scheduler = product.start_scheduler(real_nodes, alone, name=f"scheduler-{mark}")
-    with MeasuredTelemetry(real_nodes, interval_s=5):
+    with components_as_pods.agents(real_nodes, interval_s=5):
+        components_as_pods.wait_measured(real_nodes)
         yield real_nodes
         assert operator.running
         assert scheduler.running
@@ -50,8 +53,8 @@ def app(plane: RealNodes, real_namespace: str) -> Iterator[Tenant]:
     with pool(plane, f"pool-{secrets.token_hex(3)}") as ids:
         tenant.apply(
             "teleop",
-            running("console"),
-            running("driver", runsOn=["Robot"]),
+            component("console"),
+            component("driver", runsOn=["Robot"]),
             robots={"nodeSelector": {"matchLabels": {"robotics.io/robot": "robot-1"}}},
             edges=[{"topic": "/cmd_vel", "from": "console", "to": "driver", "latency": {"budget": "80ms"}}],
             ros2={"pool": ids, "discovery": {"mode": "Multicast"}},  # no image of a discovery server
@@ -61,12 +64,6 @@ def app(plane: RealNodes, real_namespace: str) -> Iterator[Tenant]:
         plane.wait_nodes()
         tenant.delete("teleop")
         eventually(lambda: not tenant.claims(), timeout_s=READY_S)
-
-
-def running(name: str, **fields: Any) -> dict[str, Any]:
-    """A component that runs on real nodes until it is told to end."""
-    line = "trap exit TERM; while :; do sleep 1 & wait; done"
-    return part(name, args=["-c", line], **fields) | {"image": images.reference("tools")}
 
 
 def containers(tenant: Tenant) -> dict[str, tuple[str, int]]:
@@ -115,14 +112,11 @@ def test_the_app_runs_where_its_domain_was_granted(app: Tenant) -> None:
 
 def test_telemetry_says_what_was_measured_on_the_links(plane: RealNodes) -> None:
     def written_us() -> int:
-        (rtt,) = plane.api.get("/apis/robotics.io/v1alpha1/nodetelemetries/robot-1")["status"]["rtt"]
-        assert rtt["peer"] == "edge-1"
-        return int(rtt["p50Us"])
+        return int(round_trip(plane, "robot-1", "edge-1").get("p50Us", 0))
 
     plane.switch.set_link("robot-1", "edge-1", delay_ms=20)
     try:
-        measured = MeasuredTelemetry(plane).measure()["robot-1", "edge-1"]
-        assert measured.loss_ppm == 0
+        assert plane.node("robot-1").ping(plane.node("edge-1")).loss_ppm == 0
         eventually(lambda: 40_000 <= written_us() < 80_000, timeout_s=NOTICED_S)
     finally:
         plane.switch.set_link("robot-1", "edge-1", delay_ms=0)
@@ -157,7 +151,7 @@ def test_it_outlives_12_seconds_without_the_switch(app: Tenant, plane: RealNodes
         plane.plug_switch()
 
     def loss_ppm() -> int:
-        return MeasuredTelemetry(plane).measure()["robot-1", "edge-1"].loss_ppm
+        return plane.node("robot-1").ping(plane.node("edge-1")).loss_ppm
 
     survives(app, away, again, seen=False)
     eventually(lambda: loss_ppm() == 0, timeout_s=NOTICED_S)  # the kernel asks for lost neighbours once a second
@@ -203,7 +197,7 @@ def test_parameter_files_arrive_in_their_order_and_another_content_starts_the_po
         {"secretKeyRef": {"name": "key", "key": "s.yaml"}},
         {"inline": inline},
     ]
-    driver = running("driver", command=["sh", "-c"], parameters=files, runsOn=["Robot"])
+    driver = component("driver", command=["sh", "-c"], parameters=files, runsOn=["Robot"])
     driver["args"] = [READS_ITS_FILES, "driver"]
     with pool(plane, f"pool-{secrets.token_hex(3)}") as ids:
         selector = {"matchLabels": {"robotics.io/robot": "robot-1"}}

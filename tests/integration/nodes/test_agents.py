@@ -1,0 +1,173 @@
+"""Agents as the chart installs them, on four real nodes behind the switch: what they measure is what scheduler, status and explain tell."""
+
+import asyncio
+import json
+import secrets
+import urllib.request
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from tests.support.clients import client_for
+from tests.support.live import Tenant, eventually, pool
+from tests.support.real_pods import component
+from tests.support.watching import running
+from tests.support.work_unit import slowness
+
+from robotapp_api.client import Change, Reflector, load
+from robotapp_api.client.resources import NODETELEMETRIES
+from robotapp_api.values.duration import format_ms
+from robotapp_testbed import components_as_pods, product
+from robotapp_testbed.components_as_pods import round_trip
+from robotapp_testbed.namespaces import created
+from robotapp_testbed.nodes import cloud, edge, robot
+from robotapp_testbed.process import Process
+from robotapp_testbed.real import RealNodes
+from robotapp_testbed.servers import unverified
+
+pytestmark = pytest.mark.live
+
+INTERVAL_S = 2
+ROUND_TRIP_MS = {
+    ("robot-1", "edge-1"): 0,
+    ("robot-1", "edge-2"): 2,
+    ("edge-1", "cloud-1"): 15,
+    ("robot-1", "cloud-1"): 60,
+}
+JITTER = 0.2
+LOSS = 0.01
+TRIES = 5
+PINGS = 40
+READY_S = 120.0
+Json = dict[str, Any]
+
+
+@pytest.fixture(scope="module")
+def cluster(real_machine: type[RealNodes]) -> Iterator[RealNodes]:
+    nodes = [robot("robot-1"), edge("edge-1"), edge("edge-2", zone="hall-2"), cloud("cloud-1")]
+    with real_machine(nodes, delays={}, images=("tools", "agent")) as cp:
+        for (one, other), whole_ms in ROUND_TRIP_MS.items():
+            cp.switch.set_link(one, other, delay_ms=whole_ms / 2, jitter_ms=JITTER * whole_ms / 2, loss=LOSS)
+        with components_as_pods.agents(cp, interval_s=INTERVAL_S):
+            components_as_pods.wait_measured(cp)
+            yield cp
+
+
+@pytest.fixture(scope="module")
+def scheduler(cluster: RealNodes) -> Iterator[Process]:
+    product.start_operator(cluster)
+    return product.start_scheduler(cluster, insecure_explain=True)
+
+
+@pytest.fixture
+def tenant(cluster: RealNodes, scheduler: Process) -> Iterator[Tenant]:
+    assert scheduler.running
+    with created(cluster, f"agents-{secrets.token_hex(3)}") as namespace:
+        yield Tenant(cluster, namespace)
+
+
+@pytest.mark.parametrize(("one", "other"), ROUND_TRIP_MS)
+def test_an_agent_measures_what_ping_sees_in_the_same_minute(cluster: RealNodes, one: str, other: str) -> None:
+    """Other programs of this machine delay one more than the other, so the best of five rounds counts."""
+    allowed_us = 300 * slowness()
+    seen = []
+    for _ in range(TRIES):
+        ping_us = cluster.node(one).ping(cluster.node(other), count=PINGS).p50_us
+        told_us = round_trip(cluster, one, other).get("p50Us")
+        seen.append((ping_us, told_us))
+        if ping_us is not None and told_us is not None and abs(told_us - ping_us) <= 0.1 * ping_us + allowed_us:
+            return
+    pytest.fail(f"ping and agent, in microseconds: {seen}, allowed are 10 % and {allowed_us:.0f}")
+
+
+def app(tenant: Tenant, name: str, ids: str) -> None:
+    """A driver on the robot and a panel on edge-2, which must be near."""
+    on_edge_2 = {"spec": {"nodeSelector": {"kubernetes.io/hostname": "edge-2"}}}
+    tenant.apply(
+        name,
+        component("panel", template=on_edge_2),
+        component("driver", runsOn=["Robot"]),
+        robots={"nodeSelector": {"matchLabels": {"robotics.io/robot": "robot-1"}}},
+        edges=[{"topic": "/cmd_vel", "from": "panel", "to": "driver", "latency": {"budget": "80ms"}}],
+        ros2={"pool": ids, "discovery": {"mode": "Multicast"}},  # no image of a discovery server
+    )
+
+
+async def test_scheduler_and_status_tell_a_number_that_an_agent_wrote(
+    cluster: RealNodes, scheduler: Process, tenant: Tenant
+) -> None:
+    written_us: set[int] = set()
+    ends = {"robot-1", "edge-2"}
+
+    def collect(change: Change) -> None:
+        node = change.new or {"metadata": {"name": ""}}
+        for entry in node.get("status", {}).get("rtt", []):
+            if {node["metadata"]["name"], entry["peer"]} == ends and "p95Us" in entry:
+                written_us.add(entry["p95Us"])
+
+    def ready(ids: str) -> None:
+        app(tenant, "teleop", ids)
+        tenant.wait_ready("teleop", timeout_s=READY_S)
+        tenant.wait("teleop", "BudgetMet", "True", reason="WithinBudget")
+
+    client = client_for(load(cluster.kubeconfig()))
+    with pool(cluster, f"agents-{secrets.token_hex(3)}") as ids:
+        async with client, running(Reflector(client, NODETELEMETRIES, as_type=dict, on_change=collect)):
+            await asyncio.to_thread(ready, ids)
+            told = await asyncio.to_thread(status_p95, tenant, "teleop")
+            explained = await asyncio.to_thread(explained_us, scheduler, tenant)
+        tenant.delete("teleop")
+    assert told in {format_ms(us / 1000) for us in written_us}
+    assert explained
+    assert explained <= written_us
+
+
+def status_p95(tenant: Tenant, name: str) -> str:
+    def look() -> str:
+        (instance,) = tenant.instances(name)
+        return next((edge["p95"] for edge in instance["status"].get("edges", []) if edge["measured"]), "")
+
+    return eventually(look, what=lambda: tenant.instances(name))
+
+
+def explained_us(scheduler: Process, tenant: Tenant) -> set[int]:
+    """Round trips by which the pods were placed."""
+    found = set()
+    for pod in tenant.listed("pods"):
+        url = f"{scheduler.health_url}/explain/{tenant.namespace}/{pod['metadata']['name']}"
+        with urllib.request.urlopen(url, context=unverified()) as answer:  # noqa: S310 - our own
+            record = json.load(answer)
+        measured = [edge for edge in record["edges"] if edge["source"] == "measured" and edge["peerNode"]]
+        found |= {round(1000 * edge["rttMs"]) for edge in measured if edge["rttMs"]}
+    return found
+
+
+def test_a_link_that_is_cut_is_unreachable_within_three_rounds_and_measured_again_after_it(
+    cluster: RealNodes, tenant: Tenant
+) -> None:
+    with pool(cluster, f"agents-{secrets.token_hex(3)}") as ids:
+        app(tenant, "cut", ids)
+        tenant.wait("cut", "BudgetMet", "True", reason="WithinBudget", timeout_s=READY_S)
+        cluster.switch.set_link("robot-1", "edge-2", down=True)
+        try:
+            assert rounds_until(cluster, answered=False) <= 3
+            message = tenant.wait("cut", "BudgetMet", "False", reason="BudgetExceeded")["message"]
+            assert "unreachable of 80ms" in message
+        finally:
+            cluster.switch.set_link("robot-1", "edge-2", down=False)
+        assert rounds_until(cluster, answered=True) <= 3
+        tenant.delete("cut")
+
+
+def rounds_until(cluster: RealNodes, *, answered: bool) -> int:
+    """Of the robot's agent, from the last one it has written to the one in which edge-2 answers, or ceases to."""
+
+    def entry() -> Json:
+        return round_trip(cluster, "robot-1", "edge-2")
+
+    def found() -> Json:
+        current = entry()
+        return current if current["seq"] > first and ("p50Us" in current) is answered else {}
+
+    first = entry()["seq"]
+    return int(eventually(found, what=entry)["seq"]) - int(first)
