@@ -161,6 +161,8 @@ class Labeller:
         """Leave to their owners what others have set; a conflict about anything else is tried again."""
         state = self._state(name)
         keys = keys_of_causes(error.causes, labels)
+        if not keys:
+            log.warning("labels of node %s are not written, they are tried again: %s", name, error)
         for key in keys:
             value = node.hardware.get(key, "")
             if state.taken.get(key) != value:

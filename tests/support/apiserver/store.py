@@ -3,7 +3,7 @@
 import copy
 import itertools
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any, NamedTuple
@@ -19,18 +19,22 @@ Json = dict[str, Any]
 class Refused(Exception):  # noqa: N818 - an answer, not a bug
     """An error answer."""
 
-    def __init__(self, code: int, reason: str, message: str, *, field: str = "") -> None:
+    def __init__(self, code: int, reason: str, message: str, *, field: str = "", owned: Sequence[str] = ()) -> None:
         super().__init__(message)
         self.code = code
         self.reason = reason
         self.message = message
         self.field = field
+        self.owned = owned
+        """Fields of others that a server-side apply would have changed."""
 
     def status(self) -> Json:
         """The Status object of the answer."""
         named = {"code": self.code, "reason": self.reason, "message": self.message}
         cause = {"field": self.field, "reason": "FieldValueInvalid", "message": self.message}
-        details = {"details": {"causes": [cause]}} if self.field else {}
+        causes = [cause] if self.field else []
+        causes += [{"field": field, "reason": "FieldManagerConflict", "message": self.message} for field in self.owned]
+        details = {"details": {"causes": causes}} if causes else {}
         return {"kind": "Status", "apiVersion": "v1", "metadata": {}, "status": "Failure", **named, **details}
 
 

@@ -144,7 +144,8 @@ def apply(store: Store, where: Target, body: Json, writer: Owner, *, force: bool
     body = body | {"metadata": _minded(old, meta, where)}
     owned = store.owned.get(where.key(), {})
     if not force and (found := owners.clashes(owned, writer, old, body)):
-        raise Refused(409, "Conflict", f"Apply failed with conflicts: {found}")
+        fields = ["".join(f".{step}" for step in path) for _, path in found]
+        raise Refused(409, "Conflict", f"Apply failed with conflicts: {found}", owned=fields)
     new, owned = owners.applied(owned, writer, old, body)
     return store.update(where.key(), new, subresource=where.subresource, writer=writer, owned=owned)
 
