@@ -5,7 +5,7 @@ which rows are nodes. Arrays grow by doubling, so a view taken earlier must not 
 """
 
 from collections.abc import Callable, Iterable
-from typing import Final, Generic, TypeVar
+from typing import Any, Final, Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -331,3 +331,8 @@ class ResourceColumns:
             self._steps.clear()
         self._steps[requested, scored] = step
         return step
+
+
+def order_of(codes: npt.NDArray[np.integer[Any]], count: int) -> npt.NDArray[np.intp]:
+    """The stable order of codes from 0 to below `count`. Up to 65,536 of them numpy sorts by digits, ten times as fast."""
+    return np.argsort(codes.astype(np.min_scalar_type(max(count - 1, 0))), kind="stable")

@@ -15,6 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from robotapp_scheduler.core.columns import order_of
 from robotapp_scheduler.joint.latencies import BoolArray, FloatArray, IndexArray, Measured
 
 PASSES: Final = 8
@@ -22,6 +23,8 @@ STEP: Final = 0.8
 """Share of the way each pass goes. Whole steps would swing for ever between the ends of pairs that have no other."""
 OWN_TERM_FROM: Final = 3
 """Measured pairs from which a node gets a term of its own: the median of three bears one wild reading."""
+MOST_COUNTED: Final = 1 << 20
+"""Pairs of zones up to which those in use are found by counting instead of sorting."""
 
 Codes = npt.NDArray[np.intp]
 
@@ -43,7 +46,7 @@ class GroupMedians:
     """Medians per group of values whose grouping stays the same."""
 
     def __init__(self, group: Codes, count: int) -> None:
-        order = np.argsort(group, kind="stable")
+        order = order_of(group, count)
         sizes = np.bincount(group, minlength=count)
         starts = np.cumsum(sizes) - sizes
         self._count = count
@@ -101,6 +104,14 @@ def _cut_off(measured: Measured, answered: BoolArray, rows: int) -> BoolArray:
     return known & ~reached
 
 
+def _numbered(codes: Codes, count: int) -> tuple[Codes, Codes]:
+    """The codes in use, sorted, and the place of each code among them. `count`: all codes are below."""
+    if count > MOST_COUNTED:
+        return np.unique(codes, return_inverse=True)
+    used = np.bincount(codes, minlength=count) > 0
+    return np.flatnonzero(used), (np.cumsum(used) - 1)[codes]
+
+
 class _System:
     """The answered pairs between nodes with zones, grouped by node, by zone and by pair of zones."""
 
@@ -113,7 +124,7 @@ class _System:
         self.fitted = counts >= OWN_TERM_FROM
         count = int(zone.max()) + 1
         near, far = self._zone[pairs.left], self._zone[pairs.right]
-        codes, self._path = np.unique(np.minimum(near, far) * count + np.maximum(near, far), return_inverse=True)
+        codes, self._path = _numbered(np.minimum(near, far) * count + np.maximum(near, far), count * count)
         self.zones = np.stack(np.divmod(codes, count))
 
     def group(self) -> Generator[None, None, None]:

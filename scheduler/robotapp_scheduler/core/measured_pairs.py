@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from robotapp_api.values.round_trips import Figures
-from robotapp_scheduler.core.columns import FloatArray
+from robotapp_scheduler.core.columns import FloatArray, order_of
 from robotapp_scheduler.core.node_table import NodeTable
 from robotapp_scheduler.joint.latencies import IndexArray, Measured
 
@@ -85,10 +85,10 @@ def _sorted_by_left(parts: list[_Coded], rows: int) -> Measured:
     us = np.concatenate([part.us for part in parts], axis=1)
     if not len(own):
         return NO_PAIRS
-    key = np.concatenate((own, peers)) * np.int64(rows) + np.concatenate((peers, own))
-    order = np.argsort(key)
-    key = key[order]
-    first = np.flatnonzero(np.append(True, key[1:] != key[:-1]))
+    left, right = np.concatenate((own, peers)), np.concatenate((peers, own))
+    by_right = order_of(right, rows)
+    order = by_right[order_of(left[by_right], rows)]
+    left, right = left[order], right[order]
+    first = np.flatnonzero(np.append(True, (left[1:] != left[:-1]) | (right[1:] != right[:-1])))
     worst = np.maximum.reduceat(np.concatenate((us, us), axis=1)[:, order], first, axis=1)
-    left, right = np.divmod(key[first], rows)
-    return Measured(left.astype(np.int32), right.astype(np.int32), worst)
+    return Measured(left[first], right[first], worst)
