@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Final
 
 from robotapp_api.claims import domain as rules
 from robotapp_api.claims.domain import DomainOutcome, DomainRequest, Step
