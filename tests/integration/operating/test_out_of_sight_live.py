@@ -183,9 +183,9 @@ def test_a_robot_whose_node_is_not_ready_is_offline_when_its_grace_is_over_and_n
     def shown() -> Any:
         (instance,) = tenant.instances("fleet")
         status = instance["status"]
-        return status["phase"], status["components"][0].get("message")
+        return status.get("phase"), [each.get("message") for each in status.get("components", ())]
 
-    eventually(lambda: shown() == ("Degraded", f"node {robot} is not Ready"), what=shown)
+    eventually(lambda: shown() == ("Degraded", [f"node {robot} is not Ready"]), what=shown)
     eventually(lambda: "RobotNotReady" in tenant.event_reasons("fleet"), what=lambda: tenant.event_reasons("fleet"))
     programs.restart_operator()
     tenant.edit("fleet", connectivity={"grace": "3000s"})

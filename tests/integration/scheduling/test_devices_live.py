@@ -175,7 +175,10 @@ def test_sharing_and_exclusive_wishes_keep_out_of_each_others_devices(
         for name in (first, second):
             stage.wait_bound(name)
             assert stage.pod(name)["metadata"]["annotations"][str(Annotation.GRANTED_SHARED)] == "can-can0"
-        assert claims(installed_plane, stage.namespace) == []
+        # Each held the claim until it was bound.
+        stage.wait(
+            lambda: not claims(installed_plane, stage.namespace), what=lambda: claims(installed_plane, stage.namespace)
+        )
         stage.create_pod(driver("alone"))
         stage.wait_event("alone", reason="DeviceBusy")
         assert stage.node_of("alone") == ""
