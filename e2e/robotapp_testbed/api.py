@@ -79,6 +79,15 @@ class Api:
             raise ApiStatusError(method, path, status, message)
         return json.loads(text) if text.startswith(("{", "[")) else text
 
+    def stream(self, path: str, *, silence_s: float) -> http.client.HTTPSConnection:
+        """A connection of its own on which the request was sent: `getresponse()` gives what comes bit by bit, such as a watch.
+
+        OSError when nothing comes for `silence_s`. The caller closes it.
+        """
+        connection = http.client.HTTPSConnection(self._host, self._port, timeout=silence_s, context=self._context())
+        connection.request("GET", path, headers=self._headers)
+        return connection
+
     def each(self, action: Callable[[Any], object], items: Iterable[Any]) -> None:
         """Run `action` for all items on a few connections at once; the first error is raised."""
         with ThreadPoolExecutor(max_workers=_PARALLEL) as pool:
@@ -119,8 +128,10 @@ class Api:
             return connection, False
         if connection is not None:
             connection.close()
-        context = ssl.create_default_context(cafile=str(self._ca_file))
-        connection = http.client.HTTPSConnection(self._host, self._port, timeout=_TIMEOUT_S, context=context)
+        connection = http.client.HTTPSConnection(self._host, self._port, timeout=_TIMEOUT_S, context=self._context())
         self._local.connection, self._local.used_s = connection, self._clock()
         self._opened.append(connection)
         return connection, True
+
+    def _context(self) -> ssl.SSLContext:
+        return ssl.create_default_context(cafile=str(self._ca_file))

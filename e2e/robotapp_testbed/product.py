@@ -108,10 +108,15 @@ def start_operator(
     name: str = "operator",
     wait: bool = True,
     env: Mapping[str, str] | None = None,
+    program: Sequence[str] = (),
     **flags: object,
 ) -> Process:
-    """`python -m robotapp_operator` as the operator's identity. `sweep_seconds=1` becomes `--sweep-seconds 1`, True a bare flag."""
-    return _start(cp, "robotapp_operator", identity="operator", name=name, wait=wait, flags=flags, env=env)
+    """`python -m robotapp_operator` as the operator's identity. `sweep_seconds=1` becomes `--sweep-seconds 1`, True a bare flag.
+
+    `program`: another module, with arguments of its own, that runs the operator; it gets the usual ones behind them.
+    """
+    module = [*program, "robotapp_operator"]
+    return _start(cp, module, identity="operator", name=name, wait=wait, flags=flags, env=env)
 
 
 def start_scheduler(
@@ -121,12 +126,14 @@ def start_scheduler(
     name: str = "scheduler",
     wait: bool = True,
     env: Mapping[str, str] | None = None,
+    program: Sequence[str] = (),
     **flags: object,
 ) -> Process:
-    """`python -m robotapp_scheduler` as the scheduler's identity; `env` comes on top of ours."""
+    """`python -m robotapp_scheduler` as the scheduler's identity; `env` comes on top of ours, `program` as for the operator."""
     extra = {"config": config} if config else {}
     given = {**extra, **flags}
-    return _start(cp, "robotapp_scheduler", identity="scheduler", name=name, wait=wait, flags=given, env=env)
+    module = [*program, "robotapp_scheduler"]
+    return _start(cp, module, identity="scheduler", name=name, wait=wait, flags=given, env=env)
 
 
 def arguments(flags: Mapping[str, object]) -> list[str]:
@@ -143,7 +150,7 @@ def arguments(flags: Mapping[str, object]) -> list[str]:
 
 def _start(
     cp: ControlPlane,
-    module: str,
+    module: Sequence[str],
     *,
     identity: str,
     name: str,
@@ -156,7 +163,7 @@ def _start(
     url = f"https://127.0.0.1:{port}"
     process = Process(
         name,
-        [sys.executable, "-m", module, *arguments({**own, **flags})],
+        [sys.executable, "-m", *module, *arguments({**own, **flags})],
         run_dir=cp.run_dir,
         log_path=cp.logs_dir / f"{name}.log",
         env={key: value for key, value in os.environ.items() if key != "KUBECONFIG"}

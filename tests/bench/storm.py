@@ -1,37 +1,57 @@
 """A storm of claims: far more wishes than domains and devices, deaths and forgeries, judged at every revision of the store.
 
-Nodes and kubelets are simulated; two operators, two schedulers and the API server are real.
+Nodes and kubelets are simulated; two operators, two schedulers and the API server are real. The programs lose answers to
+writes that were done. With `--weakened RULE` they break a rule of the claims, and the storm must find it.
 """
 
 import argparse
 import json
+import logging
 import sys
 from collections.abc import Sequence
 
 from tests.bench import options
-from tests.support.storm.campaign import Storm
+from tests.support.claims_weakened import ALL
+from tests.support.storm.campaign import Plan, Storm
 
 from robotapp_testbed import ControlPlane, product
+
+VALUES = {"domainPool": {"ids": "1-101", "quarantineSeconds": 1}}
+EVENT_TTL = {"kube-apiserver": ["--event-ttl=10m"]}
+"""Hours of a storm would fill etcd with them."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="scripts/bench storm", description=__doc__)
     parser.add_argument("--grants", type=options.count(1, 10_000_000), default=20_000)
-    parser.add_argument("--wanted", type=options.count(1, 5000), default=500, help="apps and pods at a time")
+    parser.add_argument("--wanted", type=options.count(10, 5000), default=500, help="apps and pods at a time")
     parser.add_argument("--robots", type=options.count(1, 100), default=10, help="robots with five devices each")
+    parser.add_argument("--every", type=options.count(1), default=200, help="grants between two blows to a program")
+    parser.add_argument(
+        "--lose", type=options.amount, default=0.01, help="share of the answers to writes that get lost"
+    )
+    parser.add_argument("--weakened", choices=sorted(ALL), default="", help="a rule that the programs break")
+    parser.add_argument("--most-minutes", type=options.count(1), default=1440, help="end the storm after so long")
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args(argv)
-    with ControlPlane(node_lease_s=400) as cp:
-        product.install(cp, values={"domainPool": {"quarantineSeconds": 1}})
-        storm = Storm(cp, wanted=arguments.wanted, robots=arguments.robots, seed=arguments.seed)
-        report = storm.run(arguments.grants)
+    plan = Plan(
+        wanted=arguments.wanted,
+        robots=arguments.robots,
+        every=arguments.every,
+        lose=arguments.lose,
+        seed=arguments.seed,
+        weakened=arguments.weakened,
+        most_s=arguments.most_minutes * 60.0,
+    )
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s", stream=sys.stderr)
+    with ControlPlane(node_lease_s=400, extra_args=EVENT_TTL) as cp:
+        product.install(cp, values=VALUES)
+        report = Storm(cp, plan).run(arguments.grants)
     figures = {
         "grants": report.verdict.grants,
-        "revisions": report.verdict.revisions,
         "seconds": round(report.seconds, 1),
-        "kills": report.kills,
-        "forged": report.forged,
-        "double": len(report.verdict.broken),
+        **report.figures,
+        "double or without claim": len(report.verdict.broken),
         "lost": len(report.lost),
         "left": len(report.left),
         "problems": report.problems,

@@ -1,46 +1,208 @@
 """Product functions replaced by weaker ones, for tests that must notice."""
 
 import contextlib
-from collections.abc import Callable, Iterator, Mapping
+import random
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from typing import Any, Final
 from unittest import mock
 
-from robotapp_api.claims import release
-from robotapp_api.claims.bind import ALLOWED, BindVerdict
+import msgspec
+
+from robotapp_api.claims import device, release
+from robotapp_api.claims.bind import ALLOWED, BindVerdict, bind_verdict
+from robotapp_api.claims.device import PodUse, Take
 from robotapp_api.claims.objects import Claim, Pod
 from robotapp_api.claims.release import Preconditions, Release
+from robotapp_api.client import sweep_view
+from robotapp_api.client.claim_writes import Api
+from robotapp_api.client.errors import Forbidden
+from robotapp_api.client.sweep_view import View
 
 Weakened = Callable[[], contextlib.AbstractContextManager[None]]
 
 
 @contextlib.contextmanager
+def _instead(**weak: Callable[..., Any]) -> Iterator[None]:
+    """Functions by `module__name`, the module being one of robotapp_api."""
+    with contextlib.ExitStack() as stack:
+        for target, function in weak.items():
+            stack.enter_context(mock.patch("robotapp_api." + target.replace("__", "."), function))
+        yield
+
+
+@contextlib.contextmanager
 def no_bind_check() -> Iterator[None]:
+    """The template is the lock."""
+
     def always(_: Pod, __: Claim | None, **___: Any) -> BindVerdict:
         return ALLOWED
 
-    with mock.patch("robotapp_api.client.bind_check.bind_verdict", always):
+    with _instead(client__bind_check__bind_verdict=always):
+        yield
+
+
+@contextlib.contextmanager
+def bind_on_draining() -> Iterator[None]:
+    """The bind check accepts a claim that is being released."""
+
+    def weak(pod: Pod, claim: Claim | None, **more: Any) -> BindVerdict:
+        if claim is not None and claim.draining:
+            claim = msgspec.structs.replace(claim, status=msgspec.structs.replace(claim.status, phase="Reserved"))
+        return bind_verdict(pod, claim, **more)
+
+    with _instead(client__bind_check__bind_verdict=weak):
         yield
 
 
 @contextlib.contextmanager
 def uid_only() -> Iterator[None]:
+    """Writes carry the claim's uid but not its version."""
+
     def weak(claim: Claim) -> Preconditions:
         return Preconditions(claim.metadata.uid, "")
 
-    with mock.patch("robotapp_api.client.claim_writes.preconditions", weak):
+    with _instead(client__claim_writes__preconditions=weak):
+        yield
+
+
+@contextlib.contextmanager
+def by_name() -> Iterator[None]:
+    """Writes carry nothing but the name."""
+
+    def weak(_: Claim) -> Preconditions:
+        return Preconditions("", "")
+
+    with _instead(client__claim_writes__preconditions=weak):
         yield
 
 
 @contextlib.contextmanager
 def one_phase() -> Iterator[None]:
+    """Unused is deleted at once."""
+
     def hasty(**facts: Any) -> Release:
         decision = release.release_domain(**facts)
         return Release.DELETE if decision is Release.DRAIN else decision
 
-    with mock.patch("robotapp_api.client.sweep.release_domain", hasty):
+    with _instead(client__sweep__release_domain=hasty):
         yield
 
 
+@contextlib.contextmanager
+def no_second_look() -> Iterator[None]:
+    """After the quarantine the claim is deleted, whatever uses it by then."""
+
+    def blind(*, phase: str, rested: bool, **facts: Any) -> Release:
+        unused = {"wanted": False, "used": False} if phase == "Draining" else {}
+        return release.release_domain(phase=phase, rested=rested, **{**facts, **unused})
+
+    with _instead(client__sweep__release_domain=blind):
+        yield
+
+
+@contextlib.contextmanager
+def forbidden_is_gone() -> Iterator[None]:
+    """A 403 is taken for a 404."""
+
+    async def find(*what: Any) -> Any:
+        try:
+            return await found(*what)
+        except Forbidden:
+            return None
+
+    found = sweep_view.find
+    with _instead(client__sweep_view__find=find):
+        yield
+
+
+@contextlib.contextmanager
+def create_without_list() -> Iterator[None]:
+    """An instance's claims are not looked for before one is created."""
+
+    async def nothing(*_: Any, **__: Any) -> list[Claim]:
+        return []
+
+    with _instead(client__claims__instance_claims=nothing):
+        yield
+
+
+@contextlib.contextmanager
+def random_order() -> Iterator[None]:
+    """Every process tries ids in an order of its own."""
+
+    def shuffled(ids: Iterable[int], *_: str) -> tuple[int, ...]:
+        found = sorted(set(ids))
+        return tuple(random.sample(found, len(found)))
+
+    with _instead(claims__domain__id_order=shuffled):
+        yield
+
+
+@contextlib.contextmanager
+def pods_first() -> Iterator[None]:
+    """The sweep lists the workloads before the claims."""
+
+    async def weak(client: Api, namespaces: Collection[str] | None) -> View:
+        usage, pods = await sweep_view._workloads(client, namespaces)
+        view = await read_view(client, namespaces)
+        view.usage, view.pods = usage, {pod.metadata.uid: pod for pod in pods}
+        return view
+
+    read_view = sweep_view.read_view
+    with _instead(client__sweep__read_view=weak):
+        yield
+
+
+@contextlib.contextmanager
+def anyone_takes() -> Iterator[None]:
+    """A device that another holder has may be taken over."""
+
+    def weak(claim: Claim | None, **who: Any) -> Take:
+        return Take.TAKE if device.take_device(claim, **who) is Take.BUSY else device.take_device(claim, **who)
+
+    with (
+        _instead(client__device_claims__take_device=weak, client__device_claims__same_tuple=_mine),
+        mock.patch("robotapp_scheduler.core.devices.take_device", weak),
+    ):
+        yield
+
+
+@contextlib.contextmanager
+def terminating_is_gone() -> Iterator[None]:
+    """The device of a pod that terminates is free."""
+
+    def weak(claim: Claim, pod: Pod | None) -> PodUse:
+        return device.pod_use(claim, None if pod is not None and pod.metadata.deletion_timestamp else pod)
+
+    async def nobody(*_: Any) -> bool:
+        return False
+
+    with _instead(client__sweep__pod_use=weak, client__sweep__used_on_node=nobody):
+        yield
+
+
+def _mine(*_: Any) -> None:
+    return None
+
+
+ALL: Final[Mapping[str, Weakened]] = {
+    weak.__name__: weak
+    for weak in (
+        no_bind_check,
+        bind_on_draining,
+        uid_only,
+        by_name,
+        one_phase,
+        no_second_look,
+        forbidden_is_gone,
+        create_without_list,
+        random_order,
+        pods_first,
+        anyone_takes,
+        terminating_is_gone,
+    )
+}
+"""docs/claims.md says which of them the models find, and which the storm."""
 ONE_SLEEPER: Final[Mapping[Weakened, str]] = {no_bind_check: "DOUBLE: ", uid_only: "without its claim"}
 """With the harm each does: those that one sleeping process is enough for. `one_phase` needs several, and
 tests/support/claims_model finds all."""

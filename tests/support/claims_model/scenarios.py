@@ -90,7 +90,6 @@ domain("R7", "a lone app never has two claims", **SOLO, changes=0, no_duplicates
 domain("R8", "forced template writes: still safe", "OK", mutants.Forced, quick=False, **ONE, changes=2)
 domain("R9", "forced template writes move a running app", "FLAP", mutants.Forced, quick=False, specs=(), pods=2)
 domain("R10", "scaled-down ReplicaSets are kept as history", **SOLO, history=True)
-domain("R20", "ids passed over on an old cache, 2 apps, 2 ids", quick=False, pods=2, lag=False, old_cache=True)
 domain("R20s", "ids passed over on an old cache, 2 apps, 1 id", **ONE, pods=2, lag=False, old_cache=True)
 
 FORGED: dict[str, Any] = {"forgeries": 1}

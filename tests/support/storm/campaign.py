@@ -1,146 +1,220 @@
-"""Apps and pods come and go by the second while operators and schedulers are killed and strangers forge what they may."""
+"""Apps and pods come and go by the second while programs are killed, answers get lost and strangers forge what they may."""
 
+import logging
 import random
 import secrets
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
 
-from tests.support.storm.history import Recorder, Verdict, judge
-from tests.support.world import Object, World, plain_app
+from tests.support.storm import program
+from tests.support.storm.history import Verdict, judge
+from tests.support.storm.misfortune import Misfortune
+from tests.support.storm.recorder import Recorder
+from tests.support.storm.wishes import KINDS, forgery, is_pod, wish
+from tests.support.world import Object, World
 
-from robotapp_api.model.names import Annotation, Label
+from robotapp_api.model.names import SCHEDULER_MANAGER, SYSTEM_NAMESPACE
 from robotapp_testbed import ControlPlane, Process, product, wait_until
 from robotapp_testbed.failures import ApiStatusError
 from robotapp_testbed.namespaces import created
+from robotapp_testbed.pins import REPOSITORY
 from robotapp_testbed.topology import Device, fleet
 
-DEVICES_PER_ROBOT = 5
-KILL_EVERY_S = 20.0
-CHURN = 0.1
-"""Of what there is, this much goes each second, and as much comes."""
-WAIT_S = 240.0
+log = logging.getLogger(__name__)
+
+DEVICES_PER_ROBOT: Final = 5
+CHURN: Final = 0.1
+"""Of what is wanted, this much goes each second, and as much comes."""
+ROUND_S: Final = 1.0
+PEOPLE: Final = 8
+"""Requests at once."""
+KEPT: Final = 20
+"""Apps that stay when the storm is over."""
+WAIT_S: Final = 300.0
+TELL_ROUNDS: Final = 20
+STRANGE: Final = {"deployments": "/apis/apps/v1", "pods": "/api/v1"}
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """How many wish at a time, for which devices; `every` grants one program is hurt; `lose` is a share of answers.
+
+    `weakened` names a rule that all programs break (claims_weakened); the campaign must notice.
+    """
+
+    wanted: int = 500
+    robots: int = 10
+    every: int = 200
+    lose: float = 0.01
+    seed: int = 1
+    weakened: str = ""
+    most_s: float = float("inf")
+    """The storm ends then, with however few grants."""
 
 
 @dataclass(slots=True)
 class Report:
     verdict: Verdict
     seconds: float
-    kills: int
-    forged: int
+    figures: dict[str, float]
+    gaps: list[str] = field(default_factory=list)
     lost: list[str] = field(default_factory=list)
     left: list[str] = field(default_factory=list)
 
     @property
     def problems(self) -> list[str]:
-        return [*self.verdict.broken[:20], *self.lost, *self.left]
+        return [*self.verdict.broken[:20], *self.gaps, *self.lost, *self.left]
+
+
+@dataclass(frozen=True, slots=True)
+class _Scene:
+    """Who takes part."""
+
+    world: World
+    stranger: str
+    """A namespace in which all is forged."""
+    people: ThreadPoolExecutor
+    recorder: Recorder
+    misfortune: Misfortune
+
+    def all(self, action: Callable[[tuple[str, str]], None], items: Iterable[tuple[str, str]]) -> None:
+        """Do it for all, several at once; the first error is raised."""
+        list(self.people.map(action, items))
 
 
 class Storm:
-    """`wanted` apps and pods at a time for the domains of pool default and some devices. `seed` decides who comes, goes and dies."""
+    """Many wish for the domains of pool default and for some devices. The plan's seed decides who comes, goes and is hurt."""
 
-    def __init__(self, cp: ControlPlane, *, wanted: int, robots: int, seed: int) -> None:
+    def __init__(self, cp: ControlPlane, plan: Plan) -> None:
         self._cp = cp
-        self._wanted = wanted
-        self._random = random.Random(seed)
+        self._plan = plan
+        self._random = random.Random(plan.seed)
         self._mark = secrets.token_hex(2)
-        names = [f"amr-{self._mark}-{number}" for number in range(robots)]
+        names = [f"amr-{self._mark}-{number}" for number in range(plan.robots)]
         cans = [Device(f"can-can{i}", "can", interface=f"can{i}") for i in range(DEVICES_PER_ROBOT)]
         self._nodes = fleet(robots=names, edges=2, clouds=0, devices=dict.fromkeys(names, cans))
         self._there: list[tuple[str, str]] = []
         """(kind, name) of what was made and not deleted."""
-        self._kills = self._forged = self._number = 0
+        self._number = self._gone = self._rounds = self._forged = self._refused = 0
 
     def run(self, grants: int) -> Report:
         """Until so many claims were made; then quiet, then nothing."""
         with ExitStack() as stack:
-            world = stack.enter_context(World(self._cp, self._nodes, tidy=False))
-            stranger = f"stranger-{self._mark}"
-            stack.enter_context(created(self._cp, stranger))
-            second = product.start_scheduler(self._cp, name="scheduler-2", sweep_seconds=1, lease_namespace=stranger)
-            stack.callback(second.kill)
-            processes = [world.operator, world.another_operator(), world.scheduler, second]
-            recorder = stack.enter_context(Recorder(self._cp))
+            scene = self._scene(stack)
             began_s = time.monotonic()
-            self._rage(world, recorder, processes, stranger, grants)
-            report = Report(Verdict(), time.monotonic() - began_s, self._kills, self._forged)
-            report.lost = self._lost(world)
-            report.left = self._left(world, stranger)
-        report.verdict = judge(recorder.events, namespaces={world.namespace})
-        return report
+            self._rage(scene, grants)
+            seconds = time.monotonic() - began_s
+            scene.misfortune.end()
+            lost = self._lost(scene)
+            left = self._left(scene)
+            figures = self._figures(scene, seconds)
+        verdict = judge(scene.recorder.events, namespaces={scene.world.namespace}, strangers={scene.stranger})
+        return Report(verdict, seconds, figures, gaps=scene.recorder.problems, lost=lost, left=left)
 
-    def _rage(self, world: World, recorder: Recorder, processes: list[Process], stranger: str, grants: int) -> None:
-        kill_s = time.monotonic() + KILL_EVERY_S
-        while recorder.claims < grants:
+    def _scene(self, stack: ExitStack) -> _Scene:
+        people = stack.enter_context(ThreadPoolExecutor(PEOPLE))
+        world = stack.enter_context(self._world())
+        stranger = f"stranger-{self._mark}"
+        stack.enter_context(created(self._cp, stranger))
+        processes = [world.operator, world.another_operator(**self._flags(2)), world.scheduler]
+        processes.append(self._second_scheduler(stack))
+        recorder = stack.enter_context(Recorder(self._cp))
+        misfortune = Misfortune(processes, every=self._plan.every, chance=self._random)
+        return _Scene(world, stranger, people, recorder, misfortune)
+
+    def _world(self) -> World:
+        return World(self._cp, self._nodes, operator_flags=self._flags(1), scheduler_flags=self._flags(3), tidy=False)
+
+    def _second_scheduler(self, stack: ExitStack) -> Process:
+        """A Lease of its own lets it work at the same time as the first."""
+        space = stack.enter_context(created(self._cp, f"second-{self._mark}"))
+        user = f"--user=system:serviceaccount:{SYSTEM_NAMESPACE}:{SCHEDULER_MANAGER}"
+        self._cp.kubectl("-n", space, "create", "role", "leases", "--verb=*", "--resource=leases.coordination.k8s.io")
+        self._cp.kubectl("-n", space, "create", "rolebinding", "own-lease", "--role=leases", user)
+        flags: dict[str, Any] = {"sweep_seconds": 1, "lease_namespace": space, **self._flags(4)}
+        second = product.start_scheduler(self._cp, name="scheduler-2", **flags)
+        stack.callback(second.kill)
+        return second
+
+    def _flags(self, number: int) -> dict[str, Any]:
+        seed = self._plan.seed * 10 + number
+        return {
+            "program": program.command(lose=self._plan.lose, seed=seed, weakened=self._plan.weakened),
+            "env": {"PYTHONPATH": str(REPOSITORY)},
+        }
+
+    def _rage(self, scene: _Scene, grants: int) -> None:
+        recorder, end_s = scene.recorder, time.monotonic() + self._plan.most_s
+        while recorder.claims < grants and not recorder.problems and time.monotonic() < end_s:
             round_s = time.monotonic()
-            for _ in range(max(1, int(len(self._there) * CHURN))):
-                if self._there:
-                    self._delete(world, self._there.pop(self._random.randrange(len(self._there))))
-            while len(self._there) < self._wanted:
-                self._create(world)
-            self._forge(world, stranger)
-            if time.monotonic() >= kill_s:
-                self._random.choice(processes).kill()
-                self._kills += 1
-                kill_s = time.monotonic() + KILL_EVERY_S
-            for process in processes:
-                if not process.running:
-                    process.start()
-            time.sleep(max(0.0, 1.0 - (time.monotonic() - round_s)))
+            self._churn(scene)
+            self._forge(scene)
+            scene.misfortune.strike(recorder.claims)
+            self._rounds += 1
+            if self._rounds % TELL_ROUNDS == 0:
+                log.info("%d grants, %d wishes, %r", recorder.claims, self._number, scene.misfortune)
+            time.sleep(max(0.0, ROUND_S - (time.monotonic() - round_s)))
 
-    def _create(self, world: World) -> None:
+    def _churn(self, scene: _Scene) -> None:
+        self._random.shuffle(self._there)
+        going = [self._there.pop() for _ in range(min(int(self._plan.wanted * CHURN), len(self._there)))]
+        coming = [self._wish() for _ in range(self._plan.wanted - len(self._there))]
+        scene.all(lambda what: self._delete(scene.world, what), going)
+        scene.all(lambda what: self._create(scene.world, what), coming)
+        self._there += coming
+        self._gone += len(going)
+
+    def _wish(self) -> tuple[str, str]:
         self._number += 1
-        name = f"s-{self._number}"
-        kind = self._random.choice(("app", "app", "device app", "pod"))
-        if kind == "pod":
-            self._cp.api.create(f"/api/v1/namespaces/{world.namespace}/pods", _pod(name))
-        else:
-            app = plain_app(name, parts=("only",))
-            if kind == "device app":
-                app["spec"]["components"][0]["devices"] = [{"name": "bus", "type": "can"}]
-            world.create(app)
-        self._there.append(("pods" if kind == "pod" else "robotapps", name))
+        return self._random.choice(KINDS), f"s-{self._number}"
+
+    def _create(self, world: World, what: tuple[str, str]) -> None:
+        self._cp.api.create(_path(world, what[0]), wish(*what))
 
     def _delete(self, world: World, what: tuple[str, str]) -> None:
-        kind, name = what
-        base = f"/api/v1/namespaces/{world.namespace}/pods" if kind == "pods" else world.apps_path
-        with _gone_is_fine():
-            self._cp.api.delete(f"{base}/{name}")
+        with _refusals(404, 409):
+            self._cp.api.delete(f"{_path(world, what[0])}/{what[1]}")
 
-    def _forge(self, world: World, stranger: str) -> None:
-        """A Deployment and a pod of another tenant that name an app of ours and a domain."""
-        apps = [name for kind, name in self._there if kind == "robotapps"]
-        if not apps:
-            return
-        with _gone_is_fine():
-            uid = world.app(self._random.choice(apps))["metadata"]["uid"]
-            self._forged += 1
-            labels = {Label.APP_UID.value: uid, Label.INSTANCE.value: "", Label.APP.value: "x", "forged": "yes"}
-            number = str(self._random.randint(1, 101))
-            container = {"name": "c", "image": "x", "env": [{"name": "ROS_DOMAIN_ID", "value": number}]}
-            self._cp.api.create(f"/apis/apps/v1/namespaces/{stranger}/deployments", _deployment(labels, container))
-        if self._forged % 20 == 0:
-            self._cp.api.delete(f"/apis/apps/v1/namespaces/{stranger}/deployments")
+    def _forge(self, scene: _Scene) -> None:
+        """Two things of another tenant that name an app of ours; all of them are taken away now and then."""
+        apps = [name for kind, name in self._there if not is_pod(kind)]
+        for name in self._random.sample(apps, min(2, len(apps))):
+            with _refusals(404, 409):
+                kind, forged = forgery(self._random, app=scene.world.app(name))
+                self._forged += 1
+                with _refusals(403, 422, note=self._note_refused):
+                    self._cp.api.create(f"{STRANGE[kind]}/namespaces/{scene.stranger}/{kind}", forged)
+        if self._rounds % 20 == 19:
+            self._take_away(scene.stranger)
 
-    def _lost(self, world: World) -> list[str]:
+    def _note_refused(self) -> None:
+        self._refused += 1
+
+    def _take_away(self, stranger: str) -> None:
+        for kind, api in STRANGE.items():
+            self._cp.api.delete(f"{api}/namespaces/{stranger}/{kind}")
+
+    def _lost(self, scene: _Scene) -> list[str]:
         """With fewer wishes than there is, everybody who stays must be served."""
-        apps = [each for each in self._there if each[0] == "robotapps"]
-        for what in [each for each in self._there if each not in apps[:20]]:
-            self._delete(world, what)
-        del self._there[:]
-        kept = [name for _, name in apps[:20]]
+        world = scene.world
+        kept = [each for each in self._there if each[0] == "app"][:KEPT]
+        scene.all(lambda what: self._delete(world, what), [each for each in self._there if each not in kept])
+        names = [name for _, name in kept]
 
         def waiting() -> list[str]:
             found = {each["metadata"]["name"]: each for each in self._cp.api.get(world.apps_path)["items"]}
-            return [name for name in kept if not _served(found.get(name))]
+            return [name for name in names if not _served(found.get(name))]
 
         wait_until(lambda: not waiting(), timeout_s=WAIT_S, poll_s=0.5)
         return [f"{name} was never served: {world.app(name).get('status', {}).get('summary')}" for name in waiting()]
 
-    def _left(self, world: World, stranger: str) -> list[str]:
-        self._cp.api.delete(f"/apis/apps/v1/namespaces/{stranger}/deployments")
+    def _left(self, scene: _Scene) -> list[str]:
+        world = scene.world
+        self._take_away(scene.stranger)
         self._cp.api.delete(world.apps_path)
         self._cp.api.delete(f"/api/v1/namespaces/{world.namespace}/pods")
 
@@ -150,37 +224,35 @@ class Storm:
         wait_until(lambda: not left(), timeout_s=WAIT_S, poll_s=0.5)
         return [f"claim {name} is left" for name in left()]
 
+    def _figures(self, scene: _Scene, seconds: float) -> dict[str, float]:
+        recorder, misfortune = scene.recorder, scene.misfortune
+        return {
+            "grants/s": round(recorder.claims / seconds, 2),
+            "revisions": recorder.revisions,
+            "churn/s": round(self._gone / seconds / self._plan.wanted, 3),
+            "kills": misfortune.kills,
+            "stops": misfortune.stops,
+            "answers lost": misfortune.lost_answers(),
+            "forged": self._forged,
+            "forgeries refused": self._refused,
+        }
+
+
+def _path(world: World, kind: str) -> str:
+    return f"/api/v1/namespaces/{world.namespace}/pods" if is_pod(kind) else world.apps_path
+
 
 def _served(app: Object | None) -> bool:
     conditions = {each["type"]: each for each in (app or {}).get("status", {}).get("conditions", ())}
     return bool(conditions.get("Ready", {}).get("status") == "True")
 
 
-def _pod(name: str) -> Object:
-    return {
-        "metadata": {"name": name, "annotations": {str(Annotation.DDS_DOMAIN): "auto"}},
-        "spec": {
-            "schedulerName": "ros-aware-scheduler",
-            "containers": [{"name": "c", "image": "x"}],
-            "terminationGracePeriodSeconds": 0,
-        },
-    }
-
-
-def _deployment(labels: dict[str, str], container: dict[str, Any]) -> Object:
-    template = {"metadata": {"labels": labels}, "spec": {"containers": [container]}}
-    return {
-        "apiVersion": "apps/v1",
-        "kind": "Deployment",
-        "metadata": {"generateName": "forged-", "labels": labels},
-        "spec": {"replicas": 0, "selector": {"matchLabels": {"forged": "yes"}}, "template": template},
-    }
-
-
 @contextmanager
-def _gone_is_fine() -> Iterator[None]:
+def _refusals(*allowed: int, note: Callable[[], None] = lambda: None) -> Iterator[None]:
+    """These answers of the server are none of our business."""
     try:
         yield
     except ApiStatusError as error:
-        if error.status not in (404, 409):
+        if error.status not in allowed:
             raise
+        note()

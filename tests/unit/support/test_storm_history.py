@@ -3,7 +3,7 @@
 import random
 from typing import Any
 
-from tests.support.storm.history import Event, documents, judge
+from tests.support.storm.history import Event, judge
 
 from robotapp_api.model.names import Label
 
@@ -75,5 +75,6 @@ def test_each_claim_counts_once_however_often_it_changes() -> None:
     assert judge(events, namespaces=set()).grants == 2
 
 
-def test_documents_are_cut_where_they_end_and_not_where_chunks_do() -> None:
-    assert list(documents(['{"a": 1}{"b', '": [2]}\n', '{"cut'])) == [{"a": 1}, {"b": [2]}]
+def test_a_stranger_s_pod_may_not_even_be_bound() -> None:
+    event = Event(5, "Pod", False, pod("p", app="a", domain="7"))
+    assert judge([event], namespaces=set(), strangers={"ours"}).broken == ["revision 5: forged pod p was bound"]
