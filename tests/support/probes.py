@@ -9,6 +9,7 @@ from robotapp_agent.probe.responder import Responder
 SECRET = b"0123456789abcdef" * 2
 OTHER_SECRET = b"fedcba9876543210" * 2
 SESSION = b"session1"
+PROBERS_SECRET = b"of the prober"
 TIMEOUT_NS = 2_000_000_000
 
 
@@ -18,8 +19,8 @@ def ring(*secrets: bytes) -> KeyRing:
     return made
 
 
-def prober(name: str = "a", *, keys: KeyRing | None = None, session: bytes = SESSION) -> Prober:
-    return Prober(own_name=name, keys=keys or ring(), session=session)
+def prober(name: str = "a", *, keys: KeyRing | None = None, secret: bytes = PROBERS_SECRET) -> Prober:
+    return Prober(own_name=name, keys=keys or ring(), secret=secret)
 
 
 def responder(name: str = "b", *, keys: KeyRing | None = None, clock_ns: Callable[[], int] = lambda: 0) -> Responder:

@@ -8,7 +8,7 @@ A request and its reply have the same size (78 bytes, big endian):
 | 1 | kind: 1 request, 2 reply |
 | 8 | id of the key |
 | 16, 16 | sender, receiver: first half of the SHA-256 of the node's name |
-| 8 | session: random, new with every start of the prober |
+| 8 | session: nobody but prober and peer knows it; new with every start of the prober |
 | 8 | sequence: counts the requests of the session |
 | 4 | held: microseconds from the arrival of the request to its reply; 0 in a request |
 | 16 | HMAC-SHA256 of everything before it, truncated |

@@ -1,10 +1,12 @@
 """Requests that are underway and the replies that belong to them. Pure; times are nanoseconds of the monotonic clock."""
 
+import hashlib
+import hmac
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from robotapp_agent.probe.keys import KeyRing
-from robotapp_agent.probe.packets import REPLY, REQUEST, Packet, node_id, open_packet, seal
+from robotapp_agent.probe.packets import REPLY, REQUEST, SESSION_BYTES, Packet, node_id, open_packet, seal
 
 MOST_HELD_NS: Final = 1_000_000
 """What the peer needed to wake up and answer is not the network's, but only the peer knows it: by more than this nobody gets near."""
@@ -25,12 +27,16 @@ class _Probe(NamedTuple):
 
 
 class Prober:
-    """The requests of one round. Each takes one reply, from the node it was sent to, that arrives within `timeout_ns`."""
+    """The requests of one round. Each takes one reply, from the node it was sent to, that arrives within `timeout_ns`.
 
-    def __init__(self, *, own_name: str, keys: KeyRing, session: bytes) -> None:
+    All nodes have the same keys, so a key alone proves no sender. Each peer sees a session of its own, which no other can guess
+    from the random `secret`: who holds the keys can neither answer for another nor use up that one's numbers.
+    """
+
+    def __init__(self, *, own_name: str, keys: KeyRing, secret: bytes) -> None:
         self._own_id = node_id(own_name)
         self._keys = keys
-        self._session = session
+        self._secret = secret
         self._sequence = 0
         self._probes: dict[int, _Probe] = {}
 
@@ -43,7 +49,8 @@ class Prober:
         if key is None:
             return None
         self._sequence += 1
-        packet = Packet(REQUEST, key, self._own_id, node_id(peer), self._session, self._sequence)
+        peer_id = node_id(peer)
+        packet = Packet(REQUEST, key, self._own_id, peer_id, self._session(peer_id), self._sequence)
         return Request(self._sequence, seal(packet))
 
     def sent(self, request: Request, *, peer: str, at_ns: int) -> None:
@@ -53,7 +60,7 @@ class Prober:
     def receive(self, data: bytes, *, received_ns: int, timeout_ns: int) -> bool:
         """Take a reply. False when it belongs to no open request or comes too late."""
         reply = open_packet(data, kind=REPLY, receiver=self._own_id, keys=self._keys)
-        if reply is None or reply.session != self._session:
+        if reply is None or not hmac.compare_digest(reply.session, self._session(reply.sender)):
             return False
         probe = self._probes.get(reply.sequence)
         if probe is None or probe.round_trip_ns is not None or probe.peer_id != reply.sender:
@@ -76,3 +83,6 @@ class Prober:
             found.setdefault(probe.peer, []).append(None if trip_ns is None else (trip_ns + 500) // 1000)
         self._probes = {}
         return dict(found)
+
+    def _session(self, peer_id: bytes) -> bytes:
+        return hashlib.blake2b(peer_id, key=self._secret, digest_size=SESSION_BYTES).digest()

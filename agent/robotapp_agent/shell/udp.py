@@ -16,7 +16,7 @@ from types import TracebackType
 from typing import Final, NamedTuple, Self
 
 from robotapp_agent.probe.keys import KeyRing
-from robotapp_agent.probe.packets import SESSION_BYTES, SIZE_BYTES
+from robotapp_agent.probe.packets import SIZE_BYTES
 from robotapp_agent.probe.peers import MOST_PEERS
 from robotapp_agent.probe.prober import Prober
 from robotapp_agent.probe.responder import Responder
@@ -56,7 +56,7 @@ class UdpProbes:
         self._port = port
         self._slept_ns = slept_ns
         self._responder = Responder(own_name=own_name, keys=keys, clock_ns=time.monotonic_ns)
-        self._prober = Prober(own_name=own_name, keys=keys, session=os.urandom(SESSION_BYTES))
+        self._prober = Prober(own_name=own_name, keys=keys, secret=os.urandom(32))
         self._summary = RoundSummary()
         self._senders: dict[socket.AddressFamily, DatagramSocket] = {}
         self._timeout_ns = 0

@@ -1,7 +1,8 @@
 import pytest
-from tests.support.probes import TIMEOUT_NS, prober, reply_of, request_of, responder
+from tests.support.probes import TIMEOUT_NS, prober, reply_of, request_of, responder, ring
 
 from robotapp_agent.probe.keys import KeyRing
+from robotapp_agent.probe.packets import REPLY, REQUEST, Packet, node_id, open_packet, seal
 from robotapp_agent.probe.prober import Prober
 
 MS = 1_000_000
@@ -70,7 +71,7 @@ def test_a_reply_after_its_round_belongs_to_no_request() -> None:
 def test_a_reply_of_another_session_or_for_another_node_belongs_to_no_request() -> None:
     sender = prober()
     request_of(sender)
-    for stranger in (prober(session=b"session2"), prober("c")):
+    for stranger in (prober(secret=b"another start"), prober("c")):
         assert not received(sender, answered(stranger))
     assert sender.finish() == {"b": [None]}
 
@@ -81,6 +82,28 @@ def test_a_peer_cannot_answer_for_another() -> None:
     request_of(sender, "b")
     reply_of_c = reply_of(responder("c"), request_of(twin, "c"))
     assert not received(sender, reply_of_c)
+
+
+def forged(kind: int, *, sent: bytes, sender: str, receiver: str, sequence: int) -> bytes:
+    """What node c, which holds the key, makes of a request that it got itself."""
+    own = open_packet(sent, kind=REQUEST, receiver=node_id("c"), keys=ring())
+    assert own is not None
+    return seal(Packet(kind, own.key, node_id(sender), node_id(receiver), own.session, sequence))
+
+
+def test_what_a_peer_was_sent_helps_it_to_answer_for_no_other() -> None:
+    sender = prober()
+    to_c = request_of(sender, "c")
+    request_of(sender, "b")
+    assert not received(sender, forged(REPLY, sent=to_c, sender="b", receiver="a", sequence=2))
+    assert sender.finish() == {"c": [None], "b": [None]}
+
+
+def test_what_a_peer_was_sent_helps_it_to_use_up_the_numbers_of_no_other() -> None:
+    sender, end = prober(), responder("b")
+    jump = forged(REQUEST, sent=request_of(sender, "c"), sender="a", receiver="b", sequence=2**63)
+    end.answer(jump, source="10.0.0.3", received_ns=0)
+    assert received(sender, reply_of(end, request_of(sender, "b")))
 
 
 def test_a_request_is_no_reply() -> None:

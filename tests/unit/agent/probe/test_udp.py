@@ -11,7 +11,7 @@ import pytest
 from tests.support.probes import OTHER_SECRET, SECRET, prober, request_of, ring
 
 from robotapp_agent.probe.keys import KeyRing
-from robotapp_agent.probe.packets import REPLY, SIZE_BYTES, node_id, open_packet
+from robotapp_agent.probe.packets import REPLY, REQUEST, SIZE_BYTES, node_id, open_packet, seal
 from robotapp_agent.probe.rounds import PROBES, Round, RoundResult
 from robotapp_agent.shell.datagrams import READS_PER_S, address_of, arrival_ns
 from robotapp_agent.shell.udp import PeerAddress, UdpProbes, slept_ns
@@ -118,12 +118,15 @@ async def test_strangers_get_no_answer() -> None:
             for number in range(20):
                 for data in hostile:
                     file.sendto(data, ("127.0.0.1", port))
-                good = request_of(prober(session=number.to_bytes(8, "big")))
+                good = request_of(prober(secret=bytes([number])))
                 file.sendto(good, ("127.0.0.1", port))
                 reply = await asyncio.to_thread(file.recv, 2048)
                 opened = open_packet(reply, kind=REPLY, receiver=node_id("a"), keys=ring())
                 assert opened
-                assert opened.session == number.to_bytes(8, "big")
+                assert (
+                    seal(opened._replace(kind=REQUEST, sender=opened.receiver, receiver=opened.sender, held_us=0))
+                    == good
+                )
 
 
 async def test_a_flood_is_read_slowly_and_the_port_answers_again() -> None:
