@@ -22,8 +22,8 @@ class Line:
     def __init__(self, cache: Cache, memory: Memory) -> None:
         self._cache = cache
         self._memory = memory
-        self._last: dict[str, Waiting] = {}
-        """By pool: who was asked last. The next turn begins behind it."""
+        self._order: dict[str, list[Waiting]] = {}
+        """By pool: who is asked next. Who was asked, or comes back after a while, stands behind all others."""
 
     def __repr__(self) -> str:
         return f"<Line of {len(self._memory.without_domain())}>"
@@ -62,9 +62,9 @@ class Line:
         return len(pool_ids(found) - {thing.id for thing in things if thing is not None and thing.pool == pool})
 
     def _turn(self, pool: str, in_line: list[Waiting], free: int) -> list[Waiting]:
-        last = self._last.get(pool)
-        start = in_line.index(last) + 1 if last in in_line else 0
-        chosen = [*in_line[start:], *in_line[:start]][:free]
-        if chosen:
-            self._last[pool] = chosen[-1]
+        waiting = set(in_line)
+        before = dict.fromkeys(each for each in self._order.get(pool, ()) if each in waiting)
+        order = list(before | dict.fromkeys(in_line))
+        chosen = order[:free]
+        self._order[pool] = [*order[free:], *chosen]
         return chosen

@@ -62,6 +62,19 @@ def test_the_turn_goes_on_when_who_had_it_is_gone() -> None:
     assert {*world.next()[0], *world.next()[0]} == {"b", "c"}
 
 
+def test_nobody_waits_for_ever_behind_those_who_leave_and_come_back() -> None:
+    world = World("1")
+    world.wait(*"abc")
+    asked = []
+    for returns in ("", "", "a", "b"):
+        if returns:
+            world.wait(returns)
+        (uid,), _ = world.next()
+        asked.append(uid)
+        world.memory.of(uid).outcomes[""] = DomainOutcome(Reason.ALLOCATED, "x", id=1)  # and lets go of it soon
+    assert asked == ["a", "b", "c", "a"]
+
+
 def test_who_was_refused_for_another_reason_than_a_full_pool_is_asked_each_time() -> None:
     world = World("1")
     world.claimed(1)
