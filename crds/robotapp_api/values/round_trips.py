@@ -184,6 +184,8 @@ class RoundTrips:
         self._reports[node] = new
         for peer in old.live.keys() - new.live.keys():
             self._seen_by[peer].discard(node)
+            if not self._seen_by[peer]:
+                del self._seen_by[peer]
         for peer in new.live.keys() - old.live.keys():
             self._seen_by.setdefault(peer, set()).add(node)
         peers = old.live.keys() | new.live.keys()

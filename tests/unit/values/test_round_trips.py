@@ -54,6 +54,14 @@ def test_a_report_names_the_peers_whose_times_are_others() -> None:
     assert trips.around("b") == {}
 
 
+def test_peers_that_are_measured_no_more_are_forgotten() -> None:
+    trips = RoundTrips()
+    for number in range(3):
+        received(trips, "a", entry(f"gone-{number}"), seq=number)
+    received(trips, "a", seq=4)
+    assert not trips._seen_by, "an agent that names other nodes in each report fills nobody's memory"
+
+
 def test_rotation_of_peers_does_not_age_those_whose_turn_it_is_not() -> None:
     """One of four peers per round: each stays known through the rounds that measure the others."""
     trips = RoundTrips()
