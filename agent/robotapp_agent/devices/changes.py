@@ -17,9 +17,12 @@ class Presence:
     """The devices to report, from one scan to the next. Times are of the caller's monotonic clock."""
 
     def __init__(self, *, reported: Iterable[Device] = (), now_s: float = 0.0) -> None:
-        """reported: what the node's NodeTelemetry holds when the agent starts, so that it does not forget what is unplugged."""
-        self._reported = {device.id: msgspec.structs.replace(device, present=False) for device in reported}
-        self._absent_since_s = dict.fromkeys(self._reported, now_s)
+        """reported: what the node's NodeTelemetry holds when the agent starts, so that it does not forget what is unplugged.
+
+        It stays as it is until a complete scan: a slow host at the start unplugs nothing.
+        """
+        self._reported = {device.id: device for device in reported}
+        self._absent_since_s = {name: now_s for name, device in self._reported.items() if not device.present}
         self._seen_once: frozenset[str] = frozenset()
         self._begun = False
         self.omitted = 0

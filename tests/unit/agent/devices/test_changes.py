@@ -77,9 +77,15 @@ def test_a_scan_that_could_not_read_everything_unplugs_nothing() -> None:
 
 def test_an_agent_that_restarts_still_knows_what_was_unplugged() -> None:
     presence = Presence(reported=[CAMERA, BUS], now_s=0)
-    assert shown(presence) == {"video-a": False, "can-can0": False}
+    assert shown(presence) == {"video-a": True, "can-can0": True}, "as it was reported, until a scan tells"
     presence.observe([BUS], now_s=1)
     assert shown(presence) == {"video-a": False, "can-can0": True}
+
+
+def test_a_first_scan_that_could_not_read_everything_unplugs_nothing_of_what_was_reported() -> None:
+    presence = Presence(reported=[CAMERA], now_s=0)
+    assert [device.present for device in presence.observe([], now_s=5, complete=False)] == [True]
+    assert [device.present for device in presence.observe([], now_s=10)] == [False]
 
 
 def test_no_more_devices_are_reported_than_the_api_takes_and_those_plugged_in_come_first() -> None:
