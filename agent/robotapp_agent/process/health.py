@@ -10,14 +10,19 @@ MOST_CALLERS: Final = 16
 
 
 class Health:
-    """Answers 200 while `silent` names no part, else 503 with the names. Everything else is 404."""
+    """Answers 200 while `silent` names no part, else 503 with the names. Everything else is 404.
+
+    Anybody who reaches the port may keep callers open; of too many the one that waits for the longest time goes, so that the
+    kubelet, which asks at once, is not the one without an answer.
+    """
 
     def __init__(self, silent: Callable[[], list[str]]) -> None:
         self._silent = silent
-        self._callers = 0
+        self._callers: dict[asyncio.StreamWriter, None] = {}
+        """The oldest first."""
 
     def __repr__(self) -> str:
-        return f"<Health: {self._callers} callers>"
+        return f"<Health: {len(self._callers)} callers>"
 
     async def serve(self, port: int) -> None:
         """Answer until cancelled. OSError when the port is taken."""
@@ -26,17 +31,20 @@ class Health:
             await server.serve_forever()
 
     async def _answer(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self._callers += 1
+        if len(self._callers) >= MOST_CALLERS:
+            oldest = next(iter(self._callers))
+            del self._callers[oldest]
+            oldest.transport.abort()
+        self._callers[writer] = None
         try:
-            if self._callers <= MOST_CALLERS:
-                async with asyncio.timeout(PATIENCE_S):
-                    head = await reader.readuntil(b"\r\n\r\n")
-                    writer.write(self._response(head))
-                    await writer.drain()
+            async with asyncio.timeout(PATIENCE_S):
+                head = await reader.readuntil(b"\r\n\r\n")
+                writer.write(self._response(head))
+                await writer.drain()
         except (OSError, TimeoutError, asyncio.IncompleteReadError, asyncio.LimitOverrunError):
             pass  # a caller that sends no request, or goes before the answer, is nobody's trouble
         finally:
-            self._callers -= 1
+            self._callers.pop(writer, None)
             writer.close()
 
     def _response(self, head: bytes) -> bytes:
