@@ -178,6 +178,8 @@ class Placer:
             if refused is None and not volumes_bound:
                 refused = await self._bind_volumes(decision)
             if refused is not None:
+                if reserved.sharing.claims:
+                    await self._reserver.not_bound(decision.pod, reserved)
                 await steps.give_back()
                 self._reject(decision, refused, started_s)
                 return None

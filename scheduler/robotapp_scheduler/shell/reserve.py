@@ -150,6 +150,9 @@ class Reserver:
             request = domain_request(pod, domain)
             outcome = await ensure_pod_domain(self._client, request, node=node, known_claims=self._known_claims)
             if not outcome.held:
+                # Others may use them meanwhile, even who holds the domain and waits for one of these devices.
+                held = {claim.name: claim for claim in (*sharing.claims, *found.claims)}
+                await give_back(self._client, stored, held.values())
                 return Reserved(Readiness.WAIT, reason=_no_domain(outcome), message=outcome.message)
             number = outcome.id
         version = stored.metadata.resource_version
@@ -161,6 +164,15 @@ class Reserver:
         """The pod is bound: what stood for the way there goes. Where that fails, the sweep sees a pod without the grant."""
         try:
             await end_sharing(self._client, reserved.sharing)
+        except ClientError as error:
+            log.info("claims of a shared device are left to the sweep: %s", error)
+
+    async def not_bound(self, pod: PodInfo, reserved: Reserved) -> None:
+        """The binding was not even tried: others may share the devices again, instead of waiting for this pod's next attempts."""
+        try:
+            stored = await self._stored(pod)
+            if stored is not None:
+                await give_back(self._client, stored, reserved.sharing.claims)
         except ClientError as error:
             log.info("claims of a shared device are left to the sweep: %s", error)
 

@@ -160,6 +160,29 @@ async def test_a_bare_pod_is_granted_the_domain_it_asks_for(client: ApiClient, w
     assert len((await client.list(ROBOTCLAIMS)).items) == 1
 
 
+async def test_a_pod_that_waits_for_its_domain_keeps_nobody_from_its_devices(client: ApiClient) -> None:
+    number = {str(Annotation.DDS_DOMAIN): "2"}
+    await Reserver(client).things(await stored(client, "other", annotations=number), "edge-1", ())
+    for free_name, grant in (("one", SHARED), ("two", CAN)):
+        waiting = await stored(client, f"waits-{free_name}", annotations=number)
+        found = await Reserver(client).things(waiting, "edge-1", (grant,))
+        assert found.readiness is Readiness.WAIT
+        free = await Reserver(client).things(await stored(client, free_name), "edge-1", (SHARED,))
+        assert free.readiness is Readiness.READY
+        await Reserver(client).bound(free)
+
+
+async def test_a_pod_whose_binding_is_not_tried_lets_others_share(client: ApiClient) -> None:
+    refused = await stored(client, "refused")
+    found = await Reserver(client).things(refused, "edge-1", (SHARED,))
+    await Reserver(client).not_bound(refused, found)
+    assert (await client.list(ROBOTCLAIMS)).items == []
+    current = await client.get(PODS, "refused", namespace="a")
+    assert current["metadata"]["resourceVersion"] != found.resource_version, (
+        "no binding of an earlier attempt comes through"
+    )
+
+
 async def test_an_empty_pool_lets_the_pod_wait_with_what_to_do(client: ApiClient) -> None:
     for number in range(3):
         await Reserver(client).things(
