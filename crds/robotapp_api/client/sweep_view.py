@@ -4,6 +4,7 @@ Every read here is a quorum read made after the claims were read. An error is ra
 concluded from an answer that did not come.
 """
 
+import asyncio
 import re
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -79,6 +80,8 @@ class View:
     _apps: dict[tuple[str, str], App | None] = field(default_factory=dict)
     _holder_pods: dict[tuple[str, str], Pod | None] = field(default_factory=dict)
     _robots: list[Meta] | None = None
+    _listing: asyncio.Lock = field(default_factory=asyncio.Lock)
+    """Claims are looked after side by side: one of them reads a list, the others wait for it."""
     _ready: dict[str, bool] = field(default_factory=dict)
     _instances: dict[str, frozenset[str]] = field(default_factory=dict)
 
@@ -118,11 +121,12 @@ class View:
         """What the workloads of all namespaces use, read once per pass; None when we may not list them."""
         if self.everywhere:
             return self.usage
-        if self._elsewhere is None and not self._blind:
-            try:
-                self._elsewhere = (await _workloads(self.client, None))[0]
-            except Forbidden:
-                self._blind = True
+        async with self._listing:
+            if self._elsewhere is None and not self._blind:
+                try:
+                    self._elsewhere = (await _workloads(self.client, None))[0]
+                except Forbidden:
+                    self._blind = True
         return self._elsewhere
 
     async def instance_exists(self, app: App, instance: str) -> bool:
@@ -161,9 +165,10 @@ class View:
         return found
 
     async def _robot_nodes(self) -> list[Meta]:
-        if self._robots is None:
-            listing = await self.client.list(NODES, label_selector=Label.ROBOT, as_type=Named)
-            self._robots = [node.metadata for node in listing.items]
+        async with self._listing:
+            if self._robots is None:
+                listing = await self.client.list(NODES, label_selector=Label.ROBOT, as_type=Named)
+                self._robots = [node.metadata for node in listing.items]
         return self._robots
 
 
