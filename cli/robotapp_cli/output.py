@@ -73,7 +73,7 @@ def print_table(
     """Columns without lines, as kubectl prints them: folded to the width there is, but no name is ever cut."""
     table = Table(box=None, pad_edge=False, show_edge=False, header_style="bold", padding=(0, gap, 0, 0))
     specs = [column if isinstance(column, Column) else Column(column) for column in columns]
-    lines = [list(row) for row in rows]
+    lines = [[printable(cell) for cell in row] for row in rows]
     for spec in specs:
         table.add_column(spec.heading, no_wrap=not spec.wraps, overflow="fold" if spec.wraps else "ellipsis")
     for row in lines:
@@ -84,6 +84,12 @@ def print_table(
         target.print(table)
     for line in capture.get().splitlines():
         target.file.write(" " * indent + line.rstrip() + "\n")
+
+
+def printable(text: str) -> str:
+    """What others wrote, without what a terminal would obey: devices' names come from agents, messages from anywhere."""
+    kept = (each if each.isprintable() or each == "\n" else each.encode("unicode_escape").decode() for each in text)
+    return "".join(kept)
 
 
 def _least_width(specs: Sequence[Column], rows: Sequence[Sequence[str]], gap: int) -> int:

@@ -22,3 +22,11 @@ def test_no_name_is_cut_and_only_names_make_a_line_too_long(
     assert all(name in text.getvalue() for row in rows for name in row[:2])
     names = sum(max(map(len, (heading, *(row[at] for row in rows)))) for at, heading in enumerate(("FIRST", "SECOND")))
     assert max(map(cell_len, text.getvalue().splitlines())) <= max(width, indent + names + 24 + 3 * 3)
+
+
+def test_a_terminal_obeys_nothing_that_stands_in_a_cell() -> None:
+    """A device's model may be anything that the holder of an agent's token wrote."""
+    console = Console(file=io.StringIO(), width=80)
+    print_table(["MODEL"], [["\x1b]0;mine\x07cam\u202e\x9b2J"]], on=console)
+    written = console.file.getvalue()  # type: ignore[attr-defined]
+    assert written.splitlines()[1] == r"\x1b]0;mine\x07cam\u202e\x9b2J"
