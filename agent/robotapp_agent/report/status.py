@@ -101,6 +101,7 @@ class _Patch(msgspec.Struct):
 SECTIONS: Final = frozenset(Status.__struct_encode_fields__)
 """Names of the status' fields, as they are written."""
 _ATTRIBUTES: Final = dict(zip(Status.__struct_encode_fields__, Status.__struct_fields__, strict=True))
+_KEPT: Final = ("devices", "rtt")
 _MOST_PROBLEM: Final = 256
 _ENCODER: Final = msgspec.json.Encoder()
 
@@ -123,8 +124,13 @@ def status_of(readings: Readings) -> Status:
 
 
 def without(status: Status, sections: Collection[str]) -> Status:
-    """The status with these fields (wire names) removed, for an API server that refuses what is in them."""
-    return msgspec.structs.replace(status, **{_ATTRIBUTES[name]: None for name in sections if name in _ATTRIBUTES})
+    """The status without these fields (wire names), for an API server that refuses what is in them.
+
+    Devices and round trips stay as they are stored: without them every claimed device would be lost at once, while round
+    trips that are not measured again age by themselves.
+    """
+    names = [_ATTRIBUTES[name] for name in sections if name in _ATTRIBUTES]
+    return msgspec.structs.replace(status, **{name: UNSET if name in _KEPT else None for name in names})
 
 
 def shown(status: Status) -> dict[str, Any]:

@@ -76,7 +76,7 @@ class Rtt(Observed):
     refresh the entry."""
     every_rounds: Annotated[int | None, Field(ge=1, le=100_000)] = None
     """Rounds from one measurement of this pair to the next; absent means every round. The entry is unknown when three times
-    as many heartbeats have passed since the reader first received its round."""
+    as many heartbeats, or a day, have passed since the reader first received its round."""
 
 
 class Load(Observed):

@@ -92,9 +92,10 @@ def test_lists_keep_to_the_bounds_of_the_schema_and_drop_what_matters_least() ->
     assert len(found["temperatures"]) == 16
 
 
-def test_a_part_that_the_server_refuses_can_be_left_out() -> None:
-    found = json.loads(patch_of(without(status(), {"devices", "no such part"})))["status"]
-    assert found["devices"] is None
+def test_of_parts_that_the_server_refuses_devices_and_round_trips_stay_as_stored_and_others_go() -> None:
+    found = json.loads(patch_of(without(status(load=Load(1)), {"devices", "load", "no such part"})))["status"]
+    assert "devices" not in found
+    assert found["load"] is None
     assert found["rtt"]
 
 

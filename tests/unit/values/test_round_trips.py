@@ -84,6 +84,15 @@ def test_a_peer_that_is_measured_no_more_ages_though_its_agent_goes_on() -> None
         assert trips.between("a", "c") is not None
 
 
+def test_no_reading_counts_for_more_than_a_day_whatever_its_agent_claims() -> None:
+    trips = RoundTrips()
+    trips.receive("a", [entry("b", every_rounds=100_000)], seq=1, interval_s=3600, now_s=0)
+    trips.expire(86_399)
+    assert trips.between("a", "b")
+    trips.expire(86_400)
+    assert trips.between("a", "b") is None
+
+
 def test_other_figures_in_a_round_that_was_seen_do_not_make_it_younger() -> None:
     trips = RoundTrips()
     received(trips, "a", entry("b"), seq=1)
