@@ -13,7 +13,7 @@ A key that leaked is out at once when the agents restart after its removal.
 """
 
 import hmac
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Final, NamedTuple
 
 SETTLED_S: Final = 300.0
@@ -54,6 +54,7 @@ class KeyRing:
 
     def __init__(self) -> None:
         self._held: dict[bytes, _Held] = {}
+        self._watchers: list[Callable[[], None]] = []
         self.signing: Key | None = None
         """The key for new requests; None without keys."""
 
@@ -72,9 +73,23 @@ class KeyRing:
             problems.append(
                 f"there are {len(good)} probe keys, at most {MOST_KEYS} are used: remove the oldest ({oldest})"
             )
+        before = self._held.keys()
         self._held = _merged(self._held, good[-MOST_KEYS:], now_s)
         self.signing = _signing(self._held, now_s)
+        if self._held.keys() != before:
+            for changed in tuple(self._watchers):
+                changed()
         return tuple(problems)
+
+    @property
+    def ids(self) -> tuple[bytes, ...]:
+        """The ids of all keys that verify."""
+        return tuple(self._held)
+
+    def watch(self, changed: Callable[[], None]) -> Callable[[], None]:
+        """From now on `changed` is called after each update that brought other `ids`. Returns what ends that."""
+        self._watchers.append(changed)
+        return lambda: self._watchers.remove(changed)
 
     def find(self, key_id: bytes) -> Key | None:
         """The key of a datagram, None when there is none of this id."""

@@ -28,6 +28,9 @@ REQUEST: Final = 1
 REPLY: Final = 2
 SESSION_BYTES: Final = 8
 _BODY: Final = struct.Struct(">BB8s16s16s8sQI")
+KEY_ID_AT: Final = 2
+RECEIVER_AT: Final = 26
+"""Where these fields begin."""
 _MAC_BYTES: Final = 16
 SIZE_BYTES: Final = _BODY.size + _MAC_BYTES
 

@@ -6,14 +6,19 @@ import ipaddress
 import socket
 import struct
 import time
+from array import array
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Final, NamedTuple
 
+from robotapp_agent.probe.socket_filter import instructions_in
 from robotapp_api.values.buckets import Buckets
 
 _IP_PKTINFO: Final = 8  # linux/in.h; Python names it from 3.14 on
 _SO_TIMESTAMPNS: Final = 35  # asm-generic/socket.h: every architecture that Kubernetes runs on
+_SO_ATTACH_FILTER: Final = 26
+_SO_DETACH_FILTER: Final = 27
+_FILTER_PROGRAM: Final = struct.Struct("@HP")  # struct sock_fprog: number of instructions, their address
 _TIMESPEC: Final = struct.Struct("@ll")
 _PKTINFO4: Final = struct.Struct("@I4s4s")  # struct in_pktinfo: interface, local address, address in the header
 _PKTINFO6: Final = struct.Struct("@16sI")  # struct in6_pktinfo
@@ -22,7 +27,7 @@ _OWN_QUEUE_FULL: Final = (errno.EAGAIN, errno.ENOBUFS, errno.ENOMEM)
 _AT_ONCE: Final = 32
 """Datagrams read before other work of the event loop has its turn."""
 READS_PER_S: Final = 1000.0
-"""What anybody who can reach the port makes us read. The kernel drops the rest, at no cost worth mentioning."""
+"""What others can make us read of what passes the socket's filter. The kernel drops the rest, at no cost worth mentioning."""
 _PAUSE_S: Final = 0.02
 _MOST_QUEUED_NS: Final = 1_000_000_000
 """What seems to have waited longer than this for us was stamped by a wall clock that jumped meanwhile."""
@@ -63,6 +68,23 @@ class DatagramSocket:
     def port(self) -> int:
         """The port it is bound to."""
         return int(self._file.getsockname()[1])
+
+    def filter(self, code: bytes) -> OSError | None:
+        """From now on the kernel drops what this program of classic BPF does not accept; it replaces the program before in one step.
+
+        Returns why the kernel refuses it. Then it drops nothing, as without a filter: the one before could drop what is wanted now.
+        """
+        steps = array("B", code)
+        address, _ = steps.buffer_info()
+        try:
+            self._file.setsockopt(
+                socket.SOL_SOCKET, _SO_ATTACH_FILTER, _FILTER_PROGRAM.pack(instructions_in(code), address)
+            )
+        except OSError as error:
+            with suppress(OSError):  # there was none
+                self._file.setsockopt(socket.SOL_SOCKET, _SO_DETACH_FILTER, 0)
+            return error
+        return None
 
     def send(self, data: bytes, address: Address) -> int:
         """Returns the nanoseconds of the monotonic clock at which it went to the kernel; 0 when the kernel's queue is full."""

@@ -6,6 +6,7 @@ received the reply. What the other agent took to answer is subtracted, at most 1
 
 import asyncio
 import errno
+import logging
 import os
 import random
 import socket
@@ -16,12 +17,15 @@ from types import TracebackType
 from typing import Final, NamedTuple, Self
 
 from robotapp_agent.probe.keys import KeyRing
-from robotapp_agent.probe.packets import SIZE_BYTES
+from robotapp_agent.probe.packets import REPLY, REQUEST, SIZE_BYTES, node_id
 from robotapp_agent.probe.peers import MOST_PEERS
 from robotapp_agent.probe.prober import Prober
 from robotapp_agent.probe.responder import Responder
 from robotapp_agent.probe.rounds import Round, RoundSummary, schedule, timeout_s
+from robotapp_agent.probe.socket_filter import machine_code, program
 from robotapp_agent.shell.datagrams import Address, Datagram, DatagramSocket, Handler, address_of
+
+log = logging.getLogger(__name__)
 
 MOST_STALL_S: Final = 1.0
 """A round in which we were woken later than this, or that the machine slept through, counts for nothing."""
@@ -48,16 +52,18 @@ class UdpProbes:
     """`async with UdpProbes(own_name=node, keys=ring, port=port) as probes: measured = await probes.round(peers, seconds=10)`.
 
     Answers probes of other nodes on `port` (IPv4 and IPv6) until the block ends; its own come from other ports, so that a flood at
-    `port` takes none of its replies away. OSError at the beginning when the port cannot be opened.
+    `port` takes none of its replies away. The kernel drops what names none of the keys, if it can. OSError at the beginning when the port cannot be opened.
     """
 
     def __init__(self, *, own_name: str, keys: KeyRing, port: int, slept_ns: Callable[[], int] = slept_ns) -> None:
         self._keys = keys
         self._port = port
+        self._own_id = node_id(own_name)
         self._slept_ns = slept_ns
         self._responder = Responder(own_name=own_name, keys=keys, clock_ns=time.monotonic_ns)
         self._prober = Prober(own_name=own_name, keys=keys, secret=os.urandom(32))
         self._summary = RoundSummary()
+        self._answerers: dict[socket.AddressFamily, DatagramSocket] = {}
         self._senders: dict[socket.AddressFamily, DatagramSocket] = {}
         self._timeout_ns = 0
         self._stack = ExitStack()
@@ -67,8 +73,10 @@ class UdpProbes:
 
     async def __aenter__(self) -> Self:
         with ExitStack() as stack:
-            _opened(stack, self._port, self._answer)
+            self._answerers = _opened(stack, self._port, self._answer)
             self._senders = _opened(stack, 0, self._take)
+            self._filter()
+            stack.callback(self._keys.watch(self._filter))
             self._stack = stack.pop_all()
         return self
 
@@ -97,6 +105,18 @@ class UdpProbes:
         if self._keys.signing is None:
             return Round(discarded="there is no probe key")
         return self._summary.round(trips)
+
+    def _filter(self) -> None:
+        """Let the kernel drop what is not for this node or names none of the present keys."""
+        refused: OSError | None = None
+        for kind, files in ((REQUEST, self._answerers), (REPLY, self._senders)):
+            code = machine_code(program(kind=kind, receiver=self._own_id, key_ids=self._keys.ids))
+            for file in files.values():
+                refused = file.filter(code) or refused
+        if refused:
+            log.warning(
+                "a flood at UDP port %d can drown the probes: the kernel takes no filter: %s", self._port, refused
+            )
 
     def _targets(self, peers: Sequence[PeerAddress]) -> list[tuple[str, socket.AddressFamily, Address]]:
         by_name = {peer.name: address_of(peer.address, self._port) for peer in peers}

@@ -5,12 +5,12 @@ import os
 import socket
 import time
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 
 import pytest
 from tests.support.probes import OTHER_SECRET, SECRET, prober, request_of, ring
 
-from robotapp_agent.probe.keys import KeyRing
+from robotapp_agent.probe.keys import KEPT_S, KeyRing
 from robotapp_agent.probe.packets import REPLY, REQUEST, SIZE_BYTES, node_id, open_packet, seal
 from robotapp_agent.probe.rounds import PROBES, Round, RoundResult
 from robotapp_agent.shell.datagrams import READS_PER_S, address_of, arrival_ns
@@ -129,12 +129,41 @@ async def test_strangers_get_no_answer() -> None:
                 )
 
 
-async def test_a_flood_is_read_slowly_and_the_port_answers_again() -> None:
+async def test_a_flood_by_one_who_knows_the_key_id_is_read_slowly_and_the_port_answers_again() -> None:
+    request = request_of(prober())
+    forged = request[:-1] + bytes([request[-1] ^ 1])
     async with listening() as (probes, port):
         with asker() as file:
             for _ in range(int(READS_PER_S) * 3):
-                file.sendto(bytes(SIZE_BYTES), ("127.0.0.1", port))
+                file.sendto(forged, ("127.0.0.1", port))
         await all_answered(probes, PeerAddress("b", "127.0.0.1"))
+
+
+async def test_a_flood_by_a_stranger_keeps_no_place_in_the_queue() -> None:
+    flood = [os.urandom(SIZE_BYTES) for _ in range(int(READS_PER_S) * 2)]
+    sender = prober()
+    async with listening() as (_, port), asyncio.timeout(60):
+        with asker() as file:
+            file.setblocking(False)
+            while True:
+                # A queue that the flood has filled has no place for what comes behind it.
+                for data in (*flood, request_of(sender)):
+                    file.sendto(data, ("127.0.0.1", port))
+                with suppress(TimeoutError):
+                    reply = await asyncio.wait_for(asyncio.get_running_loop().sock_recv(file, 2048), SECONDS)
+                    assert len(reply) == SIZE_BYTES
+                    return
+
+
+async def test_a_key_is_answered_from_the_update_that_brings_it_to_the_one_that_drops_it() -> None:
+    keys = ring(SECRET)
+    async with listening(keys=keys) as (_, port):
+        assert await answered(port, OTHER_SECRET, SECRET) == [SECRET]
+        keys.update({"key-0": SECRET, "key-1": OTHER_SECRET}, now_s=1)
+        assert await answered(port, OTHER_SECRET, SECRET) == [OTHER_SECRET, SECRET]
+        for now_s in (2, 2 + KEPT_S):
+            keys.update({"key-1": OTHER_SECRET}, now_s=now_s)
+        assert await answered(port, SECRET, OTHER_SECRET) == [OTHER_SECRET]
 
 
 async def test_the_port_is_free_after_the_block() -> None:
@@ -159,6 +188,20 @@ def test_a_wall_clock_that_jumped_moves_no_arrival(queued_ns: int, arrived_ns: i
 def test_the_family_of_an_address(text: str, family: socket.AddressFamily | None) -> None:
     found = address_of(text, 1)
     assert (found[0] if found else None) == family
+
+
+async def answered(port: int, *secrets: bytes) -> list[bytes]:
+    """The secrets of the replies when a prober with each of these sends a request, in order. The last one has to be answered."""
+    found: list[bytes] = []
+    with asker() as file:
+        for secret in secrets:
+            file.sendto(request_of(prober(keys=ring(secret), secret=os.urandom(16))), ("127.0.0.1", port))
+        while secrets[-1] not in found:
+            data = await asyncio.to_thread(file.recv, 2048)
+            reply = open_packet(data, kind=REPLY, receiver=node_id("a"), keys=ring(SECRET, OTHER_SECRET))
+            assert reply
+            found.append(reply.key.secret)
+    return found
 
 
 def asker() -> socket.socket:
