@@ -4,7 +4,7 @@ A figure is compared with what was last written, not with the one before it, so 
 | what changed | written |
 |---|---|
 | a device, reachability of a node, round-trip times, architecture, kernel | 2 s after the last write |
-| load, temperature, battery, clock offset, a node measured for the first time | half an interval after the last write (at least 2 s) |
+| load, temperature, battery, clock offset, a node measured for the first time | half an interval after the last write; a whole one in clusters of more than 500 nodes |
 | anything less | with the next of these, at the latest 1.1 to 1.2 intervals after the last write |
 
 Rounds take 1 to 1.1 intervals, so a round that changes something and the heartbeat are one write.
@@ -64,6 +64,14 @@ def urgency(written: Status | None, now: Status) -> Urgency:
     return by_rtt
 
 
+def soon_s(interval_s: float) -> float:
+    """Least time from a write to the next one for figures that are never still.
+
+    Where the interval is longer than the shortest one, it is all that the API server can take from as many nodes.
+    """
+    return max(SHORTEST_S, interval_s if interval_s > SHORTEST_INTERVAL_S else interval_s / 2)
+
+
 class Pace:
     """The moments of writing, in seconds of a monotonic clock. `uniform` returns numbers from 0 to 1."""
 
@@ -86,7 +94,7 @@ class Pace:
         """When to write next, unless something changes until then."""
         if self._last_s is None or change == Urgency.AT_HEARTBEAT:
             return self._heartbeat_s
-        pause_s = SHORTEST_S if change == Urgency.AT_ONCE else max(SHORTEST_S, self._interval_s / 2)
+        pause_s = SHORTEST_S if change == Urgency.AT_ONCE else soon_s(self._interval_s)
         return min(self._last_s + pause_s, self._heartbeat_s)
 
 

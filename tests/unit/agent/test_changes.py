@@ -94,12 +94,14 @@ def test_what_is_not_known_yet_is_no_change_of_round_trips() -> None:
     assert readings(round_trips=None).round_trips is None
 
 
-def test_changes_wait_for_two_seconds_or_half_an_interval_and_heartbeats_for_a_whole_one() -> None:
+def test_figures_that_are_never_still_wait_for_half_an_interval_and_in_large_clusters_for_a_whole_one() -> None:
     pace = Pace(first_s=5.0, uniform=lambda: 1.0)
     assert pace.due_s(Urgency.AT_ONCE) == 5.0
     pace.wrote(100.0, interval_s=100.0)
     assert pace.due_s(Urgency.AT_ONCE) == 102.0
-    assert pace.due_s(Urgency.SOON) == 150.0
+    assert pace.due_s(Urgency.SOON) == 200.0
     assert pace.due_s(Urgency.AT_HEARTBEAT) == pytest.approx(220.0)
-    pace.wrote(300.0, interval_s=1.0)
-    assert pace.due_s(Urgency.SOON) == pytest.approx(301.2)
+    pace.wrote(300.0, interval_s=10.0)
+    assert pace.due_s(Urgency.SOON) == 305.0
+    pace.wrote(400.0, interval_s=1.0)
+    assert pace.due_s(Urgency.SOON) == pytest.approx(401.2)
