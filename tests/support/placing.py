@@ -55,6 +55,8 @@ class Scripted:
         self.domains: Reserved | Exception = READY
         self.started = asyncio.Event()
         self.asked: list[tuple[str, str, Mapping[str, str], str]] = []
+        self.sharing: list[str] = []
+        """How the claims of shared devices ended: `given back` or `bound`."""
 
     def send(self, pod: Pod, node: str, told: Callable[[ClientError | None], None]) -> None:
         """Success, or an error that makes `bind` give its scripted answer."""
@@ -83,6 +85,12 @@ class Scripted:
 
     async def things(self, _pod: PodInfo, _node: str, _wanted: Sequence[DeviceGrant]) -> Reserved:
         return given(self.reservations.popleft()) if self.reservations else READY
+
+    async def bound(self, _reserved: Reserved) -> None:
+        self.sharing.append("bound")
+
+    async def not_bound(self, _pod: PodInfo, _reserved: Reserved) -> None:
+        self.sharing.append("given back")
 
     async def check_domains(self, placed: Sequence[tuple[PodInfo, str]]) -> dict[str, Reserved]:
         return {pod.uid: given(self.domains) for pod, _ in placed}

@@ -20,6 +20,7 @@ from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.preemption import Plan
 from robotapp_scheduler.core.queued import QueuedPod, Rejection
 from robotapp_scheduler.core.refusal import DEVICE_PLUGIN
+from robotapp_scheduler.core.volumes import VolumePlan
 from robotapp_scheduler.shell.bind_steps import BindSteps, Refused, failed_step
 from robotapp_scheduler.shell.binder import Binder, BindOutcome, BindResult
 from robotapp_scheduler.shell.claim_users import ClaimUsers
@@ -43,6 +44,8 @@ WAITED = {
 """The bind check in upstream's words for a permission."""
 VERSION_TRIES = 3
 """A pod whose version moved while its devices were claimed is read and bound again at once, this often."""
+
+CHANGING = "the pod, or the node chosen for it, changed at every try"
 
 
 class Placer:
@@ -167,7 +170,8 @@ class Placer:
     ) -> tuple[Decision, BindOutcome] | None:
         """Everything up to the bind's answer; None = the pod went back on the way."""
         lost: set[str] = set()
-        volumes_bound = False
+        volumes: VolumePlan | None = None  # the plan that was carried out
+        outcome = BindOutcome(BindResult.CHANGED, CHANGING)
         for _ in range(VERSION_TRIES):
             await steps.give_back()
             found = await self._reserve(decision, lost, started_s)
@@ -175,18 +179,19 @@ class Placer:
                 return None
             decision, reserved = found
             refused = await steps.run(str(decision.node)) or await self._enter_claims(decision)
-            if refused is None and not volumes_bound:
+            waits = decision.volumes is not None and decision.volumes is not volumes
+            if reserved.sharing.claims and (waits or refused is not None):
+                await self._reserver.not_bound(decision.pod, reserved)
+            if refused is None and waits:
                 refused = await self._bind_volumes(decision)
             if refused is not None:
-                if reserved.sharing.claims:
-                    await self._reserver.not_bound(decision.pod, reserved)
                 await steps.give_back()
                 self._reject(decision, refused, started_s)
                 return None
-            if decision.volumes is not None and not volumes_bound:
-                volumes_bound = True
+            if waits:
+                volumes = decision.volumes
                 if reserved.annotations:
-                    continue  # that took its time: the pod is read again, so that the bind is for its newest version
+                    continue  # that took its time: the pod is read and reserves again, and is bound in its newest version
             outcome = await self._bind(decision, reserved, steps.context.annotations)
             if outcome.result is BindResult.BOUND and reserved.sharing.claims:
                 await self._reserver.bound(reserved)

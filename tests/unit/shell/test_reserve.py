@@ -183,6 +183,19 @@ async def test_a_pod_whose_binding_is_not_tried_lets_others_share(client: ApiCli
     )
 
 
+async def test_a_device_is_shared_or_held_alone_by_others_while_a_pod_waits_for_its_volumes(client: ApiClient) -> None:
+    waiting = await stored(client, "waiting")
+    before = await Reserver(client).things(waiting, "edge-1", (SHARED,))
+    await Reserver(client).not_bound(waiting, before)
+    other = await Reserver(client).things(await stored(client, "other"), "edge-1", (SHARED,))
+    await Reserver(client).bound(other)
+    again = await Reserver(client).things(waiting, "edge-1", (SHARED,))
+    assert (again.readiness, again.resource_version != before.resource_version) == (Readiness.READY, True)
+    await Reserver(client).not_bound(waiting, again)
+    assert (await Reserver(client).things(await stored(client, "alone"), "edge-1", (CAN,))).readiness is Readiness.READY
+    assert (await Reserver(client).things(waiting, "edge-1", (SHARED,))).readiness is Readiness.BUSY
+
+
 async def test_an_empty_pool_lets_the_pod_wait_with_what_to_do(client: ApiClient) -> None:
     for number in range(3):
         await Reserver(client).things(

@@ -1,0 +1,71 @@
+"""The claim of a device that a pod shares is held for the moment of the binding, not while the pod waits for its volumes."""
+
+from tests.support.placing import Rig
+
+from robotapp_api.claims.identity import holder_of_pod
+from robotapp_api.claims.objects import Claim, ClaimSpec, Meta
+from robotapp_api.client.device_claims import Reservation
+from robotapp_scheduler.shell.reserve import Readiness, Reserved
+
+
+def sharing(version: str) -> Reserved:
+    """A pod that holds the claim of a device which it shares, until it is bound."""
+    claim = Claim(
+        metadata=Meta(name="dev-can0"), spec=ClaimSpec(holder=holder_of_pod(namespace="a", name="p", uid="uid-p"))
+    )
+    return Reserved(
+        Readiness.READY,
+        annotations={"granted": "can0"},
+        resource_version=version,
+        sharing=Reservation(True, claims=(claim,)),
+    )
+
+
+async def test_others_may_share_the_devices_of_a_pod_that_waits_for_its_volumes() -> None:
+    rig = Rig()
+    rig.with_volumes("p")
+    rig.volumes.ready.clear()
+    rig.io.reservations.extend((sharing("7"), sharing("8")))
+    rig.show()
+    await rig.turn()
+    assert (rig.volumes.asked, rig.io.sharing) == (["p"], ["given back"])
+    rig.volumes.ready.set()
+    await rig.turn()
+    assert [version for *_, version in rig.io.asked] == ["8"]
+    assert rig.io.sharing == ["given back", "bound"]
+
+
+async def test_a_pod_whose_volumes_never_come_gives_the_devices_back_once() -> None:
+    rig = Rig()
+    rig.with_volumes("p")
+    rig.volumes.trouble = "binding volumes: context deadline exceeded"
+    rig.io.reservations.append(sharing("7"))
+    rig.show()
+    await rig.turn()
+    assert (rig.io.asked, rig.io.sharing) == ([], ["given back"])
+
+
+async def test_a_device_that_was_taken_while_volumes_came_sends_the_pod_to_another_node_with_volumes_of_its_own() -> (
+    None
+):
+    rig = Rig()
+    rig.with_volumes("p")
+    rig.io.reservations.extend((sharing("7"), Reserved(Readiness.BUSY), sharing("8"), sharing("9")))
+    rig.show()
+    await rig.turn()
+    assert rig.volumes.asked == ["p", "p"]
+    ((_, node, _, version),) = rig.io.asked
+    assert (node, version) == (rig.core.cluster.placed["uid-p"].node, "9")
+    assert rig.io.sharing == ["given back", "given back", "bound"]
+
+
+async def test_a_pod_that_loses_its_device_behind_every_wait_for_volumes_is_tried_again_later() -> None:
+    rig = Rig(nodes=4)
+    rig.with_volumes("p")
+    busy = Reserved(Readiness.BUSY)
+    rig.io.reservations.extend((sharing("7"), busy, sharing("8"), busy, sharing("9")))
+    rig.show()
+    await rig.turn()
+    assert (rig.io.asked, rig.io.sharing) == ([], ["given back"] * 3)
+    assert rig.core.cluster.placed == {}
+    assert rig.core.queue.pending()["backoff"] == 1
