@@ -151,7 +151,9 @@ def _set_up(stage: Stage, cluster: ControlPlane, stack: ExitStack) -> World:
     stage.say("Nodes: 2 robots, 2 edge servers, 1 cloud machine.")
     stage.say("[yellow]Simulated[/yellow]: the kubelets (by kwok) and the telemetry (round trips of 2, 15 and 60 ms).")
     with stage.working("installing CRDs, rights and policies"):
-        product.install(cluster, values={"domainPool": {"quarantineSeconds": 1}})
+        # Its nodes are simulated, and so is what an agent would measure.
+        values = {"agent": {"enabled": False}, "domainPool": {"quarantineSeconds": 1}}
+        product.install(cluster, values=values)
     topology = _topology(guests=confined)
     apply(cluster, topology)
     stack.enter_context(SimulatedTelemetry(cluster, topology))

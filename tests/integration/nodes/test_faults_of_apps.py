@@ -178,7 +178,7 @@ def test_a_robot_that_crashes_comes_back_with_its_app(app: Tenant, plane: RealNo
     assert (claims(app), node_of(app, "driver")) == (held, "robot-1")
 
 
-READS_ITS_FILES = 'for file in $(echo "$ROBOTAPP_PARAMETER_FILES" | tr : " "); do cat "$file"; echo; done; echo "$@"; exec sleep 100000'
+READS_ITS_FILES = 'for file in $(echo "$ROBOTAPP_PARAMETER_FILES" | tr : " "); do cat "$file"; echo; done; echo "$@"; trap exit TERM; while :; do sleep 1 & wait; done'
 
 
 def test_parameter_files_arrive_in_their_order_and_another_content_starts_the_pod_anew(

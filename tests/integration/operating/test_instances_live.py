@@ -198,9 +198,10 @@ def test_a_namespace_with_instances_can_be_deleted(installed_plane: ControlPlane
     )
 
 
-def test_an_instance_is_written_a_few_times_until_it_is_ready_and_never_at_rest(
+def test_an_instance_is_written_a_few_times_until_it_is_ready(
     installed_plane: ControlPlane, tenant: Tenant, ids: str, fleet: str
 ) -> None:
+    """That nothing is written at rest is seen by `journeys/test_many_apps.py`."""
     began = datetime.now(UTC)
     tenant.apply("fleet", part("driver", runsOn=["Robot"]), robots=choosing(fleet), ros2={"pool": ids})
     for number in range(4):
@@ -222,7 +223,6 @@ def test_an_instance_is_written_a_few_times_until_it_is_ready_and_never_at_rest(
     took_s = (datetime.now(UTC) - began).total_seconds()
     for (name, _), count in written(installed_plane, tenant, began, "robotapps").items():
         assert count <= 3 + took_s, f"{name} was written {count} times within {took_s:.0f} s"
-    assert quiet.until_quiet(installed_plane, quiet_s=quiet.REST_S, within_s=90, namespace=tenant.namespace), "no rest"
 
 
 def test_times_that_swing_by_a_fifth_for_twelve_seconds_are_written_at_most_once(
