@@ -2,8 +2,9 @@
 
 import re
 from collections.abc import Iterable, Iterator
-from typing import Final, Protocol
+from typing import Final
 
+from robotapp_agent.devices.device import Device
 from robotapp_api.model.names import FROM_TELEMETRY, HARDWARE_PREFIX, HARDWARE_SOURCE
 
 MOST_LABELS: Final = 256
@@ -13,24 +14,7 @@ _NAME: Final = re.compile(r"[A-Za-z0-9]([-A-Za-z0-9_.]{0,61}[A-Za-z0-9])?")
 """What the API server takes after the slash of a label's key."""
 
 
-class Labelled(Protocol):
-    """What a label is made of: a device of the agent, or one decoded from NodeTelemetry."""
-
-    @property
-    def id(self) -> str: ...
-    @property
-    def type(self) -> str: ...
-    @property
-    def model(self) -> str: ...
-    @property
-    def interface(self) -> str: ...
-    @property
-    def present(self) -> bool: ...
-    @property
-    def names(self) -> tuple[str, ...]: ...
-
-
-def labels_of(devices: Iterable[Labelled]) -> dict[str, str]:
+def labels_of(devices: Iterable[Device]) -> dict[str, str]:
     """Labels of the devices that are plugged in; empty without any.
 
     A key that several devices give has their model when they are of one, else `true`: what one label can hold of two models
@@ -49,7 +33,7 @@ def labels_of(devices: Iterable[Labelled]) -> dict[str, str]:
     return labels | {HARDWARE_SOURCE: FROM_TELEMETRY}
 
 
-def names_of(device: Labelled) -> Iterator[str]:
+def names_of(device: Device) -> Iterator[str]:
     """Everything the device is found by: type, type-interface, id, and its further names, each with its type."""
     yield device.type
     if device.interface:

@@ -19,10 +19,10 @@ from typing import Final
 from msgspec import UnsetType
 
 from robotapp_agent.report.status import LoadStatus, RttStatus, Status, TemperatureStatus
+from robotapp_api.values.round_trips import LONGEST_INTERVAL_S
 
 SHORTEST_S: Final = 2.0
 SHORTEST_INTERVAL_S: Final = 10
-LONGEST_INTERVAL_S: Final = 3600
 NODES_PER_SECOND: Final = 50
 """Heartbeats of all agents together."""
 ROUND_JITTER: Final = 0.1

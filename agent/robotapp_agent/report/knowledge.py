@@ -2,42 +2,25 @@
 
 from collections import deque
 from collections.abc import Iterable, Mapping
-from typing import Final, Protocol
+from typing import Final
 
+from robotapp_agent.devices.device import Device
+from robotapp_agent.probe.rounds import RoundResult
 from robotapp_agent.report.changes import interval_for
 from robotapp_agent.report.clock_offset import ClockOffset
 from robotapp_agent.report.load import Sample, load_between
 from robotapp_agent.report.readings import (
     MOST_ROUND_TRIPS,
-    AttachedDevice,
     Battery,
     Load,
     Readings,
     RoundTrip,
     Temperature,
 )
-
-PERIODS_KEPT: Final = 3
-"""A reading is dropped when readers no longer count it (`robotapp_api.values.round_trips`)."""
-
+from robotapp_api.values.round_trips import PERIODS_KEPT
 
 SHORTEST_WINDOW_S: Final = 10.0
 _MOST_SAMPLES: Final = 256
-
-
-class Measured(Protocol):
-    """What a round found out about a peer (`robotapp_agent.probe.rounds`)."""
-
-    @property
-    def peer(self) -> str: ...
-    @property
-    def p50_us(self) -> int | None: ...
-    @property
-    def p95_us(self) -> int | None: ...
-    @property
-    def jitter_us(self) -> int | None: ...
-    @property
-    def loss_ppm(self) -> int: ...
 
 
 class Knowledge:
@@ -51,7 +34,7 @@ class Knowledge:
         self.seq = seq
         self.nodes = 0
         self.offset = ClockOffset()
-        self.devices: tuple[AttachedDevice, ...] | None = None
+        self.devices: tuple[Device, ...] | None = None
         self.device_problem = ""
         self.temperatures: tuple[Temperature, ...] = ()
         self.battery: Battery | None = None
@@ -86,7 +69,7 @@ class Knowledge:
             self._load = load_between(self._samples[0], sample)
         self._samples.append(sample)
 
-    def round_ended(self, results: Iterable[Measured], *, every_rounds: Mapping[str, int]) -> None:
+    def round_ended(self, results: Iterable[RoundResult], *, every_rounds: Mapping[str, int]) -> None:
         """Take in a round. `every_rounds`: by peer, absent means 1. A peer keeps its last result until that is too old."""
         self.seq += 1
         trips = dict(self._trips or {})

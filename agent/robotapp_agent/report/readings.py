@@ -1,32 +1,13 @@
 """What the agent knows of its node: the values that the probes, the device scanner and the load reader hand to the report."""
 
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple
+
+from robotapp_agent.devices.device import Device
 
 MOST_TEMPERATURES: Final = 16
 MOST_DEVICES: Final = 128
 MOST_ROUND_TRIPS: Final = 64
 """The schema's bounds of the lists in NodeTelemetry's status."""
-
-
-class AttachedDevice(Protocol):
-    """A device of the node, as `devices` describes it; texts are empty where nothing is known."""
-
-    @property
-    def id(self) -> str: ...
-    @property
-    def type(self) -> str: ...
-    @property
-    def model(self) -> str: ...
-    @property
-    def interface(self) -> str: ...
-    @property
-    def identity(self) -> str: ...
-    @property
-    def present(self) -> bool: ...
-    @property
-    def path(self) -> str: ...
-    @property
-    def names(self) -> tuple[str, ...]: ...
 
 
 class RoundTrip(NamedTuple):
@@ -79,7 +60,7 @@ class Readings(NamedTuple):
     """Number of the latest round that ended; None before the first."""
     arch: str = ""
     realtime: bool = False
-    devices: tuple[AttachedDevice, ...] | None = None
+    devices: tuple[Device, ...] | None = None
     device_problem: str = ""
     round_trips: tuple[RoundTrip, ...] | None = None
     load: Load = Load()

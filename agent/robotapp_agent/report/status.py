@@ -10,11 +10,11 @@ from typing import Any, Final
 import msgspec
 from msgspec import UNSET, UnsetType
 
+from robotapp_agent.devices.device import Device
 from robotapp_agent.report.readings import (
     MOST_DEVICES,
     MOST_ROUND_TRIPS,
     MOST_TEMPERATURES,
-    AttachedDevice,
     Battery,
     Load,
     Readings,
@@ -148,7 +148,7 @@ def patch_of(status: Status) -> bytes:
     return _ENCODER.encode(_Patch(status))
 
 
-def _most_relevant(devices: tuple[AttachedDevice, ...]) -> list[AttachedDevice]:
+def _most_relevant(devices: tuple[Device, ...]) -> list[Device]:
     kept = devices if len(devices) <= MOST_DEVICES else sorted(devices, key=lambda device: not device.present)
     return sorted(kept[:MOST_DEVICES], key=lambda device: device.id)
 
@@ -158,17 +158,8 @@ def _latest(trips: tuple[RoundTrip, ...]) -> list[RoundTrip]:
     return sorted(kept[:MOST_ROUND_TRIPS], key=lambda trip: trip.peer)
 
 
-def _device(device: AttachedDevice) -> DeviceStatus:
-    return DeviceStatus(
-        id=device.id,
-        type=device.type,
-        present=device.present,
-        model=device.model,
-        interface=device.interface,
-        identity=device.identity,
-        path=device.path,
-        names=device.names,
-    )
+def _device(device: Device) -> DeviceStatus:
+    return DeviceStatus(**msgspec.structs.asdict(device))
 
 
 def _rtt(trip: RoundTrip) -> RttStatus:
