@@ -75,14 +75,12 @@ async def _read_claims(client: Api, pods: Collection[Pod]) -> dict[str, Claim | 
 
 
 async def _check(client: Api, pod: Pod, read: dict[str, Claim | None]) -> tuple[BindVerdict, Claim | None]:
-    """The verdict on one pod, and the claim it stands on. read: claims read so far, by name."""
+    """The verdict on one pod, and the claim it stands on. read: by name, the claims that annotations name."""
     if not needs_check(pod):
         return ALLOWED, None
     name = pod.metadata.annotations.get(Annotation.DOMAIN_CLAIM, "")
     if not name:
         return await _check_without_annotation(client, pod)
-    if name not in read:
-        read[name] = await find_claim(client, name)
     claim = read[name]
     verdict = bind_verdict(pod, claim)
     if not verdict.allowed and claim is not None and await _shares(client, pod, claim):
