@@ -6,11 +6,12 @@ import sys
 from collections.abc import Sequence
 
 from robotapp_api.client.errors import LoginError
+from robotapp_api.serving import logs
 from robotapp_api.serving.port import PortError
 from robotapp_scheduler import options as flags
 from robotapp_scheduler import tools
 from robotapp_scheduler.config import ConfigError
-from robotapp_scheduler.shell import logs, process
+from robotapp_scheduler.shell import process
 
 
 def main(argv: Sequence[str] | None = None) -> int:

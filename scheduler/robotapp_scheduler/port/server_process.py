@@ -20,6 +20,7 @@ from robotapp_api.client.api import ApiClient
 from robotapp_api.client.errors import LoginError, Unreachable
 from robotapp_api.client.login import load as login
 from robotapp_api.model.names import SCHEDULER_MANAGER
+from robotapp_api.serving import logs
 from robotapp_api.serving.access import Access, Caller, Gatekeeper
 from robotapp_api.serving.port import serving
 from robotapp_api.serving.tls import TlsPort, loaded
@@ -27,7 +28,6 @@ from robotapp_scheduler.port.endpoints import AllowAll, Endpoints, Gate, applica
 from robotapp_scheduler.port.forked_worker import end_with_parent
 from robotapp_scheduler.port.frames import Request, Settings
 from robotapp_scheduler.port.remote import Remote
-from robotapp_scheduler.shell import logs
 from robotapp_scheduler.shell.simulating import Simulator
 
 log = logging.getLogger(__name__)

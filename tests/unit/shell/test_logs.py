@@ -2,7 +2,8 @@ import json
 import logging
 import sys
 
-from robotapp_scheduler.shell.logs import JsonLines, without_broken_off
+from robotapp_api.serving.logs import JsonLines
+from robotapp_scheduler.shell.logs import without_broken_off
 
 
 def record(message: str, *args: object, **extra: object) -> logging.LogRecord:
