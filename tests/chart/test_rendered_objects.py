@@ -287,8 +287,6 @@ def test_the_default_pool_is_the_one_of_the_design(chart: Chart) -> None:
     [
         ({}, None),
         ({"domainPool.quota.default": "null"}, None),
-        ({"domainPool.quota.default": "0"}, {"default": 0}),
-        ({"domainPool.quota.default": "3"}, {"default": 3}),
         ({"domainPool.quota.namespaces.lab": "0"}, {"namespaces": {"lab": 0}}),
         (
             {"domainPool.quota.default": "0", "domainPool.quota.namespaces.lab": "9"},
@@ -302,9 +300,12 @@ def test_a_quota_that_is_absent_is_unlimited_and_one_of_zero_is_none(
     assert named(chart.render(values), "DomainPool", "default")["spec"].get("quota") == quota
 
 
-def test_the_operator_is_told_the_scheduler_of_apps_that_name_none(chart: Chart) -> None:
-    for values, name in (({}, SCHEDULER_NAME), ({"operator.schedulerName": "other.test"}, "other.test")):
-        assert f"--scheduler-name={name}" in pod_spec(chart.render(values), "operator")["containers"][0]["args"]
+def test_the_operator_is_told_the_scheduler_of_apps_that_name_none(chart: Chart, rendered: list[Object]) -> None:
+    for objects, name in (
+        (rendered, SCHEDULER_NAME),
+        (chart.render({"operator.schedulerName": "other.test"}), "other.test"),
+    ):
+        assert f"--scheduler-name={name}" in pod_spec(objects, "operator")["containers"][0]["args"]
 
 
 @pytest.mark.parametrize(

@@ -72,11 +72,12 @@ def written(
     return Counter((ref.get("name", ""), f"{verb} {ref.get('subresource', '')}".strip()) for ref, verb in refs)
 
 
-def test_kubectl_shows_every_instance_with_its_robot_and_what_it_does(
+def test_kubectl_shows_every_instance_and_a_robot_that_leaves_takes_its_own_along_until_it_comes_back(
     installed_plane: ControlPlane, tenant: Tenant, ids: str, fleet: str
 ) -> None:
     edge = {"topic": "/odom", "from": "driver", "to": "@robot", "latency": {"budget": "30ms"}}
-    tenant.apply("fleet", part("driver", runsOn=["Robot"]), robots=choosing(fleet), edges=[edge], ros2={"pool": ids})
+    driver, grace = part("driver", runsOn=["Robot"]), {"grace": "1s"}
+    tenant.apply("fleet", driver, robots=choosing(fleet), connectivity=grace, edges=[edge], ros2={"pool": ids})
     items = until_ready(tenant, "fleet")
     assert [item["spec"]["robot"] for item in items] == [f"{fleet}-{number:02}" for number in range(FLEET)]
     app = tenant.app("fleet")
@@ -112,10 +113,23 @@ def test_kubectl_shows_every_instance_with_its_robot_and_what_it_does(
         "get", "rai", "-n", tenant.namespace, "--field-selector", f"spec.robot={fleet}-03", "-o", "name"
     )
     assert one.split("/")[1].strip() == object_name("fleet", f"{fleet}-03")
+    leaver = f"{fleet}-05"
+
+    def robots() -> set[str]:
+        return {item["spec"]["robot"] for item in tenant.instances("fleet")}
+
+    installed_plane.kubectl("label", "node", leaver, "example.com/kind-")
+    eventually(lambda: leaver not in robots() and len(robots()) == FLEET - 1, what=robots)
+    eventually(lambda: tenant.app("fleet")["status"]["instanceCounts"]["desired"] == FLEET - 1)
+    installed_plane.kubectl("label", "node", leaver, f"example.com/kind={fleet}")
+    eventually(lambda: len(robots()) == FLEET, what=robots)
+    assert len(until_ready(tenant, "fleet")) == FLEET
 
 
-def test_who_deletes_one_gets_it_back_as_it_was(installed_plane: ControlPlane, tenant: Tenant, ids: str) -> None:
-    tenant.apply("solo", part("a"), ros2={"pool": ids})
+def test_an_object_that_is_deleted_comes_back_as_it_was_and_an_app_that_is_created_anew_has_its_own(
+    installed_plane: ControlPlane, tenant: Tenant, ids: str
+) -> None:
+    first = tenant.apply("solo", part("a"), ros2={"pool": ids})
     (before,) = until_ready(tenant, "solo")
     pods = {pod["metadata"]["uid"] for pod in tenant.listed("pods")}
     installed_plane.api.delete(f"{INSTANCES.format(tenant.namespace)}/{before['metadata']['name']}")
@@ -125,24 +139,25 @@ def test_who_deletes_one_gets_it_back_as_it_was(installed_plane: ControlPlane, t
     (after,) = until_ready(tenant, "solo")
     assert after["status"]["summary"] == before["status"]["summary"]
     assert {pod["metadata"]["uid"] for pod in tenant.listed("pods")} == pods, "nothing depends on it"
-
-
-def test_an_app_that_is_created_anew_under_its_name_has_an_instance_of_its_own(tenant: Tenant, ids: str) -> None:
-    first = tenant.apply("again", part("a"), ros2={"pool": ids})
-    (old,) = until_ready(tenant, "again")
-    tenant.delete("again")
-    second = tenant.apply("again", part("a"), ros2={"pool": ids})
+    tenant.delete("solo")
+    second = tenant.apply("solo", part("a"), ros2={"pool": ids})
     assert first["metadata"]["uid"] != second["metadata"]["uid"]
-    (new,) = until_ready(tenant, "again")
-    assert new["metadata"]["name"] == old["metadata"]["name"]
+    (new,) = until_ready(tenant, "solo")
+    assert new["metadata"]["name"] == before["metadata"]["name"]
     assert new["spec"]["appUID"] == second["metadata"]["uid"]
-    tenant.delete("again")
+    tenant.delete("solo")
     eventually(lambda: not tenant.cp.api.get(INSTANCES.format(tenant.namespace))["items"], what="left behind")
 
 
-def test_what_is_left_behind_is_swept_and_a_lost_owner_is_given_back(
+def test_a_namespace_can_be_deleted_what_is_left_behind_is_swept_and_a_lost_owner_is_given_back(
     installed_plane: ControlPlane, tenant: Tenant, ids: str
 ) -> None:
+    ending = f"short-{secrets.token_hex(3)}"  # takes the namespace controller five seconds: the rest happens meanwhile
+    installed_plane.api.create("/api/v1/namespaces", {"metadata": {"name": ending}})
+    short = Tenant(installed_plane, ending)
+    short.apply("app", part("a"), ros2={"pool": ids})
+    only(short, "app")
+    installed_plane.kubectl("delete", "namespace", ending, "--wait=false")
     path = INSTANCES.format(tenant.namespace)
     orphan = {
         "apiVersion": API_VERSION,
@@ -164,37 +179,9 @@ def test_what_is_left_behind_is_swept_and_a_lost_owner_is_given_back(
     installed_plane.kubectl("delete", "robotapp", "owner", "-n", tenant.namespace, "--cascade=orphan")
     eventually(lambda: not installed_plane.api.get(path)["items"], what=lambda: installed_plane.api.get(path)["items"])
     installed_plane.kubectl("delete", "deployments,services", "--all", "-n", tenant.namespace)
-
-
-def test_a_robot_that_leaves_takes_its_object_along_and_one_that_comes_back_gets_a_new_one(
-    installed_plane: ControlPlane, tenant: Tenant, ids: str, fleet: str
-) -> None:
-    leaver = f"{fleet}-05"
-    driver, grace = part("driver", runsOn=["Robot"]), {"grace": "1s"}
-    tenant.apply("fleet", driver, robots=choosing(fleet), connectivity=grace, ros2={"pool": ids})
-    assert len(until_ready(tenant, "fleet")) == FLEET
-
-    def robots() -> set[str]:
-        return {item["spec"]["robot"] for item in tenant.instances("fleet")}
-
-    installed_plane.kubectl("label", "node", leaver, "example.com/kind-")
-    eventually(lambda: leaver not in robots() and len(robots()) == FLEET - 1, what=robots)
-    eventually(lambda: tenant.app("fleet")["status"]["instanceCounts"]["desired"] == FLEET - 1)
-    installed_plane.kubectl("label", "node", leaver, f"example.com/kind={fleet}")
-    eventually(lambda: len(robots()) == FLEET, what=robots)
-    assert len(until_ready(tenant, "fleet")) == FLEET
-
-
-def test_a_namespace_with_instances_can_be_deleted(installed_plane: ControlPlane, ids: str) -> None:
-    name = f"short-{secrets.token_hex(3)}"
-    installed_plane.api.create("/api/v1/namespaces", {"metadata": {"name": name}})
-    short = Tenant(installed_plane, name)
-    short.apply("app", part("a"), ros2={"pool": ids})
-    only(short, "app")
-    installed_plane.kubectl("delete", "namespace", name, "--wait=false")
     eventually(
-        lambda: not installed_plane.kubectl("get", "namespace", name, "--ignore-not-found", "-o", "name"),
-        what=lambda: installed_plane.kubectl("get", "namespace", name, "-o", "yaml"),
+        lambda: not installed_plane.kubectl("get", "namespace", ending, "--ignore-not-found", "-o", "name"),
+        what=lambda: installed_plane.kubectl("get", "namespace", ending, "-o", "yaml"),
     )
 
 
@@ -225,7 +212,7 @@ def test_an_instance_is_written_a_few_times_until_it_is_ready(
         assert count <= 3 + took_s, f"{name} was written {count} times within {took_s:.0f} s"
 
 
-def test_times_that_swing_by_a_fifth_for_twelve_seconds_are_written_at_most_once(
+def test_times_that_swing_by_a_fifth_ten_times_are_written_at_most_once(
     installed_plane: ControlPlane, tenant: Tenant, ids: str, nodes: topology.Topology
 ) -> None:
     robot = next(node for node in nodes if node.robot)
@@ -240,10 +227,10 @@ def test_times_that_swing_by_a_fifth_for_twelve_seconds_are_written_at_most_once
             lambda: state(only(tenant, "noisy"), "BudgetMet") == ("True", "WithinBudget"),
             what=lambda: tenant.instances("noisy"),
         )
-        assert quiet.until_quiet(installed_plane, quiet_s=5, within_s=60, namespace=tenant.namespace)
+        assert quiet.until_quiet(installed_plane, quiet_s=2, within_s=60, namespace=tenant.namespace)
         began = datetime.now(UTC)
-        for number in range(12):
+        for number in range(10):
             telemetry.set_rtt(robot.name, "edge-1", 40.0 * (0.8 if number % 2 else 1.2))
-            time.sleep(1.0)
+            time.sleep(0.5)
         for resource in ("robotappinstances", "robotapps"):
             assert sum(written(installed_plane, tenant, began, resource).values()) <= 1, resource

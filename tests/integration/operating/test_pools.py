@@ -18,22 +18,40 @@ from robotapp_testbed import ControlPlane
 pytestmark = pytest.mark.usefixtures("operator")
 
 
-def test_a_quota_of_zero_means_none_and_an_absent_one_no_limit(installed_plane: ControlPlane, tenant: Tenant) -> None:
-    named = {"default": 0, "namespaces": {tenant.namespace: 1}}
-    cases: list[tuple[dict[str, Any], int]] = [({}, 2), ({"quota": {"default": 0}}, 0), ({"quota": named}, 1)]
-    for number, (spec, most) in enumerate(cases):
-        with pool(installed_plane, f"quota-{secrets.token_hex(3)}", **spec) as name:
-            apps = [f"app-{number}-{which}" for which in "ab"]
-            for app in apps[:most]:
+def test_a_quota_of_zero_means_none_an_absent_one_no_limit_and_a_pool_that_serves_no_namespace_has_a_condition(
+    installed_plane: ControlPlane, tenant: Tenant
+) -> None:
+    tag = secrets.token_hex(3)
+    with (
+        pool(installed_plane, f"open-{tag}") as unlimited,
+        pool(installed_plane, f"none-{tag}", quota={"default": 0}) as none,
+        pool(installed_plane, f"named-{tag}", quota={"default": 0, "namespaces": {tenant.namespace: 1}}) as named,
+    ):
+
+        def usable() -> dict[str, Any]:
+            return dict(condition(installed_plane.api.get(f"{POOLS}/{none}"), "Usable"))
+
+        most = {unlimited: 2, none: 0, named: 1}
+        for name, served in most.items():
+            for number in range(2):
+                app = f"{name}-{number}"
                 tenant.apply(app, part("a"), ros2={"pool": name})
-                tenant.wait_ready(app)
-            for app in apps[most:]:
-                tenant.apply(app, part("a"), ros2={"pool": name})
-                said = tenant.wait(app, "Allocated", "False", reason="QuotaExceeded")["message"]
-                assert f"DomainPool {name}" in said
-            for app in apps:
-                tenant.delete(app)
-            eventually(lambda: not tenant.claims(), timeout_s=90, what=tenant.claims)
+                if number < served:
+                    tenant.wait_ready(app)
+        for name, served in most.items():
+            for number in range(served, 2):
+                told = tenant.wait(f"{name}-{number}", "Allocated", "False", reason="QuotaExceeded")["message"]
+                assert f"DomainPool {name}" in told
+        eventually(lambda: usable().get("status") == "False", what=usable)
+        assert usable()["reason"] == "QuotaIsZero"
+        assert "leave it out for no limit" in usable()["message"]
+        installed_plane.api.patch(f"{POOLS}/{none}", {"spec": {"quota": {"default": None}}})
+        tenant.wait_ready(f"{none}-0")
+        for name in most:
+            for number in range(2):
+                tenant.delete(f"{name}-{number}")
+        eventually(lambda: usable().get("status") == "True", what=usable)
+        eventually(lambda: not tenant.claims(), timeout_s=90, what=tenant.claims)
 
 
 def test_a_reserved_id_is_not_accepted_until_the_pool_gives_it_and_then_stays_with_its_holder(
@@ -67,19 +85,6 @@ def test_zero_needs_leave_in_the_spec_and_in_the_pool(installed_plane: ControlPl
         tenant.wait_ready("zero")
         tenant.delete("zero")
         eventually(lambda: not tenant.claims(), timeout_s=90, what=tenant.claims)
-
-
-def test_a_pool_that_serves_nobody_says_so(installed_plane: ControlPlane) -> None:
-    with pool(installed_plane, f"quota-{secrets.token_hex(3)}", quota={"default": 0}) as name:
-
-        def usable() -> dict[str, Any]:
-            return dict(condition(installed_plane.api.get(f"{POOLS}/{name}"), "Usable"))
-
-        eventually(lambda: usable().get("status") == "False", what=usable)
-        assert usable()["reason"] == "QuotaIsZero"
-        assert "leave it out for no limit" in usable()["message"]
-        installed_plane.api.patch(f"{POOLS}/{name}", {"spec": {"quota": {"default": None}}})
-        eventually(lambda: usable().get("status") == "True", what=usable)
 
 
 def test_kubectl_shows_how_full_a_pool_is_and_nothing_is_written_at_rest(

@@ -4,7 +4,6 @@ import json
 
 import pytest
 from tests.support import crds
-from tests.support.gone_fields import GONE_FIELDS, GONE_VALUES, with_field
 
 from robotapp_api.model.names import Reason
 from robotapp_cli.lint.findings import Severity
@@ -16,7 +15,6 @@ from robotapp_testbed.failures import CommandError
 pytestmark = pytest.mark.live
 
 _OPERATORS = frozenset(Reason)
-GONE = {**GONE_FIELDS["RobotApp"], **GONE_VALUES["RobotApp"]}
 APP = """\
 apiVersion: robotics.io/v1alpha1
 kind: RobotApp
@@ -95,13 +93,6 @@ def test_lint_refuses_exactly_what_the_server_refuses(control_plane: ControlPlan
     ]
     said = refusal(control_plane, text)
     assert bool(errors) == bool(said), (errors, said)
-
-
-@pytest.mark.parametrize("field", [field for field in GONE if not field.startswith("status.")])
-def test_old_names_are_refused_by_both(control_plane: ControlPlane, field: str) -> None:
-    text = json.dumps(with_field("RobotApp", field, GONE[field]))
-    assert [each for each in lint(text.encode()).findings if each.severity is Severity.ERROR]
-    assert refusal(control_plane, text)
 
 
 SCALARS = """\
