@@ -13,7 +13,7 @@ from robotapp_scheduler.plugins.kubernetes.compat import OLD
 from robotapp_scheduler.plugins.registry import catalogue
 
 Json = dict[str, Any]
-CASES = 150
+CASES = 80
 REQUIRED = "requiredDuringSchedulingIgnoredDuringExecution"
 PREFERRED = "preferredDuringSchedulingIgnoredDuringExecution"
 DISK = {"matchExpressions": [{"key": "disk", "operator": "Exists"}]}

@@ -10,11 +10,11 @@ from tests.support.reference_scheduler import ClusterDump, decide
 from tests.support.reference_scheduler.model import Json
 
 CHECKS = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
-SAMPLE = 1000
+SAMPLE = 400
 
 
-def test_a_thousand_seeded_cases_equal_the_reference() -> None:
-    """Another thousand in every run; `scripts/bench parity --reference --seed S --case N` shows the one that fails."""
+def test_hundreds_of_seeded_cases_equal_the_reference() -> None:
+    """Others in every run; `scripts/bench parity --reference --seed S --case N` shows the one that fails."""
     seed = str(random.randrange(10**6))
     for number in range(SAMPLE):
         case = seeded_case(seed, number=number, families=list(FAMILIES))

@@ -16,7 +16,7 @@ from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_scheduler.core.engine import Engine
 
 CHECKS = settings(
-    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large]
+    max_examples=80, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large]
 )
 WITHOUT_IMAGES = [name for name in FAMILIES if name != "images"]
 """ImageLocality does depend on the number of nodes and of containers."""

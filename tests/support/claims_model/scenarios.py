@@ -227,3 +227,6 @@ for number, about, expect, seeded in (
     ("DA3", "owner references are believed across namespaces", "FORGED", devices.OwnersUnchecked),
 ):
     device(number, about, expect, seeded, forgeries=1, sweepers=1)
+
+IN_TURN = ("R3s", "R4s", "R5s", "R11s", "R15s", "R17s", "R20s", "L4s", "M8", "D8", "DA2", "A1")
+"""Quick ones that take more than a second each: scripts/test runs a third of them a day, `scripts/bench claims` all."""

@@ -56,7 +56,7 @@ def test_any_bytes_give_findings_and_no_exception(data: bytes) -> None:
     check(data)
 
 
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(st.data())
 def test_any_value_in_any_field_gives_findings_and_no_exception(data: st.DataObject) -> None:
     number, path = data.draw(st.sampled_from(PLACES))
