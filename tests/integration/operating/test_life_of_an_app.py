@@ -53,6 +53,18 @@ def test_an_applied_app_becomes_ready_with_one_claimed_domain(tenant: Tenant, id
     assert len({item["type"] for item in app["status"]["conditions"]}) == 7
 
 
+def test_a_pod_that_names_the_default_account_gets_no_token_of_it_either(tenant: Tenant, ids: str) -> None:
+    named = part("named", template={"spec": {"serviceAccountName": "default"}})
+    tenant.apply("tokens", named, part("unnamed"), ros2={"pool": ids})
+    tenant.wait_ready("tokens")
+    pods = tenant.listed("pods")
+    assert {pod["spec"]["serviceAccountName"] for pod in pods} == {"default"}
+    bare = {"metadata": {"name": "bare"}, "spec": {"containers": [{"name": "a", "image": "i"}]}}
+    usual = tenant.cp.api.create(f"/api/v1/namespaces/{tenant.namespace}/pods?dryRun=All", bare)
+    assert any("projected" in volume for volume in usual["spec"]["volumes"]), "admission adds the token as a volume"
+    assert not any("projected" in volume for pod in pods for volume in pod["spec"].get("volumes", []))
+
+
 def test_one_instance_and_one_domain_per_robot(tenant: Tenant, ids: str) -> None:
     tenant.apply("fleet", part("driver", runsOn=["Robot"]), robots=EACH_ROBOT, ros2={"pool": ids})
     assert tenant.wait_ready("fleet")["status"]["instanceCounts"]["desired"] == 2
