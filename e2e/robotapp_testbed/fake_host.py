@@ -1,8 +1,8 @@
 """A host's /sys, /dev, /run/udev and /proc as plain files: devices that can be plugged and unplugged without hardware.
 
 The trees look as the kernel's do: a device is a folder below sys/devices, and class and bus folders hold links to it. Real are
-only pseudo-terminals, which stand for serial ports (`serial_loop`). Mounted into a pod as host paths they give an agent on a
-real node something to find.
+only pseudo-terminals, which stand for serial ports (`serial_loop`). A real node with declared devices has such trees in place
+of the machine's (`mounts`), so that the agent in its pod finds them there.
 """
 
 import os
@@ -20,7 +20,26 @@ OTHER_CONTROLLER: Final = "pci0000:00/0000:00:1d.0"
 HUB: Final = "09"
 _JOYSTICK_KEYS: Final = "ffff000000000000 0 0 0 0"
 _JOYSTICK_AXES: Final = "3003f"
+_CAN: Final = {"type": "280", "dev_port": "0", "address": "", "mtu": "16"}
 _KEYBOARD_KEYS: Final = "1000000000007 ff9f207ac14057ff febeffdfffefffff fffffffffffffffe"
+_REAL_DEV: Final = tuple(
+    f"/dev/{name}"
+    for name in (
+        "null",
+        "zero",
+        "full",
+        "random",
+        "urandom",
+        "tty",
+        "ptmx",
+        "kmsg",
+        "fuse",
+        "net",
+        "pts",
+        "shm",
+        "mqueue",
+    )
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +66,7 @@ class FakeHost:
     def __init__(self, root: Path) -> None:
         self.root = root
         self.sys = root / "sys"
-        for folder in ("sys/class", "sys/bus", "sys/devices", "dev", "run/udev/data", "proc"):
+        for folder in ("sys/class/net", "sys/bus", "sys/devices", "dev", "run/udev/data", "proc"):
             (root / folder).mkdir(parents=True, exist_ok=True)
 
     def __repr__(self) -> str:
@@ -150,7 +169,7 @@ class FakeHost:
         self, port: str, name: str = "can0", model: UsbModel = CAN_ADAPTER, *, controller: str = CONTROLLER
     ) -> str:
         usb = self.usb(port, model, controller=controller)
-        self.device(f"{self.function(usb)}/net/{name}", {"type": "280", "dev_port": "0"}, links=("class/net",))
+        self.device(f"{self.function(usb)}/net/{name}", _CAN, links=("class/net",))
         return usb
 
     def gamepad(self, port: str, number: int = 0, model: UsbModel = GAMEPAD) -> str:
@@ -179,7 +198,8 @@ class FakeHost:
         if not virtual:
             self.device(where)
             self.driver(f"devices/{where}", "mttcan")
-        return self.device(f"{where}/net/{name}", {"type": kind, "dev_port": "0", "ifindex": "7"}, links=("class/net",))
+        texts = {**_CAN, "type": kind, "ifindex": "7"}
+        return self.device(f"{where}/net/{name}", texts, links=("class/net",))
 
     def gpio(self, name: str = "gpiochip0") -> str:
         return self.device(f"platform/soc/{name}.gpio/{name}", {"dev": "254:0"}, links=("bus/gpio/devices",))
@@ -206,6 +226,19 @@ class FakeHost:
         card = self.device(f"pci0000:00/{address}", {"vendor": vendor, "device": "0x2204"})
         self.driver(card, driver)
         return self.device(f"pci0000:00/{address}/drm/renderD{number}", links=("class/drm",))
+
+
+def mounts(root: Path) -> list[tuple[Path, str]]:
+    """(source, target) of the bind mounts that put a fake host below `root` in the machine's place for programs in a box, in order.
+
+    What containers, kubelets and containerd need of the real /sys and /dev is mounted into the fake host first. In place of
+    /sys/block, whose links lead to devices that are not there, is an empty folder.
+    """
+    system = "sys/devices/system"
+    real = [(Path("/", system), str(root / system))]
+    real += [(path, str(root / "dev" / path.name)) for path in map(Path, _REAL_DEV) if path.exists()]
+    inside = ("sys/devices", "sys/class", "sys/bus", "dev", "run/udev")
+    return [*real, *((root / name, f"/{name}") for name in inside), (root / "nothing", "/sys/block")]
 
 
 @contextmanager

@@ -30,7 +30,7 @@ class Plan:
     overlays: Sequence[str] = ()
     """Folders that can be written inside without changing the host's."""
     binds: Sequence[tuple[Path, str]] = ()
-    """(host folder, place inside): made in an overlay where it does not exist."""
+    """(folder or file of the host, place inside), with all that is mounted below: made in an overlay where it does not exist."""
     sysctls: Mapping[str, str] = field(default_factory=dict)
     pretended: Sequence[str] = ()
     """Settings of the whole machine that programs inside may set without any effect: they write to a file."""
@@ -147,7 +147,8 @@ class Box:
         document = {**self._plan.document(self._folder), "pid_file": str(self._pid_file)}
         for each in document["mounts"]:
             for kind in ("upper", "work") if each["kind"] == "overlay" else ("source",):
-                Path(each[kind]).mkdir(parents=True, exist_ok=True)
+                if not Path(each[kind]).exists():  # a file such as /dev/null does
+                    Path(each[kind]).mkdir(parents=True)
         for name, path in document["pretended"].items():
             current = Path("/proc/sys", name)
             Path(path).parent.mkdir(parents=True, exist_ok=True)

@@ -45,7 +45,8 @@ _OF_THE_MACHINE = {Label.SIMULATED, Label.HOSTNAME, "kubernetes.io/os", "kuberne
 class RealNodes(ControlPlane):
     """etcd, kube-apiserver, kube-controller-manager, kube-scheduler, CoreDNS, and one real node per entry of `nodes`.
 
-    An entry is a name, or a node of robotapp_testbed.nodes, whose name, labels and taints are taken. `delays` are one-way
+    An entry is a name, or a node of robotapp_testbed.nodes, whose name, labels, taints and devices are taken:
+    the agent on a node with devices finds doubles of those, else what this machine has. `delays` are one-way
     milliseconds by pair of names: with them (an empty mapping will do) the latency switch carries what pods send to other
     nodes, without them a plain bridge does. `images` are names of robotapp_testbed.images, there on every node. Needs root
     and a few packages: UnavailableError says which. The other arguments are those of ControlPlane.
@@ -157,7 +158,7 @@ class RealNodes(ControlPlane):
         for box in [*(node.box for node in self._nodes.values()), *self._boxes]:
             box.process.send(signal.SIGKILL)
         for node in self._nodes.values():
-            node.end()
+            node.close()
         for box in self._boxes:
             box.kill()
         self._nodes.clear()
@@ -322,8 +323,9 @@ def _identity_of(node: str) -> str:
 def _description(node: str | SimulatedNode) -> Description:
     if isinstance(node, str):
         return Description(node)
-    labels = {key: value for key, value in node.all_labels().items() if key not in _OF_THE_MACHINE}
-    return Description(node.name, labels, node.taints)
+    own = replace(node, devices=()).all_labels()  # devices, and labels of them, are the agent's to find
+    labels = {key: value for key, value in own.items() if key not in _OF_THE_MACHINE}
+    return Description(node.name, labels, node.taints, node.devices)
 
 
 def _server_arguments(run_dir: Path) -> dict[str, list[str]]:

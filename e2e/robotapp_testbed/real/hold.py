@@ -44,6 +44,15 @@ def mount(source: str, target: str | Path, kind: str, flags: int, data: str = ""
     checked(LIBC.mount(*arguments, ctypes.c_ulong(flags), os.fsencode(data)), f"mount {kind} {source} on {target}")
 
 
+def make_place(target: Path, *, folder: bool) -> None:
+    """What is mounted on must exist: in an overlay or in the run folder, never on the host."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    if folder:
+        target.mkdir(exist_ok=True)
+    else:
+        target.touch()
+
+
 def set_up(plan: dict[str, Any]) -> None:
     mount("none", "/", "none", MS_REC | MS_SLAVE)  # the host's unmounts reach us, nothing of ours reaches the host
     mount("proc", "/proc", "proc", MS_NOSUID | MS_NODEV | MS_NOEXEC)
@@ -52,8 +61,8 @@ def set_up(plan: dict[str, Any]) -> None:
             layers = f"lowerdir={each['source']},upperdir={each['upper']},workdir={each['work']}"
             mount("overlay", each["target"], "overlay", 0, layers)
         else:
-            Path(each["target"]).mkdir(parents=True, exist_ok=True)  # in an overlay, never on the host
-            mount(each["source"], each["target"], "none", MS_BIND)
+            make_place(Path(each["target"]), folder=Path(each["source"]).is_dir())
+            mount(each["source"], each["target"], "none", MS_BIND | MS_REC)
     for name, source in plan["pretended"].items():
         target = Path("/proc/sys", name)
         if target.exists():

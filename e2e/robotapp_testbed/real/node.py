@@ -11,7 +11,10 @@ from typing import Any
 
 import yaml
 
+from robotapp_testbed import fake_host
+from robotapp_testbed.doubles import Doubles
 from robotapp_testbed.failures import TestbedError
+from robotapp_testbed.nodes import Device
 from robotapp_testbed.process import wait_until
 from robotapp_testbed.real import cgroups, containerd, kubelet, network, prerequisites, services, sweep
 from robotapp_testbed.real.addresses import Addresses
@@ -51,6 +54,8 @@ class Description:
     name: str
     labels: Mapping[str, str] = field(default_factory=dict)
     taints: Sequence[Mapping[str, str]] = ()
+    devices: Sequence[Device] = ()
+    """Of which it has doubles, in place of the machine's own; with none the machine's are there."""
 
 
 class RealNode:
@@ -71,6 +76,8 @@ class RealNode:
         self._around = surroundings
         self._folder = surroundings.run_dir / "nodes" / self.name
         self._cgroup = surroundings.addresses.node_cgroup(self.name)
+        devices = description.devices
+        self._doubles = Doubles(self._folder / "host", devices) if devices else None
         self.box = self._make_box()
         self._programs: dict[str, Inside] = {}
 
@@ -91,6 +98,13 @@ class RealNode:
     def netns(self) -> str:
         """A path for setns(2), while the node is up."""
         return self.box.netns
+
+    @property
+    def devices(self) -> Doubles:
+        """Doubles of the devices it is declared with, to plug and unplug while it runs."""
+        if self._doubles is None:
+            raise TestbedError(f"{self.name} has the machine's devices: declare it with `devices` to have doubles")
+        return self._doubles
 
     @property
     def containerd(self) -> Inside:
@@ -138,6 +152,12 @@ class RealNode:
         for program in self._programs.values():
             program.wait(_SERVES_S)
         self._programs.clear()
+
+    def close(self) -> None:
+        """End it and what stands for its devices, for good."""
+        self.end()
+        if self._doubles:
+            self._doubles.close()
 
     # --- faults -----------------------------------------------------------------------------------------------
 
@@ -199,6 +219,7 @@ class RealNode:
                 (folder / "kubelet", kubelet.FOLDER),
                 (folder / "cni", "/var/lib/cni"),
                 (folder / "pod-logs", "/var/log/pods"),
+                *(fake_host.mounts(self._doubles.host.root) if self._doubles else ()),
             ),
             sysctls=network.NODE_SYSCTLS,
             pretended=kubelet.PRETENDED,

@@ -2,9 +2,13 @@
 
 import asyncio
 import json
+import os
 import secrets
+import subprocess
+import sys
 import urllib.request
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -20,7 +24,7 @@ from robotapp_api.values.duration import format_ms
 from robotapp_testbed import components_as_pods, product
 from robotapp_testbed.components_as_pods import round_trip
 from robotapp_testbed.namespaces import created
-from robotapp_testbed.nodes import cloud, edge, robot
+from robotapp_testbed.nodes import Device, cloud, edge, robot
 from robotapp_testbed.process import Process
 from robotapp_testbed.real import RealNodes
 from robotapp_testbed.servers import unverified
@@ -39,12 +43,17 @@ LOSS = 0.01
 TRIES = 5
 PINGS = 40
 READY_S = 120.0
+DEVICES = [
+    Device("can-can0", "can", interface="can0"),
+    Device("serial-0403-6001-a50285bi", "serial", identity="0403:6001:A50285BI"),
+]
+"""Of robot-1: doubles in its pod's /sys, /dev and /run/udev."""
 Json = dict[str, Any]
 
 
 @pytest.fixture(scope="module")
 def cluster(real_machine: type[RealNodes]) -> Iterator[RealNodes]:
-    nodes = [robot("robot-1"), edge("edge-1"), edge("edge-2", zone="hall-2"), cloud("cloud-1")]
+    nodes = [robot("robot-1", devices=DEVICES), edge("edge-1"), edge("edge-2", zone="hall-2"), cloud("cloud-1")]
     with real_machine(nodes, delays={}, images=("tools", "agent")) as cp:
         for (one, other), whole_ms in ROUND_TRIP_MS.items():
             cp.switch.set_link(one, other, delay_ms=whole_ms / 2, jitter_ms=JITTER * whole_ms / 2, loss=LOSS)
@@ -179,3 +188,45 @@ def rounds_until(cluster: RealNodes, *, since: int, answered: bool) -> int:
         return entry if entry["seq"] > since and ("p50Us" in entry) is answered else {}
 
     return int(eventually(found, what=lambda: robots_entry(cluster))["seq"]) - since
+
+
+def test_a_device_that_an_agent_finds_is_granted_shown_with_its_holder_and_absent_once_it_is_unplugged(
+    cluster: RealNodes, tenant: Tenant
+) -> None:
+    assert {each["id"]: each["present"] for each in reported(cluster, "robot-1")} == dict.fromkeys(
+        (each.id for each in DEVICES), True
+    )
+    driver = component("driver", runsOn=["Robot"], devices=[{"name": "bus", "type": "can", "interface": "can0"}])
+    robots = {"nodeSelector": {"matchLabels": {"robotics.io/robot": "robot-1"}}}
+    with pool(cluster, f"agents-{secrets.token_hex(3)}") as ids:
+        tenant.apply("holder", driver, robots=robots, ros2={"pool": ids, "discovery": {"mode": "Multicast"}})
+        tenant.wait_ready("holder", timeout_s=READY_S)
+        (row,) = [each for each in devices_command(cluster) if each["device"] == "can-can0"]
+        assert (row["node"], row["present"], row["holder"]) == ("robot-1", "yes", f"{tenant.namespace}/holder")
+        cluster.node("robot-1").devices.unplug("can-can0")
+        eventually(lambda: not present(cluster, "can-can0"), what=lambda: reported(cluster, "robot-1"))
+        (row,) = [each for each in devices_command(cluster) if each["device"] == "can-can0"]
+        assert (row["present"], row["holder"]) == ("no", f"{tenant.namespace}/holder")
+        assert present(cluster, "serial-0403-6001-a50285bi")
+        tenant.delete("holder")
+
+
+def reported(cluster: RealNodes, node: str) -> list[Json]:
+    found: list[Json] = cluster.api.get(f"{components_as_pods.TELEMETRY}/{node}")["status"]["devices"]
+    return found
+
+
+def present(cluster: RealNodes, device_id: str) -> bool:
+    (found,) = [each["present"] for each in reported(cluster, "robot-1") if each["id"] == device_id]
+    return bool(found)
+
+
+def devices_command(cluster: RealNodes) -> list[Json]:
+    """What `kubectl robotapp devices` shows."""
+    program = Path(sys.executable).parent / "kubectl-robotapp"
+    environment = {**os.environ, "KUBECONFIG": str(cluster.kubeconfig())}
+    done = subprocess.run(
+        [program, "devices", "-o", "json"], env=environment, capture_output=True, text=True, check=True
+    )
+    rows: list[Json] = json.loads(done.stdout)["devices"]
+    return rows
