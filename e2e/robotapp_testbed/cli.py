@@ -7,18 +7,20 @@ import sys
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
+from pathlib import Path
 
-from robotapp_testbed import cli_nodes, pins, product
+from robotapp_testbed import cli_nodes, components_as_pods, fleet_file, pins, product, topology
 from robotapp_testbed.assets import Assets
 from robotapp_testbed.controlplane import ControlPlane
 from robotapp_testbed.detached import Cluster, State
 from robotapp_testbed.failures import TestbedError
 from robotapp_testbed.process import cpu_seconds, rss_bytes
-from robotapp_testbed.topology import SimulatedTelemetry, apply, fleet
+from robotapp_testbed.telemetry import SimulatedTelemetry
 
 _EXAMPLES = """examples:
   python -m robotapp_testbed build                       get or compile all binaries, once (safe to interrupt)
   python -m robotapp_testbed up --install --fleet 2,2,1  a cluster with our CRDs and five simulated nodes
+  python -m robotapp_testbed up --run --fleet FILE.yaml  with operator and scheduler, and the nodes of a file
   eval "$(python -m robotapp_testbed env)"               use it from this shell
   python -m robotapp_testbed status
   python -m robotapp_testbed down
@@ -62,20 +64,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_release_option(build)
     build.set_defaults(run=_build)
 
-    up = commands.add_parser("up", help="start a cluster that stays until `down`")
-    _add_release_option(up)
-    up.add_argument("--install", action="store_true", help="apply our CRDs, default pool, RBAC and policies")
-    up.add_argument(
-        "--fleet", metavar="R,E,C", type=_numbers, help="simulated robots, edge servers and clouds, for example 2,2,1"
-    )
-    up.add_argument("--audit", action="store_true", help="keep an audit log")
-    up.add_argument(
-        "--kube-scheduler", nargs="?", const=True, default=False, metavar="FILE", help="run kube-scheduler as well"
-    )
-    cli_nodes.add_options(up)
-    up.add_argument("--hold", action="store_true", help="stay in the foreground until interrupted")
-    up.set_defaults(run=_up)
-
+    up = _add_up(commands)
     env = commands.add_parser("env", help="print the shell lines that point KUBECONFIG and PATH at the cluster")
     env.add_argument(
         "--identity", default="admin", help="whose kubeconfig: admin, operator, scheduler, labeller, tenant, tenant-b"
@@ -96,6 +85,32 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _add_up(commands: cli_nodes.Commands) -> argparse.ArgumentParser:
+    up = commands.add_parser("up", help="start a cluster that stays until `down`")
+    _add_release_option(up)
+    up.add_argument("--install", action="store_true", help="apply our CRDs, default pool, RBAC and policies")
+    up.add_argument(
+        "--run",
+        dest="programs",
+        action="store_true",
+        help="--install, and run operator and scheduler; on real nodes as pods, with agents",
+    )
+    up.add_argument(
+        "--fleet",
+        metavar="R,E,C|FILE",
+        type=_fleet,
+        help="simulated robots, edge servers and clouds, for example 2,2,1, or a YAML file that names them: docs/testbed.md",
+    )
+    up.add_argument("--audit", action="store_true", help="keep an audit log")
+    up.add_argument(
+        "--kube-scheduler", nargs="?", const=True, default=False, metavar="FILE", help="run kube-scheduler as well"
+    )
+    cli_nodes.add_options(up)
+    up.add_argument("--hold", action="store_true", help="stay in the foreground until interrupted")
+    up.set_defaults(run=_up)
+    return up
+
+
 def _add_release_option(parser: argparse.ArgumentParser) -> None:
     sources = ", ".join(pins.BASE_URLS)
     text = f"base URL of the official releases of one source ({sources}); empty: never download from it. Repeatable"
@@ -111,12 +126,14 @@ def _release_url(text: str) -> tuple[str, str]:
     return source, url
 
 
-def _numbers(text: str) -> tuple[int, int, int]:
+def _fleet(text: str) -> cli_nodes.Fleet:
+    if fleet_file.is_file(text):
+        return cli_nodes.fleet_of_file(text)
     parts = text.split(",")
     if len(parts) != 3 or not all(part.isdecimal() for part in parts):
-        raise argparse.ArgumentTypeError(f"{text!r} is not three numbers such as 2,2,1")
+        raise argparse.ArgumentTypeError(f"{text!r} is not three numbers such as 2,2,1, nor a file that ends in .yaml")
     robots, edges, clouds = map(int, parts)
-    return robots, edges, clouds
+    return cli_nodes.Fleet(text, topology.fleet(robots, edges, clouds))
 
 
 def _build(arguments: argparse.Namespace) -> int:
@@ -164,8 +181,9 @@ def _plane(arguments: argparse.Namespace, assets: Assets) -> ControlPlane:
 def _passed_on(arguments: argparse.Namespace) -> list[str]:
     """The options of `up` for the holder it starts."""
     options = [f"--release-url={source}={url}" for source, url in arguments.release_url]
-    options += [flag for flag, wanted in (("--install", arguments.install), ("--audit", arguments.audit)) if wanted]
-    options += [f"--fleet={','.join(map(str, arguments.fleet))}"] if arguments.fleet else []
+    flags = (("--install", arguments.install), ("--run", arguments.programs), ("--audit", arguments.audit))
+    options += [flag for flag, wanted in flags if wanted]
+    options += [f"--fleet={arguments.fleet.text}"] if arguments.fleet else []
     if arguments.kube_scheduler:
         options.append(
             "--kube-scheduler" if arguments.kube_scheduler is True else f"--kube-scheduler={arguments.kube_scheduler}"
@@ -174,13 +192,17 @@ def _passed_on(arguments: argparse.Namespace) -> list[str]:
 
 
 def _prepare(cp: ControlPlane, stack: ExitStack, arguments: argparse.Namespace) -> None:
-    if arguments.install:
+    if arguments.install or arguments.programs:
         product.install(cp)
     if arguments.fleet:
-        world = fleet(*arguments.fleet)
-        apply(cp, world)
-        if arguments.install:  # without our CRDs there is nowhere to write telemetry
-            stack.enter_context(SimulatedTelemetry(cp, world))
+        topology.apply(cp, arguments.fleet.nodes)
+        if arguments.install or arguments.programs:  # without our CRDs there is nowhere to write telemetry
+            stack.enter_context(SimulatedTelemetry(cp, arguments.fleet.nodes))
+    if arguments.programs and arguments.nodes:
+        components_as_pods.run(cp)
+    elif arguments.programs:
+        product.start_operator(cp)
+        product.start_scheduler(cp)
 
 
 def _env(arguments: argparse.Namespace) -> int:
@@ -193,7 +215,12 @@ def _env(arguments: argparse.Namespace) -> int:
             f"no identity {arguments.identity!r}, there are {', '.join(sorted(path.stem for path in kubeconfig.parent.iterdir()))}"
         )
     print(f"export KUBECONFIG={shlex.quote(str(kubeconfig))}")
-    print(f'export PATH={shlex.quote(f"{state.run_dir}/bin")}:"$PATH"')
+    own = Path(
+        sys.executable
+    ).parent  # kubectl-robotapp is there; last, so that no other program of the user's is hidden
+    print(f'export PATH={shlex.quote(f"{state.run_dir}/bin")}:"$PATH":{shlex.quote(str(own))}')
+    if state.scheduler_url:
+        print(f"export ROBOTAPP_SCHEDULER_URL={shlex.quote(state.scheduler_url)}")
     return 0
 
 

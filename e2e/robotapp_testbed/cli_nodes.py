@@ -1,14 +1,15 @@
 """The part of the command line that is about real nodes: options of `up`, `doctor` and `link`."""
 
 import argparse
+import itertools
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
-from robotapp_testbed import images
+from robotapp_testbed import components_as_pods, fleet_file, images
 from robotapp_testbed.assets import Assets
 from robotapp_testbed.detached import State
 from robotapp_testbed.failures import TestbedError
@@ -18,6 +19,7 @@ from robotapp_testbed.switch.control import Control
 from robotapp_testbed.switch.links import LIMITS, Link, problem_of
 from robotapp_testbed.switch.replay import Replay
 from robotapp_testbed.switch.traces import Step, Trace
+from robotapp_testbed.topology import Topology
 
 EXAMPLES = """\
   python -m robotapp_testbed doctor                      can this machine run real nodes, and what is missing
@@ -30,14 +32,37 @@ _TIERS: dict[str, Callable[[str], SimulatedNode]] = {"robot": robot, "edge": edg
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"  # noqa: SLF001 - it has no public name
 _EXPECTED_S = 4.0
 _PER_NODE_S = 0.6
+_PROGRAMS_S = 10.0
+
+
+class Fleet(NamedTuple):
+    """Nodes as they were asked for on the command line."""
+
+    text: str
+    """That says the same to the holder that `up` starts."""
+    nodes: Topology
+
+
+class Nodes(NamedTuple):
+    """Real nodes as they were asked for on the command line."""
+
+    text: str
+    nodes: Sequence[str | SimulatedNode]
+    delays: Mapping[tuple[str, str], float] = {}
+    """One-way milliseconds of those pairs that no --delay names."""
+
+    @property
+    def names(self) -> list[str]:
+        return [each if isinstance(each, str) else each.name for each in self.nodes]
 
 
 def add_options(up: argparse.ArgumentParser) -> None:
     up.add_argument(
         "--nodes",
-        metavar="NAMES|N",
-        type=_names,
-        help="real nodes: names with commas between, or how many. Names that begin with robot-, edge- or cloud- get that tier's labels",
+        metavar="NAMES|N|FILE",
+        type=_nodes,
+        help="real nodes: names with commas between, or how many, or a fleet file, whose devices and distances they get. "
+        "Names that begin with robot-, edge- or cloud- get that tier's labels",
     )
     up.add_argument(
         "--delay",
@@ -79,8 +104,8 @@ def add_replay(commands: Commands) -> argparse.ArgumentParser:
 
 def plane(arguments: argparse.Namespace, assets: Assets) -> RealNodes:
     return RealNodes(
-        [_described(name) for name in arguments.nodes],
-        delays=dict(arguments.delay),
+        arguments.nodes.nodes,
+        delays=_delays(arguments),
         images=_images(arguments),
         audit=arguments.audit,
         kube_scheduler=arguments.kube_scheduler or True,
@@ -92,7 +117,7 @@ def plane(arguments: argparse.Namespace, assets: Assets) -> RealNodes:
 def check(arguments: argparse.Namespace) -> None:
     """TestbedError for what cannot be started as it was asked for, before anything is downloaded or compiled."""
     if arguments.nodes:
-        cluster.check(arguments.nodes, arguments.delay)
+        cluster.check(arguments.nodes.names, arguments.delay)
         prerequisites.require()
         return
     idle = [option for option, given in (("--delay", arguments.delay), ("--image", arguments.image)) if given]
@@ -103,16 +128,14 @@ def check(arguments: argparse.Namespace) -> None:
 def prepare(arguments: argparse.Namespace) -> None:
     """Before a cluster is started: make what it needs while the user looks on."""
     parts.prepare(_images(arguments))
-    expected_s = _EXPECTED_S + _PER_NODE_S * len(arguments.nodes)
-    print(
-        f"starting {len(arguments.nodes)} real nodes ({', '.join(arguments.nodes)}): about {expected_s:.0f} s",
-        file=sys.stderr,
-    )
+    names = arguments.nodes.names
+    expected_s = _EXPECTED_S + _PER_NODE_S * len(names) + (_PROGRAMS_S if arguments.programs else 0)
+    print(f"starting {len(names)} real nodes ({', '.join(names)}): about {expected_s:.0f} s", file=sys.stderr)
 
 
 def passed_on(arguments: argparse.Namespace) -> list[str]:
     """The options for the holder that `up` starts."""
-    options = [f"--nodes={','.join(arguments.nodes)}"] if arguments.nodes else []
+    options = [f"--nodes={arguments.nodes.text}"] if arguments.nodes else []
     options += [f"--delay={one},{other}={delay_ms:g}" for (one, other), delay_ms in arguments.delay]
     return options + [f"--image={name}" for name in arguments.image]
 
@@ -121,9 +144,9 @@ def advice(arguments: argparse.Namespace, began_s: float) -> str:
     """What a person may want to do next."""
     command = "python -m robotapp_testbed"
     named = "" if arguments.name == "default" else f" --name {arguments.name}"
-    ends = " ".join(arguments.nodes[:2])
+    ends = " ".join(arguments.nodes.names[:2])
     return (
-        f"{len(arguments.nodes)} nodes Ready after {time.monotonic() - began_s:.1f} s. Next:\n"
+        f"{len(arguments.nodes.nodes)} nodes Ready after {time.monotonic() - began_s:.1f} s. Next:\n"
         f'  eval "$({command} env{named})"; kubectl get nodes -o wide\n'
         f"  {command} link{named} {ends} --delay-ms 15\n"
         f"  {command} down{named}"
@@ -235,12 +258,38 @@ def _set(switch: Control, arguments: argparse.Namespace, values: dict[str, float
 
 
 def _images(arguments: argparse.Namespace) -> Sequence[str]:
-    return tuple(dict.fromkeys(["tools", *arguments.image]))
+    programs = components_as_pods.IMAGES if arguments.programs else ()
+    return tuple(dict.fromkeys(["tools", *arguments.image, *programs]))
+
+
+def _delays(arguments: argparse.Namespace) -> dict[tuple[str, str], float]:
+    """Those of --delay, and of the fleet file for other pairs."""
+    given = dict(arguments.delay)
+    named = set(map(frozenset, given))
+    return {pair: ms for pair, ms in arguments.nodes.delays.items() if frozenset(pair) not in named} | given
 
 
 def _described(name: str) -> str | SimulatedNode:
     tier = _TIERS.get(name.partition("-")[0])
     return tier(name) if tier else name
+
+
+def _nodes(text: str) -> Nodes:
+    if fleet_file.is_file(text):
+        fleet = fleet_of_file(text)
+        pairs = itertools.combinations(fleet.nodes.nodes, 2)
+        return Nodes(fleet.text, list(fleet.nodes), {pair: fleet.nodes.rtt_ms(*pair) / 2 for pair in pairs})
+    names = _names(text)
+    return Nodes(",".join(names), [_described(name) for name in names])
+
+
+def fleet_of_file(text: str) -> Fleet:
+    """The nodes of a fleet file."""
+    path = Path(text).absolute()
+    try:
+        return Fleet(str(path), fleet_file.read(path))
+    except TestbedError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
 
 
 def _names(text: str) -> list[str]:

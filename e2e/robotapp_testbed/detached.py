@@ -24,7 +24,7 @@ from robotapp_testbed.failures import TestbedError
 from robotapp_testbed.process import wait_until
 
 _NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,39}")
-_UP_S = 120.0
+_UP_S = 240.0  # several real nodes with our programs as pods take minutes on a machine that has other work
 _DOWN_S = 45.0
 _LOOKED_AT_S = 1.0  # a look at the lock holds it for a moment
 _LOG_TAIL_LINES = 12
@@ -59,6 +59,8 @@ class State:
     server_url: str
     run_dir: str
     processes: dict[str, int]
+    scheduler_url: str = ""
+    """Of our scheduler where it runs as a program of this machine."""
 
     def kubeconfig(self, identity: str) -> Path:
         return Path(self.run_dir, "kubeconfigs", f"{identity}.yaml")
@@ -163,6 +165,7 @@ class Cluster:
             server_url=cp.server_url,
             run_dir=str(cp.run_dir),
             processes=cp.pids(),
+            scheduler_url=cp.process("scheduler").health_url if "scheduler" in cp.pids() else "",
         )
         partial = self._file.with_suffix(".partial")
         partial.write_text(json.dumps(asdict(state), indent=1))

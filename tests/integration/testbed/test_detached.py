@@ -1,6 +1,7 @@
 """`up`, `env`, `status`, `down` as a person uses them."""
 
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -15,6 +16,9 @@ from robotapp_testbed.assets import Assets
 from robotapp_testbed.detached import Cluster
 
 pytestmark = pytest.mark.live
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
+BUSY = "kubectl robotapp info can-rival"
 
 
 class Shell:
@@ -82,6 +86,31 @@ def test_a_cluster_stays_until_it_is_taken_down(shell: Shell) -> None:
     assert not Path(state.run_dir).exists()
     assert not any(guard.start_time(pid) for pid in [state.holder_pid, *state.processes.values()])
     assert shell.run("status").returncode == 3
+
+
+def test_the_examples_run_line_by_line_as_their_readme_has_them(shell: Shell) -> None:
+    text = (EXAMPLES / "README.md").read_text()
+    first, *lines, last = text.partition("```\n")[2].partition("```")[0].splitlines()
+    assert (first, last) == (". .venv/bin/activate", "python -m robotapp_testbed down")
+
+    def run(line: str) -> str:
+        env = {**shell.env, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+        script = ["/bin/sh", "-c", f'eval "$(python -m robotapp_testbed env 2>/dev/null)"; {line}']
+        done = subprocess.run(script, env=env, cwd=EXAMPLES.parent, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, (line, done.stdout, done.stderr)
+        return done.stdout
+
+    for line in lines:
+        output = run(line)
+        if "info can-rival" in line:
+            assert wait_until(lambda: "can-can0 on amr-07 is held by default/can-holder" in run(BUSY), timeout_s=60), (
+                output
+            )
+        if line.startswith("kubectl wait"):
+            assert "condition met" in output
+    devices = run("kubectl robotapp devices")
+    assert re.search(r"amr-07 +can-can0 +can +can0 +default/can-rival", devices), devices
+    assert "60.0 ms to amr-07 > 30 ms" in run("kubectl robotapp explain teleop")
 
 
 def test_a_killed_holder_leaves_nothing_and_up_starts_anew(shell: Shell) -> None:

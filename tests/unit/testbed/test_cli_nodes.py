@@ -24,7 +24,17 @@ def parsed(*argv: str) -> "cli_nodes.argparse.Namespace":
     ("text", "names"), [("3", ["node-1", "node-2", "node-3"]), ("robot-1,edge-1", ["robot-1", "edge-1"]), ("a", ["a"])]
 )
 def test_nodes_are_counted_or_named(text: str, names: list[str]) -> None:
-    assert parsed("--nodes", text).nodes == names
+    assert parsed("--nodes", text).nodes.names == names
+
+
+def test_real_nodes_of_a_fleet_file_get_its_devices_and_distances_unless_a_delay_is_given() -> None:
+    arguments = parsed("--nodes", "examples/fleet/factory.yaml", "--delay", "edge-1,amr-07=9")
+    assert arguments.nodes.names == ["amr-07", "amr-08", "edge-1", "edge-2", "cloud-1"]
+    delays = cli_nodes._delays(arguments)
+    assert (delays["edge-1", "amr-07"], delays["amr-07", "edge-2"], delays["amr-07", "cloud-1"]) == (9, 7.5, 30)
+    assert len(delays) == 10
+    (option,) = [each for each in cli_nodes.passed_on(arguments) if each.startswith("--nodes")]
+    assert parsed(option).nodes.nodes == arguments.nodes.nodes, "the holder reads the same file, wherever it runs"
 
 
 @pytest.mark.parametrize(
@@ -37,6 +47,8 @@ def test_nodes_are_counted_or_named(text: str, names: list[str]) -> None:
         (["--delay", "a,b=soon"], "is not A,B=MS"),
         (["--delay", "a,b=-5"], "is not A,B=MS"),
         (["--image", "pause"], "invalid choice"),
+        (["--nodes", "none.yaml"], "none.yaml cannot be read"),
+        (["--fleet", "none.yaml"], "none.yaml cannot be read"),
     ],
 )
 def test_wrong_options_are_explained(option: list[str], reason: str, capsys: pytest.CaptureFixture[str]) -> None:
