@@ -3,7 +3,8 @@
 - The value of a pair is the worse of its two directions.
 - A pair of which no probe was answered is unreachable: its time is infinite, so it exceeds every budget.
 - A reading is as old as its round (`seq`): it is unknown when three of its periods have passed since the reader first received
-  that round, at the latest after a day. A period is `intervalSeconds` times `everyRounds`. Writing the same round again does not refresh a reading.
+  that round, at the latest after a day. A period is `intervalSeconds` times `everyRounds`. Writing the same round again does not refresh a reading,
+  nor do two programs that write one status in turn, each always the same round.
 """
 
 from collections.abc import Hashable, Iterable, Mapping
@@ -85,6 +86,15 @@ class _Report(NamedTuple):
     since_s: float = 0.0
     """When the round of the status as a whole was first received."""
     interval_s: float = INTERVAL_S
+    before: Mapping[Hashable, float] = {}
+    """`seen` of the latest report that named other rounds."""
+
+    def first_s(self, mark: Hashable, now_s: float) -> float:
+        """When this round was first received, `now_s` for one that is new."""
+        known = self.seen.get(mark)
+        if known is None and isinstance(mark, int):  # equal figures without a number may well be measured again
+            known = self.before.get(mark)
+        return now_s if known is None else known
 
 
 _NOTHING: Final = _Report({}, {}, {})
@@ -106,7 +116,7 @@ class RoundTrips:
         """Take in a node's status. Returns the peers to which its times are others than before."""
         old = self._reports.get(node, _NOTHING)
         interval_s = min(interval_s or INTERVAL_S, LONGEST_INTERVAL_S)
-        since_s = now_s if seq is None else old.seen.get(seq, now_s)
+        since_s = now_s if seq is None else old.first_s(seq, now_s)
         seen: dict[Hashable, float] = {} if seq is None else {seq: since_s}
         live: dict[str, Figures] = {}
         spans: dict[str, _Span] = {}
@@ -119,14 +129,15 @@ class RoundTrips:
             rounds = min(entry.every_rounds or 1, MOST_ROUNDS)
             span = shared.get((mark, rounds))
             if span is None:
-                first_s = seen.setdefault(mark, old.seen.get(mark, now_s))
+                first_s = seen.setdefault(mark, old.first_s(mark, now_s))
                 kept_s = min(PERIODS_KEPT * interval_s * rounds, LONGEST_S)
                 span = shared[mark, rounds] = _Span(first_s, first_s + kept_s)
             if span.end_s > now_s:
                 live[entry.peer] = figures
                 spans[entry.peer] = span
         next_s = min((span.end_s for span in spans.values()), default=_NEVER_S)
-        return self._replace(node, old, _Report(live, spans, seen, next_s, since_s, interval_s))
+        before = old.before if old.seen.keys() == seen.keys() else old.seen
+        return self._replace(node, old, _Report(live, spans, seen, next_s, since_s, interval_s, before))
 
     def drop(self, node: str) -> frozenset[str]:
         """The node's object is gone. Returns the peers to which its times were known."""

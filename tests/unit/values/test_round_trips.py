@@ -103,6 +103,24 @@ def test_other_figures_in_a_round_that_was_seen_do_not_make_it_younger() -> None
     assert trips.between("a", "b") is None
 
 
+def test_two_writers_of_one_status_that_have_stopped_measuring_do_not_keep_each_other_young() -> None:
+    trips = RoundTrips()
+    for step in range(5):
+        for seq in (3, 3, 9) if step % 2 else (3, 9, 9):
+            received(trips, "a", entry("b", float(seq)), seq=seq, now_s=10.0 * step)
+    assert trips.reported("a") == {}
+    assert trips.silent_from_s("a") == 30
+    received(trips, "a", entry("b"), seq=10, now_s=50)
+    assert trips.reported("a").keys() == {"b"}, "the first new round counts again"
+
+
+def test_figures_without_a_number_that_come_back_were_measured_again() -> None:
+    trips = RoundTrips()
+    for step in range(8):
+        received(trips, "a", entry("b", 5.0 + step % 2), now_s=10.0 * step)
+    assert trips.reported("a").keys() == {"b"}
+
+
 def test_an_agent_that_starts_again_is_believed_at_once() -> None:
     trips = RoundTrips()
     received(trips, "a", entry("b"), seq=900)
