@@ -17,9 +17,10 @@ from robotapp_agent.labeller.wanted import Wanted, free_of, keys_of_causes
 from robotapp_api.client.api import ApiClient
 from robotapp_api.client.backoff import Backoff
 from robotapp_api.client.errors import ClientError, Conflict
+from robotapp_api.client.events import EventRecorder, reference
 from robotapp_api.client.reflector import Change, Reflector
 from robotapp_api.client.resources import NODES, NODETELEMETRIES
-from robotapp_api.model.names import HARDWARE_PREFIX
+from robotapp_api.model.names import HARDWARE_PREFIX, EventReason
 
 log = logging.getLogger(__name__)
 
@@ -70,10 +71,11 @@ class _State:
 
 
 class Labeller:
-    """`client` writes, `heads` watches the metadata of nodes."""
+    """`client` writes, `heads` watches the metadata of nodes. Labels that others have set are told as events of their node."""
 
-    def __init__(self, client: ApiClient, heads: ApiClient, *, kept_s: float) -> None:
+    def __init__(self, client: ApiClient, heads: ApiClient, *, recorder: EventRecorder, kept_s: float) -> None:
         self._client = client
+        self._recorder = recorder
         self._kept_s = kept_s
         self._telemetry = Reflector(client, NODETELEMETRIES, as_type=Telemetry, on_change=self._on_telemetry)
         self._nodes = Reflector(heads, NODES, as_type=Node, on_change=self._on_node)
@@ -166,13 +168,19 @@ class Labeller:
         for key in keys:
             value = node.hardware.get(key, "")
             if state.taken.get(key) != value:
-                log.warning(
-                    "label %s=%s of node %s was set by somebody else and stays; the node's devices say %s. "
-                    "To have it follow them, remove it: kubectl label node %s %s-",
-                    *(key, value, name, labels[key], name, key),
-                )
+                self._tell_taken(node, key, value, wanted=labels[key])
             state.taken[key] = value
         self._wake(name, in_s=AGAIN_S if keys else state.backoff.next_s())
+
+    def _tell_taken(self, node: Node, key: str, value: str, *, wanted: str) -> None:
+        name = node.metadata.name
+        text = (
+            f"label {key}={value} of node {name} was set by somebody else and stays; the node's devices say {wanted}. "
+            f"To have it follow them, remove it: kubectl label node {name} {key}-"
+        )
+        log.warning("%s", text)
+        about = reference(api_version="v1", kind="Node", name=name, uid=node.metadata.uid)
+        self._recorder.event(about, reason=EventReason.LABEL_TAKEN, note=text, action="Label", warning=True)
 
 
 def _differs(state: _State, node: Node, labels: dict[str, str]) -> bool:

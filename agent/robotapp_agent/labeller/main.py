@@ -3,16 +3,19 @@
 import argparse
 import asyncio
 import contextlib
+import os
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Coroutine, Sequence
 from pathlib import Path
+from typing import Any
 
 from robotapp_agent.labeller.labeller import MANAGER, Labeller
 from robotapp_agent.labeller.wanted import KEPT_S
 from robotapp_agent.process import logs
 from robotapp_api.client.api import ApiClient
 from robotapp_api.client.errors import LoginError
+from robotapp_api.client.events import EventRecorder
 from robotapp_api.client.login import Endpoint, load
 from robotapp_api.client.metadata import MetadataTransport
 
@@ -36,11 +39,19 @@ async def _run(endpoint: Endpoint, *, kept_s: float) -> None:
         ApiClient(endpoint, user_agent=MANAGER, field_manager=MANAGER, max_connections=4) as client,
         ApiClient(endpoint, user_agent=MANAGER, transport=heads) as watcher,
     ):
-        work = asyncio.create_task(Labeller(client, watcher, kept_s=kept_s).run())
+        recorder = EventRecorder(client, controller=MANAGER, instance=os.environ.get("HOSTNAME", MANAGER))
+        labeller = Labeller(client, watcher, recorder=recorder, kept_s=kept_s)
+        work = asyncio.create_task(_together(labeller.run(), recorder.run()))
         for number in (signal.SIGTERM, signal.SIGINT):
             asyncio.get_running_loop().add_signal_handler(number, work.cancel)
         with contextlib.suppress(asyncio.CancelledError):
             await work
+
+
+async def _together(*parts: Coroutine[Any, Any, None]) -> None:
+    async with asyncio.TaskGroup() as group:
+        for part in parts:
+            group.create_task(part)
 
 
 def parse(argv: Sequence[str] | None = None) -> argparse.Namespace:

@@ -243,6 +243,7 @@ class EventReason(StrEnum):
     PLUGIN_NOT_ASKED = "PluginNotAsked"
     PREEMPTED = "Preempted"
     KUBELET_REJECTED = "KubeletRejected"
+    LABEL_TAKEN = "LabelTaken"
 
 
 class PodReason(StrEnum):

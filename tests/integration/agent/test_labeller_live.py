@@ -85,7 +85,7 @@ def test_labels_come_with_the_devices_and_go_after_them(
     assert labeller.running
 
 
-def test_a_label_that_an_admin_has_set_stays_and_the_log_tells_it(
+def test_a_label_that_an_admin_has_set_stays_and_an_event_of_the_node_tells_it(
     installed_plane: ControlPlane, node: str, labeller: Process
 ) -> None:
     installed_plane.kubectl("label", "node", node, f"{PREFIX}serial=by-hand", f"{PREFIX}gpu=big")
@@ -93,7 +93,7 @@ def test_a_label_that_an_admin_has_set_stays_and_the_log_tells_it(
     wanted = {**OF_BOTH, "serial": "by-hand", "gpu": "big"}
     eventually(lambda: labels(installed_plane, node) == wanted, what=lambda: labels(installed_plane, node))
     told = f"label {PREFIX}serial=by-hand of node {node} was set by somebody else and stays"
-    eventually(lambda: told in labeller.log_path.read_text(), what=labeller.log_path.read_text)
+    eventually(lambda: told in installed_plane.kubectl("describe", "node", node), what=labeller.log_path.read_text)
     report(installed_plane, node)
     left = {"serial": "by-hand", "gpu": "big"}
     eventually(lambda: labels(installed_plane, node) == left, what=lambda: labels(installed_plane, node))

@@ -12,6 +12,7 @@ from tests.support.clients import client_for, until
 
 from robotapp_agent.labeller.labeller import MANAGER, Labeller
 from robotapp_api.client import ApiClient
+from robotapp_api.client.events import EventRecorder
 from robotapp_api.client.resources import NODES, NODETELEMETRIES
 
 PREFIX = "hardware.robotics.io/"
@@ -59,7 +60,8 @@ async def place() -> AsyncIterator[Place]:
 @contextlib.asynccontextmanager
 async def labelling(place: Place, *, kept_s: float = 0.0) -> AsyncIterator[None]:
     async with client_for(place.api.endpoint, field_manager=MANAGER) as client:
-        task = asyncio.create_task(Labeller(client, client, kept_s=kept_s).run())
+        recorder = EventRecorder(client, controller=MANAGER, instance="test")  # not run: what it writes has a live test
+        task = asyncio.create_task(Labeller(client, client, recorder=recorder, kept_s=kept_s).run())
         await until(lambda: place.api.watching >= 2)
         yield
         task.cancel()
