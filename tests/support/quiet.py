@@ -29,7 +29,7 @@ def writes_since(cp: ControlPlane, since: datetime, *, namespace: str = "") -> l
     return [
         record
         for record in audit.writes(cp.audit())
-        if record["user"]["username"].rpartition(":")[2] in _OURS
+        if record["user"].get("username", "").rpartition(":")[2] in _OURS
         and record["objectRef"]["resource"] not in _BY_THE_CLOCK
         and namespace in ("", record["objectRef"].get("namespace"))
         and datetime.fromisoformat(record["requestReceivedTimestamp"]) >= since
@@ -42,9 +42,9 @@ def refused_since(cp: ControlPlane, since: datetime) -> set[str]:
     A 403 for another reason (a namespace that is being deleted, a quota) is not among them.
     """
     return {
-        f"{record['user']['username'].rpartition(':')[2]} {record['verb']} {record['requestURI'].partition('?')[0]}"
+        f"{record['user'].get('username', '').rpartition(':')[2]} {record['verb']} {record['requestURI'].partition('?')[0]}"
         for record in cp.audit()
-        if record["user"]["username"].rpartition(":")[2] in _OURS
+        if record["user"].get("username", "").rpartition(":")[2] in _OURS
         and record.get("annotations", {}).get("authorization.k8s.io/decision") == "forbid"
         and datetime.fromisoformat(record["requestReceivedTimestamp"]) >= since
     }
@@ -78,5 +78,5 @@ def by_object(records: Iterable[Mapping[str, Any]]) -> Counter[str]:
 def _shown(record: Mapping[str, Any]) -> str:
     ref = record["objectRef"]
     kind = "/".join(part for part in (ref["resource"], ref.get("subresource", "")) if part)
-    user = record["user"]["username"].rpartition(":")[2]
+    user = record["user"].get("username", "").rpartition(":")[2]
     return f"{user} {record['verb']} {kind} {ref.get('namespace', '')}/{ref.get('name', '')}"
