@@ -6,7 +6,8 @@ by then (`DM7` of the claim model).
 """
 
 from collections.abc import Iterable
-from typing import Any
+from datetime import datetime, timedelta
+from typing import Final
 
 from robotapp_api.claims.objects import Claim, Pod
 from robotapp_api.client.apply import STRATEGIC
@@ -15,13 +16,16 @@ from robotapp_api.client.errors import Conflict, NotFound
 from robotapp_api.client.resources import PODS
 from robotapp_api.client.times import Now, utc_now, whole_seconds
 
+SECOND: Final = timedelta(seconds=1)
+
 
 async def give_back(client: Api, pod: Pod, claims: Iterable[Claim], *, now: Now = utc_now) -> int:
-    """How many of the pod's device claims were given back. pod and claims: as read before, in any order.
+    """How many of the pod's device claims were given back. pod and claims: as read before, in any order; without claims nothing is written.
 
     A pod that changed meanwhile keeps everything, perhaps it was bound; a claim that changed stays. Raises ApiError or Unreachable; what was not given back is found again.
     """
-    if pod.spec.node_name or not await _fence(client, pod, now=now):
+    claims = tuple(claims)
+    if not claims or pod.spec.node_name or not await _fence(client, pod, now=now):
         return 0
     count = 0
     for claim in claims:
@@ -34,22 +38,27 @@ async def give_back(client: Api, pod: Pod, claims: Iterable[Claim], *, now: Now 
 
 
 async def _fence(client: Api, pod: Pod, *, now: Now) -> bool:
-    """Whether the pod's version has moved away from the one that was read. What the pod says of itself stays."""
+    """Whether the pod's version has moved away from the one that was read. The condition's reason and message stay.
+
+    `lastProbeTime` has whole seconds, and a write that changes nothing keeps the version. Of two different seconds one
+    differs from the stored one, so the second write moves the version where the first did not.
+    """
+    probed = now()
+    try:
+        return await _write_probe_time(client, pod, probed) or await _write_probe_time(client, pod, probed + SECOND)
+    except (Conflict, NotFound):
+        return False
+
+
+async def _write_probe_time(client: Api, pod: Pod, moment: datetime) -> bool:
+    """Whether writing `moment` changed the pod. Raises Conflict or NotFound where the pod is not as it was read."""
     meta = pod.metadata
-    condition: dict[str, Any] = {
-        "type": "PodScheduled",
-        "status": "False",
-        "lastProbeTime": whole_seconds(now()),
-    }
+    condition = {"type": "PodScheduled", "status": "False", "lastProbeTime": whole_seconds(moment)}
     patch = {
         "metadata": {"uid": meta.uid, "resourceVersion": meta.resource_version},
         "status": {"conditions": [condition]},
     }
-    try:
-        answer = await client.patch(
-            PODS, meta.name, patch, namespace=meta.namespace, subresource="status", content_type=STRATEGIC
-        )
-    except (Conflict, NotFound):
-        return False
-    version: str = answer["metadata"]["resourceVersion"]
-    return version != meta.resource_version  # a write that changes nothing fences nothing
+    answer = await client.patch(
+        PODS, meta.name, patch, namespace=meta.namespace, subresource="status", content_type=STRATEGIC
+    )
+    return bool(answer["metadata"]["resourceVersion"] != meta.resource_version)

@@ -8,7 +8,6 @@ import asyncio
 import logging
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from datetime import datetime, timedelta
 from enum import StrEnum
 from typing import Final
 
@@ -29,7 +28,6 @@ from robotapp_api.client.errors import ClientError
 from robotapp_api.client.giving_back import give_back
 from robotapp_api.client.resources import DOMAINPOOLS, PODS
 from robotapp_api.client.sweep_view import find
-from robotapp_api.client.times import utc_now
 from robotapp_api.model.names import GRANTED_PREFIX, Label, PodReason, Reason
 from robotapp_scheduler.core.devices import DeviceGrant
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo
@@ -144,8 +142,7 @@ class Reserver:
             return Reserved(Readiness.GONE)
         sharing, found = await self._devices(pod, node, wanted)
         if not found.ok:
-            if found.in_vain:
-                await self._give_back(stored, found.in_vain)
+            await give_back(self._client, stored, found.in_vain)
             return Reserved(Readiness.BUSY, reason=found.reason, message=found.message)
         number: int | None = None
         if domain:
@@ -154,7 +151,7 @@ class Reserver:
             if not outcome.held:
                 # Others may use them meanwhile, even who holds the domain and waits for one of these devices.
                 held = {claim.name: claim for claim in (*sharing.claims, *found.claims)}
-                await self._give_back(stored, held.values())
+                await give_back(self._client, stored, held.values())
                 return Reserved(Readiness.WAIT, reason=_no_domain(outcome), message=outcome.message)
             number = outcome.id
         version = stored.metadata.resource_version
@@ -174,14 +171,9 @@ class Reserver:
         try:
             stored = await self._stored(pod)
             if stored is not None:
-                await self._give_back(stored, reserved.sharing.claims)
+                await give_back(self._client, stored, reserved.sharing.claims)
         except ClientError as error:
             log.info("claims of a shared device are left to the sweep: %s", error)
-
-    async def _give_back(self, stored: ClaimPod, claims: Collection[Claim]) -> None:
-        """The fence writes a time in whole seconds: the second one of a second would change nothing, and so give nothing back."""
-        if claims and not await give_back(self._client, stored, claims):
-            await give_back(self._client, stored, claims, now=_next_second)
 
     async def _full(self, pod: PodInfo, wish: str) -> DomainOutcome | None:
         """Why trying is no use: the cache shows every id in other hands. Pods that wait for a full pool cost the server nothing."""
@@ -287,10 +279,6 @@ def thing(grant: DeviceGrant) -> Chosen:
 def _no_domain(outcome: DomainOutcome) -> PodReason:
     """Waiting helps where another holder may leave; where the number itself is refused, the annotation has to change."""
     return PodReason.INVALID_ANNOTATION if outcome.reason is Reason.INVALID_SPEC else PodReason.WAITING_FOR_DOMAIN
-
-
-def _next_second() -> datetime:
-    return utc_now() + timedelta(seconds=1)
 
 
 def _error(error: ClientError) -> Reserved:

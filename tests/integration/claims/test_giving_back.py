@@ -1,5 +1,7 @@
 """F4 on the real API server, with the scheduler's rights: fence, then release."""
 
+from datetime import UTC, datetime
+
 import msgspec
 import pytest
 from tests.support.claims_live import Live
@@ -7,6 +9,7 @@ from tests.support.clients import FakeTime
 
 from robotapp_api.claims.device import chosen
 from robotapp_api.claims.objects import Pod
+from robotapp_api.client.apply import STRATEGIC
 from robotapp_api.client.device_claims import reserve_devices
 from robotapp_api.client.errors import Conflict
 from robotapp_api.client.giving_back import give_back
@@ -50,6 +53,34 @@ async def test_a_waiting_pod_gives_back_what_it_has_in_vain_and_a_bind_decided_b
     stored = await place.admin.get(PODS, "waits", namespace=place.namespace)
     (condition,) = [item for item in stored["status"]["conditions"] if item["type"] == "PodScheduled"]
     assert condition["status"] == "False"
+
+
+async def test_a_pod_tried_twice_in_a_second_gives_back_each_time_and_still_shows_why_it_waits(place: Live) -> None:
+    request = await place.make_app()
+    body = await place.make_pod("waits", request.holder)
+    told = {
+        "type": "PodScheduled",
+        "status": "False",
+        "reason": "DeviceBusy",
+        "message": "lidar is held by another pod",
+    }
+    await place.scheduler.patch(
+        PODS,
+        "waits",
+        {"status": {"conditions": [told]}},
+        namespace=place.namespace,
+        subresource="status",
+        content_type=STRATEGIC,
+    )
+    moment = datetime.now(UTC)
+    for _ in range(3):
+        assert (await place.reserve(body["metadata"]["uid"], place.driver(request))).ok
+        pod = await place.admin.get(PODS, "waits", namespace=place.namespace, as_type=Pod)
+        assert await give_back(place.scheduler, pod, await place.claims(), now=lambda: moment) == 1
+        assert await place.claims() == []
+    stored = await place.admin.get(PODS, "waits", namespace=place.namespace)
+    (condition,) = [item for item in stored["status"]["conditions"] if item["type"] == "PodScheduled"]
+    assert {key: condition[key] for key in told} == told
 
 
 async def test_the_schedulers_sweep_takes_a_device_from_a_pod_nobody_tries_to_place(place: Live) -> None:

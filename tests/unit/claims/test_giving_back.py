@@ -1,6 +1,6 @@
 """F4: a pod that waits gives devices back; fence first, then the claims as they were read."""
 
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 
 import msgspec
 import pytest
@@ -83,12 +83,31 @@ async def test_a_claim_that_was_adopted_meanwhile_stays() -> None:
     assert world.held() == ["can-a"]
 
 
-async def test_a_write_that_changed_nothing_is_no_fence() -> None:
+async def test_a_second_time_in_the_same_second_is_a_fence_too() -> None:
     world = World()
-    await world.reserve("can-a")
-    assert await give_back(world.store.client(), world.pod(), (), now=now) == 0
-    assert await give_back(world.store.client(), world.pod(), world.claims(), now=now) == 0
-    assert world.held() == ["can-a"]
+    for _ in range(3):
+        await world.reserve("can-a")
+        before = world.pod().metadata.resource_version
+        assert await give_back(world.store.client(), world.pod(), world.claims(), now=now) == 1
+        assert world.pod().metadata.resource_version != before
+    assert world.held() == []
+
+
+async def test_a_write_that_changed_nothing_is_no_fence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robotapp_api.client.giving_back.SECOND", timedelta())
+    world = World()
+    await world.reserve("can-a", "can-b")
+    first, second = world.claims()
+    assert await give_back(world.store.client(), world.pod(), (first,), now=now) == 1
+    assert await give_back(world.store.client(), world.pod(), (second,), now=now) == 0
+    assert world.held() == ["can-b"]
+
+
+async def test_without_claims_the_pod_is_left_alone() -> None:
+    world = World()
+    before = world.pod()
+    assert await give_back(world.store.client(), before, (), now=now) == 0
+    assert world.pod() == before
 
 
 @pytest.mark.parametrize("bare", [True, False])
