@@ -151,7 +151,7 @@ class World:
         async def sweep(client: Client) -> None:
             nonlocal sweeper
             if sweeper is None:
-                sweeper = Sweeper(client, clock=lambda: self.now, at_once=1)  # a gate is for one request
+                sweeper = Sweeper(client, clock=lambda: self.now, limit=1)  # a gate is for one request
             await sweeper.sweep_once()
 
         return sweep

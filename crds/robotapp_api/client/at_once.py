@@ -1,7 +1,7 @@
 """Requests that do not depend on each other, some at a time."""
 
 import asyncio
-from collections.abc import Awaitable, Callable, Iterable
+from collections.abc import Awaitable, Callable, Collection
 from typing import Final, TypeVar
 
 T = TypeVar("T")
@@ -10,14 +10,35 @@ AT_ONCE: Final = 16
 """One caller must not take all connections: others ask as well."""
 
 
-async def at_once(call: Callable[[T], Awaitable[R]], items: Iterable[T], *, limit: int = AT_ONCE) -> list[R]:
-    """The answers in the order of `items`. All requests come to their end; then the first error, if any, is raised."""
-    turn = asyncio.Semaphore(limit)
+async def at_once(
+    call: Callable[[T], Awaitable[R]], items: Collection[T], *, limit: int = AT_ONCE, error_ends: bool = False
+) -> list[R]:
+    """The answers in the order of `items`; else the first error is raised, when nothing is under way any more.
 
-    async def one(item: T) -> R:
-        async with turn:
-            return await call(item)
+    error_ends: an error cancels the requests under way and begins no other, for callers whose errors stand in the way of every
+    request, so that the rest would wait for one time limit after the other. Without it every request comes to its end,
+    for callers whose requests write: they know of each whether it was written.
+    """
+    answers: dict[int, R] = {}
+    errors: dict[int, Exception] = {}
+    left = enumerate(items)
 
-    tasks = [asyncio.ensure_future(one(item)) for item in items]
-    await asyncio.gather(*tasks, return_exceptions=True)
-    return [task.result() for task in tasks]
+    async def take_turns() -> None:
+        for index, item in left:
+            try:
+                answers[index] = await call(item)
+            except Exception as error:
+                if error_ends:
+                    raise
+                errors[index] = error
+
+    workers = [asyncio.create_task(take_turns()) for _ in range(min(limit, len(items)))]
+    try:
+        await asyncio.gather(*workers)
+    finally:
+        for worker in workers:
+            worker.cancel()
+        await asyncio.gather(*workers, return_exceptions=True)
+    if errors:
+        raise errors[min(errors)]
+    return [answers[index] for index in range(len(answers))]

@@ -8,7 +8,7 @@ import asyncio
 import logging
 import time
 from collections import Counter
-from collections.abc import Callable, Collection, Coroutine, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from functools import partial
 from typing import Final
 
@@ -18,6 +18,7 @@ from robotapp_api.claims.device import PodUse, pod_use, release_device, wants_de
 from robotapp_api.claims.objects import Claim, Pod
 from robotapp_api.claims.release import Release, pod_lost, release_domain
 from robotapp_api.claims.repair import ClaimConflict
+from robotapp_api.client.at_once import at_once
 from robotapp_api.client.claim_errors import Troubles
 from robotapp_api.client.claim_repair import repair
 from robotapp_api.client.claim_usage import used, used_elsewhere
@@ -35,7 +36,7 @@ PENDING_S: Final = 60.0
 """For the scheduler's sweep."""
 PAUSE_S: Final = 0.1
 """Least time between passes: a burst of deletions is one pass."""
-AT_ONCE: Final = 8
+LIMIT: Final = 8
 """Claims that are looked after side by side: one after the other, a few hundred would take longer than anybody's quarantine."""
 DUTY: Final = 4.0
 """A pass is followed by a pause of this many times its length, so that a storm costs a fifth of the time at most.
@@ -85,7 +86,7 @@ class Sweeper:
     namespaces: sweep only holders there (a namespaced operator); None sweeps all. Without the right to list workloads
     everywhere such a sweep gives no domain of an app back: apps elsewhere may share it. granted_pods: bare pods with grants,
     from a cache, to be repaired. on_conflicts gets, after each pass, all things with two users. counts: writes and passes by kind.
-    at_once: claims under way at a time; each is decided on what this pass has read, whatever becomes of the others.
+    limit: claims under way at a time; each is decided on what this pass has read, whatever becomes of the others.
     """
 
     def __init__(
@@ -99,7 +100,7 @@ class Sweeper:
         granted_pods: Callable[[], Iterable[Pod]] = tuple,
         on_conflicts: Callable[[Sequence[ClaimConflict]], None] | None = None,
         clock: Callable[[], float] = time.monotonic,
-        at_once: int = AT_ONCE,
+        limit: int = LIMIT,
     ) -> None:
         self.counts: Counter[str] = Counter()
         self._client = client
@@ -110,7 +111,7 @@ class Sweeper:
         self._granted_pods = granted_pods
         self._on_conflicts = on_conflicts or (lambda _: None)
         self._clock = clock
-        self._at_once = at_once
+        self._limit = limit
         self._rests = Rests(clock)
         self._whereabouts = Whereabouts(client, clock, self.counts)
         self._woken = asyncio.Event()
@@ -150,21 +151,19 @@ class Sweeper:
         self._rests.start_pass(view.claims)
         self._whereabouts.start_pass(view.claims)
         troubles = Troubles(self.counts)
-        left = iter(view.claims)
-        await together(partial(self._treat, view, left, troubles) for _ in range(self._at_once))
+        await at_once(partial(self._treat, view, troubles), view.claims, limit=self._limit, error_ends=True)
         conflicts = await repair(view, [*view.pods.values(), *self._granted_pods()], self.counts, troubles)
         troubles.tell()
         self.counts["passes"] += 1
         self._on_conflicts(conflicts)
 
-    async def _treat(self, view: View, claims: Iterator[Claim], troubles: Troubles) -> None:
-        """Decide about one claim after the other, and do it."""
-        for claim in claims:
-            with troubles.of(claim.name):
-                decision = await self._decide(view, claim)
-                await self._act(view, claim, decision)
-                if decision is Release.KEEP and claim.standing:
-                    await self._whereabouts.follow(view, claim)
+    async def _treat(self, view: View, troubles: Troubles, claim: Claim) -> None:
+        """Decide about one claim, and do it."""
+        with troubles.of(claim.name):
+            decision = await self._decide(view, claim)
+            await self._act(view, claim, decision)
+            if decision is Release.KEEP and claim.standing:
+                await self._whereabouts.follow(view, claim)
 
     async def _decide(self, view: View, claim: Claim) -> Release:
         if not claim.holder.is_app:
@@ -241,14 +240,3 @@ class Sweeper:
 def pause_s(length_s: float, *, period_s: float) -> float:
     """How long nothing is looked at after a pass of this length, whatever happens."""
     return max(PAUSE_S, min(DUTY * length_s, period_s))
-
-
-async def together(works: Iterable[Callable[[], Coroutine[None, None, None]]]) -> None:
-    """Run all at once. The first error ends the others and is raised as it is."""
-    tasks = [asyncio.create_task(work()) for work in works]
-    try:
-        await asyncio.gather(*tasks)
-    finally:
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)

@@ -196,8 +196,8 @@ async def test_claims_are_looked_after_side_by_side_and_one_that_takes_long_hold
     assert world.phase(slow) == "Draining"
 
 
-@pytest.mark.parametrize("at_once", [1, 8])
-async def test_no_answer_ends_the_pass_as_it_is_and_leaves_nothing_running(at_once: int) -> None:
+@pytest.mark.parametrize("limit", [1, 8])
+async def test_no_answer_ends_the_pass_as_it_is_and_leaves_nothing_running(limit: int) -> None:
     world = World()
     for n in range(3):
         await abandoned(world, f"app-{n}")
@@ -207,5 +207,5 @@ async def test_no_answer_ends_the_pass_as_it_is_and_leaves_nothing_running(at_on
             raise Unreachable("gone", maybe_applied=False)
 
     with pytest.raises(Unreachable):
-        await Sweeper(world.store.client(before=gate), at_once=at_once).sweep_once()
+        await Sweeper(world.store.client(before=gate), limit=limit).sweep_once()
     assert len(asyncio.all_tasks()) == 1
