@@ -7,7 +7,7 @@ from typing import Any
 from robotapp_api.claims.identity import domain_literal
 from robotapp_api.claims.objects import ROS_DOMAIN_ID
 from robotapp_api.model.names import Annotation, Label
-from robotapp_operator.plan.children import DEPLOYMENT, SERVICE, Child, spec_hash
+from robotapp_operator.plan.children import DEPLOYMENT, SERVICE, Child
 from robotapp_operator.plan.compare import covers
 from robotapp_operator.plan.deployments import component_deployments
 from robotapp_operator.plan.infrastructure import infrastructure
@@ -136,7 +136,7 @@ def is_held(app: App, child: Child, over: Observed, version: str) -> bool:
         same = over.metadata.annotations.get(Annotation.APP_GENERATION) == str(app.generation)
     else:
         # Not the generation: an edit of another component moves that, and not this child's annotation.
-        same = marked == spec_hash(app, child.labels.get(Label.COMPONENT, ""))
+        same = marked == app.spec_hashes[child.component]
     return same and _inputs(over.spec) == _inputs(child.spec)
 
 
@@ -158,7 +158,7 @@ def _containers(spec: Mapping[str, object]) -> Sequence[Mapping[str, Any]]:
 
 
 def _inputs(spec: Mapping[str, object]) -> tuple[object, ...]:
-    """What comes from outside the spec, and what `spec_hash` leaves out."""
+    """What comes from outside the spec, and what `App.spec_hashes` leaves out."""
     template = spec.get("template")
     metadata = template.get("metadata") if isinstance(template, Mapping) else None
     annotations = (metadata.get("annotations") if isinstance(metadata, Mapping) else None) or {}

@@ -26,12 +26,17 @@ class Child:
     def hash(self) -> str:
         return content_hash([self.labels, self.spec])
 
+    @property
+    def component(self) -> str:
+        """The component's name, empty for the instance's infrastructure."""
+        return self.labels.get(Label.COMPONENT, "")
+
     def body(self, app: App, *, version: str) -> dict[str, Any]:
         """The object to write: complete, with owner, hash and the operator version that rendered it."""
         ours = {
             Annotation.RENDERED_BY.value: version,
             Annotation.APP_GENERATION.value: str(app.generation),
-            Annotation.SPEC_HASH.value: spec_hash(app, self.labels.get(Label.COMPONENT, "")),
+            Annotation.SPEC_HASH.value: app.spec_hashes[self.component],
             Annotation.CONTENT_HASH.value: self.hash,
         }
         return {
@@ -46,27 +51,6 @@ class Child:
             },
             "spec": self.spec,
         }
-
-
-def spec_hash(app: App, component: str) -> str:
-    """Hash of what the user wrote for a component, or with "" for the instance's infrastructure.
-
-    Other versions compute the same one: defaults are left out, so a field that a newer schema adds changes nothing until
-    it is used. Also left out is what every version carries out in templates of a newer one (`newer`), and what no
-    template depends on.
-    """
-    left_out: Any = {
-        "suspend": True,
-        "update": True,
-        "edges": True,
-        "ros2": {"domain", "pool", "share_with"},
-        "components": {"__all__": {"image", "replicas"}},
-    }
-    body = app.spec.model_dump(mode="json", exclude_defaults=True, exclude=left_out)
-    if component:
-        parts = body["components"]
-        body["components"] = [part if part["name"] == component else part["name"] for part in parts]
-    return content_hash(body)
 
 
 def owner_reference(app: App) -> dict[str, Any]:

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 from robotapp_api.claims.identity import domain_literal
 from robotapp_api.claims.objects import ROS_DOMAIN_ID
-from robotapp_api.model.names import WAITING_STEP, Annotation, Label
-from robotapp_operator.plan.children import DEPLOYMENT, Child, spec_hash
+from robotapp_api.model.names import WAITING_STEP, Annotation
+from robotapp_operator.plan.children import DEPLOYMENT, Child
 from robotapp_operator.plan.objects import Deployment, Service
 from robotapp_operator.plan.versions import is_newer
 from robotapp_operator.plan.wish import App
@@ -63,7 +63,7 @@ def amend(app: App, child: Child, over: Deployment | Service) -> Amendment:
 def _set_replicas(spec: dict[str, Any], child: Child) -> None:
     """Of infrastructure only whether it runs: how many servers there are is the renderer's business."""
     have, wanted = spec.get("replicas", 1), child.spec["replicas"]
-    if have == wanted or (_component(child) == "" and have and wanted):
+    if have == wanted or (child.component == "" and have and wanted):
         return
     spec["replicas"] = wanted
     if (spec.get("strategy") or {}).get("type") != child.spec["strategy"]["type"]:
@@ -72,7 +72,7 @@ def _set_replicas(spec: dict[str, Any], child: Child) -> None:
 
 def _set_image(spec: dict[str, Any], child: Child) -> None:
     """The component's container, and the init step that runs in the same image."""
-    name = _component(child)
+    name = child.component
     main = next((item for item in _containers(spec, "containers") if item.get("name") == name), None)
     wanted = next((item for item in _containers(child.spec, "containers") if item["name"] == name), None)
     if main is None or wanted is None or main.get("image") == wanted["image"]:
@@ -105,11 +105,7 @@ def _edit_waits(app: App, child: Child, over: Deployment) -> bool:
     if marked is None:
         return over.metadata.annotations.get(Annotation.APP_GENERATION) != str(app.generation)
     files = (_annotations(spec).get(Annotation.PARAMETERS_HASH) for spec in (over.spec, child.spec))
-    return marked != spec_hash(app, _component(child)) or len(set(files)) > 1
-
-
-def _component(child: Child) -> str:
-    return child.labels.get(Label.COMPONENT, "")
+    return marked != app.spec_hashes[child.component] or len(set(files)) > 1
 
 
 def _containers(spec: Mapping[str, Any], place: str) -> list[dict[str, Any]]:

@@ -5,14 +5,16 @@ once, so that rendering, status and `render` say the same.
 """
 
 import dataclasses
+import functools
 from collections.abc import Mapping
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from robotapp_api.checks.ros import discovery_of, rmw_of, ros_version_of
 from robotapp_api.claims.share import AppKey
 from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME
 from robotapp_api.model.robotapp import RobotAppSpec
 from robotapp_api.values.naming import child_name
+from robotapp_operator.plan.compare import content_hash
 
 # Derived names of what is no component. A dot cannot occur in a component's name, so the hash differs from any of theirs.
 SERVERS: Final = ("discovery.0", "discovery.1")
@@ -36,7 +38,7 @@ class Domain(NamedTuple):
     claim: str = ""
 
 
-@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class App:
     """A RobotApp as the plan sees it: identity and wish, without its status."""
 
@@ -104,6 +106,29 @@ class App:
     def managed_master(self) -> bool:
         """ROS 1 with a roscore of ours."""
         return self.ros_version == 1 and (self.spec.ros1 is None or self.spec.ros1.master == "Managed")
+
+    @functools.cached_property
+    def spec_hashes(self) -> Mapping[str, str]:
+        """Hash of what the user wrote for each component, by its name, and under "" for the instance's infrastructure.
+
+        Other versions compute the same ones: defaults are left out, so a field that a newer schema adds changes nothing until
+        it is used. Also left out is what every version carries out in templates of a newer one (`newer`), and what no
+        template depends on.
+        """
+        left_out: Any = {
+            "suspend": True,
+            "update": True,
+            "edges": True,
+            "ros2": {"domain", "pool", "share_with"},
+            "components": {"__all__": {"image", "replicas"}},
+        }
+        body = self.spec.model_dump(mode="json", exclude_defaults=True, exclude=left_out)
+        parts: list[dict[str, Any]] = body["components"]
+        found = {"": content_hash(body)}
+        for own in parts:
+            body["components"] = [part if part is own else part["name"] for part in parts]
+            found[own["name"]] = content_hash(body)
+        return found
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
