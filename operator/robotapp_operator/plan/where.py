@@ -6,27 +6,25 @@ from typing import Any, Final
 from robotapp_api.checks.spec import neighbours_of
 from robotapp_api.model.component import Component
 from robotapp_api.model.names import HARDWARE_PREFIX, Label
-from robotapp_api.values import tiers
 from robotapp_api.values.duration import parse_us
 from robotapp_api.values.neighbours import NOBODY
 from robotapp_api.values.selector import matches_labels
-from robotapp_api.values.tiers import KEEP, ROBOT
+from robotapp_api.values.tiers import KEEP, ROBOT, on_disconnect
 from robotapp_operator.plan.children import component_labels, selector
 from robotapp_operator.plan.wish import Wish
 
 DISCONNECTED: Final = ("node.kubernetes.io/not-ready", "node.kubernetes.io/unreachable")
 
 
-def on_disconnect(component: Component, wish: Wish) -> str:
-    """The rule of `tiers.on_disconnect`, and one more for other schedulers.
+def _keeps_pods(component: Component, wish: Wish) -> bool:
+    """Whether pods of the component stay on a lost node: `on_disconnect`, and one more rule for other schedulers.
 
     Our scheduler holds a successor back while its predecessor may still drive; others do not, so with them a pod that may be
     on a robot is kept as well.
     """
-    if component.on_disconnect:
-        return component.on_disconnect
-    may_drive = _may_be_on_robot(component, wish)
-    return KEEP if may_drive and not wish.app.our_scheduler else tiers.on_disconnect(component.runs_on, None)
+    if not component.on_disconnect and not wish.app.our_scheduler and _may_be_on_robot(component, wish):
+        return True
+    return on_disconnect(component.runs_on, component.on_disconnect) == KEEP
 
 
 def tolerations(component: Component, wish: Wish) -> list[dict[str, Any]]:
@@ -34,9 +32,8 @@ def tolerations(component: Component, wish: Wish) -> list[dict[str, Any]]:
     result = [*component.template.spec.tolerations]
     if _may_be_on_robot(component, wish):
         result += robot_tolerations(wish.robot)
-    keep = on_disconnect(component, wish) == KEEP
     grace_s = parse_us(wish.app.spec.connectivity.grace) // 1_000_000
-    return result + disconnect_tolerations(None if keep else grace_s)
+    return result + disconnect_tolerations(None if _keeps_pods(component, wish) else grace_s)
 
 
 def _may_be_on_robot(component: Component, wish: Wish) -> bool:
