@@ -5,11 +5,10 @@ server recorded the last write of the status (`metadata.managedFields`).
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from math import isinf
 from statistics import median_low
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import msgspec
 
@@ -26,8 +25,7 @@ _GAP: Final = 2
 """Eight columns fit into a terminal of 80 characters."""
 
 
-@dataclass(slots=True)
-class NodeView:
+class NodeView(msgspec.Struct, rename="camel"):
     """One node. Times are what the API server recorded; an empty text or None is not known."""
 
     node: str
@@ -38,8 +36,8 @@ class NodeView:
     """The zone that `rtt_p95` leads to: the node's own, or where nothing is measured inside it the nearest."""
     rtt_p95: str = ""
     """The median of the measured pairs, such as 0.8ms; unreachable when most of them are."""
-    devices: dict[str, int] = field(default_factory=lambda: {"free": 0, "held": 0})
-    load: dict[str, int] = field(default_factory=dict)
+    devices: dict[str, int] = msgspec.field(default_factory=lambda: {"free": 0, "held": 0})
+    load: dict[str, int] = msgspec.field(default_factory=dict)
     """cpuPercent and memoryPercent of an agent that is heard."""
     reported_at: str = ""
     """When the agent last wrote."""
@@ -49,8 +47,7 @@ class NodeView:
     offline_since: str = ""
 
 
-@dataclass(slots=True)
-class RobotView:
+class RobotView(msgspec.Struct, rename="camel"):
     """One robot, by its primary node."""
 
     robot: str
@@ -74,7 +71,7 @@ async def show_nodes(session: Session) -> None:
     """All nodes, by name."""
     found = [each.view for each in await _nodes(session)]
     if session.options.output.structured:
-        write_structured({"nodes": [_plain(asdict(each)) for each in found]}, session.options.output)
+        write_structured({"nodes": msgspec.to_builtins(found)}, session.options.output)
     elif not found:
         console().print("The cluster has no nodes.", soft_wrap=True)
     else:
@@ -86,7 +83,7 @@ async def show_robots(session: Session) -> None:
     """All robots, by name."""
     robots = _robots(await _nodes(session))
     if session.options.output.structured:
-        write_structured({"robots": [_plain(asdict(each)) for each in robots]}, session.options.output)
+        write_structured({"robots": msgspec.to_builtins(robots)}, session.options.output)
     elif not robots:
         text = f"No node belongs to a robot: kubectl label node NODE {Label.ROBOT}=NAME {Label.TIER}=robot"
         console().print(text, soft_wrap=True)
@@ -226,15 +223,3 @@ def _cells(view: NodeView, devices: Mapping[str, int]) -> dict[str, str]:
         "AGENT": f"silent {written}" if view.silent else written,
         "OFFLINE": "" if view.ready else age(view.offline_since) or "yes",
     }
-
-
-def _plain(view: Any) -> Any:
-    """CamelCase keys."""
-    if not isinstance(view, dict):
-        return view
-    return {_camel(key): _plain(value) for key, value in view.items()}
-
-
-def _camel(key: str) -> str:
-    start, *others = key.split("_")
-    return start + "".join(part.title() for part in others)
