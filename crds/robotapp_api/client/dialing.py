@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import socket
 from collections.abc import Callable
-from typing import Final, TypeVar, cast
+from typing import Any, Final, TypeVar, cast
 from urllib.parse import urlsplit
 
 from robotapp_api.client.login import Endpoint
@@ -44,6 +44,19 @@ class Speaker(asyncio.Protocol):
         self.fail(str(exc or "the server closed the connection"))
         if not self.lost.done():
             self.lost.set_result(None)
+
+
+def handle_loop_error(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """An exception handler for the event loop that keeps connections closed by `Speaker.end` out of the log.
+
+    uvloop reports a fatal error, with a stack, when bytes arrive on a TLS connection that was just aborted. Everything else
+    goes to the loop's own handler.
+    """
+    aborted = context.get("message") == "Fatal error on SSL protocol" and "closed=True" in repr(
+        context.get("transport")
+    )
+    if not aborted:
+        loop.default_exception_handler(context)
 
 
 S = TypeVar("S", bound=Speaker)

@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from robotapp_api.client.api import ApiClient, Json
+from robotapp_api.client.dialing import handle_loop_error
 from robotapp_api.client.events import reference
 from robotapp_api.client.lease import LeaderElection, candidate_identity
 from robotapp_api.client.login import load as login
@@ -41,7 +42,6 @@ from robotapp_scheduler.shell.group_report import GroupReporter
 from robotapp_scheduler.shell.health import Checks
 from robotapp_scheduler.shell.intake import Intake
 from robotapp_scheduler.shell.kubelet_refusals import KubeletRefusals
-from robotapp_scheduler.shell.logs import without_broken_off
 from robotapp_scheduler.shell.loop import SchedulerLoop
 from robotapp_scheduler.shell.metrics import Metrics
 from robotapp_scheduler.shell.placing import Placer
@@ -379,7 +379,7 @@ async def run(options: Options) -> int:
             client, running, replace(options, kubeconfig=kubeconfig), source=source, last_good=last_good
         )
         loop = asyncio.get_running_loop()
-        loop.set_exception_handler(without_broken_off)
+        loop.set_exception_handler(handle_loop_error)
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, scheduler.stop)
         return await scheduler.run()

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from robotapp_api.client import dialing
-from robotapp_api.client.dialing import Dialer
+from robotapp_api.client.dialing import Dialer, handle_loop_error
 from robotapp_api.client.login import Endpoint
 
 
@@ -57,3 +57,31 @@ async def test_a_handshake_that_outlasts_who_broke_it_off_is_ended_without_a_wor
     assert speaker.ended != fails
     ours.close()
     theirs.close()
+
+
+class Told:
+    def __init__(self) -> None:
+        self.contexts: list[dict[str, object]] = []
+
+    def default_exception_handler(self, context: dict[str, object]) -> None:
+        self.contexts.append(context)
+
+
+class Transport:
+    def __init__(self, closed: bool) -> None:
+        self.closed = closed
+
+    def __repr__(self) -> str:
+        return f"<TCPTransport closed={self.closed} reading=False>"
+
+
+def test_only_connections_that_we_aborted_ourselves_are_silent() -> None:
+    told = Told()
+    message = "Fatal error on SSL protocol"
+    for context in (
+        {"message": message, "transport": Transport(closed=True)},
+        {"message": message, "transport": Transport(closed=False)},
+        {"message": "Task exception was never retrieved"},
+    ):
+        handle_loop_error(told, context)  # type: ignore[arg-type]
+    assert [each["message"] for each in told.contexts] == [message, "Task exception was never retrieved"]
