@@ -94,13 +94,8 @@ def test_kubectl_shows_every_instance_and_a_robot_that_leaves_takes_its_own_alon
         assert item["status"]["components"] == [{"name": "driver", "node": robot, "ready": True, "restarts": 0}]
         assert item["status"]["edges"][0]["nodes"] == [robot, robot]
         assert len(item["status"]["claims"]) == 1
-    assert app["status"]["instanceCounts"] == {
-        "desired": FLEET,
-        "ready": FLEET,
-        "offline": 0,
-        "completed": 0,
-        "failed": 0,
-    }
+    counts = {"desired": FLEET, "ready": FLEET, "offline": 0, "completed": 0, "failed": 0}
+    assert app["status"]["instanceCounts"] == counts
     assert app["status"]["summary"]["robots"] == f"{FLEET}/{FLEET}"
     assert not app["status"].get("troubled")
     lines = installed_plane.kubectl("get", "rai", "-n", tenant.namespace).splitlines()
