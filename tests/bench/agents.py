@@ -6,13 +6,14 @@ only its sockets and files are simulated. All share this process and a pool of c
 
 import argparse
 import asyncio
+import itertools
 import json
 import logging
 import random
 import sys
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -24,9 +25,9 @@ from tests.support.process_use import cpu_seconds
 
 from robotapp_agent.devices.device import Device
 from robotapp_agent.probe.rounds import RoundResult
-from robotapp_agent.process.parts import FIRST_ROUND_S, SAMPLE_S
+from robotapp_agent.process.parts import SAMPLE_S
 from robotapp_agent.process.run import START_SPREAD_S, first_write_s, look_around
-from robotapp_agent.report.changes import ROUND_JITTER, Pace
+from robotapp_agent.report.changes import ROUND_JITTER, Pace, round_s
 from robotapp_agent.report.knowledge import Knowledge
 from robotapp_agent.report.load import CpuTimes, Sample, Traffic
 from robotapp_agent.report.status import Status
@@ -42,6 +43,9 @@ PER_SLICE: Final = 100
 PEERS: Final = 16
 PROBES: Final = 10
 CONNECTIONS: Final = 128
+STALL_S: Final = 0.5
+"""A machine that lets the bench or the API server wait longer has writes pile up: their busiest second tells nothing of the agents."""
+_TICK_S: Final = 0.05
 CAMERA: Final = Device(id="usb-8086-0b3a-0123", type="usb", identity="8086:0b3a:0123", path="/dev/video0")
 
 
@@ -85,18 +89,19 @@ def reason_of(error: ClientError) -> str:
 class SimulatedNode:
     """What the files and sockets of a node would give: a load that swings by `noise` of itself, and round trips that do as well."""
 
-    def __init__(self, number: int, *, noise: float, nodes: int) -> None:
+    def __init__(self, number: int, *, noise: float, nodes: int, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
         self._chance = random.Random(number)
         self._noise = noise
         self._cpu = self._chance.uniform(0.05, 0.7)
         self._memory = self._chance.uniform(10, 80)
         self._ticks = CpuTimes(0, 0)
         self._bytes = 0
-        self._at_s = time.monotonic()
+        self._at_s = clock()
         self._peers = {f"node-{self._chance.randrange(nodes)}": self._chance.uniform(200, 40_000) for _ in range(PEERS)}
 
     def sample(self) -> Sample:
-        now_s = time.monotonic()
+        now_s = self._clock()
         total = max(1, int((now_s - self._at_s) * 100))
         busy = self._cpu * max(0.0, self._chance.gauss(1, self._noise))
         self._ticks = CpuTimes(self._ticks.busy + int(total * min(1.0, busy)), self._ticks.total + total)
@@ -154,12 +159,13 @@ class SimulatedAgent:
             reporter.wake()
 
     async def _measure(self, reporter: Reporter) -> None:
-        seconds = FIRST_ROUND_S
-        while True:
+        for ended in itertools.count():
+            interval_s = float(self._knowledge.interval_s)
+            seconds = round_s(ended=ended, interval_s=interval_s, uniform=random.random)
             await asyncio.sleep(seconds)
             self._knowledge.round_ended(self._node.round(), every_rounds={})
             reporter.wake()
-            seconds = self._knowledge.interval_s * (1 + ROUND_JITTER * random.random())
+            await asyncio.sleep(seconds * ROUND_JITTER * random.random())
 
     def _counted(self) -> None:
         """5000 agents in one process cannot keep 5000 lists of 5000 peers."""
@@ -183,6 +189,14 @@ class Bench:
         self._client = client
         self._options = options
         self.ledger = Ledger()
+        self._late_s = 0.0
+
+    async def _watch_lateness(self) -> None:
+        """Keep the longest time that this process was not run."""
+        while True:
+            due_s = time.monotonic() + _TICK_S
+            await asyncio.sleep(_TICK_S)
+            self._late_s = max(self._late_s, time.monotonic() - due_s)
 
     async def run(self) -> list[dict[str, Any]]:
         options, client = self._options, self._client
@@ -190,6 +204,7 @@ class Bench:
         began = self._mark()
         agents = [SimulatedAgent(number, client, self.ledger, options) for number in range(options.agents)]
         tasks = [asyncio.create_task(agent.run()) for agent in agents]
+        tasks.append(asyncio.create_task(self._watch_lateness()))
         interval_s = max(10, options.agents / 50)
         rows = [await self._phase("start", began, START_SPREAD_S + 1.2 * interval_s)]
         rows += [await self._phase("steady", self._mark(), options.seconds)]
@@ -208,7 +223,7 @@ class Bench:
         return [away, await self._phase("return", self._mark(), 2 * interval_s)]
 
     async def _phase(self, name: str, before: Mark, seconds: float) -> dict[str, Any]:
-        own_s = time.process_time()
+        own_s, self._late_s = time.process_time(), 0.0
         await asyncio.sleep(before.at_s + seconds - time.monotonic())
         after = self._mark()
         elapsed_s = after.at_s - before.at_s
@@ -221,6 +236,7 @@ class Bench:
             "writes": writes,
             "writes_per_s": round(writes / elapsed_s, 1),
             "busiest_second": self.ledger.busiest_second(before.at_s, after.at_s),
+            "stalled_s": round(self._late_s, 2),
             "requests": after.requests - before.requests,
             "p99_ms": round(1000 * percentile(took, 99), 1) if took else None,
             "api_server_cores": round(server_s / elapsed_s, 2),
@@ -268,11 +284,16 @@ def verdict(rows: Sequence[dict[str, Any]], objects: int, options: argparse.Name
     wrong = []
     if steady["writes_per_s"] > options.limit:
         wrong.append(f"{steady['writes_per_s']} writes/s in steady state, allowed are {options.limit}")
-    if start["busiest_second"] > 2 * options.limit:
+    if start["busiest_second"] > 2 * options.limit and not stalled(start):
         wrong.append(f"{start['busiest_second']} writes in one second of the start")
     if objects != options.agents:
         wrong.append(f"{objects} of {options.agents} agents have an object")
     return wrong
+
+
+def stalled(row: dict[str, Any]) -> bool:
+    """Whether the machine kept the bench or the API server waiting in this phase."""
+    return row["stalled_s"] > STALL_S or (row["p99_ms"] or 0) > 1000 * STALL_S
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -297,6 +318,10 @@ def main(arguments: list[str] | None = None) -> int:
     if options.json:
         options.json.write_text(
             json.dumps({"agents": options.agents, "noise": options.noise, "phases": rows}, indent=2)
+        )
+    if stalled(rows[0]):
+        print(
+            "this machine stood still meanwhile: the busiest second is not judged, scripts/bench agents_schedule tells it"
         )
     wrong = verdict(rows, objects, options)
     print("; ".join(wrong) if wrong else f"{objects} agents: as intended")

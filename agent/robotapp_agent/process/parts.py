@@ -5,12 +5,13 @@ import logging
 import random
 import time
 from collections.abc import Callable, Mapping
+from math import inf
 from pathlib import Path
 from typing import Final
 
 from robotapp_agent.probe.keys import KeyRing
 from robotapp_agent.probe.peers import choose_peers
-from robotapp_agent.report.changes import ROUND_JITTER
+from robotapp_agent.report.changes import ROUND_JITTER, round_s
 from robotapp_agent.report.knowledge import Knowledge
 from robotapp_agent.shell.device_scanner import DeviceScanner
 from robotapp_agent.shell.endpoints import Peer
@@ -22,8 +23,6 @@ from robotapp_agent.shell.udp import PeerAddress, UdpProbes
 log = logging.getLogger(__name__)
 
 SAMPLE_S: Final = 10.0
-FIRST_ROUND_S: Final = 10.0
-"""The first round is short also in a large cluster: until it ends nothing is known of the other nodes."""
 KEYS_S: Final = 10.0
 
 Wake = Callable[[], None]
@@ -39,8 +38,13 @@ async def sample_load(files: NodeFiles, knowledge: Knowledge, wake: Wake) -> Non
         await asyncio.sleep(SAMPLE_S)
 
 
-async def scan_devices(scanner: DeviceScanner, features: FeatureFile | None, knowledge: Knowledge, wake: Wake) -> None:
-    """Devices, in a thread as well, and their labels for Node Feature Discovery. A problem is logged when it is a new one."""
+async def scan_devices(
+    scanner: DeviceScanner, features: FeatureFile | None, knowledge: Knowledge, wake: Wake, *, period_s: float = inf
+) -> None:
+    """Devices, in a thread as well, and their labels for Node Feature Discovery. A problem is logged when it is a new one.
+
+    period_s: scan at least this often, whatever the scanner proposes.
+    """
     said = ("", "")
     while True:
         scan = await asyncio.to_thread(scanner.scan)
@@ -53,7 +57,7 @@ async def scan_devices(scanner: DeviceScanner, features: FeatureFile | None, kno
         said = problems
         knowledge.devices, knowledge.device_problem = scan.devices, scan.problem
         wake()
-        await asyncio.sleep(scan.next_s)
+        await asyncio.sleep(min(scan.next_s, period_s))
 
 
 async def read_keys(ring: KeyRing, folder: Path) -> None:
@@ -84,6 +88,7 @@ class Rounds:
         *,
         peers: Callable[[], Mapping[str, Peer]],
         look_again: Callable[[], None],
+        uniform: Callable[[], float] = random.random,
     ) -> None:
         self.asked: tuple[str, ...] = ()
         self.ended_s = time.monotonic()
@@ -93,7 +98,8 @@ class Rounds:
         self._wake = wake
         self._peers = peers
         self._look_again = look_again
-        self._first = True
+        self._uniform = uniform
+        self._rounds = 0
         self._turns: dict[str, int] = {}
         self._discarded = ""
 
@@ -134,14 +140,13 @@ class Rounds:
         results = () if measured.discarded else measured.results
         self._knowledge.round_ended(results, every_rounds={peer.name: peer.every_rounds for peer in chosen})
         self._ended()
-        await asyncio.sleep(seconds * ROUND_JITTER * random.random())  # noqa: S311 - spreads load
+        await asyncio.sleep(seconds * ROUND_JITTER * self._uniform())
 
     def _address(self, name: str, peer: Peer) -> str:
         return peer.addresses[self._turns.get(name, 0) % len(peer.addresses)]
 
     def _seconds(self) -> float:
-        interval_s = float(self._knowledge.interval_s)
-        return min(interval_s, FIRST_ROUND_S) if self._first else interval_s
+        return round_s(ended=self._rounds, interval_s=float(self._knowledge.interval_s), uniform=self._uniform)
 
     async def _idle_round(self) -> None:
         await asyncio.sleep(self._seconds())
@@ -149,6 +154,6 @@ class Rounds:
         self._ended()
 
     def _ended(self) -> None:
-        self._first = False
+        self._rounds += 1
         self.ended_s = time.monotonic()
         self._wake()

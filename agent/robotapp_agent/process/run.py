@@ -9,6 +9,7 @@ import random
 import signal
 import time
 from collections.abc import Awaitable, Callable, Iterable
+from math import inf
 from typing import Final
 
 from robotapp_agent.probe.keys import KeyRing
@@ -71,7 +72,7 @@ def node_source(options: Options) -> Callable[[], OwnNode]:
 
 
 async def _work(options: Options, endpoint: Endpoint, client: ApiClient, node: Callable[[], OwnNode]) -> None:
-    await asyncio.sleep(START_SPREAD_S * random.random())  # noqa: S311 - spreads load
+    await asyncio.sleep(min(START_SPREAD_S, options.interval_seconds or START_SPREAD_S) * random.random())  # noqa: S311 - spreads load
     files = NodeFiles(options.host_root)
     knowledge = Knowledge(
         arch=architecture(),
@@ -109,9 +110,9 @@ async def look_around(writer: ApiWriter, peers: Endpoints) -> Earlier | None:
         return None
 
 
-def first_write_s(nodes: int) -> float:
+def first_write_s(nodes: int, *, uniform: Callable[[], float] = random.random) -> float:
     """How long a new agent waits: all agents together begin as slowly as they go on."""
-    return nodes / NODES_PER_SECOND * random.random()  # noqa: S311 - spreads load
+    return nodes / NODES_PER_SECOND * uniform()
 
 
 def architecture() -> str:
@@ -175,7 +176,8 @@ class NodeAgent:
     def _parts(self) -> Iterable[tuple[str, Callable[[], Awaitable[None]]]]:
         options, knowledge, wake = self._options, self._knowledge, self._wake
         yield "load", lambda: parts.sample_load(self._files, knowledge, wake)
-        yield "devices", lambda: parts.scan_devices(self._scanner, self._features, knowledge, wake)
+        period_s = options.interval_seconds or inf
+        yield "devices", lambda: parts.scan_devices(self._scanner, self._features, knowledge, wake, period_s=period_s)
         yield "peers", self._peers.run
         yield "report", self._report
         if options.key_dir is not None and options.probe_port:

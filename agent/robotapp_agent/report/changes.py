@@ -28,6 +28,8 @@ NODES_PER_SECOND: Final = 50
 ROUND_JITTER: Final = 0.1
 """A round of probes and the pause after it take an interval and up to this part of one."""
 HEARTBEAT_JITTER: Final = 0.1
+FIRST_ROUND_S: Final = 10.0
+"""The first round is short also in a large cluster: until it ends nothing is known of the other nodes."""
 _FIFTHS: Final = 5
 """A change is a fifth of what was written."""
 PERCENT_FLOOR: Final = 5
@@ -50,6 +52,18 @@ class Urgency(IntEnum):
 def interval_for(nodes: int) -> int:
     """Seconds from one heartbeat to the next, so that all agents together write at most 50 times per second."""
     return min(max(SHORTEST_INTERVAL_S, -(-nodes // NODES_PER_SECOND)), LONGEST_INTERVAL_S)
+
+
+def round_s(*, ended: int, interval_s: float, uniform: Callable[[], float]) -> float:
+    """Seconds that the next round of probes takes, after `ended` rounds since the agent's start.
+
+    The second one ends at any moment of an interval. Otherwise agents that were started together, as by an update, would go on
+    measuring, and writing what has changed, within the same seconds of each interval.
+    """
+    first_s = min(interval_s, FIRST_ROUND_S)
+    if ended == 0:
+        return first_s
+    return first_s + (interval_s - first_s) * uniform() if ended == 1 else interval_s
 
 
 def urgency(written: Status | None, now: Status) -> Urgency:

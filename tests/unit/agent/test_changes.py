@@ -1,11 +1,14 @@
 """What counts as a change, and how soon it is written."""
 
+import random
+from collections import Counter
+
 import msgspec
 import pytest
 from tests.support.agents import CAMERA, cpu, readings, status, trip
 
 from robotapp_agent.devices.device import Device
-from robotapp_agent.report.changes import Pace, Urgency, interval_for, urgency
+from robotapp_agent.report.changes import Pace, Urgency, interval_for, round_s, urgency
 from robotapp_agent.report.readings import Battery, Load, Temperature
 
 
@@ -105,3 +108,23 @@ def test_figures_that_are_never_still_wait_for_half_an_interval_and_in_large_clu
     assert pace.due_s(Urgency.SOON) == 305.0
     pace.wrote(400.0, interval_s=1.0)
     assert pace.due_s(Urgency.SOON) == pytest.approx(401.2)
+
+
+def test_the_rounds_of_agents_that_start_together_do_not_go_on_ending_together() -> None:
+    """5000 agents whose first rounds end within one second: later ones end all over the interval."""
+    uniform, interval_s = random.Random(1).random, 100.0
+    ends = Counter[int]()
+    for _ in range(5000):
+        at_s = uniform()
+        for ended in range(3):
+            at_s += round_s(ended=ended, interval_s=interval_s, uniform=uniform)
+        ends[int(at_s % interval_s)] += 1
+    assert max(ends.values()) < 100, "on an average of 50 to 56 in a second"
+
+
+@pytest.mark.parametrize("interval_s", [2.0, 10.0, 30.0, 100.0])
+def test_no_round_is_longer_than_an_interval_and_the_first_is_short(interval_s: float) -> None:
+    lengths = [round_s(ended=ended, interval_s=interval_s, uniform=lambda: 0.999) for ended in range(4)]
+    assert max(lengths) <= interval_s
+    assert lengths[0] == min(10.0, interval_s)
+    assert lengths[2:] == [interval_s, interval_s]

@@ -60,11 +60,13 @@ def net(monkeypatch: pytest.MonkeyPatch) -> Net:
     return found
 
 
-def rounds_of(net: Net, *, seconds: float, interval_s: int = 100) -> tuple[Knowledge, Net]:
+def rounds_of(net: Net, *, seconds: float, interval_s: int = 100, uniform: float = 1.0) -> tuple[Knowledge, Net]:
     knowledge = Knowledge(arch="arm64", realtime=False, seq=0, fixed_interval_s=interval_s)
 
     async def story() -> None:
-        rounds = Rounds("own", knowledge, lambda: None, peers=lambda: PEERS, look_again=net.look_again)
+        rounds = Rounds(
+            "own", knowledge, lambda: None, peers=lambda: PEERS, look_again=net.look_again, uniform=lambda: uniform
+        )
         task = asyncio.create_task(rounds.probe(KeyRing(), 7311))
         await asyncio.sleep(seconds)
         task.cancel()
@@ -79,6 +81,11 @@ def test_the_first_round_is_short_and_the_others_take_an_interval(net: Net) -> N
     assert [seconds for seconds, _ in net.rounds] == [10, 100, 100]
     assert knowledge.seq == 2
     assert [trip.peer for trip in knowledge.readings().round_trips or ()] == ["other"]
+
+
+def test_the_second_round_is_shorter_by_chance(net: Net) -> None:
+    rounds_of(net, seconds=130, uniform=0.25)
+    assert [seconds for seconds, _ in net.rounds] == [10, 32.5, 100]
 
 
 def test_a_peer_that_does_not_answer_is_probed_at_its_other_address(net: Net) -> None:
