@@ -2,8 +2,8 @@
 
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import pytest
 from tests.support import crds
@@ -27,39 +27,59 @@ def plane() -> Iterator[ControlPlane]:
         yield started
 
 
-@pytest.fixture
-def running(plane: ControlPlane, tmp_path: Path) -> Iterator[Process]:
-    process = agent(plane, NODE, host_root=tmp_path)
+@dataclass
+class Robot:
+    """A node with an agent that runs: its fake host, and the folder for Node Feature Discovery."""
+
+    host: FakeHost
+    features: Path
+    process: Process
+
+
+@pytest.fixture(scope="module")
+def robot(plane: ControlPlane, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robot]:
+    folder = tmp_path_factory.mktemp("robot")
+    features = folder / "features.d"
+    features.mkdir()
+    host = FakeHost(folder / "host")
+    process = agent(plane, NODE, f"--features-dir={features}", host_root=host.root)
     process.start().wait_ready()
-    yield process
+    yield Robot(host, features, process)
     process.stop()
-    if status_of(plane, NODE):
-        plane.api.delete(f"{TELEMETRY}/{NODE}")
 
 
 def seq(plane: ControlPlane) -> int:
     return int(status_of(plane, NODE).get("seq", 0))
 
 
-def test_it_reports_the_node_and_goes_on_counting_after_a_restart(plane: ControlPlane, running: Process) -> None:
-    eventually(lambda: status_of(plane, NODE).get("load", {}).get("cpuPercent") is not None)
+def test_it_reports_the_node_ends_cleanly_when_told_and_goes_on_counting_when_it_starts_again(
+    plane: ControlPlane, robot: Robot
+) -> None:
+    eventually(lambda: status_of(plane, NODE))
     found = status_of(plane, NODE)
     assert found["intervalSeconds"] == 1
     assert found["arch"]
-    assert found["devices"] == []
+    assert not any(device["present"] for device in found["devices"])
     before = seq(plane)
     eventually(lambda: seq(plane) > before)
     before = seq(plane)
-    running.restart()
+    assert robot.process.stop() == 0
+    log = robot.process.log_text()
+    assert "Traceback" not in log, log
+    assert "never retrieved" not in log, log
+    robot.process.start().wait_ready()
     eventually(lambda: seq(plane) > before)
     assert seq(plane) < before + 1000
 
 
-def test_it_outlives_its_api_server_and_creates_its_object_anew(plane: ControlPlane, running: Process) -> None:
+def test_it_outlives_its_api_server_reports_what_was_plugged_in_meanwhile_and_creates_its_object_anew(
+    plane: ControlPlane, robot: Robot
+) -> None:
     eventually(lambda: status_of(plane, NODE))
-    pid = running.pid
+    running, pid = robot.process, robot.process.pid
     plane.process("kube-apiserver").kill()
     away_from = time.monotonic()
+    camera = robot.host.camera("1-2")
     eventually(lambda: "telemetry is not written" in running.log_text())
     assert answers(running.health_url), "another start would not help against an outage"
     plane.process("kube-apiserver").start().wait_ready()
@@ -68,36 +88,17 @@ def test_it_outlives_its_api_server_and_creates_its_object_anew(plane: ControlPl
     assert running.pid == pid
     assert running.running
     assert "written again" in running.log_text(), f"away for {time.monotonic() - away_from:.0f} s"
+    eventually(lambda: cameras(plane) == [True])
+    assert "hardware.robotics.io/video=" in (robot.features / "robotapp").read_text()
     plane.api.delete(f"{TELEMETRY}/{NODE}")
     eventually(lambda: seq(plane) > before)
+    assert cameras(plane) == [True]
+    robot.host.remove(camera)
+    eventually(lambda: cameras(plane) == [False])
+    assert "hardware.robotics.io/video=" not in (robot.features / "robotapp").read_text()
+    eventually(lambda: status_of(plane, NODE).get("load", {}).get("cpuPercent") is not None)
 
 
-def test_a_camera_is_reported_and_labelled_while_it_is_plugged_in(plane: ControlPlane, tmp_path: Path) -> None:
-    host = FakeHost(tmp_path / "host")
-    features = tmp_path / "features.d"
-    features.mkdir()
-    process = agent(plane, NODE, f"--features-dir={features}", host_root=host.root)
-    process.start().wait_ready()
-    try:
-        eventually(lambda: status_of(plane, NODE))
-        camera = host.camera("1-2")
-        eventually(lambda: [device["present"] for device in cameras(plane)] == [True])
-        assert "hardware.robotics.io/video=" in (features / "robotapp").read_text()
-        host.remove(camera)
-        eventually(lambda: [device["present"] for device in cameras(plane)] == [False])
-        assert "hardware.robotics.io/video=" not in (features / "robotapp").read_text()
-    finally:
-        process.stop()
-        plane.api.delete(f"{TELEMETRY}/{NODE}")
-
-
-def cameras(plane: ControlPlane) -> list[dict[str, Any]]:
-    return [device for device in status_of(plane, NODE).get("devices", ()) if device["type"] == "video"]
-
-
-def test_it_ends_cleanly_when_told(plane: ControlPlane, running: Process) -> None:
-    eventually(lambda: status_of(plane, NODE))
-    assert running.stop() == 0
-    log = running.log_text()
-    assert "Traceback" not in log, log
-    assert "never retrieved" not in log, log
+def cameras(plane: ControlPlane) -> list[bool]:
+    """Which of them are plugged in."""
+    return [device["present"] for device in status_of(plane, NODE).get("devices", ()) if device["type"] == "video"]

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import urllib.request
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -75,18 +76,28 @@ def tenant(cluster: RealNodes, scheduler: Process) -> Iterator[Tenant]:
         yield Tenant(cluster, namespace)
 
 
-@pytest.mark.parametrize(("one", "other"), ROUND_TRIP_MS)
-def test_an_agent_measures_what_ping_sees_in_the_same_minute(cluster: RealNodes, one: str, other: str) -> None:
+def test_agents_measure_what_ping_sees_in_the_same_minute(cluster: RealNodes) -> None:
     """Other programs of this machine delay one more than the other, so the best of five rounds counts."""
     allowed_us = 300 * slowness()
-    seen = []
+    seen: dict[tuple[str, str], list[tuple[int | None, int | None]]] = {pair: [] for pair in ROUND_TRIP_MS}
+    left = set(ROUND_TRIP_MS)
     for _ in range(TRIES):
-        ping_us = cluster.node(one).ping(cluster.node(other), count=PINGS).p50_us
-        told_us = round_trip(cluster, one, other).get("p50Us")
-        seen.append((ping_us, told_us))
-        if ping_us is not None and told_us is not None and abs(told_us - ping_us) <= 0.1 * ping_us + allowed_us:
+        with ThreadPoolExecutor(len(left)) as pool_of_pings:
+            found = dict(zip(left, pool_of_pings.map(lambda pair: both_us(cluster, *pair), left), strict=True))
+        for pair, (ping_us, told_us) in found.items():
+            seen[pair].append((ping_us, told_us))
+            if ping_us is not None and told_us is not None and abs(told_us - ping_us) <= 0.1 * ping_us + allowed_us:
+                left.remove(pair)
+        if not left:
             return
-    pytest.fail(f"ping and agent, in microseconds: {seen}, allowed are 10 % and {allowed_us:.0f}")
+    wrong = {pair: seen[pair] for pair in left}
+    pytest.fail(f"ping and agent, in microseconds: {wrong}, allowed are 10 % and {allowed_us:.0f}")
+
+
+def both_us(cluster: RealNodes, one: str, other: str) -> tuple[int | None, int | None]:
+    """The median that ping sees now, and the one that the agent has written."""
+    ping_us = cluster.node(one).ping(cluster.node(other), count=PINGS).p50_us
+    return ping_us, round_trip(cluster, one, other).get("p50Us")
 
 
 def app(tenant: Tenant, name: str, ids: str) -> None:
