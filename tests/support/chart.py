@@ -5,9 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from robotapp_testbed import ControlPlane
+from robotapp_testbed import ControlPlane, product
 
 CHART = Path(__file__).resolve().parents[2] / "helm" / "robotapp"
 NAMESPACE = "robotapp-system"
@@ -46,7 +44,7 @@ class Chart:
         text = self.plane.helm(
             "template", "robotapp", str(CHART), "--namespace", NAMESPACE, *flags(values or {}), *arguments
         )
-        return [document for document in yaml.safe_load_all(text) if document]
+        return product.objects_of(text)
 
     def install(self, values: Mapping[str, str] | None = None) -> str:
         """Returns the notes, once the new kinds can be listed: a CRD deleted before that hangs in deletion for minutes."""

@@ -3,8 +3,6 @@
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from robotapp_testbed import ControlPlane, product
 
 ROOT = Path(__file__).parents[2]
@@ -22,7 +20,7 @@ _PLURALS = {
 
 def install(plane: ControlPlane) -> None:
     """Apply the generated files and wait until the API server serves them."""
-    product.define(plane, [yaml.safe_load(path.read_text()) for path in FILES])
+    product.define(plane, [obj for path in FILES for obj in product.objects_of(path.read_text())])
 
 
 def collection(kind: str) -> str:

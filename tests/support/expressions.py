@@ -6,10 +6,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
 from tests.support.chart import CHART, NAMESPACE, Object
 
-from robotapp_testbed import programs
+from robotapp_testbed import product, programs
 from robotapp_testbed.assets import Assets
 from robotapp_testbed.progress import Progress
 
@@ -35,7 +34,7 @@ def rendered(release: str, *values: str) -> list[Object]:
     given = [part for value in (*EVERY_POLICY, *values) for part in ("--set", value)]
     command = [helm, "template", "robotapp", CHART, "--namespace", NAMESPACE, "--kube-version", f"{release}.0", *given]
     answer = subprocess.run(command, capture_output=True, text=True, check=True)
-    return [document for document in yaml.safe_load_all(answer.stdout) if document]
+    return product.objects_of(answer.stdout)
 
 
 def write(objects: Iterable[Object], folder: Path) -> list[Path]:
