@@ -149,6 +149,24 @@ def test_only_agents_reach_the_port_of_the_measurements(chart: Chart) -> None:
     assert spec["egress"][0] == {"ports": [{"protocol": "UDP", "port": 7311}], "to": agents}
 
 
+@pytest.mark.parametrize(
+    ("field", "reason"),
+    [
+        ("agent.devices[0].ingore=true", "'ingore' not allowed"),
+        ("agent.devices[0].ignore=maybe", "got string, want boolean"),
+        ("agent.devices[0].match.attributes.idVendor=403", "got number, want string"),
+        ("agent.devices[0].id=front", "missing property 'match'"),
+    ],
+)
+def test_a_rule_for_devices_that_no_agent_would_take_is_refused_with_its_place(
+    chart: Chart, field: str, reason: str
+) -> None:
+    with pytest.raises(CommandError) as refused:
+        chart.render(dict([field.split("=")]))
+    assert "/agent/devices/0" in refused.value.stderr
+    assert reason in refused.value.stderr
+
+
 def test_rules_for_devices_become_a_file_of_the_agent(chart: Chart) -> None:
     objects = chart.render({"agent.devices[0].id": "front", "agent.devices[0].match.type": "serial"})
     text = named(objects, "ConfigMap", f"{HOME}-devices")["data"]["devices.yaml"]
