@@ -22,7 +22,7 @@ from tests.support.work_unit import slowness
 from robotapp_api.client import Change, Reflector, load
 from robotapp_api.client.resources import NODETELEMETRIES
 from robotapp_api.values.duration import format_ms
-from robotapp_testbed import components_as_pods, product
+from robotapp_testbed import components_as_pods, product, wait_until
 from robotapp_testbed.components_as_pods import round_trip
 from robotapp_testbed.namespaces import created
 from robotapp_testbed.nodes import Device, cloud, edge, robot
@@ -220,6 +220,41 @@ def test_a_device_that_an_agent_finds_is_granted_shown_with_its_holder_and_absen
         assert (row["present"], row["holder"]) == ("no", f"{tenant.namespace}/holder")
         assert present(cluster, "serial-0403-6001-a50285bi")
         tenant.delete("holder")
+
+
+def test_each_node_has_an_agent_within_its_memory_and_its_telemetry_belongs_to_the_node(cluster: RealNodes) -> None:
+    def told() -> bool:
+        return len(components_as_pods.usage(cluster, components_as_pods.AGENTS)) == len(cluster.nodes)
+
+    assert wait_until(told, timeout_s=90, poll_s=0.5)
+    used = components_as_pods.usage(cluster, components_as_pods.AGENTS).values()
+    assert {each.node for each in used} == cluster.nodes.keys()
+    assert max(each.rss_bytes for each in used) <= 45e6
+    for item in cluster.api.get(components_as_pods.TELEMETRY)["items"]:
+        (owner,) = item["metadata"]["ownerReferences"]
+        node = cluster.api.get(f"/api/v1/nodes/{item['metadata']['name']}")
+        assert (owner["kind"], owner["uid"]) == ("Node", node["metadata"]["uid"])
+
+
+_TRIES_TO_OPEN = """
+import errno, os
+assert os.getuid() == 65532
+os.listdir("/host/dev"), os.listdir("/host/sys/class")
+for path, mode in ("/host/dev/kmsg", "rb"), ("/host/sys/x", "wb"), ("/host/dev/x", "wb"), ("/etc/x", "wb"):
+    try:
+        open(path, mode)
+    except OSError as error:
+        assert error.errno in (errno.EPERM, errno.EACCES, errno.EROFS), error
+        print("refused", path)
+"""
+
+
+def test_an_agent_cannot_open_a_device_of_its_node_or_write_there(cluster: RealNodes) -> None:
+    """It runs in a namespace that allows all of that. One node has doubles of devices, the others this machine's own."""
+    for pod in cluster.api.get(f"/api/v1/namespaces/{components_as_pods.AGENTS}/pods")["items"]:
+        where = ("exec", "-n", components_as_pods.AGENTS, pod["metadata"]["name"], "--", "python3", "-c")
+        refused = [line.split()[1] for line in cluster.kubectl(*where, _TRIES_TO_OPEN).splitlines()]
+        assert refused == ["/host/dev/kmsg", "/host/sys/x", "/host/dev/x", "/etc/x"], pod["spec"]["nodeName"]
 
 
 def reported(cluster: RealNodes, node: str) -> list[Json]:
