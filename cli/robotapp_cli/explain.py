@@ -2,8 +2,10 @@
 
 from collections import defaultdict
 from collections.abc import Collection
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass
 from typing import Final
+
+import msgspec
 
 from robotapp_api.client.resources import PODS, ROBOTAPPS
 from robotapp_api.model.names import SYSTEM_NAMESPACE, Condition, Label, PodReason
@@ -31,17 +33,16 @@ class Question:
     scheduler_namespace: str = SYSTEM_NAMESPACE
 
 
-@dataclass(slots=True)
-class Row:
+class Row(msgspec.Struct, rename="camel"):
     """One pod, or a component without one."""
 
     component: str
     pod: str = ""
     node: str = ""
     runner_up: str = ""
-    reasons: list[str] = field(default_factory=list)
-    scores: dict[str, int] = field(default_factory=dict)
-    devices: list[str] = field(default_factory=list)
+    reasons: list[str] = msgspec.field(default_factory=list)
+    scores: dict[str, int] = msgspec.field(default_factory=dict)
+    devices: list[str] = msgspec.field(default_factory=list)
     tier: str = ""
     """Why a node of this tier, where runsOn leaves a choice."""
     planned: str = ""
@@ -52,8 +53,7 @@ class Row:
     """The record is gone, and the scheduler has decided again to answer."""
 
 
-@dataclass(slots=True)
-class InstanceView:
+class InstanceView(msgspec.Struct, rename="camel"):
     """One instance of the app."""
 
     robot: str
@@ -73,7 +73,7 @@ async def show_explain(session: Session, question: Question) -> None:
         views = [await _instance(app, pods, instance=each, question=question, link=link) for each in shown]
     note = "\n".join(filter(None, (_note(link, views), _left_out(len(found) - len(shown), question.name))))
     if session.options.output.structured:
-        instances = [asdict(view) for view in views]
+        instances = msgspec.to_builtins(views)
         source = "conditions" if link.problem or _missing(views) else "scheduler"
         write_structured(
             {"app": question.name, "namespace": session.home, "source": source, "note": note, "instances": instances},

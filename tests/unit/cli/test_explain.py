@@ -170,7 +170,7 @@ def test_structured_output_says_where_it_comes_from(placed: Stage) -> None:
     found = placed.data("explain", "teleop", "--scheduler-url", placed.scheduler.url, "-c", "panel")
     assert (found["source"], found["note"]) == ("scheduler", "")
     (row,) = found["instances"][0]["components"]
-    assert (row["node"], row["runner_up"], row["scores"]) == ("edge-1", "edge-2", {"edge-1": 1964, "edge-2": 1748})
+    assert (row["node"], row["runnerUp"], row["scores"]) == ("edge-1", "edge-2", {"edge-1": 1964, "edge-2": 1748})
 
 
 def test_what_the_scheduler_decided_again_to_answer_is_marked(placed: Stage) -> None:
