@@ -12,7 +12,7 @@ from robotapp_cli.files import content
 from robotapp_cli.lint.findings import Located, Severity
 from robotapp_cli.lint.linter import Report, lint
 from robotapp_cli.lint.reading import MOST_TEXT
-from robotapp_cli.output import Output, write_structured
+from robotapp_cli.output import Output, printable, write_structured
 
 _LONGEST: Final = 2000
 """Characters of a message: parts of the file stand in some."""
@@ -40,13 +40,13 @@ def show_lint(files: Sequence[Path], output: Output) -> Exit:
 def line(file: str, found: Located) -> str:
     """One finding as compilers print theirs, so that editors find the place."""
     where = f"{found.path}: " if found.path else ""
-    return _printable(f"{file}:{found.place.line}:{found.place.column}: {found.severity}: {where}{found.message}")
+    return _one_line(f"{file}:{found.place.line}:{found.place.column}: {found.severity}: {where}{found.message}")
 
 
-def _printable(text: str) -> str:
-    """On one line and without what a terminal would obey: text of the file may be in it."""
+def _one_line(text: str) -> str:
+    """Bounded and printable: text of the file may be in it."""
     cut = text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
-    return "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in cut)
+    return printable(cut).replace("\n", r"\n")
 
 
 def _write(lines: Sequence[str]) -> None:
