@@ -34,7 +34,6 @@ from robotapp_operator.plan.objects import Deployment, Pod, Telemetry
 from robotapp_operator.plan.parameters import parameter_states
 from robotapp_operator.plan.wish import App, Domain
 from robotapp_operator.sharing import rules_view
-from robotapp_operator.sight import grace_s
 
 
 def wanted_instances(app: App, cache: Cache) -> tuple[Instance, ...]:
@@ -198,13 +197,13 @@ def instance_facts(
 def _grace(app: App, lost: Lost | None, *, now_s: float) -> Grace | None:
     if lost is None or now_s >= offline_s(app, lost):
         return None
-    seconds = grace_s(app)
+    seconds = app.grace_s
     return Grace(whole_seconds(lost.since), whole_seconds(lost.since + timedelta(seconds=seconds)), seconds)
 
 
 def offline_s(app: App, lost: Lost) -> float:
     """When an instance whose robot's node was lost counts as Offline, by the monotonic clock."""
-    return lost.since_s + grace_s(app)
+    return lost.since_s + app.grace_s
 
 
 def _last_joined(app: App, outcome: DomainOutcome | None) -> Domain | None:

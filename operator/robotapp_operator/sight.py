@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from robotapp_api.model.robots import Robots
-from robotapp_api.values.duration import parse_us
 from robotapp_operator.plan.wish import App
 
 BRAKED_S: Final = 10.0
@@ -53,7 +52,7 @@ class Sight:
         now = self._clock()
         since = {robot: before.since.get(robot, now) for robot in missing - ended}
         self._apps[app.uid] = Missing(robots, since, ended)
-        over = {robot for robot, began in since.items() if now - began >= grace_s(app)}
+        over = {robot for robot, began in since.items() if now - began >= app.grace_s}
         return frozenset(since) if not over or too_many() else frozenset(since.keys() - over)
 
     def look_again_s(self, app: App) -> float | None:
@@ -61,13 +60,8 @@ class Sight:
         missing = self._apps.get(app.uid)
         if missing is None or not missing.since:
             return None
-        left = grace_s(app) - (self._clock() - min(missing.since.values()))
+        left = app.grace_s - (self._clock() - min(missing.since.values()))
         return left if left > 0 else BRAKED_S
 
     def forget(self, uid: str) -> None:
         self._apps.pop(uid, None)
-
-
-def grace_s(app: App) -> float:
-    """`connectivity.grace` in seconds."""
-    return parse_us(app.spec.connectivity.grace) / 1_000_000

@@ -6,12 +6,13 @@ off nodes that no pod of the claim uses any more: else a node that was scaled do
 
 from collections import Counter
 from collections.abc import Callable, Iterable
+from typing import Final
 
 from robotapp_api.claims.objects import Claim
 from robotapp_api.client.claim_writes import Api, note_nodes, strike_nodes
 from robotapp_api.client.sweep_view import View
 
-IDLE_S = 120.0
+IDLE_S: Final = 120.0
 """Least time for which a node has been seen without pods of the claim before it is struck off: a node that has lost contact
 counts as ready for up to a minute."""
 

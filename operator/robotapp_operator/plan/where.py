@@ -6,7 +6,6 @@ from typing import Any, Final
 from robotapp_api.checks.spec import neighbours_of
 from robotapp_api.model.component import Component
 from robotapp_api.model.names import HARDWARE_PREFIX, Label
-from robotapp_api.values.duration import parse_us
 from robotapp_api.values.neighbours import NOBODY
 from robotapp_api.values.selector import matches_labels
 from robotapp_api.values.tiers import KEEP, ROBOT, on_disconnect
@@ -32,8 +31,7 @@ def tolerations(component: Component, wish: Wish) -> list[dict[str, Any]]:
     result = [*component.template.spec.tolerations]
     if _may_be_on_robot(component, wish):
         result += robot_tolerations(wish.robot)
-    grace_s = parse_us(wish.app.spec.connectivity.grace) // 1_000_000
-    return result + disconnect_tolerations(None if _keeps_pods(component, wish) else grace_s)
+    return result + disconnect_tolerations(None if _keeps_pods(component, wish) else int(wish.app.grace_s))
 
 
 def _may_be_on_robot(component: Component, wish: Wish) -> bool:

@@ -13,6 +13,7 @@ from robotapp_api.checks.ros import discovery_of, rmw_of, ros_version_of
 from robotapp_api.claims.share import AppKey
 from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME
 from robotapp_api.model.robotapp import RobotAppSpec
+from robotapp_api.values.duration import parse_us
 from robotapp_api.values.naming import child_name
 from robotapp_operator.plan.compare import content_hash
 
@@ -101,6 +102,11 @@ class App:
     def scheduler_name(self) -> str:
         """As written, else the operator's setting."""
         return self.spec.scheduler_name or self.default_scheduler
+
+    @property
+    def grace_s(self) -> float:
+        """`connectivity.grace` in seconds."""
+        return parse_us(self.spec.connectivity.grace) / 1_000_000
 
     @property
     def managed_master(self) -> bool:
