@@ -5,12 +5,10 @@ from typing import Final
 
 import msgspec
 
-from robotapp_agent.devices.device import Device
+from robotapp_agent.devices.device import MOST_DEVICES, Device
 
 KEEP_ABSENT_S: Final = 3600.0
 """How long an unplugged device stays in the report with `present: false`."""
-MOST_DEVICES: Final = 128
-"""The API's bound of `status.devices`."""
 
 
 class Presence:

@@ -7,6 +7,8 @@ import msgspec
 
 from robotapp_api.claims.identity import device_label
 
+MOST_DEVICES: Final = 128
+"""The schema's bound of `status.devices`."""
 MOST_NAMES: Final = 8
 MODEL_LENGTH: Final = 63
 """Of a label's value, which the model becomes."""

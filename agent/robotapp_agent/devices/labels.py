@@ -28,8 +28,8 @@ def labels_of(devices: Iterable[Device]) -> dict[str, str]:
                 models.setdefault(name, set()).add(device.model or NO_MODEL)
     if not models:
         return {}
-    by_length = sorted(models, key=lambda name: (name.count("-"), name))[: MOST_LABELS - 1]
-    labels = {HARDWARE_PREFIX + name: _one(models[name]) for name in sorted(by_length)}
+    by_words = sorted(models, key=lambda name: (name.count("-"), name))
+    labels = {HARDWARE_PREFIX + name: _one(models[name]) for name in sorted(by_words[: MOST_LABELS - 1])}
     return labels | {HARDWARE_SOURCE: FROM_TELEMETRY}
 
 

@@ -5,9 +5,8 @@ from typing import Final, NamedTuple
 from robotapp_agent.devices.device import Device
 
 MOST_TEMPERATURES: Final = 16
-MOST_DEVICES: Final = 128
 MOST_ROUND_TRIPS: Final = 64
-"""The schema's bounds of the lists in NodeTelemetry's status."""
+"""The schema's bounds of the lists in NodeTelemetry's status, beside MOST_DEVICES."""
 
 
 class RoundTrip(NamedTuple):

@@ -10,9 +10,8 @@ from typing import Any, Final
 import msgspec
 from msgspec import UNSET, UnsetType
 
-from robotapp_agent.devices.device import Device
+from robotapp_agent.devices.device import MOST_DEVICES, Device
 from robotapp_agent.report.readings import (
-    MOST_DEVICES,
     MOST_ROUND_TRIPS,
     MOST_TEMPERATURES,
     Battery,

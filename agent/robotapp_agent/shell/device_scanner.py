@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from robotapp_agent.devices.changes import MOST_DEVICES, Presence
-from robotapp_agent.devices.device import Device
+from robotapp_agent.devices.changes import Presence
+from robotapp_agent.devices.device import MOST_DEVICES, Device
 from robotapp_agent.devices.discovery import discover
 from robotapp_agent.shell.host.rules_file import RulesFile
 from robotapp_agent.shell.host.sysfs import HostPaths, SysfsReader

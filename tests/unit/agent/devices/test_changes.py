@@ -5,8 +5,8 @@ import random
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_agent.devices.changes import KEEP_ABSENT_S, MOST_DEVICES, Presence
-from robotapp_agent.devices.device import Device
+from robotapp_agent.devices.changes import KEEP_ABSENT_S, Presence
+from robotapp_agent.devices.device import MOST_DEVICES, Device
 
 CAMERA = Device(id="video-a", type="video", path="/dev/video0")
 BUS = Device(id="can-can0", type="can", interface="can0")
