@@ -197,11 +197,17 @@ def _spec_object(spec: ClaimSpec) -> dict[str, Any]:
 
 
 def holder_text(holder: Holder, *, for_namespace: str) -> str:
-    """Who holds, for an event or condition in `for_namespace`: tenants do not see each other's names."""
+    """Who holds, for an event or condition in `for_namespace`."""
+    shown = shown_name(holder.namespace, holder.name, for_namespace=for_namespace)
     if holder.namespace != for_namespace:
-        return "another namespace"
+        return shown
     kind = "pod " if not holder.is_app else ""
-    return f"{kind}{holder.namespace}/{holder.name}" + (f" ({holder.instance})" if holder.instance else "")
+    return f"{kind}{shown}" + (f" ({holder.instance})" if holder.instance else "")
+
+
+def shown_name(namespace: str, name: str, *, for_namespace: str) -> str:
+    """`namespace/name` for readers of that namespace: tenants do not see each other's names."""
+    return f"{namespace}/{name}" if namespace == for_namespace else "another namespace"
 
 
 def grants(*, domain: int | None = None, devices: Collection[str] = (), shared: Collection[str] = ()) -> dict[str, str]:

@@ -18,8 +18,6 @@ FEW_MISSING: Final = 3
 """So many robots may end at once because of their nodes, or a tenth of all if that is more."""
 _NAMED: Final = 4
 """Nodes a message names."""
-
-
 PRIMARY: Final = "true"
 """Value of Label.ROBOT_PRIMARY on the one node of a robot that is `@robot`."""
 

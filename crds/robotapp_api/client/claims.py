@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import Final
 
 from robotapp_api.claims import domain as rules
 from robotapp_api.claims.domain import DomainOutcome, DomainRequest, Step
@@ -16,7 +17,7 @@ from robotapp_api.client.resources import DEPLOYMENTS, DOMAINPOOLS, ROBOTAPPS, R
 from robotapp_api.client.sweep_view import find
 from robotapp_api.model.names import Label, Reason
 
-RESTARTS = 5
+RESTARTS: Final = 5
 """Start over this often within one call when another writer was faster; then the caller's queue backs off."""
 
 

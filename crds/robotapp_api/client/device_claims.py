@@ -6,6 +6,7 @@ pod is gone or bound without it. Only behind a fence it is given back earlier (`
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 from robotapp_api.claims.device import Chosen, Take, busy_text, take_device
 from robotapp_api.claims.identity import Found, claim_name, device_spec, same_holder, same_tuple
@@ -14,7 +15,7 @@ from robotapp_api.client.claim_writes import Api, Refused, create_claim, touch
 from robotapp_api.client.claims import find_claim
 from robotapp_api.model.names import Reason
 
-ROUNDS = 4
+ROUNDS: Final = 4
 """Tries per device while others write to its claim; then the pod's next cycle tries again."""
 
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from robotapp_api.claims.device import Chosen
-from robotapp_api.claims.identity import holder_of_pod, shared_devices
+from robotapp_api.claims.identity import holder_of_pod, shared_devices, shown_name
 from robotapp_api.claims.objects import Holder, Pod
 from robotapp_api.client.claim_writes import Api, Refused, delete_claim
 from robotapp_api.client.device_claims import Reservation, reserve_devices
@@ -58,7 +58,7 @@ async def shared_by_others(
         used = sorted(wanted & shared_devices(pod.metadata.annotations))
         if used and pod.metadata.uid != pod_uid and not pod.terminal:
             meta = pod.metadata
-            who = f"{meta.namespace}/{meta.name}" if meta.namespace == holder.namespace else "another namespace"
+            who = shown_name(meta.namespace, meta.name, for_namespace=holder.namespace)
             text = f"device {used[0]} on {node} is shared by {who}: it is free when its pods are gone"
             return Reservation(False, reason=Reason.DEVICE_BUSY, message=text, taken_by_another=True)
     return Reservation(True)

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from robotapp_api.claims.identity import shown_name
 from robotapp_api.model.names import Label
 from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.preemption import BY_SCHEDULER
@@ -24,8 +25,8 @@ def budget_without_end() -> str:
 
 
 def device_busy(device: str, node: str, *, holder: str, holder_namespace: str, namespace: str) -> str:
-    """Who keeps a device from a pod in `namespace`; tenants do not see each other's names."""
-    who = f"{holder_namespace}/{holder}" if holder_namespace == namespace else "another namespace"
+    """Who keeps a device from a pod in `namespace`."""
+    who = shown_name(holder_namespace, holder, for_namespace=namespace)
     return f"device {device} on {node} is held by {who}: it is free when its holder is deleted or suspended"
 
 
