@@ -84,7 +84,7 @@ class Nodes(MutableMapping[str, Node]):
             self._lost.pop(name, None)
             return
         now = self._now()
-        age = timedelta() if seen_ready else max(timedelta(), now - (_moment(node.turned) or now))
+        age = timedelta() if seen_ready else max(timedelta(), now - (_moment(node.readiness_since) or now))
         self._lost[name] = Lost(now - age, self._clock() - age.total_seconds())
 
     def _leave(self, name: str, robot: str) -> None:

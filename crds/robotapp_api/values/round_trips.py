@@ -187,10 +187,6 @@ class RoundTrips:
         """What the node's own agent measured. The same object as long as nothing in it changes."""
         return self._reports.get(node, _NOTHING).live
 
-    def all_reported(self) -> Iterable[tuple[str, Mapping[str, Figures]]]:
-        """(node, what its own agent measured) of every agent."""
-        return ((node, report.live) for node, report in self._reports.items())
-
     def _replace(self, node: str, old: _Report, new: _Report) -> frozenset[str]:
         if new.live == old.live:
             self._reports[node] = new._replace(live=old.live)

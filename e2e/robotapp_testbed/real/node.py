@@ -114,10 +114,6 @@ class RealNode:
     def kubelet(self) -> Inside:
         return self._program("kubelet")
 
-    @property
-    def kube_proxy(self) -> Inside:
-        return self._program("kube-proxy")
-
     def programs(self) -> dict[str, Inside]:
         return {program.name: program for program in self._programs.values()}
 

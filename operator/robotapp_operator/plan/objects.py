@@ -134,8 +134,8 @@ class Node(Struct):
         return any(c.type == "Ready" and c.status == "True" for c in self.status.conditions)
 
     @property
-    def turned(self) -> str | None:
-        """Since when the node is ready or not, by the clock of whoever wrote the condition; else since when it exists."""
+    def readiness_since(self) -> str | None:
+        """When the node became Ready or ceased to be, by the clock of the program that wrote the condition; else when it was created."""
         found = next((c.last_transition_time for c in self.status.conditions if c.type == "Ready"), None)
         return found or self.metadata.creation_timestamp
 

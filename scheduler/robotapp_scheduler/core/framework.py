@@ -106,7 +106,6 @@ from robotapp_scheduler.core.volumes import VolumePlan
 from robotapp_scheduler.core.waiting import Waker
 
 MAX_SCORE: Final = 100
-MAX_MESSAGE: Final = 1024
 
 
 class Code(StrEnum):
