@@ -100,7 +100,7 @@ def _left_out(count: int, name: str) -> str:
 
 
 def _with_pods(found: list[Instance], pods: list[Json]) -> list[Instance]:
-    """With an empty one for each instance that has pods but no object, because it is being made or somebody deleted it."""
+    """With an empty one for each instance that has pods but no object, because it is being made or was deleted."""
     known = {each.name for each in found}
     missing = {label(pod, Label.INSTANCE) for pod in pods} - known
     return [*found, *(Instance(name, {}) for name in sorted(missing))] or [Instance("", {})]

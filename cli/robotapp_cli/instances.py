@@ -11,7 +11,7 @@ from robotapp_cli.fields import Json, condition, meta, status
 from robotapp_cli.session import Session
 
 MOST_IN_FULL: Final = 10
-"""Instances whose components and edges are shown unless somebody asks for more."""
+"""Instances whose components and edges are shown by default."""
 _WELL: Final = frozenset({Phase.RUNNING, Phase.SUSPENDED})
 
 

@@ -9,7 +9,7 @@ from robotapp_cli.fields import Json, milliseconds, short_ms
 
 _PREFIX: Final = "node(s) "
 _BY_ESTIMATE: Final = " by estimate"
-"""End of a reason whose number nobody measured."""
+"""End of a reason whose number was not measured."""
 _HARDWARE: Final = "HardwareAffinityFilter"
 
 

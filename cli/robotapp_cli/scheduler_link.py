@@ -130,7 +130,7 @@ async def connect(session: Session, *, url: str | None, namespace: str) -> Async
 async def _identity(session: Session) -> tuple[dict[str, str], ssl.SSLContext]:
     """The user's token, and a context that presents the user's certificate and believes any scheduler.
 
-    A scheduler makes its certificate at its start, so nobody can verify it. kubectl's tunnel ends in the pod the API
+    A scheduler makes its certificate at its start, so it cannot be verified. kubectl's tunnel ends in the pod the API
     server named, which is what a certificate would prove; for other addresses see `_verify`.
     """
     own = endpoint(session.options)  # a context of our own: that of the API server's connection must go on verifying
@@ -174,7 +174,7 @@ async def _scheduler_pod(session: Session, namespace: str) -> tuple[str, int]:
 
 
 def _certain(running: list[Json], leader: str, *, namespace: str) -> Json:
-    """The pod that holds the Lease, which only schedulers write; a label anybody in the namespace may set.
+    """The pod that holds the Lease, which only schedulers write; a label every user of the namespace may set.
 
     Who may not read the Lease gets any pod of the one release there is. Raises `NoAnswerError`.
     """

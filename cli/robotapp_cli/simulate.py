@@ -22,11 +22,11 @@ from robotapp_cli.session import Session
 
 _MOST_BYTES: Final = 64 << 20
 _PRIVATE: Final = ("env", "envFrom", "command", "args", "volumeMounts", "lifecycle")
-"""What no rule reads of a container, and nobody wants to send around."""
+"""What no rule reads of a container, and may be secret."""
 _OWNERS: Final = frozenset(
     {"RobotApp", "Deployment", "ReplicaSet", "StatefulSet", "DaemonSet", "ReplicationController", "Job", "CronJob"}
 )
-"""What somebody may take for the pods it becomes."""
+"""Kinds that become pods and may be taken for them."""
 
 
 @dataclass(frozen=True, slots=True)

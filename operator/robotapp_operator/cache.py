@@ -178,7 +178,7 @@ class Answers:
 class Cache:
     """Every object the plan reads.
 
-    Child indexes are keyed by the app uid in the label, which anybody may write on objects of their own. So objects of other
+    Child indexes are keyed by the app uid in the label, which every tenant may write on objects of its own. So objects of other
     namespaces than the app's are kept out here, and owners are checked by readers.
     """
 
@@ -332,7 +332,7 @@ class Cache:
         return self.deployments.instances(uid)
 
     def robots_with_something(self) -> set[str]:
-        """Robots for which an app has Deployments or anybody has claims."""
+        """Robots for which there are Deployments of an app, or claims."""
         found = {claim.holder.instance for claim in self.all_claims()}
         for uid in self.apps:
             found |= {item.metadata.instance for item in self.deployments.of(uid).values() if owned_by(item, uid)}

@@ -79,7 +79,7 @@ class Children:
         self._params.forget(uid)
 
     async def _read_params(self, app: App) -> None:
-        """Only of an app that is accepted: what nobody will run must cost nothing."""
+        """Only of an app that is accepted: what will not run must cost nothing."""
         if problems_now(app, self._cache):
             self._params.forget(app.uid)
         else:
@@ -286,7 +286,7 @@ def find_instance(instances: tuple[Instance, ...], robot: str) -> Instance | Non
 
 
 def _must_not_start(instance: Instance, observed: Mapping[ChildRef, Observed]) -> bool:
-    """Nobody knows which node `@robot` is. An instance that is there already goes on as it is written."""
+    """It is unknown which node `@robot` is. An instance that is there already goes on as it is written."""
     return bool(instance.problem or instance.missing) and not observed
 
 

@@ -293,7 +293,7 @@ class Controller:
         return PROBES_REST_S
 
     async def _resync(self, _: Key) -> float:
-        """Every app once more; those that are gone although nobody said so are forgotten."""
+        """Every app once more; those that are gone although no event came are forgotten."""
         known = set(self._cache.apps)
         bodies = await self._list_apps()
         vanished = known - set(self._cache.apps)  # while the list was under way, which may still show them

@@ -29,7 +29,7 @@ RESOURCES: Final[Mapping[str, Resource]] = {DEPLOYMENT: DEPLOYMENTS, SERVICE: SE
 
 
 class StartOver(Exception):  # noqa: N818 - a turn of the protocol, not an error
-    """Somebody else was faster: read everything again."""
+    """Another writer was faster: read everything again."""
 
 
 @dataclasses.dataclass(slots=True)

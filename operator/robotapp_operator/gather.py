@@ -98,7 +98,7 @@ def needs_domain(app: App) -> bool:
 def cached_domain(app: App, robot: str, cache: Cache, outcome: DomainOutcome | None) -> Domain | None:
     """The instance's domain as far as caches can tell; None sends the caller to the API server.
 
-    outcome: the last answer from there; it is trusted for shared ids (isolation Discovery) alone, which nobody claims.
+    outcome: the last answer from there; it is trusted for shared ids (isolation Discovery) alone, which have no claims.
     """
     view = rules_view(app)
     key = (app.namespace, app.name)

@@ -116,7 +116,7 @@ class ParamsWatch:
             raise StartOver(f"ConfigMaps not read within {self._read_s:.0f} s: {missing}") from late
 
     def forget(self, uid: str) -> None:
-        """The app is gone or not accepted: nobody follows a ConfigMap for it any more."""
+        """The app is gone or not accepted: no ConfigMap is followed for it any more."""
         if uid in self._named:
             self._follow(uid, frozenset())
 
@@ -192,7 +192,7 @@ class ParamsWatch:
                 await self._read_once(key, head)
         except NotFound:
             pass  # the watch will say so
-        finally:  # here and not when the task is over: a change in between would be read by nobody
+        finally:  # here and not when the task is over: a change in between would not be read
             del self._reading[key]
 
     async def _read_once(self, key: str, head: Head) -> None:

@@ -23,7 +23,7 @@ def wake_status(queue: Queue, uid: str, instance: str, *, delay_s: float = 0.0) 
 
 
 def wake_sharers(cache: Cache, queue: Queue, owner: AppKey) -> None:
-    """The app, its spec or what its templates name has changed: whoever follows it looks again, in all instances."""
+    """The app, its spec or what its templates name has changed: apps that share its domain look again, in all instances."""
     for uid in cache.sharing.followers(owner):
         queue.forgive(uid)
         queue.add(Key(Work.APP, uid))
@@ -40,7 +40,7 @@ def wake_instance(cache: Cache, queue: Queue, uid: str, robot: str) -> None:
 
 
 def wake_joined(cache: Cache, queue: Queue, owner: AppKey, *, uid: str, instance: str) -> None:
-    """What one instance of the owner holds or names has changed: news for whoever joins that instance."""
+    """What one instance of the owner holds or names has changed: news for the apps that join that instance."""
     followers = cache.sharing.followers(owner)
     if not followers:
         return

@@ -1,4 +1,4 @@
-"""The definitions `lint` knows, and their schemas as the API server applies them to what somebody sends."""
+"""The definitions `lint` knows, and their schemas as the API server applies them to what it is sent."""
 
 import re
 from collections.abc import Iterator

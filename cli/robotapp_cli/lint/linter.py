@@ -16,7 +16,7 @@ from robotapp_cli.lint.reading import Document, Node, UnreadableError, read, tex
 from robotapp_cli.lint.subject import Subject
 
 MOST_FINDINGS: Final = 200
-"""Of one object: whoever has more has written something else than an app."""
+"""Of one object: a file with more errors is something else than a RobotApp."""
 _OURS: Final = frozenset(model.__name__ for model in OUR_KINDS)
 _SIMILAR: Final = 0.8
 

@@ -185,7 +185,7 @@ def _out_of_bounds(kind: str, error: Misfit) -> str:
 
 
 def nearest(name: str, allowed: Iterable[str]) -> str:
-    """The allowed name somebody may have meant, or ""."""
+    """The allowed name that may have been meant, or ""."""
     by_case = {each.lower(): each for each in allowed}
     found = difflib.get_close_matches(name[:_LONGEST].lower(), by_case, n=1, cutoff=0.7)
     return by_case[found[0]] if found else ""

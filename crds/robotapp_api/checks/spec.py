@@ -12,7 +12,7 @@ from robotapp_api.model.distros import DISTROS, nearest
 from robotapp_api.model.names import ROBOT_END, Reason
 from robotapp_api.model.placement import Fallback
 from robotapp_api.model.robotapp import RobotAppSpec
-from robotapp_api.values.neighbours import NOBODY, Neighbours, Part, neighbours
+from robotapp_api.values.neighbours import NO_NEIGHBOURS, Neighbours, Part, neighbours
 from robotapp_api.values.tiers import ROBOT
 
 
@@ -162,7 +162,7 @@ def _contradictions(spec: RobotAppSpec) -> Iterator[Problem]:
     found = neighbours_of(spec)
     for index, component in enumerate(spec.components):
         for name in component.separate_from:
-            if name in found.get(component.name, NOBODY).together:
+            if name in found.get(component.name, NO_NEIGHBOURS).together:
                 yield invalid(
                     f"spec.components[{index}].separateFrom",
                     f"{component.name} must be apart from {name}, but colocateWith or sharedData.with ties both to one node; remove one of the names",

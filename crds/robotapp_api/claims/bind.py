@@ -59,7 +59,7 @@ def bind_verdict(pod: Pod, claim: Claim | None, *, sharing: Collection[str] = ()
 
 
 def shared_verdict(pod: Pod, shared_ids: Collection[int]) -> BindVerdict:
-    """Pods with isolation Discovery use a shared id, which nobody can claim."""
+    """Pods with isolation Discovery use a shared id, which cannot be claimed."""
     if unclear := unclear_domains(pod.spec):
         return _unclear(unclear)
     ids = named_ids(pod.spec)

@@ -170,11 +170,11 @@ def claims_wanted(devices: Iterable[Asked]) -> int:
 
 
 def is_device(thing: DeviceThing, device: Identified, *, known: Collection[str]) -> bool:
-    """Whether `thing`, which somebody holds or uses, is this device of the same node.
+    """Whether `thing`, which a claim or a pod names, is this device of the same node.
 
     known: labels of all ids that the node reports now, plugged in or not. What is held under one of them is that device.
     What is held under another id was named when something else described the node, a label or an agent, and may be any
-    device that is not surely another one: whoever describes the node must not make a held device free.
+    device that is not surely another one: a new description of the node must not make a held device free.
     """
     if thing.id == device_label(device.id):
         return True

@@ -67,7 +67,7 @@ class Step(StrEnum):
     ADOPT = "Adopt"
     """Held: touch the claim (compare-and-swap), then write the template."""
     CREATE = "Create"
-    """Nothing held: create the first candidate that nobody has."""
+    """Nothing held: create the first candidate that is free."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +82,7 @@ def wanted_id(
 ) -> int | None:
     """Rule 4: the held id that a Deployment names, else the first held one in hash order; None when none is held.
 
-    Everybody who asks, operators and sweeps, gets the same answer from the same state, so an instance settles on one id.
+    Operators and sweeps get the same answer from the same state, so an instance settles on one id.
     """
     acceptable = [number for number in id_order(held, uid, instance) if requested in (None, number)]
     return next((number for number in acceptable if number in named), acceptable[0] if acceptable else None)
@@ -180,7 +180,7 @@ def check_request(request: DomainRequest, pool: Pool) -> DomainOutcome | None:
 
 
 def withheld(request: DomainRequest, pool: Pool) -> DomainOutcome | None:
-    """Why nobody gets the id that is asked for, whether it is free or not; None when it may be claimed.
+    """Why the requested id is given to no holder, whether it is free or not; None when it may be claimed.
 
     For new claims only: an id that was claimed before the pool reserved it stays with its holder, whose robots drive.
     """

@@ -1,6 +1,6 @@
 """Which instances of an app exist: one in all, one per robot, or one for any robot.
 
-One rule for everybody who asks, the operator from its caches and the sweep from fresh reads: an instance that exists for
+One rule for the operator, which reads caches, and the sweep, which reads afresh: an instance that exists for
 one and not for the other would be created and freed in turn.
 """
 
@@ -111,7 +111,7 @@ def out_of_sight(wish: RobotWish, nodes: Iterable[Meta], *, running: Collection[
     """Robots the app runs on of which no node matches its selector: the Node or its labels are gone.
 
     That alone proves nothing: a Node is deleted and joins again, a tool takes labels off by mistake, and the robot drives
-    on. A robot that is there and does not admit the app's namespace is none of these: somebody has decided that.
+    on. A robot that is there and does not admit the app's namespace is none of these: its administrator has decided that.
     """
     if wish.node_selector is None:
         return frozenset()
@@ -190,8 +190,8 @@ def open_robots(nodes: Iterable[Meta], namespace: str) -> list[Meta]:
 def closed_nodes(nodes: Collection[Meta], namespace: str) -> frozenset[str]:
     """Names of the nodes that do not admit the namespace (node annotation robotics.io/allowed-namespaces).
 
-    A robot admits it only if each of its computers does: else pods would get on the robot through the one that somebody
-    forgot to annotate. nodes: all computers of each robot among them.
+    A robot admits it only if each of its computers does: else pods would get on the robot through a computer without
+    the annotation. nodes: all computers of each robot among them.
     """
     refusing = [node for node in nodes if not admits(node.annotations, namespace)]
     robots = {robot_of(node) for node in refusing} - {""}

@@ -1,7 +1,7 @@
 """Whose object this is: labels find candidates, owner references prove.
 
-Everybody who may write a Deployment may write any label on it, also the uid of another tenant's app. What nobody can
-forge is an owner that exists: the chain of owners has to lead, inside one namespace, to a RobotApp of the labelled uid,
+A user who may write a Deployment may write any label on it, also the uid of another tenant's app. What cannot be forged is
+an owner that exists: the chain of owners has to lead, inside one namespace, to a RobotApp of the labelled uid,
 and the caller asks the API server whether that RobotApp exists.
 """
 

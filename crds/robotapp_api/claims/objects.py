@@ -12,7 +12,7 @@ from robotapp_api.model.names import GROUP, SCHEDULER_NAME, THESIS_SCHEDULER_NAM
 
 ROS_DOMAIN_ID: Final = "ROS_DOMAIN_ID"
 EXCLUSIVE: Final = "Exclusive"
-"""Value of a device's `sharing` that keeps everybody else out."""
+"""Value of a device's `sharing` that keeps all other pods out."""
 
 
 class Object(msgspec.Struct, rename="camel", frozen=True, kw_only=True, gc=False):
@@ -149,7 +149,7 @@ class Claim(Object, frozen=True, kw_only=True):
 
     @property
     def standing(self) -> bool:
-        """Nobody is about to give it back, so pods may be bound with it."""
+        """No sweep is about to give it back, so pods may be bound with it."""
         return not (self.draining or self.parked)
 
 
@@ -196,7 +196,7 @@ class PodSpec(Object, frozen=True, kw_only=True):
 
     @property
     def bound_by_us(self) -> bool:
-        """Nobody but our scheduler binds such a pod, and it does so only after the bind check (rule 1)."""
+        """Only our scheduler binds such a pod, and it does so only after the bind check (rule 1)."""
         return bool(self.node_name) and self.scheduler_name in {SCHEDULER_NAME, THESIS_SCHEDULER_NAME}
 
 

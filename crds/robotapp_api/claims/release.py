@@ -20,7 +20,7 @@ class Release(StrEnum):
     PARK = "Park"
     """Unused as far as the API server knows, but a node that is out of sight may still run its pods."""
     DRAIN = "Drain"
-    """Phase 1: unused. Adopters and bindings stop here, nobody has lost anything yet."""
+    """Phase 1: unused. Adopters and bindings stop here; the holder has lost nothing yet."""
     WAIT = "Wait"
     """Draining, and the quarantine (domains) or handover (devices) still runs."""
     DELETE = "Delete"
@@ -73,7 +73,7 @@ def is_gone(found: App | Pod | None, uid: str) -> bool:
 
 
 def claims_domain(app: App) -> bool:
-    """Whether the app's domains are claimed at all: ROS 1 has none, and isolation Discovery uses ids that nobody claims."""
+    """Whether the app's domains are claimed at all: ROS 1 has none, and isolation Discovery uses ids without claims."""
     discovery = app.spec.ros2 is not None and app.spec.ros2.isolation == "Discovery"
     ros = app.spec.ros
     return not discovery and (ros is None or ros_version(ros.version, ros.distro) == 2)

@@ -1,8 +1,8 @@
 """The other direction of the sweep: something runs with a grant whose claim is gone, for example deleted by hand.
 
-The claim is created again for who runs. If somebody else holds the thing by then, nobody is robbed silently: both are
-told (ClaimConflict) and a person decides. The functions here find candidates by labels and annotations; the caller asks
-whether the pod is what it says (`membership`), before anything is written or told.
+The claim is created again for the holder that runs. If another holder has the thing by then, both get the condition
+ClaimConflict and a person decides. The functions here find candidates by labels and annotations; the caller checks by
+`membership` whether the pod belongs to that holder before anything is written.
 """
 
 from collections.abc import Iterable, Mapping
@@ -43,10 +43,10 @@ class Missing:
 
 @dataclass(frozen=True, slots=True)
 class ClaimConflict:
-    """Somebody runs with a thing that another one holds. Told about, never resolved by stealing.
+    """One holder runs with a thing that another one holds. It is reported, and neither loses what it has.
 
-    checked: whether who runs was let in by us at some time. Any tenant can have a pod bound by another scheduler and write
-    anybody's claim on it; that is no matter of a holder in another namespace.
+    checked: whether our bind check let the running holder in at some time. Any tenant can have a pod bound by another
+    scheduler and name any claim on it; a holder in another namespace is not told about such a pod.
     """
 
     runs: Holder
@@ -147,7 +147,7 @@ def _domain_spec(pod: Pod, pod_holder: Holder, places: Mapping[str, str]) -> Cla
 def missing_claims(
     pods: Iterable[Pod], claims: Mapping[str, Claim], *, places: Mapping[str, str]
 ) -> dict[str, Missing]:
-    """By claim name, what running pods stand on and nobody holds. Decide on pods that were read before the claims."""
+    """By claim name, what running pods use and no claim holds. Decide on pods that were read before the claims."""
     return {
         name: missing
         for pod in pods

@@ -13,7 +13,7 @@ Lookup = Callable[[AppKey], App | None]
 
 @dataclass(frozen=True, slots=True)
 class Join:
-    """owner: the app that claims (possibly the asking app itself), or None with the message why nobody can say."""
+    """owner: the app that claims (possibly the asking app itself), or None with the reason why it is unknown."""
 
     owner: AppKey | None
     message: str = ""
@@ -62,7 +62,7 @@ def _problem(app: App, key: AppKey, other: App | None) -> str:
 
 
 def _ring(key: AppKey, asks: Mapping[AppKey, tuple[AppKey, ...]]) -> frozenset[AppKey]:
-    """The apps that follow each other in a ring nobody leaves, `key` among them; empty when `key` is on the way."""
+    """The apps that follow each other in a ring without an end, `key` among them; empty when `key` is on the way."""
     reached = _reached(key, asks)
     return reached if all(key in _reached(other, asks) for other in reached) else frozenset()
 

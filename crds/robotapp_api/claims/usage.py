@@ -2,7 +2,7 @@
 
 A Deployment, a ReplicaSet that has or wants pods, and a pod that has not ended, pending ones included, use the ids that
 their ROS_DOMAIN_ID names, for the app uid and instance of their labels in their own namespace, and for the claim their
-annotation names (apps that share a domain). Labels are what anybody may write, so a Deployment or ReplicaSet counts only
+annotation names (apps that share a domain). Any user may write labels, so a Deployment or ReplicaSet counts only
 if its owners prove it (`membership`); a live pod of the holder's namespace counts without that, because it transmits
 whoever owns it. The literal decides and the annotation only adds: users can edit an annotation of a running pod, but not
 its environment.

@@ -33,7 +33,7 @@ class Troubles:
         try:
             yield
         except Refused:
-            self._counts["refused"] += 1  # somebody else wrote to it: the next pass sees what
+            self._counts["refused"] += 1  # another writer was faster: the next pass reads what it wrote
         except (TooManyRequests, Unauthorized):
             raise
         except (ApiError, msgspec.ValidationError) as error:

@@ -49,7 +49,7 @@ class Refused(Exception):  # noqa: N818 - a normal answer of the protocol, not a
 
 
 async def create_claim(client: Api, spec: ClaimSpec, *, momentary: bool = False, node: str = "") -> Claim | None:
-    """Take the thing; None when somebody (possibly ourselves, earlier) has it.
+    """Take the thing; None when a claim of this name exists, possibly one of our own.
 
     momentary: until a pod is bound. node: where the pod that it is for is about to be bound.
     """
@@ -82,7 +82,7 @@ async def strike_nodes(client: Api, claim: Claim, nodes: Collection[str]) -> Cla
 
 
 async def park(client: Api, claim: Claim) -> Claim:
-    """Keep the thing for its holder, whose pods may run on although nobody sees them. The nodes stay: they are why."""
+    """Keep the thing for its holder, whose pods may run on although their node cannot be seen. The nodes stay: they are the reason."""
     return await _write_status(client, claim, {"phase": ClaimPhase.PARKED.value, "attempt": claim.status.attempt})
 
 

@@ -75,7 +75,7 @@ async def _own_at(
 ) -> DomainOutcome:
     """The pod's own domain, whose claim names the node (if known) before the pod is bound there.
 
-    A claim that was made just now does so from the beginning. Nobody can have read it to release it: the pod was there.
+    A claim that was made just now names it from the beginning. No sweep can have read that claim to release it: the pod was there.
     """
     outcome = await _own(client, request, pool, (), known_claims, node=node)
     if node and outcome.held and not outcome.created:

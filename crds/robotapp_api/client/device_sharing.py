@@ -1,7 +1,7 @@
-"""Sharing a device: no claim stands while it is shared, so the way into it leads over the claim's name.
+"""Sharing a device: a shared device has no claim; a pod that joins holds one during its binding only.
 
-Whoever joins takes the claim for the moment of its binding, and whoever wants the device alone looks for sharers once
-the claim is its own. A create is mutual exclusion: the one that comes second meets the claim, or the pod that was bound.
+A pod that wants the device alone creates the claim first and then looks for bound pods that share it. A create is mutual
+exclusion: the second of two schedulers meets the claim of the first, or the pod that the first has bound.
 """
 
 import asyncio
@@ -23,7 +23,7 @@ WAITS_S: Final = (0.02, 0.05, 0.1, 0.2, 0.4)
 async def begin_sharing(
     client: Api, *, namespace: str, pod: str, pod_uid: str, node: str, devices: Sequence[Chosen]
 ) -> Reservation:
-    """Hold the claims of these devices until the pod is bound; not ok when somebody has one of them alone.
+    """Hold the claims of these devices until the pod is bound; not ok when another holder has one of them alone.
 
     The holder is the pod itself: bound or gone, it has no right to the claim, so that the sweep ends what we could not.
     """

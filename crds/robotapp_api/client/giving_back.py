@@ -1,7 +1,7 @@
 """F4: a pod that waits gives devices back that it cannot use yet. Fence, then release.
 
-The pod's version moves first, so that a Binding which somebody else decided on the older version fails; then the claim is
-deleted as it was read. Without the fence a sleeping scheduler could bind the pod with a device that is somebody else's
+The pod's version moves first, so that a Binding which another scheduler decided on the older version fails; then the claim
+is deleted as it was read. Without the fence a sleeping scheduler could bind the pod with a device that has another holder
 by then (`DM7` of the claim model).
 """
 

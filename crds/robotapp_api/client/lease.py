@@ -67,7 +67,9 @@ class LeaderElection:
         if not lease_duration_s > renew_deadline_s > retry_period_s * (1 + JITTER) > 0:
             raise ValueError("a lease needs duration > renew deadline > 1.2 x retry period > 0")
         if not identity:
-            raise ValueError("an empty identity means: nobody holds the lease")
+            raise ValueError(
+                "the identity of a candidate is empty, which in a Lease means that it has no holder; pass a name"
+            )
         self._client = client
         self._namespace = namespace
         self._name = name

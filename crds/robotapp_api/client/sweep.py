@@ -37,12 +37,12 @@ PENDING_S: Final = 60.0
 PAUSE_S: Final = 0.1
 """Least time between passes: a burst of deletions is one pass."""
 LIMIT: Final = 8
-"""Claims that are looked after side by side: one after the other, a few hundred would take longer than anybody's quarantine."""
+"""Claims that are looked after side by side: one after the other, a few hundred would take longer than a quarantine."""
 DUTY: Final = 4.0
 """A pass is followed by a pause of this many times its length, so that a storm costs a fifth of the time at most.
 
 But for no longer than the period: where the API server is slow, a pass is long for its answers and not for our work, and
-what is free would wait many times as long as anybody asked for.
+a free id would wait for many periods.
 """
 
 
@@ -80,7 +80,7 @@ class Rests:
 
 
 class Sweeper:
-    """Gives back what nobody uses, and re-creates claims that something running stands on.
+    """Gives back what is not used, and re-creates claims of what runs.
 
     pending_s: a pod that is not bound gives a device back when its claim was not touched for so long (F4); None: never.
     namespaces: sweep only holders there (a namespaced operator); None sweeps all. Without the right to list workloads

@@ -197,7 +197,7 @@ async def _workloads(client: Api, namespaces: Collection[str] | None) -> tuple[U
 
 
 async def _children(client: Api, resource: Resource, namespaces: Collection[str] | None, as_type: type[T]) -> list[T]:
-    """Objects of RobotApps: the label's existence keeps everybody else's pods out of the answer."""
+    """Objects of RobotApps: the selector leaves all other pods out of the answer."""
     places: Iterable[str | None] = (None,) if namespaces is None else sorted(namespaces)
     found: list[T] = []
     for namespace in places:
@@ -225,7 +225,7 @@ async def find(client: Api, resource: Resource, name: str, namespace: str, as_ty
 async def used_on_node(client: Api, claim: Claim) -> bool:
     """Whether the pod of a device claim is still on the device's node, whatever became of its labels.
 
-    The last look before a device goes to somebody else: a person may have taken the labels off a running pod.
+    The last read before a device goes to another holder: a person may have taken the labels off a running pod.
     """
     device = claim.spec.device
     if device is None or not claim.status.pod:

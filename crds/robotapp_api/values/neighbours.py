@@ -1,6 +1,6 @@
 """Which components of an app share a node and which must not: `colocateWith`, `sharedData.with` and `separateFrom` as one relation.
 
-Both are symmetric, whoever declares them. Sharing is transitive: A with B and B with C puts A on the node of C, and what is
+Both are symmetric, on whichever side they are declared. Sharing is transitive: A with B and B with C puts A on the node of C, and what is
 separate from C is separate from A.
 """
 
@@ -23,7 +23,7 @@ class Neighbours(NamedTuple):
     apart: tuple[str, ...] = ()
 
 
-NOBODY = Neighbours()
+NO_NEIGHBOURS = Neighbours()
 
 
 def neighbours(parts: Iterable[Part]) -> Mapping[str, Neighbours]:

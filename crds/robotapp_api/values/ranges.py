@@ -26,5 +26,5 @@ def parse_ids(text: str) -> tuple[int, ...]:
 
 
 def is_safe_id(number: int) -> bool:
-    """Whether anybody may ask for this domain id; another one needs `allowUnsafeDomain`, or a pool that hands it out."""
+    """Whether any app may ask for this domain id; another one needs `allowUnsafeDomain`, or a pool that hands it out."""
     return number in parse_ids(SAFE_IDS)

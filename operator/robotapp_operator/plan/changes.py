@@ -36,7 +36,7 @@ class Change:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Plan:
-    """`held`: children whose template is not written although it differs. `foreign`: names somebody else has."""
+    """`held`: children whose template is not written although it differs. `foreign`: names of objects that are not ours."""
 
     changes: tuple[Change, ...] = ()
     deletes: tuple[Observed, ...] = ()
@@ -117,7 +117,7 @@ def in_place(child: Child, over: Observed, settled: Mapping[str, tuple[int, str]
     if meta.annotations.get(Annotation.CONTENT_HASH) != child.hash or not covers(meta.labels, child.labels):
         return False
     if settled.get(meta.uid) == (meta.generation, child.hash):
-        return True  # even with a stray: whoever puts it back at once would have us write for ever
+        return True  # even with a stray: a controller that puts it back at once would have us write for ever
     return covers(over.spec, child.spec) and not strays(over.spec, child.spec)
 
 

@@ -69,7 +69,7 @@ def device_trouble(
 
 
 def rivals(fitting: Sequence[frozenset[Place]]) -> list[int]:
-    """Which wishes, by index, cannot all be had although nobody else holds anything; none of them can be left out."""
+    """Which wishes, by index, cannot all be had although every device is free; none of them can be left out."""
     group = list(range(len(fitting)))
     if _can_have(fitting, group):
         return []

@@ -84,7 +84,7 @@ def _set_image(spec: dict[str, Any], child: Child) -> None:
 
 
 def _set_domain(spec: dict[str, Any], child: Child) -> None:
-    """A template that names an id its instance does not hold would start no pod, or keep pods on somebody else's id."""
+    """A template that names an id its instance does not hold would start no pod, or keep pods on another holder's id."""
     wanted = {variable["value"] for variable in _domain_variables(child.spec)}
     stale = [variable for variable in _domain_variables(spec) if variable["value"] not in wanted]
     if len(wanted) != 1 or not stale:

@@ -1,4 +1,4 @@
-"""Domain variables that somebody else wrote into a template of ours.
+"""Domain variables that another writer put into a template of ours.
 
 Server-side apply never removes another manager's variable, and such a template names a domain its instance does not
 hold (claims, rule 5): no pod of it would ever be bound.

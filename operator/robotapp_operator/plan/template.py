@@ -34,7 +34,7 @@ def pod_template(component: Component, wish: Wish, *, domain: Domain | None, sta
     spec = {
         "schedulerName": wish.app.scheduler_name,
         # A robot's process has no business with the API server unless its author gave it an account. `default` is what
-        # every pod runs as and whoever may write RobotApps may name: its token is lent to none of them.
+        # every pod runs as and every writer of RobotApps may name: its token is lent to none of them.
         "automountServiceAccountToken": template.service_account_name not in (None, DEFAULT_ACCOUNT),
         "enableServiceLinks": False,
         "serviceAccountName": template.service_account_name,

@@ -17,7 +17,7 @@ class Rank(IntEnum):
     """How much an instance needs attention, most first."""
 
     UNCLEAR = 0
-    """Nobody knows which node is its robot's."""
+    """It is unknown which node is its robot's."""
     FAILING = 1
     OFFLINE = 2
     NOT_READY = 3

@@ -6,7 +6,7 @@ from typing import Any, Final
 from robotapp_api.checks.spec import neighbours_of
 from robotapp_api.model.component import Component
 from robotapp_api.model.names import HARDWARE_PREFIX, Label
-from robotapp_api.values.neighbours import NOBODY
+from robotapp_api.values.neighbours import NO_NEIGHBOURS
 from robotapp_api.values.selector import matches_labels
 from robotapp_api.values.tiers import KEEP, ROBOT, on_disconnect
 from robotapp_operator.plan.children import component_labels, selector
@@ -122,7 +122,7 @@ def _node_terms(component: Component, wish: Wish) -> list[list[dict[str, Any]]]:
         others = [[is_in(Label.TIER, *labels)]] if labels else []
         return [[*term, *common] for term in (*own, *others)]
     if wish.robot:
-        # Anywhere, but never on somebody else's robot.
+        # Anywhere, but never on another robot.
         return [
             [is_in(Label.ROBOT, wish.robot), *common],
             [{"key": Label.ROBOT.value, "operator": "DoesNotExist"}, *common],
@@ -146,7 +146,7 @@ def _neighbours(component: Component, wish: Wish) -> tuple[list[dict[str, Any]],
     """Pod affinity towards components earlier in the list: two pods that each wait for the other would never start."""
     together: list[dict[str, Any]] = []
     apart: list[dict[str, Any]] = []
-    own = neighbours_of(wish.app.spec).get(component.name, NOBODY)
+    own = neighbours_of(wish.app.spec).get(component.name, NO_NEIGHBOURS)
     for other in wish.app.spec.components:
         if other.name == component.name:
             break

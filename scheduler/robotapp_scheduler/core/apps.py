@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 from robotapp_api.model.names import ROBOT_END
 from robotapp_api.values.duration import parse_us
-from robotapp_api.values.neighbours import NOBODY, Neighbours, Part, neighbours
+from robotapp_api.values.neighbours import NO_NEIGHBOURS, Neighbours, Part, neighbours
 from robotapp_api.values.tiers import ROBOT
 from robotapp_scheduler.core.objects import Owned, Pod
 from robotapp_scheduler.core.pods import Member, member_of
@@ -94,7 +94,7 @@ def read_app(source: RobotApp) -> App:
 
 def on_one_node(app: App, component: str) -> bool:
     """Must all pods of the component be on one node? So it is where a partner has one pod only."""
-    partners = app.neighbours.get(component, NOBODY).together
+    partners = app.neighbours.get(component, NO_NEIGHBOURS).together
     return bool(partners) and any(app.components[name].replicas == 1 for name in (component, *partners))
 
 
@@ -209,7 +209,7 @@ class AppIndex:
         app = self._apps.get(member.app_uid) if member is not None else None
         if app is None or member is None:
             return frozenset()
-        names = app.neighbours.get(member.component, NOBODY).together
+        names = app.neighbours.get(member.component, NO_NEIGHBOURS).together
         return frozenset(found.pod.metadata.uid for name in names for found in self.replicas(member, name))
 
     def replicas(self, member: Member, component: str) -> list[Replica]:

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple, Protocol
 import numpy as np
 
 from robotapp_api.values.duration import parse_us
-from robotapp_api.values.neighbours import NOBODY
+from robotapp_api.values.neighbours import NO_NEIGHBOURS
 from robotapp_scheduler.core.apps import App, on_one_node
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.columns import FloatArray, IntArray
@@ -161,7 +161,7 @@ def _together(app: App, of: Mapping[str, Sequence[int]]) -> list[Edge]:
     """Pods that share a node, each bound to one pod of a partner. Where every partner is replicated it is left to the check."""
     found = []
     for name, pods in of.items():
-        single = (name, *app.neighbours.get(name, NOBODY).together)
+        single = (name, *app.neighbours.get(name, NO_NEIGHBOURS).together)
         anchor = min((of[each][0] for each in single if len(of.get(each, ())) == 1), default=None)
         if anchor is not None and on_one_node(app, name):
             found += [Edge(anchor, pod, Relation.TOGETHER) for pod in pods if pod != anchor]

@@ -5,7 +5,7 @@ from typing import Final, Protocol
 from robotapp_api.claims.device import GPU, claimed
 from robotapp_api.model.names import ROBOT_END, Label
 from robotapp_api.values.duration import parse_us
-from robotapp_api.values.neighbours import NOBODY
+from robotapp_api.values.neighbours import NO_NEIGHBOURS
 from robotapp_scheduler.core.apps import App, AppIndex, Link, on_one_node, tied
 from robotapp_scheduler.core.pods import Member, PlacedPod, PodInfo
 from robotapp_scheduler.core.robotics import Component
@@ -135,7 +135,7 @@ def _end(link: Link, nodes: tuple[str, ...], budget_us: int | None, *, required:
 def _partners(pod: PodInfo, member: Member, app: App, around: Surroundings) -> tuple[PeerGroup, ...]:
     """Components it must share a node with, whichever of them declares it; one that is planned later by where it may still go."""
     found = []
-    for name in app.neighbours.get(member.component, NOBODY).together:
+    for name in app.neighbours.get(member.component, NO_NEIGHBOURS).together:
         nodes = _nodes_of(member, (name,), around) or tuple(sorted(around.apps.expected(member, name)))
         found.append(PeerGroup(what=f"component {name}", nodes=nodes))
     if app.components[member.component].replicas > 1 and on_one_node(app, member.component):
@@ -149,7 +149,7 @@ def _apart(member: Member, app: App, around: Surroundings) -> tuple[str, ...]:
 
     A peer that is placed later counts where it cannot help going: who comes first must leave that node to it.
     """
-    names = app.neighbours.get(member.component, NOBODY).apart
+    names = app.neighbours.get(member.component, NO_NEIGHBOURS).apart
     nodes = set(_nodes_of(member, names, around))
     for name in names:
         peer = app.components[name]

@@ -305,7 +305,7 @@ async def test_periods_that_cannot_work_are_refused(wrong: dict[str, float]) -> 
     client = memory_client(MemoryTransport(Store()), ManualTime())
     with pytest.raises(ValueError, match="duration > renew deadline"):
         LeaderElection(client, "n", "l", "a", **wrong)
-    with pytest.raises(ValueError, match="nobody holds"):
+    with pytest.raises(ValueError, match="identity of a candidate is empty"):
         LeaderElection(client, "n", "l", "")
 
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_api.values.neighbours import NOBODY, Neighbours, Part, neighbours
+from robotapp_api.values.neighbours import NO_NEIGHBOURS, Neighbours, Part, neighbours
 
 NAMES = "abcdef"
 PAIRS = st.lists(st.tuples(st.sampled_from(NAMES), st.sampled_from(NAMES)), max_size=6)
@@ -33,7 +33,7 @@ def test_who_shares_a_node_shares_its_enemies() -> None:
     found = neighbours(parts([("a", "b"), ("c", "b")], [("c", "d"), ("e", "d")]))
     assert found["a"] == Neighbours(("b", "c"), ("d",))
     assert found["d"] == Neighbours((), ("a", "b", "c", "e"))
-    assert found.get("f", NOBODY) == NOBODY
+    assert found.get("f", NO_NEIGHBOURS) == NO_NEIGHBOURS
 
 
 def test_names_of_no_component_are_ignored() -> None:
@@ -51,7 +51,7 @@ def test_equals_following_the_declarations_one_by_one(
             same.add((a, b))
     foes = {(a, b) for a, b in apart if a != b} | {(b, a) for a, b in apart if a != b}
     for one, other in product(NAMES, repeat=2):
-        own = found.get(one, NOBODY)
+        own = found.get(one, NO_NEIGHBOURS)
         assert (other in own.together) == (one != other and (one, other) in same)
         hostile = any((one, x) in same and (other, y) in same for x, y in foes)
         assert (other in own.apart) == (one != other and hostile)
