@@ -1,18 +1,23 @@
 """What the pages name is there: files, tests, verbs of scripts/bench, values of the chart, variables of a container."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
+import pytest
 import yaml
 from tests.support import claims_weakened
 from tests.support.factories import component, make_app
 
+from robotapp_agent.devices.kinds import TYPES
+from robotapp_agent.report.status import SECTIONS
+from robotapp_operator import settings
 from robotapp_operator.plan.parameters import ParameterState
 from robotapp_operator.plan.template import environment
 from robotapp_operator.plan.wish import Domain, wish_of
+from robotapp_scheduler import options
 
 ROOT: Final = Path(__file__).resolve().parents[3]
 FOLDERS: Final = tuple(path.name for path in ROOT.iterdir() if path.is_dir() and not path.name.startswith("."))
@@ -57,7 +62,7 @@ def first_column(page: str, heading: str) -> list[str]:
     section = (ROOT / "docs" / page).read_text(encoding="utf-8").partition(heading)[2]
     table = re.search(r"(?:^\|.*\n)+", section, re.MULTILINE)
     rows = table.group().splitlines()[2:] if table else []
-    return [code for row in rows for code in re.findall(r"`([^`]+)`", row.split("|")[1])]
+    return [code for row in rows for code in re.findall(r"`([^`]+)`", re.split(r"(?<!\\)\|", row)[1])]
 
 
 def test_every_file_and_test_that_a_page_names_is_there() -> None:
@@ -96,6 +101,22 @@ def test_every_value_that_the_page_of_the_installation_explains_is_one_of_the_ch
         for key in value.removesuffix(".*").split("."):
             assert key in found or value == "name", value
             found = found.get(key)
+
+
+@pytest.mark.parametrize(("page", "parse"), [("operator.md", settings.parse), ("scheduler.md", options.parse)])
+def test_the_table_of_flags_is_that_of_the_program(
+    page: str, parse: Callable[[list[str], dict[str, str]], object], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        parse(["--help"], {})
+    flags = set(re.findall(r"^ +(?:-\w, )?(--[a-z-]+)", capsys.readouterr().out, re.MULTILINE)) - {"--help"}
+    assert {flag.split()[0] for flag in first_column(page, "# ") if flag.startswith("--")} == flags
+
+
+def test_the_pages_of_devices_and_agent_list_what_the_agent_reports() -> None:
+    assert set(first_column("devices.md", "## Types")) == set(TYPES)
+    reported = {code.partition(".")[0] for code in first_column("agent.md", "## What is reported")}
+    assert reported == SECTIONS - {"intervalSeconds", "seq"}
 
 
 APPS: Final[Mapping[str, Mapping[str, Any]]] = {
