@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
-from rigel_bridge.document import parse
-from rigel_bridge.failures import BridgeError
-from rigel_bridge.render import Rendered, render
-from rigel_bridge.rigelfile import load
+from rigel_bridge.document.failures import BridgeError
+from rigel_bridge.document.tree import parse
+from rigel_bridge.generations.g1 import load
+from rigel_bridge.render.app import Rendered, render
 
 ONE = """\
 packages:

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from tests.support.rigelfiles import ONE, TWO, orchestration
 
-from rigel_bridge.document import parse
-from rigel_bridge.rigelfile import load
+from rigel_bridge.document.tree import parse
+from rigel_bridge.generations.g1 import load
 
 # setuptools 82 dropped pkg_resources, which Rigel imports without asking for it.
 REQUIREMENTS = ("rigel==0.2.22", "setuptools<82")

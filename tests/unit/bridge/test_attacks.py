@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.rigelfiles import ONE, orchestration, refusal, rendered, spec
 
-from rigel_bridge.failures import BridgeError
+from rigel_bridge.document.failures import BridgeError
+from rigel_bridge.document.template import MAX_EXPANDED, MAX_VALUE
 from rigel_bridge.main import main
-from rigel_bridge.template import MAX_EXPANDED, MAX_VALUE
 
 
 def chain(levels: int, times: int, last: str = "x") -> str:
@@ -84,7 +84,7 @@ class TestEnvironment:
         with pytest.raises(SystemExit) as caught:
             main(["render", str(tmp_path / "Rigelfile"), "--env", "TAG"])
         assert caught.value.code == 2
-        assert "--env TAG: this variable is not set" in capsys.readouterr().err
+        assert "argument --env: TAG: this variable is not set" in capsys.readouterr().err
 
     @pytest.mark.parametrize("value", ["a\x1b[2J", "a\x00", "a\nb", "a\udc80", "a\u202eb"])
     def test_a_value_with_control_characters_is_refused_before_it_is_used(self, value: str) -> None:

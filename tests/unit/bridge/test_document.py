@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rigel_bridge.document import MAX_BYTES, MAX_DEPTH, Node, parse, read_bytes
-from rigel_bridge.failures import BridgeError, Exit
+from rigel_bridge.document.failures import BridgeError, Exit
+from rigel_bridge.document.tree import MAX_BYTES, MAX_DEPTH, Node, parse
+from rigel_bridge.source import read_bytes
 
 
 def failure(data: bytes | str) -> BridgeError:

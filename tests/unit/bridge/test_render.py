@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.rigelfiles import ONE, TWO, orchestration, refusal, rendered, spec
 
-from rigel_bridge.failures import BridgeError
+from rigel_bridge.document.failures import BridgeError
 
 
 def component(block: str) -> dict[str, object]:

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from rigel_bridge.schema import problems, robotapp_schema
+from rigel_bridge.render.schema import problems, robotapp_schema
 
 OBJECT = {"type": "object", "required": ["a"], "properties": {"a": {"type": "integer", "minimum": 1, "maximum": 3}}}
 SMALL = {"rule": "self.matches('^[a-z]$')", "message": "write a small letter"}

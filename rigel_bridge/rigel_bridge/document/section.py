@@ -4,9 +4,9 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from rigel_bridge.document import Node
-from rigel_bridge.failures import nearest
-from rigel_bridge.template import Templates
+from rigel_bridge.document.failures import nearest
+from rigel_bridge.document.template import Templates
+from rigel_bridge.document.tree import Node
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
-from rigel_bridge.document import Node
-from rigel_bridge.failures import Place
+from rigel_bridge.document.failures import Place
+from rigel_bridge.document.tree import Node
 
 Path = tuple[str | int, ...]
 

@@ -12,8 +12,8 @@ from functools import cache
 from importlib.resources import files
 from typing import Any, Final
 
-from rigel_bridge.draft import Path
-from rigel_bridge.failures import nearest
+from rigel_bridge.document.failures import nearest
+from rigel_bridge.render.draft import Path
 
 Problem = tuple[Path, str]
 _MATCHES: Final = re.compile(r"self\.matches\('([^'\\]*)'\)")

@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-from rigel_bridge.document import Node
-from rigel_bridge.failures import control_character, nearest
+from rigel_bridge.document.failures import control_character, nearest
+from rigel_bridge.document.tree import Node
 
 MAX_VALUE: Final = 4096
 """Characters of one value that stands for a name."""

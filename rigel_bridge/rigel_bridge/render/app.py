@@ -4,14 +4,14 @@ import shlex
 from dataclasses import dataclass
 from typing import Any, Final
 
-from rigel_bridge import scheduling
-from rigel_bridge.document import Node
-from rigel_bridge.draft import Draft, written
-from rigel_bridge.failures import BridgeError, nearest
-from rigel_bridge.naming import MAX_APP_NAME, MAX_COMPONENT_NAME, checked_label
-from rigel_bridge.rigelfile import Package, Rigelfile
-from rigel_bridge.schema import problems, robotapp_schema
-from rigel_bridge.section import Section
+from rigel_bridge.document.failures import BridgeError, nearest
+from rigel_bridge.document.naming import MAX_APP_NAME, MAX_COMPONENT_NAME, checked_label
+from rigel_bridge.document.section import Section
+from rigel_bridge.document.tree import Node
+from rigel_bridge.generations.g1 import Package, Rigelfile
+from rigel_bridge.render import scheduling
+from rigel_bridge.render.draft import Draft, written
+from rigel_bridge.render.schema import problems, robotapp_schema
 
 API_VERSION: Final = "robotics.io/v1alpha1"
 PROVENANCE: Final = "rigel.robotics.io/"

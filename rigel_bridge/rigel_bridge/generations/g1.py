@@ -8,10 +8,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-from rigel_bridge.document import Node
-from rigel_bridge.failures import Exit, nearest
-from rigel_bridge.section import Section
-from rigel_bridge.template import Templates
+from rigel_bridge.document.failures import Exit, nearest
+from rigel_bridge.document.section import Section
+from rigel_bridge.document.template import Templates
+from rigel_bridge.document.tree import Node
 
 _TOP: Final = ("packages", "deploy", "simulate", "vars", "orchestration")
 _IMAGE_ONLY: Final = (

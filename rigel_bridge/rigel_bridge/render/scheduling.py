@@ -8,10 +8,10 @@ import re
 from collections.abc import Iterator
 from typing import Any, Final
 
-from rigel_bridge.document import Node
-from rigel_bridge.draft import Draft
-from rigel_bridge.naming import checked_label
-from rigel_bridge.section import Section
+from rigel_bridge.document.naming import checked_label
+from rigel_bridge.document.section import Section
+from rigel_bridge.document.tree import Node
+from rigel_bridge.render.draft import Draft
 
 BLOCKS: Final = ("name", "policies", "topology", "affinity", "shared_data", "shared-data", "dds_domain", "dds-domain")
 _TEXT_POLICIES: Final = {

@@ -4,17 +4,14 @@ Rigelfiles come from repositories one does not own. Size, depth, aliases and tag
 anything is built: a file of 300 bytes can stand for millions of nodes through aliases.
 """
 
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Final
 
 import yaml
 
-from rigel_bridge.failures import BridgeError, Exit, Place
+from rigel_bridge.document.failures import BridgeError, Exit, Place
 
-STANDARD_INPUT: Final = Path("-")
 MAX_BYTES: Final = 256 * 1024
 MAX_DEPTH: Final = 32
 _LOADER: Final[type] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -60,17 +57,6 @@ class Node:
         if not isinstance(self.value, list):
             raise self.fail(f"expected a list, found {self.described()}")
         return self.value
-
-
-def read_bytes(path: Path) -> bytes:
-    """The content of a file, or of standard input for "-", at most one byte more than allowed; BridgeError when it cannot be read."""
-    try:
-        if path == STANDARD_INPUT:
-            return sys.stdin.buffer.read(MAX_BYTES + 1)
-        with path.open("rb") as file:
-            return file.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise BridgeError(Place(str(path)), f"cannot be read: {error.strerror}", code=Exit.UNREADABLE) from error
 
 
 def parse(data: bytes, name: str) -> Node:

@@ -3,7 +3,7 @@
 import re
 from typing import Final
 
-from rigel_bridge.document import Node
+from rigel_bridge.document.tree import Node
 
 MAX_APP_NAME: Final = 40
 MAX_COMPONENT_NAME: Final = 63

@@ -1,0 +1,1 @@
+"""What is written: the RobotApp, checked against the definition that the API server has."""

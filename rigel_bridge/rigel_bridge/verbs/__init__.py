@@ -1,0 +1,1 @@
+"""The commands of `rigel-bridge`, one module each; `table` lists them."""

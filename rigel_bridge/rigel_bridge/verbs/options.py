@@ -1,0 +1,71 @@
+"""Flags that all commands with a Rigelfile share."""
+
+import argparse
+import os
+import re
+import sys
+from pathlib import Path
+from typing import Final
+
+from rigel_bridge.document.failures import BridgeError, Exit, Place, printable
+from rigel_bridge.source import Objects, Source, objects
+
+_NAMESPACE: Final = re.compile(r"[a-z0-9]([-a-z0-9]{0,61}[a-z0-9])?")
+
+
+def add_source(parser: argparse.ArgumentParser) -> None:
+    """The Rigelfile and how it is read: `objects_of` reads it."""
+    parser.add_argument(
+        "rigelfile",
+        nargs="?",
+        type=Path,
+        default=Path("Rigelfile"),
+        help="file to read, - for standard input (default: ./Rigelfile)",
+    )
+    parser.add_argument("--name", help="name of the RobotApp (default: from the file, else the folder's name)")
+    parser.add_argument(
+        "-n",
+        "--namespace",
+        type=namespace,
+        help="its namespace (default: none, never the file's: kubectl's own decides)",
+    )
+    parser.add_argument(
+        "--env",
+        action="append",
+        default=[],
+        type=_variable,
+        metavar="NAME",
+        help="take {{ NAME }} from the environment when it is not in vars; once per variable (default: none is taken)",
+    )
+    parser.add_argument("--strict", action="store_true", help="do nothing and fail with 72 when there is a note")
+
+
+def objects_of(arguments: argparse.Namespace) -> Objects:
+    """The objects that the arguments of `add_source` name. Notes go to standard error; with --strict they are an error."""
+    source = Source(
+        path=arguments.rigelfile,
+        name=arguments.name,
+        namespace=arguments.namespace,
+        environment={name: os.environ[name] for name in arguments.env},
+    )
+    found = objects(source)
+    for note in found.notes:
+        sys.stderr.write(f"note: {printable(note)}\n")
+    if found.notes and arguments.strict:
+        raise BridgeError(Place(str(source.path)), "has notes, and --strict allows none", code=Exit.INVALID)
+    return found
+
+
+def namespace(text: str) -> str:
+    """An argument of --namespace. Raises what argparse turns into wrong usage."""
+    if not _NAMESPACE.fullmatch(text):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is no name of a namespace; allowed: up to 63 lower-case letters, digits and dashes, for example fleet"
+        )
+    return text
+
+
+def _variable(name: str) -> str:
+    if name not in os.environ:
+        raise argparse.ArgumentTypeError(f"{name}: this variable is not set; set it, or leave the flag out")
+    return name

@@ -1,0 +1,47 @@
+"""`rigel-bridge render`: the RobotApp as YAML, on the screen or in a file."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Final
+
+import yaml
+
+from rigel_bridge.document.failures import BridgeError, Exit, Place
+from rigel_bridge.verbs.options import add_source, objects_of
+from rigel_bridge.verbs.verb import Verb
+
+
+def _arguments(parser: argparse.ArgumentParser) -> None:
+    add_source(parser)
+    parser.add_argument("-o", "--output", type=Path, help="file to write instead of standard output")
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    apps = objects_of(arguments).apps
+    write(yaml.safe_dump_all(apps, sort_keys=False, allow_unicode=True, width=120), arguments.output)
+    return Exit.OK
+
+
+def write(text: str, output: Path | None) -> None:
+    """The text to a file, or to standard output for None; BridgeError when that fails."""
+    try:
+        if output is None:
+            sys.stdout.write(text)
+            sys.stdout.flush()
+        else:
+            output.write_text(text, encoding="utf-8")
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        place = Place(str(output or "standard output"))
+        raise BridgeError(place, f"cannot be written: {error.strerror}", code=Exit.UNREADABLE) from error
+
+
+RENDER: Final = Verb(
+    name="render",
+    summary="write the RobotApp as YAML",
+    description="Write the RobotApp of a Rigelfile (the format of Rigel 0.2) as YAML.",
+    arguments=_arguments,
+    run=_run,
+)
