@@ -15,11 +15,12 @@ examples:
   rigel-bridge render ws/Rigelfile | kubectl apply -f -  straight to the cluster
   git show v1:Rigelfile | rigel-bridge render - --name amr-teleop
   rigel-bridge render --name amr-teleop -n fleet -o k8s/teleop.yaml
+  rigel-bridge render --sequence benchmark_default       Rigel 0.3: the jobs of a sequence that deploy
   TAG=1.4.0 rigel-bridge render --env TAG                {{ TAG }} from the environment, and nothing else
 
 exit codes:
   0 done   2 wrong usage   70 file unreadable   71 not the YAML we accept
-  72 the Rigelfile says something impossible   73 a Rigelfile of another generation
+  72 the Rigelfile says something impossible   73 no generation of Rigelfile
 
 Errors are one line: file:line: what is wrong; what is allowed. Notes go to standard error as well.
 """

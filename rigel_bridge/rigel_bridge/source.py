@@ -2,7 +2,6 @@
 
 import hashlib
 import sys
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -10,29 +9,47 @@ from typing import Any, Final
 from rigel_bridge import __version__
 from rigel_bridge.document.failures import BridgeError, Exit, Place
 from rigel_bridge.document.tree import MAX_BYTES, parse
-from rigel_bridge.generations.g1 import load
-from rigel_bridge.render.app import render
+from rigel_bridge.generations.load import load
+from rigel_bridge.generations.model import Generation, Options, Rigelfile
+from rigel_bridge.render.app import Naming, Rendered, render
 
 STANDARD_INPUT: Final = Path("-")
 
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """What to read and how. `environment` holds the variables that the user named, and no others."""
+    """What to read and how. `options.environment` holds the variables that the user named, and no others."""
 
     path: Path
     name: str | None = None
     """Name of the RobotApp; None takes the file's, else the folder's."""
     namespace: str | None = None
-    environment: Mapping[str, str] = field(default_factory=dict)
+    today: str = ""
+    """As 2026-05-22, for remarks about ends of life; empty for none."""
+    options: Options = field(default_factory=Options)
 
 
 @dataclass(frozen=True, slots=True)
 class Objects:
-    """The RobotApps of a Rigelfile in a fixed order, and what the user should be told about them."""
+    """The RobotApps of a Rigelfile in a fixed order, what stands beside them, and notes for the user."""
 
-    apps: tuple[dict[str, Any], ...]
+    rendered: tuple[Rendered, ...]
+    rigelfile: Rigelfile
     notes: tuple[str, ...]
+
+    @property
+    def apps(self) -> tuple[dict[str, Any], ...]:
+        return tuple(one.app for one in self.rendered)
+
+    @property
+    def claims(self) -> tuple[dict[str, Any], ...]:
+        """PersistentVolumeClaims that the apps mount. They outlive the apps."""
+        return tuple(claim for one in self.rendered for claim in one.claims)
+
+    @property
+    def documents(self) -> tuple[dict[str, Any], ...]:
+        """Everything to be applied, in order."""
+        return (*self.claims, *self.apps)
 
 
 def read_bytes(path: Path) -> bytes:
@@ -48,18 +65,41 @@ def read_bytes(path: Path) -> bytes:
 
 def objects(source: Source) -> Objects:
     """Read, check and render; BridgeError for anything wrong with the file."""
-    data = read_bytes(source.path)
+    return from_bytes(read_bytes(source.path), source)
+
+
+def from_bytes(data: bytes, source: Source) -> Objects:
+    """The same for a file that is read already."""
     shown = "standard input" if source.path == STANDARD_INPUT else str(source.path)
-    rigelfile = load(parse(data, shown), source.environment)
-    rendered = render(
-        rigelfile,
-        name=source.name or source.path.resolve().parent.name,
-        override=source.name is not None,
-        namespace=source.namespace,
-        provenance={
-            "generation": "g1",
-            "rigelfile-sha256": hashlib.sha256(data).hexdigest(),
-            "bridge-version": __version__,
-        },
-    )
-    return Objects((rendered.app,), rendered.notes)
+    rigelfile = load(parse(data, shown), source.options)
+    provenance = {
+        "generation": str(rigelfile.generation),
+        "rigelfile-sha256": hashlib.sha256(data).hexdigest(),
+        "bridge-version": __version__,
+        **({"sequence": source.options.sequence} if source.options.sequence else {}),
+    }
+    found = []
+    for target in rigelfile.targets:
+        own = provenance if rigelfile.generation == Generation.G1 else {**provenance, "job": target.job}
+        naming = Naming(
+            name=source.name or source.path.resolve().parent.name,
+            override=source.name is not None,
+            namespace=source.namespace,
+            provenance=tuple(own.items()),
+            today=source.today,
+        )
+        found.append(render(target, naming))
+    _refuse_twins(rigelfile, found)
+    notes = dict.fromkeys([*rigelfile.notes, *(note for one in found for note in one.notes)])
+    return Objects(tuple(found), rigelfile, tuple(notes))
+
+
+def _refuse_twins(rigelfile: Rigelfile, found: list[Rendered]) -> None:
+    seen: set[str] = set()
+    for target, one in zip(rigelfile.targets, found, strict=True):
+        name = one.app["metadata"]["name"]
+        if name in seen:
+            raise target.node.fail(
+                f"RobotApp {name} is rendered twice: give the jobs different names (with: {{name: …}})"
+            )
+        seen.add(name)

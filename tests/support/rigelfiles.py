@@ -1,14 +1,16 @@
 """Rigelfiles for the bridge's tests, and the bridge called on text."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from rigel_bridge.document.failures import BridgeError
 from rigel_bridge.document.tree import parse
-from rigel_bridge.generations.g1 import load
-from rigel_bridge.render.app import Rendered, render
+from rigel_bridge.generations.load import load
+from rigel_bridge.generations.model import Options
+from rigel_bridge.render.app import Naming, Rendered, render
 
 ONE = """\
 packages:
@@ -26,9 +28,24 @@ def orchestration(block: str, packages: str = ONE) -> str:
     return f"{packages}deploy:\n  - name: acme/rigel_bridge\n    kwargs:\n      orchestration:\n{lines}"
 
 
-def rendered(text: str, *, environment: Mapping[str, str] | None = None, **options: Any) -> Rendered:
-    options.setdefault("name", "app")
-    return render(load(parse(text.encode(), "Rigelfile"), environment or {}), **options)
+def rendered_all(
+    text: str,
+    *,
+    environment: Mapping[str, str] | None = None,
+    name: str = "app",
+    override: bool = False,
+    **options: Any,
+) -> list[Rendered]:
+    """Every RobotApp of a Rigelfile. `today` and `namespace` go to the naming, everything else says how to read."""
+    naming = {key: options.pop(key) for key in ("today", "namespace") if key in options}
+    rigelfile = load(parse(text.encode(), "Rigelfile"), Options(environment=environment or {}, **options))
+    found = [render(target, Naming(name, override, **naming)) for target in rigelfile.targets]
+    return [replace(one, notes=(*rigelfile.notes, *one.notes)) for one in found]
+
+
+def rendered(text: str, **options: Any) -> Rendered:
+    (one,) = rendered_all(text, **options)
+    return one
 
 
 def spec(text: str, **options: Any) -> Any:

@@ -2,11 +2,20 @@
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 from rigel_bridge.document.failures import nearest
-from rigel_bridge.document.template import Templates
 from rigel_bridge.document.tree import Node
+
+
+class Resolver(Protocol):
+    """The template rules of a generation. Only text that is used is rendered."""
+
+    def resolve(self, node: Node) -> Node:
+        """The node with its marks replaced."""
+
+    def render(self, node: Node, text: str) -> str:
+        """A text that stands at `node`, as text."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -14,7 +23,7 @@ class Section:
     """A mapping with its templates. Getters give None for an absent key (or an empty one: `key:`)."""
 
     node: Node
-    templates: Templates
+    templates: Resolver
 
     def __contains__(self, key: str) -> bool:
         return self.get(key) is not None
@@ -48,10 +57,11 @@ class Section:
         return found
 
     def text_of(self, node: Node) -> str:
-        if not isinstance(node.value, str):
-            hint = "" if node.kind in ("map", "seq") else "; put it in quotes"
-            raise node.fail(f"expected text, found {node.described()}{hint}")
-        return self.templates.render(node, node.value)
+        found = self.templates.resolve(node)
+        if not isinstance(found.value, str):
+            hint = "" if found.kind in ("map", "seq") else "; put it in quotes"
+            raise node.fail(f"expected text, found {found.described()}{hint}")
+        return found.value
 
     def choice(self, key: str, allowed: Collection[str]) -> str | None:
         found = self.text(key)
@@ -61,39 +71,45 @@ class Section:
         return found
 
     def flag(self, key: str) -> bool | None:
-        found = self.get(key)
+        found = self.resolved(key)
         if found is not None and not isinstance(found.value, bool):
             raise found.fail(f"expected true or false, found {found.described()}")
         return None if found is None else bool(found.value)
 
     def number(self, key: str) -> int | None:
-        found = self.get(key)
+        found = self.resolved(key)
         if found is None:
             return None
         if not isinstance(found.value, int) or isinstance(found.value, bool):
             raise found.fail(f"expected a whole number, found {found.described()}")
         return found.value
 
-    def texts(self, key: str) -> list[str]:
+    def resolved(self, key: str) -> Node | None:
         found = self.get(key)
+        return None if found is None else self.templates.resolve(found)
+
+    def texts(self, key: str) -> list[str]:
+        found = self.resolved(key)
         return [] if found is None else [self.text_of(item) for item in found.sequence()]
 
     def section(self, key: str) -> "Section | None":
-        found = self.get(key)
+        found = self.resolved(key)
         return None if found is None else self.at(found)
 
     def sections(self, key: str) -> "list[Section]":
-        found = self.get(key)
+        found = self.resolved(key)
         return [] if found is None else [self.at(item) for item in found.sequence()]
 
     def at(self, node: Node) -> "Section":
-        node.mapping()
-        return Section(node, self.templates)
+        found = self.templates.resolve(node)
+        found.mapping()
+        return Section(found, self.templates)
 
     def plain(self, node: Node) -> Any:
         """The node as plain data, templates rendered."""
-        if isinstance(node.value, dict):
-            return {key: self.plain(child) for key, child in node.value.items()}
-        if isinstance(node.value, list):
-            return [self.plain(child) for child in node.value]
-        return self.templates.render(node, node.value) if isinstance(node.value, str) else node.value
+        value = self.templates.resolve(node).value
+        if isinstance(value, dict):
+            return {key: self.plain(child) for key, child in value.items()}
+        if isinstance(value, list):
+            return [self.plain(child) for child in value]
+        return value

@@ -8,7 +8,7 @@ variables that the user named, and of memory and time what the bounds below allo
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 from rigel_bridge.document.failures import control_character, nearest
@@ -22,6 +22,9 @@ MAX_EXPANDED: Final = 256 * 1024
 """Characters that all names of a file together stand for: as much as the file itself may have."""
 # Rigel looks for these characters and then drops all blanks and braces from the name.
 _MARK: Final = re.compile(r"\{\{([a-zA-Z0-9_\s\-!?]+)\}\}")
+_SECRET: Final = re.compile(
+    r"PASSW|PASSPHRASE|SECRET|TOKEN|CREDENTIAL|PRIVATE_?KEY|ACCESS_?KEY|API_?KEY", re.IGNORECASE
+)
 _DROPPED: Final = re.compile(r"[{} ]")
 
 
@@ -51,7 +54,13 @@ class Templates:
 
     variables: Mapping[str, Node] = field(default_factory=dict)
     environment: Mapping[str, str] = field(default_factory=dict)
+    reads_environment: bool = True
+    """False for the drafts between 0.2 and 0.3, which looked into vars alone."""
     spent: Spent = field(default_factory=Spent)
+
+    def resolve(self, node: Node) -> Node:
+        """The node with its marks replaced: text stays text."""
+        return replace(node, value=self.render(node, node.value)) if isinstance(node.value, str) else node
 
     def render(self, node: Node, text: str, *, inside: tuple[str, ...] = ()) -> str:
         """`text` of `node` with its marks replaced; an unknown name is an error. `inside`: the vars being rendered."""
@@ -66,10 +75,10 @@ class Templates:
         if name in self.variables:
             value = self.render(self.variables[name], self._variable(node, name), inside=(*inside, name))
         elif name in self.environment:
-            value = self._from_environment(node, name)
+            value = environment_value(node, name, self.environment)
         else:
             hint = nearest(name, sorted(self.variables))
-            raise node.fail(f"{{{{ {name} }}}} is not in vars{hint}; --env {name} takes it from the environment")
+            raise node.fail(f"{{{{ {name} }}}} is not in vars{hint}{self._cure(name)}")
         return self.spent.add(node, value)
 
     def _variable(self, node: Node, name: str) -> str:
@@ -79,18 +88,28 @@ class Templates:
             raise variable.fail(
                 f"must be text for {{{{ {name} }}}} in {node.path}, found {variable.described()}; put it in quotes"
             )
-        if problem := _unfit(variable.value, allowed="\n\t"):
+        if problem := unfit(variable.value, allowed="\n\t"):
             raise variable.fail(problem)
         return variable.value
 
-    def _from_environment(self, node: Node, name: str) -> str:
-        value = self.environment[name]
-        if problem := _unfit(value):
-            raise node.fail(f"environment variable {name} {problem}")
-        return value
+    def _cure(self, name: str) -> str:
+        return f"; --env {name} takes it from the environment" if self.reads_environment else ""
 
 
-def _unfit(value: str, *, allowed: str = "") -> str:
+def environment_value(node: Node, name: str, environment: Mapping[str, str]) -> str:
+    """A variable that the user named, checked before it is used. What looks like a secret is refused: apps are not secret."""
+    if _SECRET.search(name):
+        raise node.fail(
+            f"{name} looks like a secret, and a RobotApp can be read by many: keep it in a Secret, "
+            "and name that with envFrom or valueFrom of the component"
+        )
+    value = environment[name]
+    if problem := unfit(value):
+        raise node.fail(f"environment variable {name} {problem}")
+    return value
+
+
+def unfit(value: str, *, allowed: str = "") -> str:
     """Why a value cannot stand for a name; empty when it can."""
     if len(value) > MAX_VALUE:
         return f"has {len(value)} characters; allowed: {MAX_VALUE}"

@@ -1,121 +1,67 @@
 """The Rigelfile of Rigel 0.2 (`packages`, `deploy`, `simulate`, `vars`), as far as a deployment needs it.
 
-Build-time fields (apt, rosinstall, ssh keys, …) are left to Rigel: they are inside the image by then. Rigel ignores
-keys it does not know; here they become notes, because a misspelt key is a lost setting.
+Build-time fields (apt, rosinstall, ssh keys, …) are left to Rigel: they are inside the image by then. Rigel ignores keys
+it does not know; here they are errors, because a misspelt key is a lost setting.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 from typing import Final
 
-from rigel_bridge.document.failures import Exit, nearest
+from rigel_bridge.document.failures import nearest
 from rigel_bridge.document.section import Section
-from rigel_bridge.document.template import Templates
 from rigel_bridge.document.tree import Node
+from rigel_bridge.generations.images import environment
+from rigel_bridge.generations.model import Generation, Options, Package, Rigelfile, Step, Target
+from rigel_bridge.generations.sequences import sequences
+from rigel_bridge.generations.targets import SETTINGS
 
-_TOP: Final = ("packages", "deploy", "simulate", "vars", "orchestration")
-_IMAGE_ONLY: Final = (
-    *(
-        "apt",
-        "compiler",
-        "dir",
-        "entrypoint",
-        "hostname",
-        "platforms",
-        "ros_image",
-        "rosinstall",
-        "run",
-        "ssh",
-        "username",
-    ),
+MODULE: Final = "rigel_bridge"
+JOB: Final = "deploy"
+"""What the `deploy` list stands for where a job is named."""
+KWARGS: Final = (*SETTINGS, "sequences")
+PACKAGE: Final = (
+    *("package", "image", "distro", "command", "env", "registry", "dockerfile", "apt", "compiler", "dir", "entrypoint"),
+    *("hostname", "platforms", "ros_image", "rosinstall", "run", "ssh", "username"),
 )
-_PACKAGE: Final = ("package", "image", "distro", "command", "env", "registry", "dockerfile", *_IMAGE_ONLY)
-_LATER: Final = {
-    "jobs": "0.3 and newer",
-    "application": "0.3 and newer",
-    "sequences": "0.3 and newer",
-    "applications": "a 0.2 draft",
-}
 
 
-@dataclass(frozen=True, slots=True)
-class Package:
-    """One entry of `packages`. `distro` and `command` are None where the user brings his own Dockerfile."""
-
-    node: Node
-    name: str
-    image: str
-    distro: str | None
-    command: str | None
-    env: Mapping[str, str]
-
-
-@dataclass(frozen=True, slots=True)
-class Rigelfile:
-    """What the bridge works from. `notes` are said to the user, they stop nothing."""
-
-    node: Node
-    packages: tuple[Package, ...]
-    orchestration: Section | None
-    notes: tuple[str, ...] = field(default=())
-
-
-def load(root: Node, environment: Mapping[str, str]) -> Rigelfile:
-    """Check and read the document of generation G1; BridgeError otherwise."""
-    top = root.mapping()
-    _refuse_other_generations(root, top)
-    variables = top["vars"].mapping() if "vars" in top and top["vars"].kind != "null" else {}
-    document = Section(root, Templates(variables, environment))
-    notes = [_ignored(node, key, _TOP) for key, node in document.unknown(_TOP)]
-    packages = tuple(_package(section, notes) for section in document.sections("packages"))
+def load(document: Section, evidence: str, options: Options) -> Rigelfile:
+    """Check and read a document of generation G1; BridgeError otherwise."""
+    packages = tuple(_package(section, options) for section in document.sections("packages"))
     if not packages:
-        raise root.fail("packages needs at least one entry")
+        raise document.node.fail("packages needs at least one entry")
     _refuse_twins(packages)
-    return Rigelfile(root, packages, _orchestration(document), tuple(notes))
+    if options.job not in ("", JOB):
+        raise document.node.fail(f"a list of packages has no jobs: leave --job {options.job} out, or write {JOB}")
+    settings = _settings(document)
+    known = _sequences(document, settings)
+    target = Target(
+        node=document.node,
+        packages=packages,
+        orchestration=_orchestration(document, settings),
+        job=JOB,
+        name=(settings.text("name") if settings else None) or "",
+        scheduler=_scheduler(document, known, options.sequence) or _stated(settings, "scheduler_name"),
+    )
+    return Rigelfile(document.node, Generation.G1, evidence, (target,), (JOB,), known)
 
 
-def _refuse_other_generations(root: Node, top: Mapping[str, Node]) -> None:
-    packages = top.get("packages")
-    if packages is not None and packages.kind == "seq":
-        return
-    for key, generation in _LATER.items():
-        if key in top:
-            raise top[key].fail(
-                f"this is a Rigelfile of {generation}; only the format of Rigel 0.2 is read so far",
-                code=Exit.UNSUPPORTED,
-            )
-    if packages is None:
-        raise root.fail(f"packages is missing; found {', '.join(top) or 'nothing'}", code=Exit.UNSUPPORTED)
-    raise packages.fail(f"expected a list of packages, found {packages.described()}", code=Exit.UNSUPPORTED)
+def _stated(settings: Section | None, key: str) -> str:
+    return (settings.text(key) if settings else None) or ""
 
 
-def _ignored(node: Node, key: str, known: tuple[str, ...]) -> str:
-    return f"{node.place}: {node.path} is ignored, Rigel does not know it{nearest(key, list(known))}"
-
-
-def _package(section: Section, notes: list[str]) -> Package:
-    notes += [_ignored(node, key, _PACKAGE) for key, node in section.unknown(_PACKAGE)]
+def _package(section: Section, options: Options) -> Package:
+    section.refuse_unknown(PACKAGE)
     own_dockerfile = "dockerfile" in section and "command" not in section
+    registry = section.section("registry")
     return Package(
         node=section.node,
         name=section.required_text("package"),
         image=section.required_text("image"),
-        distro=section.text("distro") if own_dockerfile else section.required_text("distro"),
+        distro=options.distro or (section.text("distro") if own_dockerfile else section.required_text("distro")),
         command=section.text("command") if own_dockerfile else section.required_text("command"),
-        env=_environment(section),
+        env=environment(section),
+        login=(registry.text("server") or "" if registry else ""),
     )
-
-
-def _environment(section: Section) -> dict[str, str]:
-    found: dict[str, str] = {}
-    for entry in section.sections("env"):
-        entry.refuse_unknown(("name", "value"))
-        value = entry.get("value")
-        if value is not None and value.kind in ("map", "seq"):
-            raise value.fail(f"expected text, found {value.described()}")
-        # As typed: YAML 1.1 would turn an unquoted `on` into true.
-        found[entry.required_text("name")] = "" if value is None else entry.templates.render(value, value.raw)
-    return found
 
 
 def _refuse_twins(packages: tuple[Package, ...]) -> None:
@@ -126,13 +72,65 @@ def _refuse_twins(packages: tuple[Package, ...]) -> None:
             raise package.node.fail(f"package {package.name} is already in line {first.node.place.line}")
 
 
-def _orchestration(document: Section) -> Section | None:
-    """`deploy[].kwargs.orchestration`, or `orchestration` at the top as older descriptions show it."""
-    found = [document.get("orchestration")]
+def _settings(document: Section) -> Section | None:
+    """`kwargs` of the deploy entry that is the bridge's, by its module or by the block it has."""
+    found: list[Section] = []
     for entry in document.sections("deploy"):
+        entry.refuse_unknown(("name", "args", "kwargs", "entrypoint"))
         kwargs = entry.section("kwargs")
-        found.append(kwargs.get("orchestration") if kwargs else None)
+        if kwargs is None:
+            continue
+        name = entry.get("name")
+        ours = name is not None and str(name.value).rpartition("/")[2] == MODULE
+        if ours or "orchestration" in kwargs:
+            kwargs.refuse_unknown(KWARGS)
+            found.append(kwargs)
+    if len(found) > 1:
+        first = (found[0].get("orchestration") or found[0].node).place.line
+        raise (found[1].get("orchestration") or found[1].node).fail(
+            f"orchestration is already in line {first}: keep one"
+        )
+    return found[0] if found else None
+
+
+def _orchestration(document: Section, settings: Section | None) -> Section | None:
+    """The deploy entry's block, or `orchestration` at the top as older descriptions show it."""
+    found = [document.get("orchestration"), settings.get("orchestration") if settings else None]
     blocks = [node for node in found if node is not None]
     if len(blocks) > 1:
         raise blocks[1].fail(f"orchestration is already in line {blocks[0].place.line}: keep one")
     return document.at(blocks[0]) if blocks else None
+
+
+def _sequences(document: Section, settings: Section | None) -> dict[str, tuple[Step, ...]]:
+    """The thesis' sequences, which Rigel 0.2 has no place for: at the top, or handed to the plugin."""
+    found: dict[str, tuple[Step, ...]] = {}
+    where: dict[str, Node] = {}
+    for holder in (document, settings):
+        if holder is None:
+            continue
+        for name, steps in sequences(holder).items():
+            node = (holder.get("sequences") or holder.node).mapping()[name]
+            if name in found:
+                raise node.fail(f"sequence {name} is already in line {where[name].place.line}: keep one")
+            found[name], where[name] = steps, node
+    for steps in found.values():
+        for step in steps:
+            if step.job not in ("build", JOB):
+                raise step.node.fail(f"there is no job {step.job}; Rigel 0.2 has two: build, {JOB}")
+    return found
+
+
+def _scheduler(document: Section, known: dict[str, tuple[Step, ...]], wanted: str) -> str:
+    if not wanted:
+        return ""
+    if wanted not in known:
+        listed = ", ".join(known) or "none"
+        raise document.node.fail(f"there is no sequence {wanted}{nearest(wanted, list(known))}; sequences: {listed}")
+    scheduler = ""
+    for step in known[wanted]:
+        if step.overrides is not None:
+            overrides = document.at(step.overrides)
+            overrides.refuse_unknown(("scheduler_name", "buildargs"))
+            scheduler = overrides.text("scheduler_name") or scheduler
+    return scheduler

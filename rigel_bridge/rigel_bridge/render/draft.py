@@ -28,13 +28,26 @@ class Draft:
         target[last] = value
         self.origins[path] = origin
 
+    def value(self, path: Path) -> Any:
+        """What stands at a path, None for nothing."""
+        found: Any = self.spec
+        for step in path:
+            if isinstance(found, dict):
+                found = found.get(step)
+            elif isinstance(found, list) and isinstance(step, int) and step < len(found):
+                found = found[step]
+            else:
+                return None
+        return found
+
     def merge(self, path: Path, value: Any, origin: Node) -> None:
         """Lay plain data over what is there: mappings are merged, everything else is replaced."""
         if path and (not isinstance(value, dict) or not value):
             self._replace(path, value, origin)
             return
         for key, child in value.items():
-            self.merge((*path, key), child, origin.mapping()[key])
+            own = origin.value.get(key) if isinstance(origin.value, dict) else None
+            self.merge((*path, key), child, own or origin)
 
     def _holder(self, path: Path) -> Any:
         """The mapping or list that holds the last step; mappings on the way are made, other values give way to them."""

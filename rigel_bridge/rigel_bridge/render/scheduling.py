@@ -41,8 +41,8 @@ def apply_to_app(block: Section, draft: Draft) -> None:
             draft.put(("placement", "masterNode"), topology.text_of(master), master)
         if (zones := topology.get("preferred_zones")) and zones.sequence():
             draft.put(("placement", "zones"), topology.texts("preferred_zones"), zones)
-    if domain := block.first("dds_domain", "dds-domain"):
-        _domain(block, domain, draft)
+    if stated := block.first("dds_domain", "dds-domain"):
+        domain(block, stated, draft)
 
 
 def apply_to_component(block: Section, draft: Draft, index: int, *, names: frozenset[str], alone: bool) -> None:
@@ -119,7 +119,8 @@ def _shared(shared: Section, names: frozenset[str]) -> Iterator[tuple[str, list[
             yield field, values
 
 
-def _domain(block: Section, node: Node, draft: Draft) -> None:
+def domain(block: Section, node: Node, draft: Draft) -> None:
+    """`auto`, or the number of a DDS domain."""
     if node.value == "auto":
         return
     text = node.raw if node.kind == "int" else block.text_of(node)

@@ -4,10 +4,12 @@ import argparse
 import os
 import re
 import sys
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
 from rigel_bridge.document.failures import BridgeError, Exit, Place, printable
+from rigel_bridge.generations.model import Options
 from rigel_bridge.source import Objects, Source, objects
 
 _NAMESPACE: Final = re.compile(r"[a-z0-9]([-a-z0-9]{0,61}[a-z0-9])?")
@@ -37,17 +39,34 @@ def add_source(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="take {{ NAME }} from the environment when it is not in vars; once per variable (default: none is taken)",
     )
+    chosen = parser.add_mutually_exclusive_group()
+    chosen.add_argument("--job", default="", help="the job to render (default: the first with an orchestration block)")
+    chosen.add_argument("--sequence", default="", help="every job of this sequence that deploys, with its overrides")
+    parser.add_argument("--image", default="", help="image of the application, for files that name none")
+    parser.add_argument("--distro", default="", help="ROS distribution, for files that name none")
     parser.add_argument("--strict", action="store_true", help="do nothing and fail with 72 when there is a note")
+
+
+def source_of(arguments: argparse.Namespace) -> Source:
+    """What the arguments of `add_source` name."""
+    return Source(
+        path=arguments.rigelfile,
+        name=arguments.name,
+        namespace=arguments.namespace,
+        today=datetime.now(tz=UTC).date().isoformat(),
+        options=Options(
+            environment={name: os.environ[name] for name in arguments.env},
+            job=arguments.job,
+            sequence=arguments.sequence,
+            image=arguments.image,
+            distro=arguments.distro,
+        ),
+    )
 
 
 def objects_of(arguments: argparse.Namespace) -> Objects:
     """The objects that the arguments of `add_source` name. Notes go to standard error; with --strict they are an error."""
-    source = Source(
-        path=arguments.rigelfile,
-        name=arguments.name,
-        namespace=arguments.namespace,
-        environment={name: os.environ[name] for name in arguments.env},
-    )
+    source = source_of(arguments)
     found = objects(source)
     for note in found.notes:
         sys.stderr.write(f"note: {printable(note)}\n")

@@ -18,8 +18,8 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    apps = objects_of(arguments).apps
-    write(yaml.safe_dump_all(apps, sort_keys=False, allow_unicode=True, width=120), arguments.output)
+    documents = objects_of(arguments).documents
+    write(yaml.safe_dump_all(documents, sort_keys=False, allow_unicode=True, width=120), arguments.output)
     return Exit.OK
 
 
@@ -41,7 +41,7 @@ def write(text: str, output: Path | None) -> None:
 RENDER: Final = Verb(
     name="render",
     summary="write the RobotApp as YAML",
-    description="Write the RobotApp of a Rigelfile (the format of Rigel 0.2) as YAML.",
+    description="Write the RobotApp of a Rigelfile as YAML.",
     arguments=_arguments,
     run=_run,
 )

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from tests.support.rigelfiles import ONE
+from tests.support.rigelfiles import ONE, orchestration
 
 from rigel_bridge.main import main
 
@@ -74,7 +74,10 @@ def test_without_a_name_the_rigelfile_of_the_folder_is_read(
         (None, (70, "Rigelfile: cannot be read: No such file or directory")),
         ("a: *b\n", (71, "Rigelfile:1: alias *b is not allowed")),
         ("packages: []\n", (72, "Rigelfile:1: packages needs at least one entry")),
-        ("jobs: {}\n", (73, "Rigelfile:1: jobs: this is a Rigelfile of 0.3 and newer")),
+        (
+            "jobz: {}\n",
+            (73, "Rigelfile:1: packages (Rigel 0.2), application and jobs (0.3), or orchestration is missing"),
+        ),
     ],
 )
 def test_each_kind_of_mistake_has_its_exit_code_and_one_line(
@@ -116,7 +119,7 @@ def test_a_full_disk_behind_standard_output_is_one_line(
 def test_notes_go_to_standard_error_and_fail_only_when_strict(
     rigelfile: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    rigelfile.write_text(ONE + "    cmd: x\n")
+    rigelfile.write_text(orchestration("namespace: fleet"))
     assert main(["render", str(rigelfile)]) == 0
     assert "note: " in capsys.readouterr().err
     assert main(["render", str(rigelfile), "--strict"]) == 72

@@ -1,0 +1,43 @@
+"""Any Rigelfile to the RobotApps to be: the way in for all generations."""
+
+from typing import Final
+
+from rigel_bridge.document.headed_template import HeadedTemplates
+from rigel_bridge.document.section import Resolver, Section
+from rigel_bridge.document.template import Templates
+from rigel_bridge.document.tree import Node
+from rigel_bridge.generations import g1
+from rigel_bridge.generations.detect import detect
+from rigel_bridge.generations.jobs import jobs_of
+from rigel_bridge.generations.model import Generation, Options, Rigelfile
+from rigel_bridge.generations.sequences import sequences
+from rigel_bridge.generations.targets import Workshop, targets
+
+_DRAFTS: Final = (Generation.G2A, Generation.G2B)
+
+
+def load(root: Node, options: Options) -> Rigelfile:
+    """Check and read a document of any generation; BridgeError otherwise."""
+    generation, evidence = detect(root)
+    document = Section(root, _templates(root, generation, options))
+    if generation is Generation.G1:
+        return g1.load(document, evidence, options)
+    work = Workshop(
+        document=document,
+        jobs=jobs_of(document, generation),
+        sequences=sequences(document),
+        options=options,
+        top=document.get("orchestration"),
+    )
+    found, notes = targets(work)
+    return Rigelfile(root, generation, evidence, found, work.deploying(), work.sequences, notes)
+
+
+def _templates(root: Node, generation: Generation, options: Options) -> Resolver:
+    variables = root.mapping().get("vars")
+    values = variables.mapping() if variables is not None and variables.kind != "null" else {}
+    if generation is Generation.G1:
+        return Templates(values, options.environment)
+    if generation in _DRAFTS:
+        return Templates(values, reads_environment=False)
+    return HeadedTemplates(values, options.environment)

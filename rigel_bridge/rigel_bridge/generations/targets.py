@@ -1,0 +1,198 @@
+"""From jobs and sequences to the RobotApps to be."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+from rigel_bridge.document.failures import BridgeError, nearest
+from rigel_bridge.document.headed_template import HeadedTemplates
+from rigel_bridge.document.section import Section
+from rigel_bridge.document.tree import Node
+from rigel_bridge.generations.images import Build, build, login
+from rigel_bridge.generations.jobs import Job
+from rigel_bridge.generations.model import Options, Package, Step, Target
+
+COMPONENT: Final = "ros-app"
+"""The one component of a file that names no components: the container name that orchestration plugins of Rigel use."""
+OURS: Final = ("rigel_bridge.RobotAppPlugin", "src.plugin.OrchestrationPlugin")
+"""Plugins whose settings are an orchestration; the second is what existing Rigelfiles name."""
+SETTINGS: Final = ("orchestration", "scheduler_name", "image", "namespace", "name", "output", "wait")
+"""`with` of such a job. Flat keys, because an override of a sequence replaces `orchestration` as a whole."""
+_DEPLOY: Final = "deploy"
+_BUILD: Final = "build"
+
+
+@dataclass(frozen=True, slots=True)
+class Workshop:
+    """A file with jobs, and how it is read."""
+
+    document: Section
+    jobs: Mapping[str, Job]
+    sequences: Mapping[str, tuple[Step, ...]]
+    options: Options
+    top: Node | None
+    """`orchestration` at the top, as the thesis prints it."""
+
+    def deploying(self) -> tuple[str, ...]:
+        """Ids of the jobs that deploy."""
+        return tuple(name for name, job in self.jobs.items() if self.deploys(job))
+
+    def deploys(self, job: Job) -> bool:
+        if isinstance(job.settings.value, dict) and "orchestration" in job.settings.value:
+            return True
+        try:
+            return self.document.text_of(job.plugin) in OURS
+        except BridgeError:  # a plugin named by the environment is none of ours
+            return False
+
+
+def targets(work: Workshop) -> tuple[tuple[Target, ...], tuple[str, ...]]:
+    """The RobotApps that the options choose, and notes."""
+    notes: list[str] = []
+    if work.options.sequence:
+        return tuple(_of_sequence(work, notes)), tuple(notes)
+    return (_of_job(work, notes),), tuple(notes)
+
+
+def _of_job(work: Workshop, notes: list[str]) -> Target:
+    deploying, wanted = work.deploying(), work.options.job
+    if wanted and wanted not in deploying:
+        if wanted == _DEPLOY and work.top is not None:
+            return _target(work, None, None, notes)
+        known = ", ".join(deploying) or "none"
+        raise work.document.node.fail(
+            f"no job {wanted} deploys{nearest(wanted, list(deploying))}; jobs with an orchestration block: {known}"
+        )
+    if not deploying:
+        if work.top is None:
+            raise work.document.node.fail(
+                "no job has an orchestration block: add a job with plugin: rigel_bridge.RobotAppPlugin and "
+                "with: {orchestration: {…}}"
+            )
+        return _target(work, None, None, notes)
+    if not wanted and len(deploying) > 1:
+        notes.append(
+            f"{work.document.node.place}: job {deploying[0]} is taken; --job chooses another: {', '.join(deploying[1:])}"
+        )
+    return _target(work, work.jobs[wanted or deploying[0]], None, notes)
+
+
+def _of_sequence(work: Workshop, notes: list[str]) -> Iterator[Target]:
+    name = work.options.sequence
+    if name not in work.sequences:
+        known = ", ".join(work.sequences) or "none"
+        raise work.document.node.fail(
+            f"there is no sequence {name}{nearest(name, list(work.sequences))}; sequences: {known}"
+        )
+    scheduler, before, found = "", dict[str, Job](), 0
+    for step in work.sequences[name]:
+        job = work.jobs.get(step.job)
+        scheduler = _scheduler(work, step) or scheduler
+        if job is None and (work.top is None or step.job not in (_DEPLOY, _BUILD)):
+            raise step.node.fail(
+                f"there is no job {step.job}{nearest(step.job, list(work.jobs))}; jobs: {', '.join(work.jobs) or 'none'}"
+            )
+        if (step.job == _DEPLOY and job is None) or (job is not None and work.deploys(job)):
+            found += 1
+            target = _target(work, job, step, notes, tuple(before.values()))
+            yield replace(target, scheduler=scheduler or target.scheduler, suffix=step.combination)
+        elif job is not None:
+            settings = _merged(work.document, job, step)
+            before[job.id] = replace(job, settings=settings) if settings else job
+    if not found:
+        raise work.document.node.fail(f"sequence {name} has no job with an orchestration block: nothing to render")
+
+
+def _scheduler(work: Workshop, step: Step) -> str:
+    """`scheduler_name` of an override, of a build also as build argument: that is how the thesis writes it."""
+    if step.overrides is None:
+        return ""
+    overrides = _with_data(work.document, step).at(step.overrides)
+    arguments = overrides.section("buildargs")
+    return overrides.text("scheduler_name") or (arguments.text("scheduler_name") if arguments else None) or ""
+
+
+def _target(
+    work: Workshop, job: Job | None, step: Step | None, notes: list[str], before: Sequence[Job] | None = None
+) -> Target:
+    document = _with_data(work.document, step)
+    settings = _settings(document, job, step)
+    orchestration = _orchestration(document, settings, work.top)
+    made = build(document, before or tuple(work.jobs.values()))
+    notes += [note for note in made.notes if note not in notes]
+    node = job.node if job else (work.top or work.document.node)
+    distro = job.distro if job else _distro_of(work)
+    stated = (orchestration.text("application_image") if orchestration else None) or _stated(settings, "image")
+    return Target(
+        node=node,
+        packages=(_package(work, document, node=node, stated=stated, made=made, distro=distro),),
+        orchestration=orchestration,
+        job=job.id if job else _DEPLOY,
+        name=_stated(settings, "name"),
+        scheduler=_stated(settings, "scheduler_name"),
+    )
+
+
+def _stated(settings: Section | None, key: str) -> str:
+    return (settings.text(key) if settings else None) or ""
+
+
+def _with_data(document: Section, step: Step | None) -> Section:
+    templates = document.templates
+    if step is None or not step.data or not isinstance(templates, HeadedTemplates):
+        return document
+    return Section(document.node, templates.with_data(step.data))
+
+
+def _settings(document: Section, job: Job | None, step: Step | None) -> Section | None:
+    """The settings of a job that deploys."""
+    merged = _merged(document, job, step)
+    if merged is None:
+        return None
+    section = Section(merged, document.templates)
+    section.refuse_unknown(SETTINGS)
+    return section
+
+
+def _merged(document: Section, job: Job | None, step: Step | None) -> Node | None:
+    """The job's `with` and the step's overrides over it: one level deep, as Rigel does it."""
+    merged: dict[str, Node] = {}
+    own = job.settings if job else None
+    if own is not None and own.kind != "null":
+        merged.update(document.at(own).node.mapping())
+    overrides = step.overrides if step else None
+    if overrides is not None:
+        merged.update(overrides.mapping())
+    place = own or overrides
+    return None if place is None else replace(place, value=merged, kind="map")
+
+
+def _orchestration(document: Section, settings: Section | None, top: Node | None) -> Section | None:
+    own = settings.section("orchestration") if settings else None
+    if own is not None and top is not None:
+        raise own.node.fail(f"orchestration is already in line {top.place.line}: keep one")
+    if own is not None:
+        return own
+    return document.at(top) if top is not None else None
+
+
+def _distro_of(work: Workshop) -> Node | None:
+    application = work.document.section("application")
+    return application.get("distro") if application else None
+
+
+def _package(
+    work: Workshop, document: Section, *, node: Node, stated: str, made: Build, distro: Node | None
+) -> Package:
+    """The one component. What the build job's container file says holds for its own image alone."""
+    image = work.options.image or stated or made.image
+    own = image == made.image
+    return Package(
+        node=node,
+        name=COMPONENT,
+        image=image,
+        distro=work.options.distro or (document.text_of(distro) if distro else None),
+        command=made.command if own else None,
+        env=(made.env or {}) if own else {},
+        login=login(document, image),
+    )

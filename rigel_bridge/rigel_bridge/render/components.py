@@ -1,0 +1,49 @@
+"""Packages to components: name, image, command, environment."""
+
+import shlex
+from typing import Any
+
+from rigel_bridge.document.naming import MAX_COMPONENT_NAME, checked_label
+from rigel_bridge.document.section import Section
+from rigel_bridge.generations.model import Package
+from rigel_bridge.render.draft import Draft
+from rigel_bridge.render.ros import LIFTED
+
+
+def components(packages: tuple[Package, ...], block: Section | None, draft: Draft) -> dict[str, int]:
+    """Fill the components; gives index by component name."""
+    names: dict[str, int] = {}
+    single_image = block.get("application_image") if block else None
+    if single_image and len(packages) > 1:
+        raise single_image.fail("is one image, but there are several packages: each has its own image field")
+    draft.spec["components"] = [{} for _ in packages]
+    for index, package in enumerate(packages):
+        name = checked_label(package.name, package.node, longest=MAX_COMPONENT_NAME)
+        if name in names:
+            raise package.node.fail(
+                f"package {package.name} becomes component {name}, which another package already is"
+            )
+        names[name] = index
+        draft.put(("components", index, "name"), name, package.node)
+        if image := (block.text_of(single_image) if block and single_image else package.image):
+            draft.put(("components", index, "image"), image, package.node)
+        _program(package, index, draft)
+    return names
+
+
+def _program(package: Package, index: int, draft: Draft) -> None:
+    if package.command:
+        draft.put(("components", index, "args"), words(package), package.node)
+    own: list[dict[str, Any]] = [
+        {"name": key, "value": value} for key, value in package.env.items() if key not in LIFTED
+    ]
+    if own:
+        draft.put(("components", index, "env"), own, package.node)
+
+
+def words(package: Package) -> list[str]:
+    """The command as arguments of the image's entrypoint, which sources the workspace and then runs them."""
+    try:
+        return shlex.split(package.command or "")
+    except ValueError as error:
+        raise package.node.fail(f"command: {error}") from error

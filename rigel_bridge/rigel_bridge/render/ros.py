@@ -1,0 +1,116 @@
+"""ROS version, domain, middleware and master."""
+
+from typing import Final
+
+from rigel_bridge.document.distros import distros, remark
+from rigel_bridge.document.failures import BridgeError, nearest
+from rigel_bridge.document.section import Section
+from rigel_bridge.document.tree import Node
+from rigel_bridge.generations.model import Package
+from rigel_bridge.render import scheduling
+from rigel_bridge.render.draft import Draft
+
+LIFTED: Final = {"RMW_IMPLEMENTATION": "rmw", "ROS_DOMAIN_ID": "domain"}
+"""Variables of ROS 2 that belong to the RobotApp's `ros2`: all components share them and the operator writes them."""
+
+
+def ros(packages: tuple[Package, ...], block: Section | None, draft: Draft, *, today: str) -> list[str]:
+    """Fill `ros`, `ros1` and `ros2`; gives notes. `today` as 2026-05-22; empty for no remarks about ends of life."""
+    for package in packages:
+        if package.distro:
+            draft.put(("ros", "distro"), package.distro, package.node)
+    distro, at = _distro(packages, block, draft)
+    version = _version(distro, at, block, draft)
+    notes = [f"{at.place}: {said}" for said in [_remark(distro, today)] if said]
+    if version == 2:
+        for package in packages:
+            for variable in LIFTED:
+                lift(variable, package.env.get(variable), package.node, draft)
+        notes += _unused_master(block, distro)
+        return notes
+    notes += [
+        f"{package.node.place}: env {variable} has no meaning for ROS 1 ({distro}) and is left out"
+        for package in packages
+        for variable in LIFTED
+        if variable in package.env
+    ]
+    if block is not None:
+        _master(block, draft)
+    return notes
+
+
+def lift(variable: str, value: str | None, node: Node, draft: Draft) -> None:
+    """One variable that the app has a field for."""
+    if value is None:
+        return
+    field = LIFTED[variable]
+    if field == "domain" and not scheduling.DOMAIN.fullmatch(value):
+        raise node.fail(f"env {variable} must be a number from 0 to {scheduling.MAX_DOMAIN}, found {value[:80]!r}")
+    draft.put(("ros2", field), int(value) if field == "domain" else value, node)
+
+
+def version_of(draft: Draft) -> int:
+    """1 or 2, once the distribution stands."""
+    written = draft.spec.get("ros", {})
+    known = distros().get(written.get("distro", ""))
+    version: int = written.get("version") or (known.version if known else 2)
+    return version
+
+
+def _distro(packages: tuple[Package, ...], block: Section | None, draft: Draft) -> tuple[str, Node]:
+    """The packages' distro, else the one that the block's RobotApp words give, for images that others built."""
+    verbatim = block.section("robotapp") if block else None
+    stated = verbatim.section("ros") if verbatim else None
+    node = stated.get("distro") if stated else None
+    written: str | None = draft.spec.get("ros", {}).get("distro")
+    if written is None and stated and node:
+        return stated.text_of(node), node
+    if written is None:
+        raise BridgeError(
+            draft.place,
+            "no package names its ROS distro: write robotapp: {ros: {distro: …}} in the orchestration block, or give --distro",
+        )
+    return written, next((package.node for package in packages if package.distro), packages[0].node)
+
+
+def _version(distro: str, at: Node, block: Section | None, draft: Draft) -> int:
+    """Never guessed: an unknown distribution needs `ros_version`."""
+    stated = block.number("ros_version") if block else None
+    known = distros().get(distro)
+    if stated is not None and stated not in (1, 2):
+        raise ((block.get("ros_version") if block else None) or at).fail("must be 1 or 2")
+    if known is None and stated is None:
+        hint = nearest(distro.lower(), list(distros()))
+        raise at.fail(
+            f"{distro[:80]!r} is no ROS distribution that we know{hint}; "
+            "for a newer one write ros_version: 1 or 2 into the orchestration block"
+        )
+    if known is not None and stated not in (None, known.version):
+        raise at.fail(f"{distro} is ROS {known.version}, and ros_version is {stated}: leave ros_version out")
+    if known is None and block and (node := block.get("ros_version")):
+        draft.put(("ros", "version"), stated, node)
+    return known.version if known else stated or 2
+
+
+def _remark(distro: str, today: str) -> str:
+    known = distros().get(distro)
+    if known is None:
+        return f"{distro} is not known to this version of rigel-bridge, nor to its operator"
+    return remark(known, today) if today else ""
+
+
+def _unused_master(block: Section | None, distro: str) -> list[str]:
+    node = block.get("deploy_ros_master") if block and block.flag("deploy_ros_master") else None
+    if node is None:
+        return []
+    return [
+        f"{node.place}: deploy_ros_master has no meaning for ROS 2 ({distro}), which has no master: none is deployed"
+    ]
+
+
+def _master(block: Section, draft: Draft) -> None:
+    if image := block.get("ros_master_image"):
+        draft.put(("ros1", "image"), block.text_of(image), image)
+    node = block.get("deploy_ros_master")
+    if node and block.flag("deploy_ros_master") is False:
+        draft.put(("ros1", "master"), "External", node)

@@ -1,0 +1,92 @@
+"""Templates of Rigel 0.3: headers, types, what stays, what ends in time."""
+
+import time
+
+import pytest
+from tests.support.jobfiles import with_block
+from tests.support.rigelfiles import refusal, rendered, spec
+
+
+def value(
+    mark: str, variables: str = "a: 1.10, b: yes, c: x, d: '{{ vars.c }}y', l: [{name: N, value: v}]", **options: object
+) -> object:
+    text = with_block(f"{{components: {{ros-app: {{env: [{{name: E, value: {mark}}}]}}}}}}")
+    return spec("vars: {" + variables + ", " + text.removeprefix("vars: {"), **options)["components"][0]["env"][-1][
+        "value"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("mark", "expected"),
+    [
+        ("'{{ vars.c }}'", "x"),
+        ("'{{vars.c}}-{{ vars.d }}'", "x-xy"),
+        ("'v{{ vars.a }}'", "v1.1"),
+        ("'{{ vars.b }}!'", "True!"),
+        ("'{{ vars.c | upper }}'", "{{ vars.c | upper }}"),
+        ("'{{ vars.d | regex_replace(''x'', ''z'') }}'", "zy"),
+    ],
+)
+def test_marks_stand_for_what_rigel_puts_there(mark: str, expected: str) -> None:
+    assert value(mark) == expected
+
+
+def test_a_mark_alone_keeps_the_type() -> None:
+    assert "env[0].value must be text, found 1.1" in refusal_of("'{{ vars.a }}'")
+    text = with_block("{deploy_ros_master: '{{ vars.quick }}', components: {ros-app: {replicas: '{{ vars.gpu }}'}}}")
+    assert spec(text)["components"][0]["replicas"] == 1
+
+
+def test_a_var_may_be_a_list_as_newer_files_have_it() -> None:
+    text = with_block("{components: {ros-app: {env: '{{ vars.l }}'}}}").replace(
+        "vars: {", "vars: {l: [{name: N, value: '{{ vars.distro }}'}], "
+    )
+    assert spec(text)["components"][0]["env"] == [{"name": "N", "value": "humble"}]
+
+
+def refusal_of(mark: str, variables: str = "a: 1.10") -> str:
+    text = with_block(f"{{components: {{ros-app: {{env: [{{name: E, value: {mark}}}]}}}}}}")
+    return refusal(
+        "vars: {" + variables + ", " + text.removeprefix("vars: {"), environment={"TAG": "1", "GH_TOKEN": "hunter2"}
+    )
+
+
+@pytest.mark.parametrize(
+    ("mark", "variables", "message"),
+    [
+        (
+            "'{{ image }}'",
+            "a: 1",
+            "{{ image }} has no header that Rigel knows; allowed: vars, data; write {{ vars.image }}",
+        ),
+        ("'{{ secrets.X }}'", "a: 1", "is a secret, and a RobotApp can be read by many"),
+        ("'{{ vars.GH_TOKEN }}'", "a: 1", "GH_TOKEN looks like a secret"),
+        (
+            "'{{ vars.imag }}'",
+            "a: 1",
+            "{{ vars.imag }} is not in vars (did you mean image?); --env imag takes it from the environment",
+        ),
+        ("'{{ data.x }}'", "a: 1", "{{ data.x }} is known only while Rigel runs"),
+        ("'{{ vars.a }}'", "a: '{{ vars.b }}', b: '{{ vars.a }}'", "{{ vars.a }} stands for itself: a -> b -> a"),
+        ("'{{ vars.a }}'", "a: {k: '{{ vars.a }}'}", "{{ vars.a }} stands for itself: a -> a"),
+        ("'-{{ vars.a }}'", "a: {k: 1}", "stands for a mapping, which is no part of a text"),
+        ("'{{ vars.image | regex_replace(''(a*)*b'', '''') }}'", "a: 1", "a pattern without groups"),
+        ("'{{ vars.image | regex_replace(''['', '''') }}'", "a: 1", "is no pattern"),
+    ],
+)
+def test_what_does_not_resolve_is_refused_where_it_stands(mark: str, variables: str, message: str) -> None:
+    found = refusal_of(mark, variables)
+    assert message in found
+    assert "hunter2" not in found
+
+
+def test_lists_that_stand_for_lists_end_in_time() -> None:
+    levels = ", ".join(f"v{n}: ['{{{{ vars.v{n + 1} }}}}', '{{{{ vars.v{n + 1} }}}}']" for n in range(15))
+    started_s = time.process_time()
+    refusal_of("'{{ vars.v0 }}'", f"{levels}, v15: x")
+    assert time.process_time() - started_s < 5
+
+
+def test_a_mark_that_stays_is_said() -> None:
+    text = with_block("{components: {ros-app: {env: [{name: E, value: '{{ vars.image | upper }}'}]}}}")
+    assert rendered(text).notes[-1].endswith("keeps its {{ }}: Rigel resolves no such mark")
