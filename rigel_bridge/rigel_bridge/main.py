@@ -16,11 +16,14 @@ examples:
   git show v1:Rigelfile | rigel-bridge render - --name amr-teleop
   rigel-bridge render --name amr-teleop -n fleet -o k8s/teleop.yaml
   rigel-bridge render --sequence benchmark_default       Rigel 0.3: the jobs of a sequence that deploy
+  rigel-bridge apply --wait 2m                           the same, with history, until it is Ready
   TAG=1.4.0 rigel-bridge render --env TAG                {{ TAG }} from the environment, and nothing else
 
 exit codes:
   0 done   2 wrong usage   70 file unreadable   71 not the YAML we accept
   72 the Rigelfile says something impossible   73 no generation of Rigelfile
+  74 no kubectl, no connection, or the cluster refused   75 not Ready or not gone in time
+  76 no such app or past spec; `diff` ends with 1 when it finds a difference
 
 Errors are one line: file:line: what is wrong; what is allowed. Notes go to standard error as well.
 """

@@ -13,11 +13,21 @@ class Exit(IntEnum):
     """Exit codes of `rigel-bridge`; 70-79 are free in Rigel's own list."""
 
     OK = 0
+    DIFFERENT = 1
+    """`diff` found something."""
     USAGE = 2
     UNREADABLE = 70
     SYNTAX = 71
     INVALID = 72
     UNSUPPORTED = 73
+    CLUSTER = 74
+    """No kubectl, no connection, or the cluster refused."""
+    NOT_READY = 75
+    MISSING = 76
+    """No such app, or no such past spec."""
+    STEP_FAILED = 77
+    """A program of a sequence failed."""
+    INTERRUPTED = 130
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,12 @@
 
 from typing import Final
 
+from rigel_bridge.verbs.apply import APPLY
+from rigel_bridge.verbs.delete import DELETE
+from rigel_bridge.verbs.diff import DIFF
 from rigel_bridge.verbs.render import RENDER
+from rigel_bridge.verbs.rollback import ROLLBACK
+from rigel_bridge.verbs.status import STATUS
 from rigel_bridge.verbs.verb import Verb
 
-VERBS: Final[tuple[Verb, ...]] = (RENDER,)
+VERBS: Final[tuple[Verb, ...]] = (RENDER, APPLY, DIFF, STATUS, ROLLBACK, DELETE)

@@ -1,0 +1,60 @@
+"""RobotApps in the cluster: read, write by server-side apply, replace, delete."""
+
+import json
+from collections.abc import Mapping
+from typing import Any, Final
+
+from rigel_bridge.cluster.kubectl import ClusterError, Kubectl, Refusal
+from rigel_bridge.cluster.names import APPS, MANAGER
+from rigel_bridge.document.failures import Exit
+
+Json = dict[str, Any]
+_APPLY: Final = ("apply", "--server-side", "--force-conflicts", f"--field-manager={MANAGER}", "--validate=strict")
+
+
+def read(kubectl: Kubectl, name: str) -> Json | None:
+    """The stored RobotApp; None when there is none of that name."""
+    try:
+        return kubectl.json("get", APPS, name)
+    except ClusterError as error:
+        if error.reason is Refusal.NOT_FOUND:
+            return None
+        raise
+
+
+def existing(kubectl: Kubectl, name: str) -> Json:
+    """The stored RobotApp; ClusterError with exit code MISSING when there is none."""
+    found = read(kubectl, name)
+    if found is None:
+        raise ClusterError(
+            f"there is no RobotApp {name} in this namespace; `kubectl get robotapps -A` lists all that you may see",
+            reason=Refusal.NOT_FOUND,
+            code=Exit.MISSING,
+        )
+    return found
+
+
+def apply(kubectl: Kubectl, app: Mapping[str, Any], *, dry_run: bool = False) -> Json:
+    """Write the fields of `app` and take back those an earlier apply wrote and this one does not; gives the stored object.
+
+    Fields that others wrote and `app` does not name (`suspend` of somebody who stopped the robots) stay as they are.
+    """
+    extra = ["--dry-run=server"] if dry_run else []
+    return kubectl.json(*_APPLY, *extra, "-f", "-", stdin=json.dumps(app))
+
+
+def replace_spec(kubectl: Kubectl, stored: Mapping[str, Any], spec: Mapping[str, Any]) -> Json:
+    """Make the spec exactly this one, whoever wrote the present fields. Refused when somebody wrote since `stored` was read."""
+    body = {**stored, "spec": spec}
+    return kubectl.json("replace", f"--field-manager={MANAGER}", "-f", "-", stdin=json.dumps(body))
+
+
+def bare(stored: Mapping[str, Any], spec: Mapping[str, Any], annotations: Mapping[str, str]) -> Json:
+    """A RobotApp to apply under the name of a stored one."""
+    metadata = {key: stored["metadata"][key] for key in ("name", "namespace")}
+    return {
+        "apiVersion": stored["apiVersion"],
+        "kind": stored["kind"],
+        "metadata": {**metadata, "annotations": dict(annotations)},
+        "spec": dict(spec),
+    }

@@ -1,0 +1,68 @@
+"""Bring a RobotApp into the cluster, and back to an earlier spec, with its history kept."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from rigel_bridge.cluster import apps, history
+from rigel_bridge.cluster.differences import changes
+from rigel_bridge.cluster.kubectl import ClusterError, Kubectl, Refusal
+from rigel_bridge.cluster.revisions import provenance, same, target
+from rigel_bridge.document.failures import Exit
+
+Json = dict[str, Any]
+Tell = Callable[[str], None]
+"""Takes one line for the user."""
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """A write that the API server took."""
+
+    stored: Json
+    outcome: str
+    """created, unchanged or changed."""
+    changes: tuple[str, ...] = ()
+
+
+def deploy(kubectl: Kubectl, app: Mapping[str, Any], *, tell: Tell) -> Written:
+    """Apply a RobotApp. The spec it replaces is stored before, in case somebody edited it, and the new one after the write."""
+    present = apps.read(kubectl, app["metadata"]["name"])
+    if present is not None:
+        _record(kubectl, present, tell)
+    stored = apps.apply(kubectl, app)
+    _record(kubectl, stored, tell)
+    return _written(present, stored)
+
+
+def roll_back(kubectl: Kubectl, name: str, *, number: int | None, tell: Tell) -> tuple[Written, int]:
+    """Give the app an earlier spec, byte for byte; returns also the number of the revision it had."""
+    present = apps.existing(kubectl, name)
+    history.record(kubectl, present)
+    chosen = target(history.read(kubectl, present), present["spec"], number)
+    if isinstance(chosen, str):
+        raise ClusterError(f"RobotApp {name}: {chosen}", code=Exit.MISSING)
+    stored = apps.apply(kubectl, apps.bare(present, chosen.spec, chosen.provenance))
+    if not same(stored["spec"], chosen.spec):  # fields that others wrote since: an apply leaves them
+        stored = apps.replace_spec(kubectl, stored, chosen.spec)
+    _record(kubectl, stored, tell)
+    return _written(present, stored), chosen.number
+
+
+def _written(present: Json | None, stored: Json) -> Written:
+    if present is None:
+        return Written(stored, "created")
+    found = tuple(changes(present["spec"], stored["spec"]))
+    if not found and provenance(present) == provenance(stored):
+        return Written(stored, "unchanged")
+    return Written(stored, "changed", found)
+
+
+def _record(kubectl: Kubectl, app: Json, tell: Tell) -> None:
+    """History is a help: who may write the app but no ControllerRevision is told so, and goes on."""
+    try:
+        history.record(kubectl, app)
+    except ClusterError as error:
+        if error.reason is not Refusal.FORBIDDEN:
+            raise
+        tell(f"no history is kept, so there is no rollback: {error}; role robotapp-editor has the right")

@@ -1,0 +1,68 @@
+"""Flags of the commands that reach the cluster, and what they stand for."""
+
+import argparse
+import re
+import sys
+from pathlib import Path
+from typing import Any, Final
+
+from rigel_bridge.cluster.kubectl import Kubectl
+from rigel_bridge.document.failures import printable
+from rigel_bridge.source import Source, objects
+from rigel_bridge.verbs.options import namespace
+
+_DURATION: Final = re.compile(r"([0-9]+(?:\.[0-9]+)?)(ms|s|m|h)?")
+_UNITS_S: Final = {"ms": 0.001, "s": 1.0, "m": 60.0, "h": 3600.0, None: 1.0}
+
+
+def add_cluster(parser: argparse.ArgumentParser) -> None:
+    """How kubectl is called: `kubectl_of` makes it."""
+    group = parser.add_argument_group("cluster")
+    group.add_argument("--context", help="context of the kubeconfig (default: the current one)")
+    group.add_argument("--kubeconfig", help="kubeconfig file (default: kubectl's own choice)")
+    group.add_argument("--kubectl", default="kubectl", metavar="PATH", help="kubectl to run (default: the one on PATH)")
+
+
+def kubectl_of(arguments: argparse.Namespace) -> Kubectl:
+    given = {
+        "--context": arguments.context,
+        "--kubeconfig": arguments.kubeconfig,
+        "--namespace": arguments.namespace,
+    }
+    return Kubectl(arguments.kubectl, flags=[f"{flag}={value}" for flag, value in given.items() if value])
+
+
+def add_app(parser: argparse.ArgumentParser) -> None:
+    """Which app of the cluster is meant: `names_of` tells."""
+    parser.add_argument("app", nargs="?", help="name of the RobotApp (default: what ./Rigelfile becomes)")
+    parser.add_argument("-n", "--namespace", type=namespace, help="its namespace (default: kubectl's own)")
+    add_cluster(parser)
+
+
+def names_of(arguments: argparse.Namespace) -> list[str]:
+    """The name given, else those of the RobotApps that the Rigelfile of this folder becomes."""
+    if arguments.app:
+        return [arguments.app]
+    return [app["metadata"]["name"] for app in objects(Source(Path("Rigelfile"))).apps]
+
+
+def seconds(text: str) -> float:
+    """A duration as Kubernetes writes it (120s, 2m, 500ms) or a bare number of seconds. Raises what argparse turns into wrong usage."""
+    found = _DURATION.fullmatch(text)
+    if not found or not 0 <= float(found[1]) * _UNITS_S[found[2]] <= 24 * 3600:
+        raise argparse.ArgumentTypeError(f"{text!r} is no duration; allowed: up to 24h, for example 30s, 2m or 500ms")
+    return float(found[1]) * _UNITS_S[found[2]]
+
+
+def tell(line: str) -> None:
+    """Progress and notes: one line to standard error, without what a terminal would act on."""
+    sys.stderr.write(f"{printable(line)}\n")
+
+
+def say(line: str) -> None:
+    """A result: one line to standard output, made safe in the same way."""
+    sys.stdout.write(f"{printable(line)}\n")
+
+
+def subject(stored: dict[str, Any]) -> str:
+    return f"robotapp/{stored['metadata']['name']} in namespace {stored['metadata']['namespace']}"

@@ -1,0 +1,102 @@
+"""`rigel-bridge status`: how the app does, in a few lines or as JSON."""
+
+import argparse
+import json
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final
+
+from rigel_bridge.cluster import apps, history
+from rigel_bridge.cluster.kubectl import ClusterError, Kubectl, Refusal
+from rigel_bridge.cluster.names import APP_LABEL, INSTANCES
+from rigel_bridge.cluster.revisions import Revision, same
+from rigel_bridge.cluster.waiting import condition
+from rigel_bridge.document.failures import Exit
+from rigel_bridge.verbs.cluster_options import add_app, kubectl_of, names_of, say, subject
+from rigel_bridge.verbs.verb import Verb
+
+_CONDITIONS: Final = ("Accepted", "Allocated", "Placed", "Ready", "BudgetMet")
+_INSTANCES_SHOWN: Final = 10
+
+
+def _arguments(parser: argparse.ArgumentParser) -> None:
+    add_app(parser)
+    parser.add_argument("-o", "--output", choices=("text", "json"), default="text", help="form (default: text)")
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    kubectl = kubectl_of(arguments)
+    ready = True
+    for name in names_of(arguments):
+        app = apps.existing(kubectl, name)
+        instances, past = instances_of(kubectl, app), _history(kubectl, app)
+        ready = ready and condition(app, "Ready")["status"] == "True"
+        if arguments.output == "json":
+            sys.stdout.write(json.dumps(_document(app, instances, past), indent=2) + "\n")
+            continue
+        for line in _lines(app, instances, past):
+            say(line)
+    return Exit.OK if ready else Exit.NOT_READY
+
+
+def instances_of(kubectl: Kubectl, app: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The instances of the living app, by name."""
+    metadata = app["metadata"]
+    items = kubectl.json("get", INSTANCES, "-l", f"{APP_LABEL}={metadata['name']}")["items"]
+    own = [item for item in items if item["spec"].get("appUID") == metadata["uid"]]
+    return sorted(own, key=lambda item: str(item["metadata"]["name"]))
+
+
+def _history(kubectl: Kubectl, app: Mapping[str, Any]) -> list[Revision]:
+    try:
+        return history.read(kubectl, app)
+    except ClusterError as error:
+        if error.reason is not Refusal.FORBIDDEN:
+            raise
+        return []
+
+
+def _document(
+    app: Mapping[str, Any], instances: Sequence[Mapping[str, Any]], past: Sequence[Revision]
+) -> dict[str, Any]:
+    return {
+        "name": app["metadata"]["name"],
+        "namespace": app["metadata"]["namespace"],
+        "generation": app["metadata"]["generation"],
+        "status": app.get("status", {}),
+        "instances": [{"spec": item["spec"], "status": item.get("status", {})} for item in instances],
+        "revisions": [
+            {"revision": each.number, "created": each.created, "present": same(each.spec, app["spec"])} for each in past
+        ],
+    }
+
+
+def _lines(app: Mapping[str, Any], instances: Sequence[Mapping[str, Any]], past: Sequence[Revision]) -> Iterator[str]:
+    status = app.get("status", {})
+    summary = status.get("summary", {})
+    shown = [f"{key} {summary[key]}" for key in ("ready", "robots", "domain", "budget", "devices") if summary.get(key)]
+    yield f"{subject(dict(app))}: {', '.join([status.get('phase', 'Pending'), *shown])}"
+    for kind in _CONDITIONS:
+        found = condition(app, kind)
+        if found["status"] != "True":
+            yield f"  {kind} {found['status']}: {found.get('reason', '')}: {found.get('message', '')}"
+    for item in instances[:_INSTANCES_SHOWN]:
+        state = item.get("status", {})
+        yield f"  instance {item['metadata']['name']}: {state.get('phase', 'Pending')}"
+        for part in state.get("components", ()):
+            ready = "ready" if part.get("ready") else f"not ready {part.get('message', '')}".strip()
+            yield f"    {part['name']} on {part.get('node') or 'no node yet'}: {ready}"
+    if len(instances) > _INSTANCES_SHOWN:
+        yield f"  and {len(instances) - _INSTANCES_SHOWN} more instances: kubectl get robotappinstances"
+    for each in past:
+        mark = " (present)" if same(each.spec, app["spec"]) else ""
+        yield f"  revision {each.number} of {each.created}{mark}"
+
+
+STATUS: Final = Verb(
+    name="status",
+    summary="show how the app does, and its past specs",
+    description="Show phase, conditions that are not met, where components run, and past specs. Exit code 75 unless it is Ready.",
+    arguments=_arguments,
+    run=_run,
+)
