@@ -8,8 +8,8 @@ from typing import Any, Final
 
 from rigel_bridge import __version__
 from rigel_bridge.document.failures import BridgeError, Exit, Place
-from rigel_bridge.document.tree import MAX_BYTES, parse
-from rigel_bridge.generations.load import load
+from rigel_bridge.document.tree import MAX_BYTES, Node, parse
+from rigel_bridge.generations.load import Outline, load, outline
 from rigel_bridge.generations.model import Generation, Options, Rigelfile
 from rigel_bridge.render.app import Naming, Rendered, render
 
@@ -68,10 +68,14 @@ def objects(source: Source) -> Objects:
     return from_bytes(read_bytes(source.path), source)
 
 
+def examine(data: bytes, source: Source) -> Outline:
+    """Generation, jobs, sequences and what Rigel itself would stumble over."""
+    return outline(_parsed(data, source), source.options)
+
+
 def from_bytes(data: bytes, source: Source) -> Objects:
     """The same for a file that is read already."""
-    shown = "standard input" if source.path == STANDARD_INPUT else str(source.path)
-    rigelfile = load(parse(data, shown), source.options)
+    rigelfile = load(_parsed(data, source), source.options)
     provenance = {
         "generation": str(rigelfile.generation),
         "rigelfile-sha256": hashlib.sha256(data).hexdigest(),
@@ -92,6 +96,10 @@ def from_bytes(data: bytes, source: Source) -> Objects:
     _refuse_twins(rigelfile, found)
     notes = dict.fromkeys([*rigelfile.notes, *(note for one in found for note in one.notes)])
     return Objects(tuple(found), rigelfile, tuple(notes))
+
+
+def _parsed(data: bytes, source: Source) -> Node:
+    return parse(data, "standard input" if source.path == STANDARD_INPUT else str(source.path))
 
 
 def _refuse_twins(rigelfile: Rigelfile, found: list[Rendered]) -> None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 from rigel_bridge.document.failures import nearest
-from rigel_bridge.document.template import MAX_NESTED, Spent, environment_value, unfit
+from rigel_bridge.document.template import MAX_NESTED, Spent, cure, environment_value, unfit
 from rigel_bridge.document.tree import Node
 
 _MARK: Final = re.compile(r"\{\{([a-zA-Z0-9_\s\-!?.]+)\}\}")
@@ -114,7 +114,7 @@ class HeadedTemplates:
             value = environment_value(node, key, self.environment)
             return replace(node, value=value, kind="str", raw=value)
         hint = nearest(key, sorted(self.variables))
-        raise node.fail(f"{{{{ vars.{key} }}}} is not in vars{hint}; --env {key} takes it from the environment")
+        raise node.fail(f"{{{{ vars.{key} }}}} is not in vars{hint}{cure(key)}")
 
 
 def _name(text: str) -> str:

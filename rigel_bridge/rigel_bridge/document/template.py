@@ -22,6 +22,7 @@ MAX_EXPANDED: Final = 256 * 1024
 """Characters that all names of a file together stand for: as much as the file itself may have."""
 # Rigel looks for these characters and then drops all blanks and braces from the name.
 _MARK: Final = re.compile(r"\{\{([a-zA-Z0-9_\s\-!?]+)\}\}")
+SECRETS: Final = "the bridge takes no secrets"
 _SECRET: Final = re.compile(
     r"PASSW|PASSPHRASE|SECRET|TOKEN|CREDENTIAL|PRIVATE_?KEY|ACCESS_?KEY|API_?KEY", re.IGNORECASE
 )
@@ -93,12 +94,24 @@ class Templates:
         return variable.value
 
     def _cure(self, name: str) -> str:
-        return f"; --env {name} takes it from the environment" if self.reads_environment else ""
+        return cure(name) if self.reads_environment else ""
+
+
+def cure(name: str) -> str:
+    """What to do about a name that is not in vars."""
+    if is_secret(name):
+        return f"; Rigel takes it from the environment, {SECRETS}"
+    return f"; --env {name} takes it from the environment"
+
+
+def is_secret(name: str) -> bool:
+    """Whether a variable's name looks as if its value were to be kept from others."""
+    return bool(_SECRET.search(name))
 
 
 def environment_value(node: Node, name: str, environment: Mapping[str, str]) -> str:
     """A variable that the user named, checked before it is used. What looks like a secret is refused: apps are not secret."""
-    if _SECRET.search(name):
+    if is_secret(name):
         raise node.fail(
             f"{name} looks like a secret, and a RobotApp can be read by many: keep it in a Secret, "
             "and name that with envFrom or valueFrom of the component"

@@ -6,7 +6,7 @@ it does not know; here they are errors, because a misspelt key is a lost setting
 
 from typing import Final
 
-from rigel_bridge.document.failures import nearest
+from rigel_bridge.document.failures import BridgeError, nearest
 from rigel_bridge.document.section import Section
 from rigel_bridge.document.tree import Node
 from rigel_bridge.generations.images import environment
@@ -119,6 +119,14 @@ def _sequences(document: Section, settings: Section | None) -> dict[str, tuple[S
             if step.job not in ("build", JOB):
                 raise step.node.fail(f"there is no job {step.job}; Rigel 0.2 has two: build, {JOB}")
     return found
+
+
+def sequence_names(document: Section) -> tuple[str, ...]:
+    """Names of the sequences; none when they cannot be read, which `load` reports."""
+    try:
+        return tuple(_sequences(document, _settings(document)))
+    except BridgeError:
+        return ()
 
 
 def _scheduler(document: Section, known: dict[str, tuple[Step, ...]], wanted: str) -> str:

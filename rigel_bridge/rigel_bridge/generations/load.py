@@ -1,7 +1,9 @@
 """Any Rigelfile to the RobotApps to be: the way in for all generations."""
 
+from dataclasses import dataclass
 from typing import Final
 
+from rigel_bridge.document.failures import BridgeError
 from rigel_bridge.document.headed_template import HeadedTemplates
 from rigel_bridge.document.section import Resolver, Section
 from rigel_bridge.document.template import Templates
@@ -9,11 +11,40 @@ from rigel_bridge.document.tree import Node
 from rigel_bridge.generations import g1
 from rigel_bridge.generations.detect import detect
 from rigel_bridge.generations.jobs import jobs_of
+from rigel_bridge.generations.lint import lint
 from rigel_bridge.generations.model import Generation, Options, Rigelfile
 from rigel_bridge.generations.sequences import sequences
 from rigel_bridge.generations.targets import Workshop, targets
 
 _DRAFTS: Final = (Generation.G2A, Generation.G2B)
+
+
+@dataclass(frozen=True, slots=True)
+class Outline:
+    """What can be said of a file without choosing a job of it."""
+
+    generation: Generation
+    evidence: str
+    jobs: tuple[str, ...]
+    """Those that deploy."""
+    sequences: tuple[str, ...]
+    """Those with a job that deploys, or that is not there."""
+    errors: tuple[BridgeError, ...]
+    notes: tuple[str, ...]
+
+
+def outline(root: Node, options: Options) -> Outline:
+    """Generation, choices, and what Rigel itself would stumble over. BridgeError when nothing else can be said."""
+    generation, evidence = detect(root)
+    document = Section(root, _templates(root, generation, options))
+    errors, notes = lint(document, generation)
+    if generation is Generation.G1:
+        return Outline(generation, evidence, (), g1.sequence_names(document), tuple(errors), tuple(notes))
+    work = _workshop(document, generation, options)
+    deploying = work.deploying()
+    skipped = set(work.jobs) - {*deploying}
+    chosen = tuple(name for name, steps in work.sequences.items() if any(step.job not in skipped for step in steps))
+    return Outline(generation, evidence, deploying, chosen, tuple(errors), tuple(notes))
 
 
 def load(root: Node, options: Options) -> Rigelfile:
@@ -22,15 +53,19 @@ def load(root: Node, options: Options) -> Rigelfile:
     document = Section(root, _templates(root, generation, options))
     if generation is Generation.G1:
         return g1.load(document, evidence, options)
-    work = Workshop(
+    work = _workshop(document, generation, options)
+    found, notes = targets(work)
+    return Rigelfile(root, generation, evidence, found, work.deploying(), work.sequences, notes)
+
+
+def _workshop(document: Section, generation: Generation, options: Options) -> Workshop:
+    return Workshop(
         document=document,
         jobs=jobs_of(document, generation),
         sequences=sequences(document),
         options=options,
         top=document.get("orchestration"),
     )
-    found, notes = targets(work)
-    return Rigelfile(root, generation, evidence, found, work.deploying(), work.sequences, notes)
 
 
 def _templates(root: Node, generation: Generation, options: Options) -> Resolver:

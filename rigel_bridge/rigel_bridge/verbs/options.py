@@ -4,6 +4,7 @@ import argparse
 import os
 import re
 import sys
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
@@ -68,11 +69,17 @@ def objects_of(arguments: argparse.Namespace) -> Objects:
     """The objects that the arguments of `add_source` name. Notes go to standard error; with --strict they are an error."""
     source = source_of(arguments)
     found = objects(source)
-    for note in found.notes:
-        sys.stderr.write(f"note: {printable(note)}\n")
-    if found.notes and arguments.strict:
-        raise BridgeError(Place(str(source.path)), "has notes, and --strict allows none", code=Exit.INVALID)
+    tell(found.notes, arguments)
     return found
+
+
+def tell(notes: Iterable[str], arguments: argparse.Namespace) -> None:
+    """Notes to standard error; with --strict they are an error."""
+    listed = tuple(notes)
+    for note in listed:
+        sys.stderr.write(f"note: {printable(note)}\n")
+    if listed and arguments.strict:
+        raise BridgeError(Place(str(arguments.rigelfile)), "has notes, and --strict allows none", code=Exit.INVALID)
 
 
 def namespace(text: str) -> str:

@@ -2,25 +2,49 @@
 
 import argparse
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import yaml
 
 from rigel_bridge.document.failures import BridgeError, Exit, Place
-from rigel_bridge.verbs.options import add_source, objects_of
+from rigel_bridge.render.workloads import FORMATS, workloads
+from rigel_bridge.verbs.options import add_source, objects_of, tell
 from rigel_bridge.verbs.verb import Verb
 
 
 def _arguments(parser: argparse.ArgumentParser) -> None:
     add_source(parser)
+    parser.add_argument(
+        "--format",
+        choices=FORMATS,
+        default=FORMATS[0],
+        help="robotapp (default); pods: Deployments with the thesis' annotations; manifests: Deployments for any scheduler",
+    )
     parser.add_argument("-o", "--output", type=Path, help="file to write instead of standard output")
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    documents = objects_of(arguments).documents
-    write(yaml.safe_dump_all(documents, sort_keys=False, allow_unicode=True, width=120), arguments.output)
+    found = objects_of(arguments)
+    documents = found.documents
+    if arguments.format != FORMATS[0]:
+        plain = [workloads(one, annotated=arguments.format == "pods") for one in found.rendered]
+        documents = tuple(document for objects, _ in plain for document in objects)
+        tell([note for _, notes in plain for note in notes], arguments)
+    write(as_yaml(documents), arguments.output)
     return Exit.OK
+
+
+def as_yaml(documents: Sequence[Mapping[str, Any]]) -> str:
+    """The same bytes for the same objects: no anchors, no order but theirs."""
+    return yaml.dump_all(documents, Dumper=_Plain, sort_keys=False, allow_unicode=True, width=120)
+
+
+class _Plain(yaml.SafeDumper):
+    def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002  # PyYAML's signature
+        """Labels that two objects share are written out in both."""
+        return True
 
 
 def write(text: str, output: Path | None) -> None:

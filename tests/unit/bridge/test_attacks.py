@@ -75,7 +75,18 @@ class TestEnvironment:
             told = capsys.readouterr()
             assert "hunter2" not in told.out + told.err
             assert "{{ AWS_SECRET_ACCESS_KEY }} is not in vars" in told.err
-            assert "--env AWS_SECRET_ACCESS_KEY" in told.err
+            assert "Rigel takes it from the environment, the bridge takes no secrets" in told.err
+
+    def test_a_secret_is_not_taken_even_when_it_was_named(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "hunter2")
+        path = tmp_path / "Rigelfile"
+        path.write_text(ONE.replace(":1", ":{{ AWS_SECRET_ACCESS_KEY }}"))
+        assert main(["render", str(path), "--env", "AWS_SECRET_ACCESS_KEY"]) == 72
+        told = capsys.readouterr()
+        assert "hunter2" not in told.out + told.err
+        assert "AWS_SECRET_ACCESS_KEY looks like a secret" in told.err
 
     def test_a_named_variable_that_is_not_set_is_wrong_usage(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -1,0 +1,164 @@
+"""What Rigel itself would stumble over, in parts of a file that a deployment does not need."""
+
+from collections.abc import Iterator
+from typing import Final
+
+from rigel_bridge.document.failures import BridgeError, nearest
+from rigel_bridge.document.section import Section
+from rigel_bridge.document.template import SECRETS
+from rigel_bridge.document.tree import Node
+from rigel_bridge.generations.model import Generation
+
+COMPILERS: Final = ("catkin_make", "colcon")
+PLATFORMS: Final = ("linux/amd64", "linux/arm64")
+_TEXTS: Final = ("ros_image", "compiler", "dir", "username", "dockerfile")
+_LISTS: Final = ("apt", "entrypoint", "hostname", "platforms", "rosinstall", "run")
+
+
+def lint(document: Section, generation: Generation) -> tuple[list[BridgeError], list[str]]:
+    """Errors and notes, in the order of the file."""
+    errors = list(_first_generation(document)) if generation is Generation.G1 else []
+    return errors, [f"{error}" for error in _unresolved(document, document.node)]
+
+
+def _unresolved(document: Section, node: Node) -> Iterator[BridgeError]:
+    """Marks that Rigel cannot replace end its run, wherever they stand."""
+    if isinstance(node.value, dict):
+        for child in node.value.values():
+            yield from _unresolved(document, child)
+    elif isinstance(node.value, list):
+        for child in node.value:
+            yield from _unresolved(document, child)
+    else:
+        try:
+            document.templates.resolve(node)
+        except BridgeError as error:
+            if SECRETS not in str(error):  # a password of a registry is nobody's mistake
+                yield error
+
+
+def _first_generation(document: Section) -> Iterator[BridgeError]:
+    for key in ("packages", "deploy"):
+        yield from _entries(document, key)
+    simulate = document.get("simulate")
+    if simulate is None:
+        return
+    if simulate.kind != "map":
+        yield simulate.fail(f"expected a mapping, found {simulate.described()}")
+        return
+    section = document.at(simulate)
+    yield from _unknown(section, ("plugins", "introspection", "timeout"))
+    if section.get("plugins") is None:
+        yield simulate.fail("plugins is missing")
+    yield from _entries(section, "plugins")
+    yield from _list(section, "introspection")
+    timeout = section.get("timeout")
+    if timeout is not None and timeout.kind != "int":
+        yield timeout.fail(f"expected a whole number, found {timeout.described()}")
+
+
+def _entries(document: Section, key: str) -> Iterator[BridgeError]:
+    found = document.get(key)
+    if found is None:
+        return
+    if found.kind != "seq":
+        yield found.fail(f"expected a list, found {found.described()}")
+        return
+    for node in found.sequence():
+        if node.kind != "map":
+            yield node.fail(f"expected a mapping, found {node.described()}")
+        elif key == "packages":
+            yield from _package(document.at(node))
+        else:
+            yield from _plugin(document.at(node))
+
+
+def _package(package: Section) -> Iterator[BridgeError]:
+    for key in _TEXTS:
+        yield from _text(package, key)
+    for key in _LISTS:
+        yield from _list(package, key)
+    yield from _allowed(package, package.get("compiler"), COMPILERS)
+    platforms = package.get("platforms")
+    for node in platforms.sequence() if platforms and platforms.kind == "seq" else ():
+        yield from _allowed(package, node, PLATFORMS)
+    if registry := package.get("registry"):
+        yield from _fields(package, registry, required=("server", "username", "password"), known=())
+    keys = package.get("ssh")
+    if keys is not None and keys.kind != "seq":
+        yield keys.fail(f"expected a list, found {keys.described()}")
+        return
+    for node in keys.sequence() if keys else ():
+        yield from _fields(package, node, required=("hostname", "value"), known=("file",))
+        yield from _key(node)
+
+
+def _key(node: Node) -> Iterator[BridgeError]:
+    parts = node.value if isinstance(node.value, dict) else {}
+    variable, file = parts.get("value"), parts.get("file")
+    if variable is not None and (file is None or file.value is False):
+        yield variable.fail(
+            f"Rigel needs the environment variable {variable.raw} for every command; the bridge never reads it"
+        )
+
+
+def _plugin(plugin: Section) -> Iterator[BridgeError]:
+    yield from _unknown(plugin, ("name", "args", "kwargs", "entrypoint"))
+    name = plugin.get("name")
+    if name is None:
+        yield plugin.node.fail("name is missing")
+    elif name.kind in ("map", "seq") or name.raw.strip().count("/") != 1:
+        yield name.fail("expected AUTHOR/MODULE, for example robotapp/rigel_bridge")
+    yield from _list(plugin, "args", texts=False)
+    yield from _text(plugin, "entrypoint")
+    kwargs = plugin.get("kwargs")
+    if kwargs is not None and kwargs.kind != "map":
+        yield kwargs.fail(f"expected a mapping, found {kwargs.described()}")
+
+
+def _fields(
+    section: Section, node: Node, *, required: tuple[str, ...], known: tuple[str, ...]
+) -> Iterator[BridgeError]:
+    if node.kind != "map":
+        yield node.fail(f"expected a mapping, found {node.described()}")
+        return
+    inner = section.at(node)
+    yield from _unknown(inner, (*required, *known))
+    for key in required:
+        if inner.get(key) is None:
+            yield node.fail(f"{key} is missing")
+        yield from _text(inner, key)
+
+
+def _unknown(section: Section, known: tuple[str, ...]) -> Iterator[BridgeError]:
+    for key, node in section.unknown(known):
+        yield node.fail(f"is not known here{nearest(key, list(known))}; known: {', '.join(known)}")
+
+
+def _text(section: Section, key: str) -> Iterator[BridgeError]:
+    found = section.get(key)
+    if found is not None and found.kind in ("map", "seq"):
+        yield found.fail(f"expected text, found {found.described()}")
+
+
+def _list(section: Section, key: str, *, texts: bool = True) -> Iterator[BridgeError]:
+    found = section.node.mapping().get(key)
+    if found is None:
+        return
+    if found.kind != "seq":
+        yield found.fail(f"expected a list, found {found.described()}")
+        return
+    for node in found.sequence() if texts else ():
+        if node.kind in ("map", "seq", "null"):
+            yield node.fail(f"expected text, found {node.described()}")
+
+
+def _allowed(section: Section, node: Node | None, allowed: tuple[str, ...]) -> Iterator[BridgeError]:
+    if node is None or node.kind in ("map", "seq"):
+        return
+    try:
+        text = str(section.templates.resolve(node).value)
+    except BridgeError:  # reported with the other marks that do not resolve
+        return
+    if text not in allowed:
+        yield node.fail(f"{text[:80]!r} is not allowed{nearest(text, list(allowed))}; allowed: {', '.join(allowed)}")

@@ -1,0 +1,178 @@
+"""A RobotApp as plain Kubernetes objects, for clusters without the operator.
+
+`pods`: Deployments whose pods carry the thesis' annotations, for our scheduler alone. `manifests`: Deployments for any
+scheduler. Both bring the volume claims and, for ROS 1, the master. What only the operator can do is noted.
+"""
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+from rigel_bridge.document.distros import distros
+from rigel_bridge.document.failures import BridgeError, Place
+from rigel_bridge.render.annotations import PREFIX, wishes
+from rigel_bridge.render.app import APP_LABEL, Rendered
+from rigel_bridge.render.orchestration import DEFAULT_SCHEDULER
+
+FORMATS: Final = ("robotapp", "pods", "manifests")
+SCHEDULER: Final = "ros-aware-scheduler"
+GRANTED_DOMAIN: Final = "granted.robotics.io/dds-domain"
+_PORT: Final = 11311
+_DEPLOYMENT: Final = ("apps/v1", "Deployment")
+_COMPONENT_LABEL: Final = "app.kubernetes.io/component"
+_CONTAINER: Final = (
+    *("name", "image", "command", "args", "workingDir", "env", "envFrom", "ports", "volumeMounts", "resources"),
+    *("imagePullPolicy", "securityContext", "livenessProbe", "readinessProbe", "startupProbe", "lifecycle"),
+)
+_WISHES: Final = ("qosClass", "policies", "devices", "requires", "sharedData")
+_OPERATORS: Final = ("parameters", "runsOn", "ready", "colocateWith", "separateFrom", "onDisconnect")
+_APPS: Final = ("suspend", "robots", "edges", "update", "connectivity")
+
+
+def workloads(rendered: Rendered, *, annotated: bool) -> tuple[tuple[dict[str, Any], ...], tuple[str, ...]]:
+    """Objects in the order in which they are applied, and notes. `annotated`: for our scheduler, else for any."""
+    app, spec = rendered.app, rendered.app["spec"]
+    # Pods that another scheduler places carry no wishes, as in the thesis' benchmark of kube-scheduler's own.
+    ours = annotated and spec.get("schedulerName") != DEFAULT_SCHEDULER
+    found: list[dict[str, Any]] = [*rendered.claims, *_master(app)]
+    found += [_deployment(rendered, component, ours=ours) for component in spec["components"]]
+    return tuple(found), tuple(_notes(app, ours=ours))
+
+
+def _deployment(rendered: Rendered, component: Mapping[str, Any], *, ours: bool) -> dict[str, Any]:
+    app, spec = rendered.app, rendered.app["spec"]
+    metadata = app["metadata"]
+    labels = {APP_LABEL: metadata["name"], _COMPONENT_LABEL: component["name"]}
+    template = component.get("template", {})
+    annotations = dict(template.get("metadata", {}).get("annotations", {}))
+    if ours:
+        annotations |= wishes(spec, component, app=metadata["name"])
+    if ours and _allocated(spec):
+        annotations[f"{PREFIX}dds-domain"] = str(spec.get("ros2", {}).get("domain", "auto"))
+    pod: dict[str, Any] = {"containers": [_container(app, component, ours=ours)], **template.get("spec", {})}
+    scheduler = _scheduler(spec, annotations, ours=ours)
+    if scheduler:
+        pod["schedulerName"] = scheduler
+    inner: dict[str, Any] = {"labels": {**template.get("metadata", {}).get("labels", {}), **labels}}
+    if annotations:
+        inner["annotations"] = annotations
+    body: dict[str, Any] = {"replicas": component.get("replicas", 1), "selector": {"matchLabels": labels}}
+    if strategy := rendered.strategy or _strategy(component):
+        body["strategy"] = strategy
+    body["template"] = {"metadata": inner, "spec": pod}
+    return _object(app, f"{metadata['name']}-{component['name']}", _DEPLOYMENT, body, labels)
+
+
+def _strategy(component: Mapping[str, Any]) -> dict[str, str]:
+    """One pod is replaced when it is gone, as the operator does it: one publisher at any time."""
+    return {"type": "Recreate"} if component.get("replicas", 1) == 1 else {}
+
+
+def _scheduler(spec: Mapping[str, Any], annotations: Mapping[str, str], *, ours: bool) -> str:
+    if ours:
+        wished = any(key.startswith(PREFIX) for key in annotations)
+        return str(spec.get("schedulerName") or (SCHEDULER if wished else ""))
+    return DEFAULT_SCHEDULER if spec.get("schedulerName") == DEFAULT_SCHEDULER else ""
+
+
+def _allocated(spec: Mapping[str, Any]) -> bool:
+    """Whether the scheduler grants the domain: to one pod, which then has it for itself."""
+    return _version(spec) == 2 and _pods(spec) == 1
+
+
+def _pods(spec: Mapping[str, Any]) -> int:
+    return sum(component.get("replicas", 1) for component in spec["components"])
+
+
+def _container(app: Mapping[str, Any], component: Mapping[str, Any], *, ours: bool) -> dict[str, Any]:
+    found = {key: component[key] for key in _CONTAINER if key in component}
+    own = component.get("env", [])
+    written = {entry["name"] for entry in own}
+    found["env"] = [*own, *(entry for entry in _environment(app, ours=ours) if entry["name"] not in written)]
+    return found
+
+
+def _environment(app: Mapping[str, Any], *, ours: bool) -> list[dict[str, Any]]:
+    spec = app["spec"]
+    if _version(spec) == 1:
+        uri = spec.get("ros1", {}).get("uri") or f"http://{_master_name(app)}:{_PORT}"
+        address = {"fieldRef": {"fieldPath": "status.podIP"}}
+        return [{"name": "ROS_MASTER_URI", "value": uri}, {"name": "ROS_IP", "valueFrom": address}]
+    ros2 = spec.get("ros2", {})
+    domain: dict[str, Any] = {"name": "ROS_DOMAIN_ID", "value": str(ros2.get("domain", 0))}
+    if ours and _allocated(spec):
+        granted = {"fieldRef": {"fieldPath": f"metadata.annotations['{GRANTED_DOMAIN}']"}}
+        domain = {"name": "ROS_DOMAIN_ID", "valueFrom": granted}
+    found = [domain]
+    if ros2.get("rmw"):
+        found.append({"name": "RMW_IMPLEMENTATION", "value": ros2["rmw"]})
+    return found
+
+
+def _master(app: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Deployment and Service of the app's own master; nothing for ROS 2 and for an external one."""
+    spec = app["spec"]
+    ros1 = spec.get("ros1", {})
+    if _version(spec) == 2 or ros1.get("master") == "External":
+        return []
+    name = _master_name(app)
+    labels = {APP_LABEL: app["metadata"]["name"], _COMPONENT_LABEL: "ros-master"}
+    container = {
+        "name": "ros-master",
+        "image": ros1.get("image") or f"ros:{spec['ros']['distro']}-ros-core",
+        "args": ["roscore"],
+        "env": [{"name": "ROS_HOSTNAME", "value": name}, {"name": "ROS_MASTER_URI", "value": f"http://{name}:{_PORT}"}],
+        "ports": [{"name": "master", "containerPort": _PORT}],
+        "readinessProbe": {"tcpSocket": {"port": _PORT}},
+    }
+    body = {
+        "replicas": 1,
+        "selector": {"matchLabels": labels},
+        "strategy": {"type": "Recreate"},
+        "template": {"metadata": {"labels": labels}, "spec": {"containers": [container]}},
+    }
+    ports = {"selector": labels, "ports": [{"name": "master", "port": _PORT, "targetPort": _PORT}]}
+    return [
+        _object(app, name, ("v1", "Service"), ports, labels),
+        _object(app, name, _DEPLOYMENT, body, labels),
+    ]
+
+
+def _master_name(app: Mapping[str, Any]) -> str:
+    return f"{app['metadata']['name']}-ros-master"
+
+
+def _object(
+    app: Mapping[str, Any], name: str, kind: tuple[str, str], spec: dict[str, Any], labels: dict[str, str]
+) -> dict[str, Any]:
+    """`kind` with its version: ("v1", "Service")."""
+    if len(name) > 63:
+        raise BridgeError(Place("RobotApp"), f"{kind[1]} {name} has a name of more than 63 characters: shorten --name")
+    metadata: dict[str, Any] = {"name": name}
+    if "namespace" in app["metadata"]:
+        metadata["namespace"] = app["metadata"]["namespace"]
+    metadata["labels"] = dict(labels)
+    if annotations := app["metadata"].get("annotations"):
+        metadata["annotations"] = dict(annotations)
+    return {"apiVersion": kind[0], "kind": kind[1], "metadata": metadata, "spec": spec}
+
+
+def _version(spec: Mapping[str, Any]) -> int:
+    known = distros().get(spec["ros"]["distro"])
+    return int(spec["ros"].get("version") or (known.version if known else 2))
+
+
+def _notes(app: Mapping[str, Any], *, ours: bool) -> list[str]:
+    spec = app["spec"]
+    lost = [f"spec.{field}" for field in _APPS if field in spec]
+    left = _OPERATORS if ours else (*_OPERATORS, *_WISHES)
+    for index, component in enumerate(spec["components"]):
+        lost += [f"spec.components[{index}].{field}" for field in left if field in component]
+    if not ours and "placement" in spec:
+        lost.append("spec.placement")
+    notes = [f"{field} needs the operator and its scheduler; plain objects have no place for it" for field in lost]
+    alone = ours and _allocated(spec)
+    if _version(spec) == 2 and not alone and "domain" not in spec.get("ros2", {}):
+        notes.append(
+            "ROS_DOMAIN_ID is 0, which every laptop uses: write dds_domain, or render a RobotApp, which gets its own"
+        )
+    return notes

@@ -1,0 +1,63 @@
+"""`rigel-bridge check`: every job and sequence of a Rigelfile, and what Rigel itself would stumble over, without a cluster."""
+
+import argparse
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Final
+
+from rigel_bridge.document.failures import BridgeError, Exit, printable
+from rigel_bridge.source import Source, examine, from_bytes, read_bytes
+from rigel_bridge.verbs.options import add_source, source_of
+from rigel_bridge.verbs.verb import Verb
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    source = source_of(arguments)
+    data = read_bytes(source.path)
+    examined = examine(data, source)
+    errors: dict[str, Exit] = {str(error): error.code for error in examined.errors}
+    notes: dict[str, None] = dict.fromkeys(examined.notes)
+    apps: list[str] = []
+    for choice in _choices(source, examined.jobs, examined.sequences):
+        try:
+            found = from_bytes(data, choice)
+        except BridgeError as error:
+            errors.setdefault(str(error), error.code)
+            continue
+        notes.update(dict.fromkeys(found.notes))
+        names = ", ".join(app["metadata"]["name"] for app in found.apps)
+        apps.append(f"{_said(choice)}: RobotApp {names}")
+    said = [f"error: {error}" for error in errors]
+    said += [f"note: {note}" for note in notes if note not in errors]
+    said += [f"generation {examined.generation}: {examined.evidence}", *apps]
+    sys.stdout.write("".join(f"{printable(line)}\n" for line in said))
+    if errors:
+        return next(iter(errors.values()))
+    return Exit.INVALID if notes and arguments.strict else Exit.OK
+
+
+def _choices(source: Source, jobs: tuple[str, ...], sequences: tuple[str, ...]) -> Iterator[Source]:
+    """What the user chose, else the default and every other choice there is."""
+    yield source
+    if source.options.job or source.options.sequence:
+        return
+    for job in jobs[1:]:
+        yield replace(source, options=replace(source.options, job=job))
+    for sequence in sequences:
+        yield replace(source, options=replace(source.options, sequence=sequence))
+
+
+def _said(choice: Source) -> str:
+    if choice.options.job:
+        return f"--job {choice.options.job}"
+    return f"--sequence {choice.options.sequence}" if choice.options.sequence else "by default"
+
+
+CHECK: Final = Verb(
+    name="check",
+    summary="look for mistakes in every job and sequence, without a cluster",
+    description="Look for mistakes in every job and sequence of a Rigelfile, and for what Rigel itself would stumble over.",
+    arguments=add_source,
+    run=_run,
+)
