@@ -75,7 +75,18 @@ def examine(data: bytes, source: Source) -> Outline:
 
 def from_bytes(data: bytes, source: Source) -> Objects:
     """The same for a file that is read already."""
-    rigelfile = load(_parsed(data, source), source.options)
+    return from_root(_parsed(data, source), data, source)
+
+
+def read_root(source: Source) -> tuple[Node, bytes]:
+    """The document of a file, and its bytes; BridgeError when it cannot be read."""
+    data = read_bytes(source.path)
+    return _parsed(data, source), data
+
+
+def from_root(root: Node, data: bytes, source: Source) -> Objects:
+    """The same for a document whose bytes these are, or were before other settings were laid over it."""
+    rigelfile = load(root, source.options)
     provenance = {
         "generation": str(rigelfile.generation),
         "rigelfile-sha256": hashlib.sha256(data).hexdigest(),

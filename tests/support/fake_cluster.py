@@ -65,6 +65,12 @@ class FakeCluster(Kubectl):
         stored["metadata"] = {**(present or {}).get("metadata", {}), **stored["metadata"]}
         stored["metadata"].setdefault("namespace", "fleet")
         stored["metadata"].setdefault("uid", f"uid-{name}")
+        if (
+            verb == "replace"
+            and present
+            and present["metadata"].get("resourceVersion") != body["metadata"].get("resourceVersion")
+        ):
+            raise ClusterError(f"{name} was modified", reason=Refusal.CONFLICT)
         changed = present is None or present["spec" if "spec" in stored else "data"] != stored.get(
             "spec", stored.get("data")
         )

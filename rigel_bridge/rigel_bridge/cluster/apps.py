@@ -11,6 +11,8 @@ from rigel_bridge.document.failures import Exit
 Json = dict[str, Any]
 _APPLY: Final = ("apply", "--server-side", "--force-conflicts", f"--field-manager={MANAGER}", "--validate=strict")
 
+_ATTEMPTS: Final = 10
+
 
 def read(kubectl: Kubectl, name: str) -> Json | None:
     """The stored RobotApp; None when there is none of that name."""
@@ -44,9 +46,25 @@ def apply(kubectl: Kubectl, app: Mapping[str, Any], *, dry_run: bool = False) ->
 
 
 def replace_spec(kubectl: Kubectl, stored: Mapping[str, Any], spec: Mapping[str, Any]) -> Json:
-    """Make the spec exactly this one, whoever wrote the present fields. Refused when somebody wrote since `stored` was read."""
-    body = {**stored, "spec": spec}
-    return kubectl.json("replace", f"--field-manager={MANAGER}", "-f", "-", stdin=json.dumps(body))
+    """Make the spec exactly this one, whoever wrote the present fields. Refused when somebody else changed the spec meanwhile.
+
+    The operator writes its status at any time, and a replacement names one version of the whole object: it is tried again.
+    """
+    present = dict(stored)
+    for _ in range(_ATTEMPTS):
+        body = {**present, "spec": spec}
+        try:
+            return kubectl.json("replace", f"--field-manager={MANAGER}", "-f", "-", stdin=json.dumps(body))
+        except ClusterError as error:
+            if error.reason is not Refusal.CONFLICT:
+                raise
+        present = existing(kubectl, present["metadata"]["name"])
+        if present["metadata"]["generation"] != stored["metadata"]["generation"]:
+            break
+    raise ClusterError(
+        f"RobotApp {stored['metadata']['name']} is being changed by somebody else; look at `diff` and try again",
+        reason=Refusal.CONFLICT,
+    )
 
 
 def bare(stored: Mapping[str, Any], spec: Mapping[str, Any], annotations: Mapping[str, str]) -> Json:

@@ -42,6 +42,10 @@ class Refusal(StrEnum):
     OTHER = "Other"
 
 
+_SIGNS: Final = {"Operation cannot be fulfilled on": Refusal.CONFLICT, " is invalid: ": Refusal.INVALID}
+"""Refusals that kubectl writes without the server's reason."""
+
+
 class ClusterError(BridgeError):
     """kubectl is missing, did not end in time, or the cluster refused."""
 
@@ -169,7 +173,7 @@ def failure(words: str, arguments: Sequence[str]) -> ClusterError:
     if found := _SERVER.search(text):
         reason = next((known for known in Refusal if known == found[1]), Refusal.OTHER)
         return ClusterError(text.replace(found[0], "", 1)[:_SHOWN], reason=reason)
-    reason = Refusal.INVALID if " is invalid: " in text else Refusal.OTHER
+    reason = next((known for sign, known in _SIGNS.items() if sign in text), Refusal.OTHER)
     return ClusterError(text[:_SHOWN] or f"{_shown(arguments)} failed without a word", reason=reason)
 
 

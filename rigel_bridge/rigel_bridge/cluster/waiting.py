@@ -1,5 +1,6 @@
 """Wait for what a cluster does, by looking at growing intervals. Clock and sleep are passed in."""
 
+import re
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -11,6 +12,16 @@ from rigel_bridge.document.failures import Exit
 
 _FIRST_S: Final = 0.2
 _LONGEST_S: Final = 2.0
+_DURATION: Final = re.compile(r"([0-9]{1,9}(?:\.[0-9]{1,3})?)(ms|s|m|h)?")
+_UNITS_S: Final = {"ms": 0.001, "s": 1.0, "m": 60.0, "h": 3600.0, None: 1.0}
+_DAY_S: Final = 24 * 3600.0
+
+
+def duration_s(text: str) -> float | None:
+    """Seconds of 120s, 2m, 500ms or a bare number; None for anything else, and for more than a day."""
+    found = _DURATION.fullmatch(text)
+    seconds = float(found[1]) * _UNITS_S[found[2]] if found else _DAY_S + 1
+    return seconds if seconds <= _DAY_S else None
 
 
 @dataclass(frozen=True, slots=True)

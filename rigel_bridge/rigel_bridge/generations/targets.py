@@ -16,7 +16,7 @@ COMPONENT: Final = "ros-app"
 """The one component of a file that names no components: the container name that orchestration plugins of Rigel use."""
 OURS: Final = ("rigel_bridge.RobotAppPlugin", "src.plugin.OrchestrationPlugin")
 """Plugins whose settings are an orchestration; the second is what existing Rigelfiles name."""
-SETTINGS: Final = ("orchestration", "scheduler_name", "image", "namespace", "name", "output", "wait")
+SETTINGS: Final = ("orchestration", "scheduler_name", "image", "namespace", "name", "output", "apply", "wait")
 """`with` of such a job. Flat keys, because an override of a sequence replaces `orchestration` as a whole."""
 _DEPLOY: Final = "deploy"
 _BUILD: Final = "build"

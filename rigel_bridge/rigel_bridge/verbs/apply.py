@@ -3,6 +3,7 @@
 import argparse
 from typing import Final
 
+from rigel_bridge.cluster.beside import apply_claims
 from rigel_bridge.cluster.deployment import deploy
 from rigel_bridge.cluster.waiting import Clock, wait_ready
 from rigel_bridge.document.failures import Exit
@@ -21,7 +22,10 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
 
 def _run(arguments: argparse.Namespace) -> int:
     kubectl = kubectl_of(arguments)
-    written = [deploy(kubectl, app, tell=tell) for app in objects_of(arguments).apps]
+    found = objects_of(arguments)
+    for claim in apply_claims(kubectl, found.claims):
+        say(f"persistentvolumeclaim/{claim}: applied")
+    written = [deploy(kubectl, app, tell=tell) for app in found.apps]
     for each in written:
         say(f"{subject(each.stored)}: {each.outcome}")
         for change in each.changes:

@@ -1,18 +1,15 @@
 """Flags of the commands that reach the cluster, and what they stand for."""
 
 import argparse
-import re
 import sys
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from rigel_bridge.cluster.kubectl import Kubectl
+from rigel_bridge.cluster.waiting import duration_s
 from rigel_bridge.document.failures import printable
 from rigel_bridge.source import Source, objects
 from rigel_bridge.verbs.options import namespace
-
-_DURATION: Final = re.compile(r"([0-9]+(?:\.[0-9]+)?)(ms|s|m|h)?")
-_UNITS_S: Final = {"ms": 0.001, "s": 1.0, "m": 60.0, "h": 3600.0, None: 1.0}
 
 
 def add_cluster(parser: argparse.ArgumentParser) -> None:
@@ -48,10 +45,10 @@ def names_of(arguments: argparse.Namespace) -> list[str]:
 
 def seconds(text: str) -> float:
     """A duration as Kubernetes writes it (120s, 2m, 500ms) or a bare number of seconds. Raises what argparse turns into wrong usage."""
-    found = _DURATION.fullmatch(text)
-    if not found or not 0 <= float(found[1]) * _UNITS_S[found[2]] <= 24 * 3600:
+    seconds = duration_s(text)
+    if seconds is None:
         raise argparse.ArgumentTypeError(f"{text!r} is no duration; allowed: up to 24h, for example 30s, 2m or 500ms")
-    return float(found[1]) * _UNITS_S[found[2]]
+    return seconds
 
 
 def tell(line: str) -> None:

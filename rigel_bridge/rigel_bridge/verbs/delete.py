@@ -3,6 +3,7 @@
 import argparse
 from typing import Final
 
+from rigel_bridge.cluster.beside import delete_claims
 from rigel_bridge.cluster.removal import remove
 from rigel_bridge.cluster.waiting import Clock
 from rigel_bridge.document.failures import Exit
@@ -13,6 +14,9 @@ from rigel_bridge.verbs.verb import Verb
 def _arguments(parser: argparse.ArgumentParser) -> None:
     add_app(parser)
     parser.add_argument(
+        "--storage", action="store_true", help="delete the volume claims that apply made for it, with their data"
+    )
+    parser.add_argument(
         "--wait", type=seconds, default=120.0, metavar="DURATION", help="longest time until all is gone (default: 2m)"
     )
 
@@ -22,6 +26,8 @@ def _run(arguments: argparse.Namespace) -> int:
     for name in names_of(arguments):
         there = remove(kubectl, name, timeout_s=arguments.wait, clock=Clock())
         say(f"robotapp/{name}: {'deleted, with its pods and its history' if there else 'is not there'}")
+        for claim in delete_claims(kubectl, name) if arguments.storage else ():
+            say(f"persistentvolumeclaim/{claim}: deleted")
     return Exit.OK
 
 

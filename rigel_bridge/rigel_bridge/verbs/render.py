@@ -2,13 +2,11 @@
 
 import argparse
 import sys
-from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
-
-import yaml
+from typing import Final
 
 from rigel_bridge.document.failures import BridgeError, Exit, Place
+from rigel_bridge.render.text import as_yaml
 from rigel_bridge.render.workloads import FORMATS, workloads
 from rigel_bridge.verbs.options import add_source, objects_of, tell
 from rigel_bridge.verbs.verb import Verb
@@ -34,17 +32,6 @@ def _run(arguments: argparse.Namespace) -> int:
         tell([note for _, notes in plain for note in notes], arguments)
     write(as_yaml(documents), arguments.output)
     return Exit.OK
-
-
-def as_yaml(documents: Sequence[Mapping[str, Any]]) -> str:
-    """The same bytes for the same objects: no anchors, no order but theirs."""
-    return yaml.dump_all(documents, Dumper=_Plain, sort_keys=False, allow_unicode=True, width=120)
-
-
-class _Plain(yaml.SafeDumper):
-    def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002  # PyYAML's signature
-        """Labels that two objects share are written out in both."""
-        return True
 
 
 def write(text: str, output: Path | None) -> None:

@@ -75,7 +75,8 @@ def test_a_writer_of_robotapps_keeps_no_history_for_statefulsets(stage: Stage) -
     """A StatefulSet makes pods of what its revisions hold: with any account of the namespace."""
     owner = {"apiVersion": "apps/v1", "kind": "StatefulSet", "name": "db", "uid": "u-1", "controller": True}
     ours = owner | {"apiVersion": "robotics.io/v1alpha1", "kind": "RobotApp"}
-    for owners, labels in (([owner], {}), ([], {}), ([ours, owner], {}), ([ours], {"app": "db"})):
+    beside = owner | {"controller": False}
+    for owners, labels in (([owner], {}), ([], {}), ([ours, beside], {}), ([ours], {"app": "db"})):
         body = {
             "apiVersion": "apps/v1",
             "kind": "ControllerRevision",

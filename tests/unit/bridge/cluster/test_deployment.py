@@ -1,5 +1,6 @@
 """apply and rollback against a cluster in memory."""
 
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -44,6 +45,32 @@ def test_a_rollback_also_undoes_what_others_wrote_since() -> None:
     assert [call[0] for call in cluster.calls].count("replace") == 1
     back, _ = roll_back(cluster, "teleop", number=None, tell=silent)
     assert back.stored["spec"]["suspend"] is True, "the spec of before the rollback"
+
+
+def rolled_back_while(change: Callable[[dict[str, Any]], None]) -> None:
+    """A rollback that needs a replacement, before which somebody else writes once."""
+    cluster = FakeCluster()
+    deploy(cluster, app(), tell=silent)
+    deploy(cluster, app(schedulerName="x"), tell=silent)
+    stored = cluster.objects["robotapps", "teleop"]
+    stored["spec"]["suspend"] = True
+
+    def before(call: tuple[str, ...]) -> None:
+        if (
+            call[0] == "replace"
+            and "resourceVersion" not in (now := cluster.objects["robotapps", "teleop"])["metadata"]
+        ):
+            now["metadata"]["resourceVersion"] = "2"
+            change(now)
+
+    cluster.before = before
+    assert roll_back(cluster, "teleop", number=1, tell=silent)[0].stored["spec"] == app()["spec"]
+
+
+def test_a_status_written_meanwhile_does_not_stop_a_rollback_and_a_spec_does() -> None:
+    rolled_back_while(lambda now: now.update(status={"phase": "Running"}))
+    with pytest.raises(ClusterError, match="being changed by somebody else"):
+        rolled_back_while(lambda now: now["metadata"].update(generation=99))
 
 
 def test_an_app_that_is_not_there_and_a_revision_that_is_not_there_have_a_code_of_their_own() -> None:

@@ -1,0 +1,91 @@
+"""A job of Rigel 0.3 and newer: `plugin: rigel_bridge.RobotAppPlugin`."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from rigel_bridge.document.failures import BridgeError, printable
+from rigel_bridge.document.tree import Node
+from rigel_bridge.generations.model import Options
+from rigel_bridge.plugins import work
+from rigel_bridge.plugins.given import job_of, planted
+from rigel_bridge.source import Objects, Source, from_root, read_root
+
+
+def plugin(base: type, rigel_error: type[Exception]) -> type:
+    """The class for an installed Rigel 0.3: a subclass of its own Plugin, which Rigel insists on."""
+
+    def guarded(step: Any) -> Any:
+        """The step with errors in Rigel's manner: one line, no traceback."""
+
+        def run(self: Any) -> None:
+            try:
+                step(self)
+            except BridgeError as error:
+                raise rigel_error(printable(str(error))) from None
+            except Exception as error:
+                raise rigel_error(printable(f"rigel_bridge has a bug: {type(error).__name__}: {error}")) from error
+
+        return run
+
+    class RobotAppPlugin(base):  # type: ignore[misc]
+        """setup reads and checks, start writes and applies, process waits. What was applied stays after stop."""
+
+        def __init__(
+            self,
+            raw_data: Mapping[str, Any],
+            global_data: Any,
+            application: Any,
+            providers_data: Any,
+            shared_data: Any = None,
+        ) -> None:
+            # The very object that Rigel passes, even an empty one: what is written into it is meant for later jobs.
+            super().__init__(
+                raw_data,
+                global_data,
+                application,
+                providers_data,
+                shared_data={} if shared_data is None else shared_data,
+            )
+
+        @guarded
+        def setup(self) -> None:
+            self._settings = work.settings(self.raw_data)
+            self._objects = read(self.raw_data)
+
+        @guarded
+        def start(self) -> None:
+            self._done = work.write(self._objects, self._settings)
+            for note in self._objects.notes:
+                work.tell(f"note: {note}")
+            if self._settings.apply:
+                work.bring(self._objects, kubectl=work.kubectl_of(self._settings), tell=work.tell)
+            self.shared_data["robotapp_name"] = self._done.names[0]
+            self.shared_data["robotapp_namespace"] = self._done.namespace
+            self.shared_data["robotapp_file"] = str(self._done.file)
+
+        @guarded
+        def process(self) -> None:
+            work.wait(self._done, self._settings, kubectl=work.kubectl_of(self._settings), tell=work.tell)
+
+        def stop(self) -> None:
+            """Nothing runs on: what was applied stays until `rigel-bridge delete`."""
+
+    return RobotAppPlugin
+
+
+def read(raw: Mapping[str, Any]) -> Objects:
+    """What ./Rigelfile becomes with the settings that Rigel decoded: a sequence's overrides are in them."""
+    root, data = read_root(Source(work.RIGELFILE))
+    job = job_of(root, raw)
+    return from_root(_with_settings(root, job, raw), data, Source(work.RIGELFILE, options=Options(job=job)))
+
+
+def _with_settings(root: Node, job: str, raw: Mapping[str, Any]) -> Node:
+    """The document with these settings at that job."""
+    top = root.mapping()
+    jobs = top["jobs"].mapping()
+    own = jobs[job].mapping()
+    settings = planted(dict(raw), own.get("with") or jobs[job])
+    changed = replace(jobs[job], value={**own, "with": settings})
+    return replace(root, value={**top, "jobs": replace(top["jobs"], value={**jobs, job: changed})})

@@ -1,0 +1,1 @@
+"""The package name that plugins import."""
