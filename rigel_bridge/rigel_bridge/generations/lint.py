@@ -18,7 +18,10 @@ _LISTS: Final = ("apt", "entrypoint", "hostname", "platforms", "rosinstall", "ru
 def lint(document: Section, generation: Generation) -> tuple[list[BridgeError], list[str]]:
     """Errors and notes, in the order of the file."""
     errors = list(_first_generation(document)) if generation is Generation.G1 else []
-    return errors, [f"{error}" for error in _unresolved(document, document.node)]
+    noted = list(_unresolved(document, document.node))
+    if generation is Generation.G1:
+        noted += _keys(document)
+    return errors, [f"{error}" for error in noted]
 
 
 def _unresolved(document: Section, node: Node) -> Iterator[BridgeError]:
@@ -40,6 +43,9 @@ def _unresolved(document: Section, node: Node) -> Iterator[BridgeError]:
 def _first_generation(document: Section) -> Iterator[BridgeError]:
     for key in ("packages", "deploy"):
         yield from _entries(document, key)
+    variables = document.node.mapping().get("vars")
+    if variables is not None and variables.kind != "map":
+        yield variables.fail(f"expected a mapping, found {variables.described()}")
     simulate = document.get("simulate")
     if simulate is None:
         return
@@ -52,13 +58,13 @@ def _first_generation(document: Section) -> Iterator[BridgeError]:
         yield simulate.fail("plugins is missing")
     yield from _entries(section, "plugins")
     yield from _list(section, "introspection")
-    timeout = section.get("timeout")
+    timeout = section.node.mapping().get("timeout")
     if timeout is not None and timeout.kind != "int":
         yield timeout.fail(f"expected a whole number, found {timeout.described()}")
 
 
 def _entries(document: Section, key: str) -> Iterator[BridgeError]:
-    found = document.get(key)
+    found = document.node.mapping().get(key)
     if found is None:
         return
     if found.kind != "seq":
@@ -84,22 +90,24 @@ def _package(package: Section) -> Iterator[BridgeError]:
         yield from _allowed(package, node, PLATFORMS)
     if registry := package.get("registry"):
         yield from _fields(package, registry, required=("server", "username", "password"), known=())
-    keys = package.get("ssh")
+    keys = package.node.mapping().get("ssh")
     if keys is not None and keys.kind != "seq":
         yield keys.fail(f"expected a list, found {keys.described()}")
         return
     for node in keys.sequence() if keys else ():
         yield from _fields(package, node, required=("hostname", "value"), known=("file",))
-        yield from _key(node)
 
 
-def _key(node: Node) -> Iterator[BridgeError]:
-    parts = node.value if isinstance(node.value, dict) else {}
-    variable, file = parts.get("value"), parts.get("file")
-    if variable is not None and (file is None or file.value is False):
-        yield variable.fail(
-            f"Rigel needs the environment variable {variable.raw} for every command; the bridge never reads it"
-        )
+def _keys(document: Section) -> Iterator[BridgeError]:
+    """Keys that Rigel takes from the environment, for every command; the bridge never reads them."""
+    packages = document.get("packages")
+    for package in packages.sequence() if packages and packages.kind == "seq" else ():
+        keys = package.value.get("ssh") if isinstance(package.value, dict) else None
+        for node in keys.sequence() if keys and keys.kind == "seq" else ():
+            parts = node.value if isinstance(node.value, dict) else {}
+            variable, file = parts.get("value"), parts.get("file")
+            if variable is not None and (file is None or file.value is False):
+                yield variable.fail(f"Rigel needs the environment variable {variable.raw} for every command")
 
 
 def _plugin(plugin: Section) -> Iterator[BridgeError]:
@@ -111,7 +119,7 @@ def _plugin(plugin: Section) -> Iterator[BridgeError]:
         yield name.fail("expected AUTHOR/MODULE, for example robotapp/rigel_bridge")
     yield from _list(plugin, "args", texts=False)
     yield from _text(plugin, "entrypoint")
-    kwargs = plugin.get("kwargs")
+    kwargs = plugin.node.mapping().get("kwargs")
     if kwargs is not None and kwargs.kind != "map":
         yield kwargs.fail(f"expected a mapping, found {kwargs.described()}")
 
@@ -136,8 +144,8 @@ def _unknown(section: Section, known: tuple[str, ...]) -> Iterator[BridgeError]:
 
 
 def _text(section: Section, key: str) -> Iterator[BridgeError]:
-    found = section.get(key)
-    if found is not None and found.kind in ("map", "seq"):
+    found = section.node.mapping().get(key)
+    if found is not None and found.kind in ("map", "seq", "null"):
         yield found.fail(f"expected text, found {found.described()}")
 
 

@@ -4,13 +4,18 @@ import json
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
+from tests.support.rigel_differences import difference
+from tests.support.rigel_differences import readings as readings_of
+from tests.support.rigelfile_cases import ENVIRONMENT, first_generation
 from tests.support.rigelfiles import ONE, TWO, orchestration
 
 from rigel_bridge.document.tree import parse
-from rigel_bridge.generations.g1 import load
+from rigel_bridge.generations.load import load
+from rigel_bridge.generations.model import Options
 
 # setuptools 82 dropped pkg_resources, which Rigel imports without asking for it.
 REQUIREMENTS = ("rigel==0.2.22", "setuptools<82")
@@ -71,10 +76,26 @@ def readings(rigel: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str,
 def test_rigel_reads_the_same_packages_from_the_same_file(
     readings: dict[str, list[dict[str, str]]], sample: str
 ) -> None:
-    ours = load(parse(SAMPLES[sample].encode(), "Rigelfile"), {"FROM_ENV": "env"}).packages
+    options = Options(environment={"FROM_ENV": "env"})
+    ours = load(parse(SAMPLES[sample].encode(), "Rigelfile"), options).targets[0].packages
     assert [(p.name, p.image, p.distro, p.command) for p in ours] == [
         (p["package"], p["image"], p.get("distro"), p.get("command")) for p in readings[sample]
     ]
+
+
+def test_made_files_are_read_alike_but_for_stated_reasons(rigel: Path, tmp_path: Path) -> None:
+    seed = int(time.time())
+    texts = [first_generation(seed + number) for number in range(200)]
+    theirs = readings_of(rigel, tmp_path, texts, ENVIRONMENT)
+    assert sum("packages" in one for one in theirs) > 50, (
+        "most files must be ones that Rigel takes, or nothing is compared"
+    )
+    found = {
+        seed + number: said
+        for number, (text, one) in enumerate(zip(texts, theirs, strict=True))
+        if (said := difference(text, one, ENVIRONMENT))
+    }
+    assert not found
 
 
 def test_rigel_creates_its_docker_files_from_our_example(rigel: Path, tmp_path: Path) -> None:
