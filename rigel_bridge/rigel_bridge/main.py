@@ -23,7 +23,7 @@ exit codes:
   0 done   2 wrong usage   70 file unreadable   71 not the YAML we accept
   72 the Rigelfile says something impossible   73 no generation of Rigelfile
   74 no kubectl, no connection, or the cluster refused   75 not Ready or not gone in time
-  76 no such app or past spec; `diff` ends with 1 when it finds a difference
+  76 no such app or past spec   77 a job of a sequence failed   130 Ctrl-C; `diff` ends with 1 when it finds a difference
 
 Errors are one line: file:line: what is wrong; what is allowed. Notes go to standard error as well.
 """
@@ -37,6 +37,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BridgeError as error:
         sys.stderr.write(f"{printable(str(error))}\n")
         return error.code
+    except KeyboardInterrupt:
+        sys.stderr.write("interrupted\n")
+        return Exit.INTERRUPTED
     except BrokenPipeError:  # `| head` closed the pipe: nothing more to say
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return Exit.OK

@@ -13,6 +13,7 @@ Json = dict[str, Any]
 class FakeCluster(Kubectl):
     """Stores objects by (kind, name). An apply merges like the server's: fields of the last apply go, others' stay.
 
+    `contents` are the answers to ("logs", pod) and ("exec", pod).
     `refused` maps a verb and kind to the reason with which it is refused; `calls` are the commands in order.
     """
 
@@ -20,6 +21,7 @@ class FakeCluster(Kubectl):
         super().__init__("no-such-kubectl")
         self.objects: dict[tuple[str, str], Json] = {}
         self.refused: dict[tuple[str, str], Refusal] = {}
+        self.contents: dict[tuple[str, ...], bytes] = {}
         self.calls: list[tuple[str, ...]] = []
         self.before: Callable[[tuple[str, ...]], None] = lambda _: None
         self._applied: dict[str, Json] = {}
@@ -39,6 +41,13 @@ class FakeCluster(Kubectl):
                 self.objects.pop((kind, name), None)
             return ""
         return json.dumps(self._write(verb, kind, body, dry_run="--dry-run=server" in arguments))
+
+    def binary(self, *arguments: str, limit: int, timeout_s: float = 0) -> bytes:  # noqa: ARG002
+        self.calls.append(arguments)
+        self.before(arguments)
+        if arguments[:2] not in self.contents:
+            raise ClusterError(f"{arguments[0]} {arguments[1]} is refused", reason=Refusal.OTHER)
+        return self.contents[arguments[:2]]
 
     def revisions(self) -> list[Json]:
         return [each for (kind, _), each in self.objects.items() if kind == "controllerrevisions"]

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
 from rigel_bridge.cluster import apps, history
+from rigel_bridge.cluster.instances import instances_of
 from rigel_bridge.cluster.kubectl import ClusterError, Kubectl, Refusal
-from rigel_bridge.cluster.names import APP_LABEL, INSTANCES
 from rigel_bridge.cluster.revisions import Revision, same
 from rigel_bridge.cluster.waiting import condition
 from rigel_bridge.document.failures import Exit
@@ -37,14 +37,6 @@ def _run(arguments: argparse.Namespace) -> int:
         for line in _lines(app, instances, past):
             say(line)
     return Exit.OK if ready else Exit.NOT_READY
-
-
-def instances_of(kubectl: Kubectl, app: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """The instances of the living app, by name."""
-    metadata = app["metadata"]
-    items = kubectl.json("get", INSTANCES, "-l", f"{APP_LABEL}={metadata['name']}")["items"]
-    own = [item for item in items if item["spec"].get("appUID") == metadata["uid"]]
-    return sorted(own, key=lambda item: str(item["metadata"]["name"]))
 
 
 def _history(kubectl: Kubectl, app: Mapping[str, Any]) -> list[Revision]:

@@ -13,13 +13,22 @@ from tests.support.live import PATIENCE_S, eventually, pool
 from rigel_bridge.main import main
 from robotapp_testbed import ControlPlane, product, topology
 from robotapp_testbed.namespaces import created
-from robotapp_testbed.nodes import Device
+from robotapp_testbed.nodes import Device, cloud, edge, robot
 from robotapp_testbed.telemetry import SimulatedTelemetry
 
 USER = "tenant"
-HARDWARE = (
+_HARDWARE = (
     Device(id="cam", type="usb", model="cam", identity="8086:0b3a"),
     Device(id="can0", type="can", interface="can0"),
+    Device(id="gpu0", type="gpu", model="nvidia", interface="pcie"),
+)
+_LABELS = {"hardware.robotics.io/gpu": "nvidia", "disk": "ssd"}
+NODES = topology.Topology(
+    [
+        robot("amr-07", devices=_HARDWARE, labels=_LABELS),
+        edge("edge-1", devices=_HARDWARE, labels=_LABELS),
+        cloud("cloud-1"),
+    ]
 )
 
 
@@ -67,13 +76,10 @@ class Stage:
 @pytest.fixture(scope="module")
 def stage(installed_plane: ControlPlane) -> Iterator[Stage]:
     plane, mark = installed_plane, secrets.token_hex(2)
-    nodes = topology.fleet(
-        robots=["amr-07"], edges=["edge-1"], clouds=1, devices={"amr-07": HARDWARE, "edge-1": HARDWARE}
-    )
     with ExitStack() as stack:
-        topology.apply(plane, nodes)
-        stack.callback(topology.remove, plane, nodes)
-        stack.enter_context(SimulatedTelemetry(plane, nodes))
+        topology.apply(plane, NODES)
+        stack.callback(topology.remove, plane, NODES)
+        stack.enter_context(SimulatedTelemetry(plane, NODES))
         ids = stack.enter_context(pool(plane, f"pool-{mark}"))
         namespace = stack.enter_context(created(plane, f"bridge-{mark}"))
         role = ("--clusterrole=robotapp-editor", f"--user={USER}", "-n", namespace)

@@ -1,0 +1,128 @@
+"""Collect what an app shows of itself into a folder: its state, logs, and the result files of its containers."""
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from typing import Any, Final
+
+from rigel_bridge.cluster.archive import ArchiveError, files_of
+from rigel_bridge.cluster.instances import instances_of, is_ready, pods_of
+from rigel_bridge.cluster.kubectl import ClusterError, Kubectl
+from rigel_bridge.cluster.names import COMPONENT_LABEL, PROVENANCE
+from rigel_bridge.document.failures import BridgeError, Exit, Place
+
+MANIFEST: Final = "manifest.json"
+RESULTS_PATH: Final = f"{PROVENANCE}results-path"
+_LOG_BYTES: Final = 1024 * 1024
+_FILES_BYTES: Final = 256 * 1024 * 1024
+_COPY_S: Final = 300.0
+
+
+@dataclass(slots=True)
+class Collection:
+    """A folder that is being filled. Its manifest names every file with its SHA-256."""
+
+    folder: Path
+    sums: dict[str, str] = field(default_factory=dict)
+
+    def add(self, name: PurePosixPath | str, content: bytes) -> None:
+        path = self.folder / name
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(content)
+        except OSError as error:
+            raise _unwritable(path, error) from error
+        self.sums[str(name)] = hashlib.sha256(content).hexdigest()
+
+    def add_json(self, name: str, value: Any) -> None:
+        self.add(name, json.dumps(value, indent=2, sort_keys=True).encode())
+
+    def close(self) -> None:
+        """Write the manifest, last: a folder without one is not complete."""
+        text = json.dumps({"sha256": dict(sorted(self.sums.items()))}, indent=2)
+        try:
+            (self.folder / MANIFEST).write_text(text)
+        except OSError as error:
+            raise _unwritable(self.folder / MANIFEST, error) from error
+
+
+def opened(folder: Path) -> Collection:
+    """A collection in a folder that is new or empty: results of another run are never mixed in."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if any(folder.iterdir()):
+            raise BridgeError(Place(str(folder)), "is not empty: name a new folder, results are never overwritten")
+    except OSError as error:
+        raise _unwritable(folder, error) from error
+    return Collection(folder)
+
+
+def collect(
+    kubectl: Kubectl, app: Mapping[str, Any], into: Collection, *, tell: Callable[[str], None], path: str = ""
+) -> None:
+    """State, logs and result files. What cannot be had (a log, a file) is told and left out.
+
+    `path`: where the containers keep their results; default is the app's annotation, from `results.source_path`.
+    """
+    into.add_json("app.json", app)
+    into.add_json("instances.json", instances_of(kubectl, app))
+    source = path or (app["metadata"].get("annotations") or {}).get(RESULTS_PATH, "")
+    try:
+        pods = pods_of(kubectl, app)
+    except ClusterError as error:
+        tell(f"no pods, logs and result files: {error}")
+        return
+    into.add_json("pods.json", pods)
+    for pod in pods:
+        _logs(kubectl, pod, into, tell)
+    for component, pod in newest(pods).items() if source else ():
+        _files(kubectl, pod, into, where=PurePosixPath("files") / component, source=source, tell=tell)
+
+
+def newest(pods: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    """The newest ready pod of each component and instance, by the name of its folder."""
+    found: dict[str, dict[str, Any]] = {}
+    for pod in sorted(pods, key=lambda pod: str(pod["metadata"].get("creationTimestamp", ""))):
+        labels = pod["metadata"].get("labels", {})
+        if COMPONENT_LABEL in labels and is_ready(pod):
+            instance = labels.get("robotics.io/instance", "")
+            found["-".join(part for part in (instance, labels[COMPONENT_LABEL]) if part)] = pod
+    return found
+
+
+def _logs(kubectl: Kubectl, pod: Mapping[str, Any], into: Collection, tell: Callable[[str], None]) -> None:
+    name = pod["metadata"]["name"]
+    for container in pod["spec"]["containers"]:
+        wanted = ("logs", name, "-c", container["name"], f"--limit-bytes={_LOG_BYTES}")
+        try:
+            content = kubectl.binary(*wanted, limit=2 * _LOG_BYTES)
+        except ClusterError as error:
+            tell(f"no log of {name}: {error}")
+        else:
+            into.add(f"logs/{name}.{container['name']}.log", content)
+
+
+def _files(
+    kubectl: Kubectl,
+    pod: Mapping[str, Any],
+    into: Collection,
+    *,
+    where: PurePosixPath,
+    source: str,
+    tell: Callable[[str], None],
+) -> None:
+    name = pod["metadata"]["name"]
+    try:
+        data = kubectl.binary(
+            "exec", name, "--", "tar", "-cf", "-", "-C", source, ".", limit=_FILES_BYTES, timeout_s=_COPY_S
+        )
+        for path, content in files_of(data):
+            into.add(where / path, content)
+    except (ClusterError, ArchiveError) as error:
+        tell(f"no result files of {name} from {source}: {error}")
+
+
+def _unwritable(path: Path, error: OSError) -> BridgeError:
+    return BridgeError(Place(str(path)), f"cannot be written: {error.strerror}", code=Exit.UNREADABLE)

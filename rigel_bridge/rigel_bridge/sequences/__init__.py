@@ -1,0 +1,1 @@
+"""Sequences as the thesis means them: build, deploy, run, collect, compare, clean up."""

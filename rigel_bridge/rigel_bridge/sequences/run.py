@@ -1,0 +1,170 @@
+"""Run one sequence: its jobs, the app, its results. The app is removed at the end, however the run ends."""
+
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from rigel_bridge.cluster import apps
+from rigel_bridge.cluster.beside import apply_claims
+from rigel_bridge.cluster.deployment import deploy
+from rigel_bridge.cluster.instances import instances_of
+from rigel_bridge.cluster.kubectl import ClusterError, Kubectl
+from rigel_bridge.cluster.names import PROVENANCE
+from rigel_bridge.cluster.removal import remove
+from rigel_bridge.cluster.results import Collection, collect
+from rigel_bridge.cluster.waiting import Clock, wait_ready
+from rigel_bridge.document.failures import BridgeError
+from rigel_bridge.sequences.samples import columns, edges, placement
+from rigel_bridge.sequences.steps import Action, Kind, run_name
+from rigel_bridge.source import Objects
+
+RUN: Final = f"{PROVENANCE}run"
+"""On the app of a run: the sequence. Such an app may be removed by the next run; one without it is somebody's."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Times of a run in seconds."""
+
+    ready_s: float = 120.0
+    duration_s: float = 30.0
+    """How long the app works between Ready and the collection of its results."""
+    removal_s: float = 120.0
+
+
+@dataclass(frozen=True, slots=True)
+class Tools:
+    """What a run acts with. `rigel` runs Rigel's own commands."""
+
+    kubectl: Kubectl
+    rigel: Callable[[Sequence[str]], None]
+    tell: Callable[[str], None]
+    clock: Clock
+    limits: Limits
+    keep: bool = False
+    """Leave the app in the cluster."""
+
+
+@dataclass(slots=True)
+class Outcome:
+    """One app of a run. Its summary is complete only after a run without errors."""
+
+    sequence: str
+    summary: dict[str, Any] = field(default_factory=dict)
+
+
+def run(sequence: str, steps: Sequence[Action], objects: Objects, tools: Tools, into: Collection) -> list[Outcome]:
+    """All steps in order, results in `into`. Errors pass through after results were collected and the apps removed."""
+    found: list[Outcome] = []
+    wanted = [renamed(app, sequence) for app in objects.apps]
+    with _removed_at_the_end(wanted, tools):
+        for step in steps:
+            tools.tell(f"{sequence}: {step.job}")
+            if step.note:
+                tools.tell(f"note: {step.note}")
+            if step.kind is Kind.RIGEL:
+                tools.rigel(step.command)
+            else:
+                apply_claims(tools.kubectl, objects.claims)
+                found += _deployed(sequence, wanted, tools, into)
+    return found
+
+
+def renamed(app: Mapping[str, Any], sequence: str) -> dict[str, Any]:
+    """The app under the name of its run."""
+    metadata = app["metadata"]
+    annotations = {**metadata.get("annotations", {}), RUN: sequence}
+    return {**app, "metadata": {**metadata, "name": run_name(metadata["name"], sequence), "annotations": annotations}}
+
+
+@contextmanager
+def _removed_at_the_end(wanted: Sequence[Mapping[str, Any]], tools: Tools) -> Iterator[None]:
+    """Refuse names that are in use, and clear what an earlier run left that was killed."""
+    names = [app["metadata"]["name"] for app in wanted]
+    for name in names:
+        present = apps.read(tools.kubectl, name)
+        if present is None:
+            continue
+        if RUN not in (present["metadata"].get("annotations") or {}):
+            raise ClusterError(
+                f"RobotApp {name} is there and of no earlier run: a run would replace and delete it; choose another --name"
+            )
+        tools.tell(f"{name}: of an earlier run, removed")
+        remove(tools.kubectl, name, timeout_s=tools.limits.removal_s, clock=tools.clock)
+    try:
+        yield
+    finally:
+        for name in names if not tools.keep else ():
+            tools.tell(f"{name}: removed")
+            remove(tools.kubectl, name, timeout_s=tools.limits.removal_s, clock=tools.clock)
+
+
+def _deployed(sequence: str, wanted: Sequence[Mapping[str, Any]], tools: Tools, into: Collection) -> list[Outcome]:
+    """Bring all apps in, let them work, collect. Results are collected also of an app that does not become Ready."""
+    begun_s = tools.clock.now_s()
+    outcomes = [
+        Outcome(sequence, {"sequence": sequence, "app": app["metadata"]["name"], "outcome": "failed"}) for app in wanted
+    ]
+    try:
+        for app in wanted:
+            deploy(tools.kubectl, app, tell=tools.tell)
+        for outcome in outcomes:
+            name = outcome.summary["app"]
+            wait_ready(tools.kubectl, name, timeout_s=tools.limits.ready_s, clock=tools.clock, tell=tools.tell)
+            outcome.summary["ready_after_s"] = tools.clock.now_s() - begun_s
+        tools.tell(f"{sequence}: Ready, working for {tools.limits.duration_s:g} s")
+        tools.clock.sleep(tools.limits.duration_s)
+        for outcome in outcomes:
+            outcome.summary["outcome"] = "ran"
+    finally:
+        for outcome in outcomes:
+            _collected(outcome, tools, into, alone=len(outcomes) == 1)
+    return outcomes
+
+
+def _collected(outcome: Outcome, tools: Tools, into: Collection, *, alone: bool) -> None:
+    """A failing collection hides no earlier failure: it is told, and the run goes on to its end."""
+    name = outcome.summary["app"]
+    own = Collection(into.folder if alone else into.folder / name)
+    try:
+        app = apps.read(tools.kubectl, name)
+        if app is None:
+            return
+        collect(tools.kubectl, app, own, tell=tools.tell)
+        instances = instances_of(tools.kubectl, app)
+        outcome.summary |= {
+            "scheduler": app["spec"].get("schedulerName", "the operator's"),
+            "domain": app.get("status", {}).get("summary", {}).get("domain"),
+            "components": placement(instances),
+            "edges": edges(instances),
+            "samples": _samples(own.folder / "files"),
+        }
+        own.add_json("summary.json", outcome.summary)
+        own.close()
+    except BridgeError as error:
+        tools.tell(f"results of {name}: {error}")
+
+
+def _samples(folder: Path) -> dict[str, dict[str, float]]:
+    """Statistics by `file column`, of every CSV file that was collected."""
+    found = {}
+    for path in sorted(folder.rglob("*.csv")):
+        for column, figures in columns(path.read_bytes()).items():
+            found[f"{path.relative_to(folder)} {column}"] = figures
+    return found
+
+
+def read_summaries(folder: Path) -> list[dict[str, Any]]:
+    """The summaries below a folder, by path; a file that is none is passed over."""
+    found = []
+    for path in sorted(folder.rglob("summary.json")):
+        try:
+            loaded = json.loads(path.read_bytes())
+        except (OSError, ValueError):
+            continue
+        if isinstance(loaded, dict) and "sequence" in loaded:
+            found.append(loaded)
+    return found

@@ -1,0 +1,150 @@
+"""`rigel-bridge sequences`: list the sequences of a Rigelfile, run them, compare what they left."""
+
+import argparse
+import signal
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Final
+
+from rigel_bridge.cluster.results import opened
+from rigel_bridge.cluster.waiting import Clock
+from rigel_bridge.document.failures import Exit, nearest
+from rigel_bridge.sequences.comparison import table
+from rigel_bridge.sequences.programs import run_rigel
+from rigel_bridge.sequences.run import Limits, Tools, read_summaries, run
+from rigel_bridge.sequences.steps import Action, Kind, actions, described, refuse_thesis
+from rigel_bridge.source import Objects, objects
+from rigel_bridge.verbs.cluster_options import add_cluster, kubectl_of, say, seconds, tell
+from rigel_bridge.verbs.options import add_source, source_of
+from rigel_bridge.verbs.verb import Verb
+
+
+def _arguments(parser: argparse.ArgumentParser) -> None:
+    add_source(parser)
+    parser.add_argument(
+        "--run",
+        dest="chosen",
+        nargs="+",
+        default=[],
+        metavar="NAME",
+        help="sequences to run, one after the other (default: list them)",
+    )
+    parser.add_argument("--results", type=Path, help="new folder for results (default: results/<time>)")
+    parser.add_argument(
+        "--compare", type=Path, metavar="FOLDER", help="compare the runs whose results are below this folder"
+    )
+    parser.add_argument(
+        "--duration", type=seconds, default=30.0, help="how long an app works once it is Ready (default: 30s)"
+    )
+    parser.add_argument(
+        "--wait", type=seconds, default=120.0, metavar="DURATION", help="longest time until it is Ready (default: 2m)"
+    )
+    parser.add_argument(
+        "--build-timeout",
+        type=seconds,
+        default=1800.0,
+        metavar="DURATION",
+        help="longest time of a job of Rigel (default: 30m)",
+    )
+    parser.add_argument(
+        "--no-build", action="store_true", help="leave the jobs of Rigel out: the image is in the registry already"
+    )
+    parser.add_argument("--keep", action="store_true", help="leave the apps in the cluster")
+    add_cluster(parser)
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    if arguments.compare is not None:
+        return _compared(arguments.compare)
+    rigelfile = objects(source_of(arguments)).rigelfile
+    if not arguments.chosen:
+        for line in described(rigelfile.sequences):
+            say(line)
+        return Exit.OK
+    for name in arguments.chosen:
+        if name not in rigelfile.sequences:
+            known = list(rigelfile.sequences)
+            raise rigelfile.node.fail(
+                f"there is no sequence {name}{nearest(name, known)}; sequences: {', '.join(known) or 'none'}"
+            )
+    found = {name: _of_sequence(arguments, name) for name in dict.fromkeys(arguments.chosen)}
+    plans = {name: _planned(each, name, no_build=arguments.no_build) for name, each in found.items()}
+    folder = arguments.results or Path("results") / datetime.now(tz=UTC).strftime("%Y%m%dT%H%M%SZ")
+    tools = _tools(arguments)
+    with _ended_like_ctrl_c():
+        for name, each in found.items():
+            run(name, plans[name], each, tools, opened(folder / name))
+    say(f"results: {folder}")
+    return _compared(folder)
+
+
+def _of_sequence(arguments: argparse.Namespace, name: str) -> Objects:
+    source = source_of(arguments)
+    found = objects(replace(source, options=replace(source.options, sequence=name, job="")))
+    for note in found.notes:
+        tell(f"note: {note}")
+    return found
+
+
+def _planned(found: Objects, name: str, *, no_build: bool) -> list[Action]:
+    wanted = actions(found.rigelfile, name)
+    if no_build:
+        return [action for action in wanted if action.kind is Kind.DEPLOY]
+    refuse_thesis(found.rigelfile, wanted)
+    return wanted
+
+
+def _tools(arguments: argparse.Namespace) -> Tools:
+    done: set[tuple[str, ...]] = set()
+    folder = arguments.rigelfile.resolve().parent
+
+    def rigel(command: Sequence[str]) -> None:
+        """Each job once: all sequences run the same image, or their figures could not be compared."""
+        if tuple(command) in done:
+            tell(f"rigel {' '.join(command)}: done before")
+            return
+        run_rigel(command, folder=folder, timeout_s=arguments.build_timeout)
+        done.add(tuple(command))
+
+    limits = Limits(ready_s=arguments.wait, duration_s=arguments.duration)
+    return Tools(kubectl_of(arguments), rigel, tell, Clock(), limits, keep=arguments.keep)
+
+
+def _compared(folder: Path) -> int:
+    runs: list[dict[str, Any]] = read_summaries(folder)
+    if runs:
+        sys.stdout.write(table(runs))
+    else:
+        tell(f"{folder}: holds no results of a run")
+    return Exit.OK if runs and all(each.get("outcome") == "ran" for each in runs) else Exit.STEP_FAILED
+
+
+@contextmanager
+def _ended_like_ctrl_c() -> Iterator[None]:
+    """A request to end (SIGTERM, as CI systems send it) cleans up as Ctrl-C does."""
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupted)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+SEQUENCES: Final = Verb(
+    name="sequences",
+    summary="list, run and compare the sequences of a Rigelfile",
+    description=(
+        "Run sequences such as demo, benchmark_default and benchmark_custom: Rigel's own jobs in their order, then the app under a "
+        "name of its own (teleop-benchmark-default), which works for a while, leaves its results in a folder and is removed, also "
+        "after a failure or Ctrl-C. The runs are shown side by side."
+    ),
+    arguments=_arguments,
+    run=_run,
+)

@@ -1,0 +1,264 @@
+"""Sequences: their steps, a run against a cluster in memory, and the comparison of what runs left."""
+
+import statistics as reference
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.support.fake_cluster import FakeCluster, app
+
+from rigel_bridge.cluster.deployment import deploy
+from rigel_bridge.cluster.kubectl import ClusterError
+from rigel_bridge.cluster.results import opened
+from rigel_bridge.cluster.waiting import Clock
+from rigel_bridge.document.failures import BridgeError
+from rigel_bridge.generations.model import Options
+from rigel_bridge.main import main
+from rigel_bridge.sequences import programs
+from rigel_bridge.sequences.comparison import table
+from rigel_bridge.sequences.run import RUN, Limits, Tools, read_summaries, run
+from rigel_bridge.sequences.samples import columns, statistics
+from rigel_bridge.sequences.steps import Kind, actions, refuse_thesis, run_name
+from rigel_bridge.source import Objects, Source, from_bytes
+from rigel_bridge.verbs import sequences as verb
+
+STEPS = "[{build: {scheduler_name: %s}}, deploy]"
+THREE = f"""\
+sequences:
+  demo: {STEPS % "kubernetes-scheduler"}
+  benchmark_default: {STEPS % "default-scheduler"}
+  benchmark_custom: {STEPS % "kubernetes-scheduler"}
+"""
+WISHES = "orchestration: {name: teleop, scheduler: {name: kubernetes-scheduler, policies: {latency_budget: 30ms}}}\n"
+LIST = "packages: [{package: teleop, distro: humble, image: 'acme/teleop:1', command: run}]\n" + WISHES + THREE
+THESIS = (
+    "application: {distro: humble}\n"
+    + WISHES.replace("{name: teleop,", "{application_image: 'a/b:1', name: teleop,")
+    + THREE
+)
+JOBS = """\
+application: {distro: humble}
+jobs:
+  build: {plugin: rigel.plugins.core.BuildXPlugin, with: {image: acme/teleop}}
+  test: {plugin: rigel.plugins.core.TestPlugin, with: {}}
+  deploy: {plugin: rigel_bridge.RobotAppPlugin, with: {name: teleop, orchestration: {}}}
+sequences:
+  demo: {stages: [{jobs: [{name: build, with: {load: true}}, deploy, test]}]}
+"""
+
+
+def read(text: str, sequence: str) -> Objects:
+    return from_bytes(text.encode(), Source(Path("Rigelfile"), options=Options(sequence=sequence)))
+
+
+def stepped(text: str, sequence: str = "demo") -> list[tuple[Kind, tuple[str, ...]]]:
+    return [(each.kind, each.command) for each in actions(read(text, sequence).rigelfile, sequence)]
+
+
+class World:
+    """A cluster whose operator makes every app Ready at once, unless `ready` is false. `built` are Rigel's commands."""
+
+    def __init__(self, *, ready: bool = True) -> None:
+        self.cluster = FakeCluster()
+        self.ready = ready
+        self.built: list[tuple[str, ...]] = []
+        self.told: list[str] = []
+        self.slept: list[float] = []
+        self.cluster.before = self._operate
+
+    def _operate(self, _: tuple[str, ...]) -> None:
+        for (kind, _name), stored in self.cluster.objects.items():
+            if kind == "robotapps":
+                state = {
+                    "type": "Ready",
+                    "status": str(self.ready),
+                    "observedGeneration": stored["metadata"]["generation"],
+                }
+                stored["status"] = {"conditions": [state]}
+
+    def tools(self, **options: Any) -> Tools:
+        now = [0.0]
+
+        def sleep(seconds: float) -> None:
+            now[0] += seconds
+            self.slept.append(seconds)
+
+        clock = Clock(now_s=lambda: now[0], sleep=sleep)
+        limits = Limits(ready_s=5, duration_s=30, removal_s=5)
+        return Tools(
+            self.cluster, lambda words: self.built.append(tuple(words)), self.told.append, clock, limits, **options
+        )
+
+    def run(self, text: str, sequence: str, folder: Path, **options: Any) -> None:
+        found = read(text, sequence)
+        run(sequence, actions(found.rigelfile, sequence), found, self.tools(**options), opened(folder / sequence))
+
+    def apps(self) -> list[str]:
+        return [name for kind, name in self.cluster.objects if kind == "robotapps"]
+
+
+def test_rigel_does_its_jobs_and_the_bridge_deploys() -> None:
+    assert stepped(LIST) == [(Kind.RIGEL, ("build",)), (Kind.DEPLOY, ())]
+    assert stepped(JOBS) == [
+        (Kind.RIGEL, ("run", "job", "build")),
+        (Kind.DEPLOY, ()),
+        (Kind.RIGEL, ("run", "job", "test")),
+    ]
+
+
+def test_an_override_that_rigel_would_not_get_is_told() -> None:
+    (build, *_) = actions(read(JOBS, "demo").rigelfile, "demo")
+    assert "load of job build is not passed on" in build.note
+    (build, *_) = actions(read(LIST, "demo").rigelfile, "demo")
+    assert build.note == "", "the scheduler's name is meant for the deployment"
+
+
+def test_the_thesis_file_cannot_be_built_by_rigel_and_the_message_shows_the_way() -> None:
+    found = read(THESIS, "demo").rigelfile
+    with pytest.raises(BridgeError, match="--no-build"):
+        refuse_thesis(found, actions(found, "demo"))
+    refuse_thesis(found, actions(found, "demo")[1:])
+
+
+def test_a_run_builds_deploys_works_collects_and_cleans_up(tmp_path: Path) -> None:
+    world = World()
+    world.run(LIST, "benchmark_default", tmp_path)
+    world.run(LIST, "benchmark_custom", tmp_path)
+    assert world.built == [("build",)] * 2
+    assert world.slept.count(30) == 2
+    assert world.cluster.objects == {}, "nothing is left"
+    runs = read_summaries(tmp_path)
+    assert {each["scheduler"] for each in runs} == {"default-scheduler", "kubernetes-scheduler"}
+    assert {each["app"] for each in runs} == {"teleop-benchmark-default", "teleop-benchmark-custom"}
+    assert {each["outcome"] for each in runs} == {"ran"}
+    assert "| scheduler | kubernetes-scheduler | default-scheduler |" in table(runs)
+
+
+def test_what_fails_leaves_its_results_and_nothing_in_the_cluster(tmp_path: Path) -> None:
+    world = World(ready=False)
+    with pytest.raises(ClusterError, match="is not Ready within 5 s"):
+        world.run(LIST, "demo", tmp_path)
+    assert world.apps() == []
+    assert [each["outcome"] for each in read_summaries(tmp_path)] == ["failed"]
+
+
+@pytest.mark.parametrize("where", ["build", "apply", "sleep", "get"])
+def test_ctrl_c_at_any_time_leaves_nothing_in_the_cluster(where: str, tmp_path: Path) -> None:
+    world = World()
+    interrupted: list[str] = []
+
+    def once(name: str) -> None:
+        if name == where and not interrupted and (where != "get" or world.apps()):
+            interrupted.append(name)
+            raise KeyboardInterrupt
+
+    operate = world.cluster.before
+
+    def before(call: tuple[str, ...]) -> None:
+        operate(call)
+        once(call[0])
+
+    world.cluster.before = before
+    tools = world.tools()
+    clock = Clock(now_s=tools.clock.now_s, sleep=lambda _: once("sleep"))
+    tools = Tools(world.cluster, lambda _: once("build"), str, clock, tools.limits)
+    found = read(LIST, "demo")
+    with pytest.raises(KeyboardInterrupt):
+        run("demo", actions(found.rigelfile, "demo"), found, tools, opened(tmp_path / "r"))
+    assert world.cluster.objects == {}
+
+
+def test_an_app_in_use_is_never_touched_and_the_rest_of_a_killed_run_is_cleared(tmp_path: Path) -> None:
+    world = World()
+    deploy(world.cluster, app("teleop"), tell=str)
+    deploy(world.cluster, app("teleop-demo"), tell=str)
+    with pytest.raises(ClusterError, match="teleop-demo is there and of no earlier run"):
+        world.run(LIST, "demo", tmp_path / "a")
+    assert world.apps() == ["teleop", "teleop-demo"]
+    world.cluster.objects["robotapps", "teleop-demo"]["metadata"]["annotations"] = {RUN: "demo"}
+    world.run(LIST, "demo", tmp_path / "b")
+    assert world.apps() == ["teleop"]
+
+
+def test_an_app_can_be_kept(tmp_path: Path) -> None:
+    world = World()
+    world.run(LIST, "demo", tmp_path, keep=True)
+    assert world.apps() == ["teleop-demo"]
+
+
+@given(
+    st.text("abc-", min_size=1, max_size=40).filter(lambda text: text.strip("-")),
+    st.text("xyz_", min_size=1, max_size=60),
+)
+def test_a_run_has_a_name_that_fits(name: str, sequence: str) -> None:
+    assert len(run_name(name, sequence)) <= 40
+
+
+@given(st.lists(st.floats(0, 1e6), min_size=1, max_size=200))
+def test_statistics_are_those_of_the_textbook(values: Sequence[float]) -> None:
+    found = statistics(values)
+    assert found["count"] == len(values)
+    assert found["mean"] == pytest.approx(reference.fmean(values))
+    assert found["std"] == pytest.approx(reference.pstdev(values), rel=1e-6, abs=1e-6)
+    assert found["p99"] in values
+    assert found["p50"] <= found["p95"] <= found["p99"] <= max(values)
+
+
+def test_columns_with_a_unit_of_time_are_samples_and_nothing_else_is() -> None:
+    found = columns(b"stamp,rtt_ms,note\n1,2.0,a\n2,4.0,b\n3,nan,c\n4\n5,x,d\n")
+    assert found == {"rtt_ms": {"count": 2, "mean": 3.0, "std": 1.0, "p50": 2.0, "p95": 4.0, "p99": 4.0}}
+    for content in (b"", b"\xff\xfe", b"a,b\n1,2\n", b"rtt_ms\n", b"\x00"):
+        assert columns(content) == {}
+
+
+def test_runs_stand_side_by_side_with_what_each_of_them_has() -> None:
+    edge = {"topic": "/cmd_vel", "p95": "60ms", "budget": "30ms", "met": False}
+    first = {"sequence": "a", "components": [{"name": "driver", "node": "n1"}], "edges": [edge], "ready_after_s": 1.234}
+    second = {"sequence": "b", "samples": {"x.csv rtt_ms": {"p95": 2.5}}}
+    text = table([first, second])
+    for row in (
+        "|  | a | b |",
+        "| node of driver | n1 | - |",
+        "| p95 of /cmd_vel | 60ms of 30ms (over) | - |",
+        "| Ready after (s) | 1.23 | - |",
+        "| x.csv rtt_ms p95 | - | 2.5 |",
+    ):
+        assert f"{row}\n" in text
+
+
+def test_rigel_that_is_missing_or_fails_ends_the_run_with_a_sentence(tmp_path: Path) -> None:
+    with pytest.raises(BridgeError, match=r"no-such-rigel is not an installed program.*--no-build") as caught:
+        programs.run_rigel(["build"], folder=tmp_path, timeout_s=5, program="no-such-rigel")
+    assert caught.value.code == 77
+    with pytest.raises(BridgeError, match="`false build` ended with 1"):
+        programs.run_rigel(["build"], folder=tmp_path, timeout_s=5, program="false")
+
+
+def test_the_command_lists_runs_and_compares(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("Rigelfile").write_text(LIST)
+    assert main(["sequences"]) == 0
+    assert "benchmark_default: build -> deploy\n" in capsys.readouterr().out
+    assert main(["sequences", "--run", "demoo"]) == 72
+    assert "did you mean demo" in capsys.readouterr().err
+    world = World()
+    monkeypatch.setattr(verb, "kubectl_of", lambda _: world.cluster)
+    wanted = ["--run", "benchmark_default", "benchmark_custom", "--no-build", "--duration", "0"]
+    assert main(["sequences", *wanted, "--results", "r"]) == 0
+    assert "|  | benchmark_custom | benchmark_default |" in capsys.readouterr().out
+    assert main(["sequences", "--compare", "r"]) == 0
+    assert main(["sequences", "--compare", "nothing-here"]) == 77
+
+
+def test_ctrl_c_is_one_word_and_code_130(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    def interrupted(_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(verb, "objects", interrupted)
+    assert main(["sequences"]) == 130
+    assert capsys.readouterr().err == "interrupted\n"
