@@ -9,6 +9,7 @@ from typing import Any, Final
 from rigel_bridge import __version__
 from rigel_bridge.document.failures import BridgeError, Exit, Place
 from rigel_bridge.document.tree import MAX_BYTES, Node, parse
+from rigel_bridge.generations.beside import laid_beside
 from rigel_bridge.generations.load import Outline, load, outline
 from rigel_bridge.generations.model import Generation, Options, Rigelfile
 from rigel_bridge.render.app import Naming, Rendered, render
@@ -27,6 +28,8 @@ class Source:
     today: str = ""
     """As 2026-05-22, for remarks about ends of life; empty for none."""
     options: Options = field(default_factory=Options)
+    orchestration: Path | None = None
+    """A second file, which completes the first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,8 +92,9 @@ def from_root(root: Node, data: bytes, source: Source) -> Objects:
     rigelfile = load(root, source.options)
     provenance = {
         "generation": str(rigelfile.generation),
-        "rigelfile-sha256": hashlib.sha256(data).hexdigest(),
+        "rigelfile-sha256": _digest(data),
         "bridge-version": __version__,
+        **({"orchestration-sha256": _digest(read_bytes(source.orchestration))} if source.orchestration else {}),
         **({"sequence": source.options.sequence} if source.options.sequence else {}),
     }
     found = []
@@ -109,8 +113,15 @@ def from_root(root: Node, data: bytes, source: Source) -> Objects:
     return Objects(tuple(found), rigelfile, tuple(notes))
 
 
+def _digest(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
 def _parsed(data: bytes, source: Source) -> Node:
-    return parse(data, "standard input" if source.path == STANDARD_INPUT else str(source.path))
+    root = parse(data, "standard input" if source.path == STANDARD_INPUT else str(source.path))
+    if source.orchestration is None:
+        return root
+    return laid_beside(root, parse(read_bytes(source.orchestration), str(source.orchestration)))
 
 
 def _refuse_twins(rigelfile: Rigelfile, found: list[Rendered]) -> None:

@@ -17,6 +17,8 @@ MAX_DEPTH: Final = 32
 _LOADER: Final[type] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _TAG = "tag:yaml.org,2002:"
 _SCALARS = {f"{_TAG}{name}" for name in ("str", "int", "float", "bool", "null", "timestamp")}
+_LISTS = {f"{_TAG}seq", f"{_TAG}python/tuple"}
+"""Ports and volumes of Rigel's compose plugin are written as tuples."""
 _WORDS = {
     "bool": "true or false",
     "int": "a number",
@@ -109,7 +111,7 @@ def _convert(node: yaml.Node, name: str, path: str) -> Node:
     place = Place(name, node.start_mark.line + 1)
     if isinstance(node, yaml.MappingNode) and node.tag == f"{_TAG}map":
         return Node(_convert_mapping(node, name, path), place, path, "map")
-    if isinstance(node, yaml.SequenceNode) and node.tag == f"{_TAG}seq":
+    if isinstance(node, yaml.SequenceNode) and node.tag in _LISTS:
         items = [_convert(item, name, f"{path}[{index}]") for index, item in enumerate(node.value)]
         return Node(items, place, path, "seq")
     if isinstance(node, yaml.ScalarNode) and node.tag in _SCALARS:

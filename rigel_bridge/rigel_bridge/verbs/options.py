@@ -43,6 +43,12 @@ def add_source(parser: argparse.ArgumentParser) -> None:
     chosen = parser.add_mutually_exclusive_group()
     chosen.add_argument("--job", default="", help="the job to render (default: the first with an orchestration block)")
     chosen.add_argument("--sequence", default="", help="every job of this sequence that deploys, with its overrides")
+    parser.add_argument(
+        "--orchestration",
+        type=Path,
+        metavar="FILE",
+        help="a second file with orchestration, sequences, application or vars, for a Rigel that refuses them in the first",
+    )
     parser.add_argument("--image", default="", help="image of the application, for files that name none")
     parser.add_argument("--distro", default="", help="ROS distribution, for files that name none")
     parser.add_argument("--strict", action="store_true", help="do nothing and fail with 72 when there is a note")
@@ -54,6 +60,7 @@ def source_of(arguments: argparse.Namespace) -> Source:
         path=arguments.rigelfile,
         name=arguments.name,
         namespace=arguments.namespace,
+        orchestration=arguments.orchestration,
         today=datetime.now(tz=UTC).date().isoformat(),
         options=Options(
             environment={name: os.environ[name] for name in arguments.env},

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from tests.support.jobfiles import G3, with_block
 from tests.support.rigelfiles import ONE, TWO, orchestration
 
 from rigel_bridge.main import main
@@ -49,6 +50,29 @@ robotapp:
   update: {operator: OnDemand}"""
     ),
 }
+
+
+REFERENCE = with_block(
+    """{readiness: {command: 'true'}, distributed: {enabled: true, default_to_remote: true}, results: {source_path: /r},
+        persistent_storage: {volumes: [{name: logs, size: 1Gi}]}, image_pull_secrets: [ghcr], rolling_update: {max_surge: 1},
+        additional_k8s_params: {application: {spec: {replicas: 1, template: {spec: {tolerations: [{operator: Exists}],
+          containers: [{name: ros-app, ports: [{containerPort: 8080}], volumeMounts: [{name: logs, mountPath: /l}]}]}}}}}}"""
+)
+JOBS = {"jobs": G3, "settings-of-the-reference-plugin": REFERENCE}
+
+
+@pytest.mark.live
+@pytest.mark.parametrize("form", ["robotapp", "pods", "manifests"])
+def test_every_form_of_every_file_is_stored(
+    installed_plane: ControlPlane, namespace: str, form: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "Rigelfile"
+    documents = []
+    for name, text in {**SAMPLES, **JOBS}.items():
+        path.write_text(text)
+        assert main(["render", str(path), "-n", namespace, "--name", name, "--format", form]) == 0
+        documents.append(capsys.readouterr().out)
+    installed_plane.kubectl("create", "--dry-run=server", "-f", "-", "--validate=strict", stdin="---\n".join(documents))
 
 
 @pytest.mark.live

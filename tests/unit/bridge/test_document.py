@@ -69,6 +69,10 @@ def test_what_is_not_accepted_is_named_with_its_line(text: str, message: str) ->
     assert error.code is Exit.SYNTAX
 
 
+def test_a_tuple_of_python_is_a_list() -> None:
+    assert [node.value for node in child("a: !!python/tuple [5000, x]\n", "a").sequence()] == [5000, "x"]
+
+
 def test_text_in_another_encoding_is_refused_with_its_line() -> None:
     assert str(failure("a: 1\nb: ü\n".encode("latin-1"))) == "Rigelfile:2: is not UTF-8 text"
 
