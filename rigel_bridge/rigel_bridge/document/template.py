@@ -24,8 +24,9 @@ MAX_EXPANDED: Final = 256 * 1024
 _MARK: Final = re.compile(r"\{\{([a-zA-Z0-9_\s\-!?]+)\}\}")
 SECRETS: Final = "the bridge takes no secrets"
 _SECRET: Final = re.compile(
-    r"PASSW|PASSPHRASE|SECRET|TOKEN|CREDENTIAL|PRIVATE_?KEY|ACCESS_?KEY|API_?KEY", re.IGNORECASE
+    r"(PASSW(OR)?D|PASSPHRASE|SECRET|TOKEN|CREDENTIAL|PRIVATE_?KEY|ACCESS_?KEY|API_?KEY)S?(?=$|[_-])", re.IGNORECASE
 )
+"""At the end of a word: TOKENIZERS_PARALLELISM is none."""
 _DROPPED: Final = re.compile(r"[{} ]")
 
 

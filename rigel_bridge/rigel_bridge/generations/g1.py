@@ -4,6 +4,7 @@ Build-time fields (apt, rosinstall, ssh keys, …) are left to Rigel: they are i
 it does not know; here they are errors, because a misspelt key is a lost setting.
 """
 
+from dataclasses import replace
 from typing import Final
 
 from rigel_bridge.document.failures import BridgeError, nearest
@@ -12,7 +13,7 @@ from rigel_bridge.document.tree import Node
 from rigel_bridge.generations.images import environment
 from rigel_bridge.generations.model import Generation, Options, Package, Rigelfile, Step, Target
 from rigel_bridge.generations.sequences import sequences
-from rigel_bridge.generations.targets import SETTINGS
+from rigel_bridge.generations.targets import SETTINGS, namespace_note
 
 MODULE: Final = "rigel_bridge"
 JOB: Final = "deploy"
@@ -36,13 +37,14 @@ def load(document: Section, evidence: str, options: Options) -> Rigelfile:
     known = _sequences(document, settings)
     target = Target(
         node=document.node,
-        packages=packages,
+        packages=_with_image(packages, settings, options),
         orchestration=_orchestration(document, settings),
         job=JOB,
         name=(settings.text("name") if settings else None) or "",
         scheduler=_scheduler(document, known, options.sequence) or _stated(settings, "scheduler_name"),
     )
-    return Rigelfile(document.node, Generation.G1, evidence, (target,), (JOB,), known)
+    notes = namespace_note(settings)
+    return Rigelfile(document.node, Generation.G1, evidence, (target,), (JOB,), known, notes)
 
 
 def _stated(settings: Section | None, key: str) -> str:
@@ -62,6 +64,16 @@ def _package(section: Section, options: Options) -> Package:
         env=environment(section),
         login=(registry.text("server") or "" if registry else ""),
     )
+
+
+def _with_image(packages: tuple[Package, ...], settings: Section | None, options: Options) -> tuple[Package, ...]:
+    """The one package with the image that was given beside the block, or on the command line."""
+    image = options.image or _stated(settings, "image")
+    if not image:
+        return packages
+    if len(packages) > 1:
+        raise packages[0].node.fail("has its own image, as all packages have: one image for several is none of them")
+    return (replace(packages[0], image=image),)
 
 
 def _refuse_twins(packages: tuple[Package, ...]) -> None:

@@ -118,6 +118,7 @@ def _target(
     document = _with_data(work.document, step)
     settings = _settings(document, job, step)
     orchestration = _orchestration(document, settings, work.top)
+    notes += namespace_note(settings)
     made = build(document, before or tuple(work.jobs.values()))
     notes += [note for note in made.notes if note not in notes]
     node = job.node if job else (work.top or work.document.node)
@@ -130,6 +131,16 @@ def _target(
         job=job.id if job else _DEPLOY,
         name=_stated(settings, "name"),
         scheduler=_stated(settings, "scheduler_name"),
+    )
+
+
+def namespace_note(settings: Section | None) -> tuple[str, ...]:
+    """The file has no say in the namespace: the user who applies the app chooses it."""
+    chosen = settings.get("namespace") if settings else None
+    if chosen is None:
+        return ()
+    return (
+        f"{chosen.place}: {chosen.path} is not carried over: the command line names the namespace (-n), not the file",
     )
 
 

@@ -6,7 +6,9 @@ from typing import Any, Final
 from rigel_bridge.document.failures import BridgeError
 from rigel_bridge.document.naming import MAX_APP_NAME, checked_label
 from rigel_bridge.document.section import Section
+from rigel_bridge.document.template import is_secret
 from rigel_bridge.generations.model import Target
+from rigel_bridge.generations.targets import namespace_note
 from rigel_bridge.render import additional, reference_plugin, scheduling
 from rigel_bridge.render.components import components
 from rigel_bridge.render.draft import Draft, written
@@ -53,7 +55,7 @@ def render(target: Target, naming: Naming) -> Rendered:
     draft = Draft(target.node.place)
     block = target.orchestration
     notes = _known_keys(block) if block else []
-    names = components(target.packages, block, draft)
+    names = components(target.packages, block, draft, notes)
     notes += ros(target.packages, block, draft, today=naming.today)
     beside = reference_plugin.Beside()
     if block is not None:
@@ -63,6 +65,7 @@ def render(target: Target, naming: Naming) -> Rendered:
     if target.scheduler:
         draft.spec["schedulerName"] = target.scheduler
     notes += _logins(target, block)
+    _refuse_secrets(draft)
     _check(draft)
     notes += _left_as_they_stand(draft)
     metadata = _metadata(target, naming, block)
@@ -75,11 +78,7 @@ def render(target: Target, naming: Naming) -> Rendered:
 
 def _known_keys(block: Section) -> list[str]:
     block.refuse_unknown((*OWN, *reference_plugin.KEYS))
-    if chosen := block.get("namespace"):
-        return [
-            f"{chosen.place}: {chosen.path} is not carried over: the command line names the namespace (-n), not the file"
-        ]
-    return []
+    return [*namespace_note(block)]
 
 
 def _metadata(target: Target, naming: Naming, block: Section | None) -> dict[str, Any]:
@@ -114,6 +113,20 @@ def _logins(target: Target, block: Section | None) -> list[str]:
         "kubernetes.io/dockerconfigjson and write image_pull_secrets: [ITS_NAME] into the orchestration block"
         for server, package in servers.items()
     ]
+
+
+def _refuse_secrets(draft: Draft) -> None:
+    """A password that the block writes out would stand readable in the RobotApp, its Deployments and its history."""
+    for index, component in enumerate(draft.spec["components"]):
+        env = component.get("env")
+        for number, entry in enumerate(env if isinstance(env, list) else ()):
+            name = entry.get("name") if isinstance(entry, dict) and entry.get("value") else None
+            if isinstance(name, str) and is_secret(name):
+                at = ("components", index, "env", number)
+                raise BridgeError(
+                    draft.origin(at),
+                    f"{written(at)} {name[:80]} looks like a secret: keep it in a Secret, and name that with valueFrom or envFrom",
+                )
 
 
 def _left_as_they_stand(draft: Draft) -> list[str]:

@@ -5,13 +5,14 @@ from typing import Any
 
 from rigel_bridge.document.naming import MAX_COMPONENT_NAME, checked_label
 from rigel_bridge.document.section import Section
+from rigel_bridge.document.template import is_secret
 from rigel_bridge.generations.model import Package
 from rigel_bridge.render.draft import Draft
 from rigel_bridge.render.ros import LIFTED
 
 
-def components(packages: tuple[Package, ...], block: Section | None, draft: Draft) -> dict[str, int]:
-    """Fill the components; gives index by component name."""
+def components(packages: tuple[Package, ...], block: Section | None, draft: Draft, notes: list[str]) -> dict[str, int]:
+    """Fill the components and the notes; gives index by component name."""
     names: dict[str, int] = {}
     single_image = block.get("application_image") if block else None
     if single_image and len(packages) > 1:
@@ -27,18 +28,25 @@ def components(packages: tuple[Package, ...], block: Section | None, draft: Draf
         draft.put(("components", index, "name"), name, package.node)
         if image := (block.text_of(single_image) if block and single_image else package.image):
             draft.put(("components", index, "image"), image, package.node)
-        _program(package, index, draft)
+        notes += _program(package, index, draft)
     return names
 
 
-def _program(package: Package, index: int, draft: Draft) -> None:
+def _program(package: Package, index: int, draft: Draft) -> list[str]:
+    """Command and variables; gives notes. What looks like a secret stays in the image, where Rigel put it."""
     if package.command:
         draft.put(("components", index, "args"), words(package), package.node)
+    secret = [name for name, value in package.env.items() if value and is_secret(name)]
     own: list[dict[str, Any]] = [
-        {"name": key, "value": value} for key, value in package.env.items() if key not in LIFTED
+        {"name": key, "value": value} for key, value in package.env.items() if key not in LIFTED and key not in secret
     ]
     if own:
         draft.put(("components", index, "env"), own, package.node)
+    return [
+        f"{package.node.place}: env {name} looks like a secret and is not carried over: keep it in a Secret, and name that "
+        "with envFrom of the component"
+        for name in secret
+    ]
 
 
 def words(package: Package) -> list[str]:

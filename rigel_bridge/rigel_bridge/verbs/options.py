@@ -49,8 +49,8 @@ def add_source(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="a second file with orchestration, sequences, application or vars, for a Rigel that refuses them in the first",
     )
-    parser.add_argument("--image", default="", help="image of the application, for files that name none")
-    parser.add_argument("--distro", default="", help="ROS distribution, for files that name none")
+    parser.add_argument("--image", default="", help="image of the application, for files that name none or another")
+    parser.add_argument("--distro", default="", help="ROS distribution, for files that name none or another")
     parser.add_argument("--strict", action="store_true", help="do nothing and fail with 72 when there is a note")
 
 

@@ -118,6 +118,25 @@ def test_a_var_of_several_lines_is_allowed() -> None:
     assert spec(text)["components"][0]["env"] == [{"name": "A", "value": "a\n\tb"}]
 
 
+class TestSecrets:
+    def test_one_that_an_image_has_stays_in_the_image(self) -> None:
+        found = rendered(
+            ONE + "    env: [{name: API_KEY, value: hunter2}, {name: TOKENIZERS_PARALLELISM, value: 'false'}]\n"
+        )
+        assert found.app["spec"]["components"][0]["env"] == [{"name": "TOKENIZERS_PARALLELISM", "value": "false"}]
+        assert "env API_KEY looks like a secret and is not carried over" in found.notes[0]
+        assert "hunter2" not in str(found)
+
+    def test_one_that_the_block_writes_out_is_refused(self) -> None:
+        text = refusal(orchestration("components: {base_driver: {env: [{name: DB_PASSWORD, value: hunter2}]}}"))
+        assert "spec.components[0].env[0] DB_PASSWORD looks like a secret: keep it in a Secret" in text
+        assert "hunter2" not in text
+
+    def test_one_that_names_a_secret_is_what_is_wanted(self) -> None:
+        entry = "{name: DB_PASSWORD, valueFrom: {secretKeyRef: {name: db, key: password}}}"
+        assert spec(orchestration(f"components: {{base_driver: {{env: [{entry}]}}}}"))["components"][0]["env"]
+
+
 class TestNamespace:
     def test_the_file_does_not_choose_where_the_app_goes(self) -> None:
         found = rendered(orchestration("{name: x, namespace: kube-system}"))

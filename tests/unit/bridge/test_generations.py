@@ -2,7 +2,7 @@
 
 import pytest
 from tests.support.jobfiles import G3, with_block
-from tests.support.rigelfiles import ONE, orchestration, refusal, rendered, rendered_all, spec
+from tests.support.rigelfiles import ONE, TWO, orchestration, refusal, rendered, rendered_all, spec
 
 from rigel_bridge.document.tree import parse
 from rigel_bridge.generations.detect import detect
@@ -251,3 +251,13 @@ def test_a_missing_name_can_be_given() -> None:
 )
 def test_an_unsound_sequence_is_refused(sequence: str, message: str) -> None:
     assert message in refusal(with_block("{}") + f"  bad: {sequence}\n", sequence="bad")
+
+
+def test_what_stands_beside_the_block_of_a_first_generation_file_holds_too() -> None:
+    text = orchestration("scheduler: {}") + "      image: other/x:2\n      name: other\n      namespace: lab\n"
+    found = rendered(text)
+    assert (found.app["metadata"]["name"], found.app["spec"]["components"][0]["image"]) == ("other", "other/x:2")
+    assert found.notes[0].endswith(
+        "kwargs.namespace is not carried over: the command line names the namespace (-n), not the file"
+    )
+    assert "one image for several is none of them" in refusal(TWO, image="x:1")
