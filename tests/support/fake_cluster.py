@@ -35,7 +35,10 @@ class FakeCluster(Kubectl):
         if reason := self.refused.get((verb, kind)):
             raise ClusterError(f"{verb} {kind} is refused", reason=reason)
         if verb == "get":
-            return json.dumps(self._get(kind, arguments[2:]))
+            found = self._get(kind, arguments[2:])
+            return json.dumps(found) if found else ""
+        if verb == "annotate":
+            return ""
         if verb == "delete":
             for name in (name for name in arguments[2:] if not name.startswith("-")):
                 self.objects.pop((kind, name), None)
@@ -55,6 +58,10 @@ class FakeCluster(Kubectl):
     def _get(self, kind: str, rest: tuple[str, ...]) -> Json:
         if rest[0] != "-l":
             found = self.objects.get((kind, rest[0]))
+            if "--ignore-not-found" in rest and found is None:
+                return {}
+            if rest[0].startswith("-"):
+                return {"items": [each for (other, _), each in self.objects.items() if other == kind]}
             if found is None:
                 raise ClusterError(f"{kind} {rest[0]} not found", reason=Refusal.NOT_FOUND)
             return found
@@ -104,5 +111,5 @@ def app(name: str = "teleop", **spec: Any) -> Json:
 
 def _kind(text: str) -> str:
     """`robotapps` of RobotApp and robotapps.robotics.io."""
-    known = {"RobotApp": "robotapps", "ControllerRevision": "controllerrevisions"}
+    known = {"RobotApp": "robotapps", "ControllerRevision": "controllerrevisions", "Deployment": "deployments"}
     return known.get(text, text.partition(".")[0])

@@ -1,0 +1,126 @@
+"""Replace workloads of the thesis' time by RobotApps, one app after the other, with a way back."""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from rigel_bridge.cluster import apps
+from rigel_bridge.cluster.deployment import deploy
+from rigel_bridge.cluster.kubectl import ClusterError, Kubectl, Refusal
+from rigel_bridge.cluster.removal import remove
+from rigel_bridge.cluster.waiting import Clock, wait_ready
+from rigel_bridge.document.failures import BridgeError, Exit
+
+KINDS: Final = (
+    "deployments.apps",
+    "replicasets.apps",
+    "statefulsets.apps",
+    "daemonsets.apps",
+    "pods",
+    "configmaps",
+    "nodes",
+)
+_SERVERS_OWN: Final = (
+    "uid",
+    "resourceVersion",
+    "creationTimestamp",
+    "generation",
+    "managedFields",
+    "ownerReferences",
+    "selfLink",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Times in seconds."""
+
+    gone_s: float = 120.0
+    ready_s: float = 120.0
+
+
+def read(kubectl: Kubectl, *, everywhere: bool, tell: Callable[[str], None]) -> list[dict[str, Any]]:
+    """All objects that a migration looks at; kinds that the user may not list are told and left out."""
+    found: list[dict[str, Any]] = []
+    for kind in KINDS:
+        scope = ("--all-namespaces",) if everywhere and kind != "nodes" else ()
+        only = ("--field-selector=metadata.name=robot-fleet-assignments",) if kind == "configmaps" else ()
+        try:
+            items = kubectl.json("get", kind, *scope, *only)["items"]
+        except ClusterError as error:
+            if error.reason is not Refusal.FORBIDDEN:
+                raise
+            tell(f"{kind} are not looked at: {error}")
+        else:
+            found += items
+    return found
+
+
+def take_over(
+    kubectl: Kubectl,
+    app: Mapping[str, Any],
+    old: Sequence[Mapping[str, Any]],
+    *,
+    limits: Limits,
+    clock: Clock,
+    tell: Callable[[str], None],
+) -> None:
+    """Delete the old workloads, wait until their pods are gone, bring the app in, wait until it is Ready.
+
+    The old ones end first: two of them would publish the same commands and want the same devices. When the app does not become
+    Ready it is removed and the old workloads come back; the error tells it.
+    """
+    apps.apply(kubectl, app, dry_run=True)
+    name = app["metadata"]["name"]
+    if apps.read(kubectl, name) is not None:
+        raise ClusterError(f"RobotApp {name} is there already: delete it, or leave this workload as it is")
+    try:
+        for each in old:
+            _delete(kubectl, each, limits=limits, clock=clock)
+        deploy(kubectl, app, tell=tell)
+        wait_ready(kubectl, name, timeout_s=limits.ready_s, clock=clock, tell=tell)
+    except (BridgeError, KeyboardInterrupt):
+        tell(f"{name}: removed again, the old workloads come back")
+        remove(kubectl, name, timeout_s=limits.gone_s, clock=clock)
+        for each in old:
+            kubectl.run("apply", "--server-side", "--force-conflicts", "-f", "-", stdin=json.dumps(restorable(each)))
+        raise
+
+
+def restorable(stored: Mapping[str, Any]) -> dict[str, Any]:
+    """A stored object without what the API server writes, so that it can be created again."""
+    metadata = {key: value for key, value in stored["metadata"].items() if key not in _SERVERS_OWN}
+    spec = stored["spec"]
+    if stored["kind"] == "Pod":
+        spec = {key: value for key, value in spec.items() if key != "nodeName"}
+    return {"apiVersion": stored["apiVersion"], "kind": stored["kind"], "metadata": metadata, "spec": spec}
+
+
+def annotate(kubectl: Kubectl, node: str, argument: str, *, tell: Callable[[str], None]) -> None:
+    """Rewrite one record of a node. Who may not change nodes gets the command for somebody who may."""
+    try:
+        kubectl.run("annotate", "node", node, argument, "--overwrite")
+    except ClusterError as error:
+        if error.reason is not Refusal.FORBIDDEN:
+            raise
+        tell(f"for an admin: kubectl annotate node {node} '{argument}' --overwrite")
+
+
+def forget(kubectl: Kubectl, namespace: str, keys: Sequence[str]) -> None:
+    """Take entries of pods out of the fleet map."""
+    patch = json.dumps({"data": dict.fromkeys(keys)})
+    where = ("-n", namespace) if namespace else ()
+    kubectl.run("patch", "configmap", "robot-fleet-assignments", *where, "--type=merge", "-p", patch)
+
+
+def _delete(kubectl: Kubectl, obj: Mapping[str, Any], *, limits: Limits, clock: Clock) -> None:
+    """Delete a workload and wait until it and its pods are gone: foreground deletion keeps it until they are."""
+    kind, name = str(obj["kind"]).lower(), obj["metadata"]["name"]
+    kubectl.run("delete", kind, name, "--cascade=foreground", "--ignore-not-found", "--wait=false")
+
+    def gone() -> bool:
+        return not kubectl.run("get", kind, name, "--ignore-not-found", "-o", "name").strip()
+
+    if not clock.until(gone, timeout_s=limits.gone_s):
+        raise ClusterError(f"{kind} {name} is not gone after {limits.gone_s:g} s", code=Exit.NOT_READY)

@@ -1,0 +1,158 @@
+"""What of a cluster is of the thesis' time: workloads whose pods have its annotations, and the records its scheduler kept."""
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+PREFIX: Final = "scheduler.robotics.io/"
+WISHES: Final = ("policies", "topology", "affinity", "shared-data", "dds-domain")
+"""Annotations of pods, without the prefix."""
+CLAIMS: Final = ("dds-claims", "device-claims")
+"""Annotations of nodes, without the prefix: JSON maps from a domain or device to the uid of its pod."""
+FLEET: Final = "robot-fleet-assignments"
+SCHEDULER: Final = "kubernetes-scheduler"
+_UID: Final = re.compile(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
+
+Json = Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Workload:
+    """A Deployment, or a pod that nothing controls. `template` has the pod's metadata and spec."""
+
+    kind: str
+    namespace: str
+    name: str
+    template: Json
+    replicas: int
+    stored: Json
+
+    @property
+    def title(self) -> str:
+        return f"{self.kind.lower()} {self.namespace}/{self.name}"
+
+    @property
+    def annotations(self) -> dict[str, str]:
+        """Its wishes, by their names without the prefix."""
+        every = self.template.get("metadata", {}).get("annotations") or {}
+        return {key: every[PREFIX + key] for key in WISHES if PREFIX + key in every}
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """One entry of a node's record, or of the fleet map (`where` is the ConfigMap's namespace then)."""
+
+    where: str
+    kind: str
+    thing: str
+    uid: str
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """Everything that matters for a migration."""
+
+    workloads: tuple[Workload, ...]
+    owners: Mapping[str, str]
+    """Title of the workload by uid of each of its pods."""
+    claims: tuple[Claim, ...]
+    notes: tuple[str, ...]
+
+
+def scene(objects: Sequence[Json]) -> Scene:
+    """Sort objects of any kinds; those that are none of the thesis' are passed over."""
+    by_kind: dict[str, list[Json]] = {}
+    for each in objects:
+        by_kind.setdefault(str(each.get("kind")), []).append(each)
+    notes: list[str] = []
+    workloads = [_deployment(each) for each in by_kind.get("Deployment", ()) if _is_old(each["spec"]["template"], each)]
+    workloads += [_pod(each) for each in by_kind.get("Pod", ()) if not _controller(each) and _is_old(each, each)]
+    notes += [
+        f"{each['kind'].lower()} {_title(each)} has the thesis' annotations and stays: a RobotApp makes Deployments"
+        for kind in ("StatefulSet", "DaemonSet", "Job")
+        for each in by_kind.get(kind, ())
+        if _is_old(each["spec"]["template"], each)
+    ]
+    claims = [claim for node in by_kind.get("Node", ()) for claim in _node_claims(node, notes)]
+    claims += [claim for each in by_kind.get("ConfigMap", ()) for claim in _fleet(each)]
+    return Scene(tuple(workloads), _owners(by_kind, workloads), tuple(claims), tuple(notes))
+
+
+def _is_old(template: Json, holder: Json) -> bool:
+    """Whether pods of this template are of the thesis' time and not made by a RobotApp."""
+    annotations = template.get("metadata", {}).get("annotations") or {}
+    wished = any(PREFIX + key in annotations for key in WISHES)
+    owned = any(owner.get("kind") == "RobotApp" for owner in holder["metadata"].get("ownerReferences", ()))
+    return (wished or template["spec"].get("schedulerName") == SCHEDULER) and not owned
+
+
+def _deployment(obj: Json) -> Workload:
+    metadata, spec = obj["metadata"], obj["spec"]
+    return Workload(
+        "Deployment",
+        metadata.get("namespace", ""),
+        metadata["name"],
+        spec["template"],
+        int(spec.get("replicas", 1)),
+        obj,
+    )
+
+
+def _pod(obj: Json) -> Workload:
+    metadata = obj["metadata"]
+    template = {
+        "metadata": {key: metadata[key] for key in ("labels", "annotations") if metadata.get(key)},
+        "spec": {key: value for key, value in obj["spec"].items() if key != "nodeName"},
+    }
+    return Workload("Pod", metadata.get("namespace", ""), metadata["name"], template, 1, obj)
+
+
+def _controller(obj: Json) -> str:
+    """The uid of the controlling owner; empty for none."""
+    owners = obj["metadata"].get("ownerReferences", ())
+    return next((str(owner["uid"]) for owner in owners if owner.get("controller")), "")
+
+
+def _owners(by_kind: Mapping[str, Sequence[Json]], workloads: Sequence[Workload]) -> dict[str, str]:
+    titles = {str(each.stored["metadata"].get("uid", "")): each.title for each in workloads}
+    for replica_set in by_kind.get("ReplicaSet", ()):
+        if title := titles.get(_controller(replica_set)):
+            titles[str(replica_set["metadata"].get("uid", ""))] = title
+    found = {}
+    for pod in by_kind.get("Pod", ()):
+        uid = str(pod["metadata"].get("uid", ""))
+        if title := titles.get(_controller(pod)) or titles.get(uid):
+            found[uid] = title
+    return found
+
+
+def _node_claims(node: Json, notes: list[str]) -> list[Claim]:
+    annotations = node["metadata"].get("annotations") or {}
+    found = []
+    for kind in CLAIMS:
+        text = annotations.get(PREFIX + kind)
+        if text is None:
+            continue
+        try:
+            entries = json.loads(text)
+            found += [Claim(node["metadata"]["name"], kind, str(thing), str(uid)) for thing, uid in entries.items()]
+        except (ValueError, AttributeError):
+            notes.append(
+                f"node {node['metadata']['name']}: annotation {PREFIX}{kind} is not a JSON map, and is left alone"
+            )
+    return found
+
+
+def _fleet(config_map: Json) -> list[Claim]:
+    """Entries by pod uid; the operator's own fleet view has others."""
+    metadata = config_map["metadata"]
+    if metadata["name"] != FLEET:
+        return []
+    keys = [key for key in config_map.get("data") or {} if _UID.fullmatch(key)]
+    return [Claim(metadata.get("namespace", ""), "fleet", key, key) for key in keys]
+
+
+def _title(obj: Json) -> str:
+    return f"{obj['metadata'].get('namespace', '')}/{obj['metadata']['name']}"

@@ -1,0 +1,105 @@
+"""What a migration changes, object by object, and what is left for an admin."""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from rigel_bridge.document.failures import BridgeError
+from rigel_bridge.migration.apps import Migrated, grouped, migrated
+from rigel_bridge.migration.found import CLAIMS, FLEET, PREFIX, Claim, Scene
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """All apps to be, and workloads that stay with the reason."""
+
+    apps: tuple[Migrated, ...]
+    refused: tuple[str, ...]
+    scene: Scene
+
+
+def plan(scene: Scene, *, distro: str = "", names: Sequence[str] = ()) -> Plan:
+    """Migrate every group of workloads, or only those with a workload of these names. One that cannot be leaves the others alone."""
+    done: list[Migrated] = []
+    refused: list[str] = []
+    taken: set[tuple[str, str]] = set()
+    for group in grouped(scene.workloads):
+        if names and not any(each.name in names for each in group):
+            continue
+        try:
+            made = migrated(group, distro=distro)
+        except BridgeError as error:
+            refused.append(str(error))
+            continue
+        metadata = made.app["metadata"]
+        key = (metadata["namespace"], metadata["name"])
+        if key in taken:
+            refused.append(f"{group[0].title}: becomes RobotApp {key[1]}, which another one already is: rename one")
+            continue
+        taken.add(key)
+        done.append(made)
+    return Plan(tuple(done), tuple(refused), scene)
+
+
+def lines(plan: Plan) -> Iterator[str]:
+    """The report to read."""
+    for made in plan.apps:
+        spec, metadata = made.app["spec"], made.app["metadata"]
+        yield f"RobotApp {metadata['namespace']}/{metadata['name']} from {', '.join(each.title for each in made.workloads)}"
+        yield f"  {len(spec['components'])} component(s), ROS {spec['ros']['distro']}, scheduler {spec.get('schedulerName', 'of the operator')}"
+        yield from (f"  {note}" for note in made.notes)
+        yield from (f"  LOST: {each} has no place in a RobotApp" for each in made.lost)
+    yield from (f"stays: {each}" for each in plan.refused)
+    yield from plan.scene.notes
+    yield from (_claim_line(claim, plan) for claim in plan.scene.claims)
+
+
+def _claim_line(claim: Claim, plan: Plan) -> str:
+    holder = plan.scene.owners.get(claim.uid)
+    who = f"pod {claim.uid} of {holder}" if holder else f"pod {claim.uid}, which none of these workloads has"
+    if claim.kind == "fleet":
+        return f"configmap {claim.where}/{FLEET}: entry of {who}: the operator keeps a line per app instance instead"
+    if claim.kind == "dds-claims":
+        what = f"domain {claim.thing}"
+        new = "the app gets its domain as a RobotClaim, for the whole cluster and all its pods"
+    else:
+        what, new = f"device {claim.thing}", "the scheduler claims the device as a RobotClaim"
+    return f"node {claim.where}: {what} held by {who}: {new}"
+
+
+def leftover_records(plan: Plan, *, gone: Sequence[str]) -> dict[tuple[str, str], dict[str, str]]:
+    """What node annotations keep, by (node, kind), when the pods of these uids are gone. Entries of other pods stay, also of pods
+    that nobody saw: they may be of a namespace that was not read.
+    """
+    found: dict[tuple[str, str], dict[str, str]] = {}
+    for claim in plan.scene.claims:
+        if claim.kind in CLAIMS:
+            kept = found.setdefault((claim.where, claim.kind), {})
+            if claim.uid not in gone:
+                kept[claim.thing] = claim.uid
+    return found
+
+
+def annotation(kind: str, kept: Mapping[str, str]) -> str:
+    """The argument of `kubectl annotate` for what a record keeps."""
+    return f"{PREFIX}{kind}={json.dumps(dict(kept))}" if kept else f"{PREFIX}{kind}-"
+
+
+def document(plan: Plan) -> dict[str, Any]:
+    """The report as data."""
+    return {
+        "apps": [
+            {
+                "name": made.app["metadata"]["name"],
+                "namespace": made.app["metadata"]["namespace"],
+                "from": [each.title for each in made.workloads],
+                "notes": list(made.notes),
+                "lost": list(made.lost),
+            }
+            for made in plan.apps
+        ],
+        "refused": list(plan.refused),
+        "notes": list(plan.scene.notes),
+        "records": [_claim_line(claim, plan) for claim in plan.scene.claims],
+    }

@@ -1,0 +1,157 @@
+"""`rigel-bridge migrate`: workloads of the thesis' time become RobotApps."""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any, Final
+
+from rigel_bridge.cluster.kubectl import MAX_OUTPUT_BYTES, Kubectl
+from rigel_bridge.cluster.results import opened
+from rigel_bridge.cluster.takeover import Limits, annotate, forget, read, restorable, take_over
+from rigel_bridge.cluster.waiting import Clock
+from rigel_bridge.document.failures import BridgeError, Exit, Place
+from rigel_bridge.migration.found import scene
+from rigel_bridge.migration.report import Plan, annotation, document, leftover_records, lines, plan
+from rigel_bridge.render.text import as_yaml
+from rigel_bridge.verbs.cluster_options import add_cluster, kubectl_of, say, seconds, tell
+from rigel_bridge.verbs.options import namespace
+from rigel_bridge.verbs.verb import Verb
+
+
+def _arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "workloads", nargs="*", help="names of Deployments or pods (default: all that have the thesis' annotations)"
+    )
+    parser.add_argument("-n", "--namespace", type=namespace, help="their namespace (default: kubectl's own)")
+    parser.add_argument(
+        "-A", "--all-namespaces", action="store_true", help="look into every namespace (not with --apply)"
+    )
+    parser.add_argument(
+        "-f",
+        "--file",
+        type=Path,
+        help="read `kubectl get deploy,rs,pods,nodes,cm -A -o json` from a file, without a cluster",
+    )
+    parser.add_argument("--distro", default="", help="ROS distribution of workloads whose image does not name one")
+    parser.add_argument("--report", type=Path, help="write the report there as JSON as well")
+    parser.add_argument(
+        "--apply",
+        action="store_true",
+        help="replace the workloads: old ones end, RobotApps start, records of nodes are cleared",
+    )
+    parser.add_argument("--backup", type=Path, help="new folder for the old objects; required with --apply")
+    parser.add_argument("--lossy", action="store_true", help="apply also what loses fields (LOST in the report)")
+    parser.add_argument(
+        "--wait",
+        type=seconds,
+        default=120.0,
+        metavar="DURATION",
+        help="longest time until an app is Ready (default: 2m)",
+    )
+    add_cluster(parser)
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    _refuse_contradictions(arguments)
+    kubectl = kubectl_of(arguments)
+    objects = (
+        _of_file(arguments.file) if arguments.file else read(kubectl, everywhere=arguments.all_namespaces, tell=tell)
+    )
+    found = plan(scene(objects), distro=arguments.distro, names=arguments.workloads)
+    for line in lines(found):
+        tell(line)
+    if arguments.report:
+        _write(arguments.report, json.dumps(document(found), indent=2) + "\n")
+    if arguments.apply:
+        _take_over(kubectl, found, arguments)
+    else:
+        sys.stdout.write(as_yaml([made.app for made in found.apps]))
+    if not found.apps:
+        tell("nothing to migrate: no Deployment or pod has annotations scheduler.robotics.io/…, or all of them stay")
+    return Exit.INVALID if found.refused else Exit.OK
+
+
+def _refuse_contradictions(arguments: argparse.Namespace) -> None:
+    if arguments.apply and (arguments.file or arguments.all_namespaces):
+        raise _usage("--apply works on one namespace of the cluster: leave -A and -f out")
+    if arguments.apply and not arguments.backup:
+        raise _usage("--apply needs --backup FOLDER, where the old objects are kept")
+
+
+def _usage(message: str) -> BridgeError:
+    return BridgeError(Place("migrate"), message, code=Exit.USAGE)
+
+
+def _of_file(path: Path) -> list[dict[str, Any]]:
+    """Objects of a List as kubectl writes it in JSON."""
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_OUTPUT_BYTES + 1)
+        loaded: Any = json.loads(data) if len(data) <= MAX_OUTPUT_BYTES else None
+        items = [item for item in loaded["items"] if isinstance(item["metadata"]["name"], str) and item["kind"]]
+    except OSError as error:
+        raise BridgeError(Place(str(path)), f"cannot be read: {error.strerror}", code=Exit.UNREADABLE) from error
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise BridgeError(
+            Place(str(path)),
+            "is no List of objects in JSON of at most 16 MiB, as kubectl get -o json writes it",
+            code=Exit.SYNTAX,
+        ) from error
+    return items
+
+
+def _take_over(kubectl: Kubectl, found: Plan, arguments: argparse.Namespace) -> None:
+    lost = [each for made in found.apps for each in made.lost]
+    if lost and not arguments.lossy:
+        raise BridgeError(
+            Place("migrate"), f"{len(lost)} fields would be lost, see the report; --lossy goes on without them"
+        )
+    backup = opened(arguments.backup)
+    for made in found.apps:
+        for each in made.workloads:
+            backup.add_json(f"{each.kind.lower()}-{each.name}.json", restorable(each.stored))
+    backup.close()
+    limits, clock = Limits(ready_s=arguments.wait), Clock()
+    titles: set[str] = set()
+    for made in found.apps:
+        old = [each.stored for each in made.workloads]
+        take_over(kubectl, made.app, old, limits=limits, clock=clock, tell=tell)
+        say(
+            f"robotapp/{made.app['metadata']['name']}: Ready, in place of {', '.join(each.title for each in made.workloads)}"
+        )
+        titles |= {each.title for each in made.workloads}
+    _clear_records(kubectl, found, titles)
+
+
+def _clear_records(kubectl: Kubectl, found: Plan, titles: set[str]) -> None:
+    """Records of pods that are gone now: nobody else would remove them."""
+    gone = [uid for uid, title in found.scene.owners.items() if title in titles]
+    for (node, kind), kept in leftover_records(found, gone=gone).items():
+        annotate(kubectl, node, annotation(kind, kept), tell=tell)
+    by_namespace: dict[str, list[str]] = {}
+    for claim in found.scene.claims:
+        if claim.kind == "fleet" and claim.uid in gone:
+            by_namespace.setdefault(claim.where, []).append(claim.thing)
+    for where, keys in by_namespace.items():
+        forget(kubectl, where, keys)
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise BridgeError(Place(str(path)), f"cannot be written: {error.strerror}", code=Exit.UNREADABLE) from error
+
+
+MIGRATE: Final = Verb(
+    name="migrate",
+    summary="turn annotated pods of the thesis' time into RobotApps",
+    description=(
+        "Write RobotApps for the Deployments and pods whose pods have annotations scheduler.robotics.io/…, and a report of what "
+        "changes: fields, domains and devices in node annotations, the fleet map. Nothing is changed without --apply, which ends the "
+        "old workloads, starts the apps, and takes an app back that does not become Ready."
+    ),
+    arguments=_arguments,
+    run=_run,
+)
