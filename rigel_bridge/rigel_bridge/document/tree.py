@@ -107,8 +107,9 @@ def _events(text: str) -> Iterator[yaml.Event]:
     yield from yaml.parse(text, Loader=_LOADER)
 
 
-def _convert(node: yaml.Node, name: str, path: str) -> Node:
-    place = Place(name, node.start_mark.line + 1)
+def _convert(node: yaml.Node, name: str, path: str, place: Place | None = None) -> Node:
+    """`place` is that of the key, where there is one: a mapping below it begins a line later."""
+    place = place or Place(name, node.start_mark.line + 1)
     if isinstance(node, yaml.MappingNode) and node.tag == f"{_TAG}map":
         return Node(_convert_mapping(node, name, path), place, path, "map")
     if isinstance(node, yaml.SequenceNode) and node.tag in _LISTS:
@@ -132,7 +133,7 @@ def _convert_mapping(node: yaml.MappingNode, name: str, path: str) -> dict[str, 
             raise BridgeError(place, f"{path or 'the document'}: keys are plain words", code=Exit.SYNTAX)
         if key in converted:
             raise BridgeError(place, f"{path}.{key}".lstrip(".") + ": the key is there twice", code=Exit.SYNTAX)
-        converted[key] = _convert(value_node, name, f"{path}.{key}" if path else key)
+        converted[key] = _convert(value_node, name, f"{path}.{key}" if path else key, place)
     return converted
 
 

@@ -3,10 +3,13 @@
 from collections.abc import Iterator
 from typing import Final
 
+from rigel_bridge.document.distros import distros
 from rigel_bridge.document.failures import BridgeError, nearest
 from rigel_bridge.document.section import Section
 from rigel_bridge.document.template import SECRETS
 from rigel_bridge.document.tree import Node
+from rigel_bridge.generations.images import FILE_WRITERS, kind
+from rigel_bridge.generations.jobs import jobs_of
 from rigel_bridge.generations.model import Generation
 
 COMPILERS: Final = ("catkin_make", "colcon")
@@ -19,9 +22,45 @@ def lint(document: Section, generation: Generation) -> tuple[list[BridgeError], 
     """Errors and notes, in the order of the file."""
     errors = list(_first_generation(document)) if generation is Generation.G1 else []
     noted = list(_unresolved(document, document.node))
+    if not errors:
+        noted += _build_tool(document, generation)
     if generation is Generation.G1:
         noted += _keys(document)
     return errors, [f"{error}" for error in noted]
+
+
+def _build_tool(document: Section, generation: Generation) -> Iterator[BridgeError]:
+    """Rigel builds with catkin_make unless told otherwise, also what only colcon can build."""
+    for node, distro, compiler in _built(document, generation):
+        known = distros().get(distro)
+        if known and known.version == 2 and compiler in ("", "catkin_make"):
+            stated = "is catkin_make" if compiler else "is not written, and Rigel takes catkin_make"
+            yield node.fail(f"compiler {stated}, which builds no ROS 2 ({distro}): write colcon")
+
+
+def _built(document: Section, generation: Generation) -> Iterator[tuple[Node, str, str]]:
+    """(place, distribution, compiler) of everything that Rigel builds; empty for what is not written or cannot be read."""
+    if generation is Generation.G1:
+        for package in document.sections("packages"):
+            if "dockerfile" not in package:
+                yield package.node, _said(package, "distro"), _said(package, "compiler")
+        return
+    for job in jobs_of(document, generation).values():
+        if kind(document, job) in FILE_WRITERS and job.settings.kind == "map" and job.distro:
+            compiler = document.at(job.settings).section("compiler")
+            yield job.settings, _text_of(document, job.distro), _said(compiler, "name") if compiler else ""
+
+
+def _said(section: Section, key: str) -> str:
+    found = section.get(key)
+    return _text_of(section, found) if found else ""
+
+
+def _text_of(section: Section, node: Node) -> str:
+    try:
+        return section.text_of(node)
+    except BridgeError:
+        return ""
 
 
 def _unresolved(document: Section, node: Node) -> Iterator[BridgeError]:

@@ -1,9 +1,10 @@
 """One target of a Rigelfile to one RobotApp, checked against the definition the API server has."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Any, Final
 
-from rigel_bridge.document.failures import BridgeError
+from rigel_bridge.document.failures import BridgeError, Place
 from rigel_bridge.document.naming import MAX_APP_NAME, checked_label
 from rigel_bridge.document.section import Section
 from rigel_bridge.document.template import is_secret
@@ -11,7 +12,7 @@ from rigel_bridge.generations.model import Target
 from rigel_bridge.generations.targets import namespace_note
 from rigel_bridge.render import additional, reference_plugin, scheduling
 from rigel_bridge.render.components import components
-from rigel_bridge.render.draft import Draft, written
+from rigel_bridge.render.draft import Draft, Path, written
 from rigel_bridge.render.orchestration import OWN, orchestrate
 from rigel_bridge.render.ros import ros, version_of
 from rigel_bridge.render.schema import problems, robotapp_schema
@@ -45,6 +46,8 @@ class Rendered:
     strategy: dict[str, Any]
     """Of the Deployments of plain manifests; empty for Kubernetes' own."""
     notes: tuple[str, ...]
+    origin: Callable[[Path], Place] = field(compare=False, repr=False)
+    """Place in the file that gave a field of the spec."""
 
 
 def render(target: Target, naming: Naming) -> Rendered:
@@ -73,7 +76,7 @@ def render(target: Target, naming: Naming) -> Rendered:
     if annotations:
         metadata["annotations"] = {f"{PROVENANCE}{key}": value for key, value in sorted(annotations.items())}
     app = {"apiVersion": API_VERSION, "kind": "RobotApp", "metadata": metadata, "spec": _ordered(draft.spec)}
-    return Rendered(app, _claims(beside, metadata), beside.strategy, tuple(dict.fromkeys(notes)))
+    return Rendered(app, _claims(beside, metadata), beside.strategy, tuple(dict.fromkeys(notes)), draft.origin)
 
 
 def _known_keys(block: Section) -> list[str]:

@@ -11,6 +11,7 @@ from rigel_bridge.document.distros import distros
 from rigel_bridge.document.failures import BridgeError, Place
 from rigel_bridge.render.annotations import PREFIX, wishes
 from rigel_bridge.render.app import APP_LABEL, Rendered
+from rigel_bridge.render.draft import Path, written
 from rigel_bridge.render.orchestration import DEFAULT_SCHEDULER
 
 FORMATS: Final = ("robotapp", "pods", "manifests")
@@ -35,7 +36,7 @@ def workloads(rendered: Rendered, *, annotated: bool) -> tuple[tuple[dict[str, A
     ours = annotated and spec.get("schedulerName") != DEFAULT_SCHEDULER
     found: list[dict[str, Any]] = [*rendered.claims, *_master(app)]
     found += [_deployment(rendered, component, ours=ours) for component in spec["components"]]
-    return tuple(found), tuple(_notes(app, ours=ours))
+    return tuple(found), tuple(_notes(rendered, ours=ours))
 
 
 def _deployment(rendered: Rendered, component: Mapping[str, Any], *, ours: bool) -> dict[str, Any]:
@@ -161,18 +162,22 @@ def _version(spec: Mapping[str, Any]) -> int:
     return int(spec["ros"].get("version") or (known.version if known else 2))
 
 
-def _notes(app: Mapping[str, Any], *, ours: bool) -> list[str]:
-    spec = app["spec"]
-    lost = [f"spec.{field}" for field in _APPS if field in spec]
+def _notes(rendered: Rendered, *, ours: bool) -> list[str]:
+    spec = rendered.app["spec"]
+    lost: list[Path] = [(field,) for field in _APPS if field in spec]
     left = _OPERATORS if ours else (*_OPERATORS, *_WISHES)
     for index, component in enumerate(spec["components"]):
-        lost += [f"spec.components[{index}].{field}" for field in left if field in component]
+        lost += [("components", index, field) for field in left if field in component]
     if not ours and "placement" in spec:
-        lost.append("spec.placement")
-    notes = [f"{field} needs the operator and its scheduler; plain objects have no place for it" for field in lost]
+        lost.append(("placement",))
+    notes = [
+        f"{rendered.origin(path)}: {written(path)} needs the operator and its scheduler; plain objects have no place for it"
+        for path in lost
+    ]
     alone = ours and _allocated(spec)
     if _version(spec) == 2 and not alone and "domain" not in spec.get("ros2", {}):
         notes.append(
-            "ROS_DOMAIN_ID is 0, which every laptop uses: write dds_domain, or render a RobotApp, which gets its own"
+            f"{rendered.origin(('ros',))}: ROS_DOMAIN_ID is 0, which every laptop uses: write dds_domain, or render a "
+            "RobotApp, which gets its own"
         )
     return notes

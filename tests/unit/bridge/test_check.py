@@ -63,7 +63,7 @@ def test_what_rigel_would_stumble_over_is_found(
 
 def test_a_password_from_the_environment_is_no_mistake(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = ONE + "    registry: {server: s, username: u, password: '{{ REGISTRY_PASSWORD }}'}\n"
-    text = orchestration("image_pull_secrets: [s]", text)
+    text = orchestration("image_pull_secrets: [s]", text + "    compiler: colcon\n")
     code, lines = checked(text, tmp_path, capsys, "--strict")
     assert code == 0, lines
 
@@ -73,3 +73,23 @@ def test_a_file_of_no_generation_is_one_line(tmp_path: Path, capsys: pytest.Capt
     path.write_text("a: 1\n")
     assert main(["check", str(path)]) == 73
     assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (ONE, "compiler is not written, and Rigel takes catkin_make, which builds no ROS 2 (humble): write colcon"),
+        (
+            G3.replace("colcon", "catkin_make"),
+            "jobs.dockerfile.with: compiler is catkin_make, which builds no ROS 2 (humble)",
+        ),
+    ],
+)
+def test_a_build_tool_of_ros_1_for_ros_2_is_noted(
+    text: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, lines = checked(text, tmp_path, capsys)
+    assert code == 0
+    assert any(message in line for line in lines), lines
+    _, lines = checked(ONE.replace("humble", "noetic"), tmp_path, capsys)
+    assert not any("compiler" in line for line in lines)

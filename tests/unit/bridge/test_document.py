@@ -27,6 +27,10 @@ def test_every_value_knows_its_line_and_path() -> None:
     assert (str(node.place), node.path, node.value) == ("Rigelfile:4", "b[1].c", "y")
 
 
+def test_a_block_stands_where_its_key_stands() -> None:
+    assert str(child("a: 1\nb:\n\n  c: y\n", "b").place) == "Rigelfile:2"
+
+
 def test_an_alias_chain_is_refused_before_anything_is_built() -> None:
     levels = "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]\n" for n in range(1, 9))
     started = time.process_time()

@@ -47,12 +47,12 @@ sequences:
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        (ONE, ("g1", "packages in line 2 is a list")),
-        (G2A, ("g2a", "packages in line 4 is a mapping")),
+        (ONE, ("g1", "packages in line 1 is a list")),
+        (G2A, ("g2a", "packages in line 3 is a mapping")),
         ("distro: noetic\njobs: {}\n", ("g2a", "distro in line 1 is there")),
-        (G2B, ("g2b", "applications in line 3 is a mapping")),
+        (G2B, ("g2b", "applications in line 2 is a mapping")),
         (G3, ("g3", "application in line 2 is a mapping")),
-        (THESIS, ("thesis", "orchestration in line 4 is a mapping")),
+        (THESIS, ("thesis", "orchestration in line 3 is a mapping")),
     ],
 )
 def test_the_generation_is_found_with_its_evidence(text: str, expected: tuple[str, str]) -> None:

@@ -112,4 +112,4 @@ def test_a_listing_without_an_image_says_where_one_is_written(capsys: pytest.Cap
 def test_what_stands_in_both_files_is_an_error(capsys: pytest.CaptureFixture[str]) -> None:
     one, other = (str(LISTINGS / f"listing-{name}.yaml") for name in ("3.12", "3.2-ros2"))
     assert main(["render", one, "--orchestration", other]) == 72
-    assert f"orchestration: is already in {one}:2: keep one" in capsys.readouterr().err
+    assert f"orchestration: is already in {one}:1: keep one" in capsys.readouterr().err

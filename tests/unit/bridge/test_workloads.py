@@ -67,7 +67,8 @@ def test_manifests_name_no_scheduler_and_say_what_is_left_out() -> None:
     assert "schedulerName" not in found[0]["spec"]["template"]["spec"]
     assert "scheduler.robotics.io" not in str(found)
     assert (
-        "spec.components[0].policies needs the operator and its scheduler; plain objects have no place for it" in notes
+        "Rigelfile:12: spec.components[0].policies needs the operator and its scheduler; plain objects have no place for it"
+        in notes
     )
 
 
