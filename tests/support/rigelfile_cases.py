@@ -1,6 +1,7 @@
 """Rigelfiles made from a seed: well-formed ones of Rigel 0.2 with mistakes here and there, and broken ones of any kind."""
 
 from collections.abc import Iterator
+from copy import deepcopy
 from random import Random
 from typing import Any, Final
 
@@ -142,6 +143,8 @@ def first_generation(seed: int) -> str:
 def _mistake(random: Random, document: dict[str, Any]) -> None:
     """Change, drop or misspell one key somewhere."""
     holders = [one for one in _mappings(document) if one]
+    if not holders:
+        return
     holder = random.choice(holders)
     key = random.choice(sorted(holder))
     kind = random.randrange(4)
@@ -150,7 +153,7 @@ def _mistake(random: Random, document: dict[str, Any]) -> None:
     elif kind == 1:
         holder[key[:-1] or "z"] = holder.pop(key)
     else:
-        holder[key] = random.choice(_ODD)
+        holder[key] = deepcopy(random.choice(_ODD))
 
 
 def _mappings(value: Any) -> Iterator[dict[str, Any]]:
@@ -164,8 +167,18 @@ def _mappings(value: Any) -> Iterator[dict[str, Any]]:
 
 
 def mutated(seed: int) -> bytes:
-    """A Rigelfile of some generation after several random changes: lines lost, doubled, moved, words and bytes put in."""
+    """A Rigelfile of some generation after several random changes: every other one stays YAML, the rest mostly does not."""
     random = Random(seed)
+    if seed % 2:
+        document = yaml.safe_load(random.choice(_SEEDS))
+        for _ in range(random.randrange(1, 5)):
+            _mistake(random, document)
+        return yaml.safe_dump(document, sort_keys=False).encode()
+    return _broken(random)
+
+
+def _broken(random: Random) -> bytes:
+    """Lines lost, doubled and moved, words and bytes put in."""
     lines = random.choice(_SEEDS).splitlines()
     for _ in range(random.randrange(1, 6)):
         at = random.randrange(len(lines))
