@@ -35,10 +35,11 @@ def load(document: Section, evidence: str, options: Options) -> Rigelfile:
         raise document.node.fail(f"a list of packages has no jobs: leave --job {options.job} out, or write {JOB}")
     settings = _settings(document)
     known = _sequences(document, settings)
+    orchestration = _orchestration(document, settings)
     target = Target(
         node=document.node,
-        packages=_with_image(packages, settings, options),
-        orchestration=_orchestration(document, settings),
+        packages=_with_image(packages, options.image or _stated(settings, "image"), orchestration),
+        orchestration=orchestration,
         job=JOB,
         name=(settings.text("name") if settings else None) or "",
         scheduler=_scheduler(document, known, options.sequence) or _stated(settings, "scheduler_name"),
@@ -66,14 +67,13 @@ def _package(section: Section, options: Options) -> Package:
     )
 
 
-def _with_image(packages: tuple[Package, ...], settings: Section | None, options: Options) -> tuple[Package, ...]:
-    """The one package with the image that was given beside the block, or on the command line."""
-    image = options.image or _stated(settings, "image")
-    if not image:
-        return packages
-    if len(packages) > 1:
+def _with_image(packages: tuple[Package, ...], image: str, block: Section | None) -> tuple[Package, ...]:
+    """The one package with the image that was given on the command line, beside the block or in it."""
+    if image and len(packages) > 1:
         raise packages[0].node.fail("has its own image, as all packages have: one image for several is none of them")
-    return (replace(packages[0], image=image),)
+    if not image and len(packages) == 1 and block is not None:
+        image = block.text("application_image") or ""
+    return (replace(packages[0], image=image),) if image else packages
 
 
 def _refuse_twins(packages: tuple[Package, ...]) -> None:

@@ -92,6 +92,8 @@ def _of_sequence(work: Workshop, notes: list[str]) -> Iterator[Target]:
             raise step.node.fail(
                 f"there is no job {step.job}{nearest(step.job, list(work.jobs))}; jobs: {', '.join(work.jobs) or 'none'}"
             )
+        if job is None and step.job == _BUILD and step.overrides is not None:
+            work.document.at(step.overrides).refuse_unknown(("scheduler_name", "buildargs"))
         if (step.job == _DEPLOY and job is None) or (job is not None and work.deploys(job)):
             found += 1
             target = _target(work, job, step, notes, tuple(before.values()))
@@ -119,11 +121,12 @@ def _target(
     settings = _settings(document, job, step)
     orchestration = _orchestration(document, settings, work.top)
     notes += namespace_note(settings)
-    made = build(document, before or tuple(work.jobs.values()))
-    notes += [note for note in made.notes if note not in notes]
+    block_image = (orchestration.text("application_image") if orchestration else None) or ""
+    stated = work.options.image or _stated(settings, "image") or block_image
+    made = _made(work, document, before or (), needed=not stated)
+    notes += [note for note in made.notes if note not in notes and not stated]
     node = job.node if job else (work.top or work.document.node)
     distro = job.distro if job else _distro_of(work)
-    stated = (orchestration.text("application_image") if orchestration else None) or _stated(settings, "image")
     return Target(
         node=node,
         packages=(_package(work, document, node=node, stated=stated, made=made, distro=distro),),
@@ -132,6 +135,17 @@ def _target(
         name=_stated(settings, "name"),
         scheduler=_stated(settings, "scheduler_name"),
     )
+
+
+def _made(work: Workshop, document: Section, before: Sequence[Job], *, needed: bool) -> Build:
+    """What the build jobs before this one make, else those of the whole file. Mistakes in them count when it is needed."""
+    try:
+        made = build(document, before)
+        return made if made.image else build(document, tuple(work.jobs.values()))
+    except BridgeError:
+        if needed:
+            raise
+        return Build()
 
 
 def namespace_note(settings: Section | None) -> tuple[str, ...]:
@@ -196,7 +210,7 @@ def _package(
     work: Workshop, document: Section, *, node: Node, stated: str, made: Build, distro: Node | None
 ) -> Package:
     """The one component. What the build job's container file says holds for its own image alone."""
-    image = work.options.image or stated or made.image
+    image = stated or made.image
     own = image == made.image
     return Package(
         node=node,

@@ -26,8 +26,8 @@ def components(packages: tuple[Package, ...], block: Section | None, draft: Draf
             )
         names[name] = index
         draft.put(("components", index, "name"), name, package.node)
-        if image := (block.text_of(single_image) if block and single_image else package.image):
-            draft.put(("components", index, "image"), image, package.node)
+        if package.image:
+            draft.put(("components", index, "image"), package.image, package.node)
         notes += _program(package, index, draft)
     return names
 

@@ -261,3 +261,29 @@ def test_what_stands_beside_the_block_of_a_first_generation_file_holds_too() -> 
         "kwargs.namespace is not carried over: the command line names the namespace (-n), not the file"
     )
     assert "one image for several is none of them" in refusal(TWO, image="x:1")
+
+
+def test_the_command_lines_image_comes_before_the_steps_the_blocks_and_the_build_jobs() -> None:
+    text = with_block("{application_image: 'block/x:1'}").replace(
+        "deploy, with: {scheduler_name: default-scheduler}", "deploy, with: {image: 'step/x:1'}"
+    )
+    images = [
+        spec(text, **options)["components"][0]["image"]
+        for options in ({"image": "flag/x:1", "sequence": "benchmark_default"}, {"sequence": "benchmark_default"}, {})
+    ]
+    assert images == ["flag/x:1", "step/x:1", "block/x:1"]
+
+
+def test_a_steps_override_of_the_build_job_is_what_is_deployed() -> None:
+    text = G3.replace("build, with: {buildargs: {scheduler_name: lab}}", "build, with: {image: 'a/b:step'}")
+    assert spec(text, sequence="arguments")["components"][0]["image"] == "a/b:step"
+
+
+def test_a_build_job_that_cannot_be_read_matters_only_when_its_image_is_needed() -> None:
+    text = with_block("{application_image: 'block/x:1'}").replace("{{ vars.image }}", "{{ vars.REGISTRY }}/x")
+    assert spec(text)["components"][0]["image"] == "block/x:1"
+
+
+def test_an_override_of_a_build_that_is_not_there_is_not_dropped() -> None:
+    text = THESIS.replace("{ scheduler_name: default-scheduler }", "{ image: a }")
+    assert "image: is not known here" in refusal(text, sequence="benchmark_default")
