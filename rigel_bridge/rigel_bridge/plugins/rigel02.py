@@ -29,13 +29,14 @@ def plugin(rigel_error: type[Exception]) -> type:
     class Plugin:
         """Writes the RobotApp of ./Rigelfile; with `apply: true` or `wait: 120s` also into the cluster."""
 
-        def __init__(self, **kwargs: Any) -> None:
+        def __init__(self, *args: Any, **kwargs: Any) -> None:
             # Rigel hands over decoded settings only. Packages, vars and lines are in the file.
+            self._args = args
             self._kwargs = kwargs
 
         def run(self) -> None:
             try:
-                chosen = work.settings(self._kwargs)
+                chosen = work.settings(self._kwargs, args=self._args)
                 found = objects(Source(work.RIGELFILE))
                 work.deploy_all(found, chosen, tell=work.tell)
             except BridgeError as error:

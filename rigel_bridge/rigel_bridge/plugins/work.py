@@ -1,7 +1,7 @@
 """What both plugin classes do: write what the Rigelfile becomes, and bring it into the cluster when the settings want that."""
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -37,8 +37,10 @@ class Done:
     namespace: str
 
 
-def settings(raw: Mapping[str, Any]) -> Settings:
+def settings(raw: Mapping[str, Any], *, args: Sequence[Any] = ()) -> Settings:
     """The plugin's own settings; BridgeError for one that cannot be meant. `wait` means `apply`."""
+    if args:
+        raise _wrong("args", list(args), "nothing: settings stand in kwargs")
     output, wait, namespace = raw.get("output"), raw.get("wait"), raw.get("namespace")
     wait_s = duration_s(str(wait)) if wait is not None else None
     if wait is not None and wait_s is None:

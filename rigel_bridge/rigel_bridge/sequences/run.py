@@ -66,7 +66,8 @@ def run(sequence: str, steps: Sequence[Action], objects: Objects, tools: Tools, 
             if step.note:
                 tools.tell(f"note: {step.note}")
             if step.kind is Kind.RIGEL:
-                tools.rigel(step.command)
+                for command in step.commands:
+                    tools.rigel(command)
             else:
                 apply_claims(tools.kubectl, objects.claims)
                 found += _deployed(sequence, wanted, tools, into)

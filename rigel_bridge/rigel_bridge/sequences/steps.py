@@ -10,8 +10,9 @@ from rigel_bridge.document.failures import BridgeError
 from rigel_bridge.document.naming import MAX_APP_NAME, label
 from rigel_bridge.generations.model import Generation, Rigelfile, Step
 
-_BUILD: Final = "build"
 _DEPLOY: Final = "deploy"
+BUILD: Final = (("create",), ("build", "--push"))
+"""Of a list of packages: Dockerfiles, then images, which the cluster's nodes pull from the registry."""
 _SCHEDULER: Final = frozenset({"scheduler_name", "buildargs"})
 """Overrides of a build that are meant for the deployment: the image is the same for every scheduler."""
 
@@ -25,11 +26,11 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Action:
-    """One step. `command` are Rigel's arguments."""
+    """One step. `commands` are the arguments of each call of Rigel."""
 
     kind: Kind
     job: str
-    command: tuple[str, ...] = ()
+    commands: tuple[tuple[str, ...], ...] = ()
     note: str = ""
 
 
@@ -46,8 +47,8 @@ def actions(rigelfile: Rigelfile, sequence: str) -> list[Action]:
 def _action(rigelfile: Rigelfile, step: Step) -> Action:
     if step.job in rigelfile.jobs or step.job == _DEPLOY:
         return Action(Kind.DEPLOY, _DEPLOY)
-    command = ("build",) if rigelfile.generation is Generation.G1 else ("run", "job", step.job)
-    return Action(Kind.RIGEL, step.job, command, _lost(step))
+    commands = BUILD if rigelfile.generation is Generation.G1 else (("run", "job", step.job),)
+    return Action(Kind.RIGEL, step.job, commands, _lost(step))
 
 
 def _lost(step: Step) -> str:

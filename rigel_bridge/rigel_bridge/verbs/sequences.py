@@ -51,6 +51,9 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
         help="longest time of a job of Rigel (default: 30m)",
     )
     parser.add_argument(
+        "--load", action="store_true", help="of a list of packages: keep images on this machine instead of pushing them"
+    )
+    parser.add_argument(
         "--no-build", action="store_true", help="leave the jobs of Rigel out: the image is in the registry already"
     )
     parser.add_argument("--keep", action="store_true", help="leave the apps in the cluster")
@@ -102,8 +105,9 @@ def _tools(arguments: argparse.Namespace) -> Tools:
     done: set[tuple[str, ...]] = set()
     folder = arguments.rigelfile.resolve().parent
 
-    def rigel(command: Sequence[str]) -> None:
+    def rigel(words: Sequence[str]) -> None:
         """Each job once: all sequences run the same image, or their figures could not be compared."""
+        command = ["--load" if word == "--push" and arguments.load else word for word in words]
         if tuple(command) in done:
             tell(f"rigel {' '.join(command)}: done before")
             return

@@ -62,8 +62,13 @@ def test_errors_have_our_code_and_braces_do_not_break_them(tmp_path: Path) -> No
         deploy(tmp_path, "packages: [")
 
 
+def test_arguments_without_a_name_are_refused() -> None:
+    with pytest.raises(RigelError, match="settings stand in kwargs"):
+        plugin(RigelError)("teleop").run()
+
+
 def test_a_bug_of_ours_is_a_line_and_no_traceback(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(_: object) -> None:
+    def broken(_: object, **__: object) -> None:
         raise KeyError("x")
 
     monkeypatch.setattr(work, "settings", broken)

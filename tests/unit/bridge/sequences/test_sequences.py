@@ -54,8 +54,8 @@ def read(text: str, sequence: str) -> Objects:
     return from_bytes(text.encode(), Source(Path("Rigelfile"), options=Options(sequence=sequence)))
 
 
-def stepped(text: str, sequence: str = "demo") -> list[tuple[Kind, tuple[str, ...]]]:
-    return [(each.kind, each.command) for each in actions(read(text, sequence).rigelfile, sequence)]
+def stepped(text: str, sequence: str = "demo") -> list[tuple[Kind, tuple[tuple[str, ...], ...]]]:
+    return [(each.kind, each.commands) for each in actions(read(text, sequence).rigelfile, sequence)]
 
 
 class World:
@@ -101,11 +101,11 @@ class World:
 
 
 def test_rigel_does_its_jobs_and_the_bridge_deploys() -> None:
-    assert stepped(LIST) == [(Kind.RIGEL, ("build",)), (Kind.DEPLOY, ())]
+    assert stepped(LIST) == [(Kind.RIGEL, (("create",), ("build", "--push"))), (Kind.DEPLOY, ())]
     assert stepped(JOBS) == [
-        (Kind.RIGEL, ("run", "job", "build")),
+        (Kind.RIGEL, (("run", "job", "build"),)),
         (Kind.DEPLOY, ()),
-        (Kind.RIGEL, ("run", "job", "test")),
+        (Kind.RIGEL, (("run", "job", "test"),)),
     ]
 
 
@@ -127,7 +127,7 @@ def test_a_run_builds_deploys_works_collects_and_cleans_up(tmp_path: Path) -> No
     world = World()
     world.run(LIST, "benchmark_default", tmp_path)
     world.run(LIST, "benchmark_custom", tmp_path)
-    assert world.built == [("build",)] * 2
+    assert world.built == [("create",), ("build", "--push")] * 2
     assert world.slept.count(30) == 2
     assert world.cluster.objects == {}, "nothing is left"
     runs = read_summaries(tmp_path)

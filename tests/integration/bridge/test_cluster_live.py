@@ -1,0 +1,267 @@
+"""The bridge's commands on the real control plane, as a user: one stage for all of them, because it takes longer than they do."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from tests.integration.bridge.conftest import USER, Stage
+from tests.integration.bridge.test_accepted_live import SAMPLES
+from tests.integration.bridge.test_rigel03 import RIGELFILE as WITH_JOBS
+from tests.support.live import HandBinder, pool
+from tests.support.rigelfiles import TWO, orchestration
+from tests.support.stage import IMAGE
+
+from rigel_bridge.main import main
+from rigel_bridge.sequences.run import read_summaries
+from robotapp_api.model.names import SCHEDULER_NAME
+from robotapp_testbed.failures import CommandError
+
+ROOT = Path(__file__).resolve().parents[3]
+EXAMPLES = ROOT / "examples" / "rigel"
+THESIS = ROOT / "tests" / "golden" / "thesis"
+pytestmark = pytest.mark.live
+
+
+def rigelfile(folder: Path, stage: Stage, *, image: str = "acme/driver:1", extra: str = "") -> str:
+    """A Rigelfile of the app `teleop`, which runs in the stage's own pool."""
+    path = folder / "Rigelfile"
+    block = f"{{name: teleop, robotapp: {{ros2: {{pool: {stage.pool}}}{extra}}}}}"
+    path.write_text(orchestration(block, TWO).replace("acme/driver:1", image))
+    return str(path)
+
+
+def test_an_app_lives_from_apply_to_delete_with_the_rights_of_its_user(
+    stage: Stage, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first = rigelfile(tmp_path, stage)
+    assert stage.run("diff", first) == 1, "all of it is new"
+    assert stage.run("apply", first, "--wait", "60s") == 0, capsys.readouterr().err
+    stored = stage.app("teleop")
+    assert stage.run("apply", first) == stage.run("diff", first) == 0
+    assert "teleop in namespace" in (told := capsys.readouterr().out)
+    assert told.endswith(": unchanged\n"), "and no line of the diff"
+    assert stage.app("teleop")["metadata"]["resourceVersion"] == stored["metadata"]["resourceVersion"]
+
+    second = rigelfile(tmp_path, stage, image="acme/driver:2", extra=", placement: {gang: None}")
+    assert stage.run("diff", second) == 1
+    assert "+  image: acme/driver:2" in capsys.readouterr().out
+    assert stage.run("apply", second) == 0
+    assert "spec.components[0].image: acme/driver:1 -> acme/driver:2" in capsys.readouterr().out
+    stage.edit("teleop", {"connectivity": {"grace": "9m"}, "placement": {"zones": ["hall-1"]}})
+    edited = text(stage.app("teleop")["spec"])
+
+    assert stage.run("rollback", "teleop", "--to", "1", "--wait", "60s") == 0, capsys.readouterr().err
+    assert text(stage.app("teleop")["spec"]) == text(stored["spec"]), "what others wrote since is undone too"
+    assert stage.run("rollback", "teleop") == 0
+    assert text(stage.app("teleop")["spec"]) == edited, "the hand-made spec was kept, and is the last other one"
+    assert len(revisions(stage)) == 3
+    more(stage, revisions(stage)[-1], first=100, count=8)
+    assert stage.run("apply", rigelfile(tmp_path, stage, image="acme/driver:9")) == 0
+    kept = revisions(stage)
+    assert len(kept) == 10
+    uid = stored["metadata"]["uid"]
+    assert all(each["metadata"]["ownerReferences"][0]["uid"] == uid for each in kept)
+    assert stage.run("rollback", "teleop", "--to", "1") == 76, "the oldest has gone"
+    assert stage.run("status", "teleop") in (0, 75)
+    assert "(present)" in capsys.readouterr().out
+
+    assert stage.run("delete", "teleop", "--wait", "90s") == 0, capsys.readouterr().err
+    assert not [item for kind in ("ra,rai,deploy,pods,services", "controllerrevisions") for item in stage.listed(kind)]
+    stage.gone("teleop")
+    assert stage.run("delete", "teleop") == 0, "once more is no error"
+    assert stage.run("status", "teleop") == 76
+
+
+def revisions(stage: Stage) -> list[dict[str, Any]]:
+    return stage.listed("controllerrevisions")
+
+
+def more(stage: Stage, like: dict[str, Any], *, first: int, count: int) -> None:
+    """Further past specs, as that many applies would have left them."""
+    bodies = []
+    for number in range(first, first + count):
+        metadata = {key: like["metadata"][key] for key in ("namespace", "labels", "ownerReferences")}
+        data = {"spec": {**like["data"]["spec"], "schedulerName": f"s{number}"}}
+        bodies.append({**like, "metadata": {**metadata, "name": f"teleop-{number}"}, "revision": number, "data": data})
+    stage.plane.kubectl("create", "-f", "-", identity=USER, stdin=bodies)
+
+
+def text(spec: dict[str, Any]) -> str:
+    return json.dumps(spec, sort_keys=True)
+
+
+def test_a_writer_of_robotapps_keeps_no_history_for_statefulsets(stage: Stage) -> None:
+    """A StatefulSet makes pods of what its revisions hold: with any account of the namespace."""
+    owner = {"apiVersion": "apps/v1", "kind": "StatefulSet", "name": "db", "uid": "u-1", "controller": True}
+    ours = owner | {"apiVersion": "robotics.io/v1alpha1", "kind": "RobotApp"}
+    beside = owner | {"controller": False}
+    for owners, labels in (([owner], {}), ([], {}), ([ours, beside], {}), ([ours], {"app": "db"})):
+        body = {
+            "apiVersion": "apps/v1",
+            "kind": "ControllerRevision",
+            "metadata": {"name": "db-1", "namespace": stage.namespace, "ownerReferences": owners, "labels": labels},
+            "revision": 1,
+            "data": {"spec": {"template": {"spec": {"serviceAccountName": "deployer"}}}},
+        }
+        with pytest.raises(CommandError, match="is not the past spec of a RobotApp"):
+            stage.plane.kubectl("create", "-f", "-", identity=USER, stdin=body)
+    body["metadata"] = {"name": "db-1", "namespace": stage.namespace, "labels": {"app": "db"}}
+    stage.plane.kubectl("create", "-f", "-", stdin=body)
+    with pytest.raises(CommandError, match="is not the past spec of a RobotApp"):
+        stage.plane.kubectl("delete", "controllerrevision", "db-1", "-n", stage.namespace, identity=USER)
+    stage.plane.kubectl("delete", "controllerrevision", "db-1", "-n", stage.namespace)
+
+
+FILES = {**SAMPLES, "with-jobs": WITH_JOBS} | {
+    path.parent.name: path.read_text() for path in EXAMPLES.glob("*/Rigelfile")
+}
+LISTINGS = {path.stem.replace(".", "-"): path.read_text() for path in THESIS.glob("listing-3*.yaml")}
+
+
+@pytest.fixture(scope="module")
+def surroundings(stage: Stage) -> Iterator[Stage]:
+    """What the samples name: the peer `mapper`, parameter files, the pool `lab`."""
+    mapper = {"nodeName": "edge-1", "containers": [{"name": "main", "image": IMAGE}]}
+    drv = {"amr-07.yaml": "/**: {ros__parameters: {v: 2.0}}"}
+    for each in (
+        {"kind": "Pod", "metadata": {"name": "mapper"}, "spec": mapper},
+        {"kind": "ConfigMap", "metadata": {"name": "drv"}, "data": drv},
+    ):
+        stage.plane.kubectl("apply", "-n", stage.namespace, "-f", "-", stdin={"apiVersion": "v1", **each})
+    with pool(stage.plane, "lab"):
+        yield stage
+
+
+def files(folder: Path, *, domain: int) -> dict[str, list[str]]:
+    """The samples as files with the flags they need, by the name of their app."""
+    found = {}
+    for name, text in {**FILES, **LISTINGS}.items():
+        # The scheduler cannot keep a component beside a volume claim yet, and says so.
+        usable = text.replace(", pvc: [map-pvc]", "").replace("sharedData: {claimNames: [map-pvc]}", "sharedData: {}")
+        (folder / name).write_text(usable.replace("dds_domain: 7", f"dds_domain: {domain}"))
+        found[name] = [str(folder / name), "--name", name]
+        if name in LISTINGS:
+            found[name] += ["--image", "acme/teleop:1", *([] if "distro" in text else ["--distro", "humble"])]
+    return found
+
+
+def test_every_sample_becomes_ready(surroundings: Stage, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    wanted = files(tmp_path, domain=7)
+    for flags in wanted.values():
+        assert surroundings.run("apply", *flags, identity="admin") == 0, capsys.readouterr().err
+    failed = [name for name in wanted if not ready(surroundings, name)]
+    assert not failed, [surroundings.app(name)["status"] for name in failed]
+    surroundings.plane.kubectl("delete", "robotapps", "--all", "-n", surroundings.namespace)
+
+
+def ready(stage: Stage, name: str) -> bool:
+    wanted = ("--for=condition=Ready", f"robotapp/{name}", "-n", stage.namespace, "--timeout=30s")
+    return "condition met" in stage.plane.kubectl("wait", *wanted, check=False)
+
+
+@pytest.mark.parametrize(("form", "domain"), [("pods", 8), ("manifests", 9)])
+def test_every_sample_runs_without_an_operator(
+    surroundings: Stage, form: str, domain: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plane, where = surroundings.plane, surroundings.namespace
+    written: list[dict[str, Any]] = []
+    for flags in files(tmp_path, domain=domain).values():  # a domain that was given back rests for a minute
+        assert main(["render", *flags, "--format", form, "-n", where]) == 0
+        written += yaml.safe_load_all(capsys.readouterr().out)
+    for each in written:
+        if each["kind"] == "Deployment":  # no other scheduler runs here
+            each["spec"]["template"]["spec"].setdefault("schedulerName", SCHEDULER_NAME)
+    plane.kubectl("apply", "-f", "-", "--validate=strict", stdin=written)
+    wait = ("wait", "--for=condition=Available", "deployments", "--all", "-n", where, "--timeout=60s")
+    told = plane.kubectl(*wait, check=False)
+    pods = plane.kubectl("get", "pods", "-n", where, "-o", PENDING)
+    plane.kubectl("delete", "-f", "-", "--wait=false", stdin=written)
+    assert "timed out" not in told, pods
+
+
+PENDING = (
+    'jsonpath={range .items[*]}{.metadata.name} {.status.conditions[?(@.type=="PodScheduled")].message}{"\\n"}{end}'
+)
+
+
+BENCHMARK = """\
+application: {{distro: humble}}
+jobs:
+  deploy:
+    plugin: rigel_bridge.RobotAppPlugin
+    with:
+      name: teleop
+      image: acme/teleop:1
+      orchestration:
+        scheduler: {{policies: {{qos_class: realtime}}}}
+        robotapp: {{ros2: {{pool: {pool}}}}}
+sequences:
+  benchmark_default: {{stages: [{{jobs: [{{name: deploy, with: {{scheduler_name: default-scheduler}}}}]}}]}}
+  benchmark_custom: {{stages: [{{jobs: [{{name: deploy, with: {{scheduler_name: kubernetes-scheduler}}}}]}}]}}
+"""
+OLD = "scheduler.robotics.io/"
+
+
+def test_two_schedulers_are_compared_and_nothing_is_left(
+    stage: Stage, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "Rigelfile").write_text(BENCHMARK.format(pool=stage.pool))
+    wanted = ("--run", "benchmark_default", "benchmark_custom", "--duration", "0s", "--results", str(tmp_path / "r"))
+    with HandBinder(stage.plane, stage.namespace):  # the default scheduler does not run here
+        assert stage.run("sequences", str(tmp_path / "Rigelfile"), *wanted) == 0, capsys.readouterr().err
+    runs = {each["sequence"]: each for each in read_summaries(tmp_path / "r")}
+    assert {name: run["scheduler"] for name, run in runs.items()} == {
+        "benchmark_default": "default-scheduler",
+        "benchmark_custom": "kubernetes-scheduler",
+    }
+    assert all(run["components"][0]["ready"] and run["components"][0]["node"] for run in runs.values())
+    assert "| node of ros-app |" in capsys.readouterr().out
+    assert not stage.listed("robotapps,pods,deployments,controllerrevisions")
+
+
+def annotated(name: str) -> dict[str, Any]:
+    """A Deployment as Rigel's orchestration plugin made it for the thesis' scheduler."""
+    annotations = {f"{OLD}policies": '{"latency_budget":"90ms","qos_class":"realtime"}', f"{OLD}dds-domain": "auto"}
+    template = {
+        "metadata": {"labels": {"app": name}, "annotations": annotations},
+        "spec": {
+            "schedulerName": "kubernetes-scheduler",
+            "containers": [{"name": "ros-app", "image": f"{IMAGE}-humble"}],
+        },
+    }
+    spec = {"replicas": 1, "selector": {"matchLabels": {"app": name}}, "template": template}
+    return {"apiVersion": "apps/v1", "kind": "Deployment", "metadata": {"name": name}, "spec": spec}
+
+
+def test_a_deployment_of_the_thesis_is_taken_over_with_its_records(
+    stage: Stage, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plane, where = stage.plane, stage.namespace
+    plane.kubectl("apply", "-n", where, "-f", "-", stdin=annotated("arm"))
+    plane.kubectl("rollout", "status", "deployment/arm", "-n", where, "--timeout=60s")
+    (pod,) = json.loads(plane.kubectl("get", "pods", "-l", "app=arm", "-n", where, "-o", "json"))["items"]
+    uid, node = pod["metadata"]["uid"], pod["spec"]["nodeName"]
+    record = json.dumps({"5": uid, "6": "of-another-namespace"})
+    plane.kubectl(
+        "annotate", "node", node, f"{OLD}dds-claims={record}", f"{OLD}device-claims={json.dumps({'can': uid})}"
+    )
+
+    assert stage.run("migrate", identity="admin") == 0
+    shown = capsys.readouterr()
+    (app,) = yaml.safe_load_all(shown.out)
+    assert app["spec"]["components"][0]["policies"] == {"latencyBudget": "90ms"}
+    assert f"domain 5 held by pod {uid} of deployment {where}/arm" in shown.err
+
+    backup = tmp_path / "old"
+    assert stage.run("migrate", "--apply", "--backup", str(backup), identity="admin") == 0, capsys.readouterr().err
+    assert "arm: Ready, in place of" in capsys.readouterr().out
+    assert not plane.kubectl("get", "deployment", "arm", "-n", where, "--ignore-not-found")
+    notes = json.loads(plane.kubectl("get", "node", node, "-o", "json"))["metadata"]["annotations"]
+    assert json.loads(notes[f"{OLD}dds-claims"]) == {"6": "of-another-namespace"}
+    assert f"{OLD}device-claims" not in notes
+    assert json.loads((backup / "deployment-arm.json").read_text())["metadata"]["name"] == "arm"
+    assert stage.run("migrate") == 0, f"{USER} may list no workloads: told, and nothing is found"
+    assert stage.run("delete", "arm", identity="admin") == 0
