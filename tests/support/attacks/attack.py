@@ -42,6 +42,10 @@ class Stop(Enum):
         r"shows what the robotapp operator found|an instance never becomes another one",
     )
 
+    REVISION = (
+        "policy `robotapp-revisions`, RBAC",
+        r"is not the past spec of a RobotApp|cannot (update|patch) resource",
+    )
     AGENT = (
         "policy `robotapp-agent`, RBAC",
         r"by the robotapp agent on that node alone|an agent creates|cannot (update|patch) resource",
@@ -83,7 +87,7 @@ class Kind:
 class Attack:
     """One kind of attack. `good` is the honest object, `changes` (path → value) make it the attacker's.
 
-    `who`: clerk (may write RobotApps of the namespace, nothing else), deputy (every right on our kinds in the namespace),
+    `who`: clerk (may write RobotApps of the namespace, nothing else), editor (role `robotapp-editor` there), deputy (every right on our kinds in the namespace),
     tenant (`admin` of the namespace), or a stolen token: operator, scheduler,
     agent (of the pod on one node), labeller.
     `where`: own (the attacker's namespace), victim or system; of no importance for what belongs to no namespace.

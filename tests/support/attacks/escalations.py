@@ -317,4 +317,19 @@ RIGHTS: Final = (
     ),
 )
 
-ESCALATIONS: Final = (*REFERENCES, *FIELDS, *RIGHTS)
+_OWNER: Final = {"apiVersion": "robotics.io/v1alpha1", "kind": "RobotApp", "name": "x", "uid": "u", "controller": True}
+_PAST_SPEC: Final = {"metadata": {"ownerReferences": [_OWNER]}, "revision": 1, "data": {"spec": {}}}
+_STATEFUL: Final = _OWNER | {"apiVersion": "apps/v1", "kind": "StatefulSet"}
+
+
+def _revision(key: str, text: str, changes: Json) -> Attack:
+    return Attack(key, text, "editor", kinds.REVISION, _PAST_SPEC, changes, Stop.REVISION)
+
+
+REVISIONS: Final = (
+    _revision("revision-stateful", "a template for a StatefulSet's pods", {"metadata.ownerReferences": [_STATEFUL]}),
+    _revision("revision-orphan", "one that nobody owns, for a StatefulSet to adopt", {"metadata.ownerReferences": []}),
+    _revision("revision-labelled", "one that a StatefulSet's selector finds", {"metadata.labels": {"app": "db"}}),
+)
+
+ESCALATIONS: Final = (*REFERENCES, *FIELDS, *RIGHTS, *REVISIONS)

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Final
 
 from tests.support.attacks.attack import Attack
-from tests.support.attacks.escalations import FIELDS, REFERENCES, RIGHTS
+from tests.support.attacks.escalations import FIELDS, REFERENCES, REVISIONS, RIGHTS
 from tests.support.attacks.grants import OBJECTS, PODS, SPECS
 from tests.support.attacks.stolen_agents import AGENT, LABELLER
 
@@ -22,6 +22,7 @@ _SECTIONS: Final[Mapping[str, Sequence[Attack]]] = {
     "A RobotApp lends its writer a ServiceAccount or a Secret": REFERENCES,
     "A RobotApp wants more than a component may have": FIELDS,
     "Somebody wants rights, or objects that are not his": RIGHTS,
+    "A writer of RobotApps reaches the history of other workloads": REVISIONS,
     "A pod brings its own grant, or joins an app": PODS,
     "A RobotApp chooses its domain or its membership past the operator": SPECS,
     "Somebody writes claims, pools, telemetry or instances": OBJECTS,

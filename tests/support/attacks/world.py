@@ -91,6 +91,10 @@ def attacked(plane: ControlPlane, own: str, victim: str) -> Iterator[World]:
             plane.kubectl("create", "role", name, *rights, "-n", own)
             plane.kubectl("create", "rolebinding", name, f"--role={name}", f"--serviceaccount={own}:{name}", "-n", own)
             tokens[name] = plane.kubectl("create", "token", name, "-n", own).strip()
+        plane.kubectl("create", "serviceaccount", "editor", "-n", own)
+        role = ("--clusterrole=robotapp-editor", f"--serviceaccount={own}:editor")
+        plane.kubectl("create", "rolebinding", "editor", *role, "-n", own)
+        tokens["editor"] = plane.kubectl("create", "token", "editor", "-n", own).strip()
         apis = {name: Api(plane.server_url, ca_file=plane.ca_file, token=token) for name, token in tokens.items()}
         namespaces = {"own": own, "victim": victim, "system": "robotapp-system"}
         world = World(plane.api, apis, namespaces)
