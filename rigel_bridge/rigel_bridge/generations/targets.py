@@ -18,6 +18,8 @@ OURS: Final = ("rigel_bridge.RobotAppPlugin", "src.plugin.OrchestrationPlugin")
 """Plugins whose settings are an orchestration; the second is what existing Rigelfiles name."""
 SETTINGS: Final = ("orchestration", "scheduler_name", "image", "namespace", "name", "output", "apply", "wait")
 """`with` of such a job. Flat keys, because an override of a sequence replaces `orchestration` as a whole."""
+UPDATES: Final = ("rolling_update", "readiness", "observability", "results", "deploy_ros_master")
+"""A block of these alone changes what another job deployed; by itself it would take command, volumes and wishes away."""
 _DEPLOY: Final = "deploy"
 _BUILD: Final = "build"
 
@@ -119,7 +121,7 @@ def _target(
 ) -> Target:
     document = _with_data(work.document, step)
     settings = _settings(document, job, step)
-    orchestration = _orchestration(document, settings, work.top)
+    orchestration = _completed(work, document, job, _orchestration(document, settings, work.top), notes)
     notes += namespace_note(settings)
     block_image = (orchestration.text("application_image") if orchestration else None) or ""
     stated = work.options.image or _stated(settings, "image") or block_image
@@ -199,6 +201,24 @@ def _orchestration(document: Section, settings: Section | None, top: Node | None
     if own is not None:
         return own
     return document.at(top) if top is not None else None
+
+
+def _completed(
+    work: Workshop, document: Section, job: Job | None, block: Section | None, notes: list[str]
+) -> Section | None:
+    """The block of a job that only updates, laid over that of the first job that deploys, key by key."""
+    if job is None or block is None or not block.node.mapping() or not set(block.node.mapping()) <= set(UPDATES):
+        return block
+    first = work.jobs[work.deploying()[0]]
+    whole = _settings(document, first, None)
+    under = whole.section("orchestration") if whole else None
+    if first.id == job.id or under is None:
+        return block
+    notes.append(
+        f"{block.node.place}: job {job.id} only updates: it is laid over job {first.id} of line {first.node.place.line}"
+    )
+    merged = {**under.node.mapping(), **block.node.mapping()}
+    return Section(replace(block.node, value=merged), document.templates)
 
 
 def _distro_of(work: Workshop) -> Node | None:

@@ -11,7 +11,7 @@ from rigel_bridge.document.template import is_secret
 from rigel_bridge.generations.model import Target
 from rigel_bridge.generations.targets import namespace_note
 from rigel_bridge.render import additional, reference_plugin, scheduling
-from rigel_bridge.render.components import components
+from rigel_bridge.render.components import components, settle_programs
 from rigel_bridge.render.draft import Draft, Path, written
 from rigel_bridge.render.orchestration import OWN, orchestrate
 from rigel_bridge.render.ros import ros, version_of
@@ -65,6 +65,7 @@ def render(target: Target, naming: Naming) -> Rendered:
         beside = reference_plugin.apply(block, draft, len(names))
         notes += beside.notes + additional.apply(block, draft, version=version_of(draft), count=len(names))
         orchestrate(block, draft, names, scheduler=target.scheduler)
+        settle_programs(target.packages, draft)
     if target.scheduler:
         draft.spec["schedulerName"] = target.scheduler
     notes += _logins(target, block)

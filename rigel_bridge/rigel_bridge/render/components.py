@@ -49,6 +49,14 @@ def _program(package: Package, index: int, draft: Draft) -> list[str]:
     ]
 
 
+def settle_programs(packages: tuple[Package, ...], draft: Draft) -> None:
+    """Where the block names a `command` of its own, the package's is no argument to it."""
+    for index, package in enumerate(packages):
+        at = ("components", index, "args")
+        if draft.value(("components", index, "command")) and draft.origins.get(at) is package.node:
+            del draft.spec["components"][index]["args"]
+
+
 def words(package: Package) -> list[str]:
     """The command as arguments of the image's entrypoint, which sources the workspace and then runs them."""
     try:

@@ -201,6 +201,11 @@ def test_settings_without_a_place_are_noted_as_left_out() -> None:
     )
 
 
+def test_a_command_of_the_block_does_not_take_the_packages_as_arguments() -> None:
+    assert "args" not in component("components: {base_driver: {command: [run]}}")
+    assert component("components: {base_driver: {command: [run], args: [a]}}")["args"] == ["a"]
+
+
 class TestRos1:
     NOETIC = ONE.replace("humble", "noetic")
 
