@@ -19,6 +19,8 @@ _REPLACE: Final = re.compile(
     r"\{\{\s*(vars\.[a-zA-Z0-9_\-]+)\s*\|\s*regex_replace\(\s*'([^'\\]{0,80})'\s*,\s*'([^'\\]{0,80})'\s*\)\s*\}\}"
 )
 _ANY_MARK: Final = re.compile(f"{_REPLACE.pattern}|{_MARK.pattern}")
+_MAX_NESTED_LISTS: Final = 3
+"""Each level may be as deep as a file, and everything behind walks the whole tree."""
 _MAX_SUBJECT: Final = 256
 """Characters that `regex_replace` searches. With at most two repetitions and no groups it ends in time."""
 _REPETITIONS: Final = re.compile(r"[*+?{]")
@@ -107,6 +109,8 @@ class HeadedTemplates:
             raise node.fail(f"vars stand for one another more than {MAX_NESTED} deep; write the value out")
         if key in self.variables:
             variable = self.variables[key]
+            if variable.kind in ("map", "seq") and len(inside) >= _MAX_NESTED_LISTS:
+                raise node.fail(f"lists and mappings stand for one another more than {_MAX_NESTED_LISTS} deep in vars")
             if isinstance(variable.value, str) and (problem := unfit(variable.value, allowed="\n\t")):
                 raise variable.fail(problem)
             return self._whole(variable, (*inside, key))

@@ -90,3 +90,12 @@ def test_lists_that_stand_for_lists_end_in_time() -> None:
 def test_a_mark_that_stays_is_said() -> None:
     text = with_block("{components: {ros-app: {env: [{name: E, value: '{{ vars.image | upper }}'}]}}}")
     assert rendered(text).notes[-1].endswith("keeps its {{ }}: Rigel resolves no such mark")
+
+
+def test_deep_lists_that_stand_for_one_another_are_refused_before_they_are_built() -> None:
+    deep = "[" * 25, "]" * 25
+    levels = ", ".join(f"v{n}: {deep[0]}'{{{{ vars.v{n + 1} }}}}'{deep[1]}" for n in range(15))
+    assert "stand for one another more than 3 deep" in refusal_of("'{{ vars.v0 }}'", f"{levels}, v15: x")
+    assert "must be text" in refusal_of(
+        "'{{ vars.v0 }}'", f"v0: {deep[0]}'{{{{ vars.v1 }}}}'{deep[1]}, v1: {deep[0]}x{deep[1]}"
+    )

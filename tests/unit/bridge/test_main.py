@@ -2,12 +2,14 @@
 
 import errno
 import io
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 import yaml
+from tests.support.jobfiles import G3
 from tests.support.rigelfiles import ONE, orchestration
 
 from rigel_bridge.main import main
@@ -38,6 +40,26 @@ def test_the_app_goes_to_standard_output_named_after_the_folder(
 
 def test_equal_input_gives_equal_text(rigelfile: Path, capsys: pytest.CaptureFixture[str]) -> None:
     texts = [(main(["render", str(rigelfile)]), capsys.readouterr().out) for _ in range(2)]
+    assert texts[0] == texts[1]
+
+
+def test_equal_input_gives_equal_text_in_every_process(rigelfile: Path) -> None:
+    rigelfile.write_text(G3)
+    command = [
+        sys.executable,
+        "-m",
+        "rigel_bridge.main",
+        "render",
+        str(rigelfile),
+        "--sequence",
+        "sweep",
+        "--format",
+        "pods",
+    ]
+    texts = [
+        subprocess.run(command, env={**os.environ, "PYTHONHASHSEED": seed}, capture_output=True, check=True).stdout
+        for seed in ("1", "2")
+    ]
     assert texts[0] == texts[1]
 
 
