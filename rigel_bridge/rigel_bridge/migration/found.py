@@ -61,31 +61,34 @@ class Scene:
     notes: tuple[str, ...]
 
 
-def scene(objects: Sequence[Json]) -> Scene:
-    """Sort objects of any kinds; those that are none of the thesis' are passed over."""
+def scene(objects: Sequence[Json], *, names: Sequence[str] = ()) -> Scene:
+    """Sort objects of any kinds; those that are none of the thesis' are passed over, unless they are named."""
     by_kind: dict[str, list[Json]] = {}
     for each in objects:
         by_kind.setdefault(str(each.get("kind")), []).append(each)
     notes: list[str] = []
-    workloads = [_deployment(each) for each in by_kind.get("Deployment", ()) if _is_old(each["spec"]["template"], each)]
-    workloads += [_pod(each) for each in by_kind.get("Pod", ()) if not _controller(each) and _is_old(each, each)]
+    workloads = [
+        _deployment(each) for each in by_kind.get("Deployment", ()) if _is_old(each["spec"]["template"], each, names)
+    ]
+    workloads += [_pod(each) for each in by_kind.get("Pod", ()) if not _controller(each) and _is_old(each, each, names)]
     notes += [
         f"{each['kind'].lower()} {_title(each)} has the thesis' annotations and stays: a RobotApp makes Deployments"
         for kind in ("StatefulSet", "DaemonSet", "Job")
         for each in by_kind.get(kind, ())
-        if _is_old(each["spec"]["template"], each)
+        if _is_old(each["spec"]["template"], each, names)
     ]
     claims = [claim for node in by_kind.get("Node", ()) for claim in _node_claims(node, notes)]
     claims += [claim for each in by_kind.get("ConfigMap", ()) for claim in _fleet(each)]
     return Scene(tuple(workloads), _owners(by_kind, workloads), tuple(claims), tuple(notes))
 
 
-def _is_old(template: Json, holder: Json) -> bool:
-    """Whether pods of this template are of the thesis' time and not made by a RobotApp."""
+def _is_old(template: Json, holder: Json, names: Sequence[str]) -> bool:
+    """Whether pods of this template are of the thesis' time, or named by the user, and not made by a RobotApp."""
     annotations = template.get("metadata", {}).get("annotations") or {}
     wished = any(PREFIX + key in annotations for key in WISHES)
     owned = any(owner.get("kind") == "RobotApp" for owner in holder["metadata"].get("ownerReferences", ()))
-    return (wished or template["spec"].get("schedulerName") == SCHEDULER) and not owned
+    sent = template["spec"].get("schedulerName") == SCHEDULER
+    return (wished or sent or holder["metadata"]["name"] in names) and not owned
 
 
 def _deployment(obj: Json) -> Workload:

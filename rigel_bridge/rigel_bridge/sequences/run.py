@@ -24,6 +24,8 @@ from rigel_bridge.source import Objects
 RUN: Final = f"{PROVENANCE}run"
 """On the app of a run: the sequence. Such an app may be removed by the next run; one without it is somebody's."""
 
+_SHOWN_S: Final = 10.0
+
 
 @dataclass(frozen=True, slots=True)
 class Limits:
@@ -116,6 +118,7 @@ def _deployed(sequence: str, wanted: Sequence[Mapping[str, Any]], tools: Tools, 
             name = outcome.summary["app"]
             wait_ready(tools.kubectl, name, timeout_s=tools.limits.ready_s, clock=tools.clock, tell=tools.tell)
             outcome.summary["ready_after_s"] = tools.clock.now_s() - begun_s
+            _settled(name, tools)
         tools.tell(f"{sequence}: Ready, working for {tools.limits.duration_s:g} s")
         tools.clock.sleep(tools.limits.duration_s)
         for outcome in outcomes:
@@ -124,6 +127,18 @@ def _deployed(sequence: str, wanted: Sequence[Mapping[str, Any]], tools: Tools, 
         for outcome in outcomes:
             _collected(outcome, tools, into, alone=len(outcomes) == 1)
     return outcomes
+
+
+def _settled(name: str, tools: Tools) -> None:
+    """Wait until the instances show where components run: they are written after the app's own status."""
+    app = apps.existing(tools.kubectl, name)
+
+    def shown() -> bool:
+        found = placement(instances_of(tools.kubectl, app))
+        return bool(found) and all(each["ready"] for each in found)
+
+    if not tools.clock.until(shown, timeout_s=_SHOWN_S):
+        tools.tell(f"{name}: no instance shows its components yet, so the summary has no nodes")
 
 
 def _collected(outcome: Outcome, tools: Tools, into: Collection, *, alone: bool) -> None:

@@ -21,7 +21,9 @@ from rigel_bridge.verbs.verb import Verb
 
 def _arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "workloads", nargs="*", help="names of Deployments or pods (default: all that have the thesis' annotations)"
+        "workloads",
+        nargs="*",
+        help="names of Deployments or pods, also without annotations (default: all that have the thesis' annotations)",
     )
     parser.add_argument("-n", "--namespace", type=namespace, help="their namespace (default: kubectl's own)")
     parser.add_argument(
@@ -58,7 +60,7 @@ def _run(arguments: argparse.Namespace) -> int:
     objects = (
         _of_file(arguments.file) if arguments.file else read(kubectl, everywhere=arguments.all_namespaces, tell=tell)
     )
-    found = plan(scene(objects), distro=arguments.distro, names=arguments.workloads)
+    found = plan(scene(objects, names=arguments.workloads), distro=arguments.distro, names=arguments.workloads)
     for line in lines(found):
         tell(line)
     if arguments.report:

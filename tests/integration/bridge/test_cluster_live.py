@@ -149,7 +149,7 @@ def files(folder: Path, *, domain: int) -> dict[str, list[str]]:
 
 
 def test_every_sample_becomes_ready(surroundings: Stage, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    wanted = files(tmp_path, domain=7)
+    wanted = files(tmp_path, domain=90)
     for flags in wanted.values():
         assert surroundings.run("apply", *flags, identity="admin") == 0, capsys.readouterr().err
     failed = [name for name in wanted if not ready(surroundings, name)]
@@ -162,13 +162,13 @@ def ready(stage: Stage, name: str) -> bool:
     return "condition met" in stage.plane.kubectl("wait", *wanted, check=False)
 
 
-@pytest.mark.parametrize(("form", "domain"), [("pods", 8), ("manifests", 9)])
+@pytest.mark.parametrize(("form", "domain"), [("pods", 91), ("manifests", 92)])
 def test_every_sample_runs_without_an_operator(
     surroundings: Stage, form: str, domain: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     plane, where = surroundings.plane, surroundings.namespace
     written: list[dict[str, Any]] = []
-    for flags in files(tmp_path, domain=domain).values():  # a domain that was given back rests for a minute
+    for flags in files(tmp_path, domain=domain).values():  # an id that somebody had rests for a minute
         assert main(["render", *flags, "--format", form, "-n", where]) == 0
         written += yaml.safe_load_all(capsys.readouterr().out)
     for each in written:

@@ -56,7 +56,7 @@ def deployment(
 
 
 def planned(*objects: dict[str, Any], **options: Any) -> Plan:
-    return plan(scene(objects), **options)
+    return plan(scene(objects, names=options.get("names", ())), **options)
 
 
 def spec(*objects: dict[str, Any], **options: Any) -> dict[str, Any]:
@@ -264,6 +264,15 @@ def test_pods_of_a_robotapp_and_pods_without_wishes_are_none_of_ours() -> None:
     assert found.scene.notes == (
         "statefulset fleet/db has the thesis' annotations and stays: a RobotApp makes Deployments",
     )
+
+
+def test_a_workload_without_annotations_is_taken_over_when_it_is_named() -> None:
+    """As Rigel's orchestration plugin makes them where no scheduler block is written."""
+    plain = deployment("rigel-k8s-application", {}, schedulerName="default-scheduler")
+    assert not planned(plain).apps
+    app = spec(plain, names=["rigel-k8s-application"])
+    assert "schedulerName" not in app
+    assert [each["name"] for each in app["components"]] == ["rigel-k8s-application"]
 
 
 def test_the_words_are_those_of_the_api() -> None:
