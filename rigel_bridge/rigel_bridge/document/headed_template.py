@@ -22,7 +22,7 @@ _ANY_MARK: Final = re.compile(f"{_REPLACE.pattern}|{_MARK.pattern}")
 _MAX_NESTED_LISTS: Final = 3
 """Each level may be as deep as a file, and everything behind walks the whole tree."""
 _MAX_SUBJECT: Final = 256
-"""Characters that `regex_replace` searches. With at most two repetitions and no groups it ends in time."""
+"""Characters that `regex_replace` searches. What all of a file may cost is bounded as well."""
 _REPETITIONS: Final = re.compile(r"[*+?{]")
 
 
@@ -66,8 +66,23 @@ class HeadedTemplates:
             raise node.fail(f"{match[0]} stands for {found.described()}, which is no part of a text")
         value = _printed(found)
         if filtered:
-            value = _substituted(node, pattern, replacement, value)
+            value = self._substituted(node, pattern, replacement, value)
         return self.spent.add(node, value)
+
+    def _substituted(self, node: Node, pattern: str, replacement: str, value: str) -> str:
+        """`regex_replace`. Without groups a search takes at most the length to the power of the repetitions, plus one."""
+        if len(value) > _MAX_SUBJECT:
+            raise node.fail(f"regex_replace takes at most {_MAX_SUBJECT} characters, found {len(value)}")
+        repetitions = len(_REPETITIONS.findall(pattern))
+        if "(" in pattern or repetitions > 2:
+            raise node.fail(
+                f"regex_replace takes a pattern without groups and with at most two repetitions: {pattern!r}"
+            )
+        self.spent.search(node, (len(value) + 1) ** (repetitions + 1))
+        try:
+            return re.sub(pattern, lambda _: replacement, value)
+        except re.error as error:
+            raise node.fail(f"regex_replace: {pattern!r} is no pattern: {error}") from error
 
     def _named(self, node: Node, name: str, inside: tuple[str, ...]) -> Node:
         self.spent.one_more(node)
@@ -127,14 +142,3 @@ def _name(text: str) -> str:
 
 def _printed(node: Node) -> str:
     return "None" if node.value is None else str(node.value)
-
-
-def _substituted(node: Node, pattern: str, replacement: str, value: str) -> str:
-    if len(value) > _MAX_SUBJECT:
-        raise node.fail(f"regex_replace takes at most {_MAX_SUBJECT} characters, found {len(value)}")
-    if "(" in pattern or len(_REPETITIONS.findall(pattern)) > 2:
-        raise node.fail(f"regex_replace takes a pattern without groups and with at most two repetitions: {pattern!r}")
-    try:
-        return re.sub(pattern, lambda _: replacement, value)
-    except re.error as error:
-        raise node.fail(f"regex_replace: {pattern!r} is no pattern: {error}") from error

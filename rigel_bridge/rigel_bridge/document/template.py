@@ -20,6 +20,8 @@ MAX_NESTED: Final = 16
 MAX_REPLACED: Final = 10_000
 MAX_EXPANDED: Final = 256 * 1024
 """Characters that all names of a file together stand for: as much as the file itself may have."""
+MAX_STEPS: Final = 20_000_000
+"""Characters that all patterns of a file may look at, at worst: about half a second."""
 # Rigel looks for these characters and then drops all blanks and braces from the name.
 _MARK: Final = re.compile(r"\{\{([a-zA-Z0-9_\s\-!?]+)\}\}")
 SECRETS: Final = "the bridge takes no secrets"
@@ -36,12 +38,19 @@ class Spent:
 
     replaced: int = 0
     characters: int = 0
+    steps: int = 0
 
     def one_more(self, node: Node) -> None:
         """Counted before the work is done: names that stand for nothing cost time as well."""
         self.replaced += 1
         if self.replaced > MAX_REPLACED:
             raise node.fail(f"the file has more than {MAX_REPLACED} replaced names, counting those inside vars")
+
+    def search(self, node: Node, steps: int) -> None:
+        """Counted before a pattern is searched."""
+        self.steps += steps
+        if self.steps > MAX_STEPS:
+            raise node.fail("the file has too many regex_replace, or too long ones: write the values out")
 
     def add(self, node: Node, value: str) -> str:
         self.characters += len(value)

@@ -99,3 +99,11 @@ def test_deep_lists_that_stand_for_one_another_are_refused_before_they_are_built
     assert "must be text" in refusal_of(
         "'{{ vars.v0 }}'", f"v0: {deep[0]}'{{{{ vars.v1 }}}}'{deep[1]}, v1: {deep[0]}x{deep[1]}"
     )
+
+
+def test_patterns_that_search_long_end_in_time() -> None:
+    mark = "{{ vars.v | regex_replace('.*.*x', '') }}"
+    started_s = time.process_time()
+    assert "too many regex_replace" in refusal_of(f'"{mark * 50}"', f"v: {'a' * 250}")
+    assert time.process_time() - started_s < 5
+    assert value(f'"{mark * 3}"', "v: abx") == ""
