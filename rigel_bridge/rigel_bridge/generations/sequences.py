@@ -6,7 +6,7 @@ Rigel 0.3: `stages` with jobs, dependencies, parallel and matrix. The thesis and
 
 from collections.abc import Iterator, Mapping
 from hashlib import sha256
-from itertools import product
+from itertools import islice, product
 from typing import Final
 
 from rigel_bridge.document.naming import label
@@ -24,17 +24,18 @@ def sequences(document: Section) -> dict[str, tuple[Step, ...]]:
     found = document.section("sequences")
     if found is None:
         return {}
-    return {name: _sequence(found, node) for name, node in found.node.mapping().items()}
+    left, steps = MAX_STEPS, dict[str, tuple[Step, ...]]()
+    for name, node in found.node.mapping().items():
+        steps[name] = tuple(islice(_sequence(found, node), left + 1))
+        left -= len(steps[name])
+        if left < 0:
+            raise node.fail(f"all sequences run more than {MAX_STEPS} jobs, counting each combination of a matrix")
+    return steps
 
 
-def _sequence(parent: Section, node: Node) -> tuple[Step, ...]:
+def _sequence(parent: Section, node: Node) -> Iterator[Step]:
     resolved = parent.templates.resolve(node)
-    steps: list[Step] = []
-    for step in _plain(parent, resolved) if resolved.kind == "seq" else _staged(parent.at(resolved)):
-        steps.append(step)
-        if len(steps) > MAX_STEPS:
-            raise node.fail(f"runs more than {MAX_STEPS} jobs, counting each combination of a matrix")
-    return tuple(steps)
+    return _plain(parent, resolved) if resolved.kind == "seq" else _staged(parent.at(resolved))
 
 
 def _plain(parent: Section, node: Node) -> Iterator[Step]:

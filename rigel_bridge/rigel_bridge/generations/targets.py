@@ -20,6 +20,8 @@ SETTINGS: Final = ("orchestration", "scheduler_name", "image", "namespace", "nam
 """`with` of such a job. Flat keys, because an override of a sequence replaces `orchestration` as a whole."""
 UPDATES: Final = ("rolling_update", "readiness", "observability", "results", "deploy_ros_master")
 """A block of these alone changes what another job deployed; by itself it would take command, volumes and wishes away."""
+MAX_APPS: Final = 64
+"""Of one sequence: as many as a matrix may have combinations."""
 _DEPLOY: Final = "deploy"
 _BUILD: Final = "build"
 
@@ -98,6 +100,8 @@ def _of_sequence(work: Workshop, notes: list[str]) -> Iterator[Target]:
             work.document.at(step.overrides).refuse_unknown(("scheduler_name", "buildargs"))
         if (step.job == _DEPLOY and job is None) or (job is not None and work.deploys(job)):
             found += 1
+            if found > MAX_APPS:
+                raise step.node.fail(f"sequence {name} deploys more than {MAX_APPS} RobotApps")
             target = _target(work, job, step, notes, tuple(before.values()))
             yield replace(target, scheduler=scheduler or target.scheduler, suffix=step.combination)
         elif job is not None:

@@ -1,14 +1,23 @@
 """Objects as YAML: the bytes that the command and the plugins write. Pure."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 import yaml
 
+from rigel_bridge.document.failures import BridgeError, Place
+
+MAX_CHARACTERS: Final = 1024 * 1024
+
 
 def as_yaml(documents: Sequence[Mapping[str, Any]]) -> str:
-    """The same bytes for the same objects: no anchors, no order but theirs."""
-    return yaml.dump_all(documents, Dumper=_Plain, sort_keys=False, allow_unicode=True, width=120)
+    """The same bytes for the same objects: no anchors, no order but theirs. BridgeError when they are too many."""
+    texts: list[str] = []
+    for document in documents:
+        texts.append(yaml.dump(document, Dumper=_Plain, sort_keys=False, allow_unicode=True, width=120))
+        if sum(map(len, texts)) > MAX_CHARACTERS:
+            raise BridgeError(Place("Rigelfile"), "stands for more than 1 MiB of objects: choose fewer jobs")
+    return "---\n".join(texts)
 
 
 class _Plain(yaml.SafeDumper):

@@ -7,6 +7,7 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.support.jobfiles import with_block
 from tests.support.rigelfiles import ONE, orchestration, refusal, rendered, spec
 
 from rigel_bridge.document.failures import BridgeError
@@ -209,3 +210,29 @@ def test_what_is_written_is_yaml_whatever_the_values_are() -> None:
     app = rendered(text).app
     assert yaml.safe_load(yaml.safe_dump(app)) == app
     assert app["kind"] == "RobotApp"
+
+
+class TestSequences:
+    SWEEP = "{stages: [{matrix: {a: [1,2,3,4,5,6,7,8], b: [1,2,3,4,5,6,7,8]}, parallel: [{jobs: [deploy, deploy]}]}]}"
+
+    def test_a_sequence_stands_for_no_more_apps_than_a_cluster_takes(self) -> None:
+        assert "sequence s deploys more than 64 RobotApps" in refusal(
+            with_block("{}") + f"  s: {self.SWEEP}\n", sequence="s"
+        )
+
+    def test_all_sequences_together_are_bounded(self) -> None:
+        text = with_block("{}") + "".join(f"  s{number}: {self.SWEEP}\n" for number in range(5))
+        assert "all sequences run more than 512 jobs" in refusal(text)
+
+
+def test_what_is_written_has_an_end(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "Rigelfile"
+    block = "{components: {ros-app: {env: [{name: A, value: '" + "x" * 20_000 + "'}]}}}"
+    path.write_text(
+        with_block(block)
+        + "  s: {stages: [{matrix: {a: [1,2,3,4,5,6,7,8], b: [1,2,3,4,5,6,7,8]}, parallel: [{jobs: [deploy]}]}]}\n"
+    )
+    assert main(["render", str(path), "--sequence", "s", "--name", "a"]) == 72
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert "more than 1 MiB" in told.err
