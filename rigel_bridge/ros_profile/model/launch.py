@@ -1,0 +1,64 @@
+"""Launch files as they were read, and what they start once includes are followed."""
+
+from dataclasses import dataclass
+
+from ros_profile.model.facts import Problem
+
+
+@dataclass(frozen=True, slots=True)
+class LaunchArgument:
+    name: str
+    default: str | None
+    """None: it must be given."""
+    line: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class StartedNode:
+    """A node or composable node. Texts may hold `$(var name)` (also for `$(arg name)` and LaunchConfiguration),
+    `$(find pkg)`, `$(env X default)`; what cannot be read is `$(?)`.
+    """
+
+    package: str
+    executable: str
+    """Empty for a composable node."""
+    plugin: str = ""
+    """Class of a composable node, or nodelet type `pkg/Class`."""
+    name: str = ""
+    namespace: str = ""
+    remaps: tuple[tuple[str, str], ...] = ()
+    parameters: tuple[tuple[str, str], ...] = ()
+    parameter_files: tuple[str, ...] = ()
+    arguments: tuple[str, ...] = ()
+    container: str = ""
+    """Name of the container a composable node is loaded into: one process."""
+    conditions: tuple[str, ...] = ()
+    """Texts that must be true; `not …` for `unless`."""
+    lifecycle: bool = False
+    file: str = ""
+    line: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Include:
+    """Another launch file: `target` like `$(find pkg)/launch/x.launch.py` or a path relative to this file."""
+
+    target: str
+    arguments: tuple[tuple[str, str], ...] = ()
+    namespace: str = ""
+    remaps: tuple[tuple[str, str], ...] = ()
+    conditions: tuple[str, ...] = ()
+    line: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class LaunchFile:
+    file: str
+    format: str
+    """python | xml | yaml."""
+    arguments: tuple[LaunchArgument, ...] = ()
+    nodes: tuple[StartedNode, ...] = ()
+    includes: tuple[Include, ...] = ()
+    parameters: tuple[tuple[str, str], ...] = ()
+    """ROS 1: global `<param>` by absolute name."""
+    problems: tuple[Problem, ...] = ()
