@@ -1,0 +1,99 @@
+"""Texts of launch files with `$(var x)`, `$(find pkg)`, `$(env X default)`, and the conditions made of them."""
+
+import re
+from collections.abc import Mapping
+from typing import Final
+
+UNKNOWN: Final = "$(?)"
+MAX_TEXT: Final = 2000
+MAX_ROUNDS: Final = 20
+_INNERMOST: Final = re.compile(r"\$\(([^()$]*)\)")
+_TRUE: Final = frozenset({"true", "1", "1.0", "yes", "on"})
+_FALSE: Final = frozenset({"false", "0", "0.0", "no", "off"})
+_COMPARISON: Final = re.compile(r"""^\(*\s*["']?([^"'=!<>]*?)["']?\s*(==|!=)\s*["']?([^"'=!<>]*?)["']?\s*\)*$""")
+_MARK: Final = "\x01"
+
+
+def resolve(text: str, values: Mapping[str, str], *, anonymous: str = "anonymous") -> str:
+    """The text with every substitution that can be told; what cannot is `$(?)`. `$(find pkg)` stays for paths."""
+    if "$(" not in text:
+        return text
+    for _ in range(MAX_ROUNDS):
+        replaced = _INNERMOST.sub(lambda match: _one(match[1].strip(), values, anonymous), text[:MAX_TEXT])
+        if replaced == text:
+            break
+        text = replaced
+    return text.replace(_MARK, "$(")
+
+
+def _one(body: str, values: Mapping[str, str], anonymous: str) -> str:
+    verb, _, rest = body.partition(" ")
+    rest = rest.strip().strip("'\"")
+    if verb in ("var", "arg"):
+        return values.get(rest, f"{_MARK}?)")
+    if verb in ("find", "find-pkg-share", "find-pkg-prefix"):
+        return f"{_MARK}find {rest})"
+    if verb in ("env", "optenv"):
+        name, _, default = rest.partition(" ")
+        return default.strip().strip("'\"") if default or verb == "optenv" or not name else f"{_MARK}?)"
+    if verb == "anon":
+        return f"{rest}_{anonymous}"
+    if verb == "dirname":
+        return f"{_MARK}dirname)"
+    if verb in ("eval", "not", "and", "or", "equals", "notequals"):
+        verdict = _verdict(verb, body.partition(" ")[2].strip())
+        return f"{_MARK}?)" if verdict is None else str(verdict).lower()
+    return f"{_MARK}?)"
+
+
+def _verdict(verb: str, rest: str) -> bool | None:
+    if verb == "eval":
+        return truth(rest.strip("'\"") if rest[:1] == rest[-1:] and rest[:1] in "'\"" and "==" not in rest else rest)
+    parts = [part.strip().strip("'\"") for part in rest.split("|")] if "|" in rest else [rest.strip("'\"")]
+    if verb in ("equals", "notequals"):
+        if len(parts) != 2 or any(UNKNOWN in p or _MARK in p for p in parts):
+            return None
+        return (parts[0] == parts[1]) == (verb == "equals")
+    verdicts = [truth(part) for part in parts]
+    if verb == "not":
+        return None if verdicts[0] is None else not verdicts[0]
+    decisive = verb == "or"
+    if decisive in verdicts:
+        return decisive
+    return None if None in verdicts else not decisive
+
+
+def truth(text: str) -> bool | None:
+    """What a condition's text means; None when it cannot be told. Comparisons of two texts, `and`, `or`, `not`."""
+    text = text.strip()
+    if UNKNOWN in text or _MARK in text or len(text) > MAX_TEXT:
+        return None
+    low = text.strip("'\" ").lower()
+    if low in _TRUE:
+        return True
+    if low in _FALSE or not low:
+        return False
+    for word, decisive in ((" or ", True), (" and ", False)):
+        if word in text:
+            verdicts = [truth(part) for part in text.split(word)]
+            return decisive if decisive in verdicts else None if None in verdicts else not decisive
+    if text.startswith("not "):
+        inner = truth(text[4:])
+        return None if inner is None else not inner
+    if found := _COMPARISON.match(text):
+        left, right = found[1].strip(), found[3].strip()
+        same = (
+            left == right
+            or (left.lower() in _TRUE and right.lower() in _TRUE)
+            or (left.lower() in _FALSE and right.lower() in _FALSE)
+        )
+        return same == (found[2] == "==")
+    return None
+
+
+def condition_value(condition: str, values: Mapping[str, str]) -> bool | None:
+    """A condition as readers write it: a text that must be true, or `not TEXT`."""
+    if condition.startswith("not "):
+        inner = truth(resolve(condition[4:], values))
+        return None if inner is None else not inner
+    return truth(resolve(condition, values))

@@ -1,0 +1,47 @@
+"""Which reader reads which file."""
+
+from collections.abc import Callable
+from typing import Final
+
+from ros_profile.model.launch import LaunchFile
+from ros_profile.model.package import SourceFile
+from ros_profile.read.launch.python import read_launch_python
+from ros_profile.read.launch.xml_file import read_launch_xml
+from ros_profile.read.launch.yaml_file import read_launch_yaml
+from ros_profile.read.parameters import read_parameters
+from ros_profile.read.python.setup import read_setup_cfg, read_setup_py
+from ros_profile.read.python.source import read_python
+
+Reader = Callable[[bytes, str], SourceFile]
+
+_BY_NAME: Final[dict[str, Reader]] = {"setup.py": read_setup_py, "setup.cfg": read_setup_cfg}
+_BY_SUFFIX: Final[dict[str, Reader]] = {".py": read_python, ".yaml": read_parameters, ".yml": read_parameters}
+
+
+def reader_of(file: str, head: bytes = b"") -> Reader | None:
+    """The reader for a file by its name; for one without suffix by its first line."""
+    name = file.rpartition("/")[2].lower()
+    if found := _BY_NAME.get(name):
+        return found
+    suffix = name[name.rfind(".") :] if "." in name else ""
+    if not suffix:
+        first = head[:100].partition(b"\n")[0]
+        return read_python if first.startswith(b"#!") and b"python" in first else None
+    return _BY_SUFFIX.get(suffix)
+
+
+LaunchReader = Callable[[bytes, str], LaunchFile]
+
+
+def launch_reader_of(file: str, data: bytes) -> LaunchReader | None:
+    """The reader for a launch file, known by its name and by what stands in it."""
+    name = file.lower()
+    if name.endswith(".py"):
+        return read_launch_python if b"def generate_launch_description" in data else None
+    if name.endswith(".launch"):
+        return read_launch_xml
+    if name.endswith(".xml") and ("launch" in name) and b"<launch" in data[:20_000]:
+        return read_launch_xml
+    if name.endswith((".yaml", ".yml")) and "launch" in name and data.lstrip()[:2000].find(b"launch:") >= 0:
+        return read_launch_yaml
+    return None

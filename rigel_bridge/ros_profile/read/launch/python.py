@@ -1,0 +1,377 @@
+"""Python launch files by `ast`: their statements are followed, nothing is imported or run."""
+
+import ast
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
+
+from ros_profile.model.facts import Problem
+from ros_profile.model.launch import Include, LaunchArgument, LaunchFile, StartedNode
+from ros_profile.read.launch import python_values as v
+from ros_profile.read.launch.python_calls import CALLS
+from ros_profile.read.launch.scope import Scope, join
+from ros_profile.read.python.syntax import dotted, parse
+
+MAX_STEPS: Final = 100_000
+MAX_DEPTH: Final = 60
+MAX_LOOP: Final = 50
+MAX_NODES: Final = 1000
+_UNCHANGED: Final = frozenset(
+    {"perform", "items", "strip", "lower", "as_posix", "resolve", "copy", "describe", "values", "absolute"}
+)
+_DESCRIPTIONS: Final = frozenset({"LaunchDescription"})
+
+
+class _BudgetError(Exception):
+    """The file is larger than is followed."""
+
+
+@dataclass(slots=True)
+class _Frame:
+    """Variables of one function, over those of the module."""
+
+    names: dict[str, Any]
+    returned: list[Any] = field(default_factory=list)
+    conditions: tuple[str, ...] = ()
+
+
+@dataclass(slots=True)
+class _Evaluator:
+    """Follows statements in order, both branches of an `if`, each loop over what is known, local functions."""
+
+    file: str
+    functions: dict[str, ast.FunctionDef] = field(default_factory=dict)
+    module: dict[str, Any] = field(default_factory=dict)
+    steps: int = 0
+    depth: int = 0
+
+    def run(self, body: Iterable[ast.stmt], frame: _Frame) -> None:
+        for statement in body:
+            self._statement(statement, frame)
+
+    def _statement(self, node: ast.stmt, frame: _Frame) -> None:
+        if isinstance(node, ast.FunctionDef):
+            self.functions[node.name] = node
+        elif isinstance(node, ast.Assign):
+            value = self.value(node.value, frame)
+            for target in node.targets:
+                self._assign(target, value, frame)
+        elif isinstance(node, ast.AnnAssign) and node.value is not None:
+            self._assign(node.target, self.value(node.value, frame), frame)
+        elif isinstance(node, ast.AugAssign):
+            self._assign(node.target, self._add(self.value(node.target, frame), self.value(node.value, frame)), frame)
+        elif isinstance(node, ast.Expr):
+            self.value(node.value, frame)
+        elif isinstance(node, ast.Return):
+            frame.returned.append(self.value(node.value, frame) if node.value else None)
+        elif isinstance(node, ast.If):
+            self._branches(node, frame)
+        elif isinstance(node, ast.For):
+            self._loop(node, frame)
+        elif isinstance(node, ast.With | ast.Try):
+            self.run(node.body, frame)
+
+    def _branches(self, node: ast.If, frame: _Frame) -> None:
+        """A test that can be told takes one branch; else both are taken, each under a condition."""
+        test = self.value(node.test, frame)
+        if isinstance(test, bool):
+            self.run(node.body if test else node.orelse, frame)
+            return
+        text = test if isinstance(test, str) and "$(" in test else v.UNKNOWN_TEXT
+        before = frame.conditions
+        frame.conditions = (*before, text)
+        self.run(node.body, frame)
+        frame.conditions = (*before, f"not {text}")
+        self.run(node.orelse, frame)
+        frame.conditions = before
+
+    def _loop(self, node: ast.For, frame: _Frame) -> None:
+        items = self.value(node.iter, frame)
+        known = list(items.items()) if isinstance(items, dict) else v.as_list(items)
+        for item in known[:MAX_LOOP] if known else [v.UNKNOWN]:
+            self._assign(node.target, item, frame)
+            self.run(node.body, frame)
+
+    def _assign(self, target: ast.expr, value: Any, frame: _Frame) -> None:
+        if isinstance(target, ast.Name):
+            frame.names[target.id] = value
+        elif isinstance(target, ast.Tuple | ast.List):
+            values = list(value) if isinstance(value, list | tuple) else []
+            for index, one in enumerate(target.elts):
+                self._assign(one, values[index] if index < len(values) else v.UNKNOWN, frame)
+        elif isinstance(target, ast.Subscript):
+            holder, key = self.value(target.value, frame), self.value(target.slice, frame)
+            if isinstance(holder, dict) and isinstance(key, str) and len(holder) < MAX_NODES:
+                holder[key] = value
+
+    def value(self, node: ast.expr | None, frame: _Frame) -> Any:
+        """What an expression stands for."""
+        self.steps += 1
+        if self.steps > MAX_STEPS or self.depth > MAX_DEPTH:
+            raise _BudgetError
+        self.depth += 1
+        try:
+            return self._value(node, frame)
+        finally:
+            self.depth -= 1
+
+    def _value(self, node: ast.expr | None, frame: _Frame) -> Any:
+        if isinstance(node, ast.Constant):
+            return node.value if isinstance(node.value, str | int | float | bool | None) else v.UNKNOWN
+        if isinstance(node, ast.Name):
+            return frame.names.get(node.id, self.module.get(node.id, v.UNKNOWN))
+        if isinstance(node, ast.List | ast.Tuple | ast.Set):
+            return self._sequence(node.elts, frame)
+        if isinstance(node, ast.Dict):
+            return self._mapping(node, frame)
+        if isinstance(node, ast.JoinedStr):
+            parts = [self.value(p.value if isinstance(p, ast.FormattedValue) else p, frame) for p in node.values]
+            return "".join(v.as_text(part) for part in parts)
+        if isinstance(node, ast.BinOp):
+            return self._operation(node, frame)
+        if isinstance(node, ast.Call):
+            return self._call(node, frame)
+        if isinstance(node, ast.Subscript):
+            return self._item(node, frame)
+        if isinstance(node, ast.Compare) and len(node.ops) == 1:
+            return self._comparison(node, frame)
+        if isinstance(node, ast.IfExp):
+            test = self.value(node.test, frame)
+            return self.value(node.orelse if test is False else node.body, frame)
+        if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not | ast.USub):
+            return self._unary(node, frame)
+        if isinstance(node, ast.ListComp):
+            return self._comprehension(node, frame)
+        return v.UNKNOWN
+
+    def _unary(self, node: ast.UnaryOp, frame: _Frame) -> Any:
+        inner = self.value(node.operand, frame)
+        if isinstance(node.op, ast.USub):
+            return -inner if isinstance(inner, int | float) else v.UNKNOWN
+        if isinstance(inner, bool):
+            return not inner
+        return f"$(not {inner})" if isinstance(inner, str) else v.UNKNOWN
+
+    def _sequence(self, items: list[ast.expr], frame: _Frame) -> list[Any]:
+        found: list[Any] = []
+        for item in items:
+            if isinstance(item, ast.Starred):
+                found += v.as_list(self.value(item.value, frame))
+            else:
+                found.append(self.value(item, frame))
+        return found
+
+    def _mapping(self, node: ast.Dict, frame: _Frame) -> dict[Any, Any]:
+        found: dict[Any, Any] = {}
+        for key, value in zip(node.keys, node.values, strict=True):
+            one = self.value(value, frame)
+            if key is None:
+                found.update(one if isinstance(one, dict) else {})
+            else:
+                found[v.as_text(self.value(key, frame))] = one
+        return found
+
+    def _operation(self, node: ast.BinOp, frame: _Frame) -> Any:
+        left, right = self.value(node.left, frame), self.value(node.right, frame)
+        if isinstance(node.op, ast.Add):
+            return self._add(left, right)
+        if isinstance(node.op, ast.Div) and isinstance(left, str):
+            return f"{left}/{v.as_text(right)}"
+        if isinstance(node.op, ast.Mod) and isinstance(left, str) and left.count("%s") == 1:
+            return left.replace("%s", v.as_text(right))
+        return v.UNKNOWN
+
+    @staticmethod
+    def _add(left: Any, right: Any) -> Any:
+        if isinstance(left, list) and isinstance(right, list) and len(left) + len(right) < MAX_NODES:
+            return [*left, *right]
+        if isinstance(left, list):
+            return left
+        if isinstance(left, str) or isinstance(right, str):
+            return (v.as_text(left) + v.as_text(right))[:2000]
+        return v.UNKNOWN
+
+    def _item(self, node: ast.Subscript, frame: _Frame) -> Any:
+        holder, key = self.value(node.value, frame), self.value(node.slice, frame)
+        if isinstance(holder, dict) and isinstance(key, str):
+            return holder.get(key, v.UNKNOWN)
+        if isinstance(holder, list) and isinstance(key, int) and -len(holder) <= key < len(holder):
+            return holder[key]
+        return v.UNKNOWN
+
+    def _comparison(self, node: ast.Compare, frame: _Frame) -> Any:
+        left, right = self.value(node.left, frame), self.value(node.comparators[0], frame)
+        if left is v.UNKNOWN or right is v.UNKNOWN or not isinstance(node.ops[0], ast.Eq | ast.NotEq):
+            return v.UNKNOWN
+        if isinstance(left, str) and isinstance(right, str) and "$(" in left + right:
+            return f"$({'equals' if isinstance(node.ops[0], ast.Eq) else 'notequals'} {left} | {right})"
+        return (left == right) == isinstance(node.ops[0], ast.Eq)
+
+    def _comprehension(self, node: ast.ListComp, frame: _Frame) -> list[Any]:
+        first = node.generators[0]
+        items = v.as_list(self.value(first.iter, frame))
+        inner = _Frame(dict(frame.names), conditions=frame.conditions)
+        found = []
+        for item in items[:MAX_LOOP]:
+            self._assign(first.target, item, inner)
+            found.append(self.value(node.elt, inner))
+        return found
+
+    def _call(self, node: ast.Call, frame: _Frame) -> Any:
+        name = node.func.attr if isinstance(node.func, ast.Attribute) else dotted(node.func)
+        if isinstance(node.func, ast.Attribute) and name not in CALLS and name not in _DESCRIPTIONS:
+            return self._method(node, node.func, frame)
+        if name == "join" and isinstance(node.func, ast.Attribute) and not dotted(node.func.value).endswith("path"):
+            return v.UNKNOWN
+        if name == "OpaqueFunction":
+            return self._opaque(node, frame)
+        arguments = self._arguments(node, frame)
+        if name in _DESCRIPTIONS:
+            return v.Description(v.as_list(arguments.get("0", arguments.get("initial_entities"))))
+        if name in self.functions and dotted(node.func) == name:
+            return self._apply(self.functions[name], arguments, frame)
+        if name not in CALLS:
+            return v.UNKNOWN
+        return _conditioned(CALLS[name](arguments), frame.conditions)
+
+    def _arguments(self, node: ast.Call, frame: _Frame) -> dict[str, Any]:
+        found: dict[str, Any] = {"line": node.lineno, "file": self.file}
+        for index, argument in enumerate(self._sequence(node.args, frame)):
+            found[str(index)] = argument
+        for keyword in node.keywords:
+            value = self.value(keyword.value, frame)
+            if keyword.arg is None:
+                found.update(value if isinstance(value, dict) else {})
+            else:
+                found[keyword.arg] = value
+        return found
+
+    def _method(self, node: ast.Call, function: ast.Attribute, frame: _Frame) -> Any:
+        holder = self.value(function.value, frame)
+        arguments = [self.value(argument, frame) for argument in node.args]
+        if function.attr in ("add_action", "add_entity", "append") and arguments:
+            target = holder.actions if isinstance(holder, v.Description) else holder
+            if isinstance(target, list) and len(target) < MAX_NODES:
+                target.append(
+                    v.Group([arguments[0]], frame.conditions, scoped=False) if frame.conditions else arguments[0]
+                )
+            return None
+        if function.attr == "extend" and isinstance(holder, list) and arguments:
+            holder += v.as_list(arguments[0])
+        elif function.attr == "update" and isinstance(holder, dict) and arguments and isinstance(arguments[0], dict):
+            holder.update(arguments[0])
+        elif function.attr == "get" and isinstance(holder, dict) and arguments:
+            return holder.get(arguments[0] if isinstance(arguments[0], str) else "", v.UNKNOWN)
+        elif function.attr in _UNCHANGED:
+            return holder
+        return v.UNKNOWN
+
+    def _opaque(self, node: ast.Call, frame: _Frame) -> Any:
+        """What the function returns; its context argument is not known."""
+        name = next(
+            (dotted(k.value) for k in node.keywords if k.arg == "function"), dotted(node.args[0]) if node.args else ""
+        )
+        if name not in self.functions:
+            return v.UNKNOWN
+        given = next((k.value for k in node.keywords if k.arg == "args"), None)
+        more = v.as_list(self.value(given, frame)) if given is not None else []
+        arguments = {str(index): value for index, value in enumerate([v.UNKNOWN, *more])}
+        returned = self._apply(self.functions[name], arguments, frame)
+        return _conditioned(v.Group(v.as_list(returned), scoped=False), frame.conditions)
+
+    def _apply(self, function: ast.FunctionDef, arguments: dict[str, Any], frame: _Frame) -> Any:
+        """A local function's result; of several returns the actions of all."""
+        if self.depth > MAX_DEPTH - 20:
+            return v.UNKNOWN
+        names = dict(frame.names)
+        parameters = function.args.posonlyargs + function.args.args
+        defaults = [None] * (len(parameters) - len(function.args.defaults)) + list(function.args.defaults)
+        for index, (parameter, default) in enumerate(zip(parameters, defaults, strict=True)):
+            given = arguments.get(parameter.arg, arguments.get(str(index)))
+            names[parameter.arg] = self.value(default, frame) if given is None and default is not None else given
+        inner = _Frame(names)
+        self.run(function.body, inner)
+        lists = [one for one in inner.returned if isinstance(one, list)]
+        if len(inner.returned) > 1 and lists:
+            return [action for one in lists for action in one]
+        return inner.returned[-1] if inner.returned else None
+
+
+def _conditioned(value: Any, conditions: tuple[str, ...]) -> Any:
+    """Actions made below an `if` are started under its condition."""
+    if conditions and isinstance(value, StartedNode | Include | v.Group | v.Container | v.Push):
+        return replace(value, conditions=(*conditions, *value.conditions))
+    return value
+
+
+@dataclass(slots=True)
+class _Reading:
+    """Flattens actions: groups give namespaces, remaps and conditions to what stands in them."""
+
+    arguments: list[LaunchArgument] = field(default_factory=list)
+    nodes: list[StartedNode] = field(default_factory=list)
+    includes: list[Include] = field(default_factory=list)
+
+    def actions(self, listed: list[Any], scope: Scope, depth: int = 0) -> None:
+        for action in listed if depth < MAX_DEPTH else []:
+            if len(self.nodes) + len(self.includes) > MAX_NODES:
+                return
+            if isinstance(action, list):
+                self.actions(action, scope, depth + 1)
+            elif isinstance(action, v.Group):
+                inner = scope.inner(*action.conditions)
+                self.actions(action.actions, inner, depth + 1)
+                if not action.scoped:
+                    scope.namespace, scope.remaps = inner.namespace, inner.remaps
+            elif isinstance(action, v.Push):
+                scope.namespace = join(scope.namespace, action.namespace)
+            elif isinstance(action, v.Remap):
+                scope.remaps = (*scope.remaps, action.pair)
+            else:
+                self._leaf(action, scope)
+
+    def _leaf(self, action: Any, scope: Scope) -> None:
+        if isinstance(action, LaunchArgument):
+            self.arguments.append(action)
+        elif isinstance(action, StartedNode):
+            self.nodes.append(_in_scope(action, scope))
+        elif isinstance(action, Include):
+            conditions = (*scope.conditions, *action.conditions)
+            self.includes.append(replace(action, namespace=scope.namespace, remaps=scope.remaps, conditions=conditions))
+        elif isinstance(action, v.Container):
+            inner = scope.inner(*action.conditions)
+            if action.node is not None:
+                self.nodes.append(_in_scope(action.node, scope))
+            for loaded in action.loaded:
+                self.nodes.append(replace(_in_scope(loaded, inner), container=action.name))
+
+
+def _in_scope(node: StartedNode, scope: Scope) -> StartedNode:
+    return replace(
+        node,
+        namespace=join(scope.namespace, node.namespace),
+        remaps=(*scope.remaps, *node.remaps),
+        conditions=(*scope.conditions, *node.conditions),
+    )
+
+
+def read_launch_python(data: bytes, file: str) -> LaunchFile:
+    """A `.launch.py` file: what `generate_launch_description` gives."""
+    module, problems = parse(data, file)
+    if module is None:
+        return LaunchFile(file, "python", problems=problems)
+    evaluator, reading = _Evaluator(file), _Reading()
+    frame = _Frame(evaluator.module)
+    try:
+        evaluator.run(module.body, frame)
+        function = evaluator.functions.get("generate_launch_description")
+        if function is not None:
+            returned = _Frame({})
+            evaluator.run(function.body, returned)
+            found = [one for one in returned.returned if isinstance(one, v.Description)]
+            reading.actions([action for one in found for action in one.actions], Scope())
+    except (_BudgetError, RecursionError):
+        problems = (*problems, Problem(file, "is larger than is followed; what it starts is not known completely"))
+    return LaunchFile(
+        file, "python", tuple(reading.arguments), tuple(reading.nodes), tuple(reading.includes), problems=problems
+    )

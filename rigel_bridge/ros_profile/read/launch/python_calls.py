@@ -1,0 +1,190 @@
+"""Calls of the launch library in Python launch files, by the name of what is called."""
+
+from collections.abc import Callable
+from typing import Any, Final
+
+from ros_profile.model.launch import Include, LaunchArgument, StartedNode
+from ros_profile.read.launch import python_values as v
+
+Arguments = dict[str, Any]
+"""Keyword arguments, and the positional ones under `0`, `1` …; `line` and `file` of the call."""
+
+
+def _first(arguments: Arguments, *keys: str) -> Any:
+    return next((arguments[key] for key in keys if key in arguments), None)
+
+
+def _text(arguments: Arguments, *keys: str) -> str:
+    return v.as_text(_first(arguments, *keys))
+
+
+def _conditions(arguments: Arguments) -> tuple[str, ...]:
+    condition = arguments.get("condition")
+    if isinstance(condition, v.Condition):
+        return (condition.text,)
+    return () if condition is None else (v.UNKNOWN_TEXT,)
+
+
+def _argument(arguments: Arguments) -> LaunchArgument:
+    default = _first(arguments, "default_value", "1")
+    return LaunchArgument(
+        _text(arguments, "name", "0"), None if default is None else v.as_text(default), arguments["line"]
+    )
+
+
+def _node(arguments: Arguments, *, plugin: str = "", lifecycle: bool = False) -> StartedNode:
+    given = v.as_list(_first(arguments, "parameters"))
+    values = [pair for one in given if isinstance(one, dict) for pair in v.flat(one)]
+    files = [v.as_text(one) for one in given if not isinstance(one, dict)]
+    return StartedNode(
+        package=_text(arguments, "package"),
+        executable="" if plugin else _text(arguments, "executable", "node_executable"),
+        plugin=plugin,
+        name=_text(arguments, "name", "node_name"),
+        namespace=_text(arguments, "namespace", "node_namespace"),
+        remaps=v.pairs(_first(arguments, "remappings")),
+        parameters=tuple(values[:500]),
+        parameter_files=tuple(file for file in files if file)[:50],
+        arguments=tuple(v.as_text(one) for one in v.as_list(_first(arguments, "arguments", "ros_arguments")))[:50],
+        conditions=_conditions(arguments),
+        lifecycle=lifecycle,
+        file=arguments["file"],
+        line=arguments["line"],
+    )
+
+
+def _composable(arguments: Arguments) -> StartedNode:
+    return _node(arguments, plugin=_text(arguments, "plugin", "node_plugin"))
+
+
+def _container(arguments: Arguments) -> v.Container:
+    target = _first(arguments, "target_container")
+    name = target.name if isinstance(target, v.Container | StartedNode) else v.as_text(target)
+    listed = v.as_list(_first(arguments, "composable_node_descriptions"))
+    loaded = [one for one in listed if isinstance(one, StartedNode)]
+    if target is not None:
+        return v.Container(None, loaded, name, _conditions(arguments))
+    node = _node(arguments)
+    return v.Container(node, loaded, node.name, node.conditions)
+
+
+def _include(arguments: Arguments) -> Include:
+    given = _first(arguments, "launch_arguments", "1")
+    return Include(
+        target=_text(arguments, "launch_description_source", "0"),
+        arguments=v.pairs(given),
+        conditions=_conditions(arguments),
+        line=arguments["line"],
+    )
+
+
+def _group(arguments: Arguments) -> v.Group:
+    actions = v.as_list(_first(arguments, "actions", "0"))
+    return v.Group(actions, _conditions(arguments), scoped=_first(arguments, "scoped") is not False)
+
+
+def _later(arguments: Arguments) -> v.Group:
+    """Timers and event handlers: what they start later is started."""
+    keys = ("actions", "on_exit", "on_start", "on_completion", "entities", "event_handler", "on_shutdown", "1", "0")
+    actions = [one for key in keys for one in v.as_list(arguments.get(key)) if key != "on_shutdown"]
+    return v.Group([one for one in actions if isinstance(one, v.Action)], _conditions(arguments), scoped=False)
+
+
+def _events(arguments: Arguments) -> v.Group:
+    """OnProcessExit and its like: their target is started where it stands, not here."""
+    return _later(
+        {key: value for key, value in arguments.items() if key.startswith("on_") or key in ("line", "file", "entities")}
+    )
+
+
+def _joined(arguments: Arguments) -> str:
+    parts = [v.as_text(part) for part in v.as_list(_first(arguments, "0", "substitutions"))]
+    return "/".join(parts)
+
+
+def _path(arguments: Arguments) -> str:
+    return "/".join(v.as_text(arguments[str(i)]) for i in range(20) if str(i) in arguments)
+
+
+def _environment(arguments: Arguments) -> str:
+    default = _first(arguments, "default_value", "1", "default")
+    shown = "" if default is None else f" {v.as_text(default)}"
+    return f"$(env {_text(arguments, 'name', '0', 'key')}{shown})"
+
+
+def _words(verb: str) -> Callable[[Arguments], str]:
+    def made(arguments: Arguments) -> str:
+        return f"$({verb} " + " | ".join(v.as_text(arguments[str(i)]) for i in range(10) if str(i) in arguments) + ")"
+
+    return made
+
+
+def _equals(arguments: Arguments) -> v.Condition:
+    name, value = _text(arguments, "launch_configuration_name", "0"), _text(arguments, "expected_value", "1")
+    return v.Condition(f"$(equals $(var {name}) | {value})")
+
+
+def _pushed(arguments: Arguments) -> v.Push:
+    return v.Push(_text(arguments, "namespace", "0"), _conditions(arguments))
+
+
+def _through(*keys: str) -> Callable[[Arguments], Any]:
+    return lambda arguments: _first(arguments, *keys)
+
+
+CALLS: Final[dict[str, Callable[[Arguments], Any]]] = {
+    "LaunchConfiguration": lambda a: f"$(var {_text(a, 'variable_name', '0')})",
+    "DeclareLaunchArgument": _argument,
+    "SetLaunchConfiguration": lambda a: LaunchArgument(_text(a, "name", "0"), _text(a, "value", "1"), a["line"]),
+    "Node": _node,
+    "LifecycleNode": lambda a: _node(a, lifecycle=True),
+    "ComposableNode": _composable,
+    "ComposableLifecycleNode": _composable,
+    "ComposableNodeContainer": _container,
+    "LoadComposableNodes": _container,
+    "IncludeLaunchDescription": _include,
+    "GroupAction": _group,
+    "TimerAction": _later,
+    "RegisterEventHandler": _later,
+    "OnProcessExit": _events,
+    "OnProcessStart": _events,
+    "OnExecutionComplete": _events,
+    "OnStateTransition": _events,
+    "PushRosNamespace": _pushed,
+    "PushROSNamespace": _pushed,
+    "SetRemap": lambda a: v.Remap((_text(a, "src", "0"), _text(a, "dst", "1"))),
+    "IfCondition": lambda a: v.Condition(_text(a, "predicate_expression", "0")),
+    "UnlessCondition": lambda a: v.Condition(f"not {_text(a, 'predicate_expression', '0')}"),
+    "LaunchConfigurationEquals": _equals,
+    "LaunchConfigurationNotEquals": lambda a: v.Condition(f"not {_equals(a).text}"),
+    "PathJoinSubstitution": _joined,
+    "FindPackageShare": lambda a: f"$(find {_text(a, 'package', '0')})",
+    "get_package_share_directory": lambda a: f"$(find {_text(a, 'package_name', '0')})",
+    "get_package_share_path": lambda a: f"$(find {_text(a, 'package_name', '0')})",
+    "TextSubstitution": lambda a: _text(a, "text", "0"),
+    "EnvironmentVariable": _environment,
+    "getenv": _environment,
+    "ThisLaunchFileDir": lambda _: "$(dirname)",
+    "PythonExpression": lambda a: f"$(eval {_text(a, 'expression', '0')})",
+    "NotSubstitution": _words("not"),
+    "AndSubstitution": _words("and"),
+    "OrSubstitution": _words("or"),
+    "AnySubstitution": _words("or"),
+    "AllSubstitution": _words("and"),
+    "EqualsSubstitution": _words("equals"),
+    "NotEqualsSubstitution": _words("notequals"),
+    "PythonLaunchDescriptionSource": _through("launch_file_path", "0"),
+    "XMLLaunchDescriptionSource": _through("launch_file_path", "0"),
+    "YAMLLaunchDescriptionSource": _through("launch_file_path", "0"),
+    "AnyLaunchDescriptionSource": _through("launch_file_path", "0"),
+    "FrontendLaunchDescriptionSource": _through("launch_file_path", "0"),
+    "ParameterFile": _through("param_file", "0"),
+    "ParameterValue": _through("value", "0"),
+    "RewrittenYaml": _through("source_file", "0"),
+    "ReplaceString": _through("source_file", "0"),
+    "str": _through("0"),
+    "list": _through("0"),
+    "tuple": _through("0"),
+    "Path": _path,
+    "join": _path,
+}

@@ -1,0 +1,1 @@
+"""Python sources by `ast`: nothing is imported or run."""

@@ -1,0 +1,79 @@
+"""Text to a syntax tree, Python 2 as far as it goes."""
+
+import ast
+import re
+import warnings
+from collections.abc import Iterator
+from typing import Final
+
+from ros_profile.model.facts import Problem
+from ros_profile.read.text import MAX_LINE, decode
+
+MAX_NODES: Final = 300_000
+_PRINT: Final = re.compile(
+    r"^([ \t]*(?:(?:else|try|finally)\s*:\s*)?)print\b(?!\s*\().*$|^([ \t]*)print\s*>>.*$", re.MULTILINE
+)
+_EXCEPT: Final = re.compile(r"^([ \t]*except\s+[\w.()]+(?:\s*,\s*[\w.]+\s*\))?)\s*,\s*\w+\s*:", re.MULTILINE)
+_RAISE: Final = re.compile(r"^([ \t]*)raise\s+\w+\s*,.*$", re.MULTILINE)
+_EXEC: Final = re.compile(r"^([ \t]*)exec\s+[^(\s].*$", re.MULTILINE)
+_LITERALS: Final = re.compile(r"\b0([0-7]+)\b(?!\.)|\b(\d+)L\b|\bur(['\"])")
+_FAILURES: Final = (SyntaxError, ValueError, RecursionError, MemoryError)
+
+
+def parse(data: bytes, file: str) -> tuple[ast.Module | None, tuple[Problem, ...]]:
+    """The module, or None with the reason."""
+    text = decode(data)
+    if len(text) > MAX_LINE and any(len(line) > MAX_LINE for line in text.split("\n")):
+        return None, (Problem(file, f"has lines longer than {MAX_LINE} characters: taken for data"),)
+    try:
+        return _parse(text), ()
+    except _FAILURES as error:
+        first = error
+    try:
+        return _parse(_python3(text)), ()
+    except _FAILURES:
+        line = getattr(first, "lineno", 0) or 0
+        return None, (Problem(file, f"is not Python: {str(first)[:200]}", line),)
+
+
+def _parse(text: str) -> ast.Module:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # "\d" in plain strings of somebody else's source
+        return ast.parse(text.expandtabs(8) if "\t" in text else text)
+
+
+def _python3(text: str) -> str:
+    """Statements that only Python 2 has are made ones of Python 3, line by line, so that lines stay where they are."""
+    text = _PRINT.sub(lambda match: f"{match[1] or match[2] or ''}pass", text)
+    text = _EXCEPT.sub(r"\1:", text)
+    text = _RAISE.sub(r"\1raise", text)
+    text = _EXEC.sub(r"\1pass", text)
+    text = _LITERALS.sub(lambda m: f"0o{m[1]}" if m[1] else m[2] or m[3] or "", text)
+    return text.replace("<>", "!=").replace("`", "'")
+
+
+def walk(root: ast.AST) -> Iterator[tuple[ast.AST, str, str]]:
+    """Every node with the class and the function it stands in, in the order of the text; without recursion."""
+    waiting: list[tuple[ast.AST, str, str]] = [(root, "", "")]
+    count = 0
+    while waiting and count < MAX_NODES:
+        node, owner, function = waiting.pop()
+        count += 1
+        yield node, owner, function
+        if isinstance(node, ast.ClassDef):
+            owner, function = node.name, ""
+        elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            function = node.name
+        children = list(ast.iter_child_nodes(node))
+        waiting += [(child, owner, function) for child in reversed(children)]
+
+
+def dotted(node: ast.AST) -> str:
+    """`a.b.c` of a chain of names; empty for anything else."""
+    parts: list[str] = []
+    while isinstance(node, ast.Attribute) and len(parts) < 20:
+        parts.append(node.attr)
+        node = node.value
+    if not isinstance(node, ast.Name):
+        return ""
+    return ".".join([node.id, *reversed(parts)])
