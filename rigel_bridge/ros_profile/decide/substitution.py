@@ -30,7 +30,8 @@ def _one(body: str, values: Mapping[str, str], anonymous: str) -> str:
     verb, _, rest = body.partition(" ")
     rest = rest.strip().strip("'\"")
     if verb in ("var", "arg"):
-        return values.get(rest, f"{_MARK}?)")
+        name, has_default, default = rest.partition(" ")
+        return values.get(name, default if has_default else f"{_MARK}?)")
     if verb in ("find", "find-pkg-share", "find-pkg-prefix"):
         return f"{_MARK}find {rest})"
     if verb in ("env", "optenv"):

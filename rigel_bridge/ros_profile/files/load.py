@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ros_profile.decide.executables import executables
 from ros_profile.files import walk
+from ros_profile.files.cache import Entry, Shelf, code_version, key_of
 from ros_profile.model.facts import Problem
 from ros_profile.model.launch import LaunchFile
 from ros_profile.model.package import Manifest, Package, SourceFile
@@ -24,24 +25,25 @@ class Workspace:
     problems: tuple[Problem, ...] = ()
 
 
-def load(root: Path, progress: Progress | None = None) -> Workspace:
+def load(root: Path, progress: Progress | None = None, *, cache: Path | None = None) -> Workspace:
     """Every package at or below `root`. What cannot be read is a problem; OSError only when `root` is no folder."""
     root = Path(os.path.realpath(root, strict=True))
     if not root.is_dir():
         raise NotADirectoryError(20, "is no folder", str(root))
     found, problems = walk.packages(root)
+    version = code_version() if cache else ""
     packages: list[Package] = []
     for index, one in enumerate(found):
         if progress:
             progress(index, len(found), one.relative)
-        package, trouble = load_package(one)
+        package, trouble = load_package(one, Shelf(cache, str(one.folder), version))
         problems += trouble
         if package is not None:
             packages.append(package)
     return Workspace(tuple(packages), tuple(problems))
 
 
-def load_package(found: walk.Found) -> tuple[Package | None, list[Problem]]:
+def load_package(found: walk.Found, shelf: Shelf) -> tuple[Package | None, list[Problem]]:
     """One package; None with the problem when its manifest gives no name."""
     manifest, problems = _manifest(found)
     if manifest is None:
@@ -60,10 +62,12 @@ def load_package(found: walk.Found) -> tuple[Package | None, list[Problem]]:
                 Problem(".", f"has more than {walk.MAX_PACKAGE_BYTES} bytes of source; the rest is not read")
             )
             break
-        if launch_reader := launch_reader_of(file, data):
-            launch_files.append(launch_reader(data, file))
-        elif reader := reader_of(file, data[:200]):
-            sources.append(reader(data, file))
+        entry = _entry(file, data, shelf)
+        if entry.launch is not None:
+            launch_files.append(entry.launch)
+        if entry.source is not None:
+            sources.append(entry.source)
+    shelf.save()
     problems += [p for source in sources for p in source.problems]
     problems += [p for launch in launch_files for p in launch.problems]
     sources.sort(key=lambda source: source.file)
@@ -76,6 +80,21 @@ def load_package(found: walk.Found) -> tuple[Package | None, list[Problem]]:
         launch_files=tuple(launch_files),
         problems=tuple(problems),
     ), []
+
+
+def _entry(file: str, data: bytes, shelf: Shelf) -> Entry:
+    """What a file holds, from the cache when its bytes were read before."""
+    key = key_of(file, data)
+    entry = shelf.get(key)
+    if entry is None:
+        if launch_reader := launch_reader_of(file, data):
+            entry = Entry(launch=launch_reader(data, file))
+        elif reader := reader_of(file, data[:200]):
+            entry = Entry(source=reader(data, file))
+        else:
+            entry = Entry()
+        shelf.put(key, entry)
+    return entry
 
 
 def _manifest(found: walk.Found) -> tuple[Manifest | None, list[Problem]]:

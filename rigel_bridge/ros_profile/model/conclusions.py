@@ -131,6 +131,10 @@ class LaunchedNode:
     certain: bool = True
     """False: its condition could not be evaluated."""
     parameter_files: tuple[str, ...] = ()
+    """`package/path` within that package."""
+    remaps: tuple[tuple[str, str], ...] = ()
+    parameters: tuple[tuple[str, str], ...] = ()
+    namespace: str = "/"
     file: str = ""
     line: int = 0
 

@@ -117,7 +117,11 @@ class _Builder:
         self._keys[-1] = None
         if parent.get(key[0]) is not None and len(parent.items()) < 1000:
             self.problems.append(
-                Problem(self.file, f"key {key[0][:80]!r} stands here twice; the first one counts", key[1])
+                Problem(
+                    self.file,
+                    f"key {key[0][:80]!r} stands here twice; which one counts depends on the loader: keep one",
+                    key[1],
+                )
             )
         parent.items().append((key[0], key[1], node))
 

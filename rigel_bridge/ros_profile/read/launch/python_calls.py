@@ -112,6 +112,12 @@ def _environment(arguments: Arguments) -> str:
     return f"$(env {_text(arguments, 'name', '0', 'key')}{shown})"
 
 
+def _configuration(arguments: Arguments) -> str:
+    default = _first(arguments, "default", "1")
+    shown = "" if default is None else f" {v.as_text(default)}"
+    return f"$(var {_text(arguments, 'variable_name', '0')}{shown})"
+
+
 def _words(verb: str) -> Callable[[Arguments], str]:
     def made(arguments: Arguments) -> str:
         return f"$({verb} " + " | ".join(v.as_text(arguments[str(i)]) for i in range(10) if str(i) in arguments) + ")"
@@ -133,7 +139,7 @@ def _through(*keys: str) -> Callable[[Arguments], Any]:
 
 
 CALLS: Final[dict[str, Callable[[Arguments], Any]]] = {
-    "LaunchConfiguration": lambda a: f"$(var {_text(a, 'variable_name', '0')})",
+    "LaunchConfiguration": _configuration,
     "DeclareLaunchArgument": _argument,
     "SetLaunchConfiguration": lambda a: LaunchArgument(_text(a, "name", "0"), _text(a, "value", "1"), a["line"]),
     "Node": _node,

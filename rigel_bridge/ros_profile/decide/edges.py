@@ -1,0 +1,168 @@
+"""Who talks to whom: names of topics, services and actions resolved per launched node, then matched."""
+
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from ros_profile.decide.launching import Launched, absolute
+from ros_profile.decide.substitution import UNKNOWN, resolve
+from ros_profile.decide.workspace import Index
+from ros_profile.model.conclusions import Edge, GraphName
+from ros_profile.model.endpoints import PARAMETER_MARK, Endpoint, Parameter, Role
+from ros_profile.model.package import Unit
+
+MAX_EDGES: Final = 2000
+_PAIRS: Final = (
+    ("Topic", Role.PUBLISHER, Role.SUBSCRIPTION),
+    ("Service", Role.SERVICE_CLIENT, Role.SERVICE_SERVER),
+    ("Action", Role.ACTION_CLIENT, Role.ACTION_SERVER),
+)
+_NAME: Final = re.compile(r"[~/\w{}.$()?-]{1,256}")
+_QUIET: Final = frozenset({"/rosout", "/parameter_events"})
+
+
+@dataclass(frozen=True, slots=True)
+class Ends:
+    """A launched node with its resolved names."""
+
+    launched: Launched
+    full_name: str
+    graph: tuple[GraphName, ...]
+
+
+def ends_of(launched: Launched, unit: Unit | None, index: Index) -> Ends:
+    """The topics, services and actions of a node as they are called on the graph."""
+    name = launched.name or _default_name(launched, unit, index)
+    full_name = absolute(name, launched.namespace)
+    if unit is None:
+        return Ends(launched, full_name, ())
+    values = _parameters(launched, unit, full_name, index)
+    found: dict[tuple[str, str, str], GraphName] = {}
+    for endpoint in unit.endpoints:
+        written = endpoint.name
+        if written.startswith(PARAMETER_MARK):
+            written = values.get(written.removeprefix(PARAMETER_MARK), "")
+        if not written or UNKNOWN in written or not _NAME.fullmatch(written):
+            continue
+        topic = graph_name(written, full_name, launched.namespace, launched.remaps)
+        key = (endpoint.role.value, topic, endpoint.type)
+        found.setdefault(key, _graph_name(endpoint, topic))
+    return Ends(launched, full_name, tuple(found.values()))
+
+
+def _graph_name(endpoint: Endpoint, topic: str) -> GraphName:
+    return GraphName(endpoint.role.value, topic, endpoint.type, endpoint.qos, endpoint.file, endpoint.line)
+
+
+def _default_name(launched: Launched, unit: Unit | None, index: Index) -> str:
+    """The name in the code, when there is exactly one; else the executable's."""
+    package = index.package(launched.package)
+    if unit is not None and package is not None:
+        names = {n for s in package.sources if s.file in unit.files for n in s.node_names if not n.startswith("$")}
+        if len(names) == 1:
+            return names.pop()
+    plugin = launched.node.plugin.replace("::", "/").rpartition("/")[2]
+    return launched.node.executable.removesuffix(".py") or plugin
+
+
+def _parameters(launched: Launched, unit: Unit, full_name: str, index: Index) -> dict[str, str]:
+    """Values by parameter: of the launch file, of parameter files, else the default of the code."""
+    values = {p.name: p.default for p in unit.parameters if not p.node and p.default}
+    for file in launched.parameter_files:
+        package, _, path = file.partition("/")
+        source = index.parameter_file(package, path)
+        for parameter in source.parameters if source is not None else ():
+            if parameter.default and _is_for(parameter, full_name):
+                values[parameter.name] = resolve(parameter.default, launched.values)
+    values.update({name: value for name, value in launched.parameters if value})
+    return values
+
+
+def _is_for(parameter: Parameter, full_name: str) -> bool:
+    """Whether the node pattern of a parameter file (`/**`, `ns/node`, `/*/node`) means this node."""
+    pattern = parameter.node.strip("/")
+    if not pattern or pattern == "**":
+        return True
+    if "*" not in pattern:
+        return full_name.strip("/") == pattern or full_name.rpartition("/")[2] == pattern
+    expression = re.escape(pattern).replace(r"\*\*/", "(?:.*/)?").replace(r"\*\*", ".*").replace(r"\*", "[^/]*")
+    return re.fullmatch(expression, full_name.strip("/")) is not None
+
+
+def graph_name(written: str, full_name: str, namespace: str, remaps: Iterable[tuple[str, str]]) -> str:
+    """A name of the source as it is on the graph: private and relative names expanded, the first remap that fits applied."""
+    expanded = _expanded(written, full_name, namespace)
+    for source, target in remaps:
+        if source and target and _expanded(source, full_name, namespace) == expanded:
+            return _expanded(target, full_name, namespace)
+    return expanded
+
+
+def _expanded(name: str, full_name: str, namespace: str) -> str:
+    name = name.partition(":=")[0].replace("{node}", full_name.rpartition("/")[2]).replace("{ns}", namespace)
+    name = name.replace("{namespace}", namespace)
+    if name.startswith("~"):
+        return absolute(name[1:].lstrip("/"), full_name)
+    return absolute(name, namespace)
+
+
+def edges(nodes: Iterable[Ends]) -> tuple[Edge, ...]:
+    """Every pair of nodes that a topic, service or action connects, sorted."""
+    kept = list(nodes)
+    found: dict[tuple[str, str, str, str], Edge] = {}
+    for kind, sending, receiving in _PAIRS:
+        receivers = _by_name(kept, receiving)
+        for node in kept:
+            for sent in node.graph:
+                if sent.role != sending.value or sent.name in _QUIET:
+                    continue
+                for target, received in receivers.get(sent.name, ()):
+                    if (
+                        target.full_name != node.full_name
+                        and _may_match(sent.type, received.type)
+                        and len(found) < MAX_EDGES
+                    ):
+                        edge = _edge(kind, (node, sent), (target, received))
+                        found.setdefault((kind, edge.topic, edge.source, edge.target), edge)
+    return tuple(found[key] for key in sorted(found))
+
+
+def _by_name(nodes: Iterable[Ends], role: Role) -> Mapping[str, list[tuple[Ends, GraphName]]]:
+    found: dict[str, list[tuple[Ends, GraphName]]] = {}
+    for node, name in _names(nodes):
+        if name.role == role.value:
+            found.setdefault(name.name, []).append((node, name))
+    return found
+
+
+def _names(nodes: Iterable[Ends]) -> Iterator[tuple[Ends, GraphName]]:
+    for node in nodes:
+        for name in node.graph:
+            yield node, name
+
+
+def _may_match(first: str, second: str) -> bool:
+    """Types that differ do not connect; a type that is known only in part may be the same."""
+    if not first or not second:
+        return True
+    if "/" in first and "/" in second:
+        return first == second
+    return first.rpartition("/")[2] == second.rpartition("/")[2] or not (first[:1].isupper() and second[:1].isupper())
+
+
+def _edge(kind: str, sender: tuple[Ends, GraphName], receiver: tuple[Ends, GraphName]) -> Edge:
+    source, sent = sender
+    target, received = receiver
+    certain = source.launched.certain and target.launched.certain
+    same = bool(sent.type) and sent.type == received.type
+    return Edge(
+        kind=kind,
+        topic=sent.name,
+        type=sent.type if "/" in sent.type else received.type or sent.type,
+        source=source.full_name,
+        target=target.full_name,
+        qos=sent.qos,
+        requested_qos=received.qos,
+        confidence=(0.95 if same else 0.75) * (1.0 if certain else 0.6),
+    )

@@ -1,0 +1,127 @@
+"""From packages to a profile: units are judged, launch files followed, edges matched."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+
+from ros_profile.decide.edges import Ends, edges, ends_of
+from ros_profile.decide.engines import Engine
+from ros_profile.decide.launching import Launched, closure
+from ros_profile.decide.units import executable_unit, package_unit
+from ros_profile.decide.workspace import Index
+from ros_profile.model.conclusions import (
+    Assessment,
+    ExecutableProfile,
+    GraphName,
+    LaunchedNode,
+    LaunchProfile,
+    PackageProfile,
+    Profile,
+)
+from ros_profile.model.endpoints import Parameter
+from ros_profile.model.facts import Problem
+from ros_profile.model.launch import LaunchFile
+from ros_profile.model.package import Executable, Manifest, Package, Unit
+from ros_profile.read.parameters import text_facts
+
+
+def profile(packages: Iterable[Package], engine: Engine, *, path: str, problems: tuple[Problem, ...] = ()) -> Profile:
+    """The profile of everything that was read."""
+    index = Index(packages)
+    return Profile(
+        path=path,
+        engine=engine.name,
+        packages=tuple(_package(package, engine, index) for package in index.packages),
+        problems=problems,
+    )
+
+
+def _package(package: Package, engine: Engine, index: Index) -> PackageProfile:
+    """A package with code is judged by its code; one that only launches by what it starts."""
+    executables = tuple(_executable(package, executable, engine) for executable in package.executables)
+    launches = tuple(_launch(package, launch, engine, index) for launch in package.launch_files)
+    unit = package_unit(package)
+    own = engine.classify(unit)
+    if launches and not unit.languages & {"python", "cpp"}:
+        own = engine.aggregate([own, *(launch.assessment for launch in launches)])
+    return PackageProfile(
+        name=package.name,
+        path=package.path,
+        ros_version=package.manifest.ros_version,
+        assessment=own,
+        executables=executables,
+        launches=launches,
+        problems=package.problems,
+    )
+
+
+def _executable(package: Package, executable: Executable, engine: Engine) -> ExecutableProfile:
+    unit = executable_unit(package, executable)
+    return ExecutableProfile(
+        name=executable.name,
+        kind=executable.kind,
+        plugin=executable.plugin,
+        assessment=engine.classify(unit),
+        graph=tuple(GraphName(e.role.value, e.name, e.type, e.qos, e.file, e.line) for e in unit.endpoints),
+    )
+
+
+def _launch(package: Package, launch: LaunchFile, engine: Engine, index: Index) -> LaunchProfile:
+    found = closure(index, package, launch)
+    ends: list[Ends] = []
+    nodes: list[LaunchedNode] = []
+    for launched in found.nodes:
+        unit = index.unit(launched.package, launched.node.executable, launched.node.plugin)
+        end = ends_of(launched, unit, index)
+        ends.append(end)
+        nodes.append(_node(end, engine.classify(_as_launched(launched, unit))))
+    outside = tuple(Problem(launch.file, f"includes {name}, which is not in the workspace") for name in found.outside)
+    return LaunchProfile(
+        package=package.name,
+        file=launch.file,
+        nodes=tuple(nodes),
+        edges=edges(ends),
+        assessment=engine.aggregate(
+            [node.assessment for node in nodes if node.certain] or [node.assessment for node in nodes]
+        ),
+        problems=(*launch.problems, *found.problems, *outside),
+    )
+
+
+def _node(end: Ends, assessment: Assessment) -> LaunchedNode:
+    launched = end.launched
+    return LaunchedNode(
+        full_name=end.full_name,
+        package=launched.package,
+        executable=launched.node.executable,
+        plugin=launched.node.plugin,
+        container=launched.node.container,
+        assessment=assessment,
+        graph=end.graph,
+        certain=launched.certain,
+        parameter_files=launched.parameter_files,
+        remaps=launched.remaps,
+        parameters=launched.parameters,
+        namespace=launched.namespace,
+        file=launched.file,
+        line=launched.node.line,
+    )
+
+
+def _as_launched(launched: Launched, unit: Unit | None) -> Unit:
+    """The unit with what the launch file gives to it; by its name alone when its source is not there."""
+    file, line = launched.file, launched.node.line
+    known = unit or Unit(
+        package=Manifest(name=launched.package),
+        name=launched.node.plugin or launched.node.executable,
+        kind="component" if launched.node.plugin else "program",
+    )
+    given = tuple(Parameter(name, value, file, line) for name, value in launched.parameters)
+    facts = tuple(fact for name, value in launched.parameters for fact in text_facts(value, file, line, name))
+    facts += tuple(fact for text in launched.node.arguments for fact in text_facts(text, file, line))
+    return replace(known, parameters=(*given, *_others(known, given)), facts=(*known.facts, *facts))
+
+
+def _others(unit: Unit, given: tuple[Parameter, ...]) -> Iterator[Parameter]:
+    """Parameters that the launch file does not set."""
+    names = {parameter.name for parameter in given}
+    return (parameter for parameter in unit.parameters if parameter.name not in names)

@@ -1,0 +1,38 @@
+"""`generate_profile`: a folder in, a profile out. The one door for programs; `main` is the one for people."""
+
+import os
+from pathlib import Path
+from typing import Final
+
+from ros_profile.decide.engines import Engine, abstaining
+from ros_profile.decide.profiling import profile
+from ros_profile.files.load import Progress, load
+from ros_profile.model.conclusions import Profile
+
+ENGINES: Final = ("rules", "thesis", "none")
+
+
+def generate_profile(
+    path: str | os.PathLike[str],
+    *,
+    engine: str = "rules",
+    curated: bool = True,
+    cache: Path | None = None,
+    progress: Progress | None = None,
+) -> Profile:
+    """The profile of a package or of a workspace with several, ROS 1 or ROS 2.
+
+    `curated=False` leaves out the table of well-known packages. `cache` is a folder for what was read, by content.
+    OSError when `path` is no folder that can be read; whatever stands in its files is no error but a `Problem`.
+    """
+    workspace = load(Path(path), progress, cache=cache)
+    return profile(
+        workspace.packages, engine_named(engine, curated=curated), path=os.fspath(path), problems=workspace.problems
+    )
+
+
+def engine_named(name: str, *, curated: bool = True) -> Engine:
+    """The engine of that name. ValueError for any other."""
+    if name in ENGINES:
+        return abstaining(curated=curated)
+    raise ValueError(f"no engine {name!r}; there are {', '.join(ENGINES)}")
