@@ -26,6 +26,8 @@ class Launched:
     package: str
     namespace: str
     name: str
+    container: str
+    """Full name of the container that a composable node is loaded into."""
     remaps: tuple[tuple[str, str], ...]
     parameters: tuple[tuple[str, str], ...]
     parameter_files: tuple[str, ...]
@@ -161,6 +163,7 @@ def _launched(
         package=resolve(node.package, values),
         namespace=absolute(resolve(node.namespace, values), context.namespace),
         name=name,
+        container=absolute(resolve(node.container, values), context.namespace) if node.container else "",
         remaps=(*context.remaps, *_resolved(node.remaps, values), *_argument_remaps(node.arguments, values)),
         parameters=_resolved(node.parameters, values),
         parameter_files=tuple(_parameter_file(file, values, package.name) for file in node.parameter_files),

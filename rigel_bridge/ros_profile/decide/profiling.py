@@ -94,7 +94,7 @@ def _node(end: Ends, assessment: Assessment) -> LaunchedNode:
         package=launched.package,
         executable=launched.node.executable,
         plugin=launched.node.plugin,
-        container=launched.node.container,
+        container=launched.container,
         assessment=assessment,
         graph=end.graph,
         certain=launched.certain,

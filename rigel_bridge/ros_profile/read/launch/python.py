@@ -230,6 +230,8 @@ class _Evaluator:
             return v.Description(v.as_list(arguments.get("0", arguments.get("initial_entities"))))
         if name in self.functions and dotted(node.func) == name:
             return self._apply(self.functions[name], arguments, frame)
+        if name.startswith("LaunchConfig"):  # a class of somebody's own, such as one that gives it as a boolean
+            name = name if name in CALLS else "LaunchConfiguration"
         if name not in CALLS:
             return v.UNKNOWN
         return _conditioned(CALLS[name](arguments), frame.conditions)
