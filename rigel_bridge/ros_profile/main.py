@@ -1,0 +1,183 @@
+"""`ros-scheduler-profile`: the command line."""
+
+import argparse
+import os
+import re
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from ros_profile.generate import ENGINES, generate_profile
+from ros_profile.model.conclusions import LaunchProfile, Profile
+from ros_profile.output.difference import difference
+from ros_profile.output.machine import as_annotations, as_json, as_rigelfile, from_json
+from ros_profile.output.robotapp import as_robotapp
+from ros_profile.output.text import text
+
+MAX_OLD_BYTES: Final = 256 << 20
+_CONTROL: Final = re.compile(
+    "[\\x00-\\x09\\x0b-\\x1f\\x7f-\\x9f\\u200e\\u200f\\u2028-\\u202e\\u2066-\\u2069\\ud800-\\udfff]"
+)
+_EXAMPLES: Final = """\
+examples:
+  ros-scheduler-profile src/my_driver                      what the package needs, in short
+  ros-scheduler-profile src/my_driver --explain            with the lines of source it follows from
+  ros-scheduler-profile src --format json > profile.json   a workspace, for programs
+  ros-scheduler-profile src --diff profile.json            what has changed since
+  ros-scheduler-profile src --format robotapp --launch my_bringup/robot.launch.py > robotapp.yaml
+
+exit codes:
+  0 done   1 --diff found differences   2 wrong usage   70 PATH or OLD cannot be read   72 nothing to profile
+
+Nothing that is read is run: launch files, setup.py and CMakeLists.txt are only parsed.
+"""
+
+
+class Failure(Exception):  # noqa: N818 - an outcome with its exit code
+    """What ends the command. `code` becomes the exit code."""
+
+    def __init__(self, message: str, code: int) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit code."""
+    arguments = _parser().parse_args(argv)
+    try:
+        profile = _profile(arguments)
+        written, code = _output(profile, arguments)
+        sys.stdout.write(_CONTROL.sub(lambda match: f"\\u{ord(match[0]):04x}", written))
+        sys.stdout.flush()
+    except Failure as failure:
+        sys.stderr.write(_CONTROL.sub("?", f"{failure}\n"))
+        return failure.code
+    except BrokenPipeError:  # `| head` closed the pipe
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    return code
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="ros-scheduler-profile",
+        description="Infer what ROS packages need from a scheduler, from their source, with evidence.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("path", type=Path, metavar="PATH", help="folder of a package or of a workspace, ROS 1 or ROS 2")
+    parser.add_argument(
+        "--format",
+        choices=("text", "json", "annotations", "rigelfile", "robotapp"),
+        default="text",
+        help="default: text",
+    )
+    parser.add_argument("--explain", action="store_true", help="with the evidence of every value (text)")
+    parser.add_argument("--diff", type=Path, metavar="OLD", help="compare with a profile written by --format json")
+    parser.add_argument(
+        "--engine", choices=ENGINES, default="rules", help="thesis: the heuristic it began with, to compare"
+    )
+    parser.add_argument("--no-curated", action="store_true", help="without the table of well-known packages")
+    parser.add_argument("--launch", metavar="FILE", help="launch file for robotapp: name, path, or package/path")
+    parser.add_argument("--distro", help="ROS distribution for robotapp (default: jazzy, or noetic for ROS 1)")
+    parser.add_argument("--no-cache", action="store_true", help="read everything again")
+    parser.add_argument("--quiet", action="store_true", help="no progress bar")
+    return parser
+
+
+def _profile(arguments: argparse.Namespace) -> Profile:
+    try:
+        profile = generate_profile(
+            arguments.path,
+            engine=arguments.engine,
+            curated=not arguments.no_curated,
+            cache=None if arguments.no_cache else _cache_folder(),
+            progress=None if arguments.quiet or not sys.stderr.isatty() else _progress,
+        )
+    except (OSError, ValueError) as error:
+        raise Failure(f"{arguments.path}: cannot be read: {getattr(error, 'strerror', None) or error}", 70) from error
+    if sys.stderr.isatty() and not arguments.quiet:
+        sys.stderr.write("\r\x1b[K")
+    if not profile.packages:
+        reasons = "".join(f"; {problem.file}: {problem.message}" for problem in profile.problems[:3])
+        raise Failure(f"{arguments.path}: no package.xml here or below that could be read{reasons}", 72)
+    return profile
+
+
+def _cache_folder() -> Path | None:
+    stated = os.environ.get("XDG_CACHE_HOME")
+    try:
+        base = Path(stated) if stated else Path("~/.cache").expanduser()
+    except RuntimeError:  # a user without a home
+        return None
+    return base / "ros-scheduler-profile" if base.is_absolute() else None
+
+
+def _progress(done: int, total: int, name: str) -> None:
+    width = 24
+    filled = width * done // max(total, 1)
+    sys.stderr.write(f"\r\x1b[K[{'#' * filled}{' ' * (width - filled)}] {done}/{total} {_CONTROL.sub('?', name)[:40]}")
+    sys.stderr.flush()
+
+
+def _output(profile: Profile, arguments: argparse.Namespace) -> tuple[str, int]:
+    if arguments.diff is not None:
+        lines = difference(_old(arguments.diff), profile)
+        return "".join(f"{line}\n" for line in lines) or "no difference\n", 1 if lines else 0
+    if arguments.format == "json":
+        return as_json(profile), 0
+    if arguments.format == "annotations":
+        return as_annotations(profile), 0
+    if arguments.format == "rigelfile":
+        return as_rigelfile(profile), 0
+    if arguments.format == "robotapp":
+        return _robotapp(profile, arguments), 0
+    return text(profile, explain=arguments.explain), 0
+
+
+def _old(path: Path) -> Profile:
+    try:
+        with path.open("rb") as stream:
+            data = stream.read(MAX_OLD_BYTES + 1)
+        if len(data) > MAX_OLD_BYTES:
+            raise Failure(f"{path}: is larger than {MAX_OLD_BYTES} bytes", 70)
+        return from_json(data)
+    except OSError as error:
+        raise Failure(f"{path}: cannot be read: {error.strerror}", 70) from error
+    except ValueError as error:
+        raise Failure(f"{path}: {error}; write it with --format json", 70) from error
+
+
+def _robotapp(profile: Profile, arguments: argparse.Namespace) -> str:
+    launch = _chosen(profile, arguments.launch)
+    package = next(p for p in profile.packages if p.name == launch.package)
+    distro = arguments.distro or ("noetic" if package.ros_version == 1 else "jazzy")
+    if not re.fullmatch("[a-z]{1,32}", distro):
+        raise Failure(f"--distro {distro[:40]!r} is no distribution; allowed: lower-case letters, such as jazzy", 2)
+    return as_robotapp(launch, name=launch.package, distro=distro)
+
+
+def _chosen(profile: Profile, wanted: str | None) -> LaunchProfile:
+    """The launch file that is named, or the only one that starts nodes."""
+    launches = [launch for package in profile.packages for launch in package.launches if launch.nodes]
+    if wanted:
+        launches = [
+            one for one in launches if f"/{one.package}/{one.file}".endswith(f"/{wanted}") or _is_short(one, wanted)
+        ]
+    if len(launches) == 1:
+        return launches[0]
+    names = ", ".join(f"{one.package}/{one.file}" for one in launches[:20]) or "none starts a node"
+    raise Failure(
+        f"--format robotapp is made of one launch file; name it with --launch: {names}", 2 if launches else 72
+    )
+
+
+def _is_short(launch: LaunchProfile, wanted: str) -> bool:
+    """`package/name` without the folder between them."""
+    package, _, name = wanted.partition("/")
+    return package == launch.package and launch.file.rpartition("/")[2] == name
+
+
+if __name__ == "__main__":
+    sys.exit(main())

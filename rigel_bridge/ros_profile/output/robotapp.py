@@ -1,0 +1,219 @@
+"""A launch file as a RobotApp: its nodes as components, their edges and devices. Images are left to the user."""
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import yaml
+
+from ros_profile.model.conclusions import Edge, LaunchedNode, LaunchProfile, QosClass
+from ros_profile.model.endpoints import Qos
+from ros_profile.output.values import CLAIMED, TIERS, bits, duration, emitted, policies, requirement, withheld
+
+API_VERSION: Final = "robotics.io/v1alpha1"
+IMAGE: Final = "example.invalid/give-me-an-image:tag"
+MAX_COMPONENTS: Final = 64
+MAX_EDGES: Final = 256
+_CAMEL: Final = {"qos_class": "qosClass", "latency_budget": "latencyBudget", "deadline": "deadline"}
+_TOPIC: Final = re.compile(r"/[A-Za-z_]\w*(?:/[A-Za-z_]\w*)*", re.ASCII)
+_TYPE: Final = re.compile(r"[a-zA-Z]\w*/(?:(?:msg|srv|action)/)?[A-Z]\w*", re.ASCII)
+_TOOLS: Final = frozenset({"rviz2", "rviz", "rqt_gui", "rqt_graph", "rqt_reconfigure"})
+_RANK: Final = (QosClass.REALTIME, QosClass.SENSOR_DATA, QosClass.SYSTEM_DEFAULT, QosClass.BEST_EFFORT)
+
+
+@dataclass(frozen=True, slots=True)
+class Component:
+    """One process: a node, or a container with the nodes loaded into it."""
+
+    name: str
+    nodes: tuple[LaunchedNode, ...]
+
+
+def components(nodes: Iterable[LaunchedNode]) -> list[Component]:
+    """Nodes by process. Viewers stay out: they belong on a desk, not on a robot."""
+    groups: dict[str, list[LaunchedNode]] = {}
+    for node in nodes:
+        if node.executable not in _TOOLS:
+            groups.setdefault(node.container or node.full_name, []).append(node)
+    names: dict[str, int] = {}
+    found = []
+    for key, members in groups.items():
+        name = _label(key)
+        names[name] = names.get(name, 0) + 1
+        found.append(Component(name if names[name] == 1 else f"{name[:58]}-{names[name]}", tuple(members)))
+    return found[:MAX_COMPONENTS]
+
+
+def _label(name: str) -> str:
+    cleaned = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")
+    return cleaned[:60].strip("-") or "node"
+
+
+def app(launch: LaunchProfile, *, name: str, distro: str) -> dict[str, Any]:
+    """The RobotApp as plain data."""
+    found = components(launch.nodes)
+    spec: dict[str, Any] = {"ros": {"distro": distro}, "components": [_component(one) for one in found]}
+    if drawn := _edges(launch.edges, found):
+        spec["edges"] = drawn
+    return {
+        "apiVersion": API_VERSION,
+        "kind": "RobotApp",
+        "metadata": {"name": _label(name)[:40].strip("-")},
+        "spec": spec,
+    }
+
+
+def as_robotapp(launch: LaunchProfile, *, name: str, distro: str) -> str:
+    """The RobotApp as YAML, with what was left out as comments."""
+    body = yaml.safe_dump(app(launch, name=name, distro=distro), sort_keys=False, allow_unicode=True, width=120)
+    return "".join(_comments(launch)) + body
+
+
+def _component(component: Component) -> dict[str, Any]:
+    lead = _lead(component)
+    found: dict[str, Any] = {"name": component.name, "image": IMAGE, "args": _arguments(component)}
+    if lead.assessment.placement is not None and lead.assessment.placement.value in TIERS:
+        found["runsOn"] = list(TIERS[lead.assessment.placement.value])
+    stated = policies(lead.assessment, _CAMEL)
+    if qos_class := stated.pop("qosClass", None):
+        found["qosClass"] = qos_class
+    if stated:
+        found["policies"] = stated
+    hardware = dict.fromkeys(one for node in component.nodes for one in emitted(node.assessment.hardware))
+    devices: list[dict[str, str]] = []
+    requires: list[dict[str, str]] = []
+    for one in hardware:
+        if one.type in CLAIMED:
+            devices.append(_device(one.usb_id, requirement(one), devices))
+        elif requirement(one) not in requires:
+            requires.append(requirement(one))
+    if devices:
+        found["devices"] = devices
+    if requires:
+        found["requires"] = requires
+    return found
+
+
+def _lead(component: Component) -> LaunchedNode:
+    """The node whose class is the most demanding: its process gets it."""
+
+    def rank(node: LaunchedNode) -> int:
+        estimate = node.assessment.qos_class
+        return _RANK.index(estimate.value) if estimate is not None else len(_RANK)
+
+    return min(component.nodes, key=rank)
+
+
+def _device(usb_id: str, stated: dict[str, str], before: list[dict[str, str]]) -> dict[str, str]:
+    same = sum(device["type"] == stated["type"] for device in before)
+    name = stated["type"] if not same else f"{stated['type']}-{same + 1}"
+    return {"name": name, **stated, **({"usbID": usb_id} if usb_id else {})}
+
+
+def _arguments(component: Component) -> list[str]:
+    """How the process is started. Files of parameters are named by `$(ros2 pkg prefix …)` in no shell: they are left out."""
+    first = component.nodes[0]
+    loaded = [node for node in component.nodes if node.plugin]
+    if len(component.nodes) == 1 and loaded:
+        return ["ros2", "component", "standalone", first.package, first.plugin, *_node_options(first, "-r", "-p")]
+    plain = next((node for node in component.nodes if not node.plugin), None)
+    if plain is None:
+        return ["ros2", "run", "rclcpp_components", "component_container"]
+    words = ["ros2", "run", plain.package, plain.executable]
+    more = _node_options(plain, "-r", "-p")
+    return [*words, "--ros-args", *more] if more else words
+
+
+def _node_options(node: LaunchedNode, remap: str, parameter: str) -> list[str]:
+    name = node.full_name.rpartition("/")[2]
+    found = [remap, f"__node:={name}"] if name != node.executable and "$" not in name else []
+    if node.namespace not in ("", "/") and "$" not in node.namespace:
+        found += [remap, f"__ns:={node.namespace}"]
+    for source, target in node.remaps:
+        if "$" not in source + target and source and target:
+            found += [remap, f"{source}:={target}"]
+    for key, value in node.parameters:
+        if value and "$" not in key + value and len(value) < 200 and "\n" not in value:
+            found += [parameter, f"{key}:={value}"]
+    return found[:100]
+
+
+def _edges(edges: Iterable[Edge], found: list[Component]) -> list[dict[str, Any]]:
+    """Edges between processes; those within one need no network."""
+    by_node = {node.full_name: component for component in found for node in component.nodes}
+    drawn: dict[tuple[str, str, str, str], dict[str, Any]] = {}
+    for edge in edges:
+        source, target = by_node.get(edge.source), by_node.get(edge.target)
+        if source is None or target is None or source is target or not _TOPIC.fullmatch(edge.topic):
+            continue
+        key = (edge.kind, edge.topic, source.name, target.name)
+        if key not in drawn and len(drawn) < MAX_EDGES:
+            drawn[key] = _edge(edge, source, target)
+    return _consistent(list(drawn.values()))
+
+
+def _edge(edge: Edge, source: Component, target: Component) -> dict[str, Any]:
+    found: dict[str, Any] = {"kind": edge.kind, "topic": edge.topic, "from": source.name, "to": target.name}
+    if _TYPE.fullmatch(edge.type):
+        found["type"] = edge.type
+    if edge.kind == "Topic" and (offered := _qos(edge.qos)):
+        found["qos"] = offered
+    if edge.kind == "Topic" and (asked := _qos(edge.requested_qos)):
+        found["requestedQos"] = asked
+    lead = _lead(target).assessment
+    budget = lead.latency_budget_s
+    if budget is not None and lead.qos_class is not None and lead.qos_class.value is QosClass.REALTIME:
+        found["latency"] = {"budget": duration(budget.value), "enforce": "Preferred"}
+    bandwidth = _lead(source).assessment.bandwidth_bps
+    if edge.kind == "Topic" and bandwidth is not None and re.search(r"Image|PointCloud", edge.type):
+        found["bandwidth"] = bits(bandwidth.value)
+    return found
+
+
+def _qos(qos: Qos | None) -> dict[str, Any]:
+    """What is stated, in the words of the API."""
+    if qos is None:
+        return {}
+    found: dict[str, Any] = {}
+    if qos.profile == "sensor_data":
+        found = {"reliability": "best_effort", "durability": "volatile"}
+    if qos.reliability in ("reliable", "best_effort"):
+        found["reliability"] = qos.reliability
+    if qos.durability in ("volatile", "transient_local"):
+        found["durability"] = qos.durability
+    if qos.history in ("keep_last", "keep_all"):
+        found["history"] = qos.history
+    if 0 <= qos.depth <= 100_000:
+        found["depth"] = qos.depth
+    return found
+
+
+def _consistent(drawn: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """One offer per topic and sender, as the operator wants it: the first one stands."""
+    offers: dict[tuple[str, str, str], Any] = {}
+    for edge in drawn:
+        key = (edge["kind"], edge["topic"], edge["from"])
+        offer = offers.setdefault(key, edge.get("qos"))
+        edge.pop("qos", None)
+        if offer:
+            edge["qos"] = offer
+    return drawn
+
+
+def _comments(launch: LaunchProfile) -> list[str]:
+    lines = [
+        f"# Inferred from {launch.package}/{launch.file}. Give every component its image; check runsOn and devices.\n"
+    ]
+    for component in components(launch.nodes):
+        if len(component.nodes) > 1 and any(node.plugin for node in component.nodes):
+            plugins = ", ".join(node.plugin for node in component.nodes if node.plugin)
+            lines.append(f"# {component.name} is one process; load into it: {plugins[:500]}\n")
+        lines += [
+            f"# {component.name}: perhaps {one.value.type} ({one.confidence:.2f}): left out\n"
+            for node in component.nodes
+            for one in withheld(node.assessment.hardware)
+        ]
+        lines += [f"# {component.name}: parameters of {f}\n" for node in component.nodes for f in node.parameter_files]
+    lines += [f"# {problem.file}: {problem.message[:300]}\n" for problem in launch.problems]
+    return [line.replace("\r", " ") for line in dict.fromkeys(" ".join(line.split()) + "\n" for line in lines)]

@@ -1,0 +1,74 @@
+"""Values as the formats write them, and what of an assessment is sure enough to decide placement."""
+
+from collections.abc import Iterable
+from typing import Any, Final
+
+from ros_profile.model.conclusions import Assessment, Estimate, Hardware, Placement, QosClass
+
+SURE: Final = 0.5
+"""A hardware requirement below this is shown and not emitted: a false one makes a pod unschedulable."""
+CLAIMED: Final = frozenset({"usb", "can", "serial", "gpio"})
+"""Hardware one component has for itself; cameras and GPUs are properties of the node."""
+TIERS: Final = {Placement.ROBOT: ["Robot"], Placement.EDGE: ["Edge", "Robot"], Placement.CLOUD: ["Cloud", "Edge"]}
+
+
+def duration(seconds: float) -> str:
+    """Seconds as Kubernetes writes durations: `30ms`, `1.5s`, `500us`."""
+    for unit, scale in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)):
+        if seconds >= scale * 0.9995 or unit == "us":
+            value = round(seconds / scale, 1 if unit == "s" else 0)
+            return f"{max(value, 1 if unit == 'us' else 0):g}{unit}"
+    return "0s"
+
+
+def bits(per_second: float) -> str:
+    """Bits per second as a quantity: `221M`."""
+    for unit, scale in (("G", 1e9), ("M", 1e6), ("k", 1e3)):
+        if per_second >= scale * 10:
+            return f"{round(per_second / scale)}{unit}"
+    return f"{max(1, round(per_second))}"
+
+
+def emitted(hardware: Iterable[Estimate[Hardware]]) -> list[Hardware]:
+    """Hardware sure enough to filter nodes by, each once."""
+    found = [one.value for one in hardware if one.confidence >= SURE and one.value.type != "unknown"]
+    return list(dict.fromkeys(found))
+
+
+def withheld(hardware: Iterable[Estimate[Hardware]]) -> list[Estimate[Hardware]]:
+    """Hardware that is only shown."""
+    return [one for one in hardware if one.confidence < SURE or one.value.type == "unknown"]
+
+
+def policies(assessment: Assessment, names: dict[str, str]) -> dict[str, str]:
+    """The policies that were concluded, under the names of a format: `qos_class`, `deadline`, `latency_budget`."""
+    found: dict[str, str] = {}
+    if assessment.qos_class is not None:
+        found[names["qos_class"]] = assessment.qos_class.value.value
+    for key, estimate in (("latency_budget", assessment.latency_budget_s), ("deadline", assessment.deadline_s)):
+        if estimate is not None and estimate.value > 0:
+            found[names[key]] = duration(estimate.value)
+    return found
+
+
+def requirement(hardware: Hardware) -> dict[str, str]:
+    """`{type, model, interface}` without what is empty."""
+    stated = {"type": hardware.type, "model": hardware.model[:63], "interface": hardware.interface[:63]}
+    return {key: value for key, value in stated.items() if value}
+
+
+def is_urgent(assessment: Assessment) -> bool:
+    return assessment.qos_class is not None and assessment.qos_class.value is QosClass.REALTIME
+
+
+def plain(value: Any) -> Any:
+    """A dataclass as JSON-ready values; empty fields are left out."""
+    import msgspec
+
+    return _without_empty(msgspec.to_builtins(value))
+
+
+def _without_empty(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_empty(one) for key, one in value.items() if one not in (None, "", [], {})}
+    return [_without_empty(one) for one in value] if isinstance(value, list | tuple) else value
