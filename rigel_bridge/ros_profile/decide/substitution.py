@@ -41,6 +41,9 @@ def _one(body: str, values: Mapping[str, str], anonymous: str) -> str:
         return f"{rest}_{anonymous}"
     if verb == "dirname":
         return f"{_MARK}dirname)"
+    if verb == "if":
+        parts = [part.strip() for part in body.partition(" ")[2].split("|")]
+        return (parts[2] if truth(parts[0]) is False else parts[1]) if len(parts) == 3 else f"{_MARK}?)"
     if verb in ("eval", "not", "and", "or", "equals", "notequals"):
         verdict = _verdict(verb, body.partition(" ")[2].strip())
         return f"{_MARK}?)" if verdict is None else str(verdict).lower()

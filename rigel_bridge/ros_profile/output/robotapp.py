@@ -1,6 +1,7 @@
 """A launch file as a RobotApp: its nodes as components, their edges and devices. Images are left to the user."""
 
 import re
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Final
@@ -38,8 +39,11 @@ def components(nodes: Iterable[LaunchedNode]) -> list[Component]:
             groups.setdefault(node.container or node.full_name, []).append(node)
     names: dict[str, int] = {}
     found = []
+    short = Counter(_label(key.rpartition("/")[2]) for key in groups)
     for key, members in groups.items():
-        name = _label(key)
+        name = _label(key.rpartition("/")[2])
+        if short[name] > 1:
+            name = _label(key)
         names[name] = names.get(name, 0) + 1
         found.append(Component(name if names[name] == 1 else f"{name[:58]}-{names[name]}", tuple(members)))
     return found[:MAX_COMPONENTS]

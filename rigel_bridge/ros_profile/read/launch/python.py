@@ -6,10 +6,11 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 from ros_profile.model.facts import Problem
-from ros_profile.model.launch import Include, LaunchArgument, LaunchFile, StartedNode
+from ros_profile.model.launch import Include, LaunchFile, StartedNode
 from ros_profile.read.launch import python_values as v
+from ros_profile.read.launch.flatten import Flattened
 from ros_profile.read.launch.python_calls import CALLS
-from ros_profile.read.launch.scope import Scope, join
+from ros_profile.read.launch.scope import Scope
 from ros_profile.read.python.syntax import dotted, parse
 
 MAX_STEPS: Final = 100_000
@@ -19,7 +20,7 @@ MAX_NODES: Final = 1000
 _UNCHANGED: Final = frozenset(
     {"perform", "items", "strip", "lower", "as_posix", "resolve", "copy", "describe", "values", "absolute"}
 )
-_DESCRIPTIONS: Final = frozenset({"LaunchDescription"})
+_DESCRIPTION: Final = "LaunchDescription"
 
 
 class _BudgetError(Exception):
@@ -78,12 +79,15 @@ class _Evaluator:
             self.run(node.body if test else node.orelse, frame)
             return
         text = test if isinstance(test, str) and "$(" in test else v.UNKNOWN_TEXT
-        before = frame.conditions
-        frame.conditions = (*before, text)
+        outer, before = frame.conditions, dict(frame.names)
+        frame.conditions = (*outer, text)
         self.run(node.body, frame)
-        frame.conditions = (*before, f"not {text}")
+        positive, frame.names = frame.names, dict(before)
+        frame.conditions = (*outer, f"not {text}")
         self.run(node.orelse, frame)
-        frame.conditions = before
+        frame.conditions = outer
+        for name in positive:
+            frame.names[name] = _either(text, positive[name], frame.names.get(name, positive[name]))
 
     def _loop(self, node: ast.For, frame: _Frame) -> None:
         items = self.value(node.iter, frame)
@@ -137,7 +141,12 @@ class _Evaluator:
             return self._comparison(node, frame)
         if isinstance(node, ast.IfExp):
             test = self.value(node.test, frame)
-            return self.value(node.orelse if test is False else node.body, frame)
+            if isinstance(test, bool):
+                return self.value(node.body if test else node.orelse, frame)
+            text = test if isinstance(test, str) and "$(" in test else v.UNKNOWN_TEXT
+            return _either(text, self.value(node.body, frame), self.value(node.orelse, frame))
+        if isinstance(node, ast.BoolOp):
+            return self._logic(node, frame)
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not | ast.USub):
             return self._unary(node, frame)
         if isinstance(node, ast.ListComp):
@@ -151,6 +160,18 @@ class _Evaluator:
         if isinstance(inner, bool):
             return not inner
         return f"$(not {inner})" if isinstance(inner, str) else v.UNKNOWN
+
+    def _logic(self, node: ast.BoolOp, frame: _Frame) -> Any:
+        values = [self.value(one, frame) for one in node.values]
+        decisive = isinstance(node.op, ast.Or)
+        if any(one is decisive for one in values):
+            return decisive
+        texts = [
+            one if isinstance(one, str) and "$(" in one else v.UNKNOWN_TEXT
+            for one in values
+            if one is not (not decisive)
+        ]
+        return f"$({'or' if decisive else 'and'} {' | '.join(texts)})" if texts else not decisive
 
     def _sequence(self, items: list[ast.expr], frame: _Frame) -> list[Any]:
         found: list[Any] = []
@@ -219,14 +240,14 @@ class _Evaluator:
 
     def _call(self, node: ast.Call, frame: _Frame) -> Any:
         name = node.func.attr if isinstance(node.func, ast.Attribute) else dotted(node.func)
-        if isinstance(node.func, ast.Attribute) and name not in CALLS and name not in _DESCRIPTIONS:
+        if isinstance(node.func, ast.Attribute) and name not in CALLS and name != _DESCRIPTION:
             return self._method(node, node.func, frame)
         if name == "join" and isinstance(node.func, ast.Attribute) and not dotted(node.func.value).endswith("path"):
             return v.UNKNOWN
         if name == "OpaqueFunction":
             return self._opaque(node, frame)
         arguments = self._arguments(node, frame)
-        if name in _DESCRIPTIONS:
+        if name == _DESCRIPTION:
             return v.Description(v.as_list(arguments.get("0", arguments.get("initial_entities"))))
         if name in self.functions and dotted(node.func) == name:
             return self._apply(self.functions[name], arguments, frame)
@@ -258,6 +279,8 @@ class _Evaluator:
                     v.Group([arguments[0]], frame.conditions, scoped=False) if frame.conditions else arguments[0]
                 )
             return None
+        if function.attr == "perform_substitution" and arguments:
+            return arguments[0]
         if function.attr == "extend" and isinstance(holder, list) and arguments:
             holder += v.as_list(arguments[0])
         elif function.attr == "update" and isinstance(holder, dict) and arguments and isinstance(arguments[0], dict):
@@ -299,6 +322,13 @@ class _Evaluator:
         return inner.returned[-1] if inner.returned else None
 
 
+def _either(test: str, first: Any, second: Any) -> Any:
+    """A value that depends on a test: as a text where both are texts, else the first one that is known."""
+    if isinstance(first, str) and isinstance(second, str) and first != second and "|" not in first + second:
+        return f"$(if {test} | {first} | {second})"
+    return second if first is v.UNKNOWN or first is None else first
+
+
 def _conditioned(value: Any, conditions: tuple[str, ...]) -> Any:
     """Actions made below an `if` are started under its condition."""
     if conditions and isinstance(value, StartedNode | Include | v.Group | v.Container | v.Push):
@@ -306,63 +336,12 @@ def _conditioned(value: Any, conditions: tuple[str, ...]) -> Any:
     return value
 
 
-@dataclass(slots=True)
-class _Reading:
-    """Flattens actions: groups give namespaces, remaps and conditions to what stands in them."""
-
-    arguments: list[LaunchArgument] = field(default_factory=list)
-    nodes: list[StartedNode] = field(default_factory=list)
-    includes: list[Include] = field(default_factory=list)
-
-    def actions(self, listed: list[Any], scope: Scope, depth: int = 0) -> None:
-        for action in listed if depth < MAX_DEPTH else []:
-            if len(self.nodes) + len(self.includes) > MAX_NODES:
-                return
-            if isinstance(action, list):
-                self.actions(action, scope, depth + 1)
-            elif isinstance(action, v.Group):
-                inner = scope.inner(*action.conditions)
-                self.actions(action.actions, inner, depth + 1)
-                if not action.scoped:
-                    scope.namespace, scope.remaps = inner.namespace, inner.remaps
-            elif isinstance(action, v.Push):
-                scope.namespace = join(scope.namespace, action.namespace)
-            elif isinstance(action, v.Remap):
-                scope.remaps = (*scope.remaps, action.pair)
-            else:
-                self._leaf(action, scope)
-
-    def _leaf(self, action: Any, scope: Scope) -> None:
-        if isinstance(action, LaunchArgument):
-            self.arguments.append(action)
-        elif isinstance(action, StartedNode):
-            self.nodes.append(_in_scope(action, scope))
-        elif isinstance(action, Include):
-            conditions = (*scope.conditions, *action.conditions)
-            self.includes.append(replace(action, namespace=scope.namespace, remaps=scope.remaps, conditions=conditions))
-        elif isinstance(action, v.Container):
-            inner = scope.inner(*action.conditions)
-            if action.node is not None:
-                self.nodes.append(_in_scope(action.node, scope))
-            for loaded in action.loaded:
-                self.nodes.append(replace(_in_scope(loaded, inner), container=action.name))
-
-
-def _in_scope(node: StartedNode, scope: Scope) -> StartedNode:
-    return replace(
-        node,
-        namespace=join(scope.namespace, node.namespace),
-        remaps=(*scope.remaps, *node.remaps),
-        conditions=(*scope.conditions, *node.conditions),
-    )
-
-
 def read_launch_python(data: bytes, file: str) -> LaunchFile:
     """A `.launch.py` file: what `generate_launch_description` gives."""
     module, problems = parse(data, file)
     if module is None:
         return LaunchFile(file, "python", problems=problems)
-    evaluator, reading = _Evaluator(file), _Reading()
+    evaluator, reading = _Evaluator(file), Flattened()
     frame = _Frame(evaluator.module)
     try:
         evaluator.run(module.body, frame)
