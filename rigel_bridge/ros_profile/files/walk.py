@@ -80,10 +80,19 @@ def packages(root: Path) -> tuple[list[Found], list[Problem]]:
 def _entries(folder: Path, problems: list[Problem], root: Path) -> list["os.DirEntry[str]"]:
     try:
         with os.scandir(folder) as listing:
-            return sorted(listing, key=lambda entry: entry.name)
+            return sorted((entry for entry in listing if _is_text(entry.name)), key=lambda entry: entry.name)
     except OSError as error:
         problems.append(Problem(folder.relative_to(root).as_posix(), f"cannot be listed: {error.strerror}"))
         return []
+
+
+def _is_text(name: str) -> bool:
+    """Names in no encoding cannot be written into a profile; no tool of ROS makes them."""
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        return False
+    return name.isprintable()
 
 
 def files(package: Path, problems: list[Problem]) -> Iterator[str]:
@@ -103,12 +112,19 @@ def files(package: Path, problems: list[Problem]) -> Iterator[str]:
             if entry.is_dir(follow_symlinks=False):
                 if depth < MAX_DEPTH and _is_source_folder(entry.name):
                     waiting.append((folder / entry.name, depth + 1))
-            elif _is_worth_reading(entry.name, folder.name):
+            elif _is_worth_reading(entry.name, folder.name) and not _leads_to_folder(entry):
                 count += 1
                 if count > MAX_FILES:
                     problems.append(Problem(".", f"has more than {MAX_FILES} files; the rest is not read"))
                     return
                 yield (folder / entry.name).relative_to(package).as_posix()
+
+
+def _leads_to_folder(entry: "os.DirEntry[str]") -> bool:
+    try:
+        return entry.is_dir()
+    except OSError:  # a link to itself
+        return False
 
 
 def _is_source_folder(name: str) -> bool:

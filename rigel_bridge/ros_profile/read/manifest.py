@@ -1,6 +1,7 @@
 """package.xml: catkin_pkg on checked bytes; where it refuses a manifest, what can be told is read nevertheless."""
 
 import re
+import warnings
 from typing import Any, Final
 
 from catkin_pkg.package import InvalidPackage, parse_package_string
@@ -85,8 +86,10 @@ def _ros_version(root: Any) -> int:
 def _by_catkin(data: bytes, file: str, version: int) -> tuple[dict[str, list[str]] | None, tuple[Problem, ...]]:
     """Kinds by dependency, conditions evaluated; None when catkin_pkg does not accept the manifest."""
     try:
-        package = parse_package_string(data, filename=file, warnings=[])
-        package.evaluate_conditions(_context(version))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # catkin_pkg calls pyparsing by its old names
+            package = parse_package_string(data, filename=file, warnings=[])
+            package.evaluate_conditions(_context(version))
     except (InvalidPackage, AssertionError, ValueError, KeyError, AttributeError, TypeError, RecursionError) as error:
         reason = " ".join(str(error).split())[:300]
         return None, (Problem(file, f"is not valid, read as far as it goes: {reason}"),)

@@ -20,5 +20,6 @@ def decode(data: bytes) -> str:
     return text.replace("\r\n", "\n").replace("\r", "\n").replace("\0", " ")
 
 
-def has_long_line(text: str) -> bool:
-    return len(text) > MAX_LINE and any(len(line) > MAX_LINE for line in text.split("\n"))
+def printable(text: str) -> str:
+    """The text without halves of characters, which no encoding can write."""
+    return text.encode("utf-8", "replace").decode()

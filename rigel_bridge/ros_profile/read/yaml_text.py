@@ -7,7 +7,7 @@ from typing import Any, Final
 import yaml
 
 from ros_profile.model.facts import Problem
-from ros_profile.read.text import decode
+from ros_profile.read.text import decode, printable
 
 MAX_BYTES: Final = 1 << 20
 MAX_DEPTH: Final = 40
@@ -80,7 +80,7 @@ class _Builder:
     def take(self, event: Any) -> bool:
         """True: the first document is complete."""
         if isinstance(event, yaml.ScalarEvent):
-            self._add(Node(event.value, _line(event), "scalar", event.style in ("'", '"')))
+            self._add(Node(printable(event.value), _line(event), "scalar", event.style in ("'", '"')))
         elif isinstance(event, yaml.AliasEvent):
             line = _line(event)
             self.problems.append(

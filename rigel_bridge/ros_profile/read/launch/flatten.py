@@ -21,7 +21,7 @@ class Flattened:
 
     def actions(self, listed: list[Any], scope: Scope, depth: int = 0) -> None:
         for action in listed if depth < MAX_DEPTH else []:
-            if len(self.nodes) + len(self.includes) > MAX_NODES:
+            if len(self.nodes) + len(self.includes) >= MAX_NODES:
                 return
             if isinstance(action, list):
                 self.actions(action, scope, depth + 1)

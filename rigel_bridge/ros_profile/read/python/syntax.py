@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from ros_profile.model.facts import Problem
-from ros_profile.read.text import MAX_LINE, decode
+from ros_profile.read.text import MAX_LINE, decode, printable
 
 MAX_NODES: Final = 300_000
 _PRINT: Final = re.compile(
@@ -39,7 +39,12 @@ def parse(data: bytes, file: str) -> tuple[ast.Module | None, tuple[Problem, ...
 def _parse(text: str) -> ast.Module:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # "\d" in plain strings of somebody else's source
-        return ast.parse(text.expandtabs(8) if "\t" in text else text)
+        module = ast.parse(text.expandtabs(8) if "\t" in text else text)
+    if "\\u" in text.lower():
+        for node in ast.walk(module):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                node.value = printable(node.value)
+    return module
 
 
 def _python3(text: str) -> str:
