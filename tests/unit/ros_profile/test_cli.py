@@ -1,0 +1,102 @@
+"""`ros-scheduler-profile` as a user calls it."""
+
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+from tests.support.ros_sources import package, python_node, setup_py, write
+
+from ros_profile.main import main
+
+
+@pytest.fixture(autouse=True)
+def _own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+
+def workspace(root: Path) -> Path:
+    files = {
+        **python_node("talk", "self.create_publisher(String, 'chat', 10)"),
+        **python_node("hear", "self.create_subscription(String, 'chat', f, 10)"),
+        **setup_py("talk", "hear"),
+        "launch/a.launch.xml": '<launch><node pkg="duo" exec="talk"/><node pkg="duo" exec="hear"/></launch>',
+    }
+    package(root / "ws", "duo", files)
+    return root / "ws"
+
+
+def test_every_format_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = str(workspace(tmp_path))
+    for form in ("text", "json", "annotations", "rigelfile", "robotapp"):
+        assert main([path, "--format", form]) == 0
+        written = capsys.readouterr()
+        assert written.out
+        assert written.err == ""
+        if form == "json":
+            assert json.loads(written.out)["packages"][0]["name"] == "duo"
+        elif form != "text":
+            list(yaml.safe_load_all(written.out))
+
+
+def test_the_difference_with_an_old_profile_is_shown_and_is_the_exit_code(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = workspace(tmp_path)
+    assert main([str(path), "--format", "json"]) == 0
+    old = write(tmp_path, {"old.json": capsys.readouterr().out}) / "old.json"
+    assert main([str(path), "--diff", str(old)]) == 0
+    assert capsys.readouterr().out == "no difference\n"
+    write(path / "duo", {"launch/a.launch.xml": '<launch><node pkg="duo" exec="talk"/></launch>'})
+    assert main([str(path), "--diff", str(old)]) == 1
+    assert "duo launch/a.launch.xml: edge /talk -> /hear /chat removed" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["missing"], (70, "cannot be read")),
+        (["empty"], (72, "no package.xml")),
+        (["ws", "--diff", "missing"], (70, "cannot be read")),
+        (["ws", "--diff", "ws/duo/package.xml"], (70, "write it with --format json")),
+        (["ws", "--format", "robotapp", "--launch", "nothing.py"], (72, "name it with --launch")),
+        (["ws", "--format", "robotapp", "--distro", "No!"], (2, "is no distribution")),
+    ],
+)
+def test_what_is_wrong_is_one_line_and_an_exit_code(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+    expected: tuple[int, str],
+) -> None:
+    code, message = expected
+    workspace(tmp_path)
+    (tmp_path / "empty").mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == code
+    written = capsys.readouterr()
+    assert written.out == ""
+    assert message in written.err
+    assert written.err.count("\n") == 1
+
+
+def test_two_launch_files_need_a_choice(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = workspace(tmp_path)
+    write(path / "duo", {"launch/b.launch.xml": '<launch><node pkg="duo" exec="talk"/></launch>'})
+    assert main([str(path), "--format", "robotapp"]) == 2
+    assert "duo/launch/a.launch.xml, duo/launch/b.launch.xml" in capsys.readouterr().err
+    assert main([str(path), "--format", "robotapp", "--launch", "duo/b.launch.xml"]) == 0
+    assert [one["name"] for one in yaml.safe_load(capsys.readouterr().out)["spec"]["components"]] == ["talk"]
+
+
+def test_control_characters_of_a_source_do_not_reach_the_terminal(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = workspace(tmp_path)
+    write(
+        path / "duo",
+        {"launch/a.launch.xml": '<launch><node pkg="duo" exec="talk" name="a&#x9b;31m&#x202e;b"/></launch>'},
+    )
+    assert main([str(path)]) == 0
+    assert "\x9b" not in capsys.readouterr().out

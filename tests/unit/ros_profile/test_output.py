@@ -1,0 +1,203 @@
+"""The formats: what each holds, what is left out, and that others accept it."""
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from tests.support.rigelfiles import ONE, rendered
+from tests.support.ros_sources import package, python_node, setup_py
+
+from rigel_bridge.render.schema import problems, robotapp_schema
+from ros_profile.generate import generate_profile
+from ros_profile.model.conclusions import (
+    Assessment,
+    Estimate,
+    Hardware,
+    LaunchedNode,
+    LaunchProfile,
+    PackageProfile,
+    Placement,
+    Profile,
+    QosClass,
+    SubClass,
+)
+from ros_profile.model.facts import Fact, Kind
+from ros_profile.output.difference import difference
+from ros_profile.output.machine import annotations, as_json, as_rigelfile, from_json, scheduler_block
+from ros_profile.output.robotapp import IMAGE, app, as_robotapp
+from ros_profile.output.text import text
+from ros_profile.output.values import bits, duration
+
+EVIDENCE = (Fact(Kind.DEVICE_PATH, "/dev/ttyUSB0", "port", "src/driver.py", 12, 0.9),)
+DRIVER = Assessment(
+    qos_class=Estimate(QosClass.REALTIME, 0.93, EVIDENCE, "It moves a base."),
+    sub_class=Estimate(SubClass.MOTION, 0.9),
+    deadline_s=Estimate(0.05, 0.8),
+    latency_budget_s=Estimate(0.0167, 0.8),
+    hardware=(
+        Estimate(Hardware("serial", interface="ttyUSB0"), 0.9, EVIDENCE),
+        Estimate(Hardware("gpu"), 0.8),
+        Estimate(Hardware("can"), 0.3),
+        Estimate(Hardware("unknown"), 0.9),
+    ),
+    placement=Estimate(Placement.ROBOT, 0.9),
+)
+VIEW = Assessment(qos_class=Estimate(QosClass.BEST_EFFORT, 0.7))
+
+
+def profile(assessment: Assessment = DRIVER, *launches: LaunchProfile) -> Profile:
+    return Profile(".", "rules", (PackageProfile("base_driver", ".", 2, assessment, launches=launches),))
+
+
+def node(name: str, assessment: Assessment = VIEW, **fields: Any) -> LaunchedNode:
+    return LaunchedNode(
+        name, "base_driver", "driver", fields.pop("plugin", ""), fields.pop("container", ""), assessment, **fields
+    )
+
+
+@pytest.mark.parametrize(
+    ("seconds", "written"),
+    [
+        (0.03, "30ms"),
+        (1, "1s"),
+        (1.5, "1.5s"),
+        (0.0005, "500us"),
+        (0.9999, "1s"),
+        (0.0333, "33ms"),
+        (90, "90s"),
+        (1e-9, "1us"),
+    ],
+)
+def test_durations_are_written_as_kubernetes_reads_them(seconds: float, written: str) -> None:
+    assert duration(seconds) == written
+    assert re.fullmatch(r"([0-9]{1,6}([.][0-9]{1,3})?(us|ms|s|m|h)){1,3}", written)
+
+
+def test_bandwidth_is_a_quantity() -> None:
+    assert [bits(value) for value in (221e6, 1.49e9, 50, 30e9)] == ["221M", "1490M", "50", "30G"]
+
+
+def test_annotations_hold_what_is_sure_enough_in_the_thesis_fields() -> None:
+    found = {key: json.loads(value) for key, value in annotations(DRIVER).items()}
+    assert found == {
+        "scheduler.robotics.io/policies": {"qos_class": "realtime", "deadline": "50ms", "latency_budget": "17ms"},
+        "scheduler.robotics.io/affinity": {
+            "hardware_requirements": [{"type": "serial", "interface": "ttyUSB0"}, {"type": "gpu"}]
+        },
+    }
+    assert annotations(Assessment(None)) == {}
+
+
+def test_the_rigelfile_block_is_accepted_by_the_bridge() -> None:
+    block = yaml.safe_load(as_rigelfile(profile()))["orchestration"]
+    file = yaml.safe_load(ONE)
+    file["deploy"] = [{"name": "acme/rigel_bridge", "kwargs": {"orchestration": block}}]
+    component = rendered(yaml.safe_dump(file)).app["spec"]["components"][0]
+    assert component["qosClass"] == "realtime"
+    assert component["devices"] == [{"name": "serial", "type": "serial", "interface": "ttyUSB0"}]
+    assert component["requires"] == [{"type": "gpu"}]
+
+
+def test_several_packages_have_a_block_each() -> None:
+    two = replace(profile(), packages=(*profile().packages, PackageProfile("viewer", "v", 2, VIEW)))
+    found = yaml.safe_load(as_rigelfile(two))["orchestration"]["components"]
+    assert found == {
+        "base_driver": {"scheduler": scheduler_block(DRIVER)},
+        "viewer": {"scheduler": scheduler_block(VIEW)},
+    }
+
+
+def test_json_comes_back_as_it_was() -> None:
+    assert from_json(as_json(profile()).encode()) == profile()
+    for other in (b"", b"[]", b"{}", b"\xff", b'{"path": 1}'):
+        with pytest.raises(ValueError, match="no profile in JSON"):
+            from_json(other)
+
+
+def test_the_text_has_reasons_and_places_on_request() -> None:
+    assert "realtime (RT-C, 0.93) · deadline 50ms · budget 17ms · serial ttyUSB0 (0.90)" in text(profile())
+    assert "src/driver.py:12" not in text(profile())
+    explained = text(profile(), explain=True)
+    assert "class: It moves a base." in explained
+    assert "src/driver.py:12  device_path /dev/ttyUSB0 (port)  [0.9]" in explained
+
+
+def test_a_difference_names_what_changed_and_nothing_else() -> None:
+    slower = replace(DRIVER, deadline_s=Estimate(0.1, 0.5), hardware=())
+    assert difference(profile(), profile()) == []
+    assert difference(profile(), profile(slower)) == [
+        "base_driver: deadline: 50ms -> 100ms",
+        "base_driver: hardware: can, gpu, serial ttyUSB0, unknown -> none",
+    ]
+
+
+def test_a_launch_file_becomes_a_robotapp_that_lacks_images_only(tmp_path: Path) -> None:
+    package(
+        tmp_path,
+        "duo",
+        {
+            **python_node(
+                "talk",
+                "self.create_publisher(String, 'chat', QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT))",
+            ),
+            **python_node("hear", "self.create_subscription(String, 'chat', f, qos_profile_sensor_data)"),
+            **setup_py("talk", "hear"),
+            "launch/a.launch.py": """
+            def generate_launch_description():
+                return LaunchDescription([
+                    Node(package='duo', executable='talk', name='Left_Talker', namespace='arm', parameters=[{'rate': 5}]),
+                    Node(package='duo', executable='hear', remappings=[('chat', 'arm/chat')]),
+                    Node(package='rviz2', executable='rviz2')])
+        """,
+        },
+    )
+    launch = generate_profile(tmp_path, engine="none").packages[0].launches[0]
+    made = app(launch, name="duo", distro="jazzy")
+    assert list(problems(made["spec"], robotapp_schema()["properties"]["spec"])) == []
+    talk, hear = made["spec"]["components"]
+    assert (talk["name"], talk["image"]) == ("left-talker", IMAGE)
+    assert talk["args"][:4] == ["ros2", "run", "duo", "talk"]
+    assert {"__node:=Left_Talker", "__ns:=/arm", "rate:=5"} <= set(talk["args"])
+    assert hear["args"][-1] == "chat:=arm/chat"
+    assert made["spec"]["edges"] == [
+        {
+            "kind": "Topic",
+            "topic": "/arm/chat",
+            "from": "left-talker",
+            "to": "hear",
+            "type": "std_msgs/msg/String",
+            "qos": {"reliability": "best_effort", "depth": 5},
+            "requestedQos": {"reliability": "best_effort", "durability": "volatile"},
+        }
+    ]
+
+
+def test_a_container_is_one_component_with_the_most_demanding_class_and_all_devices() -> None:
+    launch = LaunchProfile(
+        "base_driver",
+        "a.launch.py",
+        (
+            node("/box"),
+            node("/a", plugin="p::A", container="/box"),
+            node("/b", DRIVER, plugin="p::B", container="/box"),
+            node("/c"),
+        ),
+        (),
+        VIEW,
+    )
+    made = app(launch, name="x", distro="jazzy")["spec"]["components"]
+    assert [one["name"] for one in made] == ["box", "c"]
+    assert (made[0]["qosClass"], made[0]["runsOn"], made[0]["devices"][0]["type"]) == ("realtime", ["Robot"], "serial")
+    comments = [line for line in as_robotapp(launch, name="x", distro="jazzy").splitlines() if line.startswith("#")]
+    assert any("p::A, p::B" in line for line in comments)
+    assert any("perhaps can (0.30)" in line for line in comments)
+
+
+def test_names_of_nodes_become_distinct_labels() -> None:
+    launch = LaunchProfile("p", "a", (node("/a/cam"), node("/b/cam"), node("/Bad Näme"), node("/$(?)")), (), VIEW)
+    names = [one["name"] for one in app(launch, name="x", distro="jazzy")["spec"]["components"]]
+    assert names == ["a-cam", "b-cam", "bad-n-me", "node"]
