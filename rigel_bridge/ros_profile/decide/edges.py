@@ -19,7 +19,9 @@ _PAIRS: Final = (
     ("Action", Role.ACTION_CLIENT, Role.ACTION_SERVER),
 )
 _NAME: Final = re.compile(r"[~/\w{}.$()?-]{1,256}")
-_QUIET: Final = frozenset({"/rosout", "/parameter_events"})
+_QUIET: Final = frozenset({"/rosout", "/parameter_events", "/tf", "/tf_static", "/clock"})
+"""Topics between everything and everything, which tell nothing about who belongs together."""
+_MAX_PLUGINS: Final = 50
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +41,7 @@ def ends_of(launched: Launched, unit: Unit | None, index: Index) -> Ends:
         return Ends(launched, full_name, ())
     values = _parameters(launched, unit, full_name, index)
     found: dict[tuple[str, str, str], GraphName] = {}
-    for endpoint in unit.endpoints:
+    for endpoint in (*unit.endpoints, *_of_plugins(values, index)):
         written = endpoint.name
         if written.startswith(PARAMETER_MARK):
             written = values.get(written.removeprefix(PARAMETER_MARK), "")
@@ -49,6 +51,15 @@ def ends_of(launched: Launched, unit: Unit | None, index: Index) -> Ends:
         key = (endpoint.role.value, topic, endpoint.type)
         found.setdefault(key, _graph_name(endpoint, topic))
     return Ends(launched, full_name, tuple(found.values()))
+
+
+def _of_plugins(values: Mapping[str, str], index: Index) -> Iterator[Endpoint]:
+    """What plug-ins make that are loaded because a parameter names their class: it is made on this node."""
+    classes = dict.fromkeys(value for value in values.values() if "::" in value or "/" in value)
+    for name in list(classes)[:_MAX_PLUGINS]:
+        unit = index.plugin_unit(name)
+        if unit is not None:
+            yield from unit.endpoints
 
 
 def _graph_name(endpoint: Endpoint, topic: str) -> GraphName:

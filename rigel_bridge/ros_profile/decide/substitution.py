@@ -19,7 +19,7 @@ def resolve(text: str, values: Mapping[str, str], *, anonymous: str = "anonymous
     if "$(" not in text:
         return text
     for _ in range(MAX_ROUNDS):
-        replaced = _INNERMOST.sub(lambda match: _one(match[1].strip(), values, anonymous), text[:MAX_TEXT])
+        replaced = _INNERMOST.sub(lambda match: _one(match[1].lstrip(), values, anonymous), text[:MAX_TEXT])
         if replaced == text:
             break
         text = replaced
@@ -28,10 +28,10 @@ def resolve(text: str, values: Mapping[str, str], *, anonymous: str = "anonymous
 
 def _one(body: str, values: Mapping[str, str], anonymous: str) -> str:
     verb, _, rest = body.partition(" ")
+    if verb in ("var", "arg"):  # `$(var name )` has an empty default
+        name, has_default, default = rest.lstrip().partition(" ")
+        return values.get(name.strip("'\""), default if has_default else f"{_MARK}?)")
     rest = rest.strip().strip("'\"")
-    if verb in ("var", "arg"):
-        name, has_default, default = rest.partition(" ")
-        return values.get(name, default if has_default else f"{_MARK}?)")
     if verb in ("find", "find-pkg-share", "find-pkg-prefix"):
         return f"{_MARK}find {rest})"
     if verb in ("env", "optenv"):
