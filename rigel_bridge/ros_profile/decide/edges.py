@@ -73,8 +73,17 @@ def _default_name(launched: Launched, unit: Unit | None, index: Index) -> str:
         names = {n for s in package.sources if s.file in unit.files for n in s.node_names if not n.startswith("$")}
         if len(names) == 1:
             return names.pop()
+        snake = _snake(launched.node.plugin) or launched.node.executable
+        if fitting := [name for name in names if snake in (name, _snake(name), f"{name}_node")]:
+            return fitting[0]
     plugin = launched.node.plugin.replace("::", "/").rpartition("/")[2]
     return launched.node.executable.removesuffix(".py") or plugin
+
+
+def _snake(plugin: str) -> str:
+    """`pkg::PointCloudNode` as its node is mostly called: `point_cloud_node`."""
+    simple = plugin.replace("/", "::").rpartition("::")[2]
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", simple).lower()
 
 
 def _parameters(launched: Launched, unit: Unit, full_name: str, index: Index) -> dict[str, str]:

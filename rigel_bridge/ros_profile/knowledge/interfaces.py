@@ -14,6 +14,7 @@ INTERFACES: Final[dict[str, str]] = {
     "joy/game_controller_node": "> joy sensor_msgs/msg/Joy, < joy/set_feedback sensor_msgs/msg/JoyFeedback",
     "joy_linux/joy_linux_node": "> joy sensor_msgs/msg/Joy, < set_feedback sensor_msgs/msg/JoyFeedbackArray",
     "teleop_twist_joy/teleop_node": "< joy sensor_msgs/msg/Joy, > cmd_vel geometry_msgs/msg/Twist",
+    "joy_teleop/joy_teleop": "< joy sensor_msgs/msg/Joy",
     "teleop_twist_keyboard/teleop_twist_keyboard": "> cmd_vel geometry_msgs/msg/Twist",
     "usb_cam/usb_cam_node_exe": "> image_raw sensor_msgs/msg/Image, > camera_info sensor_msgs/msg/CameraInfo",
     "usb_cam/usb_cam_node": "> ~/image_raw sensor_msgs/msg/Image, > ~/camera_info sensor_msgs/msg/CameraInfo",
