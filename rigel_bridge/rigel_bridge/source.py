@@ -12,7 +12,9 @@ from rigel_bridge.document.tree import MAX_BYTES, Node, parse
 from rigel_bridge.generations.beside import laid_beside
 from rigel_bridge.generations.load import Outline, load, outline
 from rigel_bridge.generations.model import Generation, Options, Rigelfile
+from rigel_bridge.inferences import inferences
 from rigel_bridge.render.app import Naming, Rendered, render
+from rigel_bridge.render.inferred import filled
 
 STANDARD_INPUT: Final = Path("-")
 
@@ -30,6 +32,8 @@ class Source:
     options: Options = field(default_factory=Options)
     orchestration: Path | None = None
     """A second file, which completes the first."""
+    profile: Path | None = None
+    """Sources of the packages, from which fields are inferred that the file leaves open."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +43,8 @@ class Objects:
     rendered: tuple[Rendered, ...]
     rigelfile: Rigelfile
     notes: tuple[str, ...]
+    remarks: tuple[str, ...] = ()
+    """Of `--profile`: which fields were inferred. They stand as comments above what is written."""
 
     @property
     def apps(self) -> tuple[dict[str, Any], ...]:
@@ -98,6 +104,8 @@ def from_root(root: Node, data: bytes, source: Source) -> Objects:
         **({"sequence": source.options.sequence} if source.options.sequence else {}),
     }
     found = []
+    remarks: list[str] = []
+    known = inferences(source.profile) if source.profile else {}
     for target in rigelfile.targets:
         own = provenance if rigelfile.generation == Generation.G1 else {**provenance, "job": target.job}
         naming = Naming(
@@ -107,10 +115,14 @@ def from_root(root: Node, data: bytes, source: Source) -> Objects:
             provenance=tuple(own.items()),
             today=source.today,
         )
-        found.append(render(target, naming))
+        rendered = render(target, naming)
+        if source.profile:
+            rendered, more = filled(rendered, target, known)
+            remarks += more
+        found.append(rendered)
     _refuse_twins(rigelfile, found)
     notes = dict.fromkeys([*rigelfile.notes, *(note for one in found for note in one.notes)])
-    return Objects(tuple(found), rigelfile, tuple(notes))
+    return Objects(tuple(found), rigelfile, tuple(notes), tuple(dict.fromkeys(remarks)))
 
 
 def _digest(data: bytes) -> str:

@@ -49,6 +49,12 @@ def add_source(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="a second file with orchestration, sequences, application or vars, for a Rigel that refuses them in the first",
     )
+    parser.add_argument(
+        "--profile",
+        type=Path,
+        metavar="PATH",
+        help="sources of the packages: what the file leaves open about scheduling is inferred from them, and marked",
+    )
     parser.add_argument("--image", default="", help="image of the application, for files that name none or another")
     parser.add_argument("--distro", default="", help="ROS distribution, for files that name none or another")
     parser.add_argument("--strict", action="store_true", help="do nothing and fail with 72 when there is a note")
@@ -61,6 +67,7 @@ def source_of(arguments: argparse.Namespace) -> Source:
         name=arguments.name,
         namespace=arguments.namespace,
         orchestration=arguments.orchestration,
+        profile=arguments.profile,
         today=datetime.now(tz=UTC).date().isoformat(),
         options=Options(
             environment={name: os.environ[name] for name in arguments.env},

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import Final
 
-from rigel_bridge.document.failures import BridgeError, Exit, Place
+from rigel_bridge.document.failures import BridgeError, Exit, Place, printable
 from rigel_bridge.render.text import as_yaml
 from rigel_bridge.render.workloads import FORMATS, workloads
 from rigel_bridge.verbs.options import add_source, objects_of, tell
@@ -30,7 +30,8 @@ def _run(arguments: argparse.Namespace) -> int:
         plain = [workloads(one, annotated=arguments.format == "pods") for one in found.rendered]
         documents = tuple(document for objects, _ in plain for document in objects)
         tell([note for _, notes in plain for note in notes], arguments)
-    write(as_yaml(documents), arguments.output)
+    comments = "".join(f"# {printable(remark)}\n" for remark in found.remarks)
+    write(comments + as_yaml(documents), arguments.output)
     return Exit.OK
 
 

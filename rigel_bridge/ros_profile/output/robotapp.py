@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import yaml
 
-from ros_profile.model.conclusions import Edge, LaunchedNode, LaunchProfile, QosClass
+from ros_profile.model.conclusions import Assessment, Edge, Hardware, LaunchedNode, LaunchProfile, QosClass
 from ros_profile.model.endpoints import Qos
 from ros_profile.output.values import CLAIMED, TIERS, bits, duration, emitted, policies, requirement, withheld
 
@@ -75,16 +75,21 @@ def as_robotapp(launch: LaunchProfile, *, name: str, distro: str) -> str:
 
 
 def _component(component: Component) -> dict[str, Any]:
-    lead = _lead(component)
     found: dict[str, Any] = {"name": component.name, "image": IMAGE, "args": _arguments(component)}
-    if lead.assessment.placement is not None and lead.assessment.placement.value in TIERS:
-        found["runsOn"] = list(TIERS[lead.assessment.placement.value])
-    stated = policies(lead.assessment, _CAMEL)
+    hardware = dict.fromkeys(one for node in component.nodes for one in emitted(node.assessment.hardware))
+    return {**found, **needs(_lead(component).assessment, hardware)}
+
+
+def needs(assessment: Assessment, hardware: Iterable[Hardware]) -> dict[str, Any]:
+    """`runsOn`, `qosClass`, `policies`, `devices` and `requires` of a component, as far as they were concluded."""
+    found: dict[str, Any] = {}
+    if assessment.placement is not None and assessment.placement.value in TIERS:
+        found["runsOn"] = list(TIERS[assessment.placement.value])
+    stated = policies(assessment, _CAMEL)
     if qos_class := stated.pop("qosClass", None):
         found["qosClass"] = qos_class
     if stated:
         found["policies"] = stated
-    hardware = dict.fromkeys(one for node in component.nodes for one in emitted(node.assessment.hardware))
     devices: list[dict[str, str]] = []
     requires: list[dict[str, str]] = []
     for one in hardware:

@@ -1,0 +1,37 @@
+"""What the source of packages shows, read by ros_profile: for `--profile`. The only place that imports it, when asked to."""
+
+from pathlib import Path
+
+from rigel_bridge.document.failures import BridgeError, Exit, Place
+from rigel_bridge.render.inferred import Inference
+
+
+def inferences(path: Path) -> dict[str, Inference]:
+    """By package name, of every package at or below a folder. BridgeError when it cannot be read or ros_profile is missing."""
+    place = Place(str(path))
+    try:
+        from ros_profile.generate import generate_profile
+        from ros_profile.output.robotapp import needs
+        from ros_profile.output.values import emitted, withheld
+    except ImportError as error:
+        raise BridgeError(
+            place, f"--profile needs {error.name}: pip install 'robotapp[profile]'", code=Exit.UNREADABLE
+        ) from error
+    try:
+        profile = generate_profile(path)
+    except OSError as error:
+        raise BridgeError(place, f"cannot be read: {error.strerror}", code=Exit.UNREADABLE) from error
+    if not profile.packages:
+        raise BridgeError(place, "has no package.xml that can be read, here or below", code=Exit.UNREADABLE)
+    found: dict[str, Inference] = {}
+    for package in profile.packages:
+        own = package.assessment
+        found.setdefault(
+            package.name,
+            Inference(
+                fields=needs(own, emitted(own.hardware)),
+                confidence=own.qos_class.confidence if own.qos_class else 0.0,
+                doubts=tuple(f"{one.value.type} ({one.confidence:.2f})" for one in withheld(own.hardware)),
+            ),
+        )
+    return found
