@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 
+from ros_profile.decide.linking import linked
 from ros_profile.model.facts import Fact, Kind
 from ros_profile.model.launch import LaunchFile
 from ros_profile.model.package import Executable, Package, SourceFile, Unit
@@ -89,7 +90,7 @@ def _unit(package: Package, name: str, kind: str, sources: Iterable[SourceFile],
         name=name,
         kind=kind,
         facts=(*_dependency_facts(package), *(fact for s in kept for fact in s.facts), *more),
-        endpoints=tuple(e for s in kept for e in s.endpoints),
+        endpoints=linked((e for s in kept for e in s.endpoints), (f for s in package.sources for f in s.facts)),
         timers=tuple(t for s in kept for t in s.timers),
         parameters=tuple(p for s in kept for p in s.parameters),
         files=tuple(s.file for s in kept),

@@ -51,6 +51,9 @@ class Kind(StrEnum):
     """A launch file: subject = `package/executable` or plug-in class, value = node name."""
     INTERFACE = "interface"
     """A definition of msg, srv or action: subject = `package/msg/Name`."""
+    ALIAS = "alias"
+    """C++: what a name stands for in another file. subject = `Image` (using, typedef), `&callback` (its parameter) or
+    `.member` (what it publishes or takes), value = type as written."""
     CURATED = "curated"
     """The table of well-known packages: subject = package, value = entry."""
 

@@ -5,22 +5,43 @@ from typing import Final
 
 from ros_profile.model.launch import LaunchFile
 from ros_profile.model.package import SourceFile
+from ros_profile.read.cmake import read_cmake
+from ros_profile.read.cpp import SUFFIXES as CPP_SUFFIXES
+from ros_profile.read.cpp import read_cpp
+from ros_profile.read.interfaces import SUFFIXES as INTERFACE_SUFFIXES
+from ros_profile.read.interfaces import read_interface
 from ros_profile.read.launch.python import read_launch_python
 from ros_profile.read.launch.xml_file import read_launch_xml
 from ros_profile.read.launch.yaml_file import read_launch_yaml
 from ros_profile.read.parameters import read_parameters
 from ros_profile.read.python.setup import read_setup_cfg, read_setup_py
 from ros_profile.read.python.source import read_python
+from ros_profile.read.udev import read_udev
+from ros_profile.read.xml_files import read_xml
 
 Reader = Callable[[bytes, str], SourceFile]
 
-_BY_NAME: Final[dict[str, Reader]] = {"setup.py": read_setup_py, "setup.cfg": read_setup_cfg}
-_BY_SUFFIX: Final[dict[str, Reader]] = {".py": read_python, ".yaml": read_parameters, ".yml": read_parameters}
+_BY_NAME: Final[dict[str, Reader]] = {
+    "setup.py": read_setup_py,
+    "setup.cfg": read_setup_cfg,
+    "cmakelists.txt": read_cmake,
+}
+_BY_SUFFIX: Final[dict[str, Reader]] = {
+    ".py": read_python,
+    **dict.fromkeys((".yaml", ".yml"), read_parameters),
+    **dict.fromkeys(CPP_SUFFIXES, read_cpp),
+    ".cmake": read_cmake,
+    **dict.fromkeys((".xml", ".urdf", ".xacro"), read_xml),
+    ".rules": read_udev,
+    **dict.fromkeys(INTERFACE_SUFFIXES, read_interface),
+}
 
 
 def reader_of(file: str, head: bytes = b"") -> Reader | None:
     """The reader for a file by its name; for one without suffix by its first line."""
     name = file.rpartition("/")[2].lower()
+    if name == "package.xml":
+        return None
     if found := _BY_NAME.get(name):
         return found
     suffix = name[name.rfind(".") :] if "." in name else ""
