@@ -1,13 +1,15 @@
 """`generate_profile`: a folder in, a profile out. The one door for programs; `main` is the one for people."""
 
 import os
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
-from ros_profile.decide.engines import Engine, abstaining
+from ros_profile.decide.engines import Engine, abstaining, heuristic, rules
 from ros_profile.decide.profiling import profile
 from ros_profile.files.load import Progress, load
 from ros_profile.model.conclusions import Profile
+from ros_profile.model.package import Package
 
 ENGINES: Final = ("rules", "thesis", "none")
 
@@ -27,12 +29,19 @@ def generate_profile(
     """
     workspace = load(Path(path), progress, cache=cache)
     return profile(
-        workspace.packages, engine_named(engine, curated=curated), path=os.fspath(path), problems=workspace.problems
+        workspace.packages,
+        engine_named(engine, workspace.packages, curated=curated),
+        path=os.fspath(path),
+        problems=workspace.problems,
     )
 
 
-def engine_named(name: str, *, curated: bool = True) -> Engine:
-    """The engine of that name. ValueError for any other."""
-    if name in ENGINES:
+def engine_named(name: str, packages: Iterable[Package], *, curated: bool = True) -> Engine:
+    """The engine of that name for these packages. ValueError for any other name."""
+    if name == "rules":
+        return rules(packages, curated=curated)
+    if name == "thesis":
+        return heuristic()
+    if name == "none":
         return abstaining(curated=curated)
     raise ValueError(f"no engine {name!r}; there are {', '.join(ENGINES)}")

@@ -1,10 +1,14 @@
 """How units are classified: `rules` (ours) or `thesis` (the heuristic it began with, for comparison)."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
+from ros_profile.decide import classify, thesis
+from ros_profile.decide.classify.hardware import Devices, devices
+from ros_profile.decide.units import package_unit
 from ros_profile.model.conclusions import Assessment
-from ros_profile.model.package import Unit
+from ros_profile.model.package import Package, Unit
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,6 +20,25 @@ class Engine:
     name: str
     classify: Callable[[Unit], Assessment]
     aggregate: Callable[[Sequence[Assessment]], Assessment]
+    follows_launch_files: bool = True
+    """A package that only launches is judged by what it starts; the thesis' heuristic looks at the package alone."""
+
+
+def rules(packages: Iterable[Package], *, curated: bool) -> Engine:
+    """Our rules; the packages of the workspace tell which of their libraries open devices."""
+    judge = partial(classify.classify, curated=curated, libraries=_libraries(packages))
+    return Engine("rules", judge, classify.aggregate)
+
+
+def _libraries(packages: Iterable[Package]) -> dict[str, Devices]:
+    """Devices by package, of those packages whose own code opens any."""
+    found = {package.name: devices(package_unit(package)) for package in packages}
+    return {name: opened for name, opened in found.items() if opened}
+
+
+def heuristic() -> Engine:
+    """The thesis' engine."""
+    return Engine("thesis", thesis.classify, thesis.aggregate, follows_launch_files=False)
 
 
 def abstaining(*, curated: bool) -> Engine:

@@ -16,12 +16,15 @@ from ros_profile.model.conclusions import (
     LaunchProfile,
     PackageProfile,
     Profile,
+    QosClass,
 )
 from ros_profile.model.endpoints import Parameter
 from ros_profile.model.facts import Problem
 from ros_profile.model.launch import LaunchFile
 from ros_profile.model.package import Executable, Manifest, Package, Unit
 from ros_profile.read.parameters import text_facts
+
+SURE = 0.75
 
 
 def profile(packages: Iterable[Package], engine: Engine, *, path: str, problems: tuple[Problem, ...] = ()) -> Profile:
@@ -41,7 +44,8 @@ def _package(package: Package, engine: Engine, index: Index) -> PackageProfile:
     launches = tuple(_launch(package, launch, engine, index) for launch in package.launch_files)
     unit = package_unit(package)
     own = engine.classify(unit)
-    if launches and not unit.languages & {"python", "cpp"}:
+    only_launches = launches and not unit.languages & {"python", "cpp"}
+    if only_launches and engine.follows_launch_files and not _is_no_program(own):
         own = engine.aggregate([own, *(launch.assessment for launch in launches)])
     return PackageProfile(
         name=package.name,
@@ -52,6 +56,12 @@ def _package(package: Package, engine: Engine, index: Index) -> PackageProfile:
         launches=launches,
         problems=package.problems,
     )
+
+
+def _is_no_program(own: Assessment) -> bool:
+    """A robot description or a simulation whose launch files only show it."""
+    qos = own.qos_class
+    return qos is not None and qos.value is QosClass.BEST_EFFORT and qos.confidence >= SURE
 
 
 def _executable(package: Package, executable: Executable, engine: Engine) -> ExecutableProfile:
@@ -74,6 +84,8 @@ def _launch(package: Package, launch: LaunchFile, engine: Engine, index: Index) 
         end = ends_of(launched, unit, index)
         ends.append(end)
         nodes.append(_node(end, engine.classify(_as_launched(launched, unit))))
+    absent = dict.fromkeys(name.partition("/")[0] for name in found.outside)
+    included = [engine.classify(Unit(Manifest(name=name), name, "launch")) for name in absent]
     outside = tuple(Problem(launch.file, f"includes {name}, which is not in the workspace") for name in found.outside)
     return LaunchProfile(
         package=package.name,
@@ -81,7 +93,7 @@ def _launch(package: Package, launch: LaunchFile, engine: Engine, index: Index) 
         nodes=tuple(nodes),
         edges=edges(ends),
         assessment=engine.aggregate(
-            [node.assessment for node in nodes if node.certain] or [node.assessment for node in nodes]
+            [*(node.assessment for node in nodes if node.certain), *included] or [node.assessment for node in nodes]
         ),
         problems=(*launch.problems, *found.problems, *outside),
     )

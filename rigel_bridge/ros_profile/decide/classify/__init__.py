@@ -1,0 +1,134 @@
+"""Classification: `classify` judges a unit, `aggregate` joins the judgements of what runs together. Pure."""
+
+from collections.abc import Mapping, Sequence
+
+from ros_profile.decide.classify import curation, timing
+from ros_profile.decide.classify.features import Features, features, is_test
+from ros_profile.decide.classify.hardware import Devices, certainty, devices, linked_devices, needed
+from ros_profile.decide.classify.judge import judged
+from ros_profile.decide.classify.placing import bandwidth, placement
+from ros_profile.model.conclusions import Assessment, Estimate, Hardware, Placement, QosClass, SubClass
+from ros_profile.model.facts import Fact, Kind
+from ros_profile.model.package import Unit
+
+CERTAIN_ENOUGH = 0.4
+"""What a launch file starts counts for its class from this confidence on."""
+_RANK = {QosClass.REALTIME: 3, QosClass.SENSOR_DATA: 2, QosClass.SYSTEM_DEFAULT: 1, QosClass.BEST_EFFORT: 0}
+
+
+def classify(unit: Unit, *, curated: bool, libraries: Mapping[str, Devices] | None = None) -> Assessment:
+    """`libraries`: devices that packages of the same workspace open, by package, for nodes that link these as libraries."""
+    found = features(unit)
+    opened = linked_devices(devices(unit), unit, libraries or {})
+    if curated:
+        curation.apply(unit, found, opened)
+    wanted = needed(opened)
+    for estimate in wanted:
+        found.add(f"hardware:{estimate.value.type}", estimate.evidence[0])
+    _after_hardware(found)
+    qos = judged(found)
+    if qos is None:
+        certain = round(certainty(opened), 3)
+        return Assessment(None, hardware=wanted, hardware_confidence=certain, lifecycle=_has_lifecycle(unit))
+    row = timing.sub_class(found, unit, qos.value)
+    return Assessment(
+        qos_class=qos,
+        sub_class=Estimate(row, round(qos.confidence * 0.9, 3), qos.evidence[:3], qos.reason),
+        deadline_s=timing.deadline(unit, row),
+        latency_budget_s=timing.budget(unit, row),
+        hardware=wanted,
+        hardware_confidence=round(certainty(opened), 3),
+        placement=placement(found, unit, qos.value, row),
+        bandwidth_bps=bandwidth(found),
+        lifecycle=_has_lifecycle(unit),
+        hints=_hints(found, row),
+    )
+
+
+def _after_hardware(found: Features) -> None:
+    """Shapes that need to know of a device: what only reports it, and what switches pins on request."""
+    owned = [name for name in found.found if name.startswith("hardware:") and name != "hardware:gpu"]
+    if not owned:
+        return
+    first = found.found[owned[0]][0]
+    if "sub:command" in found:
+        found.add("shape:base_driver", first)
+    publishes = found.any("pub:other", "pub:state", "pub:sensor")
+    if publishes and not any(name.startswith("sub:") for name in found.found):
+        found.add("shape:device_source", first)
+    if (
+        "hardware:gpio" in found
+        and found.any("sub:other", "serve:service")
+        and not found.any("pub:sensor", "sub:command")
+    ):
+        found.add("shape:discrete_io", first)
+
+
+def _has_lifecycle(unit: Unit) -> bool:
+    return any(
+        fact.kind in {Kind.INHERITS, Kind.NODE} and "Lifecycle" in fact.subject and not is_test(fact.file)
+        for fact in unit.facts
+    )
+
+
+def _hints(found: Features, row: SubClass) -> tuple[str, ...]:
+    if row is SubClass.HARDWARE_LOOP:
+        return ("its loop bears no network: it belongs into the pod, or at least on the node, of its device",)
+    if row is SubClass.PLANNER and found.any("serve:planning", "plugin:planner", "hosts:planner"):
+        return (
+            "the Nav2 behaviour tree waits 20 ms for an acknowledgement: raise default_server_timeout off the robot",
+        )
+    return ()
+
+
+def aggregate(assessments: Sequence[Assessment]) -> Assessment:
+    """The most demanding class with the tightest times, and the union of the hardware."""
+    judgements = [a for a in assessments if a.qos_class is not None]
+    sure = [a for a in judgements if a.qos_class and a.qos_class.confidence >= CERTAIN_ENOUGH] or judgements
+    hardware, certain = _joined_hardware(assessments)
+    if not sure:
+        return Assessment(None, hardware=hardware, hardware_confidence=certain)
+    lead = max(sure, key=lambda a: (_RANK[a.qos_class.value], a.qos_class.confidence) if a.qos_class else (-1, 0.0))
+    same = [a for a in sure if a.qos_class and lead.qos_class and a.qos_class.value is lead.qos_class.value]
+    return Assessment(
+        qos_class=lead.qos_class,
+        sub_class=lead.sub_class,
+        deadline_s=_tightest([a.deadline_s for a in same]),
+        latency_budget_s=_tightest([a.latency_budget_s for a in same]),
+        hardware=hardware,
+        hardware_confidence=certain,
+        placement=_joined_placement(assessments, lead),
+        bandwidth_bps=_summed([a.bandwidth_bps for a in assessments]),
+        lifecycle=any(a.lifecycle for a in assessments),
+        hints=tuple(dict.fromkeys(hint for a in assessments for hint in a.hints)),
+    )
+
+
+def _joined_hardware(assessments: Sequence[Assessment]) -> tuple[tuple[Estimate[Hardware], ...], float]:
+    best: dict[str, Estimate[Hardware]] = {}
+    certain = 1.0
+    for assessment in assessments:
+        certain = min(certain, assessment.hardware_confidence)
+        for estimate in assessment.hardware:
+            known = best.get(estimate.value.type)
+            if known is None or estimate.confidence > known.confidence:
+                best[estimate.value.type] = estimate
+    return tuple(best[kind] for kind in sorted(best)), certain
+
+
+def _tightest(estimates: Sequence[Estimate[float] | None]) -> Estimate[float] | None:
+    return min((e for e in estimates if e is not None), key=lambda e: e.value, default=None)
+
+
+def _summed(estimates: Sequence[Estimate[float] | None]) -> Estimate[float] | None:
+    known = [e for e in estimates if e is not None]
+    if not known:
+        return None
+    evidence: tuple[Fact, ...] = tuple(fact for e in known for fact in e.evidence)[:5]
+    return Estimate(sum(e.value for e in known), min(e.confidence for e in known), evidence, known[0].reason)
+
+
+def _joined_placement(assessments: Sequence[Assessment], lead: Assessment) -> Estimate[Placement] | None:
+    """On the robot as soon as one part has to be there."""
+    bound = [a.placement for a in assessments if a.placement and a.placement.value is Placement.ROBOT]
+    return max(bound, key=lambda e: e.confidence) if bound else lead.placement

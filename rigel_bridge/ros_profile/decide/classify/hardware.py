@@ -1,0 +1,122 @@
+"""Which devices a unit opens itself, by type, each with a probability and the facts behind it."""
+
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+
+from ros_profile.decide.classify.features import is_test
+from ros_profile.knowledge import hardware as signs
+from ros_profile.model.conclusions import Estimate, Hardware
+from ros_profile.model.facts import Fact, Kind
+from ros_profile.model.package import Unit
+
+Devices = dict[str, Estimate[Hardware]]
+"""By type, with every probability above 0, also those below the threshold."""
+THRESHOLD = 0.5
+LINKED = 0.85
+"""How much of a library's own certainty passes to what includes its headers."""
+_TABLES = {
+    Kind.SYMBOL: signs.SYMBOLS,
+    Kind.INCLUDE: signs.INCLUDES,
+    Kind.DEPENDENCY: signs.DEPENDENCIES,
+    Kind.DEVICE_PATH: signs.DEVICES,
+    Kind.TEXT: signs.DEVICES,
+    Kind.UDEV: signs.UDEV,
+}
+_CONTROLLER = re.compile(r"^controller_interface::")
+_ID = re.compile(r"^[0-9a-f]{4}:[0-9a-f]{4}$")
+
+
+@dataclass(slots=True)
+class _Case:
+    """What speaks for one type: the strongest weight of each kind of evidence, so that ten equal lines count once."""
+
+    weights: dict[Kind, float] = field(default_factory=dict)
+    facts: list[Fact] = field(default_factory=list)
+    model: str = ""
+    interface: str = ""
+
+    @property
+    def probability(self) -> float:
+        wrong = 1.0
+        for weight in self.weights.values():
+            wrong *= 1.0 - min(weight, 0.97)
+        return 1.0 - wrong
+
+
+def devices(unit: Unit) -> Devices:
+    cases: dict[str, _Case] = {}
+    for fact in unit.facts:
+        if is_test(fact.file):
+            continue
+        for sign, weight in _matches(fact):
+            for gives in sign.gives:
+                case = cases.setdefault(gives, _Case())
+                case.weights[fact.kind] = max(case.weights.get(fact.kind, 0.0), weight)
+                case.facts.append(fact)
+                case.model = case.model or sign.model
+                case.interface = case.interface or sign.interface
+    identity = _usb_id(unit.facts)
+    return {kind: _estimate(kind, case, identity) for kind, case in sorted(cases.items())}
+
+
+def _matches(fact: Fact) -> Iterator[tuple[signs.Sign, float]]:
+    if fact.kind is Kind.BUILD:
+        text, table = f"{fact.subject} {fact.value}", signs.BUILD
+    else:
+        text, table = fact.subject, _TABLES.get(fact.kind, ())
+    for sign in table:
+        if sign.pattern.search(text):
+            yield sign, sign.weight * fact.weight
+            return
+
+
+def _estimate(kind: str, case: _Case, identity: str) -> Estimate[Hardware]:
+    best = sorted(case.facts, key=lambda fact: (fact.kind is not Kind.SYMBOL, fact.kind is not Kind.DEVICE_PATH))
+    usb_id = identity if kind in {"usb", "camera", "serial"} else ""
+    first = best[0]
+    reason = f"{first.subject} in {first.place}"
+    return Estimate(
+        Hardware(kind, case.model, case.interface, usb_id), round(case.probability, 3), tuple(best[:5]), reason
+    )
+
+
+def _usb_id(facts: Iterable[Fact]) -> str:
+    """The one vendor and product that udev rules name; empty when there are several: a choice would be a guess."""
+    found = {fact.subject for fact in facts if fact.kind is Kind.UDEV and _ID.match(fact.subject)}
+    return next(iter(found)) if len(found) == 1 else ""
+
+
+def linked_devices(own: Devices, unit: Unit, libraries: Mapping[str, Devices]) -> Devices:
+    """With what libraries of the same workspace open: a header of theirs is included, so their code runs in this process.
+    Controllers are left out: they reach hardware through interfaces only (ros2_control).
+    """
+    found = dict(own)
+    if any(fact.kind is Kind.PLUGIN_BASE and _CONTROLLER.search(fact.subject) for fact in unit.facts):
+        return found
+    for fact in unit.facts:
+        package = fact.subject.partition("/")[0].partition(".")[0]
+        if (
+            fact.kind is not Kind.INCLUDE
+            or package == unit.package.name
+            or package not in libraries
+            or is_test(fact.file)
+        ):
+            continue
+        for kind, estimate in libraries[package].items():
+            probability = round(estimate.confidence * LINKED, 3)
+            if kind not in found or found[kind].confidence < probability:
+                found[kind] = Estimate(estimate.value, probability, (fact, *estimate.evidence[:2]), f"links {package}")
+    return found
+
+
+def needed(found: Devices) -> tuple[Estimate[Hardware], ...]:
+    return tuple(estimate for estimate in found.values() if estimate.confidence >= THRESHOLD)
+
+
+def certainty(found: Devices) -> float:
+    """Probability that the list is exactly right."""
+    product = 1.0
+    for estimate in found.values():
+        product *= max(estimate.confidence, 1.0 - estimate.confidence)
+    return product

@@ -1,0 +1,114 @@
+"""Classes with probabilities, times within their bounds, what runs together, the table and the thesis' heuristic."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ros_profile.decide import thesis
+from ros_profile.decide.classify import aggregate, classify
+from ros_profile.decide.classify.judge import probabilities, scores
+from ros_profile.decide.classify.timing import ROWS, budget, deadline
+from ros_profile.decide.classify.weights import WEIGHTS
+from ros_profile.knowledge.curated import PACKAGES
+from ros_profile.model.conclusions import Assessment, Estimate, Hardware, QosClass, SubClass
+from ros_profile.model.endpoints import Timer
+from ros_profile.model.facts import Fact, Kind
+from ros_profile.model.package import Manifest, Unit
+
+
+def unit(*facts: Fact, name: str = "thing", timers: tuple[Timer, ...] = ()) -> Unit:
+    return Unit(Manifest(name), name, "package", facts, timers=timers, files=("src/a.cpp",))
+
+
+def depends(*names: str) -> tuple[Fact, ...]:
+    return tuple(Fact(Kind.DEPENDENCY, name, "both", "package.xml") for name in names)
+
+
+def given_class(value: QosClass, confidence: float, *hardware: str, deadline_s: float = 1.0) -> Assessment:
+    devices = tuple(Estimate(Hardware(kind), confidence) for kind in hardware)
+    return Assessment(Estimate(value, confidence), deadline_s=Estimate(deadline_s, 0.5), hardware=devices)
+
+
+@given(st.lists(st.sampled_from(sorted(WEIGHTS)), max_size=30))
+def test_probabilities_of_any_features_sum_to_one(names: list[str]) -> None:
+    likely = probabilities(scores(names))
+    assert sum(likely) == pytest.approx(1.0)
+    assert all(0.0 <= one <= 1.0 for one in likely)
+
+
+@given(st.sampled_from(sorted(ROWS)), st.floats(min_value=0.0005, max_value=2.0))
+def test_times_keep_to_the_bounds_of_their_row(row: SubClass, period_s: float) -> None:
+    timed = unit(timers=(Timer("src/a.cpp", 1, period_s),))
+    for estimate, bounds in ((deadline(timed, row), ROWS[row].deadline_s), (budget(timed, row), ROWS[row].budget_s)):
+        assert (estimate is None) == (bounds is None)
+        assert estimate is None or bounds is None or bounds[0] - 1e-6 <= estimate.value <= bounds[1] + 1e-6
+
+
+def test_the_most_demanding_of_what_runs_together_counts() -> None:
+    joined = aggregate(
+        [
+            given_class(QosClass.SENSOR_DATA, 0.9, "camera", deadline_s=0.03),
+            given_class(QosClass.REALTIME, 0.6, "serial", deadline_s=0.05),
+            given_class(QosClass.BEST_EFFORT, 0.9),
+        ]
+    )
+    assert joined.qos_class is not None
+    assert joined.qos_class.value is QosClass.REALTIME
+    assert joined.deadline_s == Estimate(0.05, 0.5)
+    assert [device.value.type for device in joined.hardware] == ["camera", "serial"]
+
+
+def test_a_guess_does_not_outrank_what_is_sure() -> None:
+    joined = aggregate([given_class(QosClass.REALTIME, 0.3), given_class(QosClass.SYSTEM_DEFAULT, 0.8)])
+    assert joined.qos_class == Estimate(QosClass.SYSTEM_DEFAULT, 0.8)
+    assert aggregate([]) == Assessment(None)
+
+
+def test_the_table_is_a_layer_that_can_be_left_out() -> None:
+    known = Unit(Manifest("usb_cam"), "usb_cam_node", "program")
+    with_table, without = classify(known, curated=True), classify(known, curated=False)
+    assert {device.value.type for device in with_table.hardware} == {"usb", "camera"}
+    assert without.hardware == ()
+    assert with_table.qos_class is not None
+    assert with_table.qos_class.evidence[0].kind is Kind.CURATED
+
+
+def test_every_entry_of_the_table_is_of_our_vocabulary() -> None:
+    types = {"serial", "usb", "camera", "can", "gpio", "gpu"}
+    for name, entry in PACKAGES.items():
+        assert QosClass(entry.qos_class), name
+        assert set(entry.hardware) <= types, name
+
+
+def test_evidence_and_a_reason_come_with_every_conclusion() -> None:
+    found = classify(unit(Fact(Kind.SYMBOL, "serial::Serial", "", "src/a.cpp", 7)), curated=False)
+    (device,) = found.hardware
+    assert (device.value.type, device.evidence[0].place, device.reason) == (
+        "serial",
+        "src/a.cpp:7",
+        "serial::Serial in src/a.cpp:7",
+    )
+
+
+def test_weak_evidence_is_no_device() -> None:
+    found = classify(unit(Fact(Kind.BUILD, "find_package", "serial", "CMakeLists.txt", 1, 0.5)), curated=False)
+    assert found.hardware == ()
+    assert found.hardware_confidence < 0.8
+
+
+@pytest.mark.parametrize(
+    ("facts", "wanted", "hardware"),
+    [
+        (depends("geometry_msgs"), "best_effort", []),
+        ((*depends("geometry_msgs"), Fact(Kind.INCLUDE, "geometry_msgs.msg.Twist", "", "a.py", 1)), "realtime", []),
+        (depends("sensor_msgs", "usb_cam"), "sensor_data", ["usb"]),
+        (depends("cv_bridge", "depth_image_proc"), "sensor_data", ["gpu"]),
+        (depends("std_msgs"), "best_effort", []),
+    ],
+)
+def test_the_heuristic_of_the_thesis_gives_its_published_answers(
+    facts: tuple[Fact, ...], wanted: str, hardware: list[str]
+) -> None:
+    found = thesis.classify(unit(*facts))
+    assert found.qos_class is not None
+    assert (found.qos_class.value.value, [device.value.type for device in found.hardware]) == (wanted, hardware)
