@@ -174,3 +174,11 @@ UDEV = _signs(
     (r"^06c2:", "usb", 0.6, "phidget"),
 )
 """By subsystem, and by the vendor of a USB-serial chip, a microcontroller or a camera (the USB vendor list)."""
+NAMES = _signs(
+    (r"(?:^|_)(?:usb|uvc)(?:_|$)", "usb", 0.6),
+    (r"(?:^|_)(?:serial|uart|rs232|rs485)(?:_|$)", "serial", 0.5),
+    (r"(?:^|_)(?:gpio)(?:_|$)", "gpio", 0.6),
+    (r"(?:^|_)(?:socketcan|canbus)(?:_|$)", "can", 0.6),
+    (r"(?:^|_)(?:cuda|tensorrt|trt)(?:_|$)", "gpu", 0.6, "nvidia"),
+)
+"""Interfaces in a package's own name."""

@@ -143,36 +143,36 @@ DEPENDENCIES: tuple[tuple[re.Pattern[str], str], ...] = tuple(
 WORDS: tuple[tuple[str, str], ...] = (
     (
         "display",
-        "viz rviz rqt plot plotter viewer view gui dashboard visualization visualizer visualisation panel panels hmi web video_server",
+        "viz rviz rqt plot plotter viewer view gui dashboard visualization visualizer visualisation panel panels hmi web foxglove video_server",
     ),
     (
         "tool",
-        "description cli bag record recorder logger logging calibration calibrate benchmark benchmarks install resources meshes tool tools utils test tests testing profiler urdf assets publisher_tool",
+        "description cli bag rosbag rosbag2 bags converter dataset record recorder logger logging calibration calibrate benchmark benchmarks install resources meshes tool tools utils test tests testing profiler urdf assets publisher_tool",
     ),
     ("monitor", "diagnostic diagnostics aggregator monitor monitors watchdog health stats statistics"),
     ("simulation", "sim simulator simulation gazebo gz fake mock loopback emulator webots stage world worlds"),
     ("interfaces", "msgs interfaces srvs messages"),
-    ("teleop", "teleop joy joystick keyboard gamepad operator estop e_stop emergency"),
+    ("teleop", "teleop joy joystick spacenav remote rc pad deadman keyboard gamepad operator estop e_stop emergency"),
     (
         "control",
-        "controller controllers control servo motor motors mux smoother behaviors recovery local_planner docking drive base hardware hw actuator gripper collision safety follower pursuit arm",
+        "controller controllers control servo motor motors mux smoother behaviors recovery local_planner docking drive base hardware hw actuator gripper collision safety follower pursuit arm wheel wheels chassis pid balance thruster thrusters propulsion autopilot offboard steering manipulator joints",
     ),
     ("fieldbus", "can canopen canbus socketcan ethercat fieldbus modbus profinet"),
     (
         "sensing",
-        "camera cam lidar laser scan scanner imu gps gnss navsat image images depth stereo pointcloud cloud pcl vision sonar radar range ultrasonic rgbd thermal filter filters proc sensor sensors",
+        "camera cam lidar laser scan scanner imu gps gnss navsat image images depth stereo pointcloud cloud pcl vision sonar radar range ultrasonic rgbd thermal uvc webcam encoder encoders battery barometer magnetometer force torque ft microphone audio v4l2 filter filters proc sensor sensors",
     ),
     (
         "estimation",
-        "slam localization localisation localizer odometry odom ekf ukf estimation estimator fusion mapping costmap octomap cartographer",
+        "slam localization localisation localizer odometry odom ekf ukf estimation estimator fusion mapping costmap octomap icp loam lio vio kalman pose cartographer",
     ),
     (
         "perception",
-        "perception detection detector detect segmentation tracking tracker recognition classifier inference deep_learning yolo",
+        "perception detection detector detect segmentation tracking tracker recognition classifier apriltag apriltags aruco fiducial fiducials face human ocr inference deep_learning yolo",
     ),
     (
         "planning",
-        "planner planning route router path navigator bt behavior_tree global_planner moveit mission task tasks waypoint waypoints commander executive",
+        "planner planning route router path navigator bt behavior_tree global_planner moveit mission task tasks waypoint waypoints commander exploration explore patrol executive",
     ),
     ("coordination", "lifecycle manager server fleet adapter coordinator orchestrator scheduler dispatcher rmf"),
     ("network", "bridge api mqtt gateway websocket http client cloud zenoh llm gpt chat"),

@@ -22,6 +22,7 @@ _TABLES = {
     Kind.DEVICE_PATH: signs.DEVICES,
     Kind.TEXT: signs.DEVICES,
     Kind.UDEV: signs.UDEV,
+    Kind.NAME: signs.NAMES,
 }
 _CONTROLLER = re.compile(r"^controller_interface::")
 _ID = re.compile(r"^[0-9a-f]{4}:[0-9a-f]{4}$")
@@ -46,7 +47,8 @@ class _Case:
 
 def devices(unit: Unit) -> Devices:
     cases: dict[str, _Case] = {}
-    for fact in unit.facts:
+    name = Fact(Kind.NAME, unit.package.name, "", unit.package.file)
+    for fact in (name, *unit.facts):
         if is_test(fact.file):
             continue
         for sign, weight in _matches(fact):

@@ -39,6 +39,15 @@ def _text_constant(name: str, code: str) -> str:
     return (found.group(1) or found.group(2)) if found else ""
 
 
+def _resolved_name(name: str, code: str) -> str:
+    """The literal in `topic = base->resolve_topic_or_service_name("image", false);`."""
+    if not re.fullmatch(r"\w{1,80}", name):
+        return ""
+    resolving = r"[^;\"]{0,120}?(?:resolve|expand|get)_?\w*(?:topic|name|Name|Topic)\w*\s*\("
+    found = re.search(rf'\b{name}\s*=\s*{resolving}[^;"]{{0,80}}"([\w/~]{{1,120}})"', code)
+    return found.group(1) if found else ""
+
+
 def name_of(argument: str, variables: dict[str, str], code: str) -> str:
     """A topic name from an argument: its literal, `$param:…`, or empty."""
     literal = literal_of(argument)
@@ -51,6 +60,8 @@ def name_of(argument: str, variables: dict[str, str], code: str) -> str:
         return constant
     if member := _MEMBER_OF_PARAMETERS.search(bare):
         return PARAMETER_MARK + member.group(1)
+    if name := _resolved_name(bare, code):
+        return name
     joined = re.search(r'"(/?[\w/~]{2,100})"', argument)
     return joined.group(1).lstrip("/") if joined and bare.endswith(f'"{joined.group(1)}"') else ""
 
