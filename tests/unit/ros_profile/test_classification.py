@@ -65,7 +65,7 @@ def test_a_guess_does_not_outrank_what_is_sure() -> None:
 
 
 def test_the_table_is_a_layer_that_can_be_left_out() -> None:
-    known = Unit(Manifest("usb_cam"), "usb_cam_node", "program")
+    known = Unit(Manifest("realsense2_camera"), "realsense2_camera_node", "program")
     with_table, without = classify(known, curated=True), classify(known, curated=False)
     assert {device.value.type for device in with_table.hardware} == {"usb", "camera"}
     assert without.hardware == ()

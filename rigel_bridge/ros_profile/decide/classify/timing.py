@@ -1,4 +1,4 @@
-"""Sub-class, deadline and latency budget, by the period of the loop or stream (docs/profile.md has the table)."""
+"""Sub-class, deadline and latency budget, by the period of the loop or stream (docs/evaluation.md has the table)."""
 
 import re
 from collections.abc import Iterator
