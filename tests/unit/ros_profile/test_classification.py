@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from ros_profile.decide import thesis
 from ros_profile.decide.classify import aggregate, classify
 from ros_profile.decide.classify.judge import probabilities, scores
+from ros_profile.decide.classify.phrases import phrase
 from ros_profile.decide.classify.timing import ROWS, budget, deadline
 from ros_profile.decide.classify.weights import WEIGHTS
 from ros_profile.knowledge.curated import PACKAGES
@@ -88,6 +89,12 @@ def test_evidence_and_a_reason_come_with_every_conclusion() -> None:
         "src/a.cpp:7",
         "serial::Serial in src/a.cpp:7",
     )
+
+
+def test_every_feature_with_a_weight_has_words_of_its_own() -> None:
+    features = sorted(name for name in WEIGHTS if name != "bias")
+    assert not [name for name in features if ":" in phrase(name) or "{" in phrase(name)]
+    assert phrase("pub:command") == "publishes commands"
 
 
 def test_weak_evidence_is_no_device() -> None:

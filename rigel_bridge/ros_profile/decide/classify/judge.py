@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable
 
 from ros_profile.decide.classify.features import Features
+from ros_profile.decide.classify.phrases import phrase
 from ros_profile.decide.classify.weights import TEMPERATURE, WEIGHTS
 from ros_profile.model.conclusions import Estimate, QosClass
 from ros_profile.model.facts import Fact
@@ -36,9 +37,11 @@ def judged(found: Features) -> Estimate[QosClass] | None:
     likely = probabilities(scores(telling))
     best = max(range(len(CLASSES)), key=lambda index: likely[index])
     for_it = sorted((n for n in telling if _lead(n, best) > 0), key=lambda n: -_lead(n, best))
-    evidence = tuple(_one(found, name, best) for name in for_it)[:MOST_EVIDENCE]
-    reason = ", ".join(for_it[:3]) if for_it else "nothing speaks against it"
-    return Estimate(CLASSES[best], round(likely[best], 3), evidence, reason)
+    evidence: dict[tuple[str, str, str], Fact] = {}
+    for fact in (_one(found, name, best) for name in for_it):
+        evidence.setdefault((fact.kind, fact.subject, fact.place), fact)
+    reason = ", ".join(phrase(name) for name in for_it[:3]) if for_it else "nothing speaks against it"
+    return Estimate(CLASSES[best], round(likely[best], 3), tuple(evidence.values())[:MOST_EVIDENCE], reason)
 
 
 def _lead(name: str, best: int) -> float:

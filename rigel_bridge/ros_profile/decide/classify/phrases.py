@@ -1,0 +1,55 @@
+"""Features in plain words, for the reason that comes with a class."""
+
+_NOUNS = {
+    "command": "commands",
+    "command_name": "a topic named like a command",
+    "sensor": "sensor data",
+    "fieldbus": "field bus frames",
+    "joy": "operator input",
+    "interpreted": "what is made of sensor data",
+    "state": "states of joints or batteries",
+    "pose": "poses",
+    "tf": "transforms",
+    "path": "paths",
+    "motion": "motion actions",
+    "planning": "planning actions",
+    "service": "services",
+    "action": "actions",
+}
+_FORMS = {
+    "plugin": "is a plug-in of kind {}",
+    "inherits": "derives from a base class of kind {}",
+    "hosts": "loads plug-ins of kind {}",
+    "pub": "publishes {}",
+    "sub": "subscribes {}",
+    "serve": "serves {}",
+    "call": "calls {}",
+    "uses": "uses a library for {}",
+    "needs": "depends on packages for {}",
+    "word": "is named like {}",
+    "word2": "is named like {}",
+    "program": "is named like {}",
+    "hardware": "opens {}",
+    "curated": "is well known as {}",
+}
+_SHAPES = {
+    "servers_only": "answers requests and has no streams",
+    "sensor_filter": "turns sensor data into sensor data",
+    "sensor_source": "is a source of sensor data",
+    "sensor_sink": "only takes sensor data",
+    "operator": "makes commands from what an operator does",
+    "base_driver": "takes commands and opens a device",
+    "viewer": "opens windows and is named like a display",
+    "device_source": "only reports what its device gives",
+    "discrete_io": "switches pins on request",
+    "no_code": "has no code",
+    "no_node": "has no node",
+}
+
+
+def phrase(name: str) -> str:
+    """`pub:command` as "publishes commands"."""
+    kind, _, what = name.partition(":")
+    if kind == "shape":
+        return _SHAPES.get(what, what.replace("_", " "))
+    return _FORMS.get(kind, "{}").format(_NOUNS.get(what, what))
