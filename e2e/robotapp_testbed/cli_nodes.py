@@ -32,7 +32,7 @@ _TIERS: dict[str, Callable[[str], SimulatedNode]] = {"robot": robot, "edge": edg
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"  # noqa: SLF001 - it has no public name
 _EXPECTED_S = 4.0
 _PER_NODE_S = 0.6
-_PROGRAMS_S = 10.0
+_PROGRAMS_S = 20.0
 
 
 class Fleet(NamedTuple):
