@@ -201,7 +201,7 @@ class Cache:
         self.bare_pods: Index[Pod] = Index()
         """By namespace: annotated pods of our scheduler without a RobotApp."""
         self.claims = ClaimIndex(self.touch)
-        self.instance_objects: InstanceIndex[AppInstance] = InstanceIndex(lambda item: item.spec.instance, _nobody)
+        self.instance_objects: InstanceIndex[AppInstance] = InstanceIndex(lambda item: item.spec.instance, _no_facts)
         """RobotAppInstances by the uid of the app they name, as `namespace/name`."""
         self.instance_object_named: dict[str, AppInstance] = {}
         self.replica_sets: dict[str, str] = {}
@@ -386,5 +386,5 @@ def _labelled(item: Deployment | Service | Pod) -> str:
     return instance
 
 
-def _nobody(_uid: str, _instance: str) -> None:
+def _no_facts(_uid: str, _instance: str) -> None:
     """No facts depend on RobotAppInstances."""

@@ -108,7 +108,7 @@ class Entry(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
-    """What one scan has read. Any text may be anything a device, or somebody who builds one, chose to write."""
+    """What one scan has read. Any text may be whatever the maker of a device chose to write."""
 
     entries: tuple[Entry, ...] = ()
     folders: Mapping[str, Mapping[str, str]] = {}

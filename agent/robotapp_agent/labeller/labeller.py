@@ -44,7 +44,7 @@ class Node(msgspec.Struct, frozen=True, gc=False):
 
     @property
     def hardware(self) -> dict[str, str]:
-        """Its labels of devices, whoever set them."""
+        """Its labels of devices, from all writers."""
         labels = self.metadata.labels or {}
         return {key: value for key, value in labels.items() if key.startswith(HARDWARE_PREFIX)}
 
@@ -175,7 +175,7 @@ class Labeller:
     def _tell_taken(self, node: Node, key: str, value: str, *, wanted: str) -> None:
         name = node.metadata.name
         text = (
-            f"label {key}={value} of node {name} was set by somebody else and stays; the node's devices say {wanted}. "
+            f"label {key}={value} of node {name} was set by another writer and stays; the node's devices give {wanted}. "
             f"To have it follow them, remove it: kubectl label node {name} {key}-"
         )
         log.warning("%s", text)

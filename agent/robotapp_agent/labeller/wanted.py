@@ -1,4 +1,4 @@
-"""Which labels a node shall have, and which of them belong to somebody else. Pure; seconds are of any monotonic clock."""
+"""Which labels a node shall have, and which of them belong to other writers. Pure; seconds are of any monotonic clock."""
 
 from collections.abc import Iterable, Mapping
 from typing import Final
@@ -41,7 +41,7 @@ class Wanted:
 
 
 def free_of(wanted: Mapping[str, str], *, on_node: Mapping[str, str], taken: Mapping[str, str]) -> dict[str, str]:
-    """The wanted labels without those that somebody else has set to another value, as long as that value stands."""
+    """The wanted labels without those that other writers have set to another value, as long as that value stands."""
     return {
         key: value
         for key, value in wanted.items()

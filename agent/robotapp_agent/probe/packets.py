@@ -8,7 +8,7 @@ A request and its reply have the same size (78 bytes, big endian):
 | 1 | kind: 1 request, 2 reply |
 | 8 | id of the key |
 | 16, 16 | sender, receiver: first half of the SHA-256 of the node's name |
-| 8 | session: nobody but prober and peer knows it; new with every start of the prober |
+| 8 | session: known to prober and peer only; new with every start of the prober |
 | 8 | sequence: counts the requests of the session |
 | 4 | held: microseconds from the arrival of the request to its reply; 0 in a request |
 | 16 | HMAC-SHA256 of everything before it, truncated |
@@ -84,7 +84,7 @@ class ReplayWindows:
     """Which authentic requests came before, per sender and session. The session that was silent for the longest time goes first.
 
     Numbers below the first of a session count as seen. What was recorded before this process started, or of a session that
-    fell out, is therefore accepted once; it is answered with its own size, within the limit of its source, and tells nobody a time.
+    fell out, is therefore accepted once; it is answered with its own size, within the limit of its source, and gives no prober a time.
     """
 
     def __init__(self) -> None:

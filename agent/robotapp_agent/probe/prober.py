@@ -9,7 +9,7 @@ from robotapp_agent.probe.keys import KeyRing
 from robotapp_agent.probe.packets import REPLY, REQUEST, SESSION_BYTES, Packet, node_id, open_packet, seal
 
 MOST_HELD_NS: Final = 1_000_000
-"""What the peer needed to wake up and answer is not the network's, but only the peer knows it: by more than this nobody gets near."""
+"""What the peer needed to wake up and answer is not the network's time, but only the peer knows it: more than this is not subtracted."""
 
 
 class Request(NamedTuple):

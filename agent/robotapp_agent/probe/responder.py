@@ -17,7 +17,7 @@ _MOST_HELD_US: Final = 1_000_000
 class Responder:
     """Answers authentic requests that are addressed to this node, each once, with as many bytes. Silent on everything else.
 
-    What is not authentic changes nothing, not even the allowance of its address, which anybody can forge.
+    What is not authentic changes nothing, not even the allowance of its address, which is easily forged.
     """
 
     def __init__(self, *, own_name: str, keys: KeyRing, clock_ns: Callable[[], int]) -> None:

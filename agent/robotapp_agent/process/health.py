@@ -12,7 +12,7 @@ MOST_CALLERS: Final = 16
 class Health:
     """Answers 200 while `silent` names no part, else 503 with the names. Everything else is 404.
 
-    Anybody who reaches the port may keep callers open; of too many the one that waits for the longest time goes, so that the
+    Every host that reaches the port may keep connections open; of too many the one that waits for the longest time goes, so that the
     kubelet, which asks at once, is not the one without an answer.
     """
 
@@ -42,7 +42,7 @@ class Health:
                 writer.write(self._response(head))
                 await writer.drain()
         except (OSError, TimeoutError, asyncio.IncompleteReadError, asyncio.LimitOverrunError):
-            pass  # a caller that sends no request, or goes before the answer, is nobody's trouble
+            pass  # a caller that sends no request, or goes before the answer, needs none
         finally:
             self._callers.pop(writer, None)
             writer.close()

@@ -113,7 +113,7 @@ def out_of_sight_text(robot: str) -> str:
 
 def cut_off_text(instance: InstanceFacts) -> str:
     """What pods that know none of today's discovery servers need."""
-    return f"all discovery servers were replaced since {shown(instance.cut_off)} started; kubectl delete pod these, one by one"
+    return f"all discovery servers were replaced since {shown(instance.cut_off)} started; delete these pods one by one (kubectl delete pod NAME)"
 
 
 def edge_text(edge: EdgeView) -> str:

@@ -92,7 +92,7 @@ def test_a_label_that_an_admin_has_set_stays_and_an_event_of_the_node_tells_it(
     report(installed_plane, node, ARM, CAN)
     wanted = {**OF_BOTH, "serial": "by-hand", "gpu": "big"}
     eventually(lambda: labels(installed_plane, node) == wanted, what=lambda: labels(installed_plane, node))
-    told = f"label {PREFIX}serial=by-hand of node {node} was set by somebody else and stays"
+    told = f"label {PREFIX}serial=by-hand of node {node} was set by another writer and stays"
     eventually(lambda: told in installed_plane.kubectl("describe", "node", node), what=labeller.log_path.read_text)
     report(installed_plane, node)
     left = {"serial": "by-hand", "gpu": "big"}

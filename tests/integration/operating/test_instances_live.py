@@ -191,14 +191,19 @@ def test_an_instance_is_written_a_few_times_until_it_is_ready(
     names = ["fleet", *(f"solo-{number}" for number in range(4))]
     for name in names:
         until_ready(tenant, name)
-    time.sleep(1.0)  # the server flushes its log in batches
+    objects = FLEET + 4
+
+    def creates() -> int:
+        return sum(count for (_, verb), count in written(installed_plane, tenant, began).items() if verb == "create")
+
+    # The server flushes its log in batches.
+    eventually(lambda: creates() >= objects, what=creates)
+    assert quiet.until_quiet(installed_plane, quiet_s=1, within_s=60, namespace=tenant.namespace)
     per_object: Counter[str] = Counter()
     for (name, verb), count in written(installed_plane, tenant, began).items():
         # A create names no object in the log's reference; there is one for each.
         per_object[name] += count if verb != "create" else 0
-    creates = sum(count for (_, verb), count in written(installed_plane, tenant, began).items() if verb == "create")
-    objects = FLEET + 4
-    assert creates == objects
+    assert creates() == objects
     statuses = [per_object[item["metadata"]["name"]] for name in names for item in tenant.instances(name)]
     assert statistics.median(statuses) + 1 <= 4, f"{per_object} and a create each"
     assert max(statuses) <= 6, per_object
