@@ -1,20 +1,12 @@
-"""Checks of edges: what several edges of one publisher state must agree, or nobody knows what it offers."""
+"""Checks of edges: what several edges of one publisher state must agree, or it is unknown what it offers."""
 
 from collections.abc import Iterator, Mapping
-from typing import Any, Final
+from typing import Any
 
 from robotapp_api.checks.problem import Problem, invalid
-from robotapp_api.model.edge import Edge
+from robotapp_api.model.edge import QOS_DURATIONS, QOS_STRENGTHS, Edge
 from robotapp_api.values.duration import parse_us
 from robotapp_api.values.quantity import parse_milli
-
-_DURATIONS: Final = ("deadline", "lease")
-_REFUSED_PAIRS: Final = {
-    ("reliability", "best_effort", "reliable"),
-    ("durability", "volatile", "transient_local"),
-    ("liveliness", "automatic", "manual_by_topic"),
-}
-"""(policy, offered, asked) that DDS does not connect; the schema's rules say the same of one edge."""
 
 
 def edge_problems(edges: tuple[Edge, ...]) -> Iterator[Problem]:
@@ -54,17 +46,17 @@ def _refuses(name: str, offered: str | None, asked: str | None) -> bool:
     """Whether DDS refuses a pair with these two values of one policy. What is absent is not compared."""
     if offered is None or asked is None:
         return False
-    if name in _DURATIONS:
+    if name in QOS_DURATIONS:
         times = [_us(text) for text in (asked, offered)]
         return None not in times and times[0] < times[1]  # type: ignore[operator]  # neither is None
-    return (name, offered, asked) in _REFUSED_PAIRS
+    return (offered, asked) == QOS_STRENGTHS.get(name)
 
 
 def _times(edges: tuple[Edge, ...]) -> Iterator[Problem]:
     """Durations of 0, which no message keeps. Those of a budget are refused by the schema."""
     for index, edge in enumerate(edges):
         for side, qos in (("qos", edge.qos), ("requestedQos", edge.requested_qos)):
-            for name in _DURATIONS if qos is not None else ():
+            for name in QOS_DURATIONS if qos is not None else ():
                 text = getattr(qos, name)
                 if text is not None and _us(text) == 0:
                     cure = f"{text} cannot be kept; write for example 100ms, or leave {name} out for no limit"

@@ -1,6 +1,6 @@
 """Edges: who talks to whom, how often, with which QoS and within which time. The heart of placement."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import Field, WithJsonSchema
 
@@ -14,6 +14,14 @@ Liveliness = Literal["automatic", "manual_by_topic"]
 Percentile = Literal[50, 95]
 Enforce = Literal["Required", "Preferred"]
 EdgeKind = Literal["Topic", "Service", "Action"]
+QOS_STRENGTHS: Final = {
+    "reliability": ("best_effort", "reliable"),
+    "durability": ("volatile", "transient_local"),
+    "liveliness": ("automatic", "manual_by_topic"),
+}
+"""Weaker and stronger value of a policy: DDS refuses a pair that offers the weaker where the stronger is asked."""
+QOS_DURATIONS: Final = ("deadline", "lease")
+"""DDS refuses a pair that offers a longer one than is asked."""
 
 
 class Qos(Model):
@@ -52,11 +60,6 @@ class EdgeLatency(Model):
     """Required refuses nodes outside the budget, Preferred only ranks them lower."""
 
 
-def _shorter(field: str) -> str:
-    asked, offered = f"self.requestedQos.{field}", f"self.qos.{field}"
-    return f"{is_duration(asked)} && {is_duration(offered)} && duration({asked}) < duration({offered})"
-
-
 def _qos_refusal(field: str, *, when: str, offered: str, asked: str) -> Rule:
     """A pair of QoS values that DDS itself refuses, once both sides have stated `field`."""
     both = f"has(self.qos) && has(self.requestedQos) && has(self.qos.{field}) && has(self.requestedQos.{field})"
@@ -69,6 +72,21 @@ def _qos_refusal(field: str, *, when: str, offered: str, asked: str) -> Rule:
     )
 
 
+def _weaker_offer(field: str, *, weaker: str, stronger: str) -> Rule:
+    return _qos_refusal(
+        field,
+        when=f"self.requestedQos.{field} == '{stronger}' && self.qos.{field} == '{weaker}'",
+        offered=f"qos.{field}: {stronger}",
+        asked=f"requestedQos.{field}: {weaker}",
+    )
+
+
+def _longer_offer(field: str) -> Rule:
+    asked, offered = f"self.requestedQos.{field}", f"self.qos.{field}"
+    shorter = f"{is_duration(asked)} && {is_duration(offered)} && duration({asked}) < duration({offered})"
+    return _qos_refusal(field, when=shorter, offered=f"a shorter qos.{field}", asked=f"a longer requestedQos.{field}")
+
+
 class Edge(Model):
     """A topic, service or action between two components, or between a component and the robot itself."""
 
@@ -78,36 +96,11 @@ class Edge(Model):
             message="an edge needs two different ends; write another component in from or to, or drop the edge",
             expression="'edge %s: from and to are both %s; write another component in one of them, or drop the edge'.format([self.topic, self.from])",
         ),
-        _qos_refusal(
-            "reliability",
-            when="self.requestedQos.reliability == 'reliable' && self.qos.reliability == 'best_effort'",
-            offered="qos.reliability: reliable",
-            asked="requestedQos.reliability: best_effort",
+        *(
+            _weaker_offer(field, weaker=weaker, stronger=stronger)
+            for field, (weaker, stronger) in QOS_STRENGTHS.items()
         ),
-        _qos_refusal(
-            "durability",
-            when="self.requestedQos.durability == 'transient_local' && self.qos.durability == 'volatile'",
-            offered="qos.durability: transient_local",
-            asked="requestedQos.durability: volatile",
-        ),
-        _qos_refusal(
-            "liveliness",
-            when="self.requestedQos.liveliness == 'manual_by_topic' && self.qos.liveliness == 'automatic'",
-            offered="qos.liveliness: manual_by_topic",
-            asked="requestedQos.liveliness: automatic",
-        ),
-        _qos_refusal(
-            "deadline",
-            when=_shorter("deadline"),
-            offered="a shorter qos.deadline",
-            asked="a longer requestedQos.deadline",
-        ),
-        _qos_refusal(
-            "lease",
-            when=_shorter("lease"),
-            offered="a shorter qos.lease",
-            asked="a longer requestedQos.lease",
-        ),
+        *(_longer_offer(field) for field in QOS_DURATIONS),
     )
 
     kind: EdgeKind = "Topic"
