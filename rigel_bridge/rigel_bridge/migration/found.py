@@ -13,6 +13,8 @@ CLAIMS: Final = ("dds-claims", "device-claims")
 """Annotations of nodes, without the prefix: JSON maps from a domain or device to the uid of its pod."""
 FLEET: Final = "robot-fleet-assignments"
 SCHEDULER: Final = "kubernetes-scheduler"
+MASTER: Final = "ros-master"
+"""Deployment of the master that all apps of a namespace shared."""
 _UID: Final = re.compile(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
 
 Json = Mapping[str, Any]
@@ -77,6 +79,11 @@ def scene(objects: Sequence[Json], *, names: Sequence[str] = ()) -> Scene:
         for each in by_kind.get(kind, ())
         if _is_old(each["spec"]["template"], each, names)
     ]
+    notes += [
+        f"deployment {_title(each)} stays: a RobotApp of ROS 1 gets a master of its own; delete this one when nobody uses it"
+        for each in by_kind.get("Deployment", ())
+        if each["metadata"]["name"] == MASTER and MASTER not in names
+    ]
     claims = [claim for node in by_kind.get("Node", ()) for claim in _node_claims(node, notes)]
     claims += [claim for each in by_kind.get("ConfigMap", ()) for claim in _fleet(each)]
     return Scene(tuple(workloads), _owners(by_kind, workloads), tuple(claims), tuple(notes))
@@ -88,7 +95,8 @@ def _is_old(template: Json, holder: Json, names: Sequence[str]) -> bool:
     wished = any(PREFIX + key in annotations for key in WISHES)
     owned = any(owner.get("kind") == "RobotApp" for owner in holder["metadata"].get("ownerReferences", ()))
     sent = template["spec"].get("schedulerName") == SCHEDULER
-    return (wished or sent or holder["metadata"]["name"] in names) and not owned
+    name = holder["metadata"]["name"]
+    return (((wished or sent) and name != MASTER) or name in names) and not owned
 
 
 def _deployment(obj: Json) -> Workload:

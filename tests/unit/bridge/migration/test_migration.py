@@ -259,10 +259,11 @@ def test_pods_of_a_robotapp_and_pods_without_wishes_are_none_of_ours() -> None:
     child["metadata"]["ownerReferences"] = [{"kind": "RobotApp", "uid": "u"}]
     plain = deployment("web", {}, schedulerName="default-scheduler")
     kept = deployment("db") | {"kind": "StatefulSet"}
-    found = planned(child, plain, kept)
+    found = planned(child, plain, kept, deployment("ros-master"))
     assert not found.apps
     assert found.scene.notes == (
         "statefulset fleet/db has the thesis' annotations and stays: a RobotApp makes Deployments",
+        "deployment fleet/ros-master stays: a RobotApp of ROS 1 gets a master of its own; delete this one when nobody uses it",
     )
 
 

@@ -49,6 +49,8 @@ sequences:
   demo: {stages: [{jobs: [{name: build, with: {load: true}}, deploy, test]}]}
 """
 
+EXAMPLE = Path(__file__).resolve().parents[4] / "examples" / "rigel" / "benchmark" / "Rigelfile"
+
 
 def read(text: str, sequence: str) -> Objects:
     return from_bytes(text.encode(), Source(Path("Rigelfile"), options=Options(sequence=sequence)))
@@ -248,11 +250,26 @@ def test_the_command_lists_runs_and_compares(
     assert "did you mean demo" in capsys.readouterr().err
     world = World()
     monkeypatch.setattr(verb, "kubectl_of", lambda _: world.cluster)
+    monkeypatch.setattr(verb, "Clock", lambda: world.tools().clock)
     wanted = ["--run", "benchmark_default", "benchmark_custom", "--no-build", "--duration", "0"]
     assert main(["sequences", *wanted, "--results", "r"]) == 0
     assert "|  | benchmark_custom | benchmark_default |" in capsys.readouterr().out
     assert main(["sequences", "--compare", "r"]) == 0
     assert main(["sequences", "--compare", "nothing-here"]) == 77
+
+
+def test_the_shipped_benchmark_builds_once_and_runs_under_both_schedulers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    world = World()
+    monkeypatch.setattr(verb, "kubectl_of", lambda _: world.cluster)
+    monkeypatch.setattr(verb, "Clock", lambda: world.tools().clock)
+    monkeypatch.setattr(verb, "run_rigel", lambda words, **_: world.built.append(tuple(words)))
+    wanted = ["--run", "benchmark_default", "benchmark_custom", "--duration", "0", "--results", str(tmp_path / "r")]
+    assert main(["sequences", str(EXAMPLE), *wanted]) == 0
+    assert world.built == [("run", "job", "dockerfile"), ("run", "job", "build")]
+    assert world.cluster.objects == {}
+    assert "| scheduler | kubernetes-scheduler | default-scheduler |" in capsys.readouterr().out
 
 
 def test_ctrl_c_is_one_word_and_code_130(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
