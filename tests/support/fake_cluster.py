@@ -111,5 +111,10 @@ def app(name: str = "teleop", **spec: Any) -> Json:
 
 def _kind(text: str) -> str:
     """`robotapps` of RobotApp and robotapps.robotics.io."""
-    known = {"RobotApp": "robotapps", "ControllerRevision": "controllerrevisions", "Deployment": "deployments"}
+    known = {
+        "RobotApp": "robotapps",
+        "ControllerRevision": "controllerrevisions",
+        "Deployment": "deployments",
+        "PersistentVolumeClaim": "persistentvolumeclaims",
+    }
     return known.get(text, text.partition(".")[0])

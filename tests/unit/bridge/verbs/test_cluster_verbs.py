@@ -1,0 +1,140 @@
+"""The commands that reach the cluster: what they print, and their exit codes."""
+
+import argparse
+import json
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.support.fake_cluster import FakeCluster
+from tests.support.rigelfiles import ONE, orchestration
+
+from rigel_bridge.cluster.kubectl import Kubectl
+from rigel_bridge.main import main
+from rigel_bridge.verbs.cluster_options import kubectl_of, seconds
+
+VERBS = ("apply", "diff", "status", "rollback", "delete", "collect")
+STORAGE = "persistent_storage: {volumes: [{name: logs, size: 1Gi, storage_class: fast, mount_path: /logs}]}"
+
+
+@pytest.fixture
+def cluster(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> FakeCluster:
+    """Behind every command, in a folder with a Rigelfile of the app `teleop`."""
+    made = FakeCluster()
+    for name in VERBS:
+        module = import_module(f"rigel_bridge.verbs.{name}")
+        monkeypatch.setattr(module, "kubectl_of", lambda _: made)
+    monkeypatch.chdir(tmp_path)
+    Path("Rigelfile").write_text(orchestration("{name: teleop}"))
+    return made
+
+
+def conditioned(cluster: FakeCluster, **states: str) -> None:
+    stored = cluster.objects["robotapps", "teleop"]
+    conditions = [
+        {"type": kind, "status": state, "reason": "Why", "message": "words\x1b[2J", "observedGeneration": 9}
+        for kind, state in states.items()
+    ]
+    stored["status"] = {"phase": "Running", "summary": {"ready": "1/1"}, "conditions": conditions}
+
+
+def test_apply_and_diff_tell_what_changed(cluster: FakeCluster, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["diff"]) == 1
+    assert main(["apply"]) == 0
+    assert main(["diff"]) == 0
+    capsys.readouterr()
+    Path("Rigelfile").write_text(orchestration("{name: teleop}", ONE.replace(":1", ":2")))
+    assert main(["diff"]) == 1
+    assert "-  image: acme/driver:1\n+  image: acme/driver:2\n" in capsys.readouterr().out
+    assert main(["apply"]) == 0
+    assert capsys.readouterr().out == (
+        "robotapp/teleop in namespace fleet: changed\n  spec.components[0].image: acme/driver:1 -> acme/driver:2\n"
+    )
+    assert ("robotapps", "teleop") in cluster.objects
+
+
+def test_apply_waits_and_ends_with_75_when_the_app_is_refused(
+    cluster: FakeCluster, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def operate(_: tuple[str, ...]) -> None:
+        if ("robotapps", "teleop") in cluster.objects:
+            conditioned(cluster, Accepted="False")
+
+    cluster.before = operate
+    assert main(["apply", "--wait", "1m"]) == 75
+    told = capsys.readouterr().err
+    assert "is not accepted: Why: words\\u001b[2J" in told, "nothing of the cluster acts on a terminal"
+
+
+def test_status_in_lines_and_as_json(cluster: FakeCluster, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["status"]) == 76
+    main(["apply"])
+    conditioned(cluster, Ready="True", Accepted="True", Allocated="True", Placed="True", BudgetMet="False")
+    component = {"name": "driver", "node": "n1", "ready": True}
+    cluster.objects["robotappinstances", "i"] = {
+        "metadata": {"name": "i", "labels": {"robotics.io/app": "teleop"}},
+        "spec": {"appUID": "uid-teleop"},
+        "status": {"phase": "Running", "components": [component]},
+    }
+    capsys.readouterr()
+    assert main(["status", "teleop"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "robotapp/teleop in namespace fleet: Running, ready 1/1"
+    assert lines[1].startswith("  BudgetMet False: Why: words")
+    assert lines[2:4] == ["  instance i: Running", "    driver on n1: ready"]
+    assert lines[4].endswith("(present)")
+    assert main(["status", "-o", "json"]) == 0
+    shown: dict[str, Any] = json.loads(capsys.readouterr().out)
+    assert shown["revisions"][0]["present"] is True
+
+
+def test_rollback_names_its_revision(cluster: FakeCluster, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["apply"])
+    assert main(["rollback"]) == 76
+    Path("Rigelfile").write_text(orchestration("{name: teleop}", ONE.replace(":1", ":2")))
+    main(["apply"])
+    capsys.readouterr()
+    assert main(["rollback"]) == 0
+    assert "changed, spec of revision 1\n  spec.components[0].image: acme/driver:2 -> acme/driver:1\n" in (
+        capsys.readouterr().out
+    )
+    assert ("robotapps", "teleop") in cluster.objects
+
+
+def test_delete_keeps_volume_claims_unless_told(cluster: FakeCluster, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("Rigelfile").write_text(orchestration(f"{{name: teleop, {STORAGE}}}"))
+    assert main(["apply"]) == 0
+    assert main(["delete"]) == 0
+    assert list(cluster.objects) == [("persistentvolumeclaims", "logs-pvc")]
+    assert main(["delete", "--storage"]) == 0
+    assert cluster.objects == {}
+    assert capsys.readouterr().out.endswith("is not there\npersistentvolumeclaim/logs-pvc: deleted\n")
+
+
+def test_collect_fills_a_new_folder_alone(cluster: FakeCluster, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["apply"])
+    assert main(["collect", "out"]) == 0
+    assert "3 files in out" in capsys.readouterr().out
+    assert main(["collect", "out"]) == 72
+    assert ("robotapps", "teleop") in cluster.objects
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted"), [("120s", 120.0), ("2m", 120.0), ("500ms", 0.5), ("7", 7.0), ("1h", 3600.0)]
+)
+def test_durations_are_those_of_kubernetes(text: str, wanted: float) -> None:
+    assert seconds(text) == wanted
+
+
+@pytest.mark.parametrize("text", ["", "soon", "-1s", "25h", "1d", "1e9", "9" * 30])
+def test_other_durations_are_wrong_usage(text: str) -> None:
+    with pytest.raises(argparse.ArgumentTypeError, match="is no duration"):
+        seconds(text)
+
+
+def test_flags_of_the_cluster_go_on_to_kubectl(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[Any] = []
+    monkeypatch.setattr(Kubectl, "__init__", lambda _, program, *, flags: seen.extend([program, *flags]))
+    kubectl_of(argparse.Namespace(kubectl="k", context="c", kubeconfig=None, namespace="n"))
+    assert seen == ["k", "--context=c", "--namespace=n"]
