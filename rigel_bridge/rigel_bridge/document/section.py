@@ -36,7 +36,7 @@ class Section:
         """The one of several spellings that is there; two of them are an error."""
         found = [node for key in keys if (node := self.get(key))]
         if len(found) > 1:
-            raise found[1].fail(f"says the same as {found[0].path} in line {found[0].place.line}: keep one")
+            raise found[1].fail(f"means the same as {found[0].path} in line {found[0].place.line}: keep one")
         return found[0] if found else None
 
     def refuse_unknown(self, known: Collection[str]) -> None:

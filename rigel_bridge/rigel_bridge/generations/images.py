@@ -25,7 +25,7 @@ class Build:
 
 
 def build(document: Section, jobs: Sequence[Job]) -> Build:
-    """The image of the one build job among `jobs`, and what its container file says; empty when there is none or several."""
+    """The image of the one build job among `jobs`, with command and variables of its container file; empty when there is none or several."""
     builders = [job for job in jobs if kind(document, job) in BUILDERS]
     writers = [job for job in jobs if kind(document, job) in FILE_WRITERS]
     if len(builders) != 1:

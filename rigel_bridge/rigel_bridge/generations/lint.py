@@ -43,15 +43,15 @@ def _built(document: Section, generation: Generation) -> Iterator[tuple[Node, st
     if generation is Generation.G1:
         for package in document.sections("packages"):
             if "dockerfile" not in package:
-                yield package.node, _said(package, "distro"), _said(package, "compiler")
+                yield package.node, _text_at(package, "distro"), _text_at(package, "compiler")
         return
     for job in jobs_of(document, generation).values():
         if kind(document, job) in FILE_WRITERS and job.settings.kind == "map" and job.distro:
             compiler = document.at(job.settings).section("compiler")
-            yield job.settings, _text_of(document, job.distro), _said(compiler, "name") if compiler else ""
+            yield job.settings, _text_of(document, job.distro), _text_at(compiler, "name") if compiler else ""
 
 
-def _said(section: Section, key: str) -> str:
+def _text_at(section: Section, key: str) -> str:
     found = section.get(key)
     return _text_of(section, found) if found else ""
 
@@ -75,7 +75,7 @@ def _unresolved(document: Section, node: Node) -> Iterator[BridgeError]:
         try:
             document.templates.resolve(node)
         except BridgeError as error:
-            if SECRETS not in str(error):  # a password of a registry is nobody's mistake
+            if SECRETS not in str(error):  # a password from the environment is as it should be
                 yield error
 
 

@@ -14,14 +14,14 @@ from rigel_bridge.generations.jobs import jobs_of
 from rigel_bridge.generations.lint import lint
 from rigel_bridge.generations.model import Generation, Options, Rigelfile
 from rigel_bridge.generations.sequences import sequences
-from rigel_bridge.generations.targets import Workshop, targets
+from rigel_bridge.generations.targets import JobFile, targets
 
 _DRAFTS: Final = (Generation.G2A, Generation.G2B)
 
 
 @dataclass(frozen=True, slots=True)
 class Outline:
-    """What can be said of a file without choosing a job of it."""
+    """What is known of a file before a job of it is chosen."""
 
     generation: Generation
     evidence: str
@@ -34,16 +34,16 @@ class Outline:
 
 
 def outline(root: Node, options: Options) -> Outline:
-    """Generation, choices, and what Rigel itself would stumble over. BridgeError when nothing else can be said."""
+    """Generation, choices, and what Rigel itself would stumble over. BridgeError when the file cannot be read at all."""
     generation, evidence = detect(root)
     document = Section(root, _templates(root, generation, options))
     errors, notes = lint(document, generation)
     if generation is Generation.G1:
         return Outline(generation, evidence, (), g1.sequence_names(document), tuple(errors), tuple(notes))
-    work = _workshop(document, generation, options)
-    deploying = work.deploying()
-    skipped = set(work.jobs) - {*deploying}
-    chosen = tuple(name for name, steps in work.sequences.items() if any(step.job not in skipped for step in steps))
+    file = _job_file(document, generation, options)
+    deploying = file.deploying()
+    skipped = set(file.jobs) - {*deploying}
+    chosen = tuple(name for name, steps in file.sequences.items() if any(step.job not in skipped for step in steps))
     return Outline(generation, evidence, deploying, chosen, tuple(errors), tuple(notes))
 
 
@@ -53,13 +53,13 @@ def load(root: Node, options: Options) -> Rigelfile:
     document = Section(root, _templates(root, generation, options))
     if generation is Generation.G1:
         return g1.load(document, evidence, options)
-    work = _workshop(document, generation, options)
-    found, notes = targets(work)
-    return Rigelfile(root, generation, evidence, found, work.deploying(), work.sequences, notes)
+    file = _job_file(document, generation, options)
+    found, notes = targets(file)
+    return Rigelfile(root, generation, evidence, found, file.deploying(), file.sequences, notes)
 
 
-def _workshop(document: Section, generation: Generation, options: Options) -> Workshop:
-    return Workshop(
+def _job_file(document: Section, generation: Generation, options: Options) -> JobFile:
+    return JobFile(
         document=document,
         jobs=jobs_of(document, generation),
         sequences=sequences(document),

@@ -34,7 +34,7 @@ class Package:
     command: str | None
     env: Mapping[str, str]
     login: str = ""
-    """Server of the registry that asks for a password; the password itself is never read."""
+    """Server of the registry that needs a password; the password itself is never read."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,8 +27,8 @@ _BUILD: Final = "build"
 
 
 @dataclass(frozen=True, slots=True)
-class Workshop:
-    """A file with jobs, and how it is read."""
+class JobFile:
+    """A Rigelfile with jobs (every generation but the first), and how it is read."""
 
     document: Section
     jobs: Mapping[str, Job]
@@ -50,92 +50,92 @@ class Workshop:
             return False
 
 
-def targets(work: Workshop) -> tuple[tuple[Target, ...], tuple[str, ...]]:
+def targets(file: JobFile) -> tuple[tuple[Target, ...], tuple[str, ...]]:
     """The RobotApps that the options choose, and notes."""
     notes: list[str] = []
-    if work.options.sequence:
-        return tuple(_of_sequence(work, notes)), tuple(notes)
-    return (_of_job(work, notes),), tuple(notes)
+    if file.options.sequence:
+        return tuple(_of_sequence(file, notes)), tuple(notes)
+    return (_of_job(file, notes),), tuple(notes)
 
 
-def _of_job(work: Workshop, notes: list[str]) -> Target:
-    deploying, wanted = work.deploying(), work.options.job
+def _of_job(file: JobFile, notes: list[str]) -> Target:
+    deploying, wanted = file.deploying(), file.options.job
     if wanted and wanted not in deploying:
-        if wanted == _DEPLOY and work.top is not None:
-            return _target(work, None, None, notes)
+        if wanted == _DEPLOY and file.top is not None:
+            return _target(file, None, None, notes)
         known = ", ".join(deploying) or "none"
-        raise work.document.node.fail(
+        raise file.document.node.fail(
             f"no job {wanted} deploys{nearest(wanted, list(deploying))}; jobs with an orchestration block: {known}"
         )
     if not deploying:
-        if work.top is None:
-            raise work.document.node.fail(
+        if file.top is None:
+            raise file.document.node.fail(
                 "no job has an orchestration block: add a job with plugin: rigel_bridge.RobotAppPlugin and "
                 "with: {orchestration: {…}}"
             )
-        return _target(work, None, None, notes)
+        return _target(file, None, None, notes)
     if not wanted and len(deploying) > 1:
         notes.append(
-            f"{work.document.node.place}: job {deploying[0]} is taken; --job chooses another: {', '.join(deploying[1:])}"
+            f"{file.document.node.place}: job {deploying[0]} is taken; --job chooses another: {', '.join(deploying[1:])}"
         )
-    return _target(work, work.jobs[wanted or deploying[0]], None, notes)
+    return _target(file, file.jobs[wanted or deploying[0]], None, notes)
 
 
-def _of_sequence(work: Workshop, notes: list[str]) -> Iterator[Target]:
-    name = work.options.sequence
-    if name not in work.sequences:
-        known = ", ".join(work.sequences) or "none"
-        raise work.document.node.fail(
-            f"there is no sequence {name}{nearest(name, list(work.sequences))}; sequences: {known}"
+def _of_sequence(file: JobFile, notes: list[str]) -> Iterator[Target]:
+    name = file.options.sequence
+    if name not in file.sequences:
+        known = ", ".join(file.sequences) or "none"
+        raise file.document.node.fail(
+            f"there is no sequence {name}{nearest(name, list(file.sequences))}; sequences: {known}"
         )
     scheduler, before, found = "", dict[str, Job](), 0
-    for step in work.sequences[name]:
-        job = work.jobs.get(step.job)
-        scheduler = _scheduler(work, step) or scheduler
-        if job is None and (work.top is None or step.job not in (_DEPLOY, _BUILD)):
+    for step in file.sequences[name]:
+        job = file.jobs.get(step.job)
+        scheduler = _scheduler(file, step) or scheduler
+        if job is None and (file.top is None or step.job not in (_DEPLOY, _BUILD)):
             raise step.node.fail(
-                f"there is no job {step.job}{nearest(step.job, list(work.jobs))}; jobs: {', '.join(work.jobs) or 'none'}"
+                f"there is no job {step.job}{nearest(step.job, list(file.jobs))}; jobs: {', '.join(file.jobs) or 'none'}"
             )
         if job is None and step.job == _BUILD and step.overrides is not None:
-            work.document.at(step.overrides).refuse_unknown(("scheduler_name", "buildargs"))
-        if (step.job == _DEPLOY and job is None) or (job is not None and work.deploys(job)):
+            file.document.at(step.overrides).refuse_unknown(("scheduler_name", "buildargs"))
+        if (step.job == _DEPLOY and job is None) or (job is not None and file.deploys(job)):
             found += 1
             if found > MAX_APPS:
                 raise step.node.fail(f"sequence {name} deploys more than {MAX_APPS} RobotApps")
-            target = _target(work, job, step, notes, tuple(before.values()))
+            target = _target(file, job, step, notes, tuple(before.values()))
             yield replace(target, scheduler=scheduler or target.scheduler, suffix=step.combination)
         elif job is not None:
-            settings = _merged(work.document, job, step)
+            settings = _merged(file.document, job, step)
             before[job.id] = replace(job, settings=settings) if settings else job
     if not found:
-        raise work.document.node.fail(f"sequence {name} has no job with an orchestration block: nothing to render")
+        raise file.document.node.fail(f"sequence {name} has no job with an orchestration block: nothing to render")
 
 
-def _scheduler(work: Workshop, step: Step) -> str:
+def _scheduler(file: JobFile, step: Step) -> str:
     """`scheduler_name` of an override, of a build also as build argument: that is how the thesis writes it."""
     if step.overrides is None:
         return ""
-    overrides = _with_data(work.document, step).at(step.overrides)
+    overrides = _with_data(file.document, step).at(step.overrides)
     arguments = overrides.section("buildargs")
     return overrides.text("scheduler_name") or (arguments.text("scheduler_name") if arguments else None) or ""
 
 
 def _target(
-    work: Workshop, job: Job | None, step: Step | None, notes: list[str], before: Sequence[Job] | None = None
+    file: JobFile, job: Job | None, step: Step | None, notes: list[str], before: Sequence[Job] | None = None
 ) -> Target:
-    document = _with_data(work.document, step)
+    document = _with_data(file.document, step)
     settings = _settings(document, job, step)
-    orchestration = _completed(work, document, job, _orchestration(document, settings, work.top), notes)
+    orchestration = _completed(file, document, job, _orchestration(document, settings, file.top), notes)
     notes += namespace_note(settings)
     block_image = (orchestration.text("application_image") if orchestration else None) or ""
-    stated = work.options.image or _stated(settings, "image") or block_image
-    made = _made(work, document, before or (), needed=not stated)
+    stated = file.options.image or _stated(settings, "image") or block_image
+    made = _made(file, document, before or (), needed=not stated)
     notes += [note for note in made.notes if note not in notes and not stated]
-    node = job.node if job else (work.top or work.document.node)
-    distro = job.distro if job else _distro_of(work)
+    node = job.node if job else (file.top or file.document.node)
+    distro = job.distro if job else _distro_of(file)
     return Target(
         node=node,
-        packages=(_package(work, document, node=node, stated=stated, made=made, distro=distro),),
+        packages=(_package(file, document, node=node, stated=stated, made=made, distro=distro),),
         orchestration=orchestration,
         job=job.id if job else _DEPLOY,
         name=_stated(settings, "name"),
@@ -143,11 +143,11 @@ def _target(
     )
 
 
-def _made(work: Workshop, document: Section, before: Sequence[Job], *, needed: bool) -> Build:
+def _made(file: JobFile, document: Section, before: Sequence[Job], *, needed: bool) -> Build:
     """What the build jobs before this one make, else those of the whole file. Mistakes in them count when it is needed."""
     try:
         made = build(document, before)
-        return made if made.image else build(document, tuple(work.jobs.values()))
+        return made if made.image else build(document, tuple(file.jobs.values()))
     except BridgeError:
         if needed:
             raise
@@ -208,12 +208,12 @@ def _orchestration(document: Section, settings: Section | None, top: Node | None
 
 
 def _completed(
-    work: Workshop, document: Section, job: Job | None, block: Section | None, notes: list[str]
+    file: JobFile, document: Section, job: Job | None, block: Section | None, notes: list[str]
 ) -> Section | None:
     """The block of a job that only updates, laid over that of the first job that deploys, key by key."""
     if job is None or block is None or not block.node.mapping() or not set(block.node.mapping()) <= set(UPDATES):
         return block
-    first = work.jobs[work.deploying()[0]]
+    first = file.jobs[file.deploying()[0]]
     whole = _settings(document, first, None)
     under = whole.section("orchestration") if whole else None
     if first.id == job.id or under is None:
@@ -225,22 +225,20 @@ def _completed(
     return Section(replace(block.node, value=merged), document.templates)
 
 
-def _distro_of(work: Workshop) -> Node | None:
-    application = work.document.section("application")
+def _distro_of(file: JobFile) -> Node | None:
+    application = file.document.section("application")
     return application.get("distro") if application else None
 
 
-def _package(
-    work: Workshop, document: Section, *, node: Node, stated: str, made: Build, distro: Node | None
-) -> Package:
-    """The one component. What the build job's container file says holds for its own image alone."""
+def _package(file: JobFile, document: Section, *, node: Node, stated: str, made: Build, distro: Node | None) -> Package:
+    """The one component. Command and variables of the container file belong to the built image alone."""
     image = stated or made.image
     own = image == made.image
     return Package(
         node=node,
         name=COMPONENT,
         image=image,
-        distro=work.options.distro or (document.text_of(distro) if distro else None),
+        distro=file.options.distro or (document.text_of(distro) if distro else None),
         command=made.command if own else None,
         env=(made.env or {}) if own else {},
         login=login(document, image),

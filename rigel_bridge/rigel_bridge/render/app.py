@@ -113,7 +113,7 @@ def _logins(target: Target, block: Section | None) -> list[str]:
         return []
     servers = {package.login: package for package in target.packages if package.login}
     return [
-        f"{package.node.place}: {server} asks for a login, which is not carried over: make a Secret of type "
+        f"{package.node.place}: {server} needs a login, which is not carried over: make a Secret of type "
         "kubernetes.io/dockerconfigjson and write image_pull_secrets: [ITS_NAME] into the orchestration block"
         for server, package in servers.items()
     ]

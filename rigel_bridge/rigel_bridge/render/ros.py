@@ -21,7 +21,7 @@ def ros(packages: tuple[Package, ...], block: Section | None, draft: Draft, *, t
             draft.put(("ros", "distro"), package.distro, package.node)
     distro, at = _distro(packages, block, draft)
     version = _version(distro, at, block, draft)
-    notes = [f"{at.place}: {said}" for said in [_remark(distro, today)] if said]
+    notes = [f"{at.place}: {found}" for found in [_remark(distro, today)] if found]
     if version == 2:
         for package in packages:
             for variable in LIFTED:

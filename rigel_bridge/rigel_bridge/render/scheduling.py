@@ -46,7 +46,7 @@ def apply_to_app(block: Section, draft: Draft) -> None:
 
 
 def apply_to_component(block: Section, draft: Draft, index: int, *, names: frozenset[str], alone: bool) -> None:
-    """What concerns component `index`; `names` are all components, `alone` says that it is the only one meant."""
+    """What concerns component `index`; `names` are all components, `alone`: it is the only one."""
     at = ("components", index)
     if policies := block.section("policies"):
         _policies(policies, draft, index)

@@ -27,11 +27,11 @@ def _run(arguments: argparse.Namespace) -> int:
             continue
         notes.update(dict.fromkeys(found.notes))
         names = ", ".join(app["metadata"]["name"] for app in found.apps)
-        apps.append(f"{_said(choice)}: RobotApp {names}")
-    said = [f"error: {error}" for error in errors]
-    said += [f"note: {note}" for note in notes if note not in errors]
-    said += [f"generation {examined.generation}: {examined.evidence}", *apps]
-    sys.stdout.write("".join(f"{printable(line)}\n" for line in said))
+        apps.append(f"{_chosen(choice)}: RobotApp {names}")
+    lines = [f"error: {error}" for error in errors]
+    lines += [f"note: {note}" for note in notes if note not in errors]
+    lines += [f"generation {examined.generation}: {examined.evidence}", *apps]
+    sys.stdout.write("".join(f"{printable(line)}\n" for line in lines))
     if errors:
         return next(iter(errors.values()))
     return Exit.INVALID if notes and arguments.strict else Exit.OK
@@ -48,7 +48,7 @@ def _choices(source: Source, jobs: tuple[str, ...], sequences: tuple[str, ...]) 
         yield replace(source, options=replace(source.options, sequence=sequence))
 
 
-def _said(choice: Source) -> str:
+def _chosen(choice: Source) -> str:
     if choice.options.job:
         return f"--job {choice.options.job}"
     return f"--sequence {choice.options.sequence}" if choice.options.sequence else "by default"

@@ -115,7 +115,7 @@ components: {base-driver: {replicas: 2, resources: {requests: {cpu: 100m}}}}"""
         ("scheduler: {policies: {tcp_nodelay: 1}}", "expected true or false, found a number (1)"),
         ("scheduler: {dds_domain: 300}", "'300' is not a DDS domain; allowed: auto, or a number from 0 to 232"),
         ("scheduler: {dds_domain: 150}", "domain 150 is outside 1-101 and 215-232"),
-        ("scheduler: {dds_domain: 1, dds-domain: 2}", "says the same as"),
+        ("scheduler: {dds_domain: 1, dds-domain: 2}", "means the same as"),
         ("components: {nobody: {}}", "there is no package nobody"),
         (
             "components: {base_driver: {imag: x}}",
