@@ -43,6 +43,20 @@ class HeadedTemplates:
         """A text that stands at `node`, as text."""
         return self._text(node, text, ())
 
+    def keys(self, node: Node) -> Node:
+        """The tree with the marks in its keys replaced, as Rigel does it; values are left alone."""
+        if isinstance(node.value, list):
+            return replace(node, value=[self.keys(child) for child in node.value])
+        if not isinstance(node.value, dict):
+            return node
+        found: dict[str, Node] = {}
+        for key, child in node.value.items():
+            name = self.render(child, key) if "{{" in key else key
+            if name in found:
+                raise child.fail(f"key {name[:80]} is already in line {found[name].place.line}")
+            found[name] = self.keys(child)
+        return replace(node, value=found)
+
     def with_data(self, data: Mapping[str, Node]) -> "HeadedTemplates":
         """The same with one combination of a matrix; the bounds count on."""
         return replace(self, data=data)

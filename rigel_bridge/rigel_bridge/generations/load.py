@@ -36,7 +36,7 @@ class Outline:
 def outline(root: Node, options: Options) -> Outline:
     """Generation, choices, and what Rigel itself would stumble over. BridgeError when the file cannot be read at all."""
     generation, evidence = detect(root)
-    document = Section(root, _templates(root, generation, options))
+    document = _document(root, generation, options)
     errors, notes = lint(document, generation)
     if generation is Generation.G1:
         return Outline(generation, evidence, (), g1.sequence_names(document), tuple(errors), tuple(notes))
@@ -50,7 +50,7 @@ def outline(root: Node, options: Options) -> Outline:
 def load(root: Node, options: Options) -> Rigelfile:
     """Check and read a document of any generation; BridgeError otherwise."""
     generation, evidence = detect(root)
-    document = Section(root, _templates(root, generation, options))
+    document = _document(root, generation, options)
     if generation is Generation.G1:
         return g1.load(document, evidence, options)
     file = _job_file(document, generation, options)
@@ -66,6 +66,11 @@ def _job_file(document: Section, generation: Generation, options: Options) -> Jo
         options=options,
         top=document.get("orchestration"),
     )
+
+
+def _document(root: Node, generation: Generation, options: Options) -> Section:
+    templates = _templates(root, generation, options)
+    return Section(templates.keys(root) if isinstance(templates, HeadedTemplates) else root, templates)
 
 
 def _templates(root: Node, generation: Generation, options: Options) -> Resolver:

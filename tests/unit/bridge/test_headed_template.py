@@ -107,3 +107,10 @@ def test_patterns_that_search_long_end_in_time() -> None:
     assert "too many regex_replace" in refusal_of(f'"{mark * 50}"', f"v: {'a' * 250}")
     assert time.process_time() - started_s < 5
     assert value(f'"{mark * 3}"', "v: abx") == ""
+
+
+def test_marks_in_keys_are_replaced_too() -> None:
+    text = with_block("{components: {'{{ vars.who }}': {replicas: 2}}}").replace("vars: {", "vars: {who: ros-app, ")
+    assert spec(text)["components"][0]["replicas"] == 2
+    twice = text.replace("{replicas: 2}}", "{replicas: 2}, ros-app: {replicas: 3}}")
+    assert "key ros-app is already in line 16" in refusal(twice)
