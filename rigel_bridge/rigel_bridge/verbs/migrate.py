@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 from typing import Any, Final
 
+from rigel_bridge.cluster import apps
 from rigel_bridge.cluster.kubectl import MAX_OUTPUT_BYTES, Kubectl
 from rigel_bridge.cluster.results import opened
 from rigel_bridge.cluster.takeover import Limits, annotate, forget, read, restorable, take_over
@@ -109,6 +110,8 @@ def _take_over(kubectl: Kubectl, found: Plan, arguments: argparse.Namespace) -> 
         raise BridgeError(
             Place("migrate"), f"{len(lost)} fields would be lost, see the report; --lossy goes on without them"
         )
+    for made in found.apps:
+        apps.apply(kubectl, made.app, dry_run=True)
     backup = opened(arguments.backup)
     for made in found.apps:
         for each in made.workloads:

@@ -11,10 +11,10 @@ from tests.support.rigelfiles import ONE, TWO, orchestration
 from rigel_bridge.main import main
 
 ROOT = Path(__file__).resolve().parents[3]
-EXAMPLE = (ROOT / "examples" / "rigel" / "teleop" / "Rigelfile").read_text()
+EXAMPLES = {path.parent.name: path.read_text() for path in (ROOT / "examples" / "rigel").glob("*/Rigelfile")}
 NOETIC = ONE.replace("humble", "noetic")
 SAMPLES = {
-    "example": EXAMPLE,
+    **{name: text for name, text in EXAMPLES.items() if "\npackages:" in text},
     "two-packages": orchestration("{name: x, scheduler: {policies: {latency_budget: 30ms}}}", TWO),
     "ros1": orchestration("{name: x, deploy_ros_master: true}", NOETIC),
     "templates": "vars: {tag: '2'}\n" + orchestration("{name: 'app-{{ tag }}'}"),
@@ -58,12 +58,13 @@ def test_the_environment_is_consistent_and_has_rigels_pydantic(rigel: Path) -> N
 
 
 @pytest.mark.parametrize("sample", SAMPLES)
-def test_rigel_deploy_writes_the_bytes_of_render(
+def test_rigel_creates_its_files_and_deploys_the_bytes_of_render(
     rigel: Path, sample: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "Rigelfile").write_text(SAMPLES[sample])
-    done = run(rigel, tmp_path, "deploy")
-    assert done.returncode == 0, done.stdout + done.stderr
+    for command in ("create", "deploy"):
+        done = run(rigel, tmp_path, command)
+        assert done.returncode == 0, done.stdout + done.stderr
     (written,) = tmp_path.glob("*.robotapp.yaml")
     monkeypatch.chdir(tmp_path)
     assert main(["render", "-o", "rendered.yaml"]) == 0
