@@ -22,6 +22,8 @@ _REQUEST_S: Final = 30
 _SHOWN: Final = 2000
 """Characters of kubectl's words in one message."""
 _SERVER: Final = re.compile(r"Error from server \((\w+)\): ")
+_LOG_LINE: Final = re.compile(r"[IWE][0-9]{4} [0-9:.]+ +[0-9]+ |Warning: ")
+"""What kubectl logs before it says why it failed: the same sentence several times."""
 _NO_KIND: Final = ('no matches for kind "RobotApp"', 'have a resource type "robotapp')
 _UNREACHABLE: Final = (
     "Unable to connect to the server",
@@ -159,7 +161,8 @@ def _read(process: "subprocess.Popen[bytes]", *, timeout_s: float, limit: int) -
 
 def failure(words: str, arguments: Sequence[str]) -> ClusterError:
     """The error for what kubectl wrote to standard error."""
-    text = " ".join(words.split())
+    told = [line for line in words.splitlines() if not _LOG_LINE.match(line)]
+    text = " ".join(" ".join(told or words.splitlines()).split())
     if any(sign in text for sign in _NO_KIND):
         return ClusterError(
             "this cluster has no RobotApps: install the chart of this project first (docs/installation.md)"

@@ -67,6 +67,7 @@ def test_the_cluster_names_are_those_of_the_api() -> None:
         ("Error from server (Forbidden): user may not", Refusal.FORBIDDEN, "user may not"),
         ("Error from server (Weird): what", Refusal.OTHER, "what"),
         ('The RobotApp "x" is invalid:\n spec.a: wrong', Refusal.INVALID, 'The RobotApp "x" is invalid: spec.a: wrong'),
+        ("E1122 19:28:58.9 31330 memcache.go:265] x\nWarning: old\nerror: bad", Refusal.OTHER, "kubectl: error: bad"),
         ("Operation cannot be fulfilled on robotapps x: modified", Refusal.CONFLICT, "modified"),
         ("Unable to connect to the server: dial tcp", Refusal.UNREACHABLE, "--context"),
         (
