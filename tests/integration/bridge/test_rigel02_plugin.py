@@ -1,5 +1,6 @@
 """`rigel deploy` of the real Rigel 0.2.22 with our wheel beside it, as a user installs both."""
 
+import json
 import os
 import subprocess
 import sys
@@ -24,6 +25,25 @@ BAD = {
     "key": (orchestration("{schedular: {}}"), 72, "did you mean scheduler"),
     "distro": (orchestration("{name: x}", ONE.replace("humble", "humbel")), 72, "humble"),
 }
+# Rigel's commands one after the other in one process: to import Rigel takes longer than to run them.
+ALL = """
+import contextlib, io, json, os
+from rigel.cli import cli
+for folder in sorted(os.listdir(".")):
+    os.chdir(folder)
+    found = {}
+    for command in ("create", "deploy"):
+        shown, code = io.StringIO(), 0
+        with contextlib.redirect_stdout(shown), contextlib.redirect_stderr(shown):
+            try:
+                cli.main(args=[command], standalone_mode=False)
+            except SystemExit as end:
+                code = end.code or 0
+        found[command] = [code, shown.getvalue()]
+    with open("outcome.json", "w") as file:
+        json.dump(found, file)
+    os.chdir("..")
+"""
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # a package index may be far away
 
 
@@ -57,26 +77,50 @@ def test_the_environment_is_consistent_and_has_rigels_pydantic(rigel: Path) -> N
     assert subprocess.check_output([rigel / "python", "-c", shown], text=True).startswith("1.")
 
 
+@pytest.fixture(scope="module")
+def outcomes(rigel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder per file, in which Rigel's own command functions ran; outcome.json has exit codes and output of each command."""
+    folder = tmp_path_factory.mktemp("files")
+    for name, text in {**SAMPLES, **{name: text for name, (text, _, _) in BAD.items()}}.items():
+        (folder / name).mkdir()
+        (folder / name / "Rigelfile").write_text(text)
+    environment = {**os.environ, "PYTHONWARNINGS": "ignore", "COLUMNS": "300"}
+    subprocess.run([rigel / "python", "-c", ALL], cwd=folder, env=environment, check=True, capture_output=True)
+    return folder
+
+
+def outcome(outcomes: Path, name: str, command: str) -> tuple[int, str]:
+    code, told = json.loads((outcomes / name / "outcome.json").read_text())[command]
+    return code, told
+
+
 @pytest.mark.parametrize("sample", SAMPLES)
 def test_rigel_creates_its_files_and_deploys_the_bytes_of_render(
-    rigel: Path, sample: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    outcomes: Path, sample: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / "Rigelfile").write_text(SAMPLES[sample])
     for command in ("create", "deploy"):
-        done = run(rigel, tmp_path, command)
-        assert done.returncode == 0, done.stdout + done.stderr
-    (written,) = tmp_path.glob("*.robotapp.yaml")
-    monkeypatch.chdir(tmp_path)
+        code, told = outcome(outcomes, sample, command)
+        assert code == 0, told
+    (written,) = (outcomes / sample).glob("*.robotapp.yaml")
+    monkeypatch.chdir(outcomes / sample)
     assert main(["render", "-o", "rendered.yaml"]) == 0
     assert written.read_bytes() == Path("rendered.yaml").read_bytes()
 
 
-@pytest.mark.parametrize("kind", ["value", "key", "distro"])
-def test_a_mistake_ends_rigel_with_our_code_and_words(rigel: Path, kind: str, tmp_path: Path) -> None:
-    text, code, told = BAD[kind]
+@pytest.mark.parametrize("kind", BAD)
+def test_a_mistake_has_our_code_and_words(outcomes: Path, kind: str) -> None:
+    _, wanted, words = BAD[kind]
+    code, told = outcome(outcomes, kind, "deploy")
+    assert code == wanted, told
+    assert words in told
+    assert "Traceback" not in told
+    assert not list((outcomes / kind).glob("*.robotapp.yaml"))
+
+
+def test_the_command_itself_ends_with_our_code_and_one_line(rigel: Path, tmp_path: Path) -> None:
+    text, code, told = BAD["value"]
     (tmp_path / "Rigelfile").write_text(text)
     done = run(rigel, tmp_path, "deploy")
     assert done.returncode == code
     assert told in done.stdout
     assert "Traceback" not in done.stdout + done.stderr
-    assert not list(tmp_path.glob("*.robotapp.yaml"))
