@@ -101,6 +101,31 @@ def test_a_topic_from_a_parameter_bears_its_name() -> None:
     assert [(p.name, p.default) for p in cpp(text).parameters] == [("scan_topic", "scan")]
 
 
+def test_classes_that_wrap_endpoints_are_known() -> None:
+    text = """
+        void f() {
+          costmap_ = std::make_shared<nav2_costmap_2d::Costmap2DROS>("local_costmap", ns);
+          std::string topic = declare_or_get_parameter("footprint_topic", std::string("a/footprint"));
+          sub_ = std::make_unique<nav2_costmap_2d::FootprintSubscriber>(shared_from_this(), topic, *tf_);
+        }
+    """
+    assert [(role, name) for role, name, _ in ends(text)] == [
+        ("publisher", "local_costmap/costmap_raw"),
+        ("publisher", "local_costmap/published_footprint"),
+        ("subscription", "$param:footprint_topic"),
+    ]
+
+
+def test_a_topic_that_is_resolved_first_keeps_its_name() -> None:
+    text = """
+        void f() {
+          std::string mono = node_base->resolve_topic_or_service_name("image_mono", false);
+          pub_ = image_transport::create_publisher(this, mono, qos);
+        }
+    """
+    assert ends(text) == [("publisher", "image_mono", "sensor_msgs/msg/Image")]
+
+
 def test_comments_and_text_hold_no_endpoints() -> None:
     assert (
         ends('// create_publisher<a::msg::B>("a", 1);\n/* advertise<a::B>("c", 1) */ void f() { log("subscribe"); }')

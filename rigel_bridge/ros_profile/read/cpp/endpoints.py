@@ -1,8 +1,10 @@
 """Publishers, subscriptions, services, actions and timers in C++ (rclcpp, roscpp and the usual wrappers)."""
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 
+from ros_profile.knowledge.wrappers import WRAPPERS
 from ros_profile.model.endpoints import Endpoint, Role, Timer
 from ros_profile.read.cpp.quality import qos_of
 from ros_profile.read.cpp.text import split_arguments
@@ -21,7 +23,7 @@ class Form:
     type: str = ""
 
 
-_IMAGE, _TWIST, _TF = "sensor_msgs/msg/Image", "geometry_msgs/msg/Twist", "tf2_msgs/msg/TFMessage"
+_IMAGE, _TF = "sensor_msgs/msg/Image", "tf2_msgs/msg/TFMessage"
 FORMS = {
     "create_publisher": Form(Role.PUBLISHER),
     "create_generic_publisher": Form(Role.PUBLISHER),
@@ -45,8 +47,6 @@ FORMS = {
     "create_camera_publisher": Form(Role.PUBLISHER, type=_IMAGE),
     "subscribeCamera": Form(Role.SUBSCRIPTION, type=_IMAGE),
     "create_camera_subscription": Form(Role.SUBSCRIPTION, type=_IMAGE),
-    "TwistPublisher": Form(Role.PUBLISHER, type=_TWIST),
-    "TwistSubscriber": Form(Role.SUBSCRIPTION, type=_TWIST),
 }
 _CALLS = re.compile(rf"\b(?P<name>{'|'.join(sorted(FORMS, key=len, reverse=True))})(?=\s*[<(])")
 _MADE = re.compile(r"\b(?P<name>make_(?:unique|shared))(?=\s*<)")
@@ -80,18 +80,36 @@ def context(tree: Tree, file: str) -> Context:
 def endpoints(c: Context) -> list[Endpoint]:
     found = [e for call in c.tree.calls(_CALLS) if (e := _endpoint(c, call, FORMS[call.name])) is not None]
     for call in c.tree.calls(_MADE):
-        outer, _, inner = call.template.partition("<")
-        form = FORMS.get(outer.strip().rsplit("::", 1)[-1])
-        if form is not None and call.arguments:
-            made = Call(outer, inner.rstrip("> "), call.arguments, call.place, call.owner, call.receiver)
-            if (endpoint := _endpoint(c, made, form)) is not None:
-                found.append(endpoint)
+        found += _made(c, call)
     for match in _BROADCASTER.finditer(c.tree.source.code):
         topic = "/tf_static" if match.group(1) else "/tf"
         if not any(e.name == topic for e in found):
             line = c.tree.source.line(match.start())
             found.append(Endpoint(Role.PUBLISHER, topic, _TF, c.file, line, owner=c.tree.owner(match.start())))
     return found
+
+
+def _made(c: Context, call: Call) -> Iterator[Endpoint]:
+    """What a class constructs that `make_unique` or `make_shared` makes."""
+    outer, _, inner = call.template.partition("<")
+    outer = outer.strip()
+    simple = outer.rsplit("::", 1)[-1]
+    form = FORMS.get(simple)
+    if form is not None and call.arguments:
+        made = Call(outer, inner.rstrip("> "), call.arguments, call.place, call.owner, call.receiver)
+        if (endpoint := _endpoint(c, made, form)) is not None:
+            yield endpoint
+    name = _first_name(c, call)
+    for wrapped in WRAPPERS.get(simple, WRAPPERS.get(outer, ())) if name else ():
+        topic = name if wrapped.topic == "{}" else wrapped.topic.format(name)
+        line = c.tree.source.line(call.place)
+        yield Endpoint(wrapped.role, topic, wrapped.type, c.file, line, owner=call.owner)
+
+
+def _first_name(c: Context, call: Call) -> str:
+    """The first of its arguments that names something."""
+    named = (name_of(argument, c.variables, c.tree.source.code) for argument in call.arguments[:4])
+    return next((name for name in named if name), "")
 
 
 def _endpoint(c: Context, call: Call, form: Form) -> Endpoint | None:
