@@ -2,8 +2,9 @@
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 from ros_profile.knowledge import roles
 from ros_profile.knowledge.libraries import ROLE_SYMBOLS
@@ -12,6 +13,8 @@ from ros_profile.model.facts import Fact, Kind
 from ros_profile.model.package import Unit
 
 _TEST_FILE = re.compile(r"(?:^|/)(?:tests?|testing|benchmarks?)/|(?:^|/)test_[^/]*$|_test\.\w+$|(?:^|/)conftest\.py$")
+MEMORY = 1 << 16
+"""Answers kept: the same names come back in every executable of a workspace (without it, judging takes three times as long)."""
 _OUT = {Role.PUBLISHER: "pub", Role.SUBSCRIPTION: "sub"}
 _SERVED = {
     Role.SERVICE_SERVER: "serve:service",
@@ -38,6 +41,7 @@ class Features:
         return any(name in self.found for name in names)
 
 
+@lru_cache(maxsize=MEMORY)
 def is_test(file: str) -> bool:
     return _TEST_FILE.search(file) is not None
 
@@ -54,7 +58,8 @@ def features(unit: Unit) -> Features:
     return found
 
 
-def _role(table: Iterable[tuple[re.Pattern[str], str]], text: str) -> str:
+@lru_cache(maxsize=MEMORY)
+def _role(table: tuple[tuple[re.Pattern[str], str], ...], text: str) -> str:
     return next((role for pattern, role in table if pattern.search(text)), "")
 
 
@@ -145,7 +150,8 @@ def _from_libraries(found: Features, facts: list[Fact]) -> None:
             found.add("plugin:tool", fact)
 
 
-def name_roles(name: str) -> list[str]:
+@lru_cache(maxsize=MEMORY)
+def name_roles(name: str) -> tuple[str, ...]:
     """Roles that words of a name tell, the last word first: `image_view` is a view of images, not an image source."""
     text = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower().replace("-", "_")
     padded = f"_{text}_"
@@ -154,7 +160,7 @@ def name_roles(name: str) -> list[str]:
         places = [padded.rfind(f"_{word}_") + len(word) for word in words.split() if f"_{word}_" in padded]
         if places:
             scored.append((max(places), max(len(w) for w in words.split() if f"_{w}_" in padded), role))
-    return [role for _, _, role in sorted(scored, reverse=True)]
+    return tuple(role for _, _, role in sorted(scored, reverse=True))
 
 
 def _from_words(found: Features, unit: Unit) -> None:

@@ -3,8 +3,9 @@
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 
-from ros_profile.decide.classify.features import is_test
+from ros_profile.decide.classify.features import MEMORY, is_test
 from ros_profile.knowledge import hardware as signs
 from ros_profile.model.conclusions import Estimate, Hardware
 from ros_profile.model.facts import Fact, Kind
@@ -22,6 +23,7 @@ _TABLES = {
     Kind.DEVICE_PATH: signs.DEVICES,
     Kind.TEXT: signs.DEVICES,
     Kind.UDEV: signs.UDEV,
+    Kind.BUILD: signs.BUILD,
     Kind.NAME: signs.NAMES,
 }
 _CONTROLLER = re.compile(r"^controller_interface::")
@@ -63,14 +65,14 @@ def devices(unit: Unit) -> Devices:
 
 
 def _matches(fact: Fact) -> Iterator[tuple[signs.Sign, float]]:
-    if fact.kind is Kind.BUILD:
-        text, table = f"{fact.subject} {fact.value}", signs.BUILD
-    else:
-        text, table = fact.subject, _TABLES.get(fact.kind, ())
-    for sign in table:
-        if sign.pattern.search(text):
-            yield sign, sign.weight * fact.weight
-            return
+    text = f"{fact.subject} {fact.value}" if fact.kind is Kind.BUILD else fact.subject
+    if fact.kind in _TABLES and (sign := _sign(fact.kind, text)) is not None:
+        yield sign, sign.weight * fact.weight
+
+
+@lru_cache(maxsize=MEMORY)
+def _sign(kind: Kind, text: str) -> signs.Sign | None:
+    return next((sign for sign in _TABLES[kind] if sign.pattern.search(text)), None)
 
 
 def _estimate(kind: str, case: _Case, identity: str) -> Estimate[Hardware]:
