@@ -32,6 +32,7 @@ def generate_profile(
         workspace.packages,
         engine_named(engine, workspace.packages, curated=curated),
         path=os.fspath(path),
+        curated=curated,
         problems=workspace.problems,
     )
 

@@ -1,6 +1,6 @@
 """From packages to a profile: units are judged, launch files followed, edges matched."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
 from ros_profile.decide.edges import Ends, edges, ends_of
@@ -27,15 +27,36 @@ from ros_profile.read.parameters import text_facts
 SURE = 0.75
 
 
-def profile(packages: Iterable[Package], engine: Engine, *, path: str, problems: tuple[Problem, ...] = ()) -> Profile:
-    """The profile of everything that was read."""
-    index = Index(packages)
+def profile(
+    packages: Iterable[Package],
+    engine: Engine,
+    *,
+    path: str,
+    curated: bool = True,
+    problems: tuple[Problem, ...] = (),
+) -> Profile:
+    """The profile of everything that was read. `curated=False`: without edges of well-known nodes."""
+    index = Index(packages, curated=curated)
+    engine = replace(engine, classify=_remembering(engine))
     return Profile(
         path=path,
         engine=engine.name,
         packages=tuple(_package(package, engine, index) for package in index.packages),
         problems=problems,
     )
+
+
+def _remembering(engine: Engine) -> Callable[[Unit], Assessment]:
+    """Launch files include each other: what they start is judged once."""
+    judged: dict[tuple[object, ...], Assessment] = {}
+
+    def classify(unit: Unit) -> Assessment:
+        key = (unit.package.name, unit.name, unit.kind, unit.parameters, unit.files, len(unit.facts))
+        if key not in judged:
+            judged[key] = engine.classify(unit)
+        return judged[key]
+
+    return classify
 
 
 def _package(package: Package, engine: Engine, index: Index) -> PackageProfile:
