@@ -10,7 +10,7 @@ from ros_profile.model.facts import Fact, Kind
 from ros_profile.model.package import Executable, SourceFile
 from ros_profile.read.parameters import text_facts
 from ros_profile.read.python.calls import Made, read_call
-from ros_profile.read.python.syntax import dotted, parse, walk
+from ros_profile.read.python.syntax import Walked, dotted, parse, walk
 from ros_profile.read.python.values import Names, Scope
 
 MAX_FACTS: Final = 500
@@ -24,13 +24,14 @@ def read_python(data: bytes, file: str) -> SourceFile:
     module, problems = parse(data, file)
     if module is None:
         return SourceFile(file, "python", problems=problems)
-    names = Names.of(module)
+    nodes = list(walk(module))
+    names = Names.of(nodes)
     made: list[Made] = []
-    facts: list[Fact] = list(_imports(module, file))
+    facts: list[Fact] = list(_imports(nodes, file))
     node_names: list[str] = []
-    documentation = _documentation(module)
+    documentation = _documentation(nodes)
     guarded = data.startswith(b"#!")
-    for node, owner, function in walk(module):
+    for node, owner, function in nodes:
         scope = Scope(names, owner, function)
         if isinstance(node, ast.Call):
             made += read_call(node, scope, file)
@@ -52,7 +53,7 @@ def read_python(data: bytes, file: str) -> SourceFile:
         timers=tuple(t for t in made if isinstance(t, Timer)),
         parameters=tuple(p for p in made if isinstance(p, Parameter)),
         node_names=tuple(dict.fromkeys(node_names)),
-        uses=tuple(sorted(_modules(module))),
+        uses=tuple(sorted(_modules(nodes))),
         executables=_as_script(file) if guarded else (),
         problems=problems,
     )
@@ -63,17 +64,15 @@ def _as_script(file: str) -> tuple[Executable, ...]:
     return (Executable(file.rpartition("/")[2], "script", (file,), file=file, line=1),)
 
 
-def _documentation(module: ast.Module) -> frozenset[int]:
+def _documentation(nodes: list[Walked]) -> frozenset[int]:
     """Texts that stand alone as a statement: documentation, nothing the program uses."""
     return frozenset(
-        id(node.value)
-        for node, _, _ in walk(module)
-        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+        id(node.value) for node, _, _ in nodes if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
     )
 
 
-def _imports(module: ast.Module, file: str) -> Iterator[Fact]:
-    for node, _, _ in walk(module):
+def _imports(nodes: list[Walked], file: str) -> Iterator[Fact]:
+    for node, _, _ in nodes:
         if isinstance(node, ast.Import):
             for alias in node.names:
                 yield Fact(Kind.INCLUDE, alias.name, "", file, node.lineno)
@@ -82,10 +81,10 @@ def _imports(module: ast.Module, file: str) -> Iterator[Fact]:
                 yield Fact(Kind.INCLUDE, f"{node.module}.{alias.name}", "", file, node.lineno)
 
 
-def _modules(module: ast.Module) -> set[str]:
+def _modules(nodes: list[Walked]) -> set[str]:
     """Modules by dotted name, those of `from x import y` both as x and x.y, because y may be a module."""
     found: set[str] = set()
-    for node, _, _ in walk(module):
+    for node, _, _ in nodes:
         if isinstance(node, ast.Import):
             found.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):

@@ -10,6 +10,9 @@ from ros_profile.model.facts import Problem
 from ros_profile.read.text import MAX_LINE, decode, printable
 
 MAX_NODES: Final = 300_000
+
+Walked = tuple[ast.AST, str, str]
+"""A node with the class and the function it stands in."""
 _PRINT: Final = re.compile(
     r"^([ \t]*(?:(?:else|try|finally)\s*:\s*)?)print\b(?!\s*\().*$|^([ \t]*)print\s*>>.*$", re.MULTILINE
 )
@@ -57,7 +60,7 @@ def _python3(text: str) -> str:
     return text.replace("<>", "!=").replace("`", "'")
 
 
-def walk(root: ast.AST) -> Iterator[tuple[ast.AST, str, str]]:
+def walk(root: ast.AST) -> Iterator[Walked]:
     """Every node with the class and the function it stands in, in the order of the text; without recursion."""
     waiting: list[tuple[ast.AST, str, str]] = [(root, "", "")]
     count = 0

@@ -1,11 +1,12 @@
 """Values of expressions, as far as they can be told without running anything."""
 
 import ast
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Final
 
 from ros_profile.model.endpoints import PARAMETER_MARK, Qos
-from ros_profile.read.python.syntax import dotted, walk
+from ros_profile.read.python.syntax import Walked, dotted
 
 MAX_STEPS: Final = 12
 MAX_TEXT: Final = 500
@@ -28,9 +29,9 @@ class Names:
     assigned: dict[str, ast.expr] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, module: ast.Module) -> "Names":
+    def of(cls, nodes: Iterable[Walked]) -> "Names":
         names = cls()
-        for node, owner, function in walk(module):
+        for node, owner, function in nodes:
             if isinstance(node, ast.Import):
                 for alias in node.names:
                     names.imports[alias.asname or alias.name.partition(".")[0]] = (
