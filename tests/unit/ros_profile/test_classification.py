@@ -8,7 +8,7 @@ from ros_profile.decide import thesis
 from ros_profile.decide.classify import aggregate, classify
 from ros_profile.decide.classify.judge import probabilities, scores
 from ros_profile.decide.classify.phrases import phrase
-from ros_profile.decide.classify.timing import ROWS, budget, deadline
+from ros_profile.decide.classify.timing import ROWS, budget, deadline, period_of
 from ros_profile.decide.classify.weights import WEIGHTS
 from ros_profile.knowledge.curated import PACKAGES
 from ros_profile.model.conclusions import Assessment, Estimate, Hardware, QosClass, SubClass
@@ -40,7 +40,9 @@ def test_probabilities_of_any_features_sum_to_one(names: list[str]) -> None:
 @given(st.sampled_from(sorted(ROWS)), st.floats(min_value=0.0005, max_value=2.0))
 def test_times_keep_to_the_bounds_of_their_row(row: SubClass, period_s: float) -> None:
     timed = unit(timers=(Timer("src/a.cpp", 1, period_s),))
-    for estimate, bounds in ((deadline(timed, row), ROWS[row].deadline_s), (budget(timed, row), ROWS[row].budget_s)):
+    period = period_of(timed)
+    pairs = ((deadline(timed, row, period), ROWS[row].deadline_s), (budget(row, period), ROWS[row].budget_s))
+    for estimate, bounds in pairs:
         assert (estimate is None) == (bounds is None)
         assert estimate is None or bounds is None or bounds[0] - 1e-6 <= estimate.value <= bounds[1] + 1e-6
 

@@ -30,12 +30,13 @@ def classify(unit: Unit, *, curated: bool, libraries: Mapping[str, Devices] | No
     if qos is None:
         certain = round(certainty(opened), 3)
         return Assessment(None, hardware=wanted, hardware_confidence=certain, lifecycle=_has_lifecycle(unit))
-    row = timing.sub_class(found, unit, qos.value)
+    period = timing.period_of(unit)
+    row = timing.sub_class(found, unit, qos.value, period)
     return Assessment(
         qos_class=qos,
         sub_class=Estimate(row, round(qos.confidence * 0.9, 3), qos.evidence[:3], qos.reason),
-        deadline_s=timing.deadline(unit, row),
-        latency_budget_s=timing.budget(unit, row),
+        deadline_s=timing.deadline(unit, row, period),
+        latency_budget_s=timing.budget(row, period),
         hardware=wanted,
         hardware_confidence=round(certainty(opened), 3),
         placement=placement(found, unit, qos.value, row),

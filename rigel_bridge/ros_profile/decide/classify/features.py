@@ -2,7 +2,7 @@
 
 import re
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -48,8 +48,8 @@ def is_test(file: str) -> bool:
 
 def features(unit: Unit) -> Features:
     found = Features()
-    facts = [fact for fact in unit.facts if not _TEST_FILE.search(fact.file)]
-    endpoints = [e for e in unit.endpoints if not _TEST_FILE.search(e.file)]
+    facts = [fact for fact in unit.facts if not is_test(fact.file)]
+    endpoints = [e for e in unit.endpoints if not is_test(e.file)]
     _from_bases(found, facts)
     _from_endpoints(found, endpoints)
     _from_libraries(found, facts)
@@ -59,7 +59,21 @@ def features(unit: Unit) -> Features:
 
 
 @lru_cache(maxsize=MEMORY)
-def _role(table: tuple[tuple[re.Pattern[str], str], ...], text: str) -> str:
+def _of_base(name: str) -> str:
+    return _role(roles.PLUGIN_BASES, name)
+
+
+@lru_cache(maxsize=MEMORY)
+def _of_library(name: str) -> str:
+    return _role(ROLE_SYMBOLS, name)
+
+
+@lru_cache(maxsize=MEMORY)
+def _of_dependency(name: str) -> str:
+    return _role(roles.DEPENDENCIES, name)
+
+
+def _role(table: Iterable[tuple[re.Pattern[str], str]], text: str) -> str:
     return next((role for pattern, role in table if pattern.search(text)), "")
 
 
@@ -67,13 +81,13 @@ def _from_bases(found: Features, facts: list[Fact]) -> None:
     """Plug-ins by their base class, classes by what they inherit, and hosts by what they load."""
     registered = {fact.value for fact in facts if fact.kind is Kind.PLUGIN_BASE}
     for fact in facts:
-        if fact.kind is Kind.PLUGIN_BASE and (role := _role(roles.PLUGIN_BASES, fact.subject)):
+        if fact.kind is Kind.PLUGIN_BASE and (role := _of_base(fact.subject)):
             broadcaster = role == "controller" and re.search(r"[Bb]roadcaster", fact.value)
             found.add("plugin:broadcaster" if broadcaster else f"plugin:{role}", fact)
         elif fact.kind is Kind.INHERITS and fact.value not in registered:
-            if role := _role(roles.PLUGIN_BASES, fact.subject):
+            if role := _of_base(fact.subject):
                 found.add(f"inherits:{role}", fact)
-        elif fact.subject == "pluginlib::ClassLoader" and (role := _role(roles.PLUGIN_BASES, fact.value)):
+        elif fact.subject == "pluginlib::ClassLoader" and (role := _of_base(fact.value)):
             found.add(f"hosts:{role}", fact)
 
 
@@ -138,9 +152,9 @@ def _fact(endpoint: Endpoint) -> Fact:
 def _from_libraries(found: Features, facts: list[Fact]) -> None:
     for fact in facts:
         if fact.kind in {Kind.SYMBOL, Kind.INCLUDE}:
-            if role := _role(ROLE_SYMBOLS, fact.subject):
+            if role := _of_library(fact.subject):
                 found.add(f"uses:{role}", fact)
-        elif fact.kind is Kind.DEPENDENCY and (role := _role(roles.DEPENDENCIES, fact.subject)):
+        elif fact.kind is Kind.DEPENDENCY and (role := _of_dependency(fact.subject)):
             found.add(f"needs:{role}", fact)
         elif fact.kind is Kind.COMPONENT:
             found.add("is:component", fact)

@@ -47,9 +47,10 @@ _STALE = re.compile(r"(?:cmd|command|velocity|watchdog|heartbeat|source|stop_pub
 SHORTEST_S, LONGEST_S = 0.0005, 2.0
 
 
-def sub_class(found: Features, unit: Unit, value: QosClass) -> SubClass:
+def sub_class(found: Features, unit: Unit, value: QosClass, period: Estimate[float] | None) -> SubClass:
+    """`period`: what `period_of` gives."""
     if value is QosClass.REALTIME:
-        return _realtime(found, unit)
+        return _realtime(found, unit, period.value if period else None)
     if value is QosClass.SENSOR_DATA:
         return _sensor(found)
     if value is QosClass.SYSTEM_DEFAULT:
@@ -66,14 +67,12 @@ def sub_class(found: Features, unit: Unit, value: QosClass) -> SubClass:
     return SubClass.BEST_EFFORT
 
 
-def _realtime(found: Features, unit: Unit) -> SubClass:
+def _realtime(found: Features, unit: Unit, fastest: float | None) -> SubClass:
     if found.any("shape:operator", "word:teleop") or ("pub:joy" in found):
         stops = re.search(r"(?:^|_)(?:e_?stop|emergency)(?:_|$)", unit.package.name)
         return SubClass.SAFETY if stops else SubClass.OPERATOR_INPUT
     if re.search(r"(?:^|_)(?:e_?stop|emergency|safety|collision)(?:_|$)", f"{unit.package.name}_{unit.name}"):
         return SubClass.SAFETY
-    period = period_of(unit)
-    fastest = period.value if period else None
     loaded = found.any(
         "plugin:hardware",
         "plugin:controller",
@@ -149,12 +148,12 @@ def _named(unit: Unit) -> Iterator[tuple[float, Fact]]:
             yield found[0] * 60.0, found[1]
 
 
-def deadline(unit: Unit, row: SubClass) -> Estimate[float] | None:
+def deadline(unit: Unit, row: SubClass, period: Estimate[float] | None) -> Estimate[float] | None:
     """The period within the bounds of the sub-class; the smallest stale-command timeout where there is no period."""
     bounds = ROWS[row].deadline_s
     if bounds is None:
         return None
-    period = period_of(unit) or _stale(unit)
+    period = period or _stale(unit)
     if period is None:
         default = min(max(ROWS[row].period_s, bounds[0]), bounds[1])
         return Estimate(default, 0.4, (), f"usual for {row.value}")
@@ -170,12 +169,11 @@ def _stale(unit: Unit) -> Estimate[float] | None:
     return Estimate(seconds, 0.6, (fact,), f"{fact.value} in {fact.place}")
 
 
-def budget(unit: Unit, row: SubClass) -> Estimate[float] | None:
+def budget(row: SubClass, period: Estimate[float] | None) -> Estimate[float] | None:
     """A third of the period of a loop, the period of a stream, half of what a client waits for an acknowledgement."""
     bounds = ROWS[row].budget_s
     if bounds is None:
         return None
-    period = period_of(unit)
     seconds = (period.value if period else ROWS[row].period_s) * ROWS[row].share
     if period is None:
         return Estimate(_within(seconds, bounds), 0.4, (), f"usual for {row.value}")
