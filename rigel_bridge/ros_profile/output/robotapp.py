@@ -14,6 +14,7 @@ from ros_profile.output.values import CLAIMED, TIERS, bits, duration, emitted, p
 
 API_VERSION: Final = "robotics.io/v1alpha1"
 IMAGE: Final = "example.invalid/give-me-an-image:tag"
+ROS1: Final = frozenset({"indigo", "jade", "kinetic", "lunar", "melodic", "noetic"})
 MAX_COMPONENTS: Final = 64
 MAX_EDGES: Final = 256
 _CAMEL: Final = {"qos_class": "qosClass", "latency_budget": "latencyBudget", "deadline": "deadline"}
@@ -57,7 +58,10 @@ def _label(name: str) -> str:
 def app(launch: LaunchProfile, *, name: str, distro: str) -> dict[str, Any]:
     """The RobotApp as plain data."""
     found = components(launch.nodes)
-    spec: dict[str, Any] = {"ros": {"distro": distro}, "components": [_component(one) for one in found]}
+    spec: dict[str, Any] = {
+        "ros": {"distro": distro},
+        "components": [_component(one, ros1=distro in ROS1) for one in found],
+    }
     if drawn := _edges(launch.edges, found):
         spec["edges"] = drawn
     return {
@@ -74,8 +78,8 @@ def as_robotapp(launch: LaunchProfile, *, name: str, distro: str) -> str:
     return "".join(_comments(launch)) + body
 
 
-def _component(component: Component) -> dict[str, Any]:
-    found: dict[str, Any] = {"name": component.name, "image": IMAGE, "args": _arguments(component)}
+def _component(component: Component, *, ros1: bool) -> dict[str, Any]:
+    found: dict[str, Any] = {"name": component.name, "image": IMAGE, "args": _arguments(component, ros1=ros1)}
     hardware = dict.fromkeys(one for node in component.nodes for one in emitted(node.assessment.hardware))
     return {**found, **needs(_lead(component).assessment, hardware)}
 
@@ -120,32 +124,39 @@ def _device(usb_id: str, stated: dict[str, str], before: list[dict[str, str]]) -
     return {"name": name, **stated, **({"usbID": usb_id} if usb_id else {})}
 
 
-def _arguments(component: Component) -> list[str]:
-    """How the process is started. Files of parameters are named by `$(ros2 pkg prefix …)` in no shell: they are left out."""
-    first = component.nodes[0]
-    loaded = [node for node in component.nodes if node.plugin]
-    if len(component.nodes) == 1 and loaded:
-        return ["ros2", "component", "standalone", first.package, first.plugin, *_node_options(first, "-r", "-p")]
+def _arguments(component: Component, *, ros1: bool) -> list[str]:
+    """How the process is started. Where a parameter file lies in the image is not known: comments name these files."""
     plain = next((node for node in component.nodes if not node.plugin), None)
+    alone = component.nodes[0] if len(component.nodes) == 1 else None
+    if ros1:
+        node = plain or component.nodes[0]
+        words = (
+            ["rosrun", node.package, node.executable]
+            if plain
+            else ["rosrun", "nodelet", "nodelet", "standalone", node.plugin]
+        )
+        return words + [f"{key}:={value}" for _, key, value in _options(node, "__name", "_")]
+    if plain is None and alone is not None:
+        return ["ros2", "component", "standalone", alone.package, alone.plugin, *_flags(alone)]
     if plain is None:
         return ["ros2", "run", "rclcpp_components", "component_container"]
-    words = ["ros2", "run", plain.package, plain.executable]
-    more = _node_options(plain, "-r", "-p")
-    return [*words, "--ros-args", *more] if more else words
+    more = _flags(plain)
+    return ["ros2", "run", plain.package, plain.executable, *(["--ros-args", *more] if more else [])]
 
 
-def _node_options(node: LaunchedNode, remap: str, parameter: str) -> list[str]:
+def _flags(node: LaunchedNode) -> list[str]:
+    return [word for flag, key, value in _options(node, "__node") for word in (flag, f"{key}:={value}")]
+
+
+def _options(node: LaunchedNode, name_key: str, prefix: str = "") -> list[tuple[str, str, str]]:
+    """(flag of ROS 2, key, value) of the node's name, namespace, remaps and parameters; what is not known is left out."""
     name = node.full_name.rpartition("/")[2]
-    found = [remap, f"__node:={name}"] if name != node.executable and "$" not in name else []
-    if node.namespace not in ("", "/") and "$" not in node.namespace:
-        found += [remap, f"__ns:={node.namespace}"]
-    for source, target in node.remaps:
-        if "$" not in source + target and source and target:
-            found += [remap, f"{source}:={target}"]
-    for key, value in node.parameters:
-        if value and "$" not in key + value and len(value) < 200 and "\n" not in value:
-            found += [parameter, f"{key}:={value}"]
-    return found[:100]
+    found = [("-r", name_key, name)] if name != node.executable else []
+    if node.namespace not in ("", "/"):
+        found.append(("-r", "__ns", node.namespace))
+    found += [("-r", source, target) for source, target in node.remaps if source and target]
+    found += [("-p", f"{prefix}{key}", value) for key, value in node.parameters if value and len(value) < 200]
+    return [one for one in found if "$" not in one[1] + one[2] and "\n" not in one[2]][:50]
 
 
 def _edges(edges: Iterable[Edge], found: list[Component]) -> list[dict[str, Any]]:

@@ -201,3 +201,13 @@ def test_names_of_nodes_become_distinct_labels() -> None:
     launch = LaunchProfile("p", "a", (node("/a/cam"), node("/b/cam"), node("/Bad Näme"), node("/$(?)")), (), VIEW)
     names = [one["name"] for one in app(launch, name="x", distro="jazzy")["spec"]["components"]]
     assert names == ["a-cam", "b-cam", "bad-n-me", "node"]
+
+
+def test_ros_1_starts_nodes_and_nodelets_its_own_way() -> None:
+    nodes = (
+        node("/a/talk", namespace="/a", remaps=(("chat", "/x"),), parameters=(("rate", "5"),)),
+        LaunchedNode("/let", "p", "", "p/Let", "", VIEW),
+    )
+    made = app(LaunchProfile("p", "a", nodes, (), VIEW), name="x", distro="noetic")["spec"]["components"]
+    assert made[0]["args"] == ["rosrun", "base_driver", "driver", "__name:=talk", "__ns:=/a", "chat:=/x", "_rate:=5"]
+    assert made[1]["args"] == ["rosrun", "nodelet", "nodelet", "standalone", "p/Let", "__name:=let"]
