@@ -7,6 +7,7 @@ from typing import Final
 
 from ros_profile.decide.engines import Engine, abstaining, heuristic, rules
 from ros_profile.decide.profiling import profile
+from ros_profile.files.cache import LastProfile
 from ros_profile.files.load import Progress, load
 from ros_profile.model.conclusions import Profile
 from ros_profile.model.package import Package
@@ -28,13 +29,19 @@ def generate_profile(
     OSError when `path` is no folder that can be read; whatever stands in its files is no error but a `Problem`.
     """
     workspace = load(Path(path), progress, cache=cache)
-    return profile(
+    last = LastProfile(cache, os.fspath(path), os.fspath(Path.cwd()), engine, str(curated))
+    if workspace.digest and (known := last.get(workspace.digest)):
+        return known
+    made = profile(
         workspace.packages,
         engine_named(engine, workspace.packages, curated=curated),
         path=os.fspath(path),
         curated=curated,
         problems=workspace.problems,
     )
+    if workspace.digest:
+        last.put(workspace.digest, made)
+    return made
 
 
 def engine_named(name: str, packages: Iterable[Package], *, curated: bool = True) -> Engine:

@@ -1,5 +1,6 @@
 """A folder to packages: finds them, reads their files, hands the bytes to the readers."""
 
+import hashlib
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,6 +24,8 @@ Progress = Callable[[int, int, str], None]
 class Workspace:
     packages: tuple[Package, ...]
     problems: tuple[Problem, ...] = ()
+    digest: str = ""
+    """Of everything that was read, and of the code that read it; empty without a cache."""
 
 
 def load(root: Path, progress: Progress | None = None, *, cache: Path | None = None) -> Workspace:
@@ -33,14 +36,18 @@ def load(root: Path, progress: Progress | None = None, *, cache: Path | None = N
     found, problems = walk.packages(root)
     version = code_version() if cache else ""
     packages: list[Package] = []
+    digest = hashlib.blake2b(version.encode(), digest_size=16)
     for index, one in enumerate(found):
         if progress:
             progress(index, len(found), one.relative)
-        package, trouble = load_package(one, Shelf(cache, str(one.folder), version))
+        shelf = Shelf(cache, str(one.folder), version)
+        package, trouble = load_package(one, shelf)
+        digest.update(shelf.digest.digest())
         problems += trouble
         if package is not None:
             packages.append(package)
-    return Workspace(tuple(packages), tuple(problems))
+    digest.update(repr([problems, [(one.path, one.manifest, one.problems) for one in packages]]).encode())
+    return Workspace(tuple(packages), tuple(problems), digest.hexdigest() if cache else "")
 
 
 def load_package(found: walk.Found, shelf: Shelf) -> tuple[Package | None, list[Problem]]:

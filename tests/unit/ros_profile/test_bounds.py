@@ -156,3 +156,21 @@ def test_the_cache_gives_the_same_and_forgives_damage(tmp_path: Path) -> None:
     assert load(tmp_path / "ws", cache=cache) == first
     write(folder, {"a.py": "import rospy\nrospy.Publisher('b', String)\n"})
     assert load(tmp_path / "ws", cache=cache).packages[0].sources[0].endpoints[0].name == "b"
+
+
+def test_the_last_profile_is_taken_as_long_as_nothing_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from ros_profile import generate
+
+    folder = package(tmp_path / "ws", "kept", {"a.py": "import rospy\nrospy.Publisher('a', String)\n"})
+    made: list[str] = []
+    real = generate.profile
+    monkeypatch.setattr(generate, "profile", lambda *given, **more: made.append("") or real(*given, **more))
+    first = generate_profile(tmp_path / "ws", cache=tmp_path / "cache")
+    assert generate_profile(tmp_path / "ws", cache=tmp_path / "cache") == first
+    assert len(made) == 1
+    generate_profile(tmp_path / "ws", cache=tmp_path / "cache", engine="thesis")
+    write(folder, {"package.xml": manifest("renamed")})
+    assert generate_profile(tmp_path / "ws", cache=tmp_path / "cache").packages[0].name == "renamed"
+    (folder / "a.py").unlink()
+    assert generate_profile(tmp_path / "ws", cache=tmp_path / "cache").packages[0].executables == ()
+    assert len(made) == 4
