@@ -12,6 +12,7 @@ from rigel_bridge import inferences, source
 from rigel_bridge.document.failures import BridgeError
 from rigel_bridge.main import main
 from rigel_bridge.render.inferred import ANNOTATION, Inference
+from rigel_bridge.render.schema import problems, robotapp_schema
 from rigel_bridge.source import Objects, Source, objects
 
 DRIVER = Inference(
@@ -88,6 +89,33 @@ def test_sources_are_read_by_package_name(tmp_path: Path, monkeypatch: pytest.Mo
         with pytest.raises(BridgeError) as caught:
             inferences.inferences(tmp_path / missing)
         assert str(caught.value).startswith(str(tmp_path / missing))
+
+
+def test_a_base_driver_in_python_becomes_realtime_with_its_serial_line(tmp_path: Path) -> None:
+    node = """
+        import rclpy, serial
+        from rclpy.node import Node
+        from geometry_msgs.msg import Twist
+        class Base(Node):
+            def __init__(self):
+                super().__init__('base')
+                self.port = serial.Serial(self.declare_parameter('port', '/dev/ttyUSB0').value)
+                self.create_subscription(Twist, 'cmd_vel', self.drive, 10)
+                self.create_timer(0.05, self.send)
+    """
+    package(
+        tmp_path / "ws",
+        "base_driver",
+        {"base_driver/base.py": node},
+        depends=("rclpy", "geometry_msgs", "python3-serial"),
+    )
+    file = write(tmp_path, {"Rigelfile": ONE}) / "Rigelfile"
+    app = objects(Source(file, profile=tmp_path / "ws")).apps[0]
+    driver = app["spec"]["components"][0]
+    assert (driver["qosClass"], driver["runsOn"]) == ("realtime", ["Robot"])
+    assert driver["policies"]["deadline"] == "50ms"
+    assert [device["type"] for device in driver["devices"]] == ["serial"]
+    assert list(problems(app["spec"], robotapp_schema()["properties"]["spec"])) == []
 
 
 def test_without_the_profiler_the_message_names_what_to_install(
