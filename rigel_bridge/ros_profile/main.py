@@ -12,7 +12,7 @@ from ros_profile.generate import ENGINES, generate_profile
 from ros_profile.model.conclusions import LaunchProfile, Profile
 from ros_profile.output.difference import difference
 from ros_profile.output.machine import as_annotations, as_json, as_rigelfile, from_json
-from ros_profile.output.robotapp import as_robotapp
+from ros_profile.output.robotapp import as_robotapp, components
 from ros_profile.output.text import text
 
 MAX_OLD_BYTES: Final = 256 << 20
@@ -159,15 +159,17 @@ def _robotapp(profile: Profile, arguments: argparse.Namespace) -> str:
 
 
 def _chosen(profile: Profile, wanted: str | None) -> LaunchProfile:
-    """The launch file that is named, or the only one that starts nodes."""
-    launches = [launch for package in profile.packages for launch in package.launches if launch.nodes]
+    """The launch file that is named, or the only one that starts more than viewers."""
+    launches = [launch for package in profile.packages for launch in package.launches if components(launch.nodes)]
     if wanted:
         launches = [
             one for one in launches if f"/{one.package}/{one.file}".endswith(f"/{wanted}") or _is_short(one, wanted)
         ]
     if len(launches) == 1:
         return launches[0]
-    names = ", ".join(f"{one.package}/{one.file}" for one in launches[:20]) or "none starts a node"
+    names = (
+        ", ".join(f"{one.package}/{one.file}" for one in launches[:20]) or "none starts a node that belongs on a robot"
+    )
     raise Failure(
         f"--format robotapp is made of one launch file; name it with --launch: {names}", 2 if launches else 72
     )

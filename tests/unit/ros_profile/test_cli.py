@@ -90,6 +90,12 @@ def test_two_launch_files_need_a_choice(tmp_path: Path, capsys: pytest.CaptureFi
     assert [one["name"] for one in yaml.safe_load(capsys.readouterr().out)["spec"]["components"]] == ["talk"]
 
 
+def test_a_launch_file_of_viewers_alone_is_no_app(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    package(tmp_path / "ws", "show", {"launch/a.launch.xml": '<launch><node pkg="rviz2" exec="rviz2"/></launch>'})
+    assert main([str(tmp_path / "ws"), "--format", "robotapp"]) == 72
+    assert "none starts a node" in capsys.readouterr().err
+
+
 def test_control_characters_of_a_source_do_not_reach_the_terminal(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
