@@ -63,6 +63,8 @@ def test_pieces_that_repeat_cost_no_more_than_a_source_of_the_same_length() -> N
         b'get_parameter("a", ',
         b"using a = ",
         b"create_publisher<",
+        b'create_publisher<a>("b", c);\n',
+        b"create_timer(abc, d);\n",
     ):
         assert _seconds(piece * (length // len(piece))) < 10 * usual + 0.2, piece
 

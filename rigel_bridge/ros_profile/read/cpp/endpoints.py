@@ -108,7 +108,7 @@ def _made(c: Context, call: Call) -> Iterator[Endpoint]:
 
 def _first_name(c: Context, call: Call) -> str:
     """The first of its arguments that names something."""
-    named = (name_of(argument, c.variables, c.tree.source.code) for argument in call.arguments[:4])
+    named = (name_of(argument, c.variables, c.tree.near(call.place)) for argument in call.arguments[:4])
     return next((name for name in named if name), "")
 
 
@@ -121,14 +121,14 @@ def _endpoint(c: Context, call: Call, form: Form) -> Endpoint | None:
     role, kind = form.role, form.kind
     if call.name == "create_client" and call.receiver == "rclcpp_action":
         role, kind = Role.ACTION_CLIENT, "action"
-    name = name_of(arguments[0], c.variables, c.tree.source.code)
+    name = name_of(arguments[0], c.variables, c.tree.near(call.place))
     kind_of_call = _type(c, call, form, kind)
     if not name and not kind_of_call:
         return None
     line = c.tree.source.line(call.place)
     qos = None
     if role in {Role.PUBLISHER, Role.SUBSCRIPTION} and len(arguments) > 1:
-        qos = qos_of(arguments[1], c.tree.source.code)
+        qos = qos_of(arguments[1], c.tree.near(call.place))
         if qos and call.name == "advertise" and re.search(r",\s*true\s*$", ",".join(arguments)):
             qos = type(qos)(qos.profile, qos.reliability, "transient_local", qos.history, depth=qos.depth)
     return Endpoint(role, name, kind_of_call, c.file, line, qos, call.owner)
@@ -183,7 +183,7 @@ def timers(c: Context) -> list[Timer]:
         for _ in range(2):
             if span.seconds >= 0 or span.parameter:
                 break
-            expression = _substituted(expression, c.tree.source.code)
+            expression = _substituted(expression, c.tree.near(call.place))
             span = read(expression, c.variables)
         line = c.tree.source.line(call.place)
         found.append(Timer(c.file, line, span.seconds, span.parameter, span.is_rate, call.owner))

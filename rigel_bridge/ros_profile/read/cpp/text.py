@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from ros_profile.read.text import decode
 
-LARGEST_CHARACTERS = 1024 * 1024
+LARGEST_CHARACTERS = 400 * 1024
 """What comes after is not read: sources this long are generated tables."""
 
 _RAW = r'(?<![A-Za-z0-9_])R"(?P<mark>[^()\\\s]{0,16})\((?:.*?\)(?P=mark)"|.*\Z)'

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 import tree_sitter
 import tree_sitter_cpp
@@ -10,6 +11,9 @@ import tree_sitter_cpp
 from ros_profile.read.cpp.text import Source, balanced, split_arguments
 
 LARGEST_BYTES = 256 * 1024
+NEAR_CHARACTERS = 30_000
+MOST_CALLS = 400
+"""Of one kind in one file: more are generated."""
 MOST_UNCLOSED = 50
 """Calls whose brackets do not close, after which a file is no C++ worth the time."""
 _PROGRESS_PER_BYTE = 0.02
@@ -56,7 +60,7 @@ class Tree:
     def calls(self, names: re.Pattern[str]) -> Iterator[Call]:
         """Every place of one of these names that is followed by arguments, in the order of the file."""
         code = self.source.code
-        for match in names.finditer(code):
+        for match in islice(names.finditer(code), MOST_CALLS):
             if self._unclosed > MOST_UNCLOSED:
                 return
             call = self._call(match.group("name"), match.start("name"), match.end("name"))
@@ -84,6 +88,10 @@ class Tree:
         arguments = tuple(split_arguments(code[place + 1 : after - 1]))
         receiver = variable.group() if variable else _receiver(code, start)
         return Call(name, template, arguments, start, self.owner(start), receiver)
+
+    def near(self, place: int) -> str:
+        """The code around a place, where what a name stands for is looked up: a whole file of usual length."""
+        return self.source.code[max(0, place - NEAR_CHARACTERS) : place + NEAR_CHARACTERS]
 
     def owner(self, place: int) -> str:
         """The class in whose definition or member function the place stands."""

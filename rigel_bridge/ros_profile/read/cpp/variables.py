@@ -1,6 +1,7 @@
 """Which variable holds which parameter, which constant is which text, and the parameters code declares."""
 
 import re
+from itertools import islice
 
 from ros_profile.model.endpoints import PARAMETER_MARK, Parameter
 from ros_profile.read.cpp.text import literal_of
@@ -19,13 +20,16 @@ _WRAPPER = re.compile(r"^(?:[\w:]+(?:<[^<>]{0,80}>)?)\s*[({](.*)[)}]$", re.DOTAL
 PARAMETER_CALLS = re.compile(r"(?P<name>[pP]aram(?:eter)?(?!s\b)\w{0,30})(?=\s*[<(])")
 
 
+MOST_VARIABLES = 2000
+
+
 def parameter_variables(code: str) -> dict[str, str]:
     """Parameter name by the variable that takes its value."""
     found: dict[str, str] = {}
-    for call in _CALL.finditer(code):
+    for call in islice(_CALL.finditer(code), MOST_VARIABLES):
         if assigned := _ASSIGNED_TO.search(code[max(0, call.start() - 140) : call.start()]):
             found[assigned.group(1)] = call.group(1)
-    for name, variable in _INTO.findall(code):
+    for name, variable in (match.groups() for match in islice(_INTO.finditer(code), MOST_VARIABLES)):
         found[variable.rsplit(".", 1)[-1]] = name
     return found
 
