@@ -53,6 +53,8 @@ class Scripted:
         self.binds: deque[Any] = deque()
         self.reservations: deque[Reserved | Exception] = deque()
         self.domains: Reserved | Exception = READY
+        self.full: Reserved | None = None
+        """What is known without a look."""
         self.started = asyncio.Event()
         self.asked: list[tuple[str, str, Mapping[str, str], str]] = []
         self.sharing: list[str] = []
@@ -85,6 +87,9 @@ class Scripted:
 
     async def things(self, _pod: PodInfo, _node: str, _wanted: Sequence[DeviceGrant]) -> Reserved:
         return given(self.reservations.popleft()) if self.reservations else READY
+
+    def known_full(self, _pod: PodInfo) -> Reserved | None:
+        return self.full
 
     async def bound(self, _reserved: Reserved) -> None:
         self.sharing.append("bound")

@@ -1,8 +1,8 @@
 """A new domain claim: within the quota, in the order of the candidates, past what a cache shows in the hands of others."""
 
 import asyncio
-from collections.abc import Callable, Collection, Iterable
-from dataclasses import replace
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 from weakref import WeakValueDictionary
 
@@ -64,19 +64,31 @@ async def pool_claims(client: Api, request: DomainRequest) -> list[Claim]:
     return listing.items
 
 
-def full_pool(
-    request: DomainRequest, pool: Pool, claims: Iterable[Claim], *, trying: Collection[str] = ()
-) -> DomainOutcome | None:
+@dataclass(frozen=True, slots=True)
+class Room:
+    """What is left of a pool: the claims at one place, how many ids nobody holds, and the uids of the holders."""
+
+    there: tuple[Claim, ...]
+    free: int
+    holders: frozenset[str]
+
+
+def room_of(request: DomainRequest, pool: Pool, claims: Iterable[Claim]) -> Room:
+    """Of the pool and the place of this request; it is the same for all others who ask there."""
+    there = tuple(claim for claim in claims if _same_place(claim, request))
+    free = rules.pool_ids(pool) - _ids(there)
+    return Room(there, len(free), frozenset(claim.holder.uid for claim in there))
+
+
+def full_pool(request: DomainRequest, pool: Pool, room: Room, *, trying: Collection[str] = ()) -> DomainOutcome | None:
     """Exhausted when others hold every id the pool hands out; None when one may be free, or one is asked for by its number.
 
     trying: uids of holders that are about to take one.
     """
-    there = [claim for claim in claims if _same_place(claim, request)]
-    if request.requested_id is not None or any(same_holder(claim.holder, request.holder) for claim in there):
+    if request.requested_id is not None or request.holder.uid in room.holders:
         return None
-    free = rules.pool_ids(pool) - _ids(there)
-    taking = set(trying) - {claim.holder.uid for claim in there}
-    return _exhausted(request, pool, there, taking=len(free)) if len(free) <= len(taking) else None
+    taking = len(set(trying) - room.holders)
+    return _exhausted(request, pool, room.there, taking=room.free) if room.free <= taking else None
 
 
 async def _try_free(
@@ -126,7 +138,7 @@ async def _try_candidates(
     return _exhausted(request, pool, [c for c in await pool_claims(client, request) if _same_place(c, request)])
 
 
-def _exhausted(request: DomainRequest, pool: Pool, claims: list[Claim], *, taking: int = 0) -> DomainOutcome:
+def _exhausted(request: DomainRequest, pool: Pool, claims: Sequence[Claim], *, taking: int = 0) -> DomainOutcome:
     """taking: ids that are being taken at this moment."""
     return rules.exhausted(
         request,

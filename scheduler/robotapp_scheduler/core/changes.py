@@ -75,6 +75,8 @@ class Change(IntFlag):
     """What was placed or is gone has affinity terms; said in the log only, beside POD_ADDED and the like."""
     TENANTS = auto()
     """A node admits other namespaces than before; said of every row, because the annotation holds for the whole robot."""
+    POOLS = auto()
+    """Time for a look whether a DomainPool has more ids: pools are not watched."""
     ALL = (1 << 40) - 1
     """Every change, those that are added here later as well."""
 

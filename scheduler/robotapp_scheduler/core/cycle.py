@@ -12,15 +12,7 @@ from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.explain import ExplainRing, Record, finished
 from robotapp_scheduler.core.framework import Code, histogram
 from robotapp_scheduler.core.groups import (
-    GROUP_EVENTS,
-    GROUP_PLUGIN,
-    POD_GROUP_EVENTS,
-    POD_GROUP_PLUGIN,
-    PREDECESSOR_PLUGIN,
-    WHOLE_PLUGIN,
-    WHOLE_READS,
     Groups,
-    asks_otherwise,
     group_key,
 )
 from robotapp_scheduler.core.latency_export import LatencyExport
@@ -31,24 +23,14 @@ from robotapp_scheduler.core.profiles import Profile
 from robotapp_scheduler.core.queue import SchedulingQueue
 from robotapp_scheduler.core.queued import Gate, QueuedPod
 from robotapp_scheduler.core.recorder import Recorder
-from robotapp_scheduler.core.refusal import ANNOTATIONS, EXCESS, Refusals, closed, excessive, held, unreadable
+from robotapp_scheduler.core.refusal import Refusals, closed, excessive, held, unreadable
 from robotapp_scheduler.core.resolve import qos_fields, resolve
 from robotapp_scheduler.core.ros import InvalidAnnotation
 from robotapp_scheduler.core.tiers import earlier_feasible
 from robotapp_scheduler.core.together import NO_WISH, Advice, Wish, only_one_plan, plan_together
 from robotapp_scheduler.core.waiting import Waker
+from robotapp_scheduler.core.wakers import WAKERS
 
-WAKERS: Final = {
-    name: Waker(name, events)
-    for name, events in (
-        (ANNOTATIONS, Change.NONE),
-        (EXCESS, Change.NONE),
-        (GROUP_PLUGIN, GROUP_EVENTS),
-        (PREDECESSOR_PLUGIN, GROUP_EVENTS),
-        (POD_GROUP_PLUGIN, POD_GROUP_EVENTS),
-    )
-} | {WHOLE_PLUGIN: Waker(WHOLE_PLUGIN, Change.APPS | Change.POD_GROUPS, asks_otherwise, WHOLE_READS)}
-"""What may help where no plugin of a profile rejected the pod."""
 PREEMPTING: Final = Gate(
     plugin="DefaultPreemption",
     reason="waiting for the preemption for this pod to be finished",

@@ -268,9 +268,9 @@ class SchedulingQueue:
         if not rejection.plugins:
             self._requeue_from_wait(queued, "ScheduleAttemptFailure", immediate=False)
             return
-        answers = {self._waiting.answer(queued, event) for event in (flight.seen if flight is not None else ())}
-        if answers - {None}:
-            self._requeue_from_wait(queued, "ScheduleAttemptFailure", immediate=True in answers)
+        answer = self._waiting.first_answer(queued, flight.seen if flight is not None else ())
+        if answer is not None:
+            self._requeue_from_wait(queued, "ScheduleAttemptFailure", immediate=answer)
             return
         self._wait(queued, "ScheduleAttemptFailure")
 

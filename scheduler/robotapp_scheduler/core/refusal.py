@@ -18,6 +18,8 @@ EXCESS = "ExcessivePod"
 """Stands for a plugin name: the pod asks for so much that nothing is looked up for it."""
 ANNOTATIONS = "InvalidAnnotation"
 """Stands for a plugin name: only a change of the pod itself helps."""
+FULL_POOL = "DomainPool"
+"""Stands for a plugin name: a bare pod waits until somebody gives a domain back, or its pool has more."""
 QUIRK = " not found"
 """Upstream's tail after a pre_filter before DynamicResources rejected the pod for good: DynamicResources' own post_filter
 misses what its pre_filter would have noted, and ends the chain before preemption."""

@@ -5,7 +5,7 @@ An event costs one question per bucket, not per pod: 2,000 replicas of one Deplo
 """
 
 import logging
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator
 from typing import Final, NamedTuple
 
 from robotapp_scheduler.core.changes import Change, Event
@@ -143,7 +143,19 @@ class WaitingRoom:
 
     def answer(self, queued: QueuedPod, event: Event) -> bool | None:
         """For one pod, waiting or just rejected. None: no help. True: at once. False: after back-off."""
-        return _Bucket(self._wakers(queued), queued.rejection or Rejection()).answer(queued.info, event)
+        return self.first_answer(queued, (event,))
+
+    def first_answer(self, queued: QueuedPod, events: Iterable[Event]) -> bool | None:
+        """To all these events together; the rest is not asked about once no answer can be better."""
+        found: bool | None = None
+        bucket: _Bucket | None = None
+        for event in events:
+            bucket = bucket or _Bucket(self._wakers(queued), queued.rejection or Rejection())
+            answer = bucket.answer(queued.info, event) if bucket.mask & int(event.change) else None
+            if answer or (answer is not None and not bucket.pending):
+                return answer
+            found = found if answer is None else answer
+        return found
 
     def _wakers(self, queued: QueuedPod) -> list[Waker]:
         rejection = queued.rejection or Rejection()

@@ -12,6 +12,7 @@ from functools import partial
 
 from robotapp_api.client.errors import ClientError
 from robotapp_api.model.names import PodReason
+from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.posing import Posed
@@ -34,6 +35,8 @@ SLICE_S = 0.002
 """Decisions before what has arrived meanwhile is taken: so many, or as many as take so long."""
 BUG = "internal error while looking for a node; the scheduler's log has the stack"
 TICK_S = 1.0
+POOLS_S = 10.0
+"""How often pods that wait for a domain look whether their pool has more."""
 
 
 class SchedulerLoop:
@@ -70,6 +73,7 @@ class SchedulerLoop:
         self._sent = 0
         self._landed = asyncio.Event()
         self._stopping = False
+        self._pools_due_s = clock() + POOLS_S
         self.turned_s = clock()
         """When the loop last turned: liveness."""
 
@@ -95,19 +99,24 @@ class SchedulerLoop:
                     await self._idle()
                     decided, began_s = 0, self._clock()
                     continue
-                self._slots -= 1
-                self._gathering.begin()
-                posed = self._posed(batch)
-                if posed is None:
-                    self._decide(batch)
-                else:
-                    self._follow(self._plan(batch, posed))
+                self._begin(batch)
                 decided += len(batch)
                 if decided >= SLICE or self._clock() - began_s >= SLICE_S:
                     await asyncio.sleep(0)
                     decided, began_s = 0, self._clock()
         finally:
             ticker.cancel()
+
+    def _begin(self, batch: Sequence[QueuedPod]) -> None:
+        if len(batch) == 1 and self._placer.waits_on(batch[0]):
+            return
+        self._slots -= 1
+        self._gathering.begin()
+        posed = self._posed(batch)
+        if posed is None:
+            self._decide(batch)
+        else:
+            self._follow(self._plan(batch, posed))
 
     async def drain(self, timeout_s: float) -> None:
         """Wait for the binds in flight."""
@@ -270,6 +279,9 @@ class SchedulerLoop:
         core = self._core
         core.queue.tick()
         core.queue.move(core.cluster.tick())
+        if self.turned_s >= self._pools_due_s:
+            self._pools_due_s = self.turned_s + POOLS_S
+            core.queue.move(Change.POOLS)
         for queued, gate in core.held():
             self._reporter.unscheduled(queued.info.pod, reason=gate.code, message=gate.reason)
         self._groups.tick()

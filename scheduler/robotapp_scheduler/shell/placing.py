@@ -19,7 +19,7 @@ from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.preemption import Plan
 from robotapp_scheduler.core.queued import QueuedPod, Rejection
-from robotapp_scheduler.core.refusal import DEVICE_PLUGIN
+from robotapp_scheduler.core.refusal import DEVICE_PLUGIN, FULL_POOL
 from robotapp_scheduler.core.volumes import VolumePlan
 from robotapp_scheduler.shell.bind_steps import BindSteps, Refused, failed_step
 from robotapp_scheduler.shell.binder import Binder, BindOutcome, BindResult
@@ -34,7 +34,8 @@ from robotapp_scheduler.shell.volume_writes import VolumeWriter
 log = logging.getLogger(__name__)
 
 BIND_CHECK = "DomainBindCheck"
-"""Stands for a plugin name in the queue: any change of a claim or app may help."""
+"""Stands for a plugin name in the queue: an app's pod waits for its claim, and any change may help."""
+NO_DOMAIN = frozenset({FULL_POOL})
 WAITED = {
     Readiness.READY: Code.SUCCESS,
     Readiness.WAIT: Code.UNSCHEDULABLE,
@@ -98,6 +99,18 @@ class Placer:
             self._name_holders(decision.pod)
         result = AttemptResult.UNSCHEDULABLE if decision.rejected_by else AttemptResult.ERROR
         self._attempted(result, decision.pod, started_s)
+
+    def waits_on(self, queued: QueuedPod) -> bool:
+        """Back with a pod that waits for a domain and for nothing else while there is none; no node is looked for.
+
+        Hundreds of them may wait, and each id that is given back wakes all: whoever comes first has it.
+        """
+        full = self._reserver.known_full(queued.info) if queued.refused_by == NO_DOMAIN else None
+        if full is None:
+            return False
+        self._core.queue.requeue(queued, Rejection(NO_DOMAIN))
+        self._reporter.unscheduled(queued.info.pod, reason=full.reason, message=full.message)
+        return True
 
     def abandon(self, decision: Decision) -> None:
         """Something unforeseen happened on the way: back into the queue as an error, nothing stays counted."""
@@ -288,7 +301,8 @@ class Placer:
             self._core.queue.done(decision.pod.uid)
             return
         waits = found.readiness is Readiness.WAIT
-        rejection = Rejection(frozenset({BIND_CHECK})) if waits else Rejection()
+        plugins = NO_DOMAIN if decision.pod.member is None else frozenset({BIND_CHECK})
+        rejection = Rejection(plugins) if waits else Rejection()
         result = AttemptResult.UNSCHEDULABLE if waits else AttemptResult.ERROR
         self._attempted(result, decision.pod, started_s)
         self._return(queued, rejection, reason=found.reason, message=found.message)

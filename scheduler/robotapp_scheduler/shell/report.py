@@ -33,6 +33,7 @@ REMEMBERED = 20_000
 """Last text per pod; the oldest are forgotten beyond this and at worst written once more."""
 AGAIN_S = 300.0
 """How often at most the same is said again about a pod; the queue tries one that nothing helped as seldom."""
+NOTE_S = 10.0
 WRITERS = 4
 TRIES = 3
 
@@ -76,6 +77,8 @@ class Reporter:
         self._said: OrderedDict[str, tuple[str, str, str | None]] = OrderedDict()
         self._told_s: dict[str, float] = {}
         """When the Event of what was said was last recorded; of the same pods."""
+        self._noted: OrderedDict[str, tuple[str, float]] = OrderedDict()
+        """The last note about a pod, and since when it says that."""
         self._waiting: Newest[str, _Text] = Newest()
         self._writing: set[str] = set()
         self._later: dict[str, _Text] = {}
@@ -146,7 +149,19 @@ class Reporter:
             log.warning("nominatedNodeName of %s cannot be written: %s", pod.key, error)
 
     def note(self, pod: Pod, *, reason: str, text: str) -> None:
-        """One more Warning beside the condition; the recorder counts repetitions instead of writing them."""
+        """One more Warning beside the condition; the recorder counts repetitions instead of writing them.
+
+        Another text about the same pod comes `NOTE_S` later at the soonest: of a device that changes hands by the second
+        each pod that waits would be told each name.
+        """
+        uid, now_s = pod.metadata.uid, self._client.clock()
+        known, told_s = self._noted.get(uid, (text, now_s))
+        if text != known and now_s - told_s < NOTE_S:
+            return
+        self._noted[uid] = (text, told_s if text == known else now_s)
+        self._noted.move_to_end(uid)
+        if len(self._noted) > REMEMBERED:
+            self._noted.popitem(last=False)
         self._events.pod_event(pod, warning=True, reason=reason, action="Scheduling", note=texts.note(text))
 
     def deleting(self, pod: Pod) -> None:
@@ -164,6 +179,7 @@ class Reporter:
         self._waiting.drop(uid)
         self._later.pop(uid, None)
         self._promised.pop(uid, None)
+        self._noted.pop(uid, None)
 
     async def run(self) -> None:
         """Write conditions until cancelled."""

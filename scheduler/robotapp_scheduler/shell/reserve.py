@@ -23,7 +23,7 @@ from robotapp_api.client.bind_check import check_bind_all
 from robotapp_api.client.claims import ensure_pod_domain
 from robotapp_api.client.device_claims import Reservation, reserve_devices
 from robotapp_api.client.device_sharing import begin_sharing, end_sharing, shared_by_others
-from robotapp_api.client.domain_claims import full_pool
+from robotapp_api.client.domain_claims import Room, full_pool, room_of
 from robotapp_api.client.errors import ClientError
 from robotapp_api.client.giving_back import give_back
 from robotapp_api.client.resources import DOMAINPOOLS, PODS
@@ -78,7 +78,9 @@ class Reserver:
         self._reading = asyncio.Lock()
         self._trying: set[str] = set()
         """Pods that are taking a domain just now: of those who wait as many try as ids are free."""
-        self._pool_read_s = float("-inf")
+        self._pool_read_s = self._asked_s = float("-inf")
+        self._room: tuple[Pool, tuple[Claim, ...], Room] | None = None
+        """What was counted last, and from what."""
 
     def __repr__(self) -> str:
         return "<Reserver>"
@@ -127,7 +129,7 @@ class Reserver:
                 return await self._claim(pod, node, wanted, "")
             full = await self._full(pod, domain)
             if full is not None:
-                return Reserved(Readiness.WAIT, reason=_no_domain(full), message=full.message)
+                return full
             self._trying.add(pod.uid)
             try:
                 return await self._claim(pod, node, wanted, domain)
@@ -175,13 +177,30 @@ class Reserver:
         except ClientError as error:
             log.info("claims of a shared device are left to the sweep: %s", error)
 
-    async def _full(self, pod: PodInfo, wish: str) -> DomainOutcome | None:
-        """Why trying is no use: the cache shows every id in other hands. Pods that wait for a full pool cost the server nothing."""
-        request, claims = domain_request(pod, wish), self._known_claims()
-        if not claims:
+    def known_full(self, pod: PodInfo) -> Reserved | None:
+        """What `things` would tell a pod that waits for a domain, from memory alone; None when it has to be asked.
+
+        Of those who wait one in a second is asked all the same, so that somebody reads the pool again.
+        """
+        domain, now_s = domain_wish(pod), self._client.clock()
+        if not domain or self._pool is None or now_s - self._asked_s >= POOL_S:
+            self._asked_s = now_s
             return None
-        pool = await self._pool_for_refusals(request.pool)
-        return None if pool is None else full_pool(request, pool, claims, trying=self._trying)
+        return self._refusal(pod, domain, self._pool)
+
+    async def _full(self, pod: PodInfo, wish: str) -> Reserved | None:
+        """Why trying is no use: the cache shows every id in other hands. Pods that wait for a full pool cost the server nothing."""
+        if not self._known_claims():
+            return None
+        pool = await self._pool_for_refusals(domain_request(pod, wish).pool)
+        return None if pool is None else self._refusal(pod, wish, pool)
+
+    def _refusal(self, pod: PodInfo, wish: str, pool: Pool) -> Reserved | None:
+        request, claims = domain_request(pod, wish), tuple(self._known_claims())
+        if self._room is None or self._room[0] is not pool or self._room[1] != claims:
+            self._room = (pool, claims, room_of(request, pool, claims))
+        full = full_pool(request, pool, self._room[2], trying=self._trying)
+        return None if full is None else Reserved(Readiness.WAIT, reason=_no_domain(full), message=full.message)
 
     async def _pool_for_refusals(self, name: str) -> Pool | None:
         """The pool of bare pods, read once for all who ask at the same time."""

@@ -91,6 +91,17 @@ def test_what_the_hint_refuses_in_flight_does_not_bring_the_pod_back() -> None:
     assert queue.pending() == {"active": 0, "backoff": 1, "unschedulable": 1, "gated": 0}
 
 
+def test_of_many_changes_in_flight_none_is_asked_about_once_one_has_helped() -> None:
+    hinter = Hinter()
+    queue = queue_with(hinter)
+    queue.add(make_info("p", labels={"help": "yes"}))
+    (flying,) = queue.pop()
+    for _ in range(100):
+        queue.move(GONE)
+    queue.requeue(flying, Rejection(frozenset({"Fit"})))
+    assert len(hinter.asked) == 1
+
+
 def test_a_pending_plugin_that_asks_for_its_pod_skips_the_back_off() -> None:
     hinter = Hinter()
     queue = queue_with(hinter)

@@ -53,6 +53,27 @@ class Desk:
         return [body for method, _, body in self.client.calls if method == "patch"]
 
 
+def test_a_note_with_another_text_waits_a_while_so_that_a_device_that_changes_hands_is_no_flood() -> None:
+    desk = Desk()
+
+    def told(text: str, at_s: float) -> None:
+        desk.client.now_s = at_s
+        desk.reporter.note(pod(), reason="DeviceBusy", text=text)
+
+    for text, at_s in (
+        ("held by a", 0.0),
+        ("held by b", 1.0),
+        ("held by a", 2.0),
+        ("held by c", 9.0),
+        ("held by c", 11.0),
+    ):
+        told(text, at_s)
+    told("held by d", 20.0)
+    desk.reporter.forget("u1")
+    told("held by e", 20.0)
+    assert [note for *_, note in desk.events.notes] == ["held by a", "held by a", "held by c", "held by e"]
+
+
 async def test_a_promise_is_written_once_by_the_leader_and_one_that_cannot_be_is_let_go() -> None:
     desk = Desk()
     await desk.reporter.promise(pod(), "edge-1")

@@ -221,7 +221,12 @@ async def test_pods_that_wait_for_a_full_pool_cost_the_server_one_look_at_the_po
         assert {answer.reason for answer in answers} == {PodReason.WAITING_FOR_DOMAIN}
         assert "3 of 3 domain ids" in answers[0].message
         assert len(server.requests) == before + 1
+        assert reserver.known_full(late[0]) is None, "one in a second is asked"
+        assert [reserver.known_full(pod) for pod in late] == answers
+        assert reserver.known_full(await stored(client, "plain")) is None
+        before = len(server.requests)
         known.pop()
+        assert reserver.known_full(late[0]) is None
         assert (await reserver.things(late[0], "edge-1", ())).readiness is Readiness.WAIT, "the create decides"
         await client.delete(ROBOTCLAIMS, known.pop().name)
         assert (await reserver.things(late[0], "edge-1", ())).readiness is Readiness.READY

@@ -5,7 +5,7 @@ The claims themselves are made by the shell, after the choice and before the bin
 
 from typing import Final
 
-from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.framework import FilterResult
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.view import Nodes
@@ -23,6 +23,11 @@ class ROSReserve:
     events = Change.NODE_ADDED | Change.DEVICES | Change.CLAIMS | Change.POD_REMOVED | Change.LABELS
     reason = BUSY
     resolvable = False
+    hint_reads = ()
+
+    def hint(self, _: PodInfo, event: Event) -> bool:
+        """Claims of domains come and go by the second where many share a pool, and free no device."""
+        return event.resource != "robotclaims" or (event.new or event.old).spec.device is not None
 
     def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
         """True where the devices can be had; no opinion for a pod without any."""

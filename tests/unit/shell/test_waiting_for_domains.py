@@ -1,0 +1,81 @@
+"""Hundreds of bare pods may wait for one pool: only an id that is given back wakes them, and no node is looked for in vain."""
+
+from tests.support.placing import Rig
+from tests.support.scheduling import make_info
+
+from robotapp_api.claims.identity import device_spec, domain_spec, holder_of_pod
+from robotapp_api.claims.objects import Claim, Meta
+from robotapp_api.model.names import PodReason
+from robotapp_scheduler.core.changes import Change, Event
+from robotapp_scheduler.plugins.ros.reserve import ROSReserve
+from robotapp_scheduler.shell.loop import POOLS_S
+from robotapp_scheduler.shell.reserve import Readiness, Reserved
+
+HOLDER = holder_of_pod(namespace="a", name="talker", uid="t")
+TEXT = "3 of 3 domain ids of pool default are claimed"
+FULL = Reserved(Readiness.WAIT, reason=PodReason.WAITING_FOR_DOMAIN, message=TEXT)
+DOMAIN = Claim(
+    metadata=Meta(name="dds.default.c.7"),
+    spec=domain_spec(pool="default", scope="Cluster", scope_value="", domain_id=7, holder=HOLDER),
+)
+DEVICE = Claim(
+    metadata=Meta(name="dev.n.can-can0"),
+    spec=device_spec(node="n", device_type="can", device_id="can-can0", identity="", holder=HOLDER),
+)
+
+
+def made(claim: Claim) -> Event:
+    return Event("robotclaims", Change.CLAIMS, new=claim)
+
+
+def gone(claim: Claim) -> Event:
+    return Event("robotclaims", Change.CLAIMS, old=claim)
+
+
+async def waiting(count: int = 1) -> Rig:
+    """So many bare pods were told once that the pool is full, and may be tried again."""
+    rig = Rig()
+    rig.io.reservations.extend([FULL] * count)
+    for number in range(count):
+        rig.show(f"p{number}", wishes=True)
+        await rig.turn()
+    assert rig.core.queue.pending()["unschedulable"] == count
+    rig.now_s += 20
+    return rig
+
+
+async def test_only_a_domain_that_is_given_back_brings_the_pod_back_and_a_look_at_the_pools_now_and_then() -> None:
+    rig = await waiting()
+    queue = rig.core.queue
+    for event in (made(DOMAIN), made(DEVICE), gone(DEVICE), Event("pods", Change.POD_REMOVED, old=make_info("q").pod)):
+        assert queue.move(event) == 0
+    assert queue.move(gone(DOMAIN)) == 1
+    await rig.turn()
+    assert [name for name, *_ in rig.io.asked] == ["p0"]
+    rig = await waiting()
+    rig.now_s += POOLS_S
+    rig.loop.tick()
+    await rig.turn()
+    assert [name for name, *_ in rig.io.asked] == ["p0"]
+
+
+async def test_while_none_is_free_the_pods_go_back_with_the_same_words_and_nothing_is_decided() -> None:
+    rig = await waiting(5)
+    rig.io.full, rig.said.lines = FULL, []
+    decided = rig.core.schedule
+    rig.core.schedule = None  # type: ignore[method-assign,assignment]
+    rig.core.queue.move(gone(DOMAIN))
+    await rig.turn()
+    rig.core.schedule = decided  # type: ignore[method-assign]
+    assert rig.said.lines == [(PodReason.WAITING_FOR_DOMAIN, f"p{number}", TEXT) for number in range(5)]
+    assert rig.core.queue.pending()["unschedulable"] == 5
+    rig.io.full, rig.now_s = None, rig.now_s + 20
+    rig.core.queue.move(gone(DOMAIN))
+    await rig.turn()
+    assert len(rig.io.asked) == 5
+
+
+def test_claims_of_domains_are_no_news_for_who_waits_for_a_device() -> None:
+    hint = ROSReserve().hint
+    assert [hint(make_info("p"), event) for event in (made(DOMAIN), gone(DOMAIN))] == [False, False]
+    assert [hint(make_info("p"), event) for event in (made(DEVICE), gone(DEVICE))] == [True, True]
