@@ -10,7 +10,7 @@ from collections.abc import Iterable
 
 from robotapp_api.claims import domain as rules
 from robotapp_api.claims.domain import DomainRequest
-from robotapp_api.claims.identity import claim_name
+from robotapp_api.claims.identity import claim_name, same_holder
 from robotapp_api.claims.objects import App, Claim, Pod, Pool
 from robotapp_api.claims.release import is_gone, joined
 from robotapp_api.claims.repair import ClaimConflict, Missing, conflicts, missing_claims, needed_by, refusal, runs
@@ -18,7 +18,7 @@ from robotapp_api.client.claim_errors import Troubles
 from robotapp_api.client.claim_writes import create_claim, touch
 from robotapp_api.client.claims import resolve_owner
 from robotapp_api.client.domain_claims import pool_claims, turn
-from robotapp_api.client.resources import DOMAINPOOLS, PODS
+from robotapp_api.client.resources import DOMAINPOOLS, PODS, ROBOTCLAIMS
 from robotapp_api.client.sweep_view import View, find
 from robotapp_api.model.names import Label
 
@@ -94,13 +94,25 @@ def _refused(missing: Missing, why: str) -> bool:
 
 
 async def _stands(view: View, conflict: ClaimConflict) -> bool:
-    """Whether who runs is what it says, and does not share the domain on purpose."""
+    """Whether it is so now, who runs is what it says, and does not share the domain on purpose."""
+    if not await _is_so(view, conflict):
+        return False
     if not conflict.runs.is_app:
         return True
     app = await view.app(conflict.runs)
     if app is None:
         return False
     return view.known[conflict.claim].spec.domain is None or not await _joins(view, app)
+
+
+async def _is_so(view: View, conflict: ClaimConflict) -> bool:
+    """Bare pods come from a cache, where one may run that is long gone, and a claim changes hands between two listings."""
+    if not conflict.runs.is_app:
+        pod = await view.holder_pod(conflict.runs)
+        if pod is None or not runs(pod):
+            return False
+    claim = await find(view.client, ROBOTCLAIMS, conflict.claim, "", Claim)
+    return claim is not None and same_holder(claim.holder, conflict.holds)
 
 
 async def _joins(view: View, app: App) -> bool:

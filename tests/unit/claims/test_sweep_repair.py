@@ -1,10 +1,12 @@
 """Claims that running pods stand on are made again; what somebody else holds is told."""
 
+import msgspec
 from tests.support.claims_objects import app_holder, pod_json, pool_json
 from tests.support.sweep_world import World, number
 
 from robotapp_api.claims.domain import DomainRequest
 from robotapp_api.claims.identity import claim_object, domain_spec, holder_of_app
+from robotapp_api.claims.objects import Pod
 from robotapp_api.client.claims import ensure_domain
 from robotapp_api.client.resources import DOMAINPOOLS, NODES, PODS, ROBOTCLAIMS
 
@@ -41,6 +43,21 @@ async def test_a_lost_claim_that_somebody_else_has_is_told_and_not_taken() -> No
     assert claim is not None
     assert claim["spec"]["holder"]["uid"] == other.uid
     assert [conflict.runs.uid for conflict in world.conflicts] == [world.app.uid]
+
+
+async def test_a_bare_pod_that_is_gone_but_still_cached_has_no_conflict_with_who_has_its_domain_now() -> None:
+    world = World()
+    name = await world.domain()
+    grants = {"granted.robotics.io/dds-domain": str(number(name))}
+    body = pod_json(name="bare", uid="", node="edge-1", phase="Running", annotations=grants)
+    cached = msgspec.convert(world.store.put(PODS, body), Pod)
+    world.sweeper = world.another(granted_pods=lambda: [cached])
+    await world.sweep()
+    assert [conflict.holds.uid for conflict in world.conflicts] == [world.app.uid]
+    world.conflicts.clear()
+    world.store.remove(PODS, "bare", "team")
+    await world.sweep()
+    assert world.conflicts == []
 
 
 async def test_an_app_that_shares_neither_repairs_nor_conflicts() -> None:
