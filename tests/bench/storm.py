@@ -1,7 +1,8 @@
 """A storm of claims: far more wishes than domains and devices, deaths and forgeries, judged at every revision of the store.
 
 Nodes and kubelets are simulated; two operators, two schedulers and the API server are real. The programs lose answers to
-writes that were done. With `--weakened RULE` they break a rule of the claims, and the storm must find it.
+writes that were done. With `--weakened RULE…` they break a rule of the claims: one storm for each rule, over at the first
+state that shows it, and what is printed is the number of grants until then.
 """
 
 import argparse
@@ -12,7 +13,7 @@ from collections.abc import Sequence
 
 from tests.bench import options
 from tests.support.claims_weakened import ALL
-from tests.support.storm.campaign import Plan, Storm
+from tests.support.storm.campaign import Plan, Report, Storm
 
 from robotapp_testbed import ControlPlane, product
 
@@ -30,24 +31,46 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--lose", type=options.amount, default=0.01, help="share of the answers to writes that get lost"
     )
-    parser.add_argument("--weakened", choices=sorted(ALL), default="", help="a rule that the programs break")
+    parser.add_argument("--weakened", choices=sorted(ALL), nargs="+", default=[], help="rules that the programs break")
     parser.add_argument("--most-minutes", type=options.count(1), default=1440, help="end the storm after so long")
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args(argv)
-    plan = Plan(
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s", stream=sys.stderr)
+    with ControlPlane(node_lease_s=400, extra_args=EVENT_TTL) as cp:
+        product.install(cp, values=VALUES)
+        if arguments.weakened:
+            return _weakened(cp, arguments)
+        report = Storm(cp, _plan(arguments)).run(arguments.grants)
+    print(json.dumps(_figures(report), indent=2))
+    return 1 if report.problems else 0
+
+
+def _plan(arguments: argparse.Namespace, weakened: str = "") -> Plan:
+    return Plan(
         wanted=arguments.wanted,
         robots=arguments.robots,
         every=arguments.every,
         lose=arguments.lose,
         seed=arguments.seed,
-        weakened=arguments.weakened,
+        weakened=weakened,
         most_s=arguments.most_minutes * 60.0,
     )
-    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s", stream=sys.stderr)
-    with ControlPlane(node_lease_s=400, extra_args=EVENT_TTL) as cp:
-        product.install(cp, values=VALUES)
-        report = Storm(cp, plan).run(arguments.grants)
-    figures = {
+
+
+def _weakened(cp: ControlPlane, arguments: argparse.Namespace) -> int:
+    """How many of them were not noticed, as an exit status of 0 or 1."""
+    missed = 0
+    for weakened in arguments.weakened:
+        report = Storm(cp, _plan(arguments, weakened)).run(arguments.grants)
+        broken = report.verdict.broken
+        missed += not broken
+        said = broken[0] if broken else f"not noticed in {report.verdict.grants} grants"
+        print(f"{weakened}: {said} ({report.seconds:.0f} s)", flush=True)
+    return 1 if missed else 0
+
+
+def _figures(report: Report) -> dict[str, object]:
+    return {
         "grants": report.verdict.grants,
         "seconds": round(report.seconds, 1),
         **report.figures,
@@ -56,8 +79,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         "left": len(report.left),
         "problems": report.problems,
     }
-    print(json.dumps(figures, indent=2))
-    return 1 if report.problems else 0
 
 
 if __name__ == "__main__":

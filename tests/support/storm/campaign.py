@@ -4,20 +4,20 @@ import logging
 import random
 import secrets
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from typing import Any, Final
 
 from tests.support.storm import program
-from tests.support.storm.history import Verdict, judge
+from tests.support.storm.history import Judge, Verdict
 from tests.support.storm.misfortune import Misfortune
 from tests.support.storm.recorder import Recorder
 from tests.support.storm.wishes import KINDS, forgery, is_pod, wish
 from tests.support.world import Object, World
 
-from robotapp_api.model.names import SCHEDULER_MANAGER, SYSTEM_NAMESPACE
+from robotapp_api.model.names import API_VERSION, SCHEDULER_MANAGER, SYSTEM_NAMESPACE
 from robotapp_testbed import ControlPlane, Process, product, wait_until
 from robotapp_testbed.failures import ApiStatusError
 from robotapp_testbed.namespaces import created
@@ -29,11 +29,13 @@ log = logging.getLogger(__name__)
 DEVICES_PER_ROBOT: Final = 5
 CHURN: Final = 0.1
 """Of what is wanted, this much goes each second, and as much comes."""
+SERVED: Final = 0.5
+"""So much of what goes holds a domain or a device: by chance alone it would be a fifth, and the rest would wait in vain."""
 ROUND_S: Final = 1.0
 PEOPLE: Final = 8
 """Requests at once."""
 KEPT: Final = 20
-"""Apps that stay when the storm is over."""
+"""So many apps, and as many pods, stay when the storm is over."""
 WAIT_S: Final = 300.0
 TELL_ROUNDS: Final = 20
 STRANGE: Final = {"deployments": "/apis/apps/v1", "pods": "/api/v1"}
@@ -79,6 +81,7 @@ class _Scene:
     """A namespace in which all is forged."""
     people: ThreadPoolExecutor
     recorder: Recorder
+    judge: Judge
     misfortune: Misfortune
 
     def all(self, action: Callable[[tuple[str, str]], None], items: Iterable[tuple[str, str]]) -> None:
@@ -102,18 +105,32 @@ class Storm:
         self._number = self._gone = self._rounds = self._forged = self._refused = 0
 
     def run(self, grants: int) -> Report:
-        """Until so many claims were made; then quiet, then nothing."""
+        """Until so many claims were made, or a rule is broken; then quiet, then nothing.
+
+        Programs that are weakened end with the storm: what they leave behind is no news, and taken away.
+        """
         with ExitStack() as stack:
             scene = self._scene(stack)
             began_s = time.monotonic()
             self._rage(scene, grants)
             seconds = time.monotonic() - began_s
-            scene.misfortune.end()
-            lost = self._lost(scene)
-            left = self._left(scene)
+            lost, left = self._aftermath(scene, stack)
             figures = self._figures(scene, seconds)
-        verdict = judge(scene.recorder.events, namespaces={scene.world.namespace}, strangers={scene.stranger})
-        return Report(verdict, seconds, figures, gaps=scene.recorder.problems, lost=lost, left=left)
+        scene.judge.hear(scene.recorder.ripe(all_of_them=True))
+        return Report(scene.judge.verdict, seconds, figures, gaps=scene.recorder.problems, lost=lost, left=left)
+
+    def _aftermath(self, scene: _Scene, stack: ExitStack) -> tuple[list[str], list[str]]:
+        if self._plan.weakened:
+            stack.callback(self._clear, scene)
+            scene.misfortune.kill_all()
+            return [], []
+        scene.misfortune.end()
+        return self._lost(scene), self._left(scene)
+
+    def _clear(self, scene: _Scene) -> None:
+        world = scene.world
+        for path in (world.apps_path, _path(world, "pod"), f"/apis/{API_VERSION}/robotclaims"):
+            self._cp.api.delete(path)
 
     def _scene(self, stack: ExitStack) -> _Scene:
         people = stack.enter_context(ThreadPoolExecutor(PEOPLE))
@@ -124,7 +141,8 @@ class Storm:
         processes.append(self._second_scheduler(stack))
         recorder = stack.enter_context(Recorder(self._cp))
         misfortune = Misfortune(processes, every=self._plan.every, chance=self._random)
-        return _Scene(world, stranger, people, recorder, misfortune)
+        judge = Judge(namespaces={world.namespace}, strangers={stranger})
+        return _Scene(world, stranger, people, recorder, judge, misfortune)
 
     def _world(self) -> World:
         return World(self._cp, self._nodes, operator_flags=self._flags(1), scheduler_flags=self._flags(3), tidy=False)
@@ -148,25 +166,36 @@ class Storm:
         }
 
     def _rage(self, scene: _Scene, grants: int) -> None:
-        recorder, end_s = scene.recorder, time.monotonic() + self._plan.most_s
-        while recorder.claims < grants and not recorder.problems and time.monotonic() < end_s:
+        recorder, broken = scene.recorder, scene.judge.verdict.broken
+        end_s = time.monotonic() + self._plan.most_s
+        while recorder.claims < grants and not (recorder.problems or broken) and time.monotonic() < end_s:
             round_s = time.monotonic()
             self._churn(scene)
             self._forge(scene)
             scene.misfortune.strike(recorder.claims)
+            scene.judge.hear(recorder.ripe())
             self._rounds += 1
             if self._rounds % TELL_ROUNDS == 0:
                 log.info("%d grants, %d wishes, %r", recorder.claims, self._number, scene.misfortune)
             time.sleep(max(0.0, ROUND_S - (time.monotonic() - round_s)))
 
     def _churn(self, scene: _Scene) -> None:
-        self._random.shuffle(self._there)
-        going = [self._there.pop() for _ in range(min(int(self._plan.wanted * CHURN), len(self._there)))]
+        going = self._going(scene.recorder.holders())
         coming = [self._wish() for _ in range(self._plan.wanted - len(self._there))]
         scene.all(lambda what: self._delete(scene.world, what), going)
         scene.all(lambda what: self._create(scene.world, what), coming)
         self._there += coming
         self._gone += len(going)
+
+    def _going(self, holders: Collection[str]) -> list[tuple[str, str]]:
+        """Takes them off the list: some of those who hold something, the rest by chance, out of the line as well."""
+        self._random.shuffle(self._there)
+        count = min(int(self._plan.wanted * CHURN), len(self._there))
+        served = [what for what in self._there if what[1] in holders][: int(count * SERVED)]
+        others = [what for what in self._there if what not in served][: count - len(served)]
+        going = [*served, *others]
+        self._there = [what for what in self._there if what not in going]
+        return going
 
     def _wish(self) -> tuple[str, str]:
         self._number += 1
@@ -200,17 +229,25 @@ class Storm:
 
     def _lost(self, scene: _Scene) -> list[str]:
         """With fewer wishes than there is, everybody who stays must be served."""
-        world = scene.world
-        kept = [each for each in self._there if each[0] == "app"][:KEPT]
-        scene.all(lambda what: self._delete(world, what), [each for each in self._there if each not in kept])
-        names = [name for _, name in kept]
+        kept = [what for kind in ("app", "pod") for what in [each for each in self._there if each[0] == kind][:KEPT]]
+        scene.all(lambda what: self._delete(scene.world, what), [each for each in self._there if each not in kept])
 
         def waiting() -> list[str]:
-            found = {each["metadata"]["name"]: each for each in self._cp.api.get(world.apps_path)["items"]}
-            return [name for name in names if not _served(found.get(name))]
+            return [text for kind in ("app", "pod") for text in self._waiting(scene.world, kind, kept)]
 
         wait_until(lambda: not waiting(), timeout_s=WAIT_S, poll_s=0.5)
-        return [f"{name} was never served: {world.app(name).get('status', {}).get('summary')}" for name in waiting()]
+        return waiting()
+
+    def _waiting(self, world: World, kind: str, kept: Collection[tuple[str, str]]) -> list[str]:
+        """Those of a kind who are not served, and what the product says about it."""
+        names = {name for each, name in kept if each == kind}
+        found = {each["metadata"]["name"]: each for each in self._cp.api.get(_path(world, kind))["items"]}
+        served = _bound if is_pod(kind) else _served
+        return [
+            f"{kind} {name} was never served: {found.get(name, {}).get('status')}"
+            for name in sorted(names)
+            if not served(found.get(name))
+        ]
 
     def _left(self, scene: _Scene) -> list[str]:
         world = scene.world
@@ -245,6 +282,10 @@ def _path(world: World, kind: str) -> str:
 def _served(app: Object | None) -> bool:
     conditions = {each["type"]: each for each in (app or {}).get("status", {}).get("conditions", ())}
     return bool(conditions.get("Ready", {}).get("status") == "True")
+
+
+def _bound(pod: Object | None) -> bool:
+    return bool(pod and pod["spec"].get("nodeName"))
 
 
 @contextmanager

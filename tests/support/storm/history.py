@@ -35,26 +35,37 @@ class Verdict:
     broken: list[str] = field(default_factory=list)
 
 
-def judge(events: Iterable[Event], *, namespaces: Collection[str], strangers: Collection[str] = ()) -> Verdict:
-    """Replay; at every revision no thing has two users, and what runs in our namespaces is backed by its claim.
+class Judge:
+    """At every revision no thing has two users, and what runs in our namespaces is backed by its claim.
 
     strangers: namespaces where everything is forged, so that nothing of it may ever be given a node.
     """
-    found, state, seen = Verdict(), _State(namespaces), set[str]()
-    for event in sorted(events):
-        if event.kind == "RobotClaim" and event.uid not in seen:
-            seen.add(event.uid)
-            found.grants += 1
-        state.apply(event)
-        problems = state.broken_by(event)
-        if (
-            event.kind == "Pod"
-            and event.obj["metadata"]["namespace"] in strangers
-            and event.obj["spec"].get("nodeName")
-        ):
-            problems = [*problems, f"forged pod {event.obj['metadata']['name']} was bound"]
-        found.broken += [f"revision {event.revision}: {text}" for text in problems]
-    return found
+
+    def __init__(self, *, namespaces: Collection[str], strangers: Collection[str] = ()) -> None:
+        self._strangers = strangers
+        self._state = _State(namespaces)
+        self._seen: set[str] = set()
+        self.verdict = Verdict()
+
+    def __repr__(self) -> str:
+        return f"<Judge of {self.verdict.grants} grants: {len(self.verdict.broken)} times broken>"
+
+    def hear(self, events: Iterable[Event]) -> None:
+        """What happened next; no event of a later call has an earlier revision."""
+        for event in sorted(events):
+            if event.kind == "RobotClaim" and event.uid not in self._seen:
+                self._seen.add(event.uid)
+                self.verdict.grants += 1
+            self._state.apply(event)
+            problems = [*self._state.broken_by(event), *self._bound_stranger(event)]
+            self.verdict.broken += [
+                f"revision {event.revision}, grant {self.verdict.grants}: {text}" for text in problems
+            ]
+
+    def _bound_stranger(self, event: Event) -> list[str]:
+        meta = event.obj["metadata"]
+        forged = event.kind == "Pod" and meta["namespace"] in self._strangers and event.obj["spec"].get("nodeName")
+        return [f"forged pod {meta['name']} was bound"] if forged else []
 
 
 class _State:

@@ -55,6 +55,12 @@ class Misfortune:
             process.start()
         self._still.clear()
 
+    def kill_all(self) -> None:
+        """Nobody goes on."""
+        for process in self._processes:
+            process.kill()
+        self._still.clear()
+
     def lost_answers(self) -> int:
         """Answers that the programs lost, from their logs."""
         return sum(process.log_text().count(LOST) for process in self._processes)

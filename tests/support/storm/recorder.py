@@ -8,6 +8,7 @@ import contextlib
 import http.client
 import socket
 import threading
+from collections.abc import Mapping
 from types import TracebackType
 from typing import Any, Final, Self
 
@@ -62,7 +63,7 @@ class _Line(msgspec.Struct):
 
 
 class Recorder:
-    """`events` are changes of what the judge reads, `revisions` counts all. `problems`: why the record has a gap."""
+    """`ripe` gives the changes of what the judge reads, `revisions` counts all. `problems`: why the record has a gap."""
 
     def __init__(self, cp: ControlPlane) -> None:
         self._cp = cp
@@ -74,8 +75,11 @@ class Recorder:
         self._connections: dict[str, http.client.HTTPSConnection] = {}
         self._last: dict[str, dict[str, Any]] = {}
         self._claims: set[str] = set()
+        self._holders: dict[str, str] = {}
+        """Name of the holder by uid of the claim."""
         self._versions: dict[str, str] = {}
-        self.events: list[Event] = []
+        self._events: list[Event] = []
+        self._lock = threading.Lock()
         self.revisions = 0
         self.problems: list[str] = []
 
@@ -99,6 +103,18 @@ class Recorder:
         """Claims seen so far."""
         return len(self._claims)
 
+    def ripe(self, *, all_of_them: bool = False) -> list[Event]:
+        """What happened since the last call, up to the revision that both watches have passed; each event comes once."""
+        with self._lock:
+            past = min((int(self._versions.get(kind, 0)) for kind in PATHS), default=0)
+            found = [event for event in self._events if all_of_them or event.revision <= past]
+            self._events = [event for event in self._events if not (all_of_them or event.revision <= past)]
+        return found
+
+    def holders(self) -> frozenset[str]:
+        """Names of the apps and pods that hold something now."""
+        return frozenset(self._holders.copy().values())
+
     def _follow(self, kind: str) -> None:
         self._versions[kind] = str(self._cp.api.get(f"{PATHS[kind]}?limit=1")["metadata"]["resourceVersion"])
         while not self._stop.is_set() and not self.problems:
@@ -119,9 +135,9 @@ class Recorder:
                 if found.type == "ERROR":
                     self._gap(kind, found.object.message)
                     return
-                self._versions[kind] = found.object.metadata.resource_version
                 if found.type != "BOOKMARK":
                     self._note(kind, found)
+                self._versions[kind] = found.object.metadata.resource_version
 
     def _gap(self, kind: str, why: str) -> None:
         self.problems.append(f"the record of {kind}s has a gap after {self._versions[kind]}: {why}")
@@ -134,11 +150,19 @@ class Recorder:
         revision = int(obj["metadata"].pop("resourceVersion"))
         uid, gone = obj["metadata"]["uid"], found.type == "DELETED"
         if kind == "RobotClaim":
-            self._claims.add(uid)
+            self._note_claim(uid, obj, gone=gone)
         if gone:
             self._last.pop(uid, None)
         elif self._last.get(uid) == obj:
             return
         else:
             self._last[uid] = obj
-        self.events.append(Event(revision, kind, gone, obj))
+        with self._lock:
+            self._events.append(Event(revision, kind, gone, obj))
+
+    def _note_claim(self, uid: str, claim: Mapping[str, Any], *, gone: bool) -> None:
+        self._claims.add(uid)
+        if gone:
+            self._holders.pop(uid, None)
+        else:
+            self._holders[uid] = claim["spec"]["holder"]["name"]

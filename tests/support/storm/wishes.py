@@ -8,8 +8,10 @@ from tests.support.world import Object, plain_app
 
 from robotapp_api.model.names import Annotation, Label
 
-KINDS: Final = ("app", "app", "device app", *("pod",) * 6, "device pod")
-"""Equally often each. An app costs the API server ten times what a pod costs."""
+KINDS: Final = ("app", "app", "device app", *("pod",) * 3, *("device pod",) * 2, *("devices pod",) * 2)
+"""Equally often each. An app costs the API server ten times what a pod costs, and a pod is granted up to three things."""
+DEVICES: Final = {"pod": 0, "device pod": 1, "devices pod": 2}
+"""That a bare pod wants beside its domain, all on one robot."""
 
 
 def is_pod(kind: str) -> bool:
@@ -19,17 +21,17 @@ def is_pod(kind: str) -> bool:
 def wish(kind: str, name: str) -> Object:
     """An app or a bare pod that wants a domain, and perhaps one of the devices."""
     if is_pod(kind):
-        return _pod(name, device=kind.startswith("device"))
+        return _pod(name, devices=DEVICES[kind])
     app = plain_app(name, parts=("only",))
     if kind.startswith("device"):
         app["spec"]["components"][0]["devices"] = [{"name": "bus", "type": "can"}]
     return app
 
 
-def _pod(name: str, *, device: bool) -> Object:
+def _pod(name: str, *, devices: int) -> Object:
     annotations = {str(Annotation.DDS_DOMAIN): "auto"}
-    if device:
-        annotations[str(Annotation.AFFINITY)] = json.dumps({"hardware_requirements": [{"type": "can"}]})
+    if devices:
+        annotations[str(Annotation.AFFINITY)] = json.dumps({"hardware_requirements": [{"type": "can"}] * devices})
     spec = {
         "schedulerName": "ros-aware-scheduler",
         "containers": [{"name": "c", "image": "x"}],

@@ -3,7 +3,7 @@
 import random
 from typing import Any
 
-from tests.support.storm.history import Event, judge
+from tests.support.storm.history import Event, Judge
 
 from robotapp_api.model.names import Label
 
@@ -27,8 +27,12 @@ def claim(number: int, *, app: str, uid: str = "c") -> Object:
 
 def broken(*found: tuple[str, Object, bool]) -> list[str]:
     events = [Event(revision, kind, gone, obj) for revision, (kind, obj, gone) in enumerate(found, start=1)]
-    random.Random(1).shuffle(events)
-    return judge(events, namespaces={"ours"}).broken
+    cut = len(events) // 2
+    judge = Judge(namespaces={"ours"})
+    for part in (events[:cut], events[cut:]):
+        random.Random(1).shuffle(part)
+        judge.hear(part)
+    return judge.verdict.broken
 
 
 def test_a_claim_and_its_pod_one_after_the_other_are_well() -> None:
@@ -50,7 +54,7 @@ def test_a_claim_that_goes_under_a_running_pod_is_seen_although_all_is_well_in_t
         ("RobotClaim", claim(7, app="a"), True),
         ("Pod", pod("p", app="a", domain="7"), True),
     )
-    assert text.startswith("revision 3: p of")
+    assert text.startswith("revision 3, grant 1: p of")
 
 
 def test_two_users_of_a_domain_at_one_revision_are_seen() -> None:
@@ -72,9 +76,13 @@ def test_each_claim_counts_once_however_often_it_changes() -> None:
     events = [
         Event(revision, "RobotClaim", False, claim(7, app="a", uid=uid)) for revision, uid in enumerate("aab", start=1)
     ]
-    assert judge(events, namespaces=set()).grants == 2
+    judge = Judge(namespaces=set())
+    judge.hear(events)
+    assert judge.verdict.grants == 2
 
 
 def test_a_stranger_s_pod_may_not_even_be_bound() -> None:
     event = Event(5, "Pod", False, pod("p", app="a", domain="7"))
-    assert judge([event], namespaces=set(), strangers={"ours"}).broken == ["revision 5: forged pod p was bound"]
+    judge = Judge(namespaces=set(), strangers={"ours"})
+    judge.hear([event])
+    assert judge.verdict.broken == ["revision 5, grant 0: forged pod p was bound"]
