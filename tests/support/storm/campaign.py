@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 DEVICES_PER_ROBOT: Final = 5
 CHURN: Final = 0.1
 """Of what is wanted, this much goes each second, and as much comes."""
-SERVED: Final = 0.5
+SERVED: Final = 0.8
 """So much of what goes holds a domain or a device: by chance alone it would be a fifth, and the rest would wait in vain."""
 ROUND_S: Final = 1.0
 PEOPLE: Final = 8
