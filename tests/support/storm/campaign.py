@@ -34,8 +34,6 @@ SERVED: Final = 0.8
 ROUND_S: Final = 1.0
 PEOPLE: Final = 8
 """Requests at once."""
-KEPT: Final = 20
-"""So many apps, and as many pods, stay when the storm is over."""
 WAIT_S: Final = 300.0
 TELL_ROUNDS: Final = 20
 STRANGE: Final = {"deployments": "/apis/apps/v1", "pods": "/api/v1"}
@@ -52,6 +50,8 @@ class Plan:
     robots: int = 10
     every: int = 200
     lose: float = 0.01
+    kept: int = 20
+    """So many apps, and as many pods, stay when the storm is over; there must be ids for all of them."""
     seed: int = 1
     weakened: str = ""
     most_s: float = float("inf")
@@ -229,7 +229,8 @@ class Storm:
 
     def _lost(self, scene: _Scene) -> list[str]:
         """With fewer wishes than there is, everybody who stays must be served."""
-        kept = [what for kind in ("app", "pod") for what in [each for each in self._there if each[0] == kind][:KEPT]]
+        there = [[what for what in self._there if what[0] == kind] for kind in ("app", "pod")]
+        kept = [what for some in there for what in some[: self._plan.kept]]
         scene.all(lambda what: self._delete(scene.world, what), [each for each in self._there if each not in kept])
 
         def waiting() -> list[str]:
