@@ -23,7 +23,7 @@ What the plugin that the thesis extends does in its variants, and what [rigel-br
 def page(rows: list[dict[str, Any]]) -> str:
     """The page as text."""
     lines = [f"| {row['row']} | {row['feature']} | {row['plugin']} | {row['bridge']} |" for row in rows]
-    return HEAD + "\n".join(lines) + f"\n\nOpen: row {', '.join(str(row['row']) for row in rows if row.get('open'))}.\n"
+    return HEAD + "\n".join(lines) + "\n"
 
 
 def main() -> int:
