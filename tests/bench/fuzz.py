@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 
 from tests.bench import options
-from tests.support.fuzz.campaign import Campaign, as_json
+from tests.support.fuzz.campaign import Campaign, Report, as_json
 from tests.support.world import World
 
 from robotapp_testbed import ControlPlane, product
@@ -28,7 +28,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     with ControlPlane() as cp:
         product.install(cp)
         with World(cp, fleet(), pools={"well": "1-101"}, tidy=False) as world:
-            report = Campaign(world, seed=arguments.seed, pool="well").run(arguments.objects)
+            campaign = Campaign(world, seed=arguments.seed, pool="well")
+            report = campaign.run(arguments.objects, tell=lambda so_far: tell(so_far, arguments.objects))
     if report.slowest_answer_s > HELD_S:
         report.problems.append(f"the operator answered after {report.slowest_answer_s:.2f} s")
     text = json.dumps(as_json(report), indent=2)
@@ -36,6 +37,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments.json:
         arguments.json.write_text(text + "\n")
     return 1 if report.problems else 0
+
+
+def tell(report: Report, wanted: int) -> None:
+    """One line to standard error per lot: half an hour without a word looks like a hang."""
+    ready = f"a healthy app Ready after {report.ready_s[-1]:.1f} s" if report.ready_s else "no healthy app Ready"
+    print(f"{report.objects} of {wanted} objects, {ready}", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ import secrets
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -55,11 +55,12 @@ class Campaign:
         self._pids = {"operator": world.operator.pid, "scheduler": world.scheduler.pid}
         self.report = Report()
 
-    def run(self, objects: int) -> Report:
-        """Send that many, in lots; after each lot a healthy app must become Ready."""
+    def run(self, objects: int, *, tell: Callable[[Report], None] = lambda _: None) -> Report:
+        """Send that many, in lots; after each lot a healthy app must become Ready, and `tell` gets what is so far."""
         with self._answers():
             while self.report.objects < objects and not self.report.problems:
                 self._lot(min(LOT, objects - self.report.objects))
+                tell(self.report)
         self._check()
         return self.report
 
