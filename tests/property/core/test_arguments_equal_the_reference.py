@@ -99,8 +99,9 @@ def test_the_formulas_of_1_35_in_whole_decisions() -> None:
     (profile,) = parse(document, catalogue=catalogue()).profiles
     args = profile.plugin_config
     newer = 0
-    for number in range(10 * len(families)):
+    cases = 4 * len(families)
+    for number in range(cases):
         case = seeded_case("1.35", number=number, families=families)
         assert differences(case, config=Config(compat_version=OLD), args=args) == [], f"case {number}: {case.families}"
         newer += any(not unlike.startswith("text ") for unlike in differences(case, args=args))
-    assert newer > len(families), "hardly a case in which the releases differ proves nothing"
+    assert newer > cases / 10, "hardly a case in which the releases differ proves nothing"

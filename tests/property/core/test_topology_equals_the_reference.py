@@ -32,7 +32,7 @@ def core_of(cluster: ClusterDump) -> SchedulerCore:
     return core
 
 
-@settings(max_examples=300, **SETTINGS)
+@settings(max_examples=200, **SETTINGS)
 @given(worlds.worlds())
 def test_decisions_in_odd_clusters_equal_the_reference(case: tuple[ClusterDump, Json]) -> None:
     cluster, pod = case
