@@ -17,10 +17,9 @@ from rigel_bridge.migration.podspec import fields
 from rigel_bridge.render import scheduling
 from rigel_bridge.render.app import API_VERSION, PROVENANCE
 from rigel_bridge.render.draft import Draft, written
+from rigel_bridge.render.ros import ADDRESSES, OWN_MASTER
 from rigel_bridge.render.schema import problems, robotapp_schema
 
-_ROS1_SET: Final = ("ROS_MASTER_URI", "ROS_IP", "ROS_HOSTNAME")
-_MASTERS: Final = re.compile(r"https?://(ros-master|localhost|127\.0\.0\.1)(\.[^:/]*)?(:11311)?/?")
 _BLOCKS: Final = {"shared-data": "shared_data", "dds-domain": "dds_domain"}
 
 
@@ -183,8 +182,8 @@ def _lifted(entry: Mapping[str, Any], workload: Workload, work: _Work) -> bool:
     name, value = entry["name"], str(entry.get("value", ""))
     version = distros().get(work.draft.spec["ros"]["distro"])
     ros2 = version is None or version.version == 2
-    if name in _ROS1_SET:
-        if name == "ROS_MASTER_URI" and not ros2 and value and not _MASTERS.fullmatch(value):
+    if name in ADDRESSES:
+        if name == "ROS_MASTER_URI" and not ros2 and value and not OWN_MASTER.fullmatch(value):
             work.draft.spec["ros1"] = {"master": "External", "uri": value}
         work.notes.append(f"{workload.title}: env {name} goes: the operator sets it")
         return True

@@ -14,7 +14,7 @@ from rigel_bridge.render import additional, reference_plugin, scheduling
 from rigel_bridge.render.components import components, settle_programs
 from rigel_bridge.render.draft import Draft, Path, written
 from rigel_bridge.render.orchestration import OWN, orchestrate
-from rigel_bridge.render.ros import ros, version_of
+from rigel_bridge.render.ros import ros, settle_addresses, version_of
 from rigel_bridge.render.schema import problems, robotapp_schema
 
 API_VERSION: Final = "robotics.io/v1alpha1"
@@ -66,6 +66,7 @@ def render(target: Target, naming: Naming) -> Rendered:
         notes += beside.notes + additional.apply(block, draft, version=version_of(draft), count=len(names))
         orchestrate(block, draft, names, scheduler=target.scheduler)
         settle_programs(target.packages, draft)
+    notes += settle_addresses(block, draft, version=version_of(draft))
     if target.scheduler:
         draft.spec["schedulerName"] = target.scheduler
     notes += _logins(target, block)

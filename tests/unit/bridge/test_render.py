@@ -217,6 +217,30 @@ class TestRos1:
     def test_its_image_is_carried_over(self) -> None:
         assert spec(orchestration("ros_master_image: ros:noetic", self.NOETIC))["ros1"] == {"image": "ros:noetic"}
 
+    def test_a_master_that_rigels_plugin_would_run_is_left_to_the_operator(self) -> None:
+        own = "    env: [{name: ROS_MASTER_URI, value: 'http://ros-master:11311'}, {name: ROS_IP, value: 10.0.0.1}, {name: A, value: b}]\n"
+        found = rendered(self.NOETIC + own)
+        assert found.app["spec"]["components"][0]["env"] == [{"name": "A", "value": "b"}]
+        assert "ros1" not in found.app["spec"]
+        assert found.notes == (
+            "Rigelfile:2: env ROS_MASTER_URI is left out: the operator sets it",
+            "Rigelfile:2: env ROS_IP is left out: the operator sets it",
+        )
+
+    def test_the_address_of_another_master_becomes_an_external_one(self) -> None:
+        elsewhere = f"{self.NOETIC}    env: [{{name: ROS_MASTER_URI, value: 'http://robot:11311'}}]\n"
+        found = spec(elsewhere)
+        assert found["ros1"] == {"uri": "http://robot:11311", "master": "External"}
+        assert "env" not in found["components"][0]
+        assert "write deploy_ros_master: false" in refusal(orchestration("deploy_ros_master: true", elsewhere))
+        twice = orchestration("robotapp: {ros1: {master: External, uri: 'http://other:11311'}}", elsewhere)
+        assert "spec.ros1.uri is 'http://other:11311': keep one" in refusal(twice)
+
+    def test_a_master_means_nothing_to_ros_2(self) -> None:
+        found = rendered(ONE + "    env: [{name: ROS_MASTER_URI, value: 'http://robot:11311'}]\n")
+        assert "env" not in found.app["spec"]["components"][0]
+        assert found.notes == ("Rigelfile:2: env ROS_MASTER_URI is left out: ROS 2 does not read it",)
+
     def test_a_domain_is_a_setting_of_ros_2(self) -> None:
         text = refusal(orchestration("scheduler: {dds_domain: 7}", self.NOETIC))
         assert text == "Rigelfile:10: spec.ros2 has the settings of ROS 2, and noetic is ROS 1: remove them"
