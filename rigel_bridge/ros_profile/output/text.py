@@ -4,11 +4,14 @@ from collections.abc import Iterable, Iterator
 from typing import Any, Final
 
 from ros_profile.model.conclusions import Assessment, Estimate, LaunchProfile, PackageProfile, Profile
-from ros_profile.model.facts import Problem
+from ros_profile.model.facts import Kind, Problem
 from ros_profile.output.values import SURE, bits, duration
 
 MAX_EVIDENCE: Final = 6
 MAX_EDGES: Final = 40
+_NO_FILE: Final = {"": "(its source is not here)", "curated": "(table of well-known nodes)"}
+_SHOWN: Final = {"both": "build and run", "exec": "run"}
+"""Words of the manifest that read badly alone."""
 
 
 def text(profile: Profile, *, explain: bool = False) -> str:
@@ -30,7 +33,7 @@ def _package(package: PackageProfile, *, explain: bool) -> Iterator[str]:
         if explain:
             yield from _evidence(executable.assessment, "      ")
     for launch in package.launches:
-        yield from _launch(launch)
+        yield from _launch(launch, explain=explain)
     yield from _problems(package.problems, "  ")
 
 
@@ -87,18 +90,22 @@ def _evidence(assessment: Assessment, indent: str) -> Iterator[str]:
             continue
         yield f"{indent}{name}: {estimate.reason}".rstrip(": ")
         for fact in estimate.evidence[:MAX_EVIDENCE]:
-            value = f" ({fact.value})" if fact.value else ""
-            yield f"{indent}  {fact.place}  {fact.kind.value} {fact.subject}{value}  [{fact.weight:g}]"
+            value = f" ({_SHOWN.get(fact.value, fact.value)})" if fact.value else ""
+            subject = f"{fact.subject} s" if fact.kind is Kind.PERIOD else fact.subject
+            place = _NO_FILE.get(fact.file, fact.place)
+            yield f"{indent}  {place}  {fact.kind.value} {subject}{value}  [{fact.weight:g}]"
         if len(estimate.evidence) > MAX_EVIDENCE:
             yield f"{indent}  and {len(estimate.evidence) - MAX_EVIDENCE} more"
 
 
-def _launch(launch: LaunchProfile) -> Iterator[str]:
+def _launch(launch: LaunchProfile, *, explain: bool) -> Iterator[str]:
     yield f"  launch {launch.file}: {summary(launch.assessment)}"
     for node in launch.nodes:
         what = node.plugin or node.executable
         doubt = "" if node.certain else "  (depends on a condition)"
         yield f"    {node.full_name}  {node.package}/{what}: {summary(node.assessment)}{doubt}"
+        if explain:
+            yield from _evidence(node.assessment, "        ")
     for edge in launch.edges[:MAX_EDGES]:
         yield f"    {edge.source} -> {edge.target}  {edge.kind.lower()} {edge.topic} {edge.type}".rstrip()
     if len(launch.edges) > MAX_EDGES:

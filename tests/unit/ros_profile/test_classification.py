@@ -89,7 +89,7 @@ def test_evidence_and_a_reason_come_with_every_conclusion() -> None:
     assert (device.value.type, device.evidence[0].place, device.reason) == (
         "serial",
         "src/a.cpp:7",
-        "serial::Serial in src/a.cpp:7",
+        "symbol serial::Serial",
     )
 
 
