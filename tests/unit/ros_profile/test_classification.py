@@ -47,6 +47,22 @@ def test_times_keep_to_the_bounds_of_their_row(row: SubClass, period_s: float) -
         assert estimate is None or bounds is None or bounds[0] - 1e-6 <= estimate.value <= bounds[1] + 1e-6
 
 
+def test_a_reason_tells_the_period_and_the_bound_that_moved_the_value() -> None:
+    period = period_of(unit(timers=(Timer("src/a.cpp", 1, 0.01),)))
+    found = deadline(unit(), SubClass.LIDAR, period)
+    assert found
+    assert (found.value, found.reason) == (0.05, "the period 10 ms (timer); SD-C takes no less than 50 ms")
+    slow = period_of(unit(timers=(Timer("src/a.cpp", 1, 0.5),)))
+    reasons = [one.reason for one in (budget(SubClass.MOTION, slow), deadline(unit(), SubClass.MOTION, None)) if one]
+    assert reasons == [
+        "a third of the period 500 ms (timer); RT-C takes no more than 30 ms",
+        "usual for RT-C, motion: local planner, base driver or mux",
+    ]
+    exact = deadline(unit(), SubClass.MOTION, period_of(unit(timers=(Timer("src/a.cpp", 1, 0.08),))))
+    assert exact
+    assert exact.reason == "the period 80 ms (timer)"
+
+
 def test_the_most_demanding_of_what_runs_together_counts() -> None:
     joined = aggregate(
         [

@@ -34,7 +34,7 @@ def classify(unit: Unit, *, curated: bool, libraries: Mapping[str, Devices] | No
     row = timing.sub_class(found, unit, qos.value, period)
     return Assessment(
         qos_class=qos,
-        sub_class=Estimate(row, round(qos.confidence * 0.9, 3), qos.evidence[:3], qos.reason),
+        sub_class=Estimate(row, round(qos.confidence * 0.9, 3), qos.evidence[:3], timing.WORDS[row]),
         deadline_s=timing.deadline(unit, row, period),
         latency_budget_s=timing.budget(row, period),
         hardware=wanted,
