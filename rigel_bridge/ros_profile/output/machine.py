@@ -7,7 +7,7 @@ import msgspec
 import yaml
 
 from ros_profile.model.conclusions import Assessment, PackageProfile, Placement, Profile
-from ros_profile.output.values import emitted, policies, requirement, withheld
+from ros_profile.output.values import emitted, library, policies, requirement, withheld
 
 _SNAKE: Final = {"qos_class": "qos_class", "latency_budget": "latency_budget", "deadline": "deadline"}
 PREFIX: Final = "scheduler.robotics.io/"
@@ -74,6 +74,11 @@ def _comments(package: PackageProfile) -> list[str]:
     lines += [
         f"# {package.name}: perhaps {one.value.type} ({one.confidence:.2f}): left out, a wrong one keeps the pod pending\n"
         for one in withheld(assessment.hardware)
+    ]
+    lines += [
+        f"# {package.name}: {requirement(one)['type']} is opened through {library(one)}\n"
+        for one in emitted(assessment.hardware)
+        if library(one)
     ]
     if assessment.placement is not None and assessment.placement.value is not Placement.ANY:
         lines.append(f"# {package.name}: runs best on: {assessment.placement.value.value}\n")

@@ -10,7 +10,7 @@ import yaml
 
 from ros_profile.model.conclusions import Assessment, Edge, Hardware, LaunchedNode, LaunchProfile, QosClass
 from ros_profile.model.endpoints import Qos
-from ros_profile.output.values import CLAIMED, TIERS, bits, duration, emitted, policies, requirement, withheld
+from ros_profile.output.values import CLAIMED, TIERS, bits, duration, emitted, library, policies, requirement, withheld
 
 API_VERSION: Final = "robotics.io/v1alpha1"
 IMAGE: Final = "example.invalid/give-me-an-image:tag"
@@ -233,6 +233,12 @@ def _comments(launch: LaunchProfile) -> list[str]:
             f"# {component.name}: perhaps {one.value.type} ({one.confidence:.2f}): left out\n"
             for node in component.nodes
             for one in withheld(node.assessment.hardware)
+        ]
+        lines += [
+            f"# {component.name}: {requirement(one)['type']} is opened through {library(one)}\n"
+            for node in component.nodes
+            for one in emitted(node.assessment.hardware)
+            if library(one)
         ]
         lines += [f"# {component.name}: parameters of {f}\n" for node in component.nodes for f in node.parameter_files]
     lines += [f"# {problem.file}: {problem.message[:300]}\n" for problem in launch.problems]

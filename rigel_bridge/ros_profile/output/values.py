@@ -9,6 +9,8 @@ SURE: Final = 0.5
 """A hardware requirement below this is shown and not emitted: a false one makes a pod unschedulable."""
 CLAIMED: Final = frozenset({"usb", "can", "serial", "gpio"})
 """Hardware one component has for itself; cameras and GPUs are properties of the node."""
+REPORTED: Final = {"camera": "video"}
+"""Types that the node agent reports under another word (docs/devices.md)."""
 TIERS: Final = {Placement.ROBOT: ["Robot"], Placement.EDGE: ["Edge", "Robot"], Placement.CLOUD: ["Cloud", "Edge"]}
 
 
@@ -52,9 +54,20 @@ def policies(assessment: Assessment, names: dict[str, str]) -> dict[str, str]:
 
 
 def requirement(hardware: Hardware) -> dict[str, str]:
-    """`{type, model, interface}` without what is empty."""
-    stated = {"type": hardware.type, "model": hardware.model[:63], "interface": hardware.interface[:63]}
-    return {key: value for key, value in stated.items() if value}
+    """What a node must offer, in the words its agent reports: the type, and of a GPU its maker.
+
+    The models and interfaces that source shows (`realsense`, `v4l2`) are those of libraries. No agent reports them, and they are
+    compared as they stand: a pod that asked for one would be pending for ever.
+    """
+    stated = {"type": REPORTED.get(hardware.type, hardware.type)}
+    if hardware.type == "gpu" and hardware.model:
+        stated["model"] = hardware.model[:63]
+    return stated
+
+
+def library(hardware: Hardware) -> str:
+    """What a comment tells of a device that no format asks for: `realsense`, `v4l2`; empty for nothing."""
+    return "" if hardware.type == "gpu" else " ".join(part for part in (hardware.model, hardware.interface) if part)
 
 
 def is_urgent(assessment: Assessment) -> bool:

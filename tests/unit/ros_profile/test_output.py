@@ -30,7 +30,7 @@ from ros_profile.output.difference import difference
 from ros_profile.output.machine import annotations, as_json, as_rigelfile, from_json, scheduler_block
 from ros_profile.output.robotapp import IMAGE, app, as_robotapp
 from ros_profile.output.text import text
-from ros_profile.output.values import bits, duration
+from ros_profile.output.values import bits, duration, requirement
 
 EVIDENCE = (Fact(Kind.DEVICE_PATH, "/dev/ttyUSB0", "port", "src/driver.py", 12, 0.9),)
 DRIVER = Assessment(
@@ -85,9 +85,7 @@ def test_annotations_hold_what_is_sure_enough_in_the_thesis_fields() -> None:
     found = {key: json.loads(value) for key, value in annotations(DRIVER).items()}
     assert found == {
         "scheduler.robotics.io/policies": {"qos_class": "realtime", "deadline": "50ms", "latency_budget": "17ms"},
-        "scheduler.robotics.io/affinity": {
-            "hardware_requirements": [{"type": "serial", "interface": "ttyUSB0"}, {"type": "gpu"}]
-        },
+        "scheduler.robotics.io/affinity": {"hardware_requirements": [{"type": "serial"}, {"type": "gpu"}]},
     }
     assert annotations(Assessment(None)) == {}
 
@@ -98,8 +96,20 @@ def test_the_rigelfile_block_is_accepted_by_the_bridge() -> None:
     file["deploy"] = [{"name": "acme/rigel_bridge", "kwargs": {"orchestration": block}}]
     component = rendered(yaml.safe_dump(file)).app["spec"]["components"][0]
     assert component["qosClass"] == "realtime"
-    assert component["devices"] == [{"name": "serial", "type": "serial", "interface": "ttyUSB0"}]
+    assert component["devices"] == [{"name": "serial", "type": "serial"}]
     assert component["requires"] == [{"type": "gpu"}]
+
+
+def test_a_node_is_asked_for_what_its_agent_reports_and_for_no_word_of_a_library() -> None:
+    camera = Hardware("camera", "realsense", "v4l2")
+    assert requirement(camera) == {"type": "video"}
+    assert requirement(Hardware("gpu", "nvidia")) == {"type": "gpu", "model": "nvidia"}
+    shown = replace(DRIVER, hardware=(Estimate(camera, 0.9),))
+    assert "# base_driver: video is opened through realsense v4l2" in as_rigelfile(profile(shown))
+    launch = LaunchProfile("base_driver", "a.launch", (node("/cam", shown),), (), shown)
+    written = as_robotapp(launch, name="x", distro="jazzy")
+    assert "# cam: video is opened through realsense v4l2" in written
+    assert yaml.safe_load(written)["spec"]["components"][0]["requires"] == [{"type": "video"}]
 
 
 def test_several_packages_have_a_block_each() -> None:
