@@ -5,6 +5,7 @@ import os
 import re
 import sys
 from collections.abc import Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Final
 
@@ -12,7 +13,7 @@ from ros_profile.generate import ENGINES, generate_profile
 from ros_profile.model.conclusions import LaunchProfile, Profile
 from ros_profile.output.difference import difference
 from ros_profile.output.machine import as_annotations, as_json, as_rigelfile, from_json
-from ros_profile.output.robotapp import as_robotapp, components
+from ros_profile.output.robotapp import ROS1, as_robotapp, components
 from ros_profile.output.text import text
 
 MAX_OLD_BYTES: Final = 256 << 20
@@ -28,7 +29,8 @@ examples:
   ros-scheduler-profile src --format robotapp --launch my_bringup/robot.launch.py > robotapp.yaml
 
 exit codes:
-  0 done   1 --diff found differences   2 wrong usage   70 PATH or OLD cannot be read   72 nothing to profile
+  0 done   1 --diff found differences   2 wrong usage   70 PATH or OLD cannot be read
+  72 nothing to profile, or no launch file to make an app of   130 Ctrl-C
 
 Nothing that is read is run: launch files, setup.py and CMakeLists.txt are only parsed.
 """
@@ -44,7 +46,10 @@ class Failure(Exception):  # noqa: N818 - an outcome with its exit code
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit code."""
-    arguments = _parser().parse_args(argv)
+    parser = _parser()
+    arguments = parser.parse_args(argv)
+    if unused := _unused(arguments):
+        parser.error(unused)
     try:
         profile = _profile(arguments)
         written, code = _output(profile, arguments)
@@ -53,6 +58,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Failure as failure:
         sys.stderr.write(_CONTROL.sub("?", f"{failure}\n"))
         return failure.code
+    except KeyboardInterrupt:
+        sys.stderr.write("\ninterrupted\n")
+        return 130
     except BrokenPipeError:  # `| head` closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
@@ -86,7 +94,23 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _unused(arguments: argparse.Namespace) -> str:
+    """A flag that another format or --diff takes, and this call would pass over in silence."""
+    for flag, given, form in (
+        ("--launch", arguments.launch, "robotapp"),
+        ("--distro", arguments.distro, "robotapp"),
+        ("--explain", arguments.explain, "text"),
+    ):
+        if given and arguments.format != form:
+            return f"{flag} goes with --format {form}, and this is --format {arguments.format}"
+    if arguments.diff is not None and arguments.format != "text":
+        return f"--diff writes lines of text: leave --format {arguments.format} out"
+    return ""
+
+
 def _profile(arguments: argparse.Namespace) -> Profile:
+    if arguments.path.is_file():
+        raise Failure(f"{arguments.path}: is a file; give the folder of a package or of a workspace", 70)
     try:
         profile = generate_profile(
             arguments.path,
@@ -155,24 +179,43 @@ def _robotapp(profile: Profile, arguments: argparse.Namespace) -> str:
     distro = arguments.distro or ("noetic" if package.ros_version == 1 else "jazzy")
     if not re.fullmatch("[a-z]{1,32}", distro):
         raise Failure(f"--distro {distro[:40]!r} is no distribution; allowed: lower-case letters, such as jazzy", 2)
+    if package.ros_version and (package.ros_version == 1) != (distro in ROS1):
+        raise Failure(f"--distro {distro} is not one of ROS {package.ros_version}, for which {package.name} is", 2)
     return as_robotapp(launch, name=launch.package, distro=distro)
 
 
 def _chosen(profile: Profile, wanted: str | None) -> LaunchProfile:
     """The launch file that is named, or the only one that starts more than viewers."""
-    launches = [launch for package in profile.packages for launch in package.launches if components(launch.nodes)]
-    if wanted:
-        launches = [
-            one for one in launches if f"/{one.package}/{one.file}".endswith(f"/{wanted}") or _is_short(one, wanted)
-        ]
+    everything = [launch for package in profile.packages for launch in package.launches]
+    usable = [launch for launch in everything if components(launch.nodes)]
+    fitting = [one for one in everything if wanted and _is_named(one, wanted)]
+    launches = [one for one in usable if one in fitting] if wanted else usable
     if len(launches) == 1:
         return launches[0]
-    names = (
-        ", ".join(f"{one.package}/{one.file}" for one in launches[:20]) or "none starts a node that belongs on a robot"
-    )
-    raise Failure(
-        f"--format robotapp is made of one launch file; name it with --launch: {names}", 2 if launches else 72
-    )
+    names = ", ".join(_name(one) for one in (launches or usable)[:20])
+    if launches:
+        raise Failure(f"--format robotapp is made of one launch file; name it with --launch: {names}", 2)
+    if fitting:
+        raise Failure(f"{_name(fitting[0])} starts no node that belongs on a robot{names and f'; others: {names}'}", 72)
+    if wanted and usable:
+        raise Failure(f"--launch {wanted}: there is no such launch file{_near(wanted, usable)}; there are: {names}", 72)
+    found = f"none of {len(everything)} starts a node that belongs on a robot" if everything else "there is none"
+    raise Failure(f"{profile.path}: --format robotapp is made of a launch file, and {found}", 72)
+
+
+def _name(launch: LaunchProfile) -> str:
+    return f"{launch.package}/{launch.file}"
+
+
+def _near(wanted: str, launches: list[LaunchProfile]) -> str:
+    """` (did you mean X?)` or nothing."""
+    names = {_name(one).rpartition("/")[2]: _name(one) for one in launches}
+    found = get_close_matches(wanted.rpartition("/")[2], names, n=1)
+    return f" (did you mean {names[found[0]]}?)" if found else ""
+
+
+def _is_named(launch: LaunchProfile, wanted: str) -> bool:
+    return f"/{_name(launch)}".endswith(f"/{wanted}") or _is_short(launch, wanted)
 
 
 def _is_short(launch: LaunchProfile, wanted: str) -> bool:

@@ -132,7 +132,10 @@ def _include(index: Index, package: Package, include: Include, context: _Context
     elif holder and holder != package.name and index.package(holder) is None:
         found.outside.append(f"{holder}/{path}")
     else:
-        found.problems.append(Problem(package.name, f"an include is not found: {target[:200]}", include.line))
+        reason = "its name is made while the launch file runs" if UNKNOWN in target else "there is no such launch file"
+        found.problems.append(
+            Problem(context.chain[-1], f"an include is not followed, {reason}: {target[:200]}", include.line)
+        )
 
 
 def located(target: str, package: str) -> tuple[str, str]:
