@@ -3,6 +3,7 @@
 import argparse
 import os
 import re
+import shutil
 import sys
 from collections.abc import Sequence
 from difflib import get_close_matches
@@ -14,7 +15,7 @@ from ros_profile.model.conclusions import LaunchProfile, Profile
 from ros_profile.output.difference import difference
 from ros_profile.output.machine import as_annotations, as_json, as_rigelfile, from_json
 from ros_profile.output.robotapp import ROS1, as_robotapp, components
-from ros_profile.output.text import text
+from ros_profile.output.text import WIDTH, text
 
 MAX_OLD_BYTES: Final = 256 << 20
 _CONTROL: Final = re.compile(
@@ -157,7 +158,12 @@ def _output(profile: Profile, arguments: argparse.Namespace) -> tuple[str, int]:
         return as_rigelfile(profile), 0
     if arguments.format == "robotapp":
         return _robotapp(profile, arguments), 0
-    return text(profile, explain=arguments.explain), 0
+    return text(profile, explain=arguments.explain, width=_width()), 0
+
+
+def _width() -> int:
+    """Of the terminal; of what goes to a file or a pipe always the same."""
+    return max(60, shutil.get_terminal_size().columns) if sys.stdout.isatty() else WIDTH
 
 
 def _old(path: Path) -> Profile:

@@ -1,5 +1,7 @@
 """A profile for people: one paragraph per package, with reasons and evidence on request."""
 
+import re
+import textwrap
 from collections.abc import Iterable, Iterator
 from typing import Any, Final
 
@@ -14,13 +16,36 @@ _SHOWN: Final = {"both": "build and run", "exec": "run"}
 """Words of the manifest that read badly alone."""
 
 
-def text(profile: Profile, *, explain: bool = False) -> str:
-    """The whole profile."""
+WIDTH: Final = 100
+_HARD: Final = "\N{NO-BREAK SPACE}"
+
+
+def text(profile: Profile, *, explain: bool = False, width: int = WIDTH) -> str:
+    """The whole profile, in lines of `width` characters where words allow it."""
     lines: list[str] = []
     for package in profile.packages:
         lines += [*_package(package, explain=explain), ""]
     lines += _problems(profile.problems)
-    return "\n".join(lines).rstrip("\n") + "\n"
+    return "\n".join(part for line in lines for part in _fitted(line, width)).rstrip("\n") + "\n"
+
+
+def _fitted(line: str, width: int) -> list[str]:
+    """A line that is too long in several, the rest indented; `deadline 10ms` and what stands in brackets stay whole."""
+    if len(line) <= width:
+        return [line]
+    indent = line[: len(line) - len(line.lstrip())]
+    first, *parts = line.strip().split(" · ")
+    whole = re.sub(r" \([^()]*\)", lambda found: found[0].replace(" ", _HARD), first)
+    joined = f"{_HARD}· ".join([whole, *(part.replace(" ", _HARD) for part in parts)])
+    wrapped = textwrap.wrap(
+        joined,
+        width,
+        initial_indent=indent,
+        subsequent_indent=f"{indent}      ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    return [part.replace(_HARD, " ") for part in wrapped]
 
 
 def _package(package: PackageProfile, *, explain: bool) -> Iterator[str]:

@@ -136,6 +136,17 @@ def test_the_text_has_reasons_and_places_on_request() -> None:
     assert "src/driver.py:12  device_path /dev/ttyUSB0 (port)  [0.9]" in explained
 
 
+@pytest.mark.parametrize("width", [80, 100])
+def test_the_text_fits_the_screen_and_breaks_between_values(width: int) -> None:
+    long = node("/a_robot/with_a_long_namespace/driver_of_the_front_wheels", DRIVER)
+    launch = LaunchProfile("base_driver", "launch/driver.launch.py", (long,), (), DRIVER)
+    shown = text(profile(DRIVER, launch), explain=True, width=width)
+    assert max(map(len, shown.splitlines())) <= width
+    assert " ".join(shown.split()) == " ".join(text(profile(DRIVER, launch), explain=True, width=500).split())
+    for value in ("deadline 50ms", "budget 17ms", "(RT-C, 0.93)", "serial ttyUSB0 (0.90)"):
+        assert shown.count(value) == text(profile(DRIVER, launch), explain=True, width=500).count(value)
+
+
 def test_a_difference_names_what_changed_and_nothing_else() -> None:
     slower = replace(DRIVER, deadline_s=Estimate(0.1, 0.5), hardware=())
     assert difference(profile(), profile()) == []
