@@ -69,7 +69,17 @@ def read_bytes(path: Path) -> bytes:
         with path.open("rb") as file:
             return file.read(MAX_BYTES + 1)
     except OSError as error:
-        raise BridgeError(Place(str(path)), f"cannot be read: {error.strerror}", code=Exit.UNREADABLE) from error
+        raise BridgeError(
+            Place(str(path)), f"cannot be read: {error.strerror}{_instead(path)}", code=Exit.UNREADABLE
+        ) from error
+
+
+def _instead(path: Path) -> str:
+    """What was probably meant by a path that is no file."""
+    if path.is_dir():
+        inside = path / "Rigelfile"
+        return f"; give the file{f', such as {inside}' if inside.is_file() else ' in it'}"
+    return "; write one, or give its path or - for standard input" if str(path) == "Rigelfile" else ""
 
 
 def objects(source: Source) -> Objects:

@@ -76,13 +76,37 @@ def parse(data: bytes, name: str) -> Node:
         root = yaml.compose(text, Loader=_LOADER)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        problem = error.problem or error.context or "is not YAML"
-        raise BridgeError(Place(name, mark.line + 1 if mark else 0), problem, code=Exit.SYNTAX) from error
+        line = mark.line + 1 if mark else 0
+        raise BridgeError(Place(name, line), _not_yaml(error, text, line), code=Exit.SYNTAX) from error
+    except yaml.reader.ReaderError as error:
+        line = text[: error.position].count("\n") + 1 if isinstance(error.position, int) else 0
+        raise BridgeError(
+            Place(name, line), "holds a control character: a Rigelfile is plain text", code=Exit.SYNTAX
+        ) from error
     except (yaml.YAMLError, ValueError) as error:  # ValueError: a code point beyond Unicode in an escape
         raise BridgeError(place, f"is not YAML: {error}", code=Exit.SYNTAX) from error
     if root is None:
-        raise BridgeError(place, "is empty", code=Exit.SYNTAX)
+        raise BridgeError(
+            place,
+            "is empty; a Rigelfile has packages, or application and jobs (docs/rigel-bridge.md)",
+            code=Exit.SYNTAX,
+        )
     return _convert(root, name, "")
+
+
+def _not_yaml(error: yaml.MarkedYAMLError, text: str, line: int) -> str:
+    """The parser's words, and the slip behind them where it is one of the usual."""
+    problem = f"is not YAML: {error.problem or error.context or 'no reason given'}"
+    written = "".join(text.splitlines()[line - 1 : line]) if line else ""
+    if "\t" in written[: len(written) - len(written.lstrip())]:
+        return f"{problem}; the line is indented with a tab: YAML takes spaces only"
+    if "{{" in written:
+        return f'{problem}; put a value that begins with {{{{ in quotes: "{{{{ name }}}}"'
+    if "mapping values are not allowed" in problem:
+        return f'{problem}; put a value that holds ": " in quotes, or look for a line above that is indented otherwise'
+    if "did not find expected" in problem:
+        return f"{problem}; look at the indentation and the brackets of the lines above"
+    return problem
 
 
 def _check_events(text: str, name: str) -> None:
@@ -130,11 +154,19 @@ def _convert_mapping(node: yaml.MappingNode, name: str, path: str) -> dict[str, 
         place = Place(name, key_node.start_mark.line + 1)
         key = key_node.value
         if not isinstance(key_node, yaml.ScalarNode) or key_node.tag == f"{_TAG}merge":
-            raise BridgeError(place, f"{path or 'the document'}: keys are plain words", code=Exit.SYNTAX)
+            raise BridgeError(place, _no_key(node, path), code=Exit.SYNTAX)
         if key in converted:
             raise BridgeError(place, f"{path}.{key}".lstrip(".") + ": the key is there twice", code=Exit.SYNTAX)
         converted[key] = _convert(value_node, name, f"{path}.{key}" if path else key, place)
     return converted
+
+
+def _no_key(node: yaml.MappingNode, path: str) -> str:
+    """`load: {{ flag }}` without quotes is a mapping in a mapping to YAML."""
+    where = path or "the document"
+    if node.flow_style and any(isinstance(key, yaml.MappingNode) for key, _ in node.value):
+        return f'{where}: a value that begins with {{{{ needs quotes: "{{{{ name }}}}"'
+    return f"{where}: keys are plain words"
 
 
 def _scalar(node: yaml.ScalarNode, kind: str) -> Scalar:
