@@ -48,4 +48,9 @@ APPLY: Final = Verb(
     ),
     arguments=_arguments,
     run=_run,
+    examples=(
+        ("rigel-bridge apply --wait 2m", "until the app is Ready"),
+        ("rigel-bridge apply -n fleet ws/Rigelfile", "into a namespace"),
+        ("rigel-bridge diff && rigel-bridge apply", "look first"),
+    ),
 )

@@ -60,4 +60,9 @@ CHECK: Final = Verb(
     description="Look for mistakes in every job and sequence of a Rigelfile, and for what Rigel itself would stumble over.",
     arguments=add_source,
     run=_run,
+    examples=(
+        ("rigel-bridge check", "every job and sequence of ./Rigelfile"),
+        ("rigel-bridge check ws/Rigelfile --strict", "in CI: notes are errors, too"),
+        ("rigel-bridge check --sequence demo", "one sequence alone"),
+    ),
 )

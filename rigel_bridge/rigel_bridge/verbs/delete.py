@@ -40,4 +40,9 @@ DELETE: Final = Verb(
     ),
     arguments=_arguments,
     run=_run,
+    examples=(
+        ("rigel-bridge delete", "what ./Rigelfile became; volume claims stay"),
+        ("rigel-bridge delete amr-teleop -n fleet --wait 5m", "an app by its name"),
+        ("rigel-bridge delete amr-teleop --storage", "with its data"),
+    ),
 )

@@ -159,4 +159,10 @@ MIGRATE: Final = Verb(
     ),
     arguments=_arguments,
     run=_run,
+    examples=(
+        ("rigel-bridge migrate > apps.yaml", "what this namespace would become, and a report"),
+        ("rigel-bridge migrate --apply --backup old/", "replace the workloads, one app after the other"),
+        ("rigel-bridge migrate rigel-k8s-application --distro noetic", "one workload, without annotations"),
+        ("rigel-bridge migrate -f cluster.json", "without a cluster"),
+    ),
 )

@@ -151,4 +151,11 @@ SEQUENCES: Final = Verb(
     ),
     arguments=_arguments,
     run=_run,
+    examples=(
+        ("rigel-bridge sequences", "lists them"),
+        ("rigel-bridge sequences --run demo", "builds, runs, collects, removes"),
+        ("rigel-bridge sequences --run benchmark_default benchmark_custom --duration 2m", "compares two schedulers"),
+        ("rigel-bridge sequences --run demo --no-build", "the image is in the registry already"),
+        ("rigel-bridge sequences --compare results/20261122T120000Z", "shows runs side by side again"),
+    ),
 )

@@ -3,6 +3,8 @@
 import errno
 import io
 import os
+import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -12,7 +14,9 @@ import yaml
 from tests.support.jobfiles import G3
 from tests.support.rigelfiles import ONE, orchestration
 
-from rigel_bridge.main import main
+from rigel_bridge.main import _parser, main
+from rigel_bridge.verbs.table import VERBS
+from rigel_bridge.verbs.verb import Verb
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "rigel" / "teleop" / "Rigelfile"
 
@@ -165,6 +169,39 @@ def test_help_shows_examples_and_exit_codes(capsys: pytest.CaptureFixture[str]) 
     text = capsys.readouterr().out
     assert "rigel-bridge render ws/Rigelfile | kubectl apply -f -" in text
     assert "exit codes" in text
+
+
+@pytest.mark.parametrize("verb", VERBS, ids=lambda verb: verb.name)
+def test_every_command_has_examples_of_its_own_within_80_columns(
+    verb: Verb, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    with pytest.raises(SystemExit):
+        main([verb.name, "--help"])
+    shown = capsys.readouterr().out
+    assert max(map(len, shown.splitlines())) <= 80
+    assert f"rigel-bridge {verb.name}" in shown.partition("examples:")[2]
+    for line, effect in verb.examples:
+        assert effect
+        assert line in shown
+
+
+@pytest.mark.parametrize("verb", VERBS, ids=lambda verb: verb.name)
+def test_every_example_is_a_command_line_that_is_understood(verb: Verb, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TAG", "1.4.0")
+    for line, _ in verb.examples:
+        for part in re.split(r" [|>] ?| && ", line):
+            words = shlex.split(part)
+            if "rigel-bridge" in words:
+                typed = words[words.index("rigel-bridge") + 1 :]
+                assert not _parser()[0].parse_known_args(typed)[1], line
+
+
+def test_an_unknown_flag_is_told_by_its_command_with_the_nearest_one(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(["render", "--fromat", "pods"])
+    assert caught.value.code == 2
+    assert "rigel-bridge render: error: --fromat is not known here (did you mean --format?)" in capsys.readouterr().err
 
 
 def test_wrong_usage_has_code_2(capsys: pytest.CaptureFixture[str]) -> None:
