@@ -15,7 +15,9 @@ def inferences(path: Path) -> dict[str, Inference]:
         from ros_profile.output.values import emitted, withheld
     except ImportError as error:
         raise BridgeError(
-            place, f"--profile needs {error.name}: pip install 'robotapp[profile]'", code=Exit.UNREADABLE
+            place,
+            f"--profile needs {error.name}: pip install '.[profile]' in a clone of RobotApp",
+            code=Exit.UNREADABLE,
         ) from error
     try:
         profile = generate_profile(path)

@@ -85,6 +85,10 @@ def _version(distro: str, at: Node, block: Section | None, draft: Draft) -> int:
     known = distros().get(distro)
     if stated is not None and stated not in (1, 2):
         raise ((block.get("ros_version") if block else None) or at).fail("must be 1 or 2")
+    if known is None and stated is None and distro.startswith("$"):
+        raise at.fail(
+            f"{distro[:80]!r} is a mark of `rigel init`, which Rigel does not replace either: write the name, such as jazzy"
+        )
     if known is None and stated is None:
         hint = nearest(distro.lower(), list(distros()))
         raise at.fail(

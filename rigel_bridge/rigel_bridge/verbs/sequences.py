@@ -67,6 +67,8 @@ def _run(arguments: argparse.Namespace) -> int:
     if not arguments.chosen:
         for line in described(rigelfile.sequences):
             say(line)
+        if not rigelfile.sequences:
+            tell(f"{arguments.rigelfile}: has no sequences; docs/rigel-bridge.md shows where they are written")
         return Exit.OK
     for name in arguments.chosen:
         if name not in rigelfile.sequences:

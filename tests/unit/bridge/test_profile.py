@@ -122,5 +122,5 @@ def test_without_the_profiler_the_message_names_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "ros_profile.generate", None)
-    with pytest.raises(BridgeError, match=r"pip install 'robotapp\[profile\]'"):
+    with pytest.raises(BridgeError, match=r"pip install '\.\[profile\]' in a clone"):
         inferences.inferences(tmp_path)

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.fake_cluster import FakeCluster, app
+from tests.support.rigelfiles import ONE
 
 from rigel_bridge.cluster.deployment import deploy
 from rigel_bridge.cluster.kubectl import ClusterError
@@ -256,6 +257,15 @@ def test_the_command_lists_runs_and_compares(
     assert "|  | benchmark_custom | benchmark_default |" in capsys.readouterr().out
     assert main(["sequences", "--compare", "r"]) == 0
     assert main(["sequences", "--compare", "nothing-here"]) == 77
+
+
+def test_a_file_without_sequences_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("Rigelfile").write_text(ONE)
+    assert main(["sequences"]) == 0
+    assert capsys.readouterr().err.startswith("Rigelfile: has no sequences; ")
 
 
 def test_the_shipped_benchmark_builds_once_and_runs_under_both_schedulers(
