@@ -35,6 +35,7 @@ class Launched:
     file: str
     """`package/path` of the launch file that starts it."""
     values: Mapping[str, str]
+    arguments: tuple[str, ...] = ()
 
     @property
     def full_name(self) -> str:
@@ -173,7 +174,15 @@ def _launched(
         certain=certain,
         file=f"{package.name}/{node.file}",
         values=values,
+        arguments=_command_line(node.arguments, values),
     )
+
+
+def _command_line(arguments: tuple[str, ...], values: Mapping[str, str]) -> tuple[str, ...]:
+    """Arguments resolved. XML has them in one text, which was split within `$(arg x)`."""
+    if any(text.count("(") != text.count(")") for text in arguments if "$(" in text):
+        return tuple(resolve(" ".join(arguments), values).split())
+    return tuple(resolve(text, values) for text in arguments)
 
 
 def _parameter_file(file: str, values: Mapping[str, str], package: str) -> str:

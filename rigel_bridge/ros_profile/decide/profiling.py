@@ -140,6 +140,7 @@ def _node(end: Ends, assessment: Assessment) -> LaunchedNode:
         namespace=launched.namespace,
         file=launched.file,
         line=launched.node.line,
+        arguments=() if launched.node.plugin else launched.arguments,
     )
 
 

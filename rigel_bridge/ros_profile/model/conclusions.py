@@ -137,6 +137,8 @@ class LaunchedNode:
     namespace: str = "/"
     file: str = ""
     line: int = 0
+    arguments: tuple[str, ...] = ()
+    """Of its command line; `$(…)` in what cannot be told."""
 
 
 @dataclass(frozen=True, slots=True)

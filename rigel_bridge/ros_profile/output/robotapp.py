@@ -17,10 +17,14 @@ IMAGE: Final = "example.invalid/give-me-an-image:tag"
 ROS1: Final = frozenset({"indigo", "jade", "kinetic", "lunar", "melodic", "noetic"})
 MAX_COMPONENTS: Final = 64
 MAX_EDGES: Final = 256
+MAX_ARGUMENTS: Final = 50
 _CAMEL: Final = {"qos_class": "qosClass", "latency_budget": "latencyBudget", "deadline": "deadline"}
 _TOPIC: Final = re.compile(r"/[A-Za-z_]\w*(?:/[A-Za-z_]\w*)*", re.ASCII)
 _TYPE: Final = re.compile(r"[a-zA-Z]\w*/(?:(?:msg|srv|action)/)?[A-Z]\w*", re.ASCII)
 _TOOLS: Final = frozenset({"rviz2", "rviz", "rqt_gui", "rqt_graph", "rqt_reconfigure"})
+_ENDING: Final = frozenset({"create", "spawn_entity.py", "spawn_model", "spawner.py", "unspawner", "unspawner.py"})
+"""Programs that end when their work is done; what a RobotApp starts is started again and again."""
+_SPAWNER: Final = ("controller_manager", "spawner")
 _RANK: Final = (QosClass.REALTIME, QosClass.SENSOR_DATA, QosClass.SYSTEM_DEFAULT, QosClass.BEST_EFFORT)
 
 
@@ -33,11 +37,17 @@ class Component:
 
 
 def components(nodes: Iterable[LaunchedNode]) -> list[Component]:
-    """Nodes by process. Viewers stay out: they belong on a desk, not on a robot."""
+    """Nodes by process. Viewers stay out, they belong on a desk, and so do programs that end by themselves."""
     groups: dict[str, list[LaunchedNode]] = {}
+    twins: Counter[str] = Counter()
     for node in nodes:
-        if node.executable not in _TOOLS:
-            groups.setdefault(node.container or node.full_name, []).append(node)
+        if node.executable in _TOOLS | _ENDING:
+            continue
+        key = node.container or node.full_name
+        if not node.plugin:  # two nodes without a name are called alike, and are two processes
+            twins[key] += 1
+            key = key if twins[key] == 1 else f"{key}-{twins[key]}"
+        groups.setdefault(key, []).append(node)
     names: dict[str, int] = {}
     found = []
     short = Counter(_label(key.rpartition("/")[2]) for key in groups)
@@ -135,13 +145,27 @@ def _arguments(component: Component, *, ros1: bool) -> list[str]:
             if plain
             else ["rosrun", "nodelet", "nodelet", "standalone", node.plugin]
         )
-        return words + [f"{key}:={value}" for _, key, value in _options(node, "__name", "_")]
+        return words + _own_arguments(node) + [f"{key}:={value}" for _, key, value in _options(node, "__name", "_")]
     if plain is None and alone is not None:
         return ["ros2", "component", "standalone", alone.package, alone.plugin, *_flags(alone)]
     if plain is None:
         return ["ros2", "run", "rclcpp_components", "component_container"]
     more = _flags(plain)
-    return ["ros2", "run", plain.package, plain.executable, *(["--ros-args", *more] if more else [])]
+    own = _own_arguments(plain)
+    if (plain.package, plain.executable) == _SPAWNER and own and "--unload-on-kill" not in own:
+        own.append(
+            "--unload-on-kill"
+        )  # it stays until it is stopped; without the flag it ends, and its pod would crash and crash
+    return ["ros2", "run", plain.package, plain.executable, *own, *(["--ros-args", *more] if more else [])]
+
+
+def _own_arguments(node: LaunchedNode) -> list[str]:
+    """All of them or none: half a command line may mean something else. A comment has what cannot be told."""
+    return [] if _is_untold(node) else [text for text in node.arguments if text]
+
+
+def _is_untold(node: LaunchedNode) -> bool:
+    return len(node.arguments) > MAX_ARGUMENTS or any("$" in text or len(text) > 1000 for text in node.arguments)
 
 
 def _flags(node: LaunchedNode) -> list[str]:
@@ -154,7 +178,8 @@ def _options(node: LaunchedNode, name_key: str, prefix: str = "") -> list[tuple[
     found = [("-r", name_key, name)] if name != node.executable else []
     if node.namespace not in ("", "/"):
         found.append(("-r", "__ns", node.namespace))
-    found += [("-r", source, target) for source, target in node.remaps if source and target]
+    stated = set(node.arguments)
+    found += [("-r", *pair) for pair in node.remaps if all(pair) and ":=".join(pair) not in stated]
     found += [("-p", f"{prefix}{key}", value) for key, value in node.parameters if value and len(value) < 200]
     return [one for one in found if "$" not in one[1] + one[2] and "\n" not in one[2]][:50]
 
@@ -240,6 +265,26 @@ def _comments(launch: LaunchProfile) -> list[str]:
             for one in emitted(node.assessment.hardware)
             if library(one)
         ]
-        lines += [f"# {component.name}: parameters of {f}\n" for node in component.nodes for f in node.parameter_files]
+        lines += [
+            f"# {component.name}: is started with arguments that the launch file works out; add them to args: "
+            f"{' '.join(node.arguments)[:300]}\n"
+            for node in component.nodes
+            if _is_untold(node)
+        ]
+        lines += [
+            f"# {component.name}: parameters of {_file_name(f)}\n"
+            for node in component.nodes
+            for f in node.parameter_files
+        ]
+    lines += [
+        f"# {node.executable} of {node.package} ends by itself and is left out: a RobotApp would start it again and again\n"
+        for node in launch.nodes
+        if node.executable in _ENDING
+    ]
     lines += [f"# {problem.file}: {problem.message[:300]}\n" for problem in launch.problems]
     return [line.replace("\r", " ") for line in dict.fromkeys(" ".join(line.split()) + "\n" for line in lines)]
+
+
+def _file_name(file: str) -> str:
+    """A parameter file as far as the launch file tells it."""
+    return f"a file whose name the launch file works out ({file[:100]})" if re.search(r"[$|?]", file) else file

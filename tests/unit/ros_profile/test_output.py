@@ -112,6 +112,51 @@ def test_a_node_is_asked_for_what_its_agent_reports_and_for_no_word_of_a_library
     assert yaml.safe_load(written)["spec"]["components"][0]["requires"] == [{"type": "video"}]
 
 
+def started(text: str, root: Path) -> dict[str, list[str]]:
+    """Arguments by component of the RobotApp of a launch file, and its comments under the name #."""
+    package(
+        root,
+        "up",
+        {"launch/a.launch.py": f"def generate_launch_description():\n    return LaunchDescription([{text}])\n"},
+    )
+    written = as_robotapp(generate_profile(root).packages[0].launches[0], name="up", distro="jazzy")
+    comments = [line for line in written.splitlines() if line.startswith("#")]
+    return {"#": comments} | {one["name"]: one["args"] for one in yaml.safe_load(written)["spec"]["components"]}
+
+
+def test_a_node_is_started_with_the_arguments_of_its_launch_file(tmp_path: Path) -> None:
+    node = "Node(package='tf2_ros', executable='static_transform_publisher', name='t', arguments=['--x', '1', 'a b'])"
+    found = started(node, tmp_path)
+    assert found["t"] == [
+        *["ros2", "run", "tf2_ros", "static_transform_publisher", "--x", "1", "a b"],
+        *["--ros-args", "-r", "__node:=t"],
+    ]
+
+
+def test_arguments_that_cannot_be_told_are_a_comment_and_none_is_given(tmp_path: Path) -> None:
+    found = started("Node(package='a', executable='b', arguments=['-d', LaunchConfiguration('gone')])", tmp_path)
+    assert found["b"] == ["ros2", "run", "a", "b"]
+    assert any(line.startswith("# b: is started with arguments that the launch file works out") for line in found["#"])
+
+
+def test_what_would_end_by_itself_stays_or_is_left_out(tmp_path: Path) -> None:
+    spawner = "Node(package='controller_manager', executable='spawner', arguments=['{}'])"
+    ending = "Node(package='gazebo_ros', executable='spawn_entity.py', arguments=['-entity', 'r'])"
+    found = started(", ".join([spawner.format("one"), spawner.format("two"), ending]), tmp_path)
+    assert found["spawner"] == ["ros2", "run", "controller_manager", "spawner", "one", "--unload-on-kill"]
+    assert found["spawner-2"] == ["ros2", "run", "controller_manager", "spawner", "two", "--unload-on-kill"]
+    assert len(found) == 3
+    assert any("spawn_entity.py of gazebo_ros ends by itself and is left out" in line for line in found["#"])
+
+
+def test_arguments_of_xml_are_split_after_they_are_worked_out(tmp_path: Path) -> None:
+    text = '<launch><arg name="who" default="bob"/><node pkg="a" exec="b" args="--to $(var who) x:=y"/></launch>'
+    package(tmp_path, "up", {"launch/a.launch.xml": text})
+    (launch,) = generate_profile(tmp_path).packages[0].launches
+    (found,) = yaml.safe_load(as_robotapp(launch, name="up", distro="jazzy"))["spec"]["components"]
+    assert found["args"] == ["ros2", "run", "a", "b", "--to", "bob", "x:=y"]
+
+
 def test_several_packages_have_a_block_each() -> None:
     two = replace(profile(), packages=(*profile().packages, PackageProfile("viewer", "v", 2, VIEW)))
     found = yaml.safe_load(as_rigelfile(two))["orchestration"]["components"]
