@@ -48,6 +48,8 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     """What was typed. A flag that is not known is told by the command it was given to, with the nearest one."""
     parser, commands = _parser()
     arguments, unknown = parser.parse_known_args(argv)
+    if len(unknown) == 1 and not unknown[0].startswith("-") and getattr(arguments, "app", "") is None:
+        arguments.app = unknown.pop()  # `collect FOLDER -n fleet APP`: argparse takes no optional name after a flag
     if unknown:
         command = commands[arguments.command]
         flags = [flag for action in command._actions for flag in action.option_strings]  # noqa: SLF001 - argparse has no other list

@@ -11,7 +11,8 @@ from rigel_bridge.cluster.kubectl import MAX_OUTPUT_BYTES, Kubectl
 from rigel_bridge.cluster.results import opened
 from rigel_bridge.cluster.takeover import Limits, annotate, forget, read, restorable, take_over
 from rigel_bridge.cluster.waiting import Clock
-from rigel_bridge.document.failures import BridgeError, Exit, Place
+from rigel_bridge.document.distros import distros
+from rigel_bridge.document.failures import BridgeError, Exit, Place, nearest
 from rigel_bridge.migration.found import scene
 from rigel_bridge.migration.report import Plan, annotation, document, leftover_records, lines, plan
 from rigel_bridge.render.text import as_yaml
@@ -61,6 +62,7 @@ def _run(arguments: argparse.Namespace) -> int:
     objects = (
         _of_file(arguments.file) if arguments.file else read(kubectl, everywhere=arguments.all_namespaces, tell=tell)
     )
+    _refuse_missing(arguments.workloads, objects)
     found = plan(scene(objects, names=arguments.workloads), distro=arguments.distro, names=arguments.workloads)
     for line in lines(found):
         tell(line)
@@ -80,6 +82,19 @@ def _refuse_contradictions(arguments: argparse.Namespace) -> None:
         raise _usage("--apply works on one namespace of the cluster: leave -A and -f out")
     if arguments.apply and not arguments.backup:
         raise _usage("--apply needs --backup FOLDER, where the old objects are kept")
+    if arguments.distro and arguments.distro not in distros():
+        hint = nearest(arguments.distro.lower(), list(distros()))
+        raise _usage(f"--distro {arguments.distro[:80]!r} is no ROS distribution that we know{hint}")
+
+
+def _refuse_missing(names: list[str], objects: list[dict[str, Any]]) -> None:
+    """A slip in a name must not end as "nothing to migrate"."""
+    known = [each["metadata"]["name"] for each in objects if each["kind"] in ("Deployment", "Pod")]
+    for name in names:
+        if name not in known:
+            raise BridgeError(
+                Place("migrate"), f"there is no Deployment or pod {name}{nearest(name, known)}", code=Exit.MISSING
+            )
 
 
 def _usage(message: str) -> BridgeError:

@@ -14,7 +14,7 @@ import yaml
 from tests.support.jobfiles import G3
 from tests.support.rigelfiles import ONE, orchestration
 
-from rigel_bridge.main import _parser, main
+from rigel_bridge.main import _arguments, _parser, main
 from rigel_bridge.verbs.table import VERBS
 from rigel_bridge.verbs.verb import Verb
 
@@ -195,6 +195,12 @@ def test_every_example_is_a_command_line_that_is_understood(verb: Verb, monkeypa
             if "rigel-bridge" in words:
                 typed = words[words.index("rigel-bridge") + 1 :]
                 assert not _parser()[0].parse_known_args(typed)[1], line
+
+
+def test_the_name_of_an_app_may_stand_behind_a_flag() -> None:
+    for typed in (["collect", "out", "-n", "fleet", "amr"], ["collect", "out", "amr", "-n", "fleet"]):
+        arguments = _arguments(typed)
+        assert (str(arguments.folder), arguments.app, arguments.namespace) == ("out", "amr", "fleet")
 
 
 def test_an_unknown_flag_is_told_by_its_command_with_the_nearest_one(capsys: pytest.CaptureFixture[str]) -> None:

@@ -304,6 +304,28 @@ def test_a_file_that_is_no_list_of_objects_is_one_line(
     assert capsys.readouterr().err.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("flags", "expected"),
+    [
+        (
+            ["--distro", "jazy"],
+            (2, "migrate: --distro 'jazy' is no ROS distribution that we know (did you mean jazzy?)"),
+        ),
+        (["talkr"], (76, "migrate: there is no Deployment or pod talkr (did you mean talker?)")),
+    ],
+)
+def test_a_slip_in_a_name_is_told_and_nothing_is_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], flags: list[str], expected: tuple[int, str]
+) -> None:
+    path = tmp_path / "cluster.json"
+    path.write_text(
+        json.dumps({"items": [{"kind": "Deployment", "metadata": {"name": "talker"}, "spec": {"template": {}}}]})
+    )
+    assert main(["migrate", "-f", str(path), *flags]) == expected[0]
+    written = capsys.readouterr()
+    assert (written.out, written.err.strip()) == ("", expected[1])
+
+
 def test_apply_needs_a_backup_and_one_namespace(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["migrate", "--apply"]) == 2
     assert "--backup" in capsys.readouterr().err
