@@ -1,5 +1,6 @@
 """Collect what an app shows of itself into a folder: its state, logs, and the result files of its containers."""
 
+import errno
 import hashlib
 import json
 from collections.abc import Callable, Mapping
@@ -18,6 +19,8 @@ RESULTS_PATH: Final = f"{PROVENANCE}results-path"
 _LOG_BYTES: Final = 1024 * 1024
 _FILES_BYTES: Final = 256 * 1024 * 1024
 _COPY_S: Final = 300.0
+_SHOWN: Final = 200
+_NAME_ERRORS: Final = (errno.ENAMETOOLONG, errno.ENOTDIR, errno.EISDIR, errno.EEXIST, errno.EILSEQ)
 
 
 @dataclass(slots=True)
@@ -119,9 +122,19 @@ def _files(
             "exec", name, "--", "tar", "-cf", "-", "-C", source, ".", limit=_FILES_BYTES, timeout_s=_COPY_S
         )
         for path, content in files_of(data):
-            into.add(where / path, content)
+            _add_named_by_container(into, where / path, content, tell)
     except (ClusterError, ArchiveError) as error:
         tell(f"no result files of {name} from {source}: {error}")
+
+
+def _add_named_by_container(into: Collection, path: PurePosixPath, content: bytes, tell: Callable[[str], None]) -> None:
+    """A file whose name no file here can have (too long, or below another file) is left out; a full disk is an error."""
+    try:
+        into.add(path, content)
+    except BridgeError as error:
+        if not isinstance(error.__cause__, OSError) or error.__cause__.errno not in _NAME_ERRORS:
+            raise
+        tell(f"{str(path)[:_SHOWN]} is left out: {error.__cause__.strerror}")
 
 
 def _unwritable(path: Path, error: OSError) -> BridgeError:
