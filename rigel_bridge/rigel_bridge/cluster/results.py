@@ -15,6 +15,10 @@ from rigel_bridge.cluster.names import COMPONENT_LABEL, PROVENANCE
 from rigel_bridge.document.failures import BridgeError, Exit, Place
 
 MANIFEST: Final = "manifest.json"
+APP: Final = "app.json"
+"""Written first of all."""
+FILES: Final = "files"
+"""Folder of what containers left, by component."""
 RESULTS_PATH: Final = f"{PROVENANCE}results-path"
 _LOG_BYTES: Final = 1024 * 1024
 _FILES_BYTES: Final = 256 * 1024 * 1024
@@ -69,7 +73,7 @@ def collect(
 
     `path`: where the containers keep their results; default is the app's annotation, from `results.source_path`.
     """
-    into.add_json("app.json", app)
+    into.add_json(APP, app)
     into.add_json("instances.json", instances_of(kubectl, app))
     source = path or (app["metadata"].get("annotations") or {}).get(RESULTS_PATH, "")
     try:
@@ -81,7 +85,7 @@ def collect(
     for pod in pods:
         _logs(kubectl, pod, into, tell)
     for component, pod in newest(pods).items() if source else ():
-        _files(kubectl, pod, into, where=PurePosixPath("files") / component, source=source, tell=tell)
+        _files(kubectl, pod, into, where=PurePosixPath(FILES) / component, source=source, tell=tell)
 
 
 def newest(pods: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
