@@ -1,7 +1,10 @@
 """Flags of the commands that reach the cluster, and what they stand for."""
 
 import argparse
+import signal
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +52,25 @@ def seconds(text: str) -> float:
     if seconds is None:
         raise argparse.ArgumentTypeError(f"{text!r} is no duration; allowed: up to 24h, for example 30s, 2m or 500ms")
     return seconds
+
+
+@contextmanager
+def ended_like_ctrl_c() -> Iterator[None]:
+    """A request to end (SIGTERM of a CI system, SIGHUP of a lost connection) cleans up as Ctrl-C does.
+
+    A signal that is ignored, as `nohup` does it, stays ignored.
+    """
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    wanted = [each for each in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(each) is not signal.SIG_IGN]
+    before = [(each, signal.signal(each, interrupted)) for each in wanted]
+    try:
+        yield
+    finally:
+        for each, handler in before:
+            signal.signal(each, handler)
 
 
 def tell(line: str) -> None:
