@@ -63,6 +63,19 @@ def test_what_is_rendered_is_never_larger_than_the_bound(levels: int, times: int
     assert len(value) <= MAX_EXPANDED
 
 
+@pytest.mark.parametrize("number", ["0x" + "f" * 6000, "0b" + "1" * 20_000, "9" * 5000, "1_" * 3000])
+def test_a_number_that_python_cannot_write_is_one_short_line(number: str) -> None:
+    """Of 4300 digits and more Python makes no text: that was a traceback wherever the number was shown."""
+    file = f"vars: {{a: {number}}}\napplication: {{distro: humble}}\njobs:\n  deploy:\n    plugin: rigel_bridge.RobotAppPlugin\n"
+    block = "    with: {name: teleop, image: 'x:{{ vars.a }}', orchestration: {}}\n"
+    assert "vars.a: has " in refusal(file + block)
+    assert len(refusal(ONE.replace("humble", number))) < 400
+
+
+def test_a_long_value_is_not_repeated_in_the_message() -> None:
+    assert len(refusal(ONE + f"    env: {'x' * 100_000}\n")) < 400
+
+
 class TestEnvironment:
     def test_nothing_is_taken_that_was_not_named(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
