@@ -15,12 +15,14 @@ from rigel_bridge.cluster.waiting import Clock
 from rigel_bridge.document.failures import BridgeError, Exit, Place
 from rigel_bridge.migration.found import scene
 from rigel_bridge.migration.report import Plan, annotation, document, leftover_records, lines, plan
+from rigel_bridge.migration.shape import misshapen
 from rigel_bridge.render.text import as_yaml
 from rigel_bridge.verbs.cluster_options import add_cluster, ended_like_ctrl_c, kubectl_of, say, seconds, tell
 from rigel_bridge.verbs.options import namespace
 from rigel_bridge.verbs.verb import Verb
 
 _ATTEMPTS: Final = 10
+_SHOWN: Final = 200
 
 
 def _arguments(parser: argparse.ArgumentParser) -> None:
@@ -96,7 +98,7 @@ def _of_file(path: Path) -> list[dict[str, Any]]:
         with path.open("rb") as file:
             data = file.read(MAX_OUTPUT_BYTES + 1)
         loaded: Any = json.loads(data) if len(data) <= MAX_OUTPUT_BYTES else None
-        items = [item for item in loaded["items"] if isinstance(item["metadata"]["name"], str) and item["kind"]]
+        items = list(loaded["items"])
     except OSError as error:
         raise BridgeError(Place(str(path)), f"cannot be read: {error.strerror}", code=Exit.UNREADABLE) from error
     except (ValueError, KeyError, TypeError, RecursionError) as error:
@@ -105,6 +107,13 @@ def _of_file(path: Path) -> list[dict[str, Any]]:
             "is no List of objects in JSON of at most 16 MiB, as kubectl get -o json writes it",
             code=Exit.SYNTAX,
         ) from error
+    for index, item in enumerate(items):
+        if (where := misshapen(item)) is not None:
+            raise BridgeError(
+                Place(str(path)),
+                f"items[{index}]{where[:_SHOWN]} is not as the API server writes it: save it with kubectl get -o json",
+                code=Exit.SYNTAX,
+            )
     return items
 
 
