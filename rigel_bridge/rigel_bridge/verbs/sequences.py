@@ -14,7 +14,7 @@ from rigel_bridge.document.failures import Exit, nearest
 from rigel_bridge.sequences.comparison import table
 from rigel_bridge.sequences.programs import run_rigel
 from rigel_bridge.sequences.run import Limits, Tools, read_summaries, run
-from rigel_bridge.sequences.steps import Action, Kind, actions, described, refuse_thesis
+from rigel_bridge.sequences.steps import Action, Kind, actions, described, folder_name, refuse_thesis
 from rigel_bridge.source import Objects, objects
 from rigel_bridge.verbs.cluster_options import add_cluster, ended_like_ctrl_c, kubectl_of, say, seconds, tell
 from rigel_bridge.verbs.options import add_source, source_of
@@ -75,10 +75,11 @@ def _run(arguments: argparse.Namespace) -> int:
     found = {name: _of_sequence(arguments, name) for name in dict.fromkeys(arguments.chosen)}
     plans = {name: _planned(each, name, no_build=arguments.no_build) for name, each in found.items()}
     folder = arguments.results or Path("results") / datetime.now(tz=UTC).strftime("%Y%m%dT%H%M%SZ")
+    folders = {name: folder / folder_name(rigelfile, name) for name in found}
     tools = _tools(arguments)
     with ended_like_ctrl_c():
         for name, each in found.items():
-            run(name, plans[name], each, tools, opened(folder / name))
+            run(name, plans[name], each, tools, opened(folders[name]))
     say(f"results: {folder}")
     return _compared(folder)
 

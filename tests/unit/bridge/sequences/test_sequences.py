@@ -344,6 +344,26 @@ def test_the_shipped_benchmark_builds_once_and_runs_under_both_schedulers(
     assert "| scheduler | kubernetes-scheduler | default-scheduler |" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("name", ["../evil", "/evil", "..", "a/../../evil", "a\\e[2Jb"])
+def test_results_of_a_sequence_with_any_name_stay_in_their_folder(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("Rigelfile").write_text(LIST.replace("  demo:", f'  "{name}":'))
+    world = World()
+    monkeypatch.setattr(verb, "kubectl_of", lambda _: world.cluster)
+    assert main(["sequences", "--run", name.replace("\\e", "\x1b"), "--no-build", "--results", "deep/r"]) == 72
+    assert "is no name for a folder of results" in capsys.readouterr().err
+    assert world.cluster.calls == []
+    assert [each.name for each in tmp_path.iterdir()] == ["Rigelfile"]
+
+
+def test_a_job_is_never_a_flag_of_rigel() -> None:
+    found = read(JOBS.replace("build", "--help"), "demo").rigelfile
+    with pytest.raises(BridgeError, match="'--help' would be a flag"):
+        actions(found, "demo")
+
+
 def test_ctrl_c_is_one_word_and_code_130(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     def interrupted(_: object) -> None:
         raise KeyboardInterrupt
