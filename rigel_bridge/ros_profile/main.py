@@ -28,7 +28,8 @@ examples:
   ros-scheduler-profile src --format robotapp --launch my_bringup/robot.launch.py > robotapp.yaml
 
 exit codes:
-  0 done   1 --diff found differences   2 wrong usage   70 PATH or OLD cannot be read   72 nothing to profile
+  0 done   1 --diff found differences   2 wrong usage   70 PATH or OLD cannot be read, or the result not written
+  72 nothing to profile   130 Ctrl-C
 
 Nothing that is read is run: launch files, setup.py and CMakeLists.txt are only parsed.
 """
@@ -53,9 +54,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Failure as failure:
         sys.stderr.write(_CONTROL.sub("?", f"{failure}\n"))
         return failure.code
+    except KeyboardInterrupt:
+        sys.stderr.write("interrupted\n")
+        return 130
     except BrokenPipeError:  # `| head` closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except OSError as error:  # a full disk behind `>`: what was written is not all
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.stderr.write(f"standard output: cannot be written: {error.strerror}\n")
+        return 70
     return code
 
 

@@ -1,6 +1,8 @@
 """`ros-scheduler-profile` as a user calls it."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -106,3 +108,21 @@ def test_control_characters_of_a_source_do_not_reach_the_terminal(
     )
     assert main([str(path)]) == 0
     assert "\x9b" not in capsys.readouterr().out
+
+
+def test_ctrl_c_and_a_full_disk_are_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = str(workspace(tmp_path))
+    with Path("/dev/full").open("w") as full:
+        command = [sys.executable, "-m", "ros_profile.main", path]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, check=False)
+    assert done.returncode == 70
+    assert done.stderr == b"standard output: cannot be written: No space left on device\n"
+
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("ros_profile.main.generate_profile", interrupted)
+    assert main([path]) == 130
+    assert capfd.readouterr().err == "interrupted\n"
