@@ -132,7 +132,7 @@ def _progress(done: int, total: int, name: str) -> None:
 def _output(profile: Profile, arguments: argparse.Namespace) -> tuple[str, int]:
     if arguments.diff is not None:
         lines = difference(_old(arguments.diff), profile)
-        return "".join(f"{line}\n" for line in lines) or "no difference\n", 1 if lines else 0
+        return "".join(line.replace("\n", "\\u000a") + "\n" for line in lines) or "no difference\n", 1 if lines else 0
     if arguments.format == "json":
         return as_json(profile), 0
     if arguments.format == "annotations":

@@ -17,7 +17,8 @@ def text(profile: Profile, *, explain: bool = False) -> str:
     for package in profile.packages:
         lines += [*_package(package, explain=explain), ""]
     lines += _problems(profile.problems)
-    return "\n".join(lines).rstrip("\n") + "\n"
+    # A name in a source may hold line ends: it must not look like a line of ours, such as another class.
+    return "\n".join(line.replace("\n", "\\u000a") for line in lines).rstrip("\n") + "\n"
 
 
 def _package(package: PackageProfile, *, explain: bool) -> Iterator[str]:

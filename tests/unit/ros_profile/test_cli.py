@@ -126,3 +126,20 @@ def test_ctrl_c_and_a_full_disk_are_one_line(
     monkeypatch.setattr("ros_profile.main.generate_profile", interrupted)
     assert main([path]) == 130
     assert capfd.readouterr().err == "interrupted\n"
+
+
+def test_a_name_with_line_ends_adds_no_line_to_the_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = workspace(tmp_path)
+    assert main([str(path), "--format", "json"]) == 0
+    old = write(tmp_path, {"old.json": capsys.readouterr().out}) / "old.json"
+    assert main([str(path), "--explain"]) == 0
+    usual = capsys.readouterr().out.count("\n")
+    forged = "talk&#10;safe (ROS 2, .)&#10;  realtime (0.99)"
+    launch = f'<launch><node pkg="duo" exec="talk" name="{forged}"/><node pkg="duo" exec="hear"/></launch>'
+    write(path / "duo", {"launch/a.launch.xml": launch})
+    assert main([str(path), "--explain"]) == 0
+    written = capsys.readouterr().out
+    assert "\\u000asafe (ROS 2, .)\\u000a  realtime" in written
+    assert written.count("\n") == usual
+    assert main([str(path), "--diff", str(old)]) == 1
+    assert "\nsafe" not in capsys.readouterr().out
