@@ -32,6 +32,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = _arguments(argv)
     try:
         code: int = arguments.run(arguments)
+        sys.stdout.flush()
     except BridgeError as error:
         sys.stderr.write(f"{printable(str(error))}\n")
         return error.code
@@ -41,6 +42,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # `| head` closed the pipe: nothing more to say
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return Exit.OK
+    except OSError as error:  # a full disk behind `>`: what was written is not all
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        place = error.filename or "standard output"
+        sys.stderr.write(f"{printable(str(place))}: cannot be read or written: {error.strerror}\n")
+        return Exit.UNREADABLE
     return code
 
 

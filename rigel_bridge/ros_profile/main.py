@@ -30,7 +30,8 @@ examples:
   ros-scheduler-profile src --format robotapp --launch my_bringup/robot.launch.py > robotapp.yaml
 
 exit codes:
-  0 done   1 --diff found differences   2 wrong usage   70 PATH or OLD cannot be read
+  0 done   1 --diff found differences   2 wrong usage
+  70 PATH or OLD cannot be read, or the result not written
   72 nothing to profile, or no launch file to make an app of   130 Ctrl-C
 
 Nothing that is read is run: launch files, setup.py and CMakeLists.txt are only parsed.
@@ -60,11 +61,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stderr.write(_CONTROL.sub("?", f"{failure}\n"))
         return failure.code
     except KeyboardInterrupt:
-        sys.stderr.write("\ninterrupted\n")
+        sys.stderr.write("\ninterrupted\n" if sys.stderr.isatty() else "interrupted\n")  # below the progress bar
         return 130
     except BrokenPipeError:  # `| head` closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except OSError as error:  # a full disk behind `>`: what was written is not all
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.stderr.write(f"standard output: cannot be written: {error.strerror}\n")
+        return 70
     return code
 
 
@@ -149,7 +154,7 @@ def _progress(done: int, total: int, name: str) -> None:
 def _output(profile: Profile, arguments: argparse.Namespace) -> tuple[str, int]:
     if arguments.diff is not None:
         lines = difference(_old(arguments.diff), profile)
-        return "".join(f"{line}\n" for line in lines) or "no difference\n", 1 if lines else 0
+        return "".join(line.replace("\n", "\\u000a") + "\n" for line in lines) or "no difference\n", 1 if lines else 0
     if arguments.format == "json":
         return as_json(profile), 0
     if arguments.format == "annotations":

@@ -14,6 +14,10 @@ from rigel_bridge.document.failures import BridgeError, Exit, Place
 
 MAX_BYTES: Final = 256 * 1024
 MAX_DEPTH: Final = 32
+MAX_DIGITS: Final = 100
+"""Of a number; a longer one is text."""
+_SHOWN: Final = 80
+"""Characters of a value in a message."""
 _LOADER: Final[type] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _TAG = "tag:yaml.org,2002:"
 _SCALARS = {f"{_TAG}{name}" for name in ("str", "int", "float", "bool", "null", "timestamp")}
@@ -48,7 +52,8 @@ class Node:
     def described(self) -> str:
         """What the user wrote, for messages."""
         word = _WORDS.get(self.kind, "text")
-        return f"{word} ({self.raw})" if self.raw and self.kind not in ("map", "seq") else word
+        shown = self.raw if len(self.raw) <= _SHOWN else f"{self.raw[:_SHOWN]}…"
+        return f"{word} ({shown})" if shown and self.kind not in ("map", "seq") else word
 
     def mapping(self) -> "dict[str, Node]":
         if not isinstance(self.value, dict):
@@ -178,7 +183,8 @@ def _scalar(node: yaml.ScalarNode, kind: str) -> Scalar:
         return text.lower() in ("yes", "true", "on")
     try:
         if kind == "int":
-            return int(plain, 0)
+            # Python writes no number of more than 4300 digits, and no field holds one of more than 64 bits.
+            return int(plain, 0) if len(plain) <= MAX_DIGITS else text
         if kind == "float":
             return float(plain)
     except ValueError:  # 1:30 would be 90 to YAML 1.1, 0755 would be octal: keep what was typed

@@ -14,9 +14,10 @@ from rigel_bridge.cluster.instances import instances_of
 from rigel_bridge.cluster.kubectl import ClusterError, Kubectl
 from rigel_bridge.cluster.names import PROVENANCE
 from rigel_bridge.cluster.removal import remove
-from rigel_bridge.cluster.results import Collection, collect
+from rigel_bridge.cluster.results import APP, FILES, Collection, collect
 from rigel_bridge.cluster.waiting import Clock, wait_ready
 from rigel_bridge.document.failures import BridgeError
+from rigel_bridge.sequences.comparison import is_summary
 from rigel_bridge.sequences.samples import columns, edges, placement
 from rigel_bridge.sequences.steps import Action, Kind, run_name
 from rigel_bridge.source import Objects
@@ -25,6 +26,8 @@ RUN: Final = f"{PROVENANCE}run"
 """On the app of a run: the sequence. Such an app may be removed by the next run; one without it is somebody's."""
 
 _SHOWN_S: Final = 10.0
+_SUMMARY: Final = "summary.json"
+_MAX_SUMMARY_BYTES: Final = 16 * 1024 * 1024
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,9 +159,9 @@ def _collected(outcome: Outcome, tools: Tools, into: Collection, *, alone: bool)
             "domain": app.get("status", {}).get("summary", {}).get("domain"),
             "components": placement(instances),
             "edges": edges(instances),
-            "samples": _samples(own.folder / "files"),
+            "samples": _samples(own.folder / FILES),
         }
-        own.add_json("summary.json", outcome.summary)
+        own.add_json(_SUMMARY, outcome.summary)
         own.close()
     except BridgeError as error:
         tools.tell(f"results of {name}: {error}")
@@ -167,20 +170,31 @@ def _collected(outcome: Outcome, tools: Tools, into: Collection, *, alone: bool)
 def _samples(folder: Path) -> dict[str, dict[str, float]]:
     """Statistics by `file column`, of every CSV file that was collected."""
     found = {}
-    for path in sorted(folder.rglob("*.csv")):
+    for path in sorted(path for path in folder.rglob("*.csv") if path.is_file()):
         for column, figures in columns(path.read_bytes()).items():
             found[f"{path.relative_to(folder)} {column}"] = figures
     return found
 
 
 def read_summaries(folder: Path) -> list[dict[str, Any]]:
-    """The summaries below a folder, by path; a file that is none is passed over."""
+    """The summaries below a folder, by path; a file that is none is passed over, and so is what a container left."""
     found = []
-    for path in sorted(folder.rglob("summary.json")):
-        try:
-            loaded = json.loads(path.read_bytes())
-        except (OSError, ValueError):
+    for path in sorted(folder.rglob(_SUMMARY)):
+        if _is_of_container(path.relative_to(folder), folder):
             continue
-        if isinstance(loaded, dict) and "sequence" in loaded:
+        try:
+            with path.open("rb") as file:
+                loaded = json.loads(file.read(_MAX_SUMMARY_BYTES))
+        except (OSError, ValueError, RecursionError):
+            continue
+        if is_summary(loaded):
             found.append(loaded)
     return found
+
+
+def _is_of_container(path: Path, folder: Path) -> bool:
+    """Whether a path lies in the result files that `collect` copied beside its app.json: a container cannot write a run's summary."""
+    return any(
+        name == FILES and (folder.joinpath(*path.parts[:depth]) / APP).is_file()
+        for depth, name in enumerate(path.parts)
+    )

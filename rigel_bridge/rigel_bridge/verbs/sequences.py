@@ -1,10 +1,8 @@
 """`rigel-bridge sequences`: list the sequences of a Rigelfile, run them, compare what they left."""
 
 import argparse
-import signal
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,9 +14,9 @@ from rigel_bridge.document.failures import Exit, nearest
 from rigel_bridge.sequences.comparison import table
 from rigel_bridge.sequences.programs import run_rigel
 from rigel_bridge.sequences.run import Limits, Tools, read_summaries, run
-from rigel_bridge.sequences.steps import Action, Kind, actions, described, refuse_thesis
+from rigel_bridge.sequences.steps import Action, Kind, actions, described, folder_name, refuse_thesis
 from rigel_bridge.source import Objects, objects
-from rigel_bridge.verbs.cluster_options import add_cluster, kubectl_of, say, seconds, tell
+from rigel_bridge.verbs.cluster_options import add_cluster, ended_like_ctrl_c, kubectl_of, say, seconds, tell
 from rigel_bridge.verbs.options import add_source, source_of
 from rigel_bridge.verbs.verb import Verb
 
@@ -79,10 +77,11 @@ def _run(arguments: argparse.Namespace) -> int:
     found = {name: _of_sequence(arguments, name) for name in dict.fromkeys(arguments.chosen)}
     plans = {name: _planned(each, name, no_build=arguments.no_build) for name, each in found.items()}
     folder = arguments.results or Path("results") / datetime.now(tz=UTC).strftime("%Y%m%dT%H%M%SZ")
+    folders = {name: folder / folder_name(rigelfile, name) for name in found}
     tools = _tools(arguments)
-    with _ended_like_ctrl_c():
+    with ended_like_ctrl_c():
         for name, each in found.items():
-            run(name, plans[name], each, tools, opened(folder / name))
+            run(name, plans[name], each, tools, opened(folders[name]))
     say(f"results: {folder}")
     return _compared(folder)
 
@@ -127,20 +126,6 @@ def _compared(folder: Path) -> int:
     else:
         tell(f"{folder}: holds no results of a run")
     return Exit.OK if runs and all(each.get("outcome") == "ran" for each in runs) else Exit.STEP_FAILED
-
-
-@contextmanager
-def _ended_like_ctrl_c() -> Iterator[None]:
-    """A request to end (SIGTERM, as CI systems send it) cleans up as Ctrl-C does."""
-
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupted)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 SEQUENCES: Final = Verb(

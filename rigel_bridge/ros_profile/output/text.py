@@ -26,7 +26,9 @@ def text(profile: Profile, *, explain: bool = False, width: int = WIDTH) -> str:
     for package in profile.packages:
         lines += [*_package(package, explain=explain), ""]
     lines += _problems(profile.problems)
-    return "\n".join(part for line in lines for part in _fitted(line, width)).rstrip("\n") + "\n"
+    # A name in a source may hold line ends: it must not look like a line of ours, such as another class.
+    plain = [line.replace("\n", "\\u000a") for line in lines]
+    return "\n".join(part for line in plain for part in _fitted(line, width)).rstrip("\n") + "\n"
 
 
 def _fitted(line: str, width: int) -> list[str]:

@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 from tests.support.jobfiles import with_block
 from tests.support.rigelfiles import ONE, orchestration, refusal, rendered, spec
 
-from rigel_bridge.document.failures import BridgeError
+from rigel_bridge.document.failures import BridgeError, control_character
 from rigel_bridge.document.template import MAX_EXPANDED, MAX_VALUE
 from rigel_bridge.main import main
+from rigel_bridge.render.text import as_yaml
 
 
 def chain(levels: int, times: int, last: str = "x") -> str:
@@ -61,6 +62,28 @@ def test_what_is_rendered_is_never_larger_than_the_bound(levels: int, times: int
         return
     assert value == last * times**levels
     assert len(value) <= MAX_EXPANDED
+
+
+@pytest.mark.parametrize("number", ["0x" + "f" * 6000, "0b" + "1" * 20_000, "9" * 5000, "1_" * 3000])
+def test_a_number_that_python_cannot_write_is_one_short_line(number: str) -> None:
+    """Of 4300 digits and more Python makes no text: that was a traceback wherever the number was shown."""
+    file = f"vars: {{a: {number}}}\napplication: {{distro: humble}}\njobs:\n  deploy:\n    plugin: rigel_bridge.RobotAppPlugin\n"
+    block = "    with: {name: teleop, image: 'x:{{ vars.a }}', orchestration: {}}\n"
+    assert "vars.a: has " in refusal(file + block)
+    assert len(refusal(ONE.replace("humble", number))) < 400
+
+
+def test_a_long_value_is_not_repeated_in_the_message() -> None:
+    assert len(refusal(ONE + f"    env: {'x' * 100_000}\n")) < 400
+
+
+@given(st.text(alphabet="a b:#-'\"\\\n\t\x85\u2028\u202e\x1b\x9b\x7f\ufeffé{}[]&*!|>%@,?", max_size=30))
+def test_what_is_rendered_turns_no_text_on_the_screen_and_means_the_same(text: str) -> None:
+    """An image or argument with U+202E is shown from right to left, so that what is applied is not what was read."""
+    document = {"args": [text, {text: text * 10}]}
+    written = as_yaml([document])
+    assert yaml.safe_load(written) == document
+    assert not [line for line in written.split("\n") if control_character(line)]
 
 
 class TestEnvironment:

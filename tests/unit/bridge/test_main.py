@@ -228,3 +228,14 @@ def test_the_bridge_needs_nothing_but_yaml() -> None:
     code = "import sys, rigel_bridge.main; print(*sorted({name.partition('.')[0] for name in sys.modules}))"
     output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert not {"pydantic", "msgspec", "aiohttp", "kubernetes", "kopf", "robotapp_api"} & set(output)
+
+
+def test_a_full_disk_is_one_line_and_a_code_for_every_command(tmp_path: Path) -> None:
+    (tmp_path / "Rigelfile").write_text(ONE)
+    for verb in ("render", "check"):
+        with Path("/dev/full").open("w") as full:
+            command = [sys.executable, "-m", "rigel_bridge.main", verb, str(tmp_path / "Rigelfile")]
+            done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, check=False)
+        assert done.returncode == 70
+        assert done.stderr.splitlines()[-1].endswith(b": No space left on device")
+        assert b"Traceback" not in done.stderr

@@ -1,6 +1,8 @@
 """`ros-scheduler-profile` as a user calls it."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -151,3 +153,38 @@ def test_control_characters_of_a_source_do_not_reach_the_terminal(
     )
     assert main([str(path)]) == 0
     assert "\x9b" not in capsys.readouterr().out
+
+
+def test_ctrl_c_and_a_full_disk_are_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = str(workspace(tmp_path))
+    with Path("/dev/full").open("w") as full:
+        command = [sys.executable, "-m", "ros_profile.main", path]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, check=False)
+    assert done.returncode == 70
+    assert done.stderr == b"standard output: cannot be written: No space left on device\n"
+
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("ros_profile.main.generate_profile", interrupted)
+    assert main([path]) == 130
+    assert capfd.readouterr().err == "interrupted\n"
+
+
+def test_a_name_with_line_ends_adds_no_line_to_the_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = workspace(tmp_path)
+    assert main([str(path), "--format", "json"]) == 0
+    old = write(tmp_path, {"old.json": capsys.readouterr().out}) / "old.json"
+    assert main([str(path), "--explain"]) == 0
+    usual = capsys.readouterr().out.count("\n")
+    forged = "talk&#10;safe (ROS 2, .)&#10;  realtime (0.99)"
+    launch = f'<launch><node pkg="duo" exec="talk" name="{forged}"/><node pkg="duo" exec="hear"/></launch>'
+    write(path / "duo", {"launch/a.launch.xml": launch})
+    assert main([str(path), "--explain"]) == 0
+    written = capsys.readouterr().out
+    assert "\\u000asafe (ROS 2, .)\\u000a  realtime" in written
+    assert written.count("\n") == usual
+    assert main([str(path), "--diff", str(old)]) == 1
+    assert "\nsafe" not in capsys.readouterr().out

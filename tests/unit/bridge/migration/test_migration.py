@@ -248,8 +248,9 @@ def test_the_report_follows_every_record_to_its_workload() -> None:
 
 
 def test_only_records_of_migrated_pods_are_cleared() -> None:
-    kept = leftover_records(plan(recorded()), gone=UIDS[:2])
+    kept = leftover_records(recorded().claims, gone=UIDS[:2])
     assert kept == {("n1", "dds-claims"): {"6": UIDS[2]}, ("n1", "device-claims"): {}}
+    assert leftover_records(recorded().claims, gone=["other"]) == {}, "a record that does not change is not written"
     assert annotation("dds-claims", {"6": "u"}) == 'scheduler.robotics.io/dds-claims={"6": "u"}'
     assert annotation("device-claims", {}) == "scheduler.robotics.io/device-claims-"
 

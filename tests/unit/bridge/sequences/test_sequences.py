@@ -1,6 +1,9 @@
 """Sequences: their steps, a run against a cluster in memory, and the comparison of what runs left."""
 
+import io
+import json
 import statistics as reference
+import tarfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -18,7 +21,7 @@ from rigel_bridge.cluster.waiting import Clock
 from rigel_bridge.document.failures import BridgeError
 from rigel_bridge.generations.model import Options
 from rigel_bridge.main import main
-from rigel_bridge.sequences import programs
+from rigel_bridge.sequences import programs, samples
 from rigel_bridge.sequences.comparison import table
 from rigel_bridge.sequences.run import RUN, Limits, Tools, read_summaries, run
 from rigel_bridge.sequences.samples import columns, statistics
@@ -217,6 +220,75 @@ def test_columns_with_a_unit_of_time_are_samples_and_nothing_else_is() -> None:
         assert columns(content) == {}
 
 
+@pytest.mark.parametrize(
+    "content", [b"a_ms\n1e308\n1e308\n1\n", b"a_ms\n1e200\n-1e200\n1\n", b"a_ms\n1e999\n-inf\n1\n"]
+)
+def test_values_that_are_no_times_end_no_run(content: bytes) -> None:
+    assert columns(content)["a_ms"]["count"] == 1
+
+
+def test_a_wide_or_long_file_of_samples_is_read_up_to_a_bound(monkeypatch: pytest.MonkeyPatch) -> None:
+    wide = ",".join(f"c{number}_ms" for number in range(1000))
+    assert len(columns(f"{wide}\n{','.join('1' * 1000)}\n".encode())) == samples.MAX_COLUMNS
+    monkeypatch.setattr(samples, "MAX_VALUES", 10)
+    assert columns(b"a_ms,b_ms\n" + b"1,2\n" * 100)["b_ms"]["count"] == 5
+
+
+def test_what_a_container_leaves_is_no_summary_and_ends_no_run(tmp_path: Path) -> None:
+    world = World()
+    content = io.BytesIO()
+    with tarfile.open(fileobj=content, mode="w") as made:
+        for name in ("summary.json", "x.csv/summary.json", "deeper/summary.json"):
+            forged = json.dumps({"sequence": "forged", "outcome": "ran"}).encode()
+            info = tarfile.TarInfo(name)
+            info.size = len(forged)
+            made.addfile(info, io.BytesIO(forged))
+    labels = {"robotics.io/app-uid": "uid-teleop-files", "robotics.io/component": "ui"}
+    world.cluster.objects["pods", "p"] = {
+        "metadata": {"name": "p", "labels": labels},
+        "spec": {"containers": []},
+        "status": {"conditions": [{"type": "Ready", "status": "True"}]},
+    }
+    world.cluster.contents = {("exec", "p"): content.getvalue()}
+    operate = world.cluster.before
+
+    def before(call: tuple[str, ...]) -> None:
+        operate(call)
+        if call[:2] == ("delete", "robotapps.robotics.io"):
+            world.cluster.objects.pop(("pods", "p"), None)
+
+    world.cluster.before = before
+    world.run(
+        LIST.replace("{name: teleop,", "{name: teleop, results: {source_path: /r},").replace("demo", "files"),
+        "files",
+        tmp_path,
+    )
+    assert (tmp_path / "files" / "files" / "ui" / "x.csv" / "summary.json").is_file()
+    assert [(each["sequence"], each["outcome"]) for each in read_summaries(tmp_path)] == [("files", "ran")]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"sequence": "s", "components": 5}',
+        '{"sequence": "s", "edges": [{}]}',
+        '{"sequence": "s", "samples": {"x": 1}}',
+        '{"sequence": 1}',
+        "[" * 100_000,
+    ],
+)
+def test_a_file_that_is_no_summary_is_passed_over(text: str, tmp_path: Path) -> None:
+    (tmp_path / "summary.json").write_text(text)
+    assert read_summaries(tmp_path) == []
+
+
+def test_names_of_columns_do_nothing_to_the_terminal_or_the_table() -> None:
+    text = table([{"sequence": "a|b", "samples": {"\x1b[2J\n_ms": {"count": 1}}}])
+    assert text.replace("\n", "").isprintable()
+    assert "| \\u001b[2J\\u000a_ms count | 1 |\n" in text
+    assert "|  | a\\|b |\n" in text
+
+
 def test_runs_stand_side_by_side_with_what_each_of_them_has() -> None:
     edge = {"topic": "/cmd_vel", "p95": "60ms", "budget": "30ms", "met": False}
     first = {"sequence": "a", "components": [{"name": "driver", "node": "n1"}], "edges": [edge], "ready_after_s": 1.234}
@@ -280,6 +352,26 @@ def test_the_shipped_benchmark_builds_once_and_runs_under_both_schedulers(
     assert world.built == [("run", "job", "dockerfile"), ("run", "job", "build")]
     assert world.cluster.objects == {}
     assert "| scheduler | kubernetes-scheduler | default-scheduler |" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", ["../evil", "/evil", "..", "a/../../evil", "a\\e[2Jb"])
+def test_results_of_a_sequence_with_any_name_stay_in_their_folder(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("Rigelfile").write_text(LIST.replace("  demo:", f'  "{name}":'))
+    world = World()
+    monkeypatch.setattr(verb, "kubectl_of", lambda _: world.cluster)
+    assert main(["sequences", "--run", name.replace("\\e", "\x1b"), "--no-build", "--results", "deep/r"]) == 72
+    assert "is no name for a folder of results" in capsys.readouterr().err
+    assert world.cluster.calls == []
+    assert [each.name for each in tmp_path.iterdir()] == ["Rigelfile"]
+
+
+def test_a_job_is_never_a_flag_of_rigel() -> None:
+    found = read(JOBS.replace("build", "--help"), "demo").rigelfile
+    with pytest.raises(BridgeError, match="'--help' would be a flag"):
+        actions(found, "demo")
 
 
 def test_ctrl_c_is_one_word_and_code_130(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

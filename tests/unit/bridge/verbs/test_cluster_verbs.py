@@ -138,3 +138,18 @@ def test_flags_of_the_cluster_go_on_to_kubectl(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(Kubectl, "__init__", lambda _, program, *, flags: seen.extend([program, *flags]))
     kubectl_of(argparse.Namespace(kubectl="k", context="c", kubeconfig=None, namespace="n"))
     assert seen == ["k", "--context=c", "--namespace=n"]
+
+
+@pytest.mark.parametrize("name", ["", "-A", "--all", "a,b", "nope,!foo", "a/b", "A", "a b", "../a", "a\n"])
+@pytest.mark.parametrize("verb", ["status", "rollback", "delete", "collect"])
+def test_what_is_no_name_reaches_no_kubectl(
+    verb: str, name: str, cluster: FakeCluster, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`delete "$APP"` with an empty variable deleted what the Rigelfile of this folder becomes."""
+    assert main(["apply"]) == 0
+    cluster.calls.clear()
+    folder = ["out"] if verb == "collect" else []
+    with pytest.raises(SystemExit, match="2"):
+        main([verb, *folder, "--", name])
+    assert cluster.calls == []
+    assert "is no name of a RobotApp" in capsys.readouterr().err
