@@ -82,10 +82,17 @@ class Kubectl:
         text = self.run(*arguments, "-o", "json", stdin=stdin)
         try:
             found = json.loads(text)
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise ClusterError(f"{_shown(arguments)} wrote no JSON: {text[:200]!r}") from error
         if not isinstance(found, dict):
             raise ClusterError(f"{_shown(arguments)} wrote no object: {text[:200]!r}")
+        return found
+
+    def items(self, *arguments: str) -> list[dict[str, Any]]:
+        """The objects of the list that `kubectl ARGUMENTS -o json` writes; each has a name."""
+        found = self.json(*arguments).get("items")
+        if not isinstance(found, list) or not all(_is_named(each) for each in found):
+            raise ClusterError(f"{_shown(arguments)} wrote no list of objects with names: is --kubectl a kubectl?")
         return found
 
     def _finished(
@@ -110,6 +117,11 @@ class Kubectl:
                 "(`rigel-bridge render` needs neither kubectl nor a cluster)"
             )
         return found
+
+
+def _is_named(value: Any) -> bool:
+    metadata = value.get("metadata") if isinstance(value, dict) else None
+    return isinstance(metadata, dict) and isinstance(metadata.get("name"), str)
 
 
 class _LimitError(Exception):
