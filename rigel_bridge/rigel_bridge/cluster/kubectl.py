@@ -5,6 +5,7 @@ import os
 import re
 import selectors
 import shutil
+import signal
 import subprocess
 import tempfile
 import time
@@ -141,8 +142,10 @@ def _started(command: Sequence[str], stdin: IO[bytes]) -> Iterator["subprocess.P
         try:
             yield process
         finally:
-            if process.poll() is None:
-                process.kill()
+            if (
+                process.poll() is None
+            ):  # the whole group: `kubectl` may be a script, whose kubectl would go on and write
+                os.killpg(process.pid, signal.SIGKILL)
 
 
 def _read(process: "subprocess.Popen[bytes]", *, timeout_s: float, limit: int) -> tuple[bytes, bytes]:
