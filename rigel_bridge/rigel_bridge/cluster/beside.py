@@ -21,7 +21,7 @@ def apply_claims(kubectl: Kubectl, claims: Sequence[Mapping[str, Any]]) -> list[
 
 def delete_claims(kubectl: Kubectl, app: str) -> list[str]:
     """Delete the claims that `apply` made for an app of this name; their names."""
-    items = kubectl.json("get", _KIND, "-l", f"{APP_LABEL}={app}")["items"]
+    items = kubectl.items("get", _KIND, "-l", f"{APP_LABEL}={app}")
     names = [item["metadata"]["name"] for item in items]
     if names:
         kubectl.run("delete", _KIND, *names, "--ignore-not-found", "--wait=false")

@@ -38,7 +38,4 @@ def delete(kubectl: Kubectl, names: Sequence[str]) -> None:
 
 
 def _listed(kubectl: Kubectl, app: Mapping[str, Any]) -> list[dict[str, Any]]:
-    items: list[dict[str, Any]] = kubectl.json("get", REVISIONS, "-l", f"{APP_LABEL}={app['metadata']['name']}")[
-        "items"
-    ]
-    return items
+    return kubectl.items("get", REVISIONS, "-l", f"{APP_LABEL}={app['metadata']['name']}")

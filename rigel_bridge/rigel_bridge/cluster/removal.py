@@ -64,7 +64,7 @@ def _without_history(kubectl: Kubectl, app: Mapping[str, Any]) -> list[str]:
 def _listed(kubectl: Kubectl, kind: str, selector: str) -> list[dict[str, Any]]:
     """Objects of a kind; none where the user may not list them."""
     try:
-        items: list[dict[str, Any]] = kubectl.json("get", kind, "-l", selector)["items"]
+        items: list[dict[str, Any]] = kubectl.items("get", kind, "-l", selector)
     except ClusterError as error:
         if error.reason is not Refusal.FORBIDDEN:
             raise

@@ -49,7 +49,7 @@ def read(kubectl: Kubectl, *, everywhere: bool, tell: Callable[[str], None]) -> 
         scope = ("--all-namespaces",) if everywhere and kind != "nodes" else ()
         only = ("--field-selector=metadata.name=robot-fleet-assignments",) if kind == "configmaps" else ()
         try:
-            items = kubectl.json("get", kind, *scope, *only)["items"]
+            items = kubectl.items("get", kind, *scope, *only)
         except ClusterError as error:
             if error.reason is not Refusal.FORBIDDEN:
                 raise

@@ -24,6 +24,8 @@ from rigel_bridge.source import Objects
 
 RUN: Final = f"{PROVENANCE}run"
 """On the app of a run: the sequence. Such an app may be removed by the next run; one without it is somebody's."""
+RUN_ID: Final = f"{PROVENANCE}run-id"
+"""Which run of the sequence the app is of: two people may run the same one, under the same names, at the same time."""
 
 _SHOWN_S: Final = 10.0
 _SUMMARY: Final = "summary.json"
@@ -51,6 +53,8 @@ class Tools:
     limits: Limits
     keep: bool = False
     """Leave the app in the cluster."""
+    run_id: str = ""
+    """Different for each call."""
 
 
 @dataclass(slots=True)
@@ -64,7 +68,7 @@ class Outcome:
 def run(sequence: str, steps: Sequence[Action], objects: Objects, tools: Tools, into: Collection) -> list[Outcome]:
     """All steps in order, results in `into`. Errors pass through after results were collected and the apps removed."""
     found: list[Outcome] = []
-    wanted = [renamed(app, sequence) for app in objects.apps]
+    wanted = [renamed(app, sequence, run_id=tools.run_id) for app in objects.apps]
     with _removed_at_the_end(wanted, tools):
         for step in steps:
             tools.tell(f"{sequence}: {step.job}")
@@ -79,10 +83,10 @@ def run(sequence: str, steps: Sequence[Action], objects: Objects, tools: Tools, 
     return found
 
 
-def renamed(app: Mapping[str, Any], sequence: str) -> dict[str, Any]:
+def renamed(app: Mapping[str, Any], sequence: str, *, run_id: str = "") -> dict[str, Any]:
     """The app under the name of its run."""
     metadata = app["metadata"]
-    annotations = {**metadata.get("annotations", {}), RUN: sequence}
+    annotations = {**metadata.get("annotations", {}), RUN: sequence, RUN_ID: run_id}
     return {**app, "metadata": {**metadata, "name": run_name(metadata["name"], sequence), "annotations": annotations}}
 
 
@@ -104,8 +108,25 @@ def _removed_at_the_end(wanted: Sequence[Mapping[str, Any]], tools: Tools) -> It
         yield
     finally:
         for name in names if not tools.keep else ():
+            present = apps.read(tools.kubectl, name)
+            if present is not None and not _is_own(present, tools):
+                tools.tell(f"{name}: is of another run by now, and stays")
+                continue
             tools.tell(f"{name}: removed")
             remove(tools.kubectl, name, timeout_s=tools.limits.removal_s, clock=tools.clock)
+
+
+def _is_own(app: Mapping[str, Any], tools: Tools) -> bool:
+    annotations: Mapping[str, str] = app["metadata"].get("annotations") or {}
+    return annotations.get(RUN_ID, "") == tools.run_id
+
+
+def _require_own(name: str, tools: Tools) -> None:
+    """ClusterError when another run has taken the place of this one: its figures are not ours."""
+    if not _is_own(apps.existing(tools.kubectl, name), tools):
+        raise ClusterError(
+            f"RobotApp {name} is of another run by now: run one sequence at a time, or choose another --name"
+        )
 
 
 def _deployed(sequence: str, wanted: Sequence[Mapping[str, Any]], tools: Tools, into: Collection) -> list[Outcome]:
@@ -124,6 +145,8 @@ def _deployed(sequence: str, wanted: Sequence[Mapping[str, Any]], tools: Tools, 
             _settled(name, tools)
         tools.tell(f"{sequence}: Ready, working for {tools.limits.duration_s:g} s")
         tools.clock.sleep(tools.limits.duration_s)
+        for outcome in outcomes:
+            _require_own(outcome.summary["app"], tools)
         for outcome in outcomes:
             outcome.summary["outcome"] = "ran"
     finally:
@@ -150,7 +173,7 @@ def _collected(outcome: Outcome, tools: Tools, into: Collection, *, alone: bool)
     own = Collection(into.folder if alone else into.folder / name)
     try:
         app = apps.read(tools.kubectl, name)
-        if app is None:
+        if app is None or not _is_own(app, tools):
             return
         collect(tools.kubectl, app, own, tell=tools.tell)
         instances = instances_of(tools.kubectl, app)

@@ -25,8 +25,10 @@ def _run(arguments: argparse.Namespace) -> int:
     found = objects_of(arguments)
     for claim in apply_claims(kubectl, found.claims):
         say(f"persistentvolumeclaim/{claim}: applied")
-    written = [deploy(kubectl, app, tell=tell) for app in found.apps]
-    for each in written:
+    written = []
+    for app in found.apps:  # each is told at once: when a later one is refused, the earlier ones are written
+        each = deploy(kubectl, app, tell=tell)
+        written.append(each)
         say(f"{subject(each.stored)}: {each.outcome}")
         for change in each.changes:
             say(f"  {change}")

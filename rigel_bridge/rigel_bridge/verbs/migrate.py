@@ -183,7 +183,7 @@ def _clear_records(kubectl: Kubectl, found: Plan, titles: set[str]) -> None:
 def _clear_node(kubectl: Kubectl, node: str, gone: Sequence[str]) -> None:
     """The node is read again: other pods have come and gone since the migration began, and their entries are not ours to undo."""
     for left in reversed(range(_ATTEMPTS)):
-        items = kubectl.json("get", "nodes", f"--field-selector=metadata.name={node}")["items"]
+        items = kubectl.items("get", "nodes", f"--field-selector=metadata.name={node}")
         stored = next((each for each in items if each["metadata"]["name"] == node), None)
         kept = leftover_records(scene([{"kind": "Node", **stored}]).claims, gone=gone) if stored else {}
         if not stored or not kept:

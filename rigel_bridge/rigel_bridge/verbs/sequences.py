@@ -7,6 +7,7 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
+from uuid import uuid4
 
 from rigel_bridge.cluster.results import opened
 from rigel_bridge.cluster.waiting import Clock
@@ -116,7 +117,7 @@ def _tools(arguments: argparse.Namespace) -> Tools:
         done.add(tuple(command))
 
     limits = Limits(ready_s=arguments.wait, duration_s=arguments.duration)
-    return Tools(kubectl_of(arguments), rigel, tell, Clock(), limits, keep=arguments.keep)
+    return Tools(kubectl_of(arguments), rigel, tell, Clock(), limits, keep=arguments.keep, run_id=uuid4().hex)
 
 
 def _compared(folder: Path) -> int:

@@ -64,7 +64,10 @@ def test_nothing_is_deleted_for_an_app_that_the_server_refuses_or_that_is_there(
     with pytest.raises(ClusterError):
         take_over(made, app("arm"), [old()], limits=LIMITS, clock=clock(), tell=str)
     made.refused.clear()
-    made.objects["robotapps", "arm"] = {**app("arm"), "metadata": {"name": "arm", "uid": "x", "generation": 1}}
+    made.objects["robotapps", "arm"] = {
+        **app("arm"),
+        "metadata": {"name": "arm", "namespace": "fleet", "uid": "x", "generation": 1},
+    }
     with pytest.raises(ClusterError, match="is there already"):
         take_over(made, app("arm"), [old()], limits=LIMITS, clock=clock(), tell=str)
     assert "delete" not in {call[0] for call in made.calls}

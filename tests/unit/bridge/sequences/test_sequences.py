@@ -2,9 +2,8 @@
 
 import io
 import json
-import statistics as reference
 import tarfile
-from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +20,9 @@ from rigel_bridge.cluster.waiting import Clock
 from rigel_bridge.document.failures import BridgeError
 from rigel_bridge.generations.model import Options
 from rigel_bridge.main import main
-from rigel_bridge.sequences import programs, samples
+from rigel_bridge.sequences import programs
 from rigel_bridge.sequences.comparison import table
-from rigel_bridge.sequences.run import RUN, Limits, Tools, read_summaries, run
-from rigel_bridge.sequences.samples import columns, statistics
+from rigel_bridge.sequences.run import RUN, Limits, Tools, read_summaries, renamed, run
 from rigel_bridge.sequences.steps import Kind, actions, refuse_thesis, run_name
 from rigel_bridge.source import Objects, Source, from_bytes
 from rigel_bridge.verbs import sequences as verb
@@ -189,6 +187,39 @@ def test_an_app_in_use_is_never_touched_and_the_rest_of_a_killed_run_is_cleared(
     assert world.apps() == ["teleop"]
 
 
+@pytest.mark.parametrize("moment", ["working", "waiting"])
+def test_a_run_that_another_one_replaced_is_no_success_and_leaves_that_one_alone(moment: str, tmp_path: Path) -> None:
+    """Two people run one sequence: the second removes the app of the first as the rest of an earlier run, and brings its own."""
+    world = World()
+    operate, other = world.cluster.before, renamed(app("teleop"), "demo", run_id="theirs")
+
+    def replaced(call: tuple[str, ...]) -> None:
+        operate(call)
+        present = world.cluster.objects.get(("robotapps", "teleop-demo"))
+        if present and moment == "waiting" and call[0] == "get":
+            world.cluster.objects["robotapps", "teleop-demo"] = {
+                **present,
+                "metadata": {**present["metadata"], **other["metadata"]},
+            }
+
+    world.cluster.before = replaced
+    tools = world.tools(run_id="ours")
+
+    passing = tools.clock
+
+    def sleep(seconds: float) -> None:
+        passing.sleep(seconds)
+        if seconds == 30:
+            world.cluster.objects["robotapps", "teleop-demo"]["metadata"] |= other["metadata"]
+
+    tools = replace(tools, clock=Clock(now_s=passing.now_s, sleep=sleep)) if moment == "working" else tools
+    found = read(LIST, "demo")
+    with pytest.raises(ClusterError, match="is of another run by now"):
+        run("demo", actions(found.rigelfile, "demo"), found, tools, opened(tmp_path / "r"))
+    assert world.apps() == ["teleop-demo"], "it is theirs"
+    assert read_summaries(tmp_path) == []
+
+
 def test_an_app_can_be_kept(tmp_path: Path) -> None:
     world = World()
     world.run(LIST, "demo", tmp_path, keep=True)
@@ -201,37 +232,6 @@ def test_an_app_can_be_kept(tmp_path: Path) -> None:
 )
 def test_a_run_has_a_name_that_fits(name: str, sequence: str) -> None:
     assert len(run_name(name, sequence)) <= 40
-
-
-@given(st.lists(st.floats(0, 1e6), min_size=1, max_size=200))
-def test_statistics_are_those_of_the_textbook(values: Sequence[float]) -> None:
-    found = statistics(values)
-    assert found["count"] == len(values)
-    assert found["mean"] == pytest.approx(reference.fmean(values))
-    assert found["std"] == pytest.approx(reference.pstdev(values), rel=1e-6, abs=1e-6)
-    assert found["p99"] in values
-    assert found["p50"] <= found["p95"] <= found["p99"] <= max(values)
-
-
-def test_columns_with_a_unit_of_time_are_samples_and_nothing_else_is() -> None:
-    found = columns(b"stamp,rtt_ms,note\n1,2.0,a\n2,4.0,b\n3,nan,c\n4\n5,x,d\n")
-    assert found == {"rtt_ms": {"count": 2, "mean": 3.0, "std": 1.0, "p50": 2.0, "p95": 4.0, "p99": 4.0}}
-    for content in (b"", b"\xff\xfe", b"a,b\n1,2\n", b"rtt_ms\n", b"\x00"):
-        assert columns(content) == {}
-
-
-@pytest.mark.parametrize(
-    "content", [b"a_ms\n1e308\n1e308\n1\n", b"a_ms\n1e200\n-1e200\n1\n", b"a_ms\n1e999\n-inf\n1\n"]
-)
-def test_values_that_are_no_times_end_no_run(content: bytes) -> None:
-    assert columns(content)["a_ms"]["count"] == 1
-
-
-def test_a_wide_or_long_file_of_samples_is_read_up_to_a_bound(monkeypatch: pytest.MonkeyPatch) -> None:
-    wide = ",".join(f"c{number}_ms" for number in range(1000))
-    assert len(columns(f"{wide}\n{','.join('1' * 1000)}\n".encode())) == samples.MAX_COLUMNS
-    monkeypatch.setattr(samples, "MAX_VALUES", 10)
-    assert columns(b"a_ms,b_ms\n" + b"1,2\n" * 100)["b_ms"]["count"] == 5
 
 
 def test_what_a_container_leaves_is_no_summary_and_ends_no_run(tmp_path: Path) -> None:

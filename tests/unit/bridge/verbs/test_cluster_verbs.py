@@ -10,7 +10,7 @@ import pytest
 from tests.support.fake_cluster import FakeCluster
 from tests.support.rigelfiles import ONE, orchestration
 
-from rigel_bridge.cluster.kubectl import Kubectl
+from rigel_bridge.cluster.kubectl import ClusterError, Kubectl, Refusal
 from rigel_bridge.main import main
 from rigel_bridge.verbs.cluster_options import kubectl_of, seconds
 
@@ -153,3 +153,20 @@ def test_what_is_no_name_reaches_no_kubectl(
         main([verb, *folder, "--", name])
     assert cluster.calls == []
     assert "is no name of a RobotApp" in capsys.readouterr().err
+
+
+def test_apps_before_the_one_that_is_refused_are_told(cluster: FakeCluster, capsys: pytest.CaptureFixture[str]) -> None:
+    job = "{{plugin: rigel_bridge.RobotAppPlugin, with: {{name: {0}, image: x, orchestration: {{}}}}}}"
+    jobs = "".join(f"  {name}: {job.format(name)}\n" for name in ("first", "second"))
+    both = "sequences: {s: {stages: [{jobs: [first, second]}]}}\n"
+    Path("Rigelfile").write_text(f"application: {{distro: humble}}\njobs:\n{jobs}{both}")
+
+    def refuse(call: tuple[str, ...]) -> None:
+        if call[:3] == ("get", "robotapps.robotics.io", "second"):
+            raise ClusterError("the connection is gone", reason=Refusal.UNREACHABLE)
+
+    cluster.before = refuse
+    assert main(["apply", "--sequence", "s"]) == 74
+    told = capsys.readouterr()
+    assert told.out == "robotapp/first in namespace fleet: created\n"
+    assert "the connection is gone" in told.err
