@@ -1,5 +1,6 @@
 """What the source of packages shows, read by ros_profile: for `--profile`. The only place that imports it, when asked to."""
 
+import sys
 from pathlib import Path
 
 from rigel_bridge.document.failures import BridgeError, Exit, Place
@@ -11,6 +12,7 @@ def inferences(path: Path) -> dict[str, Inference]:
     place = Place(str(path))
     try:
         from ros_profile.generate import generate_profile
+        from ros_profile.main import end_progress, show_progress
         from ros_profile.output.robotapp import needs
         from ros_profile.output.values import emitted, withheld
     except ImportError as error:
@@ -20,7 +22,10 @@ def inferences(path: Path) -> dict[str, Inference]:
             code=Exit.UNREADABLE,
         ) from error
     try:
-        profile = generate_profile(path)
+        watched = sys.stderr.isatty()
+        profile = generate_profile(path, progress=show_progress if watched else None)
+        if watched:
+            end_progress()
     except OSError as error:
         raise BridgeError(place, f"cannot be read: {error.strerror}", code=Exit.UNREADABLE) from error
     if not profile.packages:

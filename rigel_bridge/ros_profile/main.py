@@ -123,12 +123,12 @@ def _profile(arguments: argparse.Namespace) -> Profile:
             engine=arguments.engine,
             curated=not arguments.no_curated,
             cache=None if arguments.no_cache else _cache_folder(),
-            progress=None if arguments.quiet or not sys.stderr.isatty() else _progress,
+            progress=None if arguments.quiet or not sys.stderr.isatty() else show_progress,
         )
     except (OSError, ValueError) as error:
         raise Failure(f"{arguments.path}: cannot be read: {getattr(error, 'strerror', None) or error}", 70) from error
     if sys.stderr.isatty() and not arguments.quiet:
-        sys.stderr.write("\r\x1b[K")
+        end_progress()
     if not profile.packages:
         reasons = "".join(f"; {problem.file}: {problem.message}" for problem in profile.problems[:3])
         raise Failure(f"{arguments.path}: no package.xml here or below that could be read{reasons}", 72)
@@ -144,10 +144,17 @@ def _cache_folder() -> Path | None:
     return base / "ros-scheduler-profile" if base.is_absolute() else None
 
 
-def _progress(done: int, total: int, name: str) -> None:
+def show_progress(done: int, total: int, name: str) -> None:
+    """A bar on a terminal's standard error, one line that is overwritten."""
     width = 24
     filled = width * done // max(total, 1)
     sys.stderr.write(f"\r\x1b[K[{'#' * filled}{' ' * (width - filled)}] {done}/{total} {_CONTROL.sub('?', name)[:40]}")
+    sys.stderr.flush()
+
+
+def end_progress() -> None:
+    """Clear the bar's line."""
+    sys.stderr.write("\r\x1b[K")
     sys.stderr.flush()
 
 

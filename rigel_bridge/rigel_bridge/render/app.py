@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from rigel_bridge.document.failures import BridgeError, Place
+from rigel_bridge.document.failures import BridgeError, Place, nearest
 from rigel_bridge.document.naming import MAX_APP_NAME, checked_label
 from rigel_bridge.document.section import Section
 from rigel_bridge.document.template import is_secret
@@ -166,6 +166,7 @@ def _check(draft: Draft) -> None:
         path, message = found
         raise BridgeError(draft.origin(path), f"{written(path)} {message}")
     _check_version(draft)
+    _check_names(draft)
     ros2 = draft.spec.get("ros2", {})
     domain = ros2.get("domain")
     if domain is not None and not scheduling.is_default_domain(domain) and not ros2.get("allowUnsafeDomain"):
@@ -174,6 +175,29 @@ def _check(draft: Draft) -> None:
             f"domain {domain} is outside 1-101 and 215-232 (0 is every laptop's default, 102-214 meet Linux' ephemeral ports); "
             "to use it nevertheless write robotapp: {ros2: {allowUnsafeDomain: true}}",
         )
+
+
+def _check_names(draft: Draft) -> None:
+    """The API server refuses names that are no component; here the line is known."""
+    names = [component["name"] for component in draft.spec["components"]]
+    stated: list[tuple[Path, Any, tuple[str, ...]]] = [
+        (("edges", index, end), edge.get(end), ("@robot",))
+        for index, edge in enumerate(draft.spec.get("edges", ()))
+        for end in ("from", "to")
+    ]
+    stated += [
+        (("components", index, key, number), name, ())
+        for index, component in enumerate(draft.spec["components"])
+        for key in ("colocateWith", "separateFrom")
+        for number, name in enumerate(component.get(key, ()))
+    ]
+    for path, name, more in stated:
+        if name is not None and name not in names and name not in more:
+            allowed = ", ".join([*names, *more])
+            raise BridgeError(
+                draft.origin(path),
+                f"{written(path)} {name!r} is no component{nearest(name, names)}; components: {allowed}",
+            )
 
 
 def _check_version(draft: Draft) -> None:

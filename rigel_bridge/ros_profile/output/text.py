@@ -11,7 +11,11 @@ from ros_profile.output.values import SURE, bits, duration
 
 MAX_EVIDENCE: Final = 6
 MAX_EDGES: Final = 40
-_NO_FILE: Final = {"": "(its source is not here)", "curated": "(table of well-known nodes)"}
+_NO_FILE: Final = {
+    "": "(its source is not here)",
+    "curated": "(table of well-known nodes)",
+    "table": "(table of well-known packages)",
+}
 _SHOWN: Final = {"both": "build and run", "exec": "run"}
 """Words of the manifest that read badly alone."""
 
@@ -119,7 +123,7 @@ def _evidence(assessment: Assessment, indent: str) -> Iterator[str]:
         for fact in estimate.evidence[:MAX_EVIDENCE]:
             value = f" ({_SHOWN.get(fact.value, fact.value)})" if fact.value else ""
             subject = f"{fact.subject} s" if fact.kind is Kind.PERIOD else fact.subject
-            place = _NO_FILE.get(fact.file, fact.place)
+            place = _NO_FILE["table"] if fact.kind is Kind.CURATED else _NO_FILE.get(fact.file, fact.place)
             yield f"{indent}  {place}  {fact.kind.value} {subject}{value}  [{fact.weight:g}]"
         if len(estimate.evidence) > MAX_EVIDENCE:
             yield f"{indent}  and {len(estimate.evidence) - MAX_EVIDENCE} more"

@@ -206,6 +206,18 @@ def test_a_command_of_the_block_does_not_take_the_packages_as_arguments() -> Non
     assert component("components: {base_driver: {command: [run], args: [a]}}")["args"] == ["a"]
 
 
+@pytest.mark.parametrize(
+    ("block", "message"),
+    [
+        ("robotapp: {edges: [{topic: /a, from: base-drivr, to: '@robot'}]}", "spec.edges[0].from 'base-drivr' is no component (did you mean base-driver?); components: base-driver, @robot"),
+        ("components: {base_driver: {colocateWith: [ui]}}", "spec.components[0].colocateWith[0] 'ui' is no component; components: base-driver"),
+    ],
+)  # fmt: skip
+def test_a_name_that_is_no_component_is_told_with_its_line(block: str, message: str) -> None:
+    found = refusal(orchestration(block))
+    assert found == f"Rigelfile:10: {message}"
+
+
 class TestRos1:
     NOETIC = ONE.replace("humble", "noetic")
 

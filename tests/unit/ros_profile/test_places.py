@@ -68,6 +68,7 @@ def test_a_device_of_a_linked_library_is_told_with_the_librarys_package(tmp_path
     ("started", "shown"),
     [
         ('<node pkg="joy" exec="joy_node"/>', "(table of well-known nodes)  publishes sensor_msgs/msg/Joy"),
+        ('<node pkg="joy" exec="joy_node"/>', "(table of well-known packages)  curated joy (realtime usb)"),
         ('<node pkg="acme_teleop" exec="x"/>', "(its source is not here)  name "),
     ],
 )
