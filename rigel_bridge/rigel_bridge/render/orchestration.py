@@ -3,6 +3,7 @@
 from typing import Final
 
 from rigel_bridge.document.failures import nearest
+from rigel_bridge.document.naming import label
 from rigel_bridge.document.section import Section
 from rigel_bridge.document.tree import Node
 from rigel_bridge.render import scheduling
@@ -41,7 +42,7 @@ def orchestrate(block: Section, draft: Draft, names: dict[str, int], *, schedule
 
 
 def _index(key: str, node: Node, names: dict[str, int]) -> int:
-    name = key.replace("_", "-").lower()
+    name = label(key)
     if name not in names:
         raise node.fail(f"there is no package {key}{nearest(name, list(names))}; packages: {', '.join(names)}")
     return names[name]

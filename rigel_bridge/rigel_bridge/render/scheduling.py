@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterator
 from typing import Any, Final
 
-from rigel_bridge.document.naming import checked_label
+from rigel_bridge.document.naming import checked_label, label
 from rigel_bridge.document.section import Section
 from rigel_bridge.document.tree import Node
 from rigel_bridge.render.draft import Draft
@@ -112,8 +112,8 @@ def _device_name(node: Node, kind: str, devices: list[dict[str, Any]]) -> str:
 
 def _shared(shared: Section, names: frozenset[str]) -> Iterator[tuple[str, list[str]]]:
     peers = shared.texts("peer_pods")
-    components = [name for peer in peers if (name := peer.replace("_", "-")) in names]
-    foreign = [peer for peer in peers if peer.replace("_", "-") not in names]
+    components = [label(peer) for peer in peers if label(peer) in names]
+    foreign = [peer for peer in peers if label(peer) not in names]
     for field, values in (("with", components), ("peerPods", foreign), ("claimNames", shared.texts("pvc"))):
         if values:
             yield field, values

@@ -66,6 +66,15 @@ def test_peers_inside_the_app_are_told_from_foreign_ones() -> None:
     assert found["sharedData"] == {"with": ["base-driver"], "peerPods": ["mapper"], "claimNames": ["map-pvc"]}
 
 
+@pytest.mark.parametrize("package", ["base_driver", "Base_Driver", "base__driver", "base.driver_"])
+def test_every_place_that_names_a_package_finds_its_component(package: str) -> None:
+    packages = TWO.replace("package: base_driver", f"package: {package}")
+    block = f"components: {{{package}: {{replicas: 2}}, operator_ui: {{scheduler: {{shared_data: {{peer_pods: [{package}]}}}}}}}}"
+    driver, panel = spec(orchestration(block, packages))["components"]
+    assert (driver["name"], driver["replicas"]) == ("base-driver", 2)
+    assert panel["sharedData"] == {"with": ["base-driver"]}
+
+
 @pytest.mark.parametrize("key", ["shared_data", "shared-data"])
 def test_shared_data_in_both_spellings(key: str) -> None:
     assert component(f"scheduler: {{{key}: {{pvc: [p]}}}}")["sharedData"] == {"claimNames": ["p"]}
