@@ -14,7 +14,7 @@ def inferences(path: Path) -> dict[str, Inference]:
         from ros_profile.generate import generate_profile
         from ros_profile.main import end_progress, show_progress
         from ros_profile.output.robotapp import needs
-        from ros_profile.output.values import emitted, withheld
+        from ros_profile.output.values import distinct, perhaps
     except ImportError as error:
         raise BridgeError(
             place,
@@ -36,9 +36,9 @@ def inferences(path: Path) -> dict[str, Inference]:
         found.setdefault(
             package.name,
             Inference(
-                fields=needs(own, emitted(own.hardware)),
+                fields=needs(own, distinct(own.hardware)),
                 confidence=own.qos_class.confidence if own.qos_class else 0.0,
-                doubts=tuple(f"{one.value.type} ({one.confidence:.2f})" for one in withheld(own.hardware)),
+                doubts=tuple(perhaps(one) for one in own.doubted),
             ),
         )
     return found

@@ -30,7 +30,7 @@ def placed(assessment: Assessment, *, of: str, within: str) -> Assessment:
         value = getattr(assessment, one.name)
         if isinstance(value, Estimate):
             changed[one.name] = _estimate(value, of, within)
-        elif one.name == "hardware":
+        elif one.name in ("hardware", "doubted"):
             changed[one.name] = tuple(_estimate(device, of, within) for device in value)
     return replace(assessment, **changed)
 

@@ -55,7 +55,7 @@ class Estimate(Generic[T]):
 
 @dataclass(frozen=True, slots=True)
 class Hardware:
-    """`type`: serial | usb | camera | can | gpio | gpu; `unknown` when there is hardware but not which."""
+    """`type`: serial | usb | camera | can | gpio | gpu."""
 
     type: str
     model: str = ""
@@ -72,8 +72,11 @@ class Assessment:
     deadline_s: Estimate[float] | None = None
     latency_budget_s: Estimate[float] | None = None
     hardware: tuple[Estimate[Hardware], ...] = ()
+    """Sure enough to filter nodes by."""
     hardware_confidence: float = 1.0
-    """That the list is exactly right; below the threshold it is emitted as `unknown`, never as a hard filter."""
+    """That `hardware` is exactly right."""
+    doubted: tuple[Estimate[Hardware], ...] = ()
+    """Hardware that is shown for the user to decide and filters nothing: a wrong requirement keeps a pod pending."""
     placement: Estimate[Placement] | None = None
     bandwidth_bps: Estimate[float] | None = None
     lifecycle: bool = False

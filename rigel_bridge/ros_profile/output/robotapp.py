@@ -10,7 +10,17 @@ import yaml
 
 from ros_profile.model.conclusions import Assessment, Edge, Hardware, LaunchedNode, LaunchProfile, QosClass
 from ros_profile.model.endpoints import Qos
-from ros_profile.output.values import CLAIMED, TIERS, bits, duration, emitted, library, policies, requirement, withheld
+from ros_profile.output.values import (
+    CLAIMED,
+    TIERS,
+    bits,
+    distinct,
+    duration,
+    library,
+    perhaps,
+    policies,
+    requirement,
+)
 
 API_VERSION: Final = "robotics.io/v1alpha1"
 IMAGE: Final = "example.invalid/give-me-an-image:tag"
@@ -90,7 +100,7 @@ def as_robotapp(launch: LaunchProfile, *, name: str, distro: str) -> str:
 
 def _component(component: Component, *, ros1: bool) -> dict[str, Any]:
     found: dict[str, Any] = {"name": component.name, "image": IMAGE, "args": _arguments(component, ros1=ros1)}
-    hardware = dict.fromkeys(one for node in component.nodes for one in emitted(node.assessment.hardware))
+    hardware = dict.fromkeys(one for node in component.nodes for one in distinct(node.assessment.hardware))
     return {**found, **needs(_lead(component).assessment, hardware)}
 
 
@@ -255,14 +265,14 @@ def _comments(launch: LaunchProfile) -> list[str]:
             plugins = ", ".join(node.plugin for node in component.nodes if node.plugin)
             lines.append(f"# {component.name} is one process; load into it: {plugins[:500]}\n")
         lines += [
-            f"# {component.name}: perhaps {one.value.type} ({one.confidence:.2f}): left out\n"
+            f"# {component.name}: perhaps {perhaps(one)}: left out\n"
             for node in component.nodes
-            for one in withheld(node.assessment.hardware)
+            for one in node.assessment.doubted
         ]
         lines += [
             f"# {component.name}: {requirement(one)['type']} is opened through {library(one)}\n"
             for node in component.nodes
-            for one in emitted(node.assessment.hardware)
+            for one in distinct(node.assessment.hardware)
             if library(one)
         ]
         lines += [

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from ros_profile.model.conclusions import Assessment, Estimate, LaunchProfile, PackageProfile, Profile
 from ros_profile.model.facts import Kind, Problem
-from ros_profile.output.values import SURE, bits, duration
+from ros_profile.output.values import bits, duration
 
 MAX_EVIDENCE: Final = 6
 MAX_EDGES: Final = 40
@@ -89,6 +89,7 @@ def summary(assessment: Assessment) -> str:
     if assessment.latency_budget_s is not None:
         parts.append(f"budget {duration(assessment.latency_budget_s.value)}")
     parts += [_hardware(one) for one in assessment.hardware]
+    parts += [_hardware(one, "?") for one in assessment.doubted]
     if assessment.placement is not None:
         parts.append(assessment.placement.value.value)
     if assessment.bandwidth_bps is not None:
@@ -98,11 +99,10 @@ def summary(assessment: Assessment) -> str:
     return " · ".join(parts)
 
 
-def _hardware(estimate: Estimate[Any]) -> str:
+def _hardware(estimate: Estimate[Any], doubt: str = "") -> str:
     hardware = estimate.value
     more = " ".join(part for part in (hardware.model, hardware.interface, hardware.usb_id) if part)
     shown = f"{hardware.type} {more}".strip()
-    doubt = "?" if estimate.confidence < SURE else ""
     return f"{shown}{doubt} ({estimate.confidence:.2f})"
 
 
@@ -116,6 +116,7 @@ def _evidence(assessment: Assessment, indent: str) -> Iterator[str]:
         ("bandwidth", assessment.bandwidth_bps),
     ]
     named += [(one.value.type, one) for one in assessment.hardware]
+    named += [(f"{one.value.type}?", one) for one in assessment.doubted]
     for name, estimate in named:
         if estimate is None or not (estimate.reason or estimate.evidence):
             continue

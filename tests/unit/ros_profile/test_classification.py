@@ -1,5 +1,7 @@
 """Classes with probabilities, times within their bounds, what runs together, the table and the thesis' heuristic."""
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -119,6 +121,21 @@ def test_weak_evidence_is_no_device() -> None:
     found = classify(unit(Fact(Kind.BUILD, "find_package", "serial", "CMakeLists.txt", 1, 0.5)), curated=False)
     assert found.hardware == ()
     assert found.hardware_confidence < 0.8
+    (doubt,) = found.doubted
+    assert doubt.value.type == "serial", "the user decides"
+
+
+def test_what_one_part_needs_for_sure_is_not_doubted_for_the_whole() -> None:
+    serial, can = Estimate(Hardware("serial"), 0.3), Estimate(Hardware("can"), 0.4)
+    joined = aggregate(
+        [
+            Assessment(None, doubted=(serial, can)),
+            Assessment(None, hardware=(replace(serial, confidence=0.9),)),
+            Assessment(None, doubted=(replace(can, confidence=0.3),)),
+        ]
+    )
+    assert [one.value.type for one in joined.hardware] == ["serial"]
+    assert joined.doubted == (can,)
 
 
 @pytest.mark.parametrize(

@@ -41,6 +41,19 @@ def test_every_format_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[s
             list(yaml.safe_load_all(written.out))
 
 
+def test_hardware_that_is_not_sure_is_shown_and_required_by_no_format(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    package(tmp_path / "ws", "odd", python_node("node", "open('/dev/widget')"), depends=("rclpy",))
+    assert main([str(tmp_path / "ws")]) == 0
+    assert "serial? (0.35)" in capsys.readouterr().out
+    for form in ("annotations", "rigelfile"):
+        assert main([str(tmp_path / "ws"), "--format", form]) == 0
+        written = capsys.readouterr().out
+        assert "# odd: perhaps serial (0.35): left out" in written
+        assert "hardware_requirements" not in written
+
+
 def test_the_difference_with_an_old_profile_is_shown_and_is_the_exit_code(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -41,9 +41,8 @@ DRIVER = Assessment(
     hardware=(
         Estimate(Hardware("serial", interface="ttyUSB0"), 0.9, EVIDENCE),
         Estimate(Hardware("gpu"), 0.8),
-        Estimate(Hardware("can"), 0.3),
-        Estimate(Hardware("unknown"), 0.9),
     ),
+    doubted=(Estimate(Hardware("can"), 0.3),),
     placement=Estimate(Placement.ROBOT, 0.9),
 )
 VIEW = Assessment(qos_class=Estimate(QosClass.BEST_EFFORT, 0.7))
@@ -175,6 +174,7 @@ def test_json_comes_back_as_it_was() -> None:
 
 def test_the_text_has_reasons_and_places_on_request() -> None:
     assert "realtime (RT-C, 0.93) · deadline 50ms · budget 17ms · serial ttyUSB0 (0.90)" in text(profile())
+    assert "can? (0.30)" in text(profile())
     assert "src/driver.py:12" not in text(profile())
     explained = text(profile(), explain=True)
     assert "class: It moves a base." in explained
@@ -197,7 +197,7 @@ def test_a_difference_names_what_changed_and_nothing_else() -> None:
     assert difference(profile(), profile()) == []
     assert difference(profile(), profile(slower)) == [
         "base_driver: deadline: 50ms -> 100ms",
-        "base_driver: hardware: can, gpu, serial ttyUSB0, unknown -> none",
+        "base_driver: hardware: gpu, serial ttyUSB0 -> none",
     ]
 
 

@@ -15,6 +15,9 @@ from ros_profile.model.package import Unit
 Devices = dict[str, Estimate[Hardware]]
 """By type, with every probability above 0, also those below the threshold."""
 THRESHOLD = 0.5
+"""Hardware of this probability is required of a node; what is less probable is doubted."""
+SHOWN = 0.25
+"""Hardware that is less probable is not even doubted."""
 LINKED = 0.85
 """How much of a library's own certainty passes to what includes its headers."""
 _TABLES = {
@@ -115,7 +118,13 @@ def linked_devices(own: Devices, unit: Unit, libraries: Mapping[str, Devices]) -
 
 
 def needed(found: Devices) -> tuple[Estimate[Hardware], ...]:
+    """What a node must have."""
     return tuple(estimate for estimate in found.values() if estimate.confidence >= THRESHOLD)
+
+
+def doubted(found: Devices) -> tuple[Estimate[Hardware], ...]:
+    """What the user should decide about."""
+    return tuple(estimate for estimate in found.values() if SHOWN <= estimate.confidence < THRESHOLD)
 
 
 def certainty(found: Devices) -> float:
