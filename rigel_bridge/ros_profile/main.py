@@ -14,7 +14,8 @@ from ros_profile.generate import ENGINES, generate_profile
 from ros_profile.model.conclusions import LaunchProfile, Profile
 from ros_profile.output.difference import difference
 from ros_profile.output.machine import as_annotations, as_json, as_rigelfile, from_json
-from ros_profile.output.robotapp import ROS1, as_robotapp, components
+from ros_profile.output.names import ROS1_DISTROS
+from ros_profile.output.robotapp import as_robotapp, components
 from ros_profile.output.text import WIDTH, text
 
 MAX_OLD_BYTES: Final = 256 << 20
@@ -197,7 +198,7 @@ def _robotapp(profile: Profile, arguments: argparse.Namespace) -> str:
     distro = arguments.distro or ("noetic" if package.ros_version == 1 else "jazzy")
     if not re.fullmatch("[a-z]{1,32}", distro):
         raise Failure(f"--distro {distro[:40]!r} is no distribution; allowed: lower-case letters, such as jazzy", 2)
-    if package.ros_version and (package.ros_version == 1) != (distro in ROS1):
+    if package.ros_version and (package.ros_version == 1) != (distro in ROS1_DISTROS):
         raise Failure(f"--distro {distro} is not one of ROS {package.ros_version}, for which {package.name} is", 2)
     return as_robotapp(launch, name=launch.package, distro=distro)
 

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from rigel_bridge.cluster.kubectl import ClusterError, Kubectl, Refusal
-from rigel_bridge.cluster.names import APPS, MANAGER
 from rigel_bridge.document.failures import Exit
+from rigel_bridge.names import APPS, MANAGER
 
 Json = dict[str, Any]
 _APPLY: Final = ("apply", "--server-side", "--force-conflicts", f"--field-manager={MANAGER}", "--validate=strict")

@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from rigel_bridge.cluster.kubectl import ClusterError, Kubectl, Refusal
-from rigel_bridge.cluster.names import APP_LABEL, MANAGER, REVISIONS
 from rigel_bridge.cluster.revisions import Revision, belonging, recording
+from rigel_bridge.names import APP_LABEL, MANAGER, REVISIONS
 
 _ATTEMPTS: Final = 3
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from rigel_bridge.cluster.kubectl import Kubectl
-from rigel_bridge.cluster.names import APP_LABEL, APP_UID_LABEL, INSTANCES
+from rigel_bridge.names import APP_LABEL, APP_UID_LABEL, INSTANCES
 
 
 def instances_of(kubectl: Kubectl, app: Mapping[str, Any]) -> list[dict[str, Any]]:

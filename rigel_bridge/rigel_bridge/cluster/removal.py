@@ -5,9 +5,9 @@ from typing import Any, Final
 
 from rigel_bridge.cluster import apps, history
 from rigel_bridge.cluster.kubectl import ClusterError, Kubectl, Refusal
-from rigel_bridge.cluster.names import APP_LABEL, APP_UID_LABEL, APPS, INSTANCES
 from rigel_bridge.cluster.waiting import Clock
 from rigel_bridge.document.failures import Exit
+from rigel_bridge.names import APP_LABEL, APP_UID_LABEL, APPS, INSTANCES
 
 _CHILDREN: Final = ("deployments.apps", "replicasets.apps", "pods", "services")
 

@@ -11,8 +11,8 @@ from typing import Any, Final
 from rigel_bridge.cluster.archive import ArchiveError, files_of
 from rigel_bridge.cluster.instances import instances_of, is_ready, pods_of
 from rigel_bridge.cluster.kubectl import ClusterError, Kubectl
-from rigel_bridge.cluster.names import COMPONENT_LABEL, PROVENANCE
 from rigel_bridge.document.failures import BridgeError, Exit, Place
+from rigel_bridge.names import COMPONENT_LABEL, PROVENANCE
 
 MANIFEST: Final = "manifest.json"
 APP: Final = "app.json"

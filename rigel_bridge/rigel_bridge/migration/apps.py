@@ -14,8 +14,8 @@ from rigel_bridge.document.template import Templates
 from rigel_bridge.document.tree import Node, parse
 from rigel_bridge.migration.found import Workload
 from rigel_bridge.migration.podspec import fields
+from rigel_bridge.names import API_VERSION, MAX_DOMAIN, PROVENANCE
 from rigel_bridge.render import scheduling
-from rigel_bridge.render.app import API_VERSION, PROVENANCE
 from rigel_bridge.render.draft import Draft, written
 from rigel_bridge.render.ros import ADDRESSES, OWN_MASTER
 from rigel_bridge.render.schema import problems, robotapp_schema
@@ -192,7 +192,7 @@ def _lifted(entry: Mapping[str, Any], workload: Workload, work: _Work) -> bool:
         return True
     if name != "ROS_DOMAIN_ID":
         return False
-    stated = value.isascii() and value.isdigit() and 0 < int(value[:4]) <= scheduling.MAX_DOMAIN
+    stated = value.isascii() and value.isdigit() and 0 < int(value[:4]) <= MAX_DOMAIN
     if stated and ros2 and "domain" not in work.draft.spec.get("ros2", {}):
         ros2_fields = work.draft.spec.setdefault("ros2", {})
         ros2_fields["domain"] = int(value)

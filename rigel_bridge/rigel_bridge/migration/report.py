@@ -7,7 +7,8 @@ from typing import Any
 
 from rigel_bridge.document.failures import BridgeError
 from rigel_bridge.migration.apps import Migrated, grouped, migrated
-from rigel_bridge.migration.found import CLAIMS, FLEET, PREFIX, Claim, Scene
+from rigel_bridge.migration.found import CLAIMS, FLEET, Claim, Scene
+from rigel_bridge.names import SCHEDULER_PREFIX
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +83,7 @@ def leftover_records(claims: Sequence[Claim], *, gone: Collection[str]) -> dict[
 
 def annotation(kind: str, kept: Mapping[str, str]) -> str:
     """The argument of `kubectl annotate` for what a record keeps."""
-    return f"{PREFIX}{kind}={json.dumps(dict(kept))}" if kept else f"{PREFIX}{kind}-"
+    return f"{SCHEDULER_PREFIX}{kind}={json.dumps(dict(kept))}" if kept else f"{SCHEDULER_PREFIX}{kind}-"
 
 
 def document(plan: Plan) -> dict[str, Any]:

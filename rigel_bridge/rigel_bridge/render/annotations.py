@@ -4,7 +4,8 @@ import json
 from collections.abc import Mapping
 from typing import Any, Final
 
-PREFIX: Final = "scheduler.robotics.io/"
+from rigel_bridge.names import SCHEDULER_PREFIX
+
 _POLICIES: Final = {
     "latencyBudget": "latency_budget",
     "reliability": "reliability",
@@ -24,7 +25,7 @@ def wishes(spec: Mapping[str, Any], component: Mapping[str, Any], *, app: str) -
         "affinity": _affinity(component),
         "shared-data": _shared(component.get("sharedData", {}), app),
     }
-    return {f"{PREFIX}{key}": json.dumps(value) for key, value in found.items() if value}
+    return {f"{SCHEDULER_PREFIX}{key}": json.dumps(value) for key, value in found.items() if value}
 
 
 def _policies(component: Mapping[str, Any]) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any
 
 from rigel_bridge.document.failures import BridgeError, Place, nearest
 from rigel_bridge.document.naming import MAX_APP_NAME, checked_label
@@ -10,17 +10,13 @@ from rigel_bridge.document.section import Section
 from rigel_bridge.document.template import is_secret
 from rigel_bridge.generations.model import Target
 from rigel_bridge.generations.targets import namespace_note
+from rigel_bridge.names import API_VERSION, BRIDGE_APP_LABEL, PROVENANCE
 from rigel_bridge.render import additional, reference_plugin, scheduling
 from rigel_bridge.render.components import components, settle_programs
 from rigel_bridge.render.draft import Draft, Path, written
 from rigel_bridge.render.orchestration import OWN, orchestrate
 from rigel_bridge.render.ros import ros, settle_addresses, version_of
 from rigel_bridge.render.schema import problems, robotapp_schema
-
-API_VERSION: Final = "robotics.io/v1alpha1"
-PROVENANCE: Final = "rigel.robotics.io/"
-APP_LABEL: Final = "rigel.robotics.io/app"
-"""On what stands beside the RobotApp: volume claims, which nothing owns, so that deleting the app keeps the data."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +101,7 @@ def _claims(beside: reference_plugin.Beside, metadata: dict[str, Any]) -> tuple[
         own = {"name": claim["metadata"]["name"]}
         if "namespace" in metadata:
             own["namespace"] = metadata["namespace"]
-        found.append({**claim, "metadata": {**own, "labels": {APP_LABEL: metadata["name"]}}})
+        found.append({**claim, "metadata": {**own, "labels": {BRIDGE_APP_LABEL: metadata["name"]}}})
     return tuple(found)
 
 

@@ -6,7 +6,8 @@ from typing import Any, Final
 
 from rigel_bridge.document.naming import label
 from rigel_bridge.generations.model import Target
-from rigel_bridge.render.app import PROVENANCE, Rendered
+from rigel_bridge.names import PROVENANCE
+from rigel_bridge.render.app import Rendered
 
 ANNOTATION: Final = f"{PROVENANCE}inferred"
 MAX_ANNOTATION: Final = 4000

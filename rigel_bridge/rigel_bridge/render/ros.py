@@ -9,6 +9,7 @@ from rigel_bridge.document.failures import BridgeError, Place, nearest
 from rigel_bridge.document.section import Section
 from rigel_bridge.document.tree import Node
 from rigel_bridge.generations.model import Package
+from rigel_bridge.names import MAX_DOMAIN
 from rigel_bridge.render import scheduling
 from rigel_bridge.render.draft import Draft
 
@@ -51,7 +52,7 @@ def lift(variable: str, value: str | None, node: Node, draft: Draft) -> None:
         return
     field = LIFTED[variable]
     if field == "domain" and not scheduling.DOMAIN.fullmatch(value):
-        raise node.fail(f"env {variable} must be a number from 0 to {scheduling.MAX_DOMAIN}, found {value[:80]!r}")
+        raise node.fail(f"env {variable} must be a number from 0 to {MAX_DOMAIN}, found {value[:80]!r}")
     draft.put(("ros2", field), int(value) if field == "domain" else value, node)
 
 

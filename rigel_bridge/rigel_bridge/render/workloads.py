@@ -9,8 +9,9 @@ from typing import Any, Final
 
 from rigel_bridge.document.distros import distros
 from rigel_bridge.document.failures import BridgeError, Place
-from rigel_bridge.render.annotations import PREFIX, wishes
-from rigel_bridge.render.app import APP_LABEL, Rendered
+from rigel_bridge.names import BRIDGE_APP_LABEL, SCHEDULER_PREFIX
+from rigel_bridge.render.annotations import wishes
+from rigel_bridge.render.app import Rendered
 from rigel_bridge.render.draft import Path, written
 from rigel_bridge.render.orchestration import DEFAULT_SCHEDULER
 
@@ -42,13 +43,13 @@ def workloads(rendered: Rendered, *, annotated: bool) -> tuple[tuple[dict[str, A
 def _deployment(rendered: Rendered, component: Mapping[str, Any], *, ours: bool) -> dict[str, Any]:
     app, spec = rendered.app, rendered.app["spec"]
     metadata = app["metadata"]
-    labels = {APP_LABEL: metadata["name"], _COMPONENT_LABEL: component["name"]}
+    labels = {BRIDGE_APP_LABEL: metadata["name"], _COMPONENT_LABEL: component["name"]}
     template = component.get("template", {})
     annotations = dict(template.get("metadata", {}).get("annotations", {}))
     if ours:
         annotations |= wishes(spec, component, app=metadata["name"])
     if ours and _allocated(spec):
-        annotations[f"{PREFIX}dds-domain"] = str(spec.get("ros2", {}).get("domain", "auto"))
+        annotations[f"{SCHEDULER_PREFIX}dds-domain"] = str(spec.get("ros2", {}).get("domain", "auto"))
     pod: dict[str, Any] = {"containers": [_container(app, component, ours=ours)], **template.get("spec", {})}
     scheduler = _scheduler(spec, annotations, ours=ours)
     if scheduler:
@@ -70,7 +71,7 @@ def _strategy(component: Mapping[str, Any]) -> dict[str, str]:
 
 def _scheduler(spec: Mapping[str, Any], annotations: Mapping[str, str], *, ours: bool) -> str:
     if ours:
-        wished = any(key.startswith(PREFIX) for key in annotations)
+        wished = any(key.startswith(SCHEDULER_PREFIX) for key in annotations)
         return str(spec.get("schedulerName") or (SCHEDULER if wished else ""))
     return DEFAULT_SCHEDULER if spec.get("schedulerName") == DEFAULT_SCHEDULER else ""
 
@@ -116,7 +117,7 @@ def _master(app: Mapping[str, Any]) -> list[dict[str, Any]]:
     if _version(spec) == 2 or ros1.get("master") == "External":
         return []
     name = _master_name(app)
-    labels = {APP_LABEL: app["metadata"]["name"], _COMPONENT_LABEL: "ros-master"}
+    labels = {BRIDGE_APP_LABEL: app["metadata"]["name"], _COMPONENT_LABEL: "ros-master"}
     container = {
         "name": "ros-master",
         "image": ros1.get("image") or f"ros:{spec['ros']['distro']}-ros-core",

@@ -12,11 +12,11 @@ from rigel_bridge.cluster.beside import apply_claims
 from rigel_bridge.cluster.deployment import deploy
 from rigel_bridge.cluster.instances import instances_of
 from rigel_bridge.cluster.kubectl import ClusterError, Kubectl
-from rigel_bridge.cluster.names import PROVENANCE
 from rigel_bridge.cluster.removal import remove
 from rigel_bridge.cluster.results import APP, FILES, Collection, collect
 from rigel_bridge.cluster.waiting import Clock, wait_ready
 from rigel_bridge.document.failures import BridgeError
+from rigel_bridge.names import PROVENANCE
 from rigel_bridge.sequences.comparison import is_summary
 from rigel_bridge.sequences.samples import columns, edges, placement
 from rigel_bridge.sequences.steps import Action, Kind, run_name

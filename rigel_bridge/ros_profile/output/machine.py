@@ -7,10 +7,10 @@ import msgspec
 import yaml
 
 from ros_profile.model.conclusions import Assessment, PackageProfile, Placement, Profile
+from ros_profile.output.names import SCHEDULER_PREFIX
 from ros_profile.output.values import distinct, library, perhaps, policies, requirement
 
 _SNAKE: Final = {"qos_class": "qos_class", "latency_budget": "latency_budget", "deadline": "deadline"}
-PREFIX: Final = "scheduler.robotics.io/"
 
 
 def as_json(profile: Profile) -> str:
@@ -32,7 +32,7 @@ def annotations(assessment: Assessment) -> dict[str, str]:
     hardware = [requirement(one) for one in distinct(assessment.hardware)]
     if hardware:
         found["affinity"] = {"hardware_requirements": hardware}
-    return {f"{PREFIX}{key}": json.dumps(value, sort_keys=True) for key, value in found.items() if value}
+    return {f"{SCHEDULER_PREFIX}{key}": json.dumps(value, sort_keys=True) for key, value in found.items() if value}
 
 
 def as_annotations(profile: Profile) -> str:

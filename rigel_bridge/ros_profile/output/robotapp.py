@@ -10,23 +10,17 @@ import yaml
 
 from ros_profile.model.conclusions import Assessment, Edge, Hardware, LaunchedNode, LaunchProfile, QosClass
 from ros_profile.model.endpoints import Qos
-from ros_profile.output.values import (
-    CLAIMED,
-    TIERS,
-    bits,
-    distinct,
-    duration,
-    library,
-    perhaps,
-    policies,
-    requirement,
+from ros_profile.output.names import (
+    API_VERSION,
+    EXCLUSIVE_TYPES,
+    MAX_APP_NAME,
+    MAX_COMPONENTS,
+    MAX_EDGES,
+    ROS1_DISTROS,
 )
+from ros_profile.output.values import TIERS, bits, distinct, duration, library, perhaps, policies, requirement
 
-API_VERSION: Final = "robotics.io/v1alpha1"
 IMAGE: Final = "example.invalid/give-me-an-image:tag"
-ROS1: Final = frozenset({"indigo", "jade", "kinetic", "lunar", "melodic", "noetic"})
-MAX_COMPONENTS: Final = 64
-MAX_EDGES: Final = 256
 MAX_ARGUMENTS: Final = 50
 _CAMEL: Final = {"qos_class": "qosClass", "latency_budget": "latencyBudget", "deadline": "deadline"}
 _TOPIC: Final = re.compile(r"/[A-Za-z_]\w*(?:/[A-Za-z_]\w*)*", re.ASCII)
@@ -80,14 +74,14 @@ def app(launch: LaunchProfile, *, name: str, distro: str) -> dict[str, Any]:
     found = components(launch.nodes)
     spec: dict[str, Any] = {
         "ros": {"distro": distro},
-        "components": [_component(one, ros1=distro in ROS1) for one in found],
+        "components": [_component(one, ros1=distro in ROS1_DISTROS) for one in found],
     }
     if drawn := _edges(launch.edges, found):
         spec["edges"] = drawn
     return {
         "apiVersion": API_VERSION,
         "kind": "RobotApp",
-        "metadata": {"name": _label(name)[:40].strip("-")},
+        "metadata": {"name": _label(name)[:MAX_APP_NAME].strip("-")},
         "spec": spec,
     }
 
@@ -117,7 +111,7 @@ def needs(assessment: Assessment, hardware: Iterable[Hardware]) -> dict[str, Any
     devices: list[dict[str, str]] = []
     requires: list[dict[str, str]] = []
     for one in hardware:
-        if one.type in CLAIMED:
+        if one.type in EXCLUSIVE_TYPES:
             devices.append(_device(one.usb_id, requirement(one), devices))
         elif requirement(one) not in requires:
             requires.append(requirement(one))

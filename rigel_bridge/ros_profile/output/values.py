@@ -5,8 +5,6 @@ from typing import Final
 
 from ros_profile.model.conclusions import Assessment, Estimate, Hardware, Placement
 
-CLAIMED: Final = frozenset({"usb", "can", "serial", "gpio"})
-"""Hardware one component has for itself; cameras and GPUs are properties of the node."""
 REPORTED: Final = {"camera": "video"}
 """Types that the node agent reports under another word (docs/devices.md)."""
 TIERS: Final = {Placement.ROBOT: ["Robot"], Placement.EDGE: ["Edge", "Robot"], Placement.CLOUD: ["Cloud", "Edge"]}

@@ -7,11 +7,9 @@ from typing import IO
 
 import pytest
 
-from rigel_bridge.cluster import names
 from rigel_bridge.cluster.kubectl import ClusterError, Kubectl, Refusal, failure
 from rigel_bridge.cluster.waiting import Clock
 from rigel_bridge.document.failures import Exit
-from robotapp_api.model import names as ours
 
 
 def program(folder: Path, body: str) -> Kubectl:
@@ -73,16 +71,6 @@ def test_what_is_no_json_is_told(tmp_path: Path) -> None:
     for printed in ("hello", "[1]"):
         with pytest.raises(ClusterError, match="wrote no"):
             program(tmp_path, f"print({printed!r})").json("get")
-
-
-def test_the_cluster_names_are_those_of_the_api() -> None:
-    """The bridge lives without robotapp_api, so it has copies."""
-    assert (names.API_VERSION, names.MANAGER) == (ours.API_VERSION, ours.BRIDGE_MANAGER)
-    assert (names.APP_LABEL, names.APP_UID_LABEL, names.COMPONENT_LABEL) == (
-        ours.Label.APP,
-        ours.Label.APP_UID,
-        ours.Label.COMPONENT,
-    )
 
 
 @pytest.mark.parametrize(

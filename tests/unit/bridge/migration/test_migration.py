@@ -12,6 +12,7 @@ from tests.support.rigelfiles import orchestration, rendered
 from rigel_bridge.main import main
 from rigel_bridge.migration.found import Scene, scene
 from rigel_bridge.migration.report import Plan, annotation, leftover_records, lines, plan
+from rigel_bridge.names import SCHEDULER_PREFIX
 from rigel_bridge.render.workloads import workloads
 from robotapp_api.model import names
 
@@ -282,7 +283,7 @@ def test_the_words_are_those_of_the_api() -> None:
 
     own = {names.Annotation.POLICIES, names.Annotation.TOPOLOGY, names.Annotation.AFFINITY}
     own |= {names.Annotation.SHARED_DATA, names.Annotation.DDS_DOMAIN}
-    assert {found.PREFIX + key for key in found.WISHES} == {str(each) for each in own}
+    assert {SCHEDULER_PREFIX + key for key in found.WISHES} == {str(each) for each in own}
     assert (found.FLEET, found.SCHEDULER) == (names.FLEET_CONFIG_MAP, names.THESIS_SCHEDULER_NAME)
 
 
