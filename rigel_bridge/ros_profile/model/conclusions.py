@@ -9,10 +9,17 @@ from ros_profile.model.facts import Fact, Problem
 
 
 class QosClass(StrEnum):
+    """The scheduling classes of components, the most demanding first."""
+
     REALTIME = "realtime"
     SENSOR_DATA = "sensor_data"
     SYSTEM_DEFAULT = "system_default"
     BEST_EFFORT = "best_effort"
+
+    @property
+    def rank(self) -> int:
+        """0 for the most demanding class; of what runs together, the lowest rank counts."""
+        return list(QosClass).index(self)
 
 
 class SubClass(StrEnum):

@@ -29,7 +29,6 @@ _TOOLS: Final = frozenset({"rviz2", "rviz", "rqt_gui", "rqt_graph", "rqt_reconfi
 _ENDING: Final = frozenset({"create", "spawn_entity.py", "spawn_model", "spawner.py", "unspawner", "unspawner.py"})
 """Programs that end when their work is done; what a RobotApp starts is started again and again."""
 _SPAWNER: Final = ("controller_manager", "spawner")
-_RANK: Final = (QosClass.REALTIME, QosClass.SENSOR_DATA, QosClass.SYSTEM_DEFAULT, QosClass.BEST_EFFORT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +126,7 @@ def _lead(component: Component) -> LaunchedNode:
 
     def rank(node: LaunchedNode) -> int:
         estimate = node.assessment.qos_class
-        return _RANK.index(estimate.value) if estimate is not None else len(_RANK)
+        return estimate.value.rank if estimate is not None else len(QosClass)
 
     return min(component.nodes, key=rank)
 

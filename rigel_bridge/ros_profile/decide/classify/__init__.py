@@ -1,5 +1,6 @@
 """Classification: `classify` judges a unit, `aggregate` joins the judgements of what runs together. Pure."""
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
@@ -8,13 +9,12 @@ from ros_profile.decide.classify.features import Features, features, is_test
 from ros_profile.decide.classify.hardware import Devices, certainty, devices, doubted, linked_devices, needed
 from ros_profile.decide.classify.judge import judged
 from ros_profile.decide.classify.placing import bandwidth, placement
-from ros_profile.model.conclusions import Assessment, Estimate, Hardware, Placement, QosClass, SubClass
+from ros_profile.model.conclusions import Assessment, Estimate, Hardware, Placement, SubClass
 from ros_profile.model.facts import Fact, Kind
 from ros_profile.model.package import Unit
 
 CERTAIN_ENOUGH = 0.4
 """What a launch file starts counts for its class from this confidence on."""
-_RANK = {QosClass.REALTIME: 3, QosClass.SENSOR_DATA: 2, QosClass.SYSTEM_DEFAULT: 1, QosClass.BEST_EFFORT: 0}
 
 
 def classify(unit: Unit, *, curated: bool, libraries: Mapping[str, Devices] | None = None) -> Assessment:
@@ -97,7 +97,7 @@ def aggregate(assessments: Sequence[Assessment]) -> Assessment:
     certain = min((a.hardware_confidence for a in assessments), default=1.0)
     if not sure:
         return Assessment(None, hardware=hardware, hardware_confidence=certain, doubted=doubts)
-    lead = max(sure, key=lambda a: (_RANK[a.qos_class.value], a.qos_class.confidence) if a.qos_class else (-1, 0.0))
+    lead = min(sure, key=_demand)
     same = [a for a in sure if a.qos_class and lead.qos_class and a.qos_class.value is lead.qos_class.value]
     return Assessment(
         qos_class=lead.qos_class,
@@ -112,6 +112,12 @@ def aggregate(assessments: Sequence[Assessment]) -> Assessment:
         lifecycle=any(a.lifecycle for a in assessments),
         hints=tuple(dict.fromkeys(hint for a in assessments for hint in a.hints)),
     )
+
+
+def _demand(assessment: Assessment) -> tuple[float, float]:
+    """Sorts by class, the most demanding first, then by confidence."""
+    qos = assessment.qos_class
+    return (qos.value.rank, -qos.confidence) if qos else (math.inf, 0.0)
 
 
 def _most_certain(estimates: Iterable[Estimate[Hardware]]) -> tuple[Estimate[Hardware], ...]:
