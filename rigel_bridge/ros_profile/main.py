@@ -19,9 +19,10 @@ from ros_profile.output.robotapp import as_robotapp, components
 from ros_profile.output.text import WIDTH, text
 
 MAX_OLD_BYTES: Final = 256 << 20
-_CONTROL: Final = re.compile(
+CONTROL: Final = re.compile(
     "[\\x00-\\x09\\x0b-\\x1f\\x7f-\\x9f\\u200e\\u200f\\u2028-\\u202e\\u2066-\\u2069\\ud800-\\udfff]"
 )
+"""What a terminal acts on instead of printing it, apart from the end of a line. rigel_bridge has the same (a test compares)."""
 _EXAMPLES: Final = """\
 examples:
   ros-scheduler-profile src/my_driver                      what the package needs, in short
@@ -56,10 +57,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         profile = _profile(arguments)
         written, code = _output(profile, arguments)
-        sys.stdout.write(_CONTROL.sub(lambda match: f"\\u{ord(match[0]):04x}", written))
+        sys.stdout.write(CONTROL.sub(lambda match: f"\\u{ord(match[0]):04x}", written))
         sys.stdout.flush()
     except Failure as failure:
-        sys.stderr.write(_CONTROL.sub("?", f"{failure}\n"))
+        sys.stderr.write(CONTROL.sub("?", f"{failure}\n"))
         return failure.code
     except KeyboardInterrupt:
         sys.stderr.write("\ninterrupted\n" if sys.stderr.isatty() else "interrupted\n")  # below the progress bar
@@ -149,7 +150,7 @@ def show_progress(done: int, total: int, name: str) -> None:
     """A bar on a terminal's standard error, one line that is overwritten."""
     width = 24
     filled = width * done // max(total, 1)
-    sys.stderr.write(f"\r\x1b[K[{'#' * filled}{' ' * (width - filled)}] {done}/{total} {_CONTROL.sub('?', name)[:40]}")
+    sys.stderr.write(f"\r\x1b[K[{'#' * filled}{' ' * (width - filled)}] {done}/{total} {CONTROL.sub('?', name)[:40]}")
     sys.stderr.flush()
 
 

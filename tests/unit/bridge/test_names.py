@@ -4,6 +4,7 @@ from typing import Any, get_args
 
 from rigel_bridge import names as bridge
 from rigel_bridge.document.distros import distros
+from rigel_bridge.document.failures import control_character
 from rigel_bridge.document.naming import MAX_APP_NAME, MAX_COMPONENT_NAME
 from rigel_bridge.render import scheduling
 from rigel_bridge.render.annotations import wishes
@@ -12,7 +13,8 @@ from robotapp_agent.devices.kinds import TYPES
 from robotapp_api.model import component, names
 from robotapp_api.values.ranges import MAX_ID, is_safe_id
 from robotapp_scheduler.core.ros import EXCLUSIVE_TYPES, TIERS
-from ros_profile.knowledge.curated import PACKAGES
+from ros_profile.knowledge import hardware
+from ros_profile.main import CONTROL
 from ros_profile.model.conclusions import Hardware, QosClass
 from ros_profile.output import names as profiler
 from ros_profile.output import values
@@ -59,8 +61,7 @@ def test_the_same_hardware_is_held_by_one_component_everywhere() -> None:
 
 
 def test_hardware_has_the_types_that_node_agents_report() -> None:
-    concluded = {kind for entry in PACKAGES.values() for kind in entry.hardware} | {"gpio"}
-    assert {values.requirement(Hardware(kind))["type"] for kind in concluded} <= set(TYPES)
+    assert {values.requirement(Hardware(kind))["type"] for kind in hardware.TYPES} <= set(TYPES)
 
 
 def test_tiers_are_those_of_runs_on() -> None:
@@ -77,6 +78,12 @@ def test_bounds_are_those_of_the_schema() -> None:
     assert fields("edges")["maxItems"] == profiler.MAX_EDGES
     assert fields("components", "[]", "name")["maxLength"] <= MAX_COMPONENT_NAME
     assert MAX_APP_NAME == profiler.MAX_APP_NAME
+
+
+def test_both_programs_keep_the_same_characters_from_the_terminal() -> None:
+    every = [chr(number) for number in range(0x10000)]
+    refused = {character for character in every if control_character(character)}
+    assert {character for character in every if CONTROL.match(character)} == refused - {"\n"}
 
 
 def test_the_distributions_of_ros_1_are_those_of_the_table() -> None:

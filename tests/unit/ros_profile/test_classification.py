@@ -13,6 +13,7 @@ from ros_profile.decide.classify.phrases import phrase
 from ros_profile.decide.classify.timing import ROWS, budget, deadline, period_of
 from ros_profile.decide.classify.weights import WEIGHTS
 from ros_profile.knowledge.curated import PACKAGES
+from ros_profile.knowledge.hardware import TYPES
 from ros_profile.model.conclusions import Assessment, Estimate, Hardware, QosClass, SubClass
 from ros_profile.model.endpoints import Timer
 from ros_profile.model.facts import Fact, Kind
@@ -95,10 +96,9 @@ def test_the_table_is_a_layer_that_can_be_left_out() -> None:
 
 
 def test_every_entry_of_the_table_is_of_our_vocabulary() -> None:
-    types = {"serial", "usb", "camera", "can", "gpio", "gpu"}
     for name, entry in PACKAGES.items():
         assert QosClass(entry.qos_class), name
-        assert set(entry.hardware) <= types, name
+        assert set(entry.hardware) <= set(TYPES), name
 
 
 def test_evidence_and_a_reason_come_with_every_conclusion() -> None:
