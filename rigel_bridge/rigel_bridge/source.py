@@ -88,7 +88,7 @@ def objects(source: Source) -> Objects:
 
 
 def examine(data: bytes, source: Source) -> Outline:
-    """Generation, jobs, sequences and what Rigel itself would stumble over."""
+    """Generation, jobs, sequences and what Rigel itself would refuse."""
     return outline(_parsed(data, source), source.options)
 
 

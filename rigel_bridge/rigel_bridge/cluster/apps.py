@@ -39,14 +39,14 @@ def existing(kubectl: Kubectl, name: str) -> Json:
 def apply(kubectl: Kubectl, app: Mapping[str, Any], *, dry_run: bool = False) -> Json:
     """Write the fields of `app` and take back those an earlier apply wrote and this one does not; gives the stored object.
 
-    Fields that others wrote and `app` does not name (`suspend` of somebody who stopped the robots) stay as they are.
+    Fields that others wrote and `app` does not name (`suspend`, set by an operator to stop the robots) stay as they are.
     """
     extra = ["--dry-run=server"] if dry_run else []
     return _checked(kubectl.json(*_APPLY, *extra, "-f", "-", stdin=json.dumps(app)), stored=not dry_run)
 
 
 def replace_spec(kubectl: Kubectl, stored: Mapping[str, Any], spec: Mapping[str, Any]) -> Json:
-    """Make the spec exactly this one, whoever wrote the present fields. Refused when somebody else changed the spec meanwhile.
+    """Make the spec exactly this one, also the fields that other managers own. Refused when another writer changed the spec meanwhile.
 
     The operator writes its status at any time, and a replacement names one version of the whole object: it is tried again.
     """

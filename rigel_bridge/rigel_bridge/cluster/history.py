@@ -17,7 +17,7 @@ def read(kubectl: Kubectl, app: Mapping[str, Any]) -> list[Revision]:
 
 
 def record(kubectl: Kubectl, app: Mapping[str, Any]) -> None:
-    """Make the spec of a stored app the newest revision. Somebody else's write in between is read and tried again."""
+    """Make the spec of a stored app the newest revision. After a conflict with another writer it is read and tried again."""
     for attempt in range(_ATTEMPTS):
         wanted = recording(_listed(kubectl, app), app)
         delete(kubectl, wanted.delete)

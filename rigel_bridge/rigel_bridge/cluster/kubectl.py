@@ -24,7 +24,7 @@ _SHOWN: Final = 2000
 """Characters of kubectl's words in one message."""
 _SERVER: Final = re.compile(r"Error from server \((\w+)\): ")
 _LOG_LINE: Final = re.compile(r"[IWE][0-9]{4} [0-9:.]+ +[0-9]+ |Warning: ")
-"""What kubectl logs before it says why it failed: the same sentence several times."""
+"""What kubectl logs before its error message: the same sentence several times."""
 _NO_KIND: Final = ('no matches for kind "RobotApp"', 'have a resource type "robotapp')
 _UNREACHABLE: Final = (
     "Unable to connect to the server",

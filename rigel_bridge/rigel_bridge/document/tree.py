@@ -1,6 +1,6 @@
 """A YAML file as a tree that remembers its lines, read within bounds.
 
-Rigelfiles come from repositories one does not own. Size, depth, aliases and tags are checked on the event stream, before
+Rigelfiles come from foreign repositories. Size, depth, aliases and tags are checked on the event stream, before
 anything is built: a file of 300 bytes can stand for millions of nodes through aliases.
 """
 

@@ -31,7 +31,7 @@ class Migrated:
     workloads: tuple[Workload, ...]
     notes: tuple[str, ...]
     lost: tuple[str, ...]
-    """Fields a RobotApp has no place for: somebody must look at them."""
+    """Fields a RobotApp has no place for: the user must look at them."""
 
 
 @dataclass(slots=True)

@@ -49,7 +49,7 @@ class Rendered:
 def render(target: Target, naming: Naming) -> Rendered:
     """BridgeError for anything the API server would refuse by structure.
 
-    The file has no say in the namespace: the user who applies the app chooses it.
+    The namespace of the file is not carried over: the user who applies the app chooses it.
     """
     draft = Draft(target.node.place)
     block = target.orchestration
@@ -131,7 +131,7 @@ def _refuse_secrets(draft: Draft) -> None:
 
 
 def _left_as_they_stand(draft: Draft) -> list[str]:
-    """Marks that no rule of the generation resolves reach the pod as text, as they do with Rigel; hardly meant so."""
+    """Marks that no rule of the generation resolves reach the pod as text, as they do with Rigel: rarely what the user meant."""
     found: list[str] = []
 
     def look(value: Any, path: tuple[str | int, ...]) -> None:

@@ -17,7 +17,7 @@ DEFAULT_SCHEDULER: Final = "default-scheduler"
 
 
 def orchestrate(block: Section, draft: Draft, names: dict[str, int], *, scheduler: str) -> None:
-    """Fill what the block gives. `scheduler` is a sequence's choice: kube-scheduler's own takes the block's wishes with it."""
+    """Fill what the block gives. `scheduler` is a sequence's choice: with kube-scheduler's own name the block's ROS rules are left out."""
     everyone = frozenset(names)
     common = block.section("scheduler")
     if common and scheduler != DEFAULT_SCHEDULER:

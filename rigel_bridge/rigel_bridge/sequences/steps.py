@@ -54,7 +54,7 @@ def _action(rigelfile: Rigelfile, step: Step) -> Action:
 
 
 def _lost(step: Step) -> str:
-    """Why a job may do something else than the file says: Rigel runs a job by its name, without overrides."""
+    """Why a job may differ from what the file describes: Rigel runs a job by its name, without overrides."""
     overrides = step.overrides.mapping() if step.overrides is not None else {}
     lost = [key for key in overrides if key not in _SCHEDULER]
     if not lost:

@@ -36,7 +36,7 @@ def kubectl_of(arguments: argparse.Namespace) -> Kubectl:
 
 
 def add_app(parser: argparse.ArgumentParser) -> None:
-    """Which app of the cluster is meant: `names_of` tells."""
+    """Options that choose an app of the cluster; `names_of` gives its names."""
     parser.add_argument(
         "app", nargs="?", type=app_name, help="name of the RobotApp (default: what ./Rigelfile becomes)"
     )

@@ -1,4 +1,4 @@
-"""Who talks to whom: names of topics, services and actions resolved per launched node, then matched."""
+"""Which nodes exchange messages: names of topics, services and actions resolved per launched node, then matched."""
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
@@ -23,7 +23,7 @@ _PAIRS: Final = (
 )
 _NAME: Final = re.compile(r"[~/\w{}.$()?-]{1,256}")
 _QUIET: Final = frozenset({"/rosout", "/parameter_events", "/tf", "/tf_static", "/clock"})
-"""Topics between everything and everything, which tell nothing about who belongs together."""
+"""Topics that every node has: no edge for placement follows from them."""
 _MAX_PLUGINS: Final = 50
 
 

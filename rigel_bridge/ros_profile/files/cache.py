@@ -19,7 +19,7 @@ _WRITABLE: Final = stat.S_IWGRP | stat.S_IWOTH
 
 
 class Entry(msgspec.Struct, frozen=True, array_like=True):
-    """What one file held: a source file or a launch file; neither when it tells nothing."""
+    """What one file held: a source file or a launch file; neither when nothing of it is used."""
 
     source: SourceFile | None = None
     launch: LaunchFile | None = None

@@ -1,4 +1,4 @@
-"""Rigelfiles of people one does not know: they take nothing, fill nothing, go nowhere else and say nothing to the terminal."""
+"""Hostile Rigelfiles: they read no secrets, stay within bounds, choose no namespace and write no control characters to the terminal."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The command line: where things go and which exit code says what."""
+"""The command line: what is written where, and the exit codes."""
 
 import errno
 import io

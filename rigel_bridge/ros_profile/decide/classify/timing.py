@@ -13,7 +13,7 @@ from ros_profile.model.package import Unit
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """Seconds: the period when nothing tells it, and the bounds of deadline and budget. `share`: budget = share · period.
+    """Seconds: the period when the source has none, and the bounds of deadline and budget. `share`: budget = share · period.
     None: no deadline, or no budget over a network.
     """
 
