@@ -224,8 +224,6 @@ def _qos(qos: Qos | None) -> dict[str, Any]:
     if qos is None:
         return {}
     found: dict[str, Any] = {}
-    if qos.profile == "sensor_data":
-        found = {"reliability": "best_effort", "durability": "volatile"}
     if qos.reliability in ("reliable", "best_effort"):
         found["reliability"] = qos.reliability
     if qos.durability in ("volatile", "transient_local"):

@@ -237,7 +237,12 @@ def test_a_launch_file_becomes_a_robotapp_that_lacks_images_only(tmp_path: Path)
             "to": "hear",
             "type": "std_msgs/msg/String",
             "qos": {"reliability": "best_effort", "depth": 5},
-            "requestedQos": {"reliability": "best_effort", "durability": "volatile"},
+            "requestedQos": {
+                "reliability": "best_effort",
+                "durability": "volatile",
+                "history": "keep_last",
+                "depth": 5,
+            },
         }
     ]
 
