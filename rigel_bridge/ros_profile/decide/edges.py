@@ -7,10 +7,11 @@ from itertools import islice
 from typing import Final
 
 from ros_profile.decide.launching import Launched, absolute
-from ros_profile.decide.substitution import UNKNOWN, resolve
+from ros_profile.decide.substitution import resolve
 from ros_profile.decide.workspace import Index
 from ros_profile.model.conclusions import Edge, GraphName
 from ros_profile.model.endpoints import PARAMETER_MARK, Endpoint, Parameter, Role
+from ros_profile.model.launch import UNKNOWN_TEXT
 from ros_profile.model.package import Unit
 
 MAX_EDGES: Final = 2000
@@ -51,7 +52,7 @@ def ends_of(launched: Launched, unit: Unit | None, index: Index) -> Ends:
         written = endpoint.name
         if written.startswith(PARAMETER_MARK):
             written = values.get(written.removeprefix(PARAMETER_MARK), "")
-        if not written or UNKNOWN in written or not _NAME.fullmatch(written):
+        if not written or UNKNOWN_TEXT in written or not _NAME.fullmatch(written):
             continue
         topic = graph_name(written, full_name, launched.namespace, launched.remaps)
         key = (endpoint.role.value, topic, endpoint.type)

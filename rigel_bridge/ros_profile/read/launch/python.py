@@ -6,17 +6,16 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final, TypeVar
 
 from ros_profile.model.facts import Problem
-from ros_profile.model.launch import Include, LaunchFile, StartedNode
+from ros_profile.model.launch import NOT, UNKNOWN_TEXT, Include, LaunchFile, StartedNode
 from ros_profile.read.launch import python_values as v
 from ros_profile.read.launch.flatten import Flattened
 from ros_profile.read.launch.python_calls import CALLS
-from ros_profile.read.launch.scope import Scope
+from ros_profile.read.launch.scope import MAX_NODES, Scope
 from ros_profile.read.python.syntax import dotted, parse
 
 MAX_STEPS: Final = 100_000
 MAX_DEPTH: Final = 60
 MAX_LOOP: Final = 50
-MAX_NODES: Final = 1000
 _NAMES_PER_STEP: Final = 50
 _UNCHANGED: Final = frozenset(
     {"perform", "items", "strip", "lower", "as_posix", "resolve", "copy", "describe", "values", "absolute"}
@@ -82,12 +81,12 @@ class _Evaluator:
         if isinstance(test, bool):
             self.run(node.body if test else node.orelse, frame)
             return
-        text = test if isinstance(test, str) and "$(" in test else v.UNKNOWN_TEXT
+        text = test if isinstance(test, str) and "$(" in test else UNKNOWN_TEXT
         outer, before = frame.conditions, self._copied(frame.names)
         frame.conditions = (*outer, text)
         self.run(node.body, frame)
         positive, frame.names = frame.names, before
-        frame.conditions = (*outer, f"not {text}")
+        frame.conditions = (*outer, f"{NOT}{text}")
         self.run(node.orelse, frame)
         frame.conditions = outer
         for name in positive:
@@ -159,7 +158,7 @@ class _Evaluator:
             test = self.value(node.test, frame)
             if isinstance(test, bool):
                 return self.value(node.body if test else node.orelse, frame)
-            text = test if isinstance(test, str) and "$(" in test else v.UNKNOWN_TEXT
+            text = test if isinstance(test, str) and "$(" in test else UNKNOWN_TEXT
             return _either(text, self.value(node.body, frame), self.value(node.orelse, frame))
         if isinstance(node, ast.BoolOp):
             return self._logic(node, frame)
@@ -183,9 +182,7 @@ class _Evaluator:
         if any(one is decisive for one in values):
             return decisive
         texts = [
-            one if isinstance(one, str) and "$(" in one else v.UNKNOWN_TEXT
-            for one in values
-            if one is not (not decisive)
+            one if isinstance(one, str) and "$(" in one else UNKNOWN_TEXT for one in values if one is not (not decisive)
         ]
         return f"$({'or' if decisive else 'and'} {' | '.join(texts)})" if texts else not decisive
 

@@ -4,9 +4,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from ros_profile.model.launch import Include, LaunchArgument, StartedNode
+from ros_profile.model.launch import UNKNOWN_TEXT, Include, LaunchArgument, StartedNode
 
-UNKNOWN_TEXT: Final = "$(?)"
 MAX_TEXT: Final = 2000
 """Of one value; nothing that names a node, a file or a topic is longer."""
 
