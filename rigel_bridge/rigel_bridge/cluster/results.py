@@ -12,7 +12,7 @@ from rigel_bridge.cluster.archive import ArchiveError, files_of
 from rigel_bridge.cluster.instances import instances_of, is_ready, pods_of
 from rigel_bridge.cluster.kubectl import ClusterError, Kubectl
 from rigel_bridge.document.failures import BridgeError, Exit, Place
-from rigel_bridge.names import COMPONENT_LABEL, PROVENANCE
+from rigel_bridge.names import COMPONENT_LABEL, INSTANCE_LABEL, PROVENANCE
 
 MANIFEST: Final = "manifest.json"
 APP: Final = "app.json"
@@ -94,7 +94,7 @@ def newest(pods: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
     for pod in sorted(pods, key=lambda pod: str(pod["metadata"].get("creationTimestamp", ""))):
         labels = pod["metadata"].get("labels", {})
         if COMPONENT_LABEL in labels and is_ready(pod):
-            instance = labels.get("robotics.io/instance", "")
+            instance = labels.get(INSTANCE_LABEL, "")
             found["-".join(part for part in (instance, labels[COMPONENT_LABEL]) if part)] = pod
     return found
 

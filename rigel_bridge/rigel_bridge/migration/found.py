@@ -6,14 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from rigel_bridge.names import SCHEDULER_PREFIX
+from rigel_bridge.names import SCHEDULER_PREFIX, THESIS_SCHEDULER
 
 WISHES: Final = ("policies", "topology", "affinity", "shared-data", "dds-domain")
 """Annotations of pods, without the prefix."""
 CLAIMS: Final = ("dds-claims", "device-claims")
 """Annotations of nodes, without the prefix: JSON maps from a domain or device to the uid of its pod."""
 FLEET: Final = "robot-fleet-assignments"
-SCHEDULER: Final = "kubernetes-scheduler"
 MASTER: Final = "ros-master"
 """Deployment of the master that all apps of a namespace shared."""
 _UID: Final = re.compile(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
@@ -95,7 +94,7 @@ def _is_old(template: Json, holder: Json, names: Sequence[str]) -> bool:
     annotations = template.get("metadata", {}).get("annotations") or {}
     wished = any(SCHEDULER_PREFIX + key in annotations for key in WISHES)
     owned = any(owner.get("kind") == "RobotApp" for owner in holder["metadata"].get("ownerReferences", ()))
-    sent = template["spec"].get("schedulerName") == SCHEDULER
+    sent = template["spec"].get("schedulerName") == THESIS_SCHEDULER
     name = holder["metadata"]["name"]
     return (((wished or sent) and name != MASTER) or name in names) and not owned
 

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+from rigel_bridge.document.distros import ros_version
 from rigel_bridge.document.failures import BridgeError, Place, nearest
 from rigel_bridge.document.naming import MAX_APP_NAME, checked_label
 from rigel_bridge.document.section import Section
@@ -15,7 +16,7 @@ from rigel_bridge.render import additional, reference_plugin, scheduling
 from rigel_bridge.render.components import components, settle_programs
 from rigel_bridge.render.draft import Draft, Path, written
 from rigel_bridge.render.orchestration import OWN, orchestrate
-from rigel_bridge.render.ros import ros, settle_addresses, version_of
+from rigel_bridge.render.ros import ros, settle_addresses
 from rigel_bridge.render.schema import problems, robotapp_schema
 
 
@@ -59,10 +60,10 @@ def render(target: Target, naming: Naming) -> Rendered:
     beside = reference_plugin.Beside()
     if block is not None:
         beside = reference_plugin.apply(block, draft, len(names))
-        notes += beside.notes + additional.apply(block, draft, version=version_of(draft), count=len(names))
+        notes += beside.notes + additional.apply(block, draft, version=ros_version(draft.spec), count=len(names))
         orchestrate(block, draft, names, scheduler=target.scheduler)
         settle_programs(target.packages, draft)
-    notes += settle_addresses(block, draft, version=version_of(draft))
+    notes += settle_addresses(block, draft, version=ros_version(draft.spec))
     if target.scheduler:
         draft.spec["schedulerName"] = target.scheduler
     notes += _logins(target, block)
@@ -198,7 +199,7 @@ def _check_names(draft: Draft) -> None:
 
 def _check_version(draft: Draft) -> None:
     """The settings of the other ROS version would be refused by the operator, after the API server stored them."""
-    version = version_of(draft)
+    version = ros_version(draft.spec)
     field = f"ros{3 - version}"
     if field in draft.spec:
         raise BridgeError(

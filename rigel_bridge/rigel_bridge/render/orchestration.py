@@ -6,6 +6,7 @@ from rigel_bridge.document.failures import nearest
 from rigel_bridge.document.naming import label
 from rigel_bridge.document.section import Section
 from rigel_bridge.document.tree import Node
+from rigel_bridge.names import DEFAULT_SCHEDULER
 from rigel_bridge.render import scheduling
 from rigel_bridge.render.draft import Draft
 
@@ -13,7 +14,6 @@ OWN: Final = (
     *("name", "namespace", "components", "robotapp", "scheduler", "deploy_ros_master", "ros_master_image"),
     *("application_image", "ros_version", "rmw", "dds_domain", "image_pull_secrets"),
 )
-DEFAULT_SCHEDULER: Final = "default-scheduler"
 
 
 def orchestrate(block: Section, draft: Draft, names: dict[str, int], *, scheduler: str) -> None:

@@ -56,14 +56,6 @@ def lift(variable: str, value: str | None, node: Node, draft: Draft) -> None:
     draft.put(("ros2", field), int(value) if field == "domain" else value, node)
 
 
-def version_of(draft: Draft) -> int:
-    """1 or 2, once the distribution stands."""
-    written = draft.spec.get("ros", {})
-    known = distros().get(written.get("distro", ""))
-    version: int = written.get("version") or (known.version if known else 2)
-    return version
-
-
 def _distro(packages: tuple[Package, ...], block: Section | None, draft: Draft) -> tuple[str, Node]:
     """The packages' distro, else the one that the block's RobotApp words give, for images that others built."""
     verbatim = block.section("robotapp") if block else None

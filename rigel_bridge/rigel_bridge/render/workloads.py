@@ -7,17 +7,14 @@ scheduler. Both bring the volume claims and, for ROS 1, the master. What only th
 from collections.abc import Mapping
 from typing import Any, Final
 
-from rigel_bridge.document.distros import distros
+from rigel_bridge.document.distros import ros_version
 from rigel_bridge.document.failures import BridgeError, Place
-from rigel_bridge.names import BRIDGE_APP_LABEL, SCHEDULER_PREFIX
+from rigel_bridge.names import BRIDGE_APP_LABEL, DEFAULT_SCHEDULER, GRANTED_DOMAIN, SCHEDULER, SCHEDULER_PREFIX
 from rigel_bridge.render.annotations import wishes
 from rigel_bridge.render.app import Rendered
 from rigel_bridge.render.draft import Path, written
-from rigel_bridge.render.orchestration import DEFAULT_SCHEDULER
 
 FORMATS: Final = ("robotapp", "pods", "manifests")
-SCHEDULER: Final = "ros-aware-scheduler"
-GRANTED_DOMAIN: Final = "granted.robotics.io/dds-domain"
 _PORT: Final = 11311
 _DEPLOYMENT: Final = ("apps/v1", "Deployment")
 _COMPONENT_LABEL: Final = "app.kubernetes.io/component"
@@ -78,7 +75,7 @@ def _scheduler(spec: Mapping[str, Any], annotations: Mapping[str, str], *, ours:
 
 def _allocated(spec: Mapping[str, Any]) -> bool:
     """Whether the scheduler grants the domain: to one pod, which then has it for itself."""
-    return _version(spec) == 2 and _pods(spec) == 1
+    return ros_version(spec) == 2 and _pods(spec) == 1
 
 
 def _pods(spec: Mapping[str, Any]) -> int:
@@ -95,7 +92,7 @@ def _container(app: Mapping[str, Any], component: Mapping[str, Any], *, ours: bo
 
 def _environment(app: Mapping[str, Any], *, ours: bool) -> list[dict[str, Any]]:
     spec = app["spec"]
-    if _version(spec) == 1:
+    if ros_version(spec) == 1:
         uri = spec.get("ros1", {}).get("uri") or f"http://{_master_name(app)}:{_PORT}"
         address = {"fieldRef": {"fieldPath": "status.podIP"}}
         return [{"name": "ROS_MASTER_URI", "value": uri}, {"name": "ROS_IP", "valueFrom": address}]
@@ -114,7 +111,7 @@ def _master(app: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Deployment and Service of the app's own master; nothing for ROS 2 and for an external one."""
     spec = app["spec"]
     ros1 = spec.get("ros1", {})
-    if _version(spec) == 2 or ros1.get("master") == "External":
+    if ros_version(spec) == 2 or ros1.get("master") == "External":
         return []
     name = _master_name(app)
     labels = {BRIDGE_APP_LABEL: app["metadata"]["name"], _COMPONENT_LABEL: "ros-master"}
@@ -158,11 +155,6 @@ def _object(
     return {"apiVersion": kind[0], "kind": kind[1], "metadata": metadata, "spec": spec}
 
 
-def _version(spec: Mapping[str, Any]) -> int:
-    known = distros().get(spec["ros"]["distro"])
-    return int(spec["ros"].get("version") or (known.version if known else 2))
-
-
 def _notes(rendered: Rendered, *, ours: bool) -> list[str]:
     spec = rendered.app["spec"]
     lost: list[Path] = [(field,) for field in _APPS if field in spec]
@@ -176,7 +168,7 @@ def _notes(rendered: Rendered, *, ours: bool) -> list[str]:
         for path in lost
     ]
     alone = ours and _allocated(spec)
-    if _version(spec) == 2 and not alone and "domain" not in spec.get("ros2", {}):
+    if ros_version(spec) == 2 and not alone and "domain" not in spec.get("ros2", {}):
         notes.append(
             f"{rendered.origin(('ros',))}: ROS_DOMAIN_ID is 0, which every laptop uses: write dds_domain, or render a "
             "RobotApp, which gets its own"

@@ -31,11 +31,14 @@ def fields(*path: str) -> Any:
 def test_objects_and_labels_have_the_names_of_the_api() -> None:
     assert bridge.API_VERSION == profiler.API_VERSION == names.API_VERSION
     assert bridge.MANAGER == names.BRIDGE_MANAGER
-    assert (bridge.APP_LABEL, bridge.APP_UID_LABEL, bridge.COMPONENT_LABEL) == (
+    assert (bridge.APP_LABEL, bridge.APP_UID_LABEL, bridge.COMPONENT_LABEL, bridge.INSTANCE_LABEL) == (
         names.Label.APP,
         names.Label.APP_UID,
         names.Label.COMPONENT,
+        names.Label.INSTANCE,
     )
+    assert (bridge.SCHEDULER, bridge.THESIS_SCHEDULER) == (names.SCHEDULER_NAME, names.THESIS_SCHEDULER_NAME)
+    assert str(names.Annotation.GRANTED_DOMAIN) == bridge.GRANTED_DOMAIN
 
 
 def test_annotations_of_pods_are_those_that_the_scheduler_reads() -> None:

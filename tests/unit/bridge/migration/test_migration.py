@@ -284,7 +284,7 @@ def test_the_words_are_those_of_the_api() -> None:
     own = {names.Annotation.POLICIES, names.Annotation.TOPOLOGY, names.Annotation.AFFINITY}
     own |= {names.Annotation.SHARED_DATA, names.Annotation.DDS_DOMAIN}
     assert {SCHEDULER_PREFIX + key for key in found.WISHES} == {str(each) for each in own}
-    assert (found.FLEET, found.SCHEDULER) == (names.FLEET_CONFIG_MAP, names.THESIS_SCHEDULER_NAME)
+    assert found.FLEET == names.FLEET_CONFIG_MAP
 
 
 def test_a_file_is_migrated_without_a_cluster(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
