@@ -9,9 +9,9 @@ from typing import Any, Final
 from rigel_bridge import __version__
 from rigel_bridge.document.failures import BridgeError, Exit, Place
 from rigel_bridge.document.tree import MAX_BYTES, Node, parse
-from rigel_bridge.generations.beside import laid_beside
 from rigel_bridge.generations.load import Outline, load, outline
 from rigel_bridge.generations.model import Generation, Options, Rigelfile
+from rigel_bridge.generations.second_file import completed_by
 from rigel_bridge.inferences import inferences
 from rigel_bridge.render.app import Naming, Rendered, render
 from rigel_bridge.render.inferred import filled
@@ -143,7 +143,7 @@ def _parsed(data: bytes, source: Source) -> Node:
     root = parse(data, "standard input" if source.path == STANDARD_INPUT else str(source.path))
     if source.orchestration is None:
         return root
-    return laid_beside(root, parse(read_bytes(source.orchestration), str(source.orchestration)))
+    return completed_by(root, parse(read_bytes(source.orchestration), str(source.orchestration)))
 
 
 def _refuse_twins(rigelfile: Rigelfile, found: list[Rendered]) -> None:

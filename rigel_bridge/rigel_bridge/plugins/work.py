@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from rigel_bridge.cluster.beside import apply_claims
 from rigel_bridge.cluster.deployment import deploy
 from rigel_bridge.cluster.kubectl import Kubectl
+from rigel_bridge.cluster.volume_claims import apply_claims
 from rigel_bridge.cluster.waiting import Clock, duration_s, wait_ready
 from rigel_bridge.document.failures import BridgeError, Exit, Place, control_character, printable
 from rigel_bridge.render.text import as_yaml

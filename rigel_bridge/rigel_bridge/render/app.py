@@ -57,10 +57,10 @@ def render(target: Target, naming: Naming) -> Rendered:
     notes = _known_keys(block) if block else []
     names = components(target.packages, block, draft, notes)
     notes += ros(target.packages, block, draft, today=naming.today)
-    beside = reference_plugin.Beside()
+    extras = reference_plugin.Extras()
     if block is not None:
-        beside = reference_plugin.apply(block, draft, len(names))
-        notes += beside.notes + additional.apply(block, draft, version=ros_version(draft.spec), count=len(names))
+        extras = reference_plugin.apply(block, draft, len(names))
+        notes += extras.notes + additional.apply(block, draft, version=ros_version(draft.spec), count=len(names))
         orchestrate(block, draft, names, scheduler=target.scheduler)
         settle_programs(target.packages, draft)
     notes += settle_addresses(block, draft, version=ros_version(draft.spec))
@@ -71,11 +71,11 @@ def render(target: Target, naming: Naming) -> Rendered:
     _check(draft)
     notes += _left_as_they_stand(draft)
     metadata = _metadata(target, naming, block)
-    annotations = {**dict(naming.provenance), **beside.annotations}
+    annotations = {**dict(naming.provenance), **extras.annotations}
     if annotations:
         metadata["annotations"] = {f"{PROVENANCE}{key}": value for key, value in sorted(annotations.items())}
     app = {"apiVersion": API_VERSION, "kind": "RobotApp", "metadata": metadata, "spec": _ordered(draft.spec)}
-    return Rendered(app, _claims(beside, metadata), beside.strategy, tuple(dict.fromkeys(notes)), draft.origin)
+    return Rendered(app, _claims(extras, metadata), extras.strategy, tuple(dict.fromkeys(notes)), draft.origin)
 
 
 def _known_keys(block: Section) -> list[str]:
@@ -96,9 +96,9 @@ def _metadata(target: Target, naming: Naming, block: Section | None) -> dict[str
     return metadata
 
 
-def _claims(beside: reference_plugin.Beside, metadata: dict[str, Any]) -> tuple[dict[str, Any], ...]:
+def _claims(extras: reference_plugin.Extras, metadata: dict[str, Any]) -> tuple[dict[str, Any], ...]:
     found = []
-    for claim in beside.claims:
+    for claim in extras.claims:
         own = {"name": claim["metadata"]["name"]}
         if "namespace" in metadata:
             own["namespace"] = metadata["namespace"]

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from rigel_bridge.cluster import apps
-from rigel_bridge.cluster.beside import apply_claims
 from rigel_bridge.cluster.deployment import deploy
 from rigel_bridge.cluster.instances import instances_of
 from rigel_bridge.cluster.kubectl import ClusterError, Kubectl
 from rigel_bridge.cluster.removal import remove
 from rigel_bridge.cluster.results import APP, FILES, Collection, collect
+from rigel_bridge.cluster.volume_claims import apply_claims
 from rigel_bridge.cluster.waiting import Clock, wait_ready
 from rigel_bridge.document.failures import BridgeError
 from rigel_bridge.names import PROVENANCE

@@ -3,8 +3,8 @@
 import argparse
 from typing import Final
 
-from rigel_bridge.cluster.beside import apply_claims
 from rigel_bridge.cluster.deployment import deploy
+from rigel_bridge.cluster.volume_claims import apply_claims
 from rigel_bridge.cluster.waiting import Clock, wait_ready
 from rigel_bridge.document.failures import Exit
 from rigel_bridge.verbs.cluster_options import add_cluster, kubectl_of, say, seconds, subject, tell
