@@ -1,6 +1,5 @@
 """Reading YAML within bounds, with lines."""
 
-import time
 from pathlib import Path
 
 import pytest
@@ -31,12 +30,11 @@ def test_a_block_stands_where_its_key_stands() -> None:
     assert str(child("a: 1\nb:\n\n  c: y\n", "b").place) == "Rigelfile:2"
 
 
-def test_an_alias_chain_is_refused_before_anything_is_built() -> None:
+def test_an_alias_chain_is_refused_before_anything_is_built(monkeypatch: pytest.MonkeyPatch) -> None:
     levels = "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]\n" for n in range(1, 9))
-    started = time.process_time()
+    monkeypatch.setattr("yaml.compose", None)
     error = failure("a0: &a0 [x]\n" + levels)
     assert str(error) == "Rigelfile:2: alias *a0 is not allowed: write the value out"
-    assert time.process_time() - started < 1
 
 
 def test_deep_nesting_is_refused() -> None:
