@@ -1,4 +1,4 @@
-"""The pod annotations of the thesis: JSON of what a component wishes from the scheduler. The way back from `scheduling`."""
+"""The pod annotations of the thesis: what a component requests of the scheduler, as JSON. The inverse of `scheduling`."""
 
 import json
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ _POLICIES: Final = {
 }
 
 
-def wishes(spec: Mapping[str, Any], component: Mapping[str, Any], *, app: str) -> dict[str, str]:
+def pod_annotations(spec: Mapping[str, Any], component: Mapping[str, Any], *, app: str) -> dict[str, str]:
     """Annotations by name, without those that would be empty. Pods of the same app are named by their Deployment."""
     found = {
         "policies": _policies(component),

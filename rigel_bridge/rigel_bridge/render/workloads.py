@@ -10,7 +10,7 @@ from typing import Any, Final
 from rigel_bridge.document.distros import ros_version
 from rigel_bridge.document.failures import BridgeError, Place
 from rigel_bridge.names import BRIDGE_APP_LABEL, DEFAULT_SCHEDULER, GRANTED_DOMAIN, SCHEDULER, SCHEDULER_PREFIX
-from rigel_bridge.render.annotations import wishes
+from rigel_bridge.render.annotations import pod_annotations
 from rigel_bridge.render.app import Rendered
 from rigel_bridge.render.draft import Path, written
 
@@ -22,7 +22,7 @@ _CONTAINER: Final = (
     *("name", "image", "command", "args", "workingDir", "env", "envFrom", "ports", "volumeMounts", "resources"),
     *("imagePullPolicy", "securityContext", "livenessProbe", "readinessProbe", "startupProbe", "lifecycle"),
 )
-_WISHES: Final = ("qosClass", "policies", "devices", "requires", "sharedData")
+_SCHEDULING: Final = ("qosClass", "policies", "devices", "requires", "sharedData")
 _OPERATORS: Final = ("parameters", "runsOn", "ready", "colocateWith", "separateFrom", "onDisconnect")
 _APPS: Final = ("suspend", "robots", "edges", "update", "connectivity")
 
@@ -30,7 +30,7 @@ _APPS: Final = ("suspend", "robots", "edges", "update", "connectivity")
 def workloads(rendered: Rendered, *, annotated: bool) -> tuple[tuple[dict[str, Any], ...], tuple[str, ...]]:
     """Objects in the order in which they are applied, and notes. `annotated`: for our scheduler, else for any."""
     app, spec = rendered.app, rendered.app["spec"]
-    # Pods that another scheduler places carry no wishes, as in the thesis' benchmark of kube-scheduler's own.
+    # Pods that another scheduler places carry no ROS annotations, as in the thesis' benchmark of kube-scheduler's own.
     ours = annotated and spec.get("schedulerName") != DEFAULT_SCHEDULER
     found: list[dict[str, Any]] = [*rendered.claims, *_master(app)]
     found += [_deployment(rendered, component, ours=ours) for component in spec["components"]]
@@ -44,7 +44,7 @@ def _deployment(rendered: Rendered, component: Mapping[str, Any], *, ours: bool)
     template = component.get("template", {})
     annotations = dict(template.get("metadata", {}).get("annotations", {}))
     if ours:
-        annotations |= wishes(spec, component, app=metadata["name"])
+        annotations |= pod_annotations(spec, component, app=metadata["name"])
     if ours and _allocated(spec):
         annotations[f"{SCHEDULER_PREFIX}dds-domain"] = str(spec.get("ros2", {}).get("domain", "auto"))
     pod: dict[str, Any] = {"containers": [_container(app, component, ours=ours)], **template.get("spec", {})}
@@ -68,8 +68,8 @@ def _strategy(component: Mapping[str, Any]) -> dict[str, str]:
 
 def _scheduler(spec: Mapping[str, Any], annotations: Mapping[str, str], *, ours: bool) -> str:
     if ours:
-        wished = any(key.startswith(SCHEDULER_PREFIX) for key in annotations)
-        return str(spec.get("schedulerName") or (SCHEDULER if wished else ""))
+        annotated = any(key.startswith(SCHEDULER_PREFIX) for key in annotations)
+        return str(spec.get("schedulerName") or (SCHEDULER if annotated else ""))
     return DEFAULT_SCHEDULER if spec.get("schedulerName") == DEFAULT_SCHEDULER else ""
 
 
@@ -158,7 +158,7 @@ def _object(
 def _notes(rendered: Rendered, *, ours: bool) -> list[str]:
     spec = rendered.app["spec"]
     lost: list[Path] = [(field,) for field in _APPS if field in spec]
-    left = _OPERATORS if ours else (*_OPERATORS, *_WISHES)
+    left = _OPERATORS if ours else (*_OPERATORS, *_SCHEDULING)
     for index, component in enumerate(spec["components"]):
         lost += [("components", index, field) for field in left if field in component]
     if not ours and "placement" in spec:

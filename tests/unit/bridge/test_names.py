@@ -7,7 +7,7 @@ from rigel_bridge.document.distros import distros
 from rigel_bridge.document.failures import control_character
 from rigel_bridge.document.naming import MAX_APP_NAME, MAX_COMPONENT_NAME
 from rigel_bridge.render import scheduling
-from rigel_bridge.render.annotations import wishes
+from rigel_bridge.render.annotations import pod_annotations
 from rigel_bridge.render.schema import robotapp_schema
 from robotapp_agent.devices.kinds import TYPES
 from robotapp_api.model import component, names
@@ -44,7 +44,7 @@ def test_objects_and_labels_have_the_names_of_the_api() -> None:
 def test_annotations_of_pods_are_those_that_the_scheduler_reads() -> None:
     assert bridge.SCHEDULER_PREFIX == profiler.SCHEDULER_PREFIX
     described = {"policies": {"deadline": "1s"}, "devices": [{"type": "can"}], "sharedData": {"claimNames": ["c"]}}
-    written = wishes({"placement": {"masterNode": "n"}}, described, app="a")
+    written = pod_annotations({"placement": {"masterNode": "n"}}, described, app="a")
     assert written.keys() == {
         names.Annotation.POLICIES,
         names.Annotation.TOPOLOGY,
