@@ -320,9 +320,7 @@ def test_a_slip_in_a_name_is_told_and_nothing_is_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], flags: list[str], expected: tuple[int, str]
 ) -> None:
     path = tmp_path / "cluster.json"
-    path.write_text(
-        json.dumps({"items": [{"kind": "Deployment", "metadata": {"name": "talker"}, "spec": {"template": {}}}]})
-    )
+    path.write_text(json.dumps({"items": [deployment("talker")]}))
     assert main(["migrate", "-f", str(path), *flags]) == expected[0]
     written = capsys.readouterr()
     assert (written.out, written.err.strip()) == ("", expected[1])
