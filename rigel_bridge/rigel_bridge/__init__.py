@@ -17,4 +17,4 @@ def __getattr__(name: str) -> Any:
     """Plugin classes, built on demand: only then the Rigel they belong to is imported."""
     if name not in ("Plugin", "RobotAppPlugin"):
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return import_module("rigel_bridge.plugins.chosen").plugin_class(name)
+    return import_module("rigel_bridge.plugins.installed").plugin_class(name)

@@ -1,5 +1,6 @@
 """What the source of packages shows, read by ros_profile: for `--profile`. The only place that imports it, when asked to."""
 
+import sys
 from pathlib import Path
 
 from rigel_bridge.document.failures import BridgeError, Exit, Place
@@ -11,14 +12,20 @@ def inferences(path: Path) -> dict[str, Inference]:
     place = Place(str(path))
     try:
         from ros_profile.generate import generate_profile
+        from ros_profile.main import end_progress, show_progress
         from ros_profile.output.robotapp import needs
-        from ros_profile.output.values import emitted, withheld
+        from ros_profile.output.values import distinct, perhaps
     except ImportError as error:
         raise BridgeError(
-            place, f"--profile needs {error.name}: pip install 'robotapp[profile]'", code=Exit.UNREADABLE
+            place,
+            f"--profile needs {error.name}: pip install '.[profile]' in a clone of RobotApp",
+            code=Exit.UNREADABLE,
         ) from error
     try:
-        profile = generate_profile(path)
+        watched = sys.stderr.isatty()
+        profile = generate_profile(path, progress=show_progress if watched else None)
+        if watched:
+            end_progress()
     except OSError as error:
         raise BridgeError(place, f"cannot be read: {error.strerror}", code=Exit.UNREADABLE) from error
     if not profile.packages:
@@ -29,9 +36,9 @@ def inferences(path: Path) -> dict[str, Inference]:
         found.setdefault(
             package.name,
             Inference(
-                fields=needs(own, emitted(own.hardware)),
+                fields=needs(own, distinct(own.hardware)),
                 confidence=own.qos_class.confidence if own.qos_class else 0.0,
-                doubts=tuple(f"{one.value.type} ({one.confidence:.2f})" for one in withheld(own.hardware)),
+                doubts=tuple(perhaps(one) for one in own.doubted),
             ),
         )
     return found

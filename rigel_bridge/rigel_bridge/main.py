@@ -4,36 +4,35 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from typing import Final
 
 from rigel_bridge import __version__
-from rigel_bridge.document.failures import BridgeError, Exit, printable
+from rigel_bridge.document.failures import BridgeError, Exit, nearest, printable
 from rigel_bridge.verbs.table import VERBS
 
-_EXAMPLES = """\
-examples:
-  rigel-bridge render                                    the Rigelfile of this folder, to the screen
-  rigel-bridge render ws/Rigelfile | kubectl apply -f -  straight to the cluster
-  git show v1:Rigelfile | rigel-bridge render - --name amr-teleop
-  rigel-bridge render --name amr-teleop -n fleet -o k8s/teleop.yaml
-  rigel-bridge render --sequence benchmark_default       Rigel 0.3: the jobs of a sequence that deploy
-  rigel-bridge apply --wait 2m                           the same, with history, until it is Ready
-  TAG=1.4.0 rigel-bridge render --env TAG                {{ TAG }} from the environment, and nothing else
-
+_EXIT_CODES: Final = """\
 exit codes:
-  0 done   2 wrong usage   70 file unreadable   71 not the YAML we accept
-  72 the Rigelfile says something impossible   73 no generation of Rigelfile
-  74 no kubectl, no connection, or the cluster refused   75 not Ready or not gone in time
-  76 no such app or past spec   77 a job of a sequence failed   130 Ctrl-C; `diff` ends with 1 when it finds a difference
+  0 done   1 `diff` found a difference   2 wrong usage   70 file unreadable
+  71 not the YAML we accept   72 the Rigelfile says something impossible
+  73 no generation of Rigelfile   75 not Ready or not gone in time
+  74 no kubectl, no connection, or the cluster refused
+  76 no such app or past spec   77 a job of a sequence failed   130 Ctrl-C
 
-Errors are one line: file:line: what is wrong; what is allowed. Notes go to standard error as well.
+Errors are one line: file:line: what is wrong; what is allowed. Notes go to
+standard error as well.
 """
+_WIDTH: Final = 74
+"""Characters for an example and its effect, in a terminal of 80 columns."""
+_FIRST: Final = ("render", "check", "apply", "sequences", "migrate")
+"""Commands whose first example stands in `rigel-bridge --help`."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit code."""
-    arguments = _parser().parse_args(argv)
+    arguments = _arguments(argv)
     try:
         code: int = arguments.run(arguments)
+        sys.stdout.flush()
     except BridgeError as error:
         sys.stderr.write(f"{printable(str(error))}\n")
         return error.code
@@ -43,29 +42,67 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # `| head` closed the pipe: nothing more to say
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return Exit.OK
+    except OSError as error:  # a full disk behind `>`: what was written is not all
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        place = error.filename or "standard output"
+        sys.stderr.write(f"{printable(str(place))}: cannot be read or written: {error.strerror}\n")
+        return Exit.UNREADABLE
     return code
 
 
-def _parser() -> argparse.ArgumentParser:
+def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    """What was typed. A flag that is not known is told by the command it was given to, with the nearest one."""
+    parser, commands = _parser()
+    arguments, unknown = parser.parse_known_args(argv)
+    if len(unknown) == 1 and not unknown[0].startswith("-") and getattr(arguments, "app", "") is None:
+        arguments.app = unknown.pop()  # `collect FOLDER -n fleet APP`: argparse takes no optional name after a flag
+    if unknown:
+        command = commands[arguments.command]
+        flags = [flag for action in command._actions for flag in action.option_strings]  # noqa: SLF001 - argparse has no other list
+        command.error(f"{unknown[0]} is not known here{nearest(unknown[0].partition('=')[0], flags)}")
+    return arguments
+
+
+def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
+    first = [verb.examples[0] for verb in VERBS if verb.name in _FIRST]
     parser = argparse.ArgumentParser(
         prog="rigel-bridge",
-        description="Turn a Rigelfile into a RobotApp for Kubernetes.",
-        epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        description="Turn a Rigelfile into a RobotApp for Kubernetes. `rigel-bridge COMMAND --help` has the flags and examples of each.",
+        epilog=_epilog(first),
+        formatter_class=_Help,
     )
     parser.add_argument("--version", action="version", version=f"rigel-bridge {__version__}")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    added = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    commands = {}
     for verb in VERBS:
-        command = commands.add_parser(
+        command = added.add_parser(
             verb.name,
             help=verb.summary,
             description=verb.description,
-            epilog=_EXAMPLES,
-            formatter_class=argparse.RawDescriptionHelpFormatter,
+            epilog=_epilog(verb.examples),
+            formatter_class=_Help,
         )
         verb.arguments(command)
         command.set_defaults(run=verb.run)
-    return parser
+        commands[verb.name] = command
+    return parser, commands
+
+
+class _Help(argparse.RawDescriptionHelpFormatter):
+    """Descriptions are filled to the terminal; examples and exit codes stand as they are written."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        if text.startswith("examples:"):
+            return super()._fill_text(text, width, indent)
+        return argparse.HelpFormatter._fill_text(self, text, width, indent)  # noqa: SLF001 - the base class of the formatter
+
+
+def _epilog(examples: Sequence[tuple[str, str]]) -> str:
+    """Examples with what they do beside them, or below where one of them does not fit."""
+    widest = max(len(line) for line, _ in examples)
+    between = "  " if widest + max(len(effect) for _, effect in examples) <= _WIDTH else "\n      "
+    lines = [f"  {line:<{0 if between.strip(' ') else widest}}{between}{effect}" for line, effect in examples]
+    return "\n".join(["examples:", *lines, "", _EXIT_CODES])
 
 
 if __name__ == "__main__":

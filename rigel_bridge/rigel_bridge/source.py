@@ -9,9 +9,9 @@ from typing import Any, Final
 from rigel_bridge import __version__
 from rigel_bridge.document.failures import BridgeError, Exit, Place
 from rigel_bridge.document.tree import MAX_BYTES, Node, parse
-from rigel_bridge.generations.beside import laid_beside
 from rigel_bridge.generations.load import Outline, load, outline
 from rigel_bridge.generations.model import Generation, Options, Rigelfile
+from rigel_bridge.generations.second_file import completed_by
 from rigel_bridge.inferences import inferences
 from rigel_bridge.render.app import Naming, Rendered, render
 from rigel_bridge.render.inferred import filled
@@ -69,7 +69,17 @@ def read_bytes(path: Path) -> bytes:
         with path.open("rb") as file:
             return file.read(MAX_BYTES + 1)
     except OSError as error:
-        raise BridgeError(Place(str(path)), f"cannot be read: {error.strerror}", code=Exit.UNREADABLE) from error
+        raise BridgeError(
+            Place(str(path)), f"cannot be read: {error.strerror}{_instead(path)}", code=Exit.UNREADABLE
+        ) from error
+
+
+def _instead(path: Path) -> str:
+    """What was probably meant by a path that is no file."""
+    if path.is_dir():
+        inside = path / "Rigelfile"
+        return f"; give the file{f', such as {inside}' if inside.is_file() else ' in it'}"
+    return "; write one, or give its path or - for standard input" if str(path) == "Rigelfile" else ""
 
 
 def objects(source: Source) -> Objects:
@@ -78,7 +88,7 @@ def objects(source: Source) -> Objects:
 
 
 def examine(data: bytes, source: Source) -> Outline:
-    """Generation, jobs, sequences and what Rigel itself would stumble over."""
+    """Generation, jobs, sequences and what Rigel itself would refuse."""
     return outline(_parsed(data, source), source.options)
 
 
@@ -133,7 +143,7 @@ def _parsed(data: bytes, source: Source) -> Node:
     root = parse(data, "standard input" if source.path == STANDARD_INPUT else str(source.path))
     if source.orchestration is None:
         return root
-    return laid_beside(root, parse(read_bytes(source.orchestration), str(source.orchestration)))
+    return completed_by(root, parse(read_bytes(source.orchestration), str(source.orchestration)))
 
 
 def _refuse_twins(rigelfile: Rigelfile, found: list[Rendered]) -> None:

@@ -3,8 +3,10 @@
 import argparse
 import os
 import re
+import shutil
 import sys
 from collections.abc import Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Final
 
@@ -12,13 +14,15 @@ from ros_profile.generate import ENGINES, generate_profile
 from ros_profile.model.conclusions import LaunchProfile, Profile
 from ros_profile.output.difference import difference
 from ros_profile.output.machine import as_annotations, as_json, as_rigelfile, from_json
+from ros_profile.output.names import ROS1_DISTROS
 from ros_profile.output.robotapp import as_robotapp, components
-from ros_profile.output.text import text
+from ros_profile.output.text import WIDTH, text
 
 MAX_OLD_BYTES: Final = 256 << 20
-_CONTROL: Final = re.compile(
+CONTROL: Final = re.compile(
     "[\\x00-\\x09\\x0b-\\x1f\\x7f-\\x9f\\u200e\\u200f\\u2028-\\u202e\\u2066-\\u2069\\ud800-\\udfff]"
 )
+"""What a terminal acts on instead of printing it, apart from the end of a line. rigel_bridge has the same (a test compares)."""
 _EXAMPLES: Final = """\
 examples:
   ros-scheduler-profile src/my_driver                      what the package needs, in short
@@ -28,7 +32,9 @@ examples:
   ros-scheduler-profile src --format robotapp --launch my_bringup/robot.launch.py > robotapp.yaml
 
 exit codes:
-  0 done   1 --diff found differences   2 wrong usage   70 PATH or OLD cannot be read   72 nothing to profile
+  0 done   1 --diff found differences   2 wrong usage
+  70 PATH or OLD cannot be read, or the result not written
+  72 nothing to profile, or no launch file to make an app of   130 Ctrl-C
 
 Nothing that is read is run: launch files, setup.py and CMakeLists.txt are only parsed.
 """
@@ -44,18 +50,28 @@ class Failure(Exception):  # noqa: N818 - an outcome with its exit code
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit code."""
-    arguments = _parser().parse_args(argv)
+    parser = _parser()
+    arguments = parser.parse_args(argv)
+    if unused := _unused(arguments):
+        parser.error(unused)
     try:
         profile = _profile(arguments)
         written, code = _output(profile, arguments)
-        sys.stdout.write(_CONTROL.sub(lambda match: f"\\u{ord(match[0]):04x}", written))
+        sys.stdout.write(CONTROL.sub(lambda match: f"\\u{ord(match[0]):04x}", written))
         sys.stdout.flush()
     except Failure as failure:
-        sys.stderr.write(_CONTROL.sub("?", f"{failure}\n"))
+        sys.stderr.write(CONTROL.sub("?", f"{failure}\n"))
         return failure.code
+    except KeyboardInterrupt:
+        sys.stderr.write("\ninterrupted\n" if sys.stderr.isatty() else "interrupted\n")  # below the progress bar
+        return 130
     except BrokenPipeError:  # `| head` closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except OSError as error:  # a full disk behind `>`: what was written is not all
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.stderr.write(f"standard output: cannot be written: {error.strerror}\n")
+        return 70
     return code
 
 
@@ -86,19 +102,35 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _unused(arguments: argparse.Namespace) -> str:
+    """A flag that another format or --diff takes, and this call would pass over in silence."""
+    for flag, given, form in (
+        ("--launch", arguments.launch, "robotapp"),
+        ("--distro", arguments.distro, "robotapp"),
+        ("--explain", arguments.explain, "text"),
+    ):
+        if given and arguments.format != form:
+            return f"{flag} goes with --format {form}, and this is --format {arguments.format}"
+    if arguments.diff is not None and arguments.format != "text":
+        return f"--diff writes lines of text: leave --format {arguments.format} out"
+    return ""
+
+
 def _profile(arguments: argparse.Namespace) -> Profile:
+    if arguments.path.is_file():
+        raise Failure(f"{arguments.path}: is a file; give the folder of a package or of a workspace", 70)
     try:
         profile = generate_profile(
             arguments.path,
             engine=arguments.engine,
             curated=not arguments.no_curated,
             cache=None if arguments.no_cache else _cache_folder(),
-            progress=None if arguments.quiet or not sys.stderr.isatty() else _progress,
+            progress=None if arguments.quiet or not sys.stderr.isatty() else show_progress,
         )
     except (OSError, ValueError) as error:
         raise Failure(f"{arguments.path}: cannot be read: {getattr(error, 'strerror', None) or error}", 70) from error
     if sys.stderr.isatty() and not arguments.quiet:
-        sys.stderr.write("\r\x1b[K")
+        end_progress()
     if not profile.packages:
         reasons = "".join(f"; {problem.file}: {problem.message}" for problem in profile.problems[:3])
         raise Failure(f"{arguments.path}: no package.xml here or below that could be read{reasons}", 72)
@@ -114,17 +146,24 @@ def _cache_folder() -> Path | None:
     return base / "ros-scheduler-profile" if base.is_absolute() else None
 
 
-def _progress(done: int, total: int, name: str) -> None:
+def show_progress(done: int, total: int, name: str) -> None:
+    """A bar on a terminal's standard error, one line that is overwritten."""
     width = 24
     filled = width * done // max(total, 1)
-    sys.stderr.write(f"\r\x1b[K[{'#' * filled}{' ' * (width - filled)}] {done}/{total} {_CONTROL.sub('?', name)[:40]}")
+    sys.stderr.write(f"\r\x1b[K[{'#' * filled}{' ' * (width - filled)}] {done}/{total} {CONTROL.sub('?', name)[:40]}")
+    sys.stderr.flush()
+
+
+def end_progress() -> None:
+    """Clear the bar's line."""
+    sys.stderr.write("\r\x1b[K")
     sys.stderr.flush()
 
 
 def _output(profile: Profile, arguments: argparse.Namespace) -> tuple[str, int]:
     if arguments.diff is not None:
         lines = difference(_old(arguments.diff), profile)
-        return "".join(f"{line}\n" for line in lines) or "no difference\n", 1 if lines else 0
+        return "".join(line.replace("\n", "\\u000a") + "\n" for line in lines) or "no difference\n", 1 if lines else 0
     if arguments.format == "json":
         return as_json(profile), 0
     if arguments.format == "annotations":
@@ -133,7 +172,12 @@ def _output(profile: Profile, arguments: argparse.Namespace) -> tuple[str, int]:
         return as_rigelfile(profile), 0
     if arguments.format == "robotapp":
         return _robotapp(profile, arguments), 0
-    return text(profile, explain=arguments.explain), 0
+    return text(profile, explain=arguments.explain, width=_width()), 0
+
+
+def _width() -> int:
+    """Of the terminal; of what goes to a file or a pipe always the same."""
+    return max(60, shutil.get_terminal_size().columns) if sys.stdout.isatty() else WIDTH
 
 
 def _old(path: Path) -> Profile:
@@ -155,24 +199,43 @@ def _robotapp(profile: Profile, arguments: argparse.Namespace) -> str:
     distro = arguments.distro or ("noetic" if package.ros_version == 1 else "jazzy")
     if not re.fullmatch("[a-z]{1,32}", distro):
         raise Failure(f"--distro {distro[:40]!r} is no distribution; allowed: lower-case letters, such as jazzy", 2)
+    if package.ros_version and (package.ros_version == 1) != (distro in ROS1_DISTROS):
+        raise Failure(f"--distro {distro} is not one of ROS {package.ros_version}, for which {package.name} is", 2)
     return as_robotapp(launch, name=launch.package, distro=distro)
 
 
 def _chosen(profile: Profile, wanted: str | None) -> LaunchProfile:
     """The launch file that is named, or the only one that starts more than viewers."""
-    launches = [launch for package in profile.packages for launch in package.launches if components(launch.nodes)]
-    if wanted:
-        launches = [
-            one for one in launches if f"/{one.package}/{one.file}".endswith(f"/{wanted}") or _is_short(one, wanted)
-        ]
+    everything = [launch for package in profile.packages for launch in package.launches]
+    usable = [launch for launch in everything if components(launch.nodes)]
+    fitting = [one for one in everything if wanted and _is_named(one, wanted)]
+    launches = [one for one in usable if one in fitting] if wanted else usable
     if len(launches) == 1:
         return launches[0]
-    names = (
-        ", ".join(f"{one.package}/{one.file}" for one in launches[:20]) or "none starts a node that belongs on a robot"
-    )
-    raise Failure(
-        f"--format robotapp is made of one launch file; name it with --launch: {names}", 2 if launches else 72
-    )
+    names = ", ".join(_name(one) for one in (launches or usable)[:20])
+    if launches:
+        raise Failure(f"--format robotapp is made of one launch file; name it with --launch: {names}", 2)
+    if fitting:
+        raise Failure(f"{_name(fitting[0])} starts no node that belongs on a robot{names and f'; others: {names}'}", 72)
+    if wanted and usable:
+        raise Failure(f"--launch {wanted}: there is no such launch file{_near(wanted, usable)}; there are: {names}", 72)
+    found = f"none of {len(everything)} starts a node that belongs on a robot" if everything else "there is none"
+    raise Failure(f"{profile.path}: --format robotapp is made of a launch file, and {found}", 72)
+
+
+def _name(launch: LaunchProfile) -> str:
+    return f"{launch.package}/{launch.file}"
+
+
+def _near(wanted: str, launches: list[LaunchProfile]) -> str:
+    """` (did you mean X?)` or nothing."""
+    names = {_name(one).rpartition("/")[2]: _name(one) for one in launches}
+    found = get_close_matches(wanted.rpartition("/")[2], names, n=1)
+    return f" (did you mean {names[found[0]]}?)" if found else ""
+
+
+def _is_named(launch: LaunchProfile, wanted: str) -> bool:
+    return f"/{_name(launch)}".endswith(f"/{wanted}") or _is_short(launch, wanted)
 
 
 def _is_short(launch: LaunchProfile, wanted: str) -> bool:

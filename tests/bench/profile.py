@@ -98,7 +98,7 @@ def _case(label: Label, package: PackageProfile | None) -> Case:
         got_class=qos.value.value if qos else "",
         class_confidence=qos.confidence if qos else 0.0,
         want_hardware=label.hardware,
-        got_hardware=tuple(sorted(e.value.type for e in assessment.hardware if e.value.type != "unknown")),
+        got_hardware=tuple(sorted(e.value.type for e in assessment.hardware)),
         hardware_confidence=assessment.hardware_confidence,
         want_placement=label.placement,
         got_placement=assessment.placement.value.value if assessment.placement else "",

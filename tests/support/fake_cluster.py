@@ -116,5 +116,8 @@ def _kind(text: str) -> str:
         "ControllerRevision": "controllerrevisions",
         "Deployment": "deployments",
         "PersistentVolumeClaim": "persistentvolumeclaims",
+        "Pod": "pods",
+        "pod": "pods",
+        "deployment": "deployments",
     }
     return known.get(text, text.partition(".")[0])

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from rigel_bridge.cluster.kubectl import ClusterError, Kubectl, Refusal
-from rigel_bridge.cluster.names import APPS, MANAGER
 from rigel_bridge.document.failures import Exit
+from rigel_bridge.names import APPS, MANAGER
 
 Json = dict[str, Any]
 _APPLY: Final = ("apply", "--server-side", "--force-conflicts", f"--field-manager={MANAGER}", "--validate=strict")
@@ -17,7 +17,7 @@ _ATTEMPTS: Final = 10
 def read(kubectl: Kubectl, name: str) -> Json | None:
     """The stored RobotApp; None when there is none of that name."""
     try:
-        return kubectl.json("get", APPS, name)
+        return _checked(kubectl.json("get", APPS, name))
     except ClusterError as error:
         if error.reason is Refusal.NOT_FOUND:
             return None
@@ -39,14 +39,14 @@ def existing(kubectl: Kubectl, name: str) -> Json:
 def apply(kubectl: Kubectl, app: Mapping[str, Any], *, dry_run: bool = False) -> Json:
     """Write the fields of `app` and take back those an earlier apply wrote and this one does not; gives the stored object.
 
-    Fields that others wrote and `app` does not name (`suspend` of somebody who stopped the robots) stay as they are.
+    Fields that others wrote and `app` does not name (`suspend`, set by an operator to stop the robots) stay as they are.
     """
     extra = ["--dry-run=server"] if dry_run else []
-    return kubectl.json(*_APPLY, *extra, "-f", "-", stdin=json.dumps(app))
+    return _checked(kubectl.json(*_APPLY, *extra, "-f", "-", stdin=json.dumps(app)), stored=not dry_run)
 
 
 def replace_spec(kubectl: Kubectl, stored: Mapping[str, Any], spec: Mapping[str, Any]) -> Json:
-    """Make the spec exactly this one, whoever wrote the present fields. Refused when somebody else changed the spec meanwhile.
+    """Make the spec exactly this one, also the fields that other managers own. Refused when another writer changed the spec meanwhile.
 
     The operator writes its status at any time, and a replacement names one version of the whole object: it is tried again.
     """
@@ -54,7 +54,7 @@ def replace_spec(kubectl: Kubectl, stored: Mapping[str, Any], spec: Mapping[str,
     for _ in range(_ATTEMPTS):
         body = {**present, "spec": spec}
         try:
-            return kubectl.json("replace", f"--field-manager={MANAGER}", "-f", "-", stdin=json.dumps(body))
+            return _checked(kubectl.json("replace", f"--field-manager={MANAGER}", "-f", "-", stdin=json.dumps(body)))
         except ClusterError as error:
             if error.reason is not Refusal.CONFLICT:
                 raise
@@ -76,3 +76,15 @@ def bare(stored: Mapping[str, Any], spec: Mapping[str, Any], annotations: Mappin
         "metadata": {**metadata, "annotations": dict(annotations)},
         "spec": dict(spec),
     }
+
+
+def _checked(found: Json, *, stored: bool = True) -> Json:
+    """What every RobotApp has, and every stored one, so that nothing behind this needs to look."""
+    metadata, spec = found.get("metadata"), found.get("spec")
+    kinds = {"name": str, "namespace": str, "uid": str, "generation": int}
+    if not isinstance(metadata, dict) or not isinstance(spec, dict):
+        raise ClusterError("wrote no RobotApp: is --kubectl a kubectl?")
+    lacking = [key for key, kind in kinds.items() if not isinstance(metadata.get(key), kind)]
+    if stored and lacking:
+        raise ClusterError(f"wrote a RobotApp without {', '.join(lacking)}: is --kubectl a kubectl?")
+    return found

@@ -26,7 +26,7 @@ class Written:
 
 
 def deploy(kubectl: Kubectl, app: Mapping[str, Any], *, tell: Tell) -> Written:
-    """Apply a RobotApp. The spec it replaces is stored before, in case somebody edited it, and the new one after the write."""
+    """Apply a RobotApp. The spec it replaces is stored before, because it may have been edited by hand, and the new one after the write."""
     present = apps.read(kubectl, app["metadata"]["name"])
     if present is not None:
         _record(kubectl, present, tell)
@@ -59,7 +59,7 @@ def _written(present: Json | None, stored: Json) -> Written:
 
 
 def _record(kubectl: Kubectl, app: Json, tell: Tell) -> None:
-    """History is a help: who may write the app but no ControllerRevision is told so, and goes on."""
+    """History is optional: a user who may write the app but no ControllerRevision gets a note, and the app is written."""
     try:
         history.record(kubectl, app)
     except ClusterError as error:

@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from rigel_bridge.cluster.kubectl import ClusterError, Kubectl, Refusal
-from rigel_bridge.cluster.names import APP_LABEL, MANAGER, REVISIONS
 from rigel_bridge.cluster.revisions import Revision, belonging, recording
+from rigel_bridge.names import APP_LABEL, MANAGER, REVISIONS
 
 _ATTEMPTS: Final = 3
 
@@ -17,7 +17,7 @@ def read(kubectl: Kubectl, app: Mapping[str, Any]) -> list[Revision]:
 
 
 def record(kubectl: Kubectl, app: Mapping[str, Any]) -> None:
-    """Make the spec of a stored app the newest revision. Somebody else's write in between is read and tried again."""
+    """Make the spec of a stored app the newest revision. After a conflict with another writer it is read and tried again."""
     for attempt in range(_ATTEMPTS):
         wanted = recording(_listed(kubectl, app), app)
         delete(kubectl, wanted.delete)
@@ -38,7 +38,4 @@ def delete(kubectl: Kubectl, names: Sequence[str]) -> None:
 
 
 def _listed(kubectl: Kubectl, app: Mapping[str, Any]) -> list[dict[str, Any]]:
-    items: list[dict[str, Any]] = kubectl.json("get", REVISIONS, "-l", f"{APP_LABEL}={app['metadata']['name']}")[
-        "items"
-    ]
-    return items
+    return kubectl.items("get", REVISIONS, "-l", f"{APP_LABEL}={app['metadata']['name']}")

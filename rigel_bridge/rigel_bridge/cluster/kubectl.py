@@ -5,6 +5,7 @@ import os
 import re
 import selectors
 import shutil
+import signal
 import subprocess
 import tempfile
 import time
@@ -23,7 +24,7 @@ _SHOWN: Final = 2000
 """Characters of kubectl's words in one message."""
 _SERVER: Final = re.compile(r"Error from server \((\w+)\): ")
 _LOG_LINE: Final = re.compile(r"[IWE][0-9]{4} [0-9:.]+ +[0-9]+ |Warning: ")
-"""What kubectl logs before it says why it failed: the same sentence several times."""
+"""What kubectl logs before its error message: the same sentence several times."""
 _NO_KIND: Final = ('no matches for kind "RobotApp"', 'have a resource type "robotapp')
 _UNREACHABLE: Final = (
     "Unable to connect to the server",
@@ -82,10 +83,17 @@ class Kubectl:
         text = self.run(*arguments, "-o", "json", stdin=stdin)
         try:
             found = json.loads(text)
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise ClusterError(f"{_shown(arguments)} wrote no JSON: {text[:200]!r}") from error
         if not isinstance(found, dict):
             raise ClusterError(f"{_shown(arguments)} wrote no object: {text[:200]!r}")
+        return found
+
+    def items(self, *arguments: str) -> list[dict[str, Any]]:
+        """The objects of the list that `kubectl ARGUMENTS -o json` writes; each has a name."""
+        found = self.json(*arguments).get("items")
+        if not isinstance(found, list) or not all(_is_named(each) for each in found):
+            raise ClusterError(f"{_shown(arguments)} wrote no list of objects with names: is --kubectl a kubectl?")
         return found
 
     def _finished(
@@ -112,6 +120,11 @@ class Kubectl:
         return found
 
 
+def _is_named(value: Any) -> bool:
+    metadata = value.get("metadata") if isinstance(value, dict) else None
+    return isinstance(metadata, dict) and isinstance(metadata.get("name"), str)
+
+
 class _LimitError(Exception):
     """What limit was met."""
 
@@ -129,8 +142,10 @@ def _started(command: Sequence[str], stdin: IO[bytes]) -> Iterator["subprocess.P
         try:
             yield process
         finally:
-            if process.poll() is None:
-                process.kill()
+            if (
+                process.poll() is None
+            ):  # the whole group: `kubectl` may be a script, whose kubectl would go on and write
+                os.killpg(process.pid, signal.SIGKILL)
 
 
 def _read(process: "subprocess.Popen[bytes]", *, timeout_s: float, limit: int) -> tuple[bytes, bytes]:

@@ -5,9 +5,9 @@ from typing import Any, Final
 
 from rigel_bridge.cluster import apps, history
 from rigel_bridge.cluster.kubectl import ClusterError, Kubectl, Refusal
-from rigel_bridge.cluster.names import APP_LABEL, APP_UID_LABEL, APPS, INSTANCES
 from rigel_bridge.cluster.waiting import Clock
 from rigel_bridge.document.failures import Exit
+from rigel_bridge.names import APP_LABEL, APP_UID_LABEL, APPS, INSTANCES
 
 _CHILDREN: Final = ("deployments.apps", "replicasets.apps", "pods", "services")
 
@@ -64,7 +64,7 @@ def _without_history(kubectl: Kubectl, app: Mapping[str, Any]) -> list[str]:
 def _listed(kubectl: Kubectl, kind: str, selector: str) -> list[dict[str, Any]]:
     """Objects of a kind; none where the user may not list them."""
     try:
-        items: list[dict[str, Any]] = kubectl.json("get", kind, "-l", selector)["items"]
+        items: list[dict[str, Any]] = kubectl.items("get", kind, "-l", selector)
     except ClusterError as error:
         if error.reason is not Refusal.FORBIDDEN:
             raise

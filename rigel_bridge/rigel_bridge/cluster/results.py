@@ -1,5 +1,6 @@
 """Collect what an app shows of itself into a folder: its state, logs, and the result files of its containers."""
 
+import errno
 import hashlib
 import json
 from collections.abc import Callable, Mapping
@@ -10,14 +11,20 @@ from typing import Any, Final
 from rigel_bridge.cluster.archive import ArchiveError, files_of
 from rigel_bridge.cluster.instances import instances_of, is_ready, pods_of
 from rigel_bridge.cluster.kubectl import ClusterError, Kubectl
-from rigel_bridge.cluster.names import COMPONENT_LABEL, PROVENANCE
 from rigel_bridge.document.failures import BridgeError, Exit, Place
+from rigel_bridge.names import COMPONENT_LABEL, INSTANCE_LABEL, PROVENANCE
 
 MANIFEST: Final = "manifest.json"
+APP: Final = "app.json"
+"""Written first of all."""
+FILES: Final = "files"
+"""Folder of what containers left, by component."""
 RESULTS_PATH: Final = f"{PROVENANCE}results-path"
 _LOG_BYTES: Final = 1024 * 1024
 _FILES_BYTES: Final = 256 * 1024 * 1024
 _COPY_S: Final = 300.0
+_SHOWN: Final = 200
+_NAME_ERRORS: Final = (errno.ENAMETOOLONG, errno.ENOTDIR, errno.EISDIR, errno.EEXIST, errno.EILSEQ)
 
 
 @dataclass(slots=True)
@@ -66,7 +73,7 @@ def collect(
 
     `path`: where the containers keep their results; default is the app's annotation, from `results.source_path`.
     """
-    into.add_json("app.json", app)
+    into.add_json(APP, app)
     into.add_json("instances.json", instances_of(kubectl, app))
     source = path or (app["metadata"].get("annotations") or {}).get(RESULTS_PATH, "")
     try:
@@ -78,7 +85,7 @@ def collect(
     for pod in pods:
         _logs(kubectl, pod, into, tell)
     for component, pod in newest(pods).items() if source else ():
-        _files(kubectl, pod, into, where=PurePosixPath("files") / component, source=source, tell=tell)
+        _files(kubectl, pod, into, where=PurePosixPath(FILES) / component, source=source, tell=tell)
 
 
 def newest(pods: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
@@ -87,7 +94,7 @@ def newest(pods: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
     for pod in sorted(pods, key=lambda pod: str(pod["metadata"].get("creationTimestamp", ""))):
         labels = pod["metadata"].get("labels", {})
         if COMPONENT_LABEL in labels and is_ready(pod):
-            instance = labels.get("robotics.io/instance", "")
+            instance = labels.get(INSTANCE_LABEL, "")
             found["-".join(part for part in (instance, labels[COMPONENT_LABEL]) if part)] = pod
     return found
 
@@ -119,9 +126,19 @@ def _files(
             "exec", name, "--", "tar", "-cf", "-", "-C", source, ".", limit=_FILES_BYTES, timeout_s=_COPY_S
         )
         for path, content in files_of(data):
-            into.add(where / path, content)
+            _add_named_by_container(into, where / path, content, tell)
     except (ClusterError, ArchiveError) as error:
         tell(f"no result files of {name} from {source}: {error}")
+
+
+def _add_named_by_container(into: Collection, path: PurePosixPath, content: bytes, tell: Callable[[str], None]) -> None:
+    """A file whose name no file here can have (too long, or below another file) is left out; a full disk is an error."""
+    try:
+        into.add(path, content)
+    except BridgeError as error:
+        if not isinstance(error.__cause__, OSError) or error.__cause__.errno not in _NAME_ERRORS:
+            raise
+        tell(f"{str(path)[:_SHOWN]} is left out: {error.__cause__.strerror}")
 
 
 def _unwritable(path: Path, error: OSError) -> BridgeError:

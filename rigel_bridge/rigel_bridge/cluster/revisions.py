@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from rigel_bridge.cluster.names import API_VERSION, APP_LABEL, APP_UID_LABEL, PROVENANCE
+from rigel_bridge.names import API_VERSION, APP_LABEL, APP_UID_LABEL, PROVENANCE
 
 MOST: Final = 10
 """Past specs of one app, the present one among them."""

@@ -1,8 +1,10 @@
 """Replace workloads of the thesis' time by RobotApps, one app after the other, with a way back."""
 
 import json
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
 from rigel_bridge.cluster import apps
@@ -47,7 +49,7 @@ def read(kubectl: Kubectl, *, everywhere: bool, tell: Callable[[str], None]) -> 
         scope = ("--all-namespaces",) if everywhere and kind != "nodes" else ()
         only = ("--field-selector=metadata.name=robot-fleet-assignments",) if kind == "configmaps" else ()
         try:
-            items = kubectl.json("get", kind, *scope, *only)["items"]
+            items = kubectl.items("get", kind, *scope, *only)
         except ClusterError as error:
             if error.reason is not Refusal.FORBIDDEN:
                 raise
@@ -65,11 +67,13 @@ def take_over(
     limits: Limits,
     clock: Clock,
     tell: Callable[[str], None],
+    backup: Path = Path(),
 ) -> None:
     """Delete the old workloads, wait until their pods are gone, bring the app in, wait until it is Ready.
 
     The old ones end first: two of them would publish the same commands and want the same devices. When the app does not become
-    Ready it is removed and the old workloads come back; the error tells it.
+    Ready, or the user interrupts, it is removed and the old workloads come back. What cannot come back is told, with its file
+    in `backup`.
     """
     apps.apply(kubectl, app, dry_run=True)
     name = app["metadata"]["name"]
@@ -80,12 +84,63 @@ def take_over(
             _delete(kubectl, each, limits=limits, clock=clock)
         deploy(kubectl, app, tell=tell)
         wait_ready(kubectl, name, timeout_s=limits.ready_s, clock=clock, tell=tell)
-    except (BridgeError, KeyboardInterrupt):
-        tell(f"{name}: removed again, the old workloads come back")
-        remove(kubectl, name, timeout_s=limits.gone_s, clock=clock)
-        for each in old:
-            kubectl.run("apply", "--server-side", "--force-conflicts", "-f", "-", stdin=json.dumps(restorable(each)))
+    except BaseException:  # whatever it is: until they are back, nothing drives these robots
+        tell(f"{name}: is removed again, and the old workloads come back (copies are in {backup})")
+        _give_way(kubectl, name, old, limits=limits, clock=clock, tell=tell, backup=backup)
         raise
+
+
+def _give_way(
+    kubectl: Kubectl,
+    name: str,
+    old: Sequence[Mapping[str, Any]],
+    *,
+    limits: Limits,
+    clock: Clock,
+    tell: Callable[[str], None],
+    backup: Path,
+) -> None:
+    """Remove the app and restore the old workloads. One that fails is told and leaves the others alone."""
+    try:
+        remove(kubectl, name, timeout_s=limits.gone_s, clock=clock)
+    except BridgeError as error:
+        tell(f"{error}")
+        for each in old:
+            tell(
+                f"{_title(each)} is not restored, since pods of both would publish the same commands; {_by_hand(each, backup)}"
+            )
+        return
+    for each in old:
+        try:
+            _restore(kubectl, each, limits=limits, clock=clock)
+        except BridgeError as error:
+            tell(f"{_title(each)} is not restored: {error}; {_by_hand(each, backup)}")
+
+
+def _restore(kubectl: Kubectl, each: Mapping[str, Any], *, limits: Limits, clock: Clock) -> None:
+    """Create an old workload again. One that is being deleted would take what is written to it along: that is waited for."""
+    kind, name = str(each["kind"]).lower(), each["metadata"]["name"]
+
+    def is_decided() -> bool:
+        text = kubectl.run("get", kind, name, "--ignore-not-found", "-o", "json")
+        return not text.strip() or "deletionTimestamp" not in json.loads(text)["metadata"]
+
+    if not clock.until(is_decided, timeout_s=limits.gone_s):
+        raise ClusterError(f"it is still being deleted after {limits.gone_s:g} s", code=Exit.NOT_READY)
+    kubectl.run("apply", "--server-side", "--force-conflicts", "-f", "-", stdin=json.dumps(restorable(each)))
+
+
+def backup_name(stored: Mapping[str, Any]) -> str:
+    """The file of an old workload below the backup folder."""
+    return f"{str(stored['kind']).lower()}-{stored['metadata']['name']}.json"
+
+
+def _title(stored: Mapping[str, Any]) -> str:
+    return f"{str(stored['kind']).lower()} {stored['metadata']['name']}"
+
+
+def _by_hand(stored: Mapping[str, Any], backup: Path) -> str:
+    return f"later: kubectl apply --server-side -f {shlex.quote(str(backup / backup_name(stored)))}"
 
 
 def restorable(stored: Mapping[str, Any]) -> dict[str, Any]:
@@ -97,14 +152,20 @@ def restorable(stored: Mapping[str, Any]) -> dict[str, Any]:
     return {"apiVersion": stored["apiVersion"], "kind": stored["kind"], "metadata": metadata, "spec": spec}
 
 
-def annotate(kubectl: Kubectl, node: str, argument: str, *, tell: Callable[[str], None]) -> None:
-    """Rewrite one record of a node. Who may not change nodes gets the command for somebody who may."""
+def annotate(
+    kubectl: Kubectl, node: str, arguments: Sequence[str], *, version: str, tell: Callable[[str], None]
+) -> None:
+    """Rewrite records of a node, of which `version` was read; ClusterError (CONFLICT) when somebody else wrote it since.
+
+    Who may not change nodes gets the command for somebody who may.
+    """
     try:
-        kubectl.run("annotate", "node", node, argument, "--overwrite")
+        kubectl.run("annotate", "node", node, *arguments, "--overwrite", f"--resource-version={version}")
     except ClusterError as error:
         if error.reason is not Refusal.FORBIDDEN:
             raise
-        tell(f"for an admin: kubectl annotate node {node} '{argument}' --overwrite")
+        # Keys of the record are of whoever wrote it: in a shell they must stay one word.
+        tell(f"for an admin: kubectl annotate node {shlex.join([node, *arguments])} --overwrite")
 
 
 def forget(kubectl: Kubectl, namespace: str, keys: Sequence[str]) -> None:

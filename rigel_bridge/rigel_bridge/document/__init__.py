@@ -1,1 +1,1 @@
-"""A Rigelfile as a tree that knows its lines: reading within bounds, typed access, templates, messages."""
+"""A Rigelfile as a tree with line numbers: reading within bounds, typed access, templates, messages."""

@@ -1,9 +1,11 @@
 """ROS distributions: the operator's own table, shipped as data."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
+from typing import Any
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +28,13 @@ def distros() -> dict[str, Distro]:
         entry["name"]: Distro(entry["name"], entry["version"], entry["endOfLife"] or "", entry["released"] or "")
         for entry in json.loads(text)
     }
+
+
+def ros_version(spec: Mapping[str, Any]) -> int:
+    """1 or 2, of a RobotApp's spec: as it is stated there, else of its distribution. A distribution that is not known is ROS 2's."""
+    ros = spec.get("ros", {})
+    known = distros().get(ros.get("distro", ""))
+    return int(ros.get("version") or (known.version if known else 2))
 
 
 def remark(distro: Distro, today: str) -> str:

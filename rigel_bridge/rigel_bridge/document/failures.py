@@ -1,4 +1,4 @@
-"""What the bridge tells its user: a place, what is wrong and what is allowed."""
+"""Errors and exit codes: every message names a place, what is wrong and what is allowed."""
 
 import re
 from dataclasses import dataclass

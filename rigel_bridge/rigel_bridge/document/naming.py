@@ -11,7 +11,10 @@ _OTHER: Final = re.compile(r"[^a-z0-9]+")
 
 
 def label(text: str) -> str:
-    """`teleop_robot` -> `teleop-robot`; empty when nothing of it can be used."""
+    """`teleop_robot` -> `teleop-robot`: how a package names its component, wherever the file names the package.
+
+    Empty when no letter or digit is left.
+    """
     return _OTHER.sub("-", text.lower()).strip("-")
 
 

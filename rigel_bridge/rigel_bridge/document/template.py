@@ -1,9 +1,9 @@
 """Rigel 0.2's templates: `{{ name }}` from the file's vars, then from the environment. Anything else stays as it is.
 
-Only text that the RobotApp needs is rendered, so an unset registry password does not stop anybody.
+Only text that the RobotApp needs is rendered, so an unset registry password is no error.
 
-Rigelfiles come from repositories one does not own, so a file takes no more than it was given: of the environment the
-variables that the user named, and of memory and time what the bounds below allow, for all of its texts together.
+Rigelfiles come from foreign repositories, so what a file can read and cost is bounded: of the environment it reads the
+variables that the user named, and all of its texts together stay within the bounds below.
 """
 
 import re

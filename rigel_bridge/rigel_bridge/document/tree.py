@@ -1,6 +1,6 @@
 """A YAML file as a tree that remembers its lines, read within bounds.
 
-Rigelfiles come from repositories one does not own. Size, depth, aliases and tags are checked on the event stream, before
+Rigelfiles come from foreign repositories. Size, depth, aliases and tags are checked on the event stream, before
 anything is built: a file of 300 bytes can stand for millions of nodes through aliases.
 """
 
@@ -14,6 +14,10 @@ from rigel_bridge.document.failures import BridgeError, Exit, Place
 
 MAX_BYTES: Final = 256 * 1024
 MAX_DEPTH: Final = 32
+MAX_DIGITS: Final = 100
+"""Of a number; a longer one is text."""
+_SHOWN: Final = 80
+"""Characters of a value in a message."""
 _LOADER: Final[type] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _TAG = "tag:yaml.org,2002:"
 _SCALARS = {f"{_TAG}{name}" for name in ("str", "int", "float", "bool", "null", "timestamp")}
@@ -48,7 +52,8 @@ class Node:
     def described(self) -> str:
         """What the user wrote, for messages."""
         word = _WORDS.get(self.kind, "text")
-        return f"{word} ({self.raw})" if self.raw and self.kind not in ("map", "seq") else word
+        shown = self.raw if len(self.raw) <= _SHOWN else f"{self.raw[:_SHOWN]}…"
+        return f"{word} ({shown})" if shown and self.kind not in ("map", "seq") else word
 
     def mapping(self) -> "dict[str, Node]":
         if not isinstance(self.value, dict):
@@ -76,13 +81,37 @@ def parse(data: bytes, name: str) -> Node:
         root = yaml.compose(text, Loader=_LOADER)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        problem = error.problem or error.context or "is not YAML"
-        raise BridgeError(Place(name, mark.line + 1 if mark else 0), problem, code=Exit.SYNTAX) from error
+        line = mark.line + 1 if mark else 0
+        raise BridgeError(Place(name, line), _not_yaml(error, text, line), code=Exit.SYNTAX) from error
+    except yaml.reader.ReaderError as error:
+        line = text[: error.position].count("\n") + 1 if isinstance(error.position, int) else 0
+        raise BridgeError(
+            Place(name, line), "holds a control character: a Rigelfile is plain text", code=Exit.SYNTAX
+        ) from error
     except (yaml.YAMLError, ValueError) as error:  # ValueError: a code point beyond Unicode in an escape
         raise BridgeError(place, f"is not YAML: {error}", code=Exit.SYNTAX) from error
     if root is None:
-        raise BridgeError(place, "is empty", code=Exit.SYNTAX)
+        raise BridgeError(
+            place,
+            "is empty; a Rigelfile has packages, or application and jobs (docs/rigel-bridge.md)",
+            code=Exit.SYNTAX,
+        )
     return _convert(root, name, "")
+
+
+def _not_yaml(error: yaml.MarkedYAMLError, text: str, line: int) -> str:
+    """The parser's words, and the slip behind them where it is one of the usual."""
+    problem = f"is not YAML: {error.problem or error.context or 'no reason given'}"
+    written = "".join(text.splitlines()[line - 1 : line]) if line else ""
+    if "\t" in written[: len(written) - len(written.lstrip())]:
+        return f"{problem}; the line is indented with a tab: YAML takes spaces only"
+    if "{{" in written:
+        return f'{problem}; put a value that begins with {{{{ in quotes: "{{{{ name }}}}"'
+    if "mapping values are not allowed" in problem:
+        return f'{problem}; put a value that holds ": " in quotes, or look for a line above that is indented otherwise'
+    if "did not find expected" in problem:
+        return f"{problem}; look at the indentation and the brackets of the lines above"
+    return problem
 
 
 def _check_events(text: str, name: str) -> None:
@@ -130,11 +159,19 @@ def _convert_mapping(node: yaml.MappingNode, name: str, path: str) -> dict[str, 
         place = Place(name, key_node.start_mark.line + 1)
         key = key_node.value
         if not isinstance(key_node, yaml.ScalarNode) or key_node.tag == f"{_TAG}merge":
-            raise BridgeError(place, f"{path or 'the document'}: keys are plain words", code=Exit.SYNTAX)
+            raise BridgeError(place, _no_key(node, path), code=Exit.SYNTAX)
         if key in converted:
             raise BridgeError(place, f"{path}.{key}".lstrip(".") + ": the key is there twice", code=Exit.SYNTAX)
         converted[key] = _convert(value_node, name, f"{path}.{key}" if path else key, place)
     return converted
+
+
+def _no_key(node: yaml.MappingNode, path: str) -> str:
+    """`load: {{ flag }}` without quotes is a mapping in a mapping to YAML."""
+    where = path or "the document"
+    if node.flow_style and any(isinstance(key, yaml.MappingNode) for key, _ in node.value):
+        return f'{where}: a value that begins with {{{{ needs quotes: "{{{{ name }}}}"'
+    return f"{where}: keys are plain words"
 
 
 def _scalar(node: yaml.ScalarNode, kind: str) -> Scalar:
@@ -146,7 +183,8 @@ def _scalar(node: yaml.ScalarNode, kind: str) -> Scalar:
         return text.lower() in ("yes", "true", "on")
     try:
         if kind == "int":
-            return int(plain, 0)
+            # Python writes no number of more than 4300 digits, and no field holds one of more than 64 bits.
+            return int(plain, 0) if len(plain) <= MAX_DIGITS else text
         if kind == "float":
             return float(plain)
     except ValueError:  # 1:30 would be 90 to YAML 1.1, 0755 would be octal: keep what was typed

@@ -44,7 +44,7 @@ def _detected(root: Node, top: Mapping[str, Node]) -> tuple[Generation, str]:
         return Generation.G1, "packages"
     if "applications" in top:
         return Generation.G2B, "applications"
-    if packages is not None and packages.kind == "map":
+    if packages is not None and packages.kind == "map" and "application" not in top:
         return Generation.G2A, "packages"
     if "distro" in top and "jobs" in top:
         return Generation.G2A, "distro"

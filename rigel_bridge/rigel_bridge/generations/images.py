@@ -77,7 +77,7 @@ def _image(settings: Section) -> tuple[str, tuple[str, ...]]:
 
 
 def login(document: Section, image: str) -> str:
-    """Server of the provider that the image comes from, when it wants a password; the password is not read."""
+    """Server of the provider that the image comes from, when its entry has a password; the password is not read."""
     providers = document.section("providers")
     for _, node in providers.node.mapping().items() if providers else ():
         provider = document.at(node)

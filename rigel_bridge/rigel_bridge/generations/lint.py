@@ -1,4 +1,4 @@
-"""What Rigel itself would stumble over, in parts of a file that a deployment does not need."""
+"""What Rigel itself would refuse, in parts of a file that a deployment does not need."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -30,7 +30,7 @@ def lint(document: Section, generation: Generation) -> tuple[list[BridgeError], 
 
 
 def _build_tool(document: Section, generation: Generation) -> Iterator[BridgeError]:
-    """Rigel builds with catkin_make unless told otherwise, also what only colcon can build."""
+    """Rigel builds with catkin_make where the file names no compiler, also what only colcon can build."""
     for node, distro, compiler in _built(document, generation):
         known = distros().get(distro)
         if known and known.version == 2 and compiler in ("", "catkin_make"):

@@ -34,7 +34,7 @@ class Outline:
 
 
 def outline(root: Node, options: Options) -> Outline:
-    """Generation, choices, and what Rigel itself would stumble over. BridgeError when the file cannot be read at all."""
+    """Generation, choices, and what Rigel itself would refuse. BridgeError when the file cannot be read at all."""
     generation, evidence = detect(root)
     document = _document(root, generation, options)
     errors, notes = lint(document, generation)

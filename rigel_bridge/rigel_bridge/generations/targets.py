@@ -19,7 +19,7 @@ OURS: Final = ("rigel_bridge.RobotAppPlugin", "src.plugin.OrchestrationPlugin")
 SETTINGS: Final = ("orchestration", "scheduler_name", "image", "namespace", "name", "output", "apply", "wait")
 """`with` of such a job. Flat keys, because an override of a sequence replaces `orchestration` as a whole."""
 UPDATES: Final = ("rolling_update", "readiness", "observability", "results", "deploy_ros_master")
-"""A block of these alone changes what another job deployed; by itself it would take command, volumes and wishes away."""
+"""A block of these alone changes what another job deployed; by itself it would take command, volumes and scheduling away."""
 MAX_APPS: Final = 64
 """Of one sequence: as many as a matrix may have combinations."""
 _DEPLOY: Final = "deploy"
@@ -155,7 +155,7 @@ def _made(file: JobFile, document: Section, before: Sequence[Job], *, needed: bo
 
 
 def namespace_note(settings: Section | None) -> tuple[str, ...]:
-    """The file has no say in the namespace: the user who applies the app chooses it."""
+    """The namespace of the file is not carried over: the user who applies the app chooses it."""
     chosen = settings.get("namespace") if settings else None
     if chosen is None:
         return ()

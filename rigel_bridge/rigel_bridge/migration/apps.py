@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from rigel_bridge.document.distros import distros
+from rigel_bridge.document.distros import distros, ros_version
 from rigel_bridge.document.failures import BridgeError, Place
 from rigel_bridge.document.naming import MAX_APP_NAME, MAX_COMPONENT_NAME, label
 from rigel_bridge.document.section import Section
@@ -14,13 +14,12 @@ from rigel_bridge.document.template import Templates
 from rigel_bridge.document.tree import Node, parse
 from rigel_bridge.migration.found import Workload
 from rigel_bridge.migration.podspec import fields
+from rigel_bridge.names import API_VERSION, DEFAULT_SCHEDULER, MAX_DOMAIN, PROVENANCE
 from rigel_bridge.render import scheduling
-from rigel_bridge.render.app import API_VERSION, PROVENANCE
 from rigel_bridge.render.draft import Draft, written
+from rigel_bridge.render.ros import ADDRESSES, OWN_MASTER
 from rigel_bridge.render.schema import problems, robotapp_schema
 
-_ROS1_SET: Final = ("ROS_MASTER_URI", "ROS_IP", "ROS_HOSTNAME")
-_MASTERS: Final = re.compile(r"https?://(ros-master|localhost|127\.0\.0\.1)(\.[^:/]*)?(:11311)?/?")
 _BLOCKS: Final = {"shared-data": "shared_data", "dds-domain": "dds_domain"}
 
 
@@ -32,7 +31,7 @@ class Migrated:
     workloads: tuple[Workload, ...]
     notes: tuple[str, ...]
     lost: tuple[str, ...]
-    """Fields a RobotApp has no place for: somebody must look at them."""
+    """Fields a RobotApp has no place for: the user must look at them."""
 
 
 @dataclass(slots=True)
@@ -151,7 +150,7 @@ def _wishes(workload: Workload, work: _Work, index: int, names: Mapping[str, str
             node = _with_components(node, names)
         mapping[_BLOCKS.get(key, key)] = node
     scheduler = workload.template["spec"].get("schedulerName")
-    if scheduler and scheduler != "default-scheduler":
+    if scheduler and scheduler != DEFAULT_SCHEDULER:
         mapping["name"] = Node(scheduler, place, "schedulerName", "str", raw=scheduler)
     block = Section(Node(mapping, place, "", "map"), Templates())
     scheduling.apply_to_app(block, work.draft)
@@ -181,10 +180,9 @@ def _renamed(peer: str, names: Mapping[str, str]) -> str:
 def _lifted(entry: Mapping[str, Any], workload: Workload, work: _Work) -> bool:
     """Whether a variable is the operator's now: then it goes into the app's own field, or away, with a note."""
     name, value = entry["name"], str(entry.get("value", ""))
-    version = distros().get(work.draft.spec["ros"]["distro"])
-    ros2 = version is None or version.version == 2
-    if name in _ROS1_SET:
-        if name == "ROS_MASTER_URI" and not ros2 and value and not _MASTERS.fullmatch(value):
+    ros2 = ros_version(work.draft.spec) == 2
+    if name in ADDRESSES:
+        if name == "ROS_MASTER_URI" and not ros2 and value and not OWN_MASTER.fullmatch(value):
             work.draft.spec["ros1"] = {"master": "External", "uri": value}
         work.notes.append(f"{workload.title}: env {name} goes: the operator sets it")
         return True
@@ -193,7 +191,7 @@ def _lifted(entry: Mapping[str, Any], workload: Workload, work: _Work) -> bool:
         return True
     if name != "ROS_DOMAIN_ID":
         return False
-    stated = value.isascii() and value.isdigit() and 0 < int(value[:4]) <= scheduling.MAX_DOMAIN
+    stated = value.isascii() and value.isdigit() and 0 < int(value[:4]) <= MAX_DOMAIN
     if stated and ros2 and "domain" not in work.draft.spec.get("ros2", {}):
         ros2_fields = work.draft.spec.setdefault("ros2", {})
         ros2_fields["domain"] = int(value)

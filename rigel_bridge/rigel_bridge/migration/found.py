@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-PREFIX: Final = "scheduler.robotics.io/"
+from rigel_bridge.names import SCHEDULER_PREFIX, THESIS_SCHEDULER
+
 WISHES: Final = ("policies", "topology", "affinity", "shared-data", "dds-domain")
 """Annotations of pods, without the prefix."""
 CLAIMS: Final = ("dds-claims", "device-claims")
 """Annotations of nodes, without the prefix: JSON maps from a domain or device to the uid of its pod."""
 FLEET: Final = "robot-fleet-assignments"
-SCHEDULER: Final = "kubernetes-scheduler"
 MASTER: Final = "ros-master"
 """Deployment of the master that all apps of a namespace shared."""
 _UID: Final = re.compile(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
@@ -39,7 +39,7 @@ class Workload:
     def annotations(self) -> dict[str, str]:
         """Its wishes, by their names without the prefix."""
         every = self.template.get("metadata", {}).get("annotations") or {}
-        return {key: every[PREFIX + key] for key in WISHES if PREFIX + key in every}
+        return {key: every[SCHEDULER_PREFIX + key] for key in WISHES if SCHEDULER_PREFIX + key in every}
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,9 +92,9 @@ def scene(objects: Sequence[Json], *, names: Sequence[str] = ()) -> Scene:
 def _is_old(template: Json, holder: Json, names: Sequence[str]) -> bool:
     """Whether pods of this template are of the thesis' time, or named by the user, and not made by a RobotApp."""
     annotations = template.get("metadata", {}).get("annotations") or {}
-    wished = any(PREFIX + key in annotations for key in WISHES)
+    wished = any(SCHEDULER_PREFIX + key in annotations for key in WISHES)
     owned = any(owner.get("kind") == "RobotApp" for owner in holder["metadata"].get("ownerReferences", ()))
-    sent = template["spec"].get("schedulerName") == SCHEDULER
+    sent = template["spec"].get("schedulerName") == THESIS_SCHEDULER
     name = holder["metadata"]["name"]
     return (((wished or sent) and name != MASTER) or name in names) and not owned
 
@@ -143,7 +143,7 @@ def _node_claims(node: Json, notes: list[str]) -> list[Claim]:
     annotations = node["metadata"].get("annotations") or {}
     found = []
     for kind in CLAIMS:
-        text = annotations.get(PREFIX + kind)
+        text = annotations.get(SCHEDULER_PREFIX + kind)
         if text is None:
             continue
         try:
@@ -151,7 +151,7 @@ def _node_claims(node: Json, notes: list[str]) -> list[Claim]:
             found += [Claim(node["metadata"]["name"], kind, str(thing), str(uid)) for thing, uid in entries.items()]
         except (ValueError, AttributeError):
             notes.append(
-                f"node {node['metadata']['name']}: annotation {PREFIX}{kind} is not a JSON map, and is left alone"
+                f"node {node['metadata']['name']}: annotation {SCHEDULER_PREFIX}{kind} is not a JSON map, and is left alone"
             )
     return found
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, Final
 
-from rigel_bridge.migration.found import PREFIX
+from rigel_bridge.names import SCHEDULER_PREFIX
 from rigel_bridge.render.schema import robotapp_schema
 
 _CONTAINER_DEFAULTS: Final = {
@@ -26,7 +26,12 @@ _POD_DEFAULTS: Final = {
 }
 _ELSEWHERE: Final = ("containers", "schedulerName", "serviceAccount")
 """Read apart, or another name of a field that is there."""
-_WRITTEN_BY_OTHERS: Final = ("pod-template-hash", "kubectl.kubernetes.io/", "deployment.kubernetes.io/", PREFIX)
+_WRITTEN_BY_OTHERS: Final = (
+    "pod-template-hash",
+    "kubectl.kubernetes.io/",
+    "deployment.kubernetes.io/",
+    SCHEDULER_PREFIX,
+)
 _TOKEN: Final = "kube-api-access-"  # noqa: S105 (a volume's name)
 
 

@@ -1,13 +1,14 @@
 """What a migration changes, object by object, and what is left for an admin."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from rigel_bridge.document.failures import BridgeError
 from rigel_bridge.migration.apps import Migrated, grouped, migrated
-from rigel_bridge.migration.found import CLAIMS, FLEET, PREFIX, Claim, Scene
+from rigel_bridge.migration.found import CLAIMS, FLEET, Claim, Scene
+from rigel_bridge.names import SCHEDULER_PREFIX
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,22 +69,21 @@ def _claim_line(claim: Claim, plan: Plan) -> str:
     return f"node {claim.where}: {what} held by {who}: {new}"
 
 
-def leftover_records(plan: Plan, *, gone: Sequence[str]) -> dict[tuple[str, str], dict[str, str]]:
-    """What node annotations keep, by (node, kind), when the pods of these uids are gone. Entries of other pods stay, also of pods
-    that nobody saw: they may be of a namespace that was not read.
+def leftover_records(claims: Sequence[Claim], *, gone: Collection[str]) -> dict[tuple[str, str], dict[str, str]]:
+    """What node annotations keep, by (node, kind), when the pods of these uids are gone; only records that name one of them.
+    Entries of other pods stay, also of pods that were not seen: they may be of a namespace that was not read.
     """
-    found: dict[tuple[str, str], dict[str, str]] = {}
-    for claim in plan.scene.claims:
-        if claim.kind in CLAIMS:
-            kept = found.setdefault((claim.where, claim.kind), {})
-            if claim.uid not in gone:
-                kept[claim.thing] = claim.uid
+    named = {(claim.where, claim.kind) for claim in claims if claim.kind in CLAIMS and claim.uid in gone}
+    found: dict[tuple[str, str], dict[str, str]] = {key: {} for key in sorted(named)}
+    for claim in claims:
+        if (claim.where, claim.kind) in named and claim.uid not in gone:
+            found[claim.where, claim.kind][claim.thing] = claim.uid
     return found
 
 
 def annotation(kind: str, kept: Mapping[str, str]) -> str:
     """The argument of `kubectl annotate` for what a record keeps."""
-    return f"{PREFIX}{kind}={json.dumps(dict(kept))}" if kept else f"{PREFIX}{kind}-"
+    return f"{SCHEDULER_PREFIX}{kind}={json.dumps(dict(kept))}" if kept else f"{SCHEDULER_PREFIX}{kind}-"
 
 
 def document(plan: Plan) -> dict[str, Any]:

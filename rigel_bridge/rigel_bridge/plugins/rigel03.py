@@ -8,7 +8,7 @@ from rigel_bridge.document.failures import BridgeError, printable
 from rigel_bridge.document.tree import Node
 from rigel_bridge.generations.model import Options
 from rigel_bridge.plugins import work
-from rigel_bridge.plugins.given import job_of, planted
+from rigel_bridge.plugins.decoded_settings import job_of, planted
 from rigel_bridge.source import Objects, Source, from_root, read_root
 
 

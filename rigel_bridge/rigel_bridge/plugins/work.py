@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from rigel_bridge.cluster.beside import apply_claims
 from rigel_bridge.cluster.deployment import deploy
 from rigel_bridge.cluster.kubectl import Kubectl
+from rigel_bridge.cluster.volume_claims import apply_claims
 from rigel_bridge.cluster.waiting import Clock, duration_s, wait_ready
-from rigel_bridge.document.failures import BridgeError, Exit, Place, printable
+from rigel_bridge.document.failures import BridgeError, Exit, Place, control_character, printable
 from rigel_bridge.render.text import as_yaml
 from rigel_bridge.source import Objects
 
@@ -58,8 +58,8 @@ def settings(raw: Mapping[str, Any], *, args: Sequence[Any] = ()) -> Settings:
 
 
 def _below(output: Any) -> Path:
-    path = Path(output) if isinstance(output, str) and output else Path("/")
-    if path.is_absolute() or ".." in path.parts:
+    path = Path(output) if isinstance(output, str) and output and not control_character(output) else Path("/")
+    if path.is_absolute() or ".." in path.parts or path == RIGELFILE:
         raise _wrong("output", output, "a file below the folder of the Rigelfile, for example k8s/teleop.yaml")
     return path
 
@@ -73,12 +73,22 @@ def write(objects: Objects, chosen: Settings) -> Done:
     names = tuple(app["metadata"]["name"] for app in objects.apps)
     file = chosen.output or Path(f"{names[0]}.robotapp.yaml")
     text = as_yaml(objects.documents)
+    _refuse_links(file)
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(text, encoding="utf-8")
     except OSError as error:
         raise BridgeError(Place(str(file)), f"cannot be written: {error.strerror}", code=Exit.UNREADABLE) from error
     return Done(file, names, chosen.namespace)
+
+
+def _refuse_links(file: Path) -> None:
+    """The folder is a checkout of somebody else's: a link in it may lead to any file of the user."""
+    for path in (file, *file.parents):
+        if path.is_symlink():
+            raise BridgeError(
+                Place(str(file)), f"{path} is a link, and output is never written through one; name another file"
+            )
 
 
 def deploy_all(objects: Objects, chosen: Settings, *, tell: Callable[[str], None]) -> Done:

@@ -1,10 +1,11 @@
-"""The pod annotations of the thesis: JSON of what a component wishes from the scheduler. The way back from `scheduling`."""
+"""The pod annotations of the thesis: what a component requests of the scheduler, as JSON. The inverse of `scheduling`."""
 
 import json
 from collections.abc import Mapping
 from typing import Any, Final
 
-PREFIX: Final = "scheduler.robotics.io/"
+from rigel_bridge.names import SCHEDULER_PREFIX
+
 _POLICIES: Final = {
     "latencyBudget": "latency_budget",
     "reliability": "reliability",
@@ -16,7 +17,7 @@ _POLICIES: Final = {
 }
 
 
-def wishes(spec: Mapping[str, Any], component: Mapping[str, Any], *, app: str) -> dict[str, str]:
+def pod_annotations(spec: Mapping[str, Any], component: Mapping[str, Any], *, app: str) -> dict[str, str]:
     """Annotations by name, without those that would be empty. Pods of the same app are named by their Deployment."""
     found = {
         "policies": _policies(component),
@@ -24,7 +25,7 @@ def wishes(spec: Mapping[str, Any], component: Mapping[str, Any], *, app: str) -
         "affinity": _affinity(component),
         "shared-data": _shared(component.get("sharedData", {}), app),
     }
-    return {f"{PREFIX}{key}": json.dumps(value) for key, value in found.items() if value}
+    return {f"{SCHEDULER_PREFIX}{key}": json.dumps(value) for key, value in found.items() if value}
 
 
 def _policies(component: Mapping[str, Any]) -> dict[str, Any]:

@@ -2,25 +2,22 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any
 
-from rigel_bridge.document.failures import BridgeError, Place
+from rigel_bridge.document.distros import ros_version
+from rigel_bridge.document.failures import BridgeError, Place, nearest
 from rigel_bridge.document.naming import MAX_APP_NAME, checked_label
 from rigel_bridge.document.section import Section
 from rigel_bridge.document.template import is_secret
 from rigel_bridge.generations.model import Target
 from rigel_bridge.generations.targets import namespace_note
+from rigel_bridge.names import API_VERSION, BRIDGE_APP_LABEL, PROVENANCE
 from rigel_bridge.render import additional, reference_plugin, scheduling
 from rigel_bridge.render.components import components, settle_programs
 from rigel_bridge.render.draft import Draft, Path, written
 from rigel_bridge.render.orchestration import OWN, orchestrate
-from rigel_bridge.render.ros import ros, version_of
+from rigel_bridge.render.ros import ros, settle_addresses
 from rigel_bridge.render.schema import problems, robotapp_schema
-
-API_VERSION: Final = "robotics.io/v1alpha1"
-PROVENANCE: Final = "rigel.robotics.io/"
-APP_LABEL: Final = "rigel.robotics.io/app"
-"""On what stands beside the RobotApp: volume claims, which nothing owns, so that deleting the app keeps the data."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,19 +50,20 @@ class Rendered:
 def render(target: Target, naming: Naming) -> Rendered:
     """BridgeError for anything the API server would refuse by structure.
 
-    The file has no say in the namespace: the user who applies the app chooses it.
+    The namespace of the file is not carried over: the user who applies the app chooses it.
     """
     draft = Draft(target.node.place)
     block = target.orchestration
     notes = _known_keys(block) if block else []
     names = components(target.packages, block, draft, notes)
     notes += ros(target.packages, block, draft, today=naming.today)
-    beside = reference_plugin.Beside()
+    extras = reference_plugin.Extras()
     if block is not None:
-        beside = reference_plugin.apply(block, draft, len(names))
-        notes += beside.notes + additional.apply(block, draft, version=version_of(draft), count=len(names))
+        extras = reference_plugin.apply(block, draft, len(names))
+        notes += extras.notes + additional.apply(block, draft, version=ros_version(draft.spec), count=len(names))
         orchestrate(block, draft, names, scheduler=target.scheduler)
         settle_programs(target.packages, draft)
+    notes += settle_addresses(block, draft, version=ros_version(draft.spec))
     if target.scheduler:
         draft.spec["schedulerName"] = target.scheduler
     notes += _logins(target, block)
@@ -73,11 +71,11 @@ def render(target: Target, naming: Naming) -> Rendered:
     _check(draft)
     notes += _left_as_they_stand(draft)
     metadata = _metadata(target, naming, block)
-    annotations = {**dict(naming.provenance), **beside.annotations}
+    annotations = {**dict(naming.provenance), **extras.annotations}
     if annotations:
         metadata["annotations"] = {f"{PROVENANCE}{key}": value for key, value in sorted(annotations.items())}
     app = {"apiVersion": API_VERSION, "kind": "RobotApp", "metadata": metadata, "spec": _ordered(draft.spec)}
-    return Rendered(app, _claims(beside, metadata), beside.strategy, tuple(dict.fromkeys(notes)), draft.origin)
+    return Rendered(app, _claims(extras, metadata), extras.strategy, tuple(dict.fromkeys(notes)), draft.origin)
 
 
 def _known_keys(block: Section) -> list[str]:
@@ -98,13 +96,13 @@ def _metadata(target: Target, naming: Naming, block: Section | None) -> dict[str
     return metadata
 
 
-def _claims(beside: reference_plugin.Beside, metadata: dict[str, Any]) -> tuple[dict[str, Any], ...]:
+def _claims(extras: reference_plugin.Extras, metadata: dict[str, Any]) -> tuple[dict[str, Any], ...]:
     found = []
-    for claim in beside.claims:
+    for claim in extras.claims:
         own = {"name": claim["metadata"]["name"]}
         if "namespace" in metadata:
             own["namespace"] = metadata["namespace"]
-        found.append({**claim, "metadata": {**own, "labels": {APP_LABEL: metadata["name"]}}})
+        found.append({**claim, "metadata": {**own, "labels": {BRIDGE_APP_LABEL: metadata["name"]}}})
     return tuple(found)
 
 
@@ -134,7 +132,7 @@ def _refuse_secrets(draft: Draft) -> None:
 
 
 def _left_as_they_stand(draft: Draft) -> list[str]:
-    """Marks that no rule of the generation resolves reach the pod as text, as they do with Rigel; hardly meant so."""
+    """Marks that no rule of the generation resolves reach the pod as text, as they do with Rigel: rarely what the user meant."""
     found: list[str] = []
 
     def look(value: Any, path: tuple[str | int, ...]) -> None:
@@ -165,6 +163,7 @@ def _check(draft: Draft) -> None:
         path, message = found
         raise BridgeError(draft.origin(path), f"{written(path)} {message}")
     _check_version(draft)
+    _check_names(draft)
     ros2 = draft.spec.get("ros2", {})
     domain = ros2.get("domain")
     if domain is not None and not scheduling.is_default_domain(domain) and not ros2.get("allowUnsafeDomain"):
@@ -175,9 +174,32 @@ def _check(draft: Draft) -> None:
         )
 
 
+def _check_names(draft: Draft) -> None:
+    """The API server refuses names that are no component; here the line is known."""
+    names = [component["name"] for component in draft.spec["components"]]
+    stated: list[tuple[Path, Any, tuple[str, ...]]] = [
+        (("edges", index, end), edge.get(end), ("@robot",))
+        for index, edge in enumerate(draft.spec.get("edges", ()))
+        for end in ("from", "to")
+    ]
+    stated += [
+        (("components", index, key, number), name, ())
+        for index, component in enumerate(draft.spec["components"])
+        for key in ("colocateWith", "separateFrom")
+        for number, name in enumerate(component.get(key, ()))
+    ]
+    for path, name, more in stated:
+        if name is not None and name not in names and name not in more:
+            allowed = ", ".join([*names, *more])
+            raise BridgeError(
+                draft.origin(path),
+                f"{written(path)} {name!r} is no component{nearest(name, names)}; components: {allowed}",
+            )
+
+
 def _check_version(draft: Draft) -> None:
     """The settings of the other ROS version would be refused by the operator, after the API server stored them."""
-    version = version_of(draft)
+    version = ros_version(draft.spec)
     field = f"ros{3 - version}"
     if field in draft.spec:
         raise BridgeError(

@@ -4,8 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
+from rigel_bridge.document.naming import label
 from rigel_bridge.generations.model import Target
-from rigel_bridge.render.app import PROVENANCE, Rendered
+from rigel_bridge.names import PROVENANCE
+from rigel_bridge.render.app import Rendered
 
 ANNOTATION: Final = f"{PROVENANCE}inferred"
 MAX_ANNOTATION: Final = 4000
@@ -26,7 +28,7 @@ def filled(rendered: Rendered, target: Target, inferences: Mapping[str, Inferenc
 
     A component whose scheduling the file describes, in its own block or in the common one, stays as it is.
     """
-    names = {package.name.replace("_", "-").lower(): package.name for package in target.packages}
+    names = {label(package.name): package.name for package in target.packages}
     spec = dict(rendered.app["spec"])
     components: list[dict[str, Any]] = []
     marks: list[str] = []
@@ -62,9 +64,7 @@ def _is_described(target: Target, name: str) -> bool:
     components = block.section("components")
     own = components.node.mapping() if components else {}
     return any(
-        key.replace("_", "-").lower() == name
-        and "scheduler" in node.mapping()
-        and node.mapping()["scheduler"].kind != "null"
+        label(key) == name and "scheduler" in node.mapping() and node.mapping()["scheduler"].kind != "null"
         for key, node in own.items()
     )
 

@@ -3,8 +3,10 @@
 from typing import Final
 
 from rigel_bridge.document.failures import nearest
+from rigel_bridge.document.naming import label
 from rigel_bridge.document.section import Section
 from rigel_bridge.document.tree import Node
+from rigel_bridge.names import DEFAULT_SCHEDULER
 from rigel_bridge.render import scheduling
 from rigel_bridge.render.draft import Draft
 
@@ -12,11 +14,10 @@ OWN: Final = (
     *("name", "namespace", "components", "robotapp", "scheduler", "deploy_ros_master", "ros_master_image"),
     *("application_image", "ros_version", "rmw", "dds_domain", "image_pull_secrets"),
 )
-DEFAULT_SCHEDULER: Final = "default-scheduler"
 
 
 def orchestrate(block: Section, draft: Draft, names: dict[str, int], *, scheduler: str) -> None:
-    """Fill what the block gives. `scheduler` is a sequence's choice: kube-scheduler's own takes the block's wishes with it."""
+    """Fill what the block gives. `scheduler` is a sequence's choice: with kube-scheduler's own name the block's ROS rules are left out."""
     everyone = frozenset(names)
     common = block.section("scheduler")
     if common and scheduler != DEFAULT_SCHEDULER:
@@ -41,7 +42,7 @@ def orchestrate(block: Section, draft: Draft, names: dict[str, int], *, schedule
 
 
 def _index(key: str, node: Node, names: dict[str, int]) -> int:
-    name = key.replace("_", "-").lower()
+    name = label(key)
     if name not in names:
         raise node.fail(f"there is no package {key}{nearest(name, list(names))}; packages: {', '.join(names)}")
     return names[name]

@@ -22,8 +22,8 @@ _REMOTE: Final = {"deploymentType": "remote"}
 
 
 @dataclass(slots=True)
-class Beside:
-    """What the settings ask for beside the RobotApp."""
+class Extras:
+    """What the settings give apart from fields of the RobotApp."""
 
     claims: list[dict[str, Any]] = field(default_factory=list)
     """PersistentVolumeClaims, without the app's name and namespace."""
@@ -33,26 +33,26 @@ class Beside:
     notes: list[str] = field(default_factory=list)
 
 
-def apply(block: Section, draft: Draft, count: int) -> Beside:
+def apply(block: Section, draft: Draft, count: int) -> Extras:
     """Fill what the settings give, for the one component of a file; with several, each has its own fields."""
-    beside = Beside()
+    extras = Extras()
     for key in ("readiness", "persistent_storage", "distributed"):
         if count > 1 and (node := block.get(key)):
             raise node.fail(
                 f"is one, and there are several packages: write it under components.<package> ({_OWN[key]})"
             )
     if readiness := block.section("readiness"):
-        _readiness(readiness, draft, beside)
+        _readiness(readiness, draft, extras)
     if update := block.section("rolling_update"):
-        _rolling_update(update, beside)
+        _rolling_update(update, extras)
     if distributed := block.section("distributed"):
         _distributed(distributed, draft)
     if storage := block.section("persistent_storage"):
-        _storage(storage, draft, beside)
+        _storage(storage, draft, extras)
     if results := block.section("results"):
-        _results(results, beside)
-    _observability(block, beside)
-    return beside
+        _results(results, extras)
+    _observability(block, extras)
+    return extras
 
 
 _OWN: Final = {
@@ -62,7 +62,7 @@ _OWN: Final = {
 }
 
 
-def _readiness(section: Section, draft: Draft, beside: Beside) -> None:
+def _readiness(section: Section, draft: Draft, extras: Extras) -> None:
     section.refuse_unknown(("command", "initial_delay_seconds", "period_seconds", "timeout_seconds"))
     node = section.get("command") or section.node
     try:
@@ -76,7 +76,7 @@ def _readiness(section: Section, draft: Draft, beside: Beside) -> None:
     }
     draft.put(("components", 0, "readinessProbe"), probe, section.node)
     if limit := section.number("timeout_seconds"):
-        beside.annotations["wait-seconds"] = str(limit)
+        extras.annotations["wait-seconds"] = str(limit)
 
 
 def _count(section: Section, key: str, default: int, *, least: int) -> int:
@@ -86,17 +86,17 @@ def _count(section: Section, key: str, default: int, *, least: int) -> int:
     return default if found is None else found
 
 
-def _rolling_update(section: Section, beside: Beside) -> None:
+def _rolling_update(section: Section, extras: Extras) -> None:
     section.refuse_unknown(("strategy", "max_surge", "max_unavailable"))
     if section.choice("strategy", ("Rolling", "Recreate")) == "Recreate":
-        beside.strategy = {"type": "Recreate"}
+        extras.strategy = {"type": "Recreate"}
         return
     counts = {
         "maxSurge": _count(section, "max_surge", 1, least=0),
         "maxUnavailable": _count(section, "max_unavailable", 0, least=0),
     }
-    beside.strategy = {"type": "RollingUpdate", "rollingUpdate": counts}
-    beside.notes.append(
+    extras.strategy = {"type": "RollingUpdate", "rollingUpdate": counts}
+    extras.notes.append(
         f"{section.node.place}: {section.node.path} holds for --format manifests alone: a RobotApp replaces a pod when "
         "its predecessor is gone, so that there is one publisher at any time"
     )
@@ -109,7 +109,7 @@ def _distributed(section: Section, draft: Draft) -> None:
         draft.merge(("components", 0, "template", "spec", "nodeSelector"), dict(_REMOTE), section.node)
 
 
-def _storage(section: Section, draft: Draft, beside: Beside) -> None:
+def _storage(section: Section, draft: Draft, extras: Extras) -> None:
     section.refuse_unknown(("volumes",))
     volumes, mounts = [], []
     for entry in section.sections("volumes"):
@@ -119,11 +119,11 @@ def _storage(section: Section, draft: Draft, beside: Beside) -> None:
         if checked_label(name, node, longest=58) != name:
             raise node.fail(f"{name[:80]!r} is no name of a volume; allowed: lower-case letters, digits and dashes")
         claim = f"{name}-pvc"
-        beside.claims.append(_claim(entry, claim))
+        extras.claims.append(_claim(entry, claim))
         volumes.append({"name": name, "persistentVolumeClaim": {"claimName": claim}})
         mounts.append({"name": name, "mountPath": entry.text("mount_path") or f"/persistent/{name}"})
         if path := entry.get("host_path"):
-            beside.notes.append(
+            extras.notes.append(
                 f"{path.place}: {path.path} is not carried over: which folder of a node a volume is, its administrator decides"
             )
     if volumes:
@@ -141,15 +141,15 @@ def _claim(entry: Section, name: str) -> dict[str, Any]:
     return {"apiVersion": "v1", "kind": "PersistentVolumeClaim", "metadata": {"name": name}, "spec": spec}
 
 
-def _results(section: Section, beside: Beside) -> None:
+def _results(section: Section, extras: Extras) -> None:
     section.refuse_unknown(("source_path", "container"))
     path = section.required_text("source_path")
     if not path.startswith("/"):
         raise (section.get("source_path") or section.node).fail(f"{path[:80]!r} must begin with /")
-    beside.annotations["results-path"] = path
+    extras.annotations["results-path"] = path
 
 
-def _observability(block: Section, beside: Beside) -> None:
+def _observability(block: Section, extras: Extras) -> None:
     only = block.get("observability_only")
     if only and block.flag("observability_only"):
         raise only.fail(
@@ -157,6 +157,6 @@ def _observability(block: Section, beside: Beside) -> None:
         )
     section = block.section("observability")
     if section and section.flag("enabled"):
-        beside.notes.append(
+        extras.notes.append(
             f"{section.node.place}: {section.node.path} is not carried over: metrics of all apps come with the chart, once per cluster"
         )

@@ -1,17 +1,24 @@
 """ROS version, domain, middleware and master."""
 
-from typing import Final
+import re
+from collections.abc import Mapping
+from typing import Any, Final
 
 from rigel_bridge.document.distros import distros, remark
-from rigel_bridge.document.failures import BridgeError, nearest
+from rigel_bridge.document.failures import BridgeError, Place, nearest
 from rigel_bridge.document.section import Section
 from rigel_bridge.document.tree import Node
 from rigel_bridge.generations.model import Package
+from rigel_bridge.names import MAX_DOMAIN
 from rigel_bridge.render import scheduling
 from rigel_bridge.render.draft import Draft
 
 LIFTED: Final = {"RMW_IMPLEMENTATION": "rmw", "ROS_DOMAIN_ID": "domain"}
 """Variables of ROS 2 that belong to the RobotApp's `ros2`: all components share them and the operator writes them."""
+ADDRESSES: Final = ("ROS_MASTER_URI", "ROS_IP", "ROS_HOSTNAME")
+"""Variables of ROS 1 that the operator writes: its master, and the pod's own address."""
+OWN_MASTER: Final = re.compile(r"https?://(ros-master|localhost|127\.0\.0\.1)(\.[^:/]*)?(:11311)?/?")
+"""Where Rigel's orchestration plugin puts the master of an app; a RobotApp's has a name of its own."""
 
 
 def ros(packages: tuple[Package, ...], block: Section | None, draft: Draft, *, today: str) -> list[str]:
@@ -45,16 +52,8 @@ def lift(variable: str, value: str | None, node: Node, draft: Draft) -> None:
         return
     field = LIFTED[variable]
     if field == "domain" and not scheduling.DOMAIN.fullmatch(value):
-        raise node.fail(f"env {variable} must be a number from 0 to {scheduling.MAX_DOMAIN}, found {value[:80]!r}")
+        raise node.fail(f"env {variable} must be a number from 0 to {MAX_DOMAIN}, found {value[:80]!r}")
     draft.put(("ros2", field), int(value) if field == "domain" else value, node)
-
-
-def version_of(draft: Draft) -> int:
-    """1 or 2, once the distribution stands."""
-    written = draft.spec.get("ros", {})
-    known = distros().get(written.get("distro", ""))
-    version: int = written.get("version") or (known.version if known else 2)
-    return version
 
 
 def _distro(packages: tuple[Package, ...], block: Section | None, draft: Draft) -> tuple[str, Node]:
@@ -79,6 +78,10 @@ def _version(distro: str, at: Node, block: Section | None, draft: Draft) -> int:
     known = distros().get(distro)
     if stated is not None and stated not in (1, 2):
         raise ((block.get("ros_version") if block else None) or at).fail("must be 1 or 2")
+    if known is None and stated is None and distro.startswith("$"):
+        raise at.fail(
+            f"{distro[:80]!r} is a mark of `rigel init`, which Rigel does not replace either: write the name, such as jazzy"
+        )
     if known is None and stated is None:
         hint = nearest(distro.lower(), list(distros()))
         raise at.fail(
@@ -114,3 +117,44 @@ def _master(block: Section, draft: Draft) -> None:
     node = block.get("deploy_ros_master")
     if node and block.flag("deploy_ros_master") is False:
         draft.put(("ros1", "master"), "External", node)
+
+
+def settle_addresses(block: Section | None, draft: Draft, *, version: int) -> list[str]:
+    """Take master and addresses out of the components' variables, which the operator would refuse; gives notes."""
+    notes: list[str] = []
+    for index, component in enumerate(draft.spec["components"]):
+        env = component.get("env")
+        if not isinstance(env, list):
+            continue
+        taken = [entry for entry in env if isinstance(entry, dict) and entry.get("name") in ADDRESSES]
+        place = draft.origin(("components", index, "env"))
+        for entry in taken:
+            if version == 1 and entry["name"] == "ROS_MASTER_URI":
+                _master_elsewhere(entry, place, block, draft)
+            reason = "the operator sets it" if version == 1 else "ROS 2 does not read it"
+            notes.append(f"{place}: env {entry['name']} is left out: {reason}")
+        if taken:
+            component["env"] = [entry for entry in env if entry not in taken]
+        if not component["env"]:
+            del component["env"]
+    return notes
+
+
+def _master_elsewhere(entry: Mapping[str, Any], place: Place, block: Section | None, draft: Draft) -> None:
+    """A master that is not the app's own becomes `ros1.uri`."""
+    uri = entry.get("value")
+    if isinstance(uri, str) and OWN_MASTER.fullmatch(uri):
+        return
+    managed = block is not None and block.flag("deploy_ros_master")
+    if managed or not isinstance(uri, str) or not uri.startswith("http://"):
+        raise BridgeError(
+            place,
+            "env ROS_MASTER_URI names another master than the app's own; for that one write deploy_ros_master: false and "
+            "robotapp: {ros1: {uri: 'http://…:11311'}}, for the app's own leave the variable out",
+        )
+    stated = draft.spec.setdefault("ros1", {})
+    if stated.setdefault("uri", uri) != uri:
+        raise BridgeError(
+            place, f"env ROS_MASTER_URI is {uri[:80]!r}, and spec.ros1.uri is {stated['uri']!r}: keep one"
+        )
+    stated["master"] = "External"

@@ -8,9 +8,10 @@ import re
 from collections.abc import Iterator
 from typing import Any, Final
 
-from rigel_bridge.document.naming import checked_label
+from rigel_bridge.document.naming import checked_label, label
 from rigel_bridge.document.section import Section
 from rigel_bridge.document.tree import Node
+from rigel_bridge.names import EXCLUSIVE_TYPES, MAX_DOMAIN, QOS_CLASSES, SAFE_DOMAINS
 from rigel_bridge.render.draft import Draft
 
 BLOCKS: Final = ("name", "policies", "topology", "affinity", "shared_data", "shared-data", "dds_domain", "dds-domain")
@@ -21,11 +22,6 @@ _TEXT_POLICIES: Final = {
     "durability": "durability",
     "liveliness": "liveliness",
 }
-_QOS: Final = ("realtime", "sensor_data", "system_default", "best_effort")
-_CLAIMED: Final = frozenset({"usb", "can", "serial", "gpio"})
-"""Hardware one component has for itself; everything else is a property of the node."""
-_DEFAULT_DOMAINS: Final = ((1, 101), (215, 232))
-MAX_DOMAIN: Final = 232
 DOMAIN: Final = re.compile("[0-9]{1,3}")
 """ASCII digits only, and few: int() reads digits of every script, and of long numbers it raises."""
 
@@ -63,7 +59,7 @@ def apply_to_component(block: Section, draft: Draft, index: int, *, names: froze
 def _policies(policies: Section, draft: Draft, index: int) -> None:
     policies.refuse_unknown(("qos_class", *_TEXT_POLICIES, "queue_size", "tcp_nodelay"))
     at = ("components", index)
-    if (qos := policies.choice("qos_class", _QOS)) and (node := policies.get("qos_class")):
+    if (qos := policies.choice("qos_class", QOS_CLASSES)) and (node := policies.get("qos_class")):
         draft.put((*at, "qosClass"), qos, node)
     for key, field in _TEXT_POLICIES.items():
         if node := policies.get(key):
@@ -84,7 +80,7 @@ def _hardware(affinity: Section, draft: Draft, index: int, *, alone: bool) -> No
         entry.refuse_unknown(("type", "model", "interface"))
         kind = entry.required_text("type")
         stated = {key: value for key in ("type", "model", "interface") if (value := entry.text(key))}
-        if kind in _CLAIMED:
+        if kind in EXCLUSIVE_TYPES:
             _refuse_sharing(entry.node, kind, alone=alone)
             devices.append({"name": _device_name(entry.node, kind, devices), **stated})
         elif (
@@ -112,8 +108,8 @@ def _device_name(node: Node, kind: str, devices: list[dict[str, Any]]) -> str:
 
 def _shared(shared: Section, names: frozenset[str]) -> Iterator[tuple[str, list[str]]]:
     peers = shared.texts("peer_pods")
-    components = [name for peer in peers if (name := peer.replace("_", "-")) in names]
-    foreign = [peer for peer in peers if peer.replace("_", "-") not in names]
+    components = [label(peer) for peer in peers if label(peer) in names]
+    foreign = [peer for peer in peers if label(peer) not in names]
     for field, values in (("with", components), ("peerPods", foreign), ("claimNames", shared.texts("pvc"))):
         if values:
             yield field, values
@@ -131,4 +127,4 @@ def domain(block: Section, node: Node, draft: Draft) -> None:
 
 def is_default_domain(domain: int) -> bool:
     """Whether the id needs no `allowUnsafeDomain`."""
-    return any(low <= domain <= high for low, high in _DEFAULT_DOMAINS)
+    return any(low <= domain <= high for low, high in SAFE_DOMAINS)

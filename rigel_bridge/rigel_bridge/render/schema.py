@@ -19,6 +19,20 @@ Problem = tuple[Path, str]
 _MATCHES: Final = re.compile(r"self\.matches\('([^'\\]*)'\)")
 _EQUALS: Final = re.compile(r"self == '([^'\\]*)'")
 _EMPTY: Final = "size(self) == 0"
+_LABEL: Final = r"[a-z0-9]([-a-z0-9]*[a-z0-9])?"
+_PATTERNS: Final = {
+    r"^[a-z]+$": "lower-case letters, such as jazzy",
+    rf"^{_LABEL}$": "lower-case letters, digits and -, such as base-driver",
+    rf"^(@robot|{_LABEL})$": "the name of a component, such as base-driver, or @robot",
+    rf"^{_LABEL}(\.{_LABEL})*$": "lower-case letters, digits, - and ., such as base-driver",
+    r"^\S*$": "an image without blanks, such as ghcr.io/team/driver:1.2",
+    r"^[0-9a-fA-F]{4}:[0-9a-fA-F]{4}(:.+)?$": "vid:pid or vid:pid:serial, such as 8086:0b3a",
+    r"^(~/|/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*$": "letters, digits, _ and /, such as /cmd_vel",
+    r"^[a-zA-Z][a-zA-Z0-9_]*/((msg|srv|action)/)?[A-Z][A-Za-z0-9_]*$": "a ROS interface, such as geometry_msgs/msg/Twist",
+    r"^(([0-9]{1,15}(\.[0-9]{0,9})?)|(\.[0-9]{1,9}))(([KMGTPE]i)|[numkMGTPE]|([eE][+-]?[0-9]{1,2}))?$": "a quantity, such as 20, 500m, 40M or 512Mi",
+    r"^rmw_[a-z0-9_]+$": "the name of a ROS middleware, such as rmw_fastrtps_cpp",
+}
+"""What to write where a pattern is missed. Patterns without words are shown as they stand."""
 _TYPES: Final[dict[str, tuple[type, ...]]] = {
     "object": (dict,),
     "array": (list,),
@@ -92,7 +106,18 @@ def _text(value: str, schema: Mapping[str, Any], path: Path) -> Iterator[Problem
     elif len(value) > schema.get("maxLength", len(value)):
         yield path, f"must have at most {schema['maxLength']} characters, found {len(value)}"
     elif "pattern" in schema and not re.search(schema["pattern"], value):
-        yield path, f"{_shown(value)} does not look like {schema['pattern']}"
+        yield path, f"{_shown(value)} is not possible{_as_label(value, schema)}; write {_form(schema['pattern'])}"
+
+
+def _form(pattern: str) -> str:
+    return _PATTERNS.get(pattern) or f"what fits {pattern}"
+
+
+def _as_label(value: str, schema: Mapping[str, Any]) -> str:
+    """Names of Rigel's packages have underscores, those of components have dashes."""
+    meant = value.lower().replace("_", "-")
+    fits = _LABEL in schema["pattern"] and meant != value and re.search(schema["pattern"], meant)
+    return f" (did you mean {meant}?)" if fits else ""
 
 
 def _mapping(value: Mapping[str, Any], schema: Mapping[str, Any], path: Path) -> Iterator[Problem]:

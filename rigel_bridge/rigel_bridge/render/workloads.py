@@ -7,16 +7,14 @@ scheduler. Both bring the volume claims and, for ROS 1, the master. What only th
 from collections.abc import Mapping
 from typing import Any, Final
 
-from rigel_bridge.document.distros import distros
+from rigel_bridge.document.distros import ros_version
 from rigel_bridge.document.failures import BridgeError, Place
-from rigel_bridge.render.annotations import PREFIX, wishes
-from rigel_bridge.render.app import APP_LABEL, Rendered
+from rigel_bridge.names import BRIDGE_APP_LABEL, DEFAULT_SCHEDULER, GRANTED_DOMAIN, SCHEDULER, SCHEDULER_PREFIX
+from rigel_bridge.render.annotations import pod_annotations
+from rigel_bridge.render.app import Rendered
 from rigel_bridge.render.draft import Path, written
-from rigel_bridge.render.orchestration import DEFAULT_SCHEDULER
 
 FORMATS: Final = ("robotapp", "pods", "manifests")
-SCHEDULER: Final = "ros-aware-scheduler"
-GRANTED_DOMAIN: Final = "granted.robotics.io/dds-domain"
 _PORT: Final = 11311
 _DEPLOYMENT: Final = ("apps/v1", "Deployment")
 _COMPONENT_LABEL: Final = "app.kubernetes.io/component"
@@ -24,7 +22,7 @@ _CONTAINER: Final = (
     *("name", "image", "command", "args", "workingDir", "env", "envFrom", "ports", "volumeMounts", "resources"),
     *("imagePullPolicy", "securityContext", "livenessProbe", "readinessProbe", "startupProbe", "lifecycle"),
 )
-_WISHES: Final = ("qosClass", "policies", "devices", "requires", "sharedData")
+_SCHEDULING: Final = ("qosClass", "policies", "devices", "requires", "sharedData")
 _OPERATORS: Final = ("parameters", "runsOn", "ready", "colocateWith", "separateFrom", "onDisconnect")
 _APPS: Final = ("suspend", "robots", "edges", "update", "connectivity")
 
@@ -32,7 +30,7 @@ _APPS: Final = ("suspend", "robots", "edges", "update", "connectivity")
 def workloads(rendered: Rendered, *, annotated: bool) -> tuple[tuple[dict[str, Any], ...], tuple[str, ...]]:
     """Objects in the order in which they are applied, and notes. `annotated`: for our scheduler, else for any."""
     app, spec = rendered.app, rendered.app["spec"]
-    # Pods that another scheduler places carry no wishes, as in the thesis' benchmark of kube-scheduler's own.
+    # Pods that another scheduler places carry no ROS annotations, as in the thesis' benchmark of kube-scheduler's own.
     ours = annotated and spec.get("schedulerName") != DEFAULT_SCHEDULER
     found: list[dict[str, Any]] = [*rendered.claims, *_master(app)]
     found += [_deployment(rendered, component, ours=ours) for component in spec["components"]]
@@ -42,13 +40,13 @@ def workloads(rendered: Rendered, *, annotated: bool) -> tuple[tuple[dict[str, A
 def _deployment(rendered: Rendered, component: Mapping[str, Any], *, ours: bool) -> dict[str, Any]:
     app, spec = rendered.app, rendered.app["spec"]
     metadata = app["metadata"]
-    labels = {APP_LABEL: metadata["name"], _COMPONENT_LABEL: component["name"]}
+    labels = {BRIDGE_APP_LABEL: metadata["name"], _COMPONENT_LABEL: component["name"]}
     template = component.get("template", {})
     annotations = dict(template.get("metadata", {}).get("annotations", {}))
     if ours:
-        annotations |= wishes(spec, component, app=metadata["name"])
+        annotations |= pod_annotations(spec, component, app=metadata["name"])
     if ours and _allocated(spec):
-        annotations[f"{PREFIX}dds-domain"] = str(spec.get("ros2", {}).get("domain", "auto"))
+        annotations[f"{SCHEDULER_PREFIX}dds-domain"] = str(spec.get("ros2", {}).get("domain", "auto"))
     pod: dict[str, Any] = {"containers": [_container(app, component, ours=ours)], **template.get("spec", {})}
     scheduler = _scheduler(spec, annotations, ours=ours)
     if scheduler:
@@ -70,14 +68,14 @@ def _strategy(component: Mapping[str, Any]) -> dict[str, str]:
 
 def _scheduler(spec: Mapping[str, Any], annotations: Mapping[str, str], *, ours: bool) -> str:
     if ours:
-        wished = any(key.startswith(PREFIX) for key in annotations)
-        return str(spec.get("schedulerName") or (SCHEDULER if wished else ""))
+        annotated = any(key.startswith(SCHEDULER_PREFIX) for key in annotations)
+        return str(spec.get("schedulerName") or (SCHEDULER if annotated else ""))
     return DEFAULT_SCHEDULER if spec.get("schedulerName") == DEFAULT_SCHEDULER else ""
 
 
 def _allocated(spec: Mapping[str, Any]) -> bool:
     """Whether the scheduler grants the domain: to one pod, which then has it for itself."""
-    return _version(spec) == 2 and _pods(spec) == 1
+    return ros_version(spec) == 2 and _pods(spec) == 1
 
 
 def _pods(spec: Mapping[str, Any]) -> int:
@@ -94,7 +92,7 @@ def _container(app: Mapping[str, Any], component: Mapping[str, Any], *, ours: bo
 
 def _environment(app: Mapping[str, Any], *, ours: bool) -> list[dict[str, Any]]:
     spec = app["spec"]
-    if _version(spec) == 1:
+    if ros_version(spec) == 1:
         uri = spec.get("ros1", {}).get("uri") or f"http://{_master_name(app)}:{_PORT}"
         address = {"fieldRef": {"fieldPath": "status.podIP"}}
         return [{"name": "ROS_MASTER_URI", "value": uri}, {"name": "ROS_IP", "valueFrom": address}]
@@ -113,10 +111,10 @@ def _master(app: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Deployment and Service of the app's own master; nothing for ROS 2 and for an external one."""
     spec = app["spec"]
     ros1 = spec.get("ros1", {})
-    if _version(spec) == 2 or ros1.get("master") == "External":
+    if ros_version(spec) == 2 or ros1.get("master") == "External":
         return []
     name = _master_name(app)
-    labels = {APP_LABEL: app["metadata"]["name"], _COMPONENT_LABEL: "ros-master"}
+    labels = {BRIDGE_APP_LABEL: app["metadata"]["name"], _COMPONENT_LABEL: "ros-master"}
     container = {
         "name": "ros-master",
         "image": ros1.get("image") or f"ros:{spec['ros']['distro']}-ros-core",
@@ -157,15 +155,10 @@ def _object(
     return {"apiVersion": kind[0], "kind": kind[1], "metadata": metadata, "spec": spec}
 
 
-def _version(spec: Mapping[str, Any]) -> int:
-    known = distros().get(spec["ros"]["distro"])
-    return int(spec["ros"].get("version") or (known.version if known else 2))
-
-
 def _notes(rendered: Rendered, *, ours: bool) -> list[str]:
     spec = rendered.app["spec"]
     lost: list[Path] = [(field,) for field in _APPS if field in spec]
-    left = _OPERATORS if ours else (*_OPERATORS, *_WISHES)
+    left = _OPERATORS if ours else (*_OPERATORS, *_SCHEDULING)
     for index, component in enumerate(spec["components"]):
         lost += [("components", index, field) for field in left if field in component]
     if not ours and "placement" in spec:
@@ -175,7 +168,7 @@ def _notes(rendered: Rendered, *, ours: bool) -> list[str]:
         for path in lost
     ]
     alone = ours and _allocated(spec)
-    if _version(spec) == 2 and not alone and "domain" not in spec.get("ros2", {}):
+    if ros_version(spec) == 2 and not alone and "domain" not in spec.get("ros2", {}):
         notes.append(
             f"{rendered.origin(('ros',))}: ROS_DOMAIN_ID is 0, which every laptop uses: write dds_domain, or render a "
             "RobotApp, which gets its own"

@@ -3,6 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from rigel_bridge.document.failures import printable
+
 Summary = Mapping[str, Any]
 """What one run leaves in summary.json."""
 
@@ -18,11 +20,33 @@ def table(runs: Sequence[Summary]) -> str:
             rows.append(
                 (f"{column} {figure}", [_shown(run.get("samples", {}).get(column, {}).get(figure)) for run in runs])
             )
-    head, *body = [f"| {name} | {' | '.join(cells)} |\n" for name, cells in rows]
+    head, *body = [f"| {' | '.join(map(_cell, (name, *cells)))} |\n" for name, cells in rows]
     return head + f"|{'---|' * (len(runs) + 1)}\n" + "".join(body)
 
 
 _PLAIN = (("outcome", "outcome"), ("scheduler", "scheduler"), ("Ready after (s)", "ready_after_s"))
+
+
+def _cell(text: str) -> str:
+    """Names of columns and files come from containers: none of them moves a terminal's cursor or begins another cell."""
+    return printable(text).replace("|", "\\|")
+
+
+def is_summary(value: Any) -> bool:
+    """Whether a value has the shape of what a run leaves."""
+    if not isinstance(value, dict) or not isinstance(value.get("sequence"), str):
+        return False
+    samples = value.get("samples", {})
+    return (
+        _all_have(value.get("components", []), "name")
+        and _all_have(value.get("edges", []), "topic")
+        and isinstance(samples, dict)
+        and all(isinstance(each, dict) for each in samples.values())
+    )
+
+
+def _all_have(values: Any, key: str) -> bool:
+    return isinstance(values, list) and all(isinstance(each, dict) and key in each for each in values)
 
 
 def _names(runs: Sequence[Summary], part: str, key: str) -> list[str]:

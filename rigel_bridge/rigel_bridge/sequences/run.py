@@ -8,23 +8,28 @@ from pathlib import Path
 from typing import Any, Final
 
 from rigel_bridge.cluster import apps
-from rigel_bridge.cluster.beside import apply_claims
 from rigel_bridge.cluster.deployment import deploy
 from rigel_bridge.cluster.instances import instances_of
 from rigel_bridge.cluster.kubectl import ClusterError, Kubectl
-from rigel_bridge.cluster.names import PROVENANCE
 from rigel_bridge.cluster.removal import remove
-from rigel_bridge.cluster.results import Collection, collect
+from rigel_bridge.cluster.results import APP, FILES, Collection, collect
+from rigel_bridge.cluster.volume_claims import apply_claims
 from rigel_bridge.cluster.waiting import Clock, wait_ready
 from rigel_bridge.document.failures import BridgeError
+from rigel_bridge.names import PROVENANCE
+from rigel_bridge.sequences.comparison import is_summary
 from rigel_bridge.sequences.samples import columns, edges, placement
 from rigel_bridge.sequences.steps import Action, Kind, run_name
 from rigel_bridge.source import Objects
 
 RUN: Final = f"{PROVENANCE}run"
 """On the app of a run: the sequence. Such an app may be removed by the next run; one without it is somebody's."""
+RUN_ID: Final = f"{PROVENANCE}run-id"
+"""Which run of the sequence the app is of: two people may run the same one, under the same names, at the same time."""
 
 _SHOWN_S: Final = 10.0
+_SUMMARY: Final = "summary.json"
+_MAX_SUMMARY_BYTES: Final = 16 * 1024 * 1024
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +53,8 @@ class Tools:
     limits: Limits
     keep: bool = False
     """Leave the app in the cluster."""
+    run_id: str = ""
+    """Different for each call."""
 
 
 @dataclass(slots=True)
@@ -61,7 +68,7 @@ class Outcome:
 def run(sequence: str, steps: Sequence[Action], objects: Objects, tools: Tools, into: Collection) -> list[Outcome]:
     """All steps in order, results in `into`. Errors pass through after results were collected and the apps removed."""
     found: list[Outcome] = []
-    wanted = [renamed(app, sequence) for app in objects.apps]
+    wanted = [renamed(app, sequence, run_id=tools.run_id) for app in objects.apps]
     with _removed_at_the_end(wanted, tools):
         for step in steps:
             tools.tell(f"{sequence}: {step.job}")
@@ -76,10 +83,10 @@ def run(sequence: str, steps: Sequence[Action], objects: Objects, tools: Tools, 
     return found
 
 
-def renamed(app: Mapping[str, Any], sequence: str) -> dict[str, Any]:
+def renamed(app: Mapping[str, Any], sequence: str, *, run_id: str = "") -> dict[str, Any]:
     """The app under the name of its run."""
     metadata = app["metadata"]
-    annotations = {**metadata.get("annotations", {}), RUN: sequence}
+    annotations = {**metadata.get("annotations", {}), RUN: sequence, RUN_ID: run_id}
     return {**app, "metadata": {**metadata, "name": run_name(metadata["name"], sequence), "annotations": annotations}}
 
 
@@ -101,8 +108,25 @@ def _removed_at_the_end(wanted: Sequence[Mapping[str, Any]], tools: Tools) -> It
         yield
     finally:
         for name in names if not tools.keep else ():
+            present = apps.read(tools.kubectl, name)
+            if present is not None and not _is_own(present, tools):
+                tools.tell(f"{name}: is of another run by now, and stays")
+                continue
             tools.tell(f"{name}: removed")
             remove(tools.kubectl, name, timeout_s=tools.limits.removal_s, clock=tools.clock)
+
+
+def _is_own(app: Mapping[str, Any], tools: Tools) -> bool:
+    annotations: Mapping[str, str] = app["metadata"].get("annotations") or {}
+    return annotations.get(RUN_ID, "") == tools.run_id
+
+
+def _require_own(name: str, tools: Tools) -> None:
+    """ClusterError when another run has taken the place of this one: its figures are not ours."""
+    if not _is_own(apps.existing(tools.kubectl, name), tools):
+        raise ClusterError(
+            f"RobotApp {name} is of another run by now: run one sequence at a time, or choose another --name"
+        )
 
 
 def _deployed(sequence: str, wanted: Sequence[Mapping[str, Any]], tools: Tools, into: Collection) -> list[Outcome]:
@@ -121,6 +145,8 @@ def _deployed(sequence: str, wanted: Sequence[Mapping[str, Any]], tools: Tools, 
             _settled(name, tools)
         tools.tell(f"{sequence}: Ready, working for {tools.limits.duration_s:g} s")
         tools.clock.sleep(tools.limits.duration_s)
+        for outcome in outcomes:
+            _require_own(outcome.summary["app"], tools)
         for outcome in outcomes:
             outcome.summary["outcome"] = "ran"
     finally:
@@ -147,7 +173,7 @@ def _collected(outcome: Outcome, tools: Tools, into: Collection, *, alone: bool)
     own = Collection(into.folder if alone else into.folder / name)
     try:
         app = apps.read(tools.kubectl, name)
-        if app is None:
+        if app is None or not _is_own(app, tools):
             return
         collect(tools.kubectl, app, own, tell=tools.tell)
         instances = instances_of(tools.kubectl, app)
@@ -156,9 +182,9 @@ def _collected(outcome: Outcome, tools: Tools, into: Collection, *, alone: bool)
             "domain": app.get("status", {}).get("summary", {}).get("domain"),
             "components": placement(instances),
             "edges": edges(instances),
-            "samples": _samples(own.folder / "files"),
+            "samples": _samples(own.folder / FILES),
         }
-        own.add_json("summary.json", outcome.summary)
+        own.add_json(_SUMMARY, outcome.summary)
         own.close()
     except BridgeError as error:
         tools.tell(f"results of {name}: {error}")
@@ -167,20 +193,31 @@ def _collected(outcome: Outcome, tools: Tools, into: Collection, *, alone: bool)
 def _samples(folder: Path) -> dict[str, dict[str, float]]:
     """Statistics by `file column`, of every CSV file that was collected."""
     found = {}
-    for path in sorted(folder.rglob("*.csv")):
+    for path in sorted(path for path in folder.rglob("*.csv") if path.is_file()):
         for column, figures in columns(path.read_bytes()).items():
             found[f"{path.relative_to(folder)} {column}"] = figures
     return found
 
 
 def read_summaries(folder: Path) -> list[dict[str, Any]]:
-    """The summaries below a folder, by path; a file that is none is passed over."""
+    """The summaries below a folder, by path; a file that is none is passed over, and so is what a container left."""
     found = []
-    for path in sorted(folder.rglob("summary.json")):
-        try:
-            loaded = json.loads(path.read_bytes())
-        except (OSError, ValueError):
+    for path in sorted(folder.rglob(_SUMMARY)):
+        if _is_of_container(path.relative_to(folder), folder):
             continue
-        if isinstance(loaded, dict) and "sequence" in loaded:
+        try:
+            with path.open("rb") as file:
+                loaded = json.loads(file.read(_MAX_SUMMARY_BYTES))
+        except (OSError, ValueError, RecursionError):
+            continue
+        if is_summary(loaded):
             found.append(loaded)
     return found
+
+
+def _is_of_container(path: Path, folder: Path) -> bool:
+    """Whether a path lies in the result files that `collect` copied beside its app.json: a container cannot write a run's summary."""
+    return any(
+        name == FILES and (folder.joinpath(*path.parts[:depth]) / APP).is_file()
+        for depth, name in enumerate(path.parts)
+    )

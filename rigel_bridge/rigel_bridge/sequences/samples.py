@@ -4,9 +4,15 @@ import csv
 import io
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import islice
 from typing import Any, Final
 
-MAX_ROWS: Final = 1_000_000
+MAX_VALUES: Final = 4_000_000
+"""Of one file, all columns together."""
+MAX_COLUMNS: Final = 64
+MAX_NAME: Final = 100
+MAX_VALUE: Final = 1e100
+"""Squares of larger ones are no numbers any more; a time of that size is none either."""
 _SUFFIXES: Final = ("_ms", "_us", "_s")
 
 
@@ -24,11 +30,10 @@ def columns(content: bytes) -> dict[str, dict[str, float]]:
     try:
         rows = csv.reader(io.StringIO(content.decode("utf-8-sig")))
         header = next(rows, [])
-        wanted = {index: name.strip() for index, name in enumerate(header) if name.strip().lower().endswith(_SUFFIXES)}
+        timed = ((index, name.strip()[:MAX_NAME]) for index, name in enumerate(header) if _is_time(name))
+        wanted = dict(islice(timed, MAX_COLUMNS))
         values: dict[str, list[float]] = {name: [] for name in wanted.values()}
-        for count, row in enumerate(rows if wanted else ()):
-            if count >= MAX_ROWS:
-                break
+        for row in islice(rows, MAX_VALUES // len(wanted)) if wanted else ():
             for index, name in wanted.items():
                 values[name] += _number(row[index]) if index < len(row) else ()
     except (UnicodeDecodeError, csv.Error):
@@ -36,12 +41,16 @@ def columns(content: bytes) -> dict[str, dict[str, float]]:
     return {name: statistics(found) for name, found in values.items() if found}
 
 
+def _is_time(name: str) -> bool:
+    return name.strip().lower().endswith(_SUFFIXES)
+
+
 def _number(text: str) -> Iterator[float]:
     try:
         value = float(text)
     except ValueError:
         return
-    if math.isfinite(value):
+    if abs(value) <= MAX_VALUE:  # false for what is no number
         yield value
 
 

@@ -6,7 +6,7 @@ from enum import StrEnum
 from hashlib import sha256
 from typing import Final
 
-from rigel_bridge.document.failures import BridgeError
+from rigel_bridge.document.failures import BridgeError, control_character
 from rigel_bridge.document.naming import MAX_APP_NAME, label
 from rigel_bridge.generations.model import Generation, Rigelfile, Step
 
@@ -47,12 +47,14 @@ def actions(rigelfile: Rigelfile, sequence: str) -> list[Action]:
 def _action(rigelfile: Rigelfile, step: Step) -> Action:
     if step.job in rigelfile.jobs or step.job == _DEPLOY:
         return Action(Kind.DEPLOY, _DEPLOY)
+    if step.job.startswith("-"):
+        raise step.node.fail(f"{step.job[:80]!r} would be a flag of `rigel run job`: give the job another name")
     commands = BUILD if rigelfile.generation is Generation.G1 else (("run", "job", step.job),)
     return Action(Kind.RIGEL, step.job, commands, _lost(step))
 
 
 def _lost(step: Step) -> str:
-    """Why a job may do something else than the file says: Rigel runs a job by its name, without overrides."""
+    """Why a job may differ from what the file describes: Rigel runs a job by its name, without overrides."""
     overrides = step.overrides.mapping() if step.overrides is not None else {}
     lost = [key for key in overrides if key not in _SCHEDULER]
     if not lost:
@@ -71,6 +73,15 @@ def refuse_thesis(rigelfile: Rigelfile, wanted: Sequence[Action]) -> None:
             f"Rigel refuses a file with orchestration at the top, so job {first.job} cannot run: build the image yourself and "
             "add --no-build, or move the block to jobs.deploy.with.orchestration",
         )
+
+
+def folder_name(rigelfile: Rigelfile, sequence: str) -> str:
+    """The folder of a run's results below that of all runs: the name of the sequence, which leads nowhere else."""
+    if "/" in sequence or sequence in ("", ".", "..") or control_character(sequence):
+        raise rigelfile.node.fail(
+            f"sequence {sequence[:80]!r} is no name for a folder of results: give it one without slashes"
+        )
+    return sequence
 
 
 def run_name(app: str, sequence: str) -> str:

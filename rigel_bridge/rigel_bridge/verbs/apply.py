@@ -3,8 +3,8 @@
 import argparse
 from typing import Final
 
-from rigel_bridge.cluster.beside import apply_claims
 from rigel_bridge.cluster.deployment import deploy
+from rigel_bridge.cluster.volume_claims import apply_claims
 from rigel_bridge.cluster.waiting import Clock, wait_ready
 from rigel_bridge.document.failures import Exit
 from rigel_bridge.verbs.cluster_options import add_cluster, kubectl_of, say, seconds, subject, tell
@@ -25,8 +25,10 @@ def _run(arguments: argparse.Namespace) -> int:
     found = objects_of(arguments)
     for claim in apply_claims(kubectl, found.claims):
         say(f"persistentvolumeclaim/{claim}: applied")
-    written = [deploy(kubectl, app, tell=tell) for app in found.apps]
-    for each in written:
+    written = []
+    for app in found.apps:  # each is told at once: when a later one is refused, the earlier ones are written
+        each = deploy(kubectl, app, tell=tell)
+        written.append(each)
         say(f"{subject(each.stored)}: {each.outcome}")
         for change in each.changes:
             say(f"  {change}")
@@ -48,4 +50,9 @@ APPLY: Final = Verb(
     ),
     arguments=_arguments,
     run=_run,
+    examples=(
+        ("rigel-bridge apply --wait 2m", "until the app is Ready"),
+        ("rigel-bridge apply -n fleet ws/Rigelfile", "into a namespace"),
+        ("rigel-bridge diff && rigel-bridge apply", "look first"),
+    ),
 )

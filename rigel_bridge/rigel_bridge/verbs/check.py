@@ -1,4 +1,4 @@
-"""`rigel-bridge check`: every job and sequence of a Rigelfile, and what Rigel itself would stumble over, without a cluster."""
+"""`rigel-bridge check`: mistakes in every job and sequence of a Rigelfile, and in what Rigel itself reads, without a cluster."""
 
 import argparse
 import sys
@@ -57,7 +57,12 @@ def _chosen(choice: Source) -> str:
 CHECK: Final = Verb(
     name="check",
     summary="look for mistakes in every job and sequence, without a cluster",
-    description="Look for mistakes in every job and sequence of a Rigelfile, and for what Rigel itself would stumble over.",
+    description="Look for mistakes in every job and sequence of a Rigelfile, and for what Rigel itself would refuse.",
     arguments=add_source,
     run=_run,
+    examples=(
+        ("rigel-bridge check", "every job and sequence of ./Rigelfile"),
+        ("rigel-bridge check ws/Rigelfile --strict", "in CI: notes are errors, too"),
+        ("rigel-bridge check --sequence demo", "one sequence alone"),
+    ),
 )

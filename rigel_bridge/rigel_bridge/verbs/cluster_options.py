@@ -1,15 +1,21 @@
 """Flags of the commands that reach the cluster, and what they stand for."""
 
 import argparse
+import re
+import signal
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from rigel_bridge.cluster.kubectl import Kubectl
 from rigel_bridge.cluster.waiting import duration_s
 from rigel_bridge.document.failures import printable
 from rigel_bridge.source import Source, objects
 from rigel_bridge.verbs.options import namespace
+
+_APP: Final = re.compile(r"[a-z0-9]([-a-z0-9.]{0,251}[a-z0-9])?")
 
 
 def add_cluster(parser: argparse.ArgumentParser) -> None:
@@ -30,15 +36,30 @@ def kubectl_of(arguments: argparse.Namespace) -> Kubectl:
 
 
 def add_app(parser: argparse.ArgumentParser) -> None:
-    """Which app of the cluster is meant: `names_of` tells."""
-    parser.add_argument("app", nargs="?", help="name of the RobotApp (default: what ./Rigelfile becomes)")
+    """Options that choose an app of the cluster; `names_of` gives its names."""
+    parser.add_argument(
+        "app", nargs="?", type=app_name, help="name of the RobotApp (default: what ./Rigelfile becomes)"
+    )
     parser.add_argument("-n", "--namespace", type=namespace, help="its namespace (default: kubectl's own)")
     add_cluster(parser)
 
 
+def app_name(text: str) -> str:
+    """An argument that names a RobotApp. Raises what argparse turns into wrong usage.
+
+    Anything else than a name would mean something else to kubectl (a flag, a list, part of a selector), and an empty one, as a
+    script passes it whose variable is not set, would be the app of the Rigelfile that happens to lie here.
+    """
+    if not _APP.fullmatch(text):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is no name of a RobotApp; allowed: lower-case letters, digits and dashes, for example teleop"
+        )
+    return text
+
+
 def names_of(arguments: argparse.Namespace) -> list[str]:
     """The name given, else those of the RobotApps that the Rigelfile of this folder becomes."""
-    if arguments.app:
+    if arguments.app is not None:
         return [arguments.app]
     return [app["metadata"]["name"] for app in objects(Source(Path("Rigelfile"))).apps]
 
@@ -49,6 +70,25 @@ def seconds(text: str) -> float:
     if seconds is None:
         raise argparse.ArgumentTypeError(f"{text!r} is no duration; allowed: up to 24h, for example 30s, 2m or 500ms")
     return seconds
+
+
+@contextmanager
+def ended_like_ctrl_c() -> Iterator[None]:
+    """A request to end (SIGTERM of a CI system, SIGHUP of a lost connection) cleans up as Ctrl-C does.
+
+    A signal that is ignored, as `nohup` does it, stays ignored.
+    """
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    wanted = [each for each in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(each) is not signal.SIG_IGN]
+    before = [(each, signal.signal(each, interrupted)) for each in wanted]
+    try:
+        yield
+    finally:
+        for each, handler in before:
+            signal.signal(each, handler)
 
 
 def tell(line: str) -> None:

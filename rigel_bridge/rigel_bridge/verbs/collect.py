@@ -41,4 +41,8 @@ COLLECT: Final = Verb(
     ),
     arguments=_arguments,
     run=_run,
+    examples=(
+        ("rigel-bridge collect results/today", "of what ./Rigelfile became"),
+        ("rigel-bridge collect out amr-teleop --path /results", "result files of a folder in the containers"),
+    ),
 )

@@ -3,8 +3,8 @@
 import argparse
 from typing import Final
 
-from rigel_bridge.cluster.beside import delete_claims
 from rigel_bridge.cluster.removal import remove
+from rigel_bridge.cluster.volume_claims import delete_claims
 from rigel_bridge.cluster.waiting import Clock
 from rigel_bridge.document.failures import Exit
 from rigel_bridge.verbs.cluster_options import add_app, kubectl_of, names_of, say, seconds
@@ -40,4 +40,9 @@ DELETE: Final = Verb(
     ),
     arguments=_arguments,
     run=_run,
+    examples=(
+        ("rigel-bridge delete", "what ./Rigelfile became; volume claims stay"),
+        ("rigel-bridge delete amr-teleop -n fleet --wait 5m", "an app by its name"),
+        ("rigel-bridge delete amr-teleop --storage", "with its data"),
+    ),
 )

@@ -39,4 +39,8 @@ DIFF: Final = Verb(
     ),
     arguments=_arguments,
     run=_run,
+    examples=(
+        ("rigel-bridge diff", "what `apply` of ./Rigelfile would change"),
+        ("rigel-bridge diff -n fleet ws/Rigelfile", "in a namespace"),
+    ),
 )

@@ -3,21 +3,27 @@
 import argparse
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
 from rigel_bridge.cluster import apps
-from rigel_bridge.cluster.kubectl import MAX_OUTPUT_BYTES, Kubectl
+from rigel_bridge.cluster.kubectl import MAX_OUTPUT_BYTES, ClusterError, Kubectl, Refusal
 from rigel_bridge.cluster.results import opened
-from rigel_bridge.cluster.takeover import Limits, annotate, forget, read, restorable, take_over
+from rigel_bridge.cluster.takeover import Limits, annotate, backup_name, forget, read, restorable, take_over
 from rigel_bridge.cluster.waiting import Clock
-from rigel_bridge.document.failures import BridgeError, Exit, Place
+from rigel_bridge.document.distros import distros
+from rigel_bridge.document.failures import BridgeError, Exit, Place, nearest
 from rigel_bridge.migration.found import scene
 from rigel_bridge.migration.report import Plan, annotation, document, leftover_records, lines, plan
+from rigel_bridge.migration.shape import misshapen
 from rigel_bridge.render.text import as_yaml
-from rigel_bridge.verbs.cluster_options import add_cluster, kubectl_of, say, seconds, tell
+from rigel_bridge.verbs.cluster_options import add_cluster, ended_like_ctrl_c, kubectl_of, say, seconds, tell
 from rigel_bridge.verbs.options import namespace
 from rigel_bridge.verbs.verb import Verb
+
+_ATTEMPTS: Final = 10
+_SHOWN: Final = 200
 
 
 def _arguments(parser: argparse.ArgumentParser) -> None:
@@ -61,13 +67,15 @@ def _run(arguments: argparse.Namespace) -> int:
     objects = (
         _of_file(arguments.file) if arguments.file else read(kubectl, everywhere=arguments.all_namespaces, tell=tell)
     )
+    _refuse_missing(arguments.workloads, objects)
     found = plan(scene(objects, names=arguments.workloads), distro=arguments.distro, names=arguments.workloads)
     for line in lines(found):
         tell(line)
     if arguments.report:
         _write(arguments.report, json.dumps(document(found), indent=2) + "\n")
     if arguments.apply:
-        _take_over(kubectl, found, arguments)
+        with ended_like_ctrl_c():
+            _take_over(kubectl, found, arguments)
     else:
         sys.stdout.write(as_yaml([made.app for made in found.apps]))
     if not found.apps:
@@ -80,6 +88,19 @@ def _refuse_contradictions(arguments: argparse.Namespace) -> None:
         raise _usage("--apply works on one namespace of the cluster: leave -A and -f out")
     if arguments.apply and not arguments.backup:
         raise _usage("--apply needs --backup FOLDER, where the old objects are kept")
+    if arguments.distro and arguments.distro not in distros():
+        hint = nearest(arguments.distro.lower(), list(distros()))
+        raise _usage(f"--distro {arguments.distro[:80]!r} is no ROS distribution that we know{hint}")
+
+
+def _refuse_missing(names: list[str], objects: list[dict[str, Any]]) -> None:
+    """A slip in a name must not end as "nothing to migrate"."""
+    known = [each["metadata"]["name"] for each in objects if each["kind"] in ("Deployment", "Pod")]
+    for name in names:
+        if name not in known:
+            raise BridgeError(
+                Place("migrate"), f"there is no Deployment or pod {name}{nearest(name, known)}", code=Exit.MISSING
+            )
 
 
 def _usage(message: str) -> BridgeError:
@@ -92,7 +113,7 @@ def _of_file(path: Path) -> list[dict[str, Any]]:
         with path.open("rb") as file:
             data = file.read(MAX_OUTPUT_BYTES + 1)
         loaded: Any = json.loads(data) if len(data) <= MAX_OUTPUT_BYTES else None
-        items = [item for item in loaded["items"] if isinstance(item["metadata"]["name"], str) and item["kind"]]
+        items = list(loaded["items"])
     except OSError as error:
         raise BridgeError(Place(str(path)), f"cannot be read: {error.strerror}", code=Exit.UNREADABLE) from error
     except (ValueError, KeyError, TypeError, RecursionError) as error:
@@ -101,6 +122,13 @@ def _of_file(path: Path) -> list[dict[str, Any]]:
             "is no List of objects in JSON of at most 16 MiB, as kubectl get -o json writes it",
             code=Exit.SYNTAX,
         ) from error
+    for index, item in enumerate(items):
+        if (where := misshapen(item)) is not None:
+            raise BridgeError(
+                Place(str(path)),
+                f"items[{index}]{where[:_SHOWN]} is not as the API server writes it: save it with kubectl get -o json",
+                code=Exit.SYNTAX,
+            )
     return items
 
 
@@ -115,31 +143,59 @@ def _take_over(kubectl: Kubectl, found: Plan, arguments: argparse.Namespace) -> 
     backup = opened(arguments.backup)
     for made in found.apps:
         for each in made.workloads:
-            backup.add_json(f"{each.kind.lower()}-{each.name}.json", restorable(each.stored))
+            backup.add_json(backup_name(each.stored), restorable(each.stored))
     backup.close()
     limits, clock = Limits(ready_s=arguments.wait), Clock()
     titles: set[str] = set()
-    for made in found.apps:
-        old = [each.stored for each in made.workloads]
-        take_over(kubectl, made.app, old, limits=limits, clock=clock, tell=tell)
-        say(
-            f"robotapp/{made.app['metadata']['name']}: Ready, in place of {', '.join(each.title for each in made.workloads)}"
-        )
-        titles |= {each.title for each in made.workloads}
+    try:
+        for made in found.apps:
+            old = [each.stored for each in made.workloads]
+            take_over(kubectl, made.app, old, limits=limits, clock=clock, tell=tell, backup=backup.folder)
+            names = [each.title for each in made.workloads]
+            say(f"robotapp/{made.app['metadata']['name']}: Ready, in place of {', '.join(names)}")
+            titles |= set(names)
+    except BaseException:  # records of the apps before: a second run would not know their pods any more
+        _try_to_clear_records(kubectl, found, titles)
+        raise
     _clear_records(kubectl, found, titles)
+
+
+def _try_to_clear_records(kubectl: Kubectl, found: Plan, titles: set[str]) -> None:
+    try:
+        _clear_records(kubectl, found, titles)
+    except BridgeError as error:
+        tell(f"records of {', '.join(sorted(titles))} are not cleared: {error}")
 
 
 def _clear_records(kubectl: Kubectl, found: Plan, titles: set[str]) -> None:
     """Records of pods that are gone now: nobody else would remove them."""
     gone = [uid for uid, title in found.scene.owners.items() if title in titles]
-    for (node, kind), kept in leftover_records(found, gone=gone).items():
-        annotate(kubectl, node, annotation(kind, kept), tell=tell)
+    for node in sorted({node for node, _ in leftover_records(found.scene.claims, gone=gone)}):
+        _clear_node(kubectl, node, gone)
     by_namespace: dict[str, list[str]] = {}
     for claim in found.scene.claims:
         if claim.kind == "fleet" and claim.uid in gone:
             by_namespace.setdefault(claim.where, []).append(claim.thing)
     for where, keys in by_namespace.items():
         forget(kubectl, where, keys)
+
+
+def _clear_node(kubectl: Kubectl, node: str, gone: Sequence[str]) -> None:
+    """The node is read again: other pods have come and gone since the migration began, and their entries are not ours to undo."""
+    for left in reversed(range(_ATTEMPTS)):
+        items = kubectl.items("get", "nodes", f"--field-selector=metadata.name={node}")
+        stored = next((each for each in items if each["metadata"]["name"] == node), None)
+        kept = leftover_records(scene([{"kind": "Node", **stored}]).claims, gone=gone) if stored else {}
+        if not stored or not kept:
+            return
+        arguments = [annotation(kind, entries) for (_, kind), entries in kept.items()]
+        try:
+            annotate(kubectl, node, arguments, version=stored["metadata"]["resourceVersion"], tell=tell)
+        except ClusterError as error:
+            if error.reason is not Refusal.CONFLICT or not left:
+                raise
+        else:
+            return
 
 
 def _write(path: Path, text: str) -> None:
@@ -159,4 +215,10 @@ MIGRATE: Final = Verb(
     ),
     arguments=_arguments,
     run=_run,
+    examples=(
+        ("rigel-bridge migrate > apps.yaml", "what this namespace would become, and a report"),
+        ("rigel-bridge migrate --apply --backup old/", "replace the workloads, one app after the other"),
+        ("rigel-bridge migrate rigel-k8s-application --distro noetic", "one workload, without annotations"),
+        ("rigel-bridge migrate -f cluster.json", "without a cluster"),
+    ),
 )

@@ -56,4 +56,14 @@ RENDER: Final = Verb(
     description="Write the RobotApp of a Rigelfile as YAML.",
     arguments=_arguments,
     run=_run,
+    examples=(
+        ("rigel-bridge render", "the Rigelfile of this folder, to the screen"),
+        ("rigel-bridge render ws/Rigelfile | kubectl apply -f -", "straight to the cluster"),
+        ("git show v1:Rigelfile | rigel-bridge render - --name amr-teleop", "from standard input"),
+        ("rigel-bridge render --name amr-teleop -o k8s/teleop.yaml", "to a file"),
+        ("rigel-bridge render --sequence benchmark_default", "the jobs of a sequence that deploy"),
+        ("rigel-bridge render --format pods", "annotated Deployments, without the operator"),
+        ("rigel-bridge render --profile src", "with wishes read from the packages' sources"),
+        ("TAG=1.4.0 rigel-bridge render --env TAG", "{{ TAG }} from the environment"),
+    ),
 )

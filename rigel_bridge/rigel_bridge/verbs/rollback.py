@@ -42,4 +42,9 @@ ROLLBACK: Final = Verb(
     ),
     arguments=_arguments,
     run=_run,
+    examples=(
+        ("rigel-bridge rollback", "the spec before the last change; again to return"),
+        ("rigel-bridge status amr-teleop", "lists the revisions"),
+        ("rigel-bridge rollback amr-teleop --to 3", "one of them"),
+    ),
 )

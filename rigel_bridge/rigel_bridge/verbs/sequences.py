@@ -1,14 +1,13 @@
 """`rigel-bridge sequences`: list the sequences of a Rigelfile, run them, compare what they left."""
 
 import argparse
-import signal
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
+from uuid import uuid4
 
 from rigel_bridge.cluster.results import opened
 from rigel_bridge.cluster.waiting import Clock
@@ -16,9 +15,9 @@ from rigel_bridge.document.failures import Exit, nearest
 from rigel_bridge.sequences.comparison import table
 from rigel_bridge.sequences.programs import run_rigel
 from rigel_bridge.sequences.run import Limits, Tools, read_summaries, run
-from rigel_bridge.sequences.steps import Action, Kind, actions, described, refuse_thesis
+from rigel_bridge.sequences.steps import Action, Kind, actions, described, folder_name, refuse_thesis
 from rigel_bridge.source import Objects, objects
-from rigel_bridge.verbs.cluster_options import add_cluster, kubectl_of, say, seconds, tell
+from rigel_bridge.verbs.cluster_options import add_cluster, ended_like_ctrl_c, kubectl_of, say, seconds, tell
 from rigel_bridge.verbs.options import add_source, source_of
 from rigel_bridge.verbs.verb import Verb
 
@@ -67,6 +66,8 @@ def _run(arguments: argparse.Namespace) -> int:
     if not arguments.chosen:
         for line in described(rigelfile.sequences):
             say(line)
+        if not rigelfile.sequences:
+            tell(f"{arguments.rigelfile}: has no sequences; docs/rigel-bridge.md shows where they are written")
         return Exit.OK
     for name in arguments.chosen:
         if name not in rigelfile.sequences:
@@ -77,10 +78,11 @@ def _run(arguments: argparse.Namespace) -> int:
     found = {name: _of_sequence(arguments, name) for name in dict.fromkeys(arguments.chosen)}
     plans = {name: _planned(each, name, no_build=arguments.no_build) for name, each in found.items()}
     folder = arguments.results or Path("results") / datetime.now(tz=UTC).strftime("%Y%m%dT%H%M%SZ")
+    folders = {name: folder / folder_name(rigelfile, name) for name in found}
     tools = _tools(arguments)
-    with _ended_like_ctrl_c():
+    with ended_like_ctrl_c():
         for name, each in found.items():
-            run(name, plans[name], each, tools, opened(folder / name))
+            run(name, plans[name], each, tools, opened(folders[name]))
     say(f"results: {folder}")
     return _compared(folder)
 
@@ -115,7 +117,7 @@ def _tools(arguments: argparse.Namespace) -> Tools:
         done.add(tuple(command))
 
     limits = Limits(ready_s=arguments.wait, duration_s=arguments.duration)
-    return Tools(kubectl_of(arguments), rigel, tell, Clock(), limits, keep=arguments.keep)
+    return Tools(kubectl_of(arguments), rigel, tell, Clock(), limits, keep=arguments.keep, run_id=uuid4().hex)
 
 
 def _compared(folder: Path) -> int:
@@ -125,20 +127,6 @@ def _compared(folder: Path) -> int:
     else:
         tell(f"{folder}: holds no results of a run")
     return Exit.OK if runs and all(each.get("outcome") == "ran" for each in runs) else Exit.STEP_FAILED
-
-
-@contextmanager
-def _ended_like_ctrl_c() -> Iterator[None]:
-    """A request to end (SIGTERM, as CI systems send it) cleans up as Ctrl-C does."""
-
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupted)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 SEQUENCES: Final = Verb(
@@ -151,4 +139,11 @@ SEQUENCES: Final = Verb(
     ),
     arguments=_arguments,
     run=_run,
+    examples=(
+        ("rigel-bridge sequences", "lists them"),
+        ("rigel-bridge sequences --run demo", "builds, runs, collects, removes"),
+        ("rigel-bridge sequences --run benchmark_default benchmark_custom --duration 2m", "compares two schedulers"),
+        ("rigel-bridge sequences --run demo --no-build", "the image is in the registry already"),
+        ("rigel-bridge sequences --compare results/20261122T120000Z", "shows runs side by side again"),
+    ),
 )

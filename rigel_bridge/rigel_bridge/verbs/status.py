@@ -91,4 +91,9 @@ STATUS: Final = Verb(
     description="Show phase, conditions that are not met, where components run, and past specs. Exit code 75 unless it is Ready.",
     arguments=_arguments,
     run=_run,
+    examples=(
+        ("rigel-bridge status", "of what ./Rigelfile becomes"),
+        ("rigel-bridge status amr-teleop -n fleet", "of an app by its name"),
+        ("rigel-bridge status amr-teleop -o json", "for programs"),
+    ),
 )

@@ -16,3 +16,5 @@ class Verb:
     arguments: Callable[[argparse.ArgumentParser], None]
     """Adds the command's own flags."""
     run: Callable[[argparse.Namespace], int]
+    examples: tuple[tuple[str, str], ...]
+    """(command line, what it does) of `rigel-bridge COMMAND --help`, most wanted first."""

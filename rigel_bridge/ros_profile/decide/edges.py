@@ -1,18 +1,22 @@
-"""Who talks to whom: names of topics, services and actions resolved per launched node, then matched."""
+"""Which nodes exchange messages: names of topics, services and actions resolved per launched node, then matched."""
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import islice
 from typing import Final
 
 from ros_profile.decide.launching import Launched, absolute
-from ros_profile.decide.substitution import UNKNOWN, resolve
+from ros_profile.decide.substitution import resolve
 from ros_profile.decide.workspace import Index
 from ros_profile.model.conclusions import Edge, GraphName
 from ros_profile.model.endpoints import PARAMETER_MARK, Endpoint, Parameter, Role
+from ros_profile.model.launch import UNKNOWN_TEXT
 from ros_profile.model.package import Unit
 
 MAX_EDGES: Final = 2000
+MAX_PAIRS: Final = 500_000
+"""Of a sender and a receiver of one name, of one launch file; those of real ones are some thousands."""
 _PAIRS: Final = (
     ("Topic", Role.PUBLISHER, Role.SUBSCRIPTION),
     ("Service", Role.SERVICE_CLIENT, Role.SERVICE_SERVER),
@@ -20,7 +24,7 @@ _PAIRS: Final = (
 )
 _NAME: Final = re.compile(r"[~/\w{}.$()?-]{1,256}")
 _QUIET: Final = frozenset({"/rosout", "/parameter_events", "/tf", "/tf_static", "/clock"})
-"""Topics between everything and everything, which tell nothing about who belongs together."""
+"""Topics that every node has: no edge for placement follows from them."""
 _MAX_PLUGINS: Final = 50
 
 
@@ -31,6 +35,9 @@ class Ends:
     launched: Launched
     full_name: str
     graph: tuple[GraphName, ...]
+
+
+_End = tuple[Ends, GraphName]
 
 
 def ends_of(launched: Launched, unit: Unit | None, index: Index) -> Ends:
@@ -45,7 +52,7 @@ def ends_of(launched: Launched, unit: Unit | None, index: Index) -> Ends:
         written = endpoint.name
         if written.startswith(PARAMETER_MARK):
             written = values.get(written.removeprefix(PARAMETER_MARK), "")
-        if not written or UNKNOWN in written or not _NAME.fullmatch(written):
+        if not written or UNKNOWN_TEXT in written or not _NAME.fullmatch(written):
             continue
         topic = graph_name(written, full_name, launched.namespace, launched.remaps)
         key = (endpoint.role.value, topic, endpoint.type)
@@ -128,35 +135,37 @@ def _expanded(name: str, full_name: str, namespace: str) -> str:
 
 
 def edges(nodes: Iterable[Ends]) -> tuple[Edge, ...]:
-    """Every pair of nodes that a topic, service or action connects, sorted."""
-    kept = list(nodes)
+    """Every pair of nodes that a topic, service or action connects, sorted; the first MAX_EDGES of MAX_PAIRS that are looked at."""
     found: dict[tuple[str, str, str, str], Edge] = {}
-    for kind, sending, receiving in _PAIRS:
-        receivers = _by_name(kept, receiving)
-        for node in kept:
-            for sent in node.graph:
-                if sent.role != sending.value or sent.name in _QUIET:
-                    continue
-                for target, received in receivers.get(sent.name, ()):
-                    if (
-                        target.full_name != node.full_name
-                        and _may_match(sent.type, received.type)
-                        and len(found) < MAX_EDGES
-                    ):
-                        edge = _edge(kind, (node, sent), (target, received))
-                        found.setdefault((kind, edge.topic, edge.source, edge.target), edge)
+    for kind, sender, receiver in islice(_pairs(list(nodes)), MAX_PAIRS):
+        (source, sent), (target, received) = sender, receiver
+        if target.full_name != source.full_name and _may_match(sent.type, received.type):
+            if len(found) >= MAX_EDGES:
+                break
+            edge = _edge(kind, sender, receiver)
+            found.setdefault((kind, edge.topic, edge.source, edge.target), edge)
     return tuple(found[key] for key in sorted(found))
 
 
-def _by_name(nodes: Iterable[Ends], role: Role) -> Mapping[str, list[tuple[Ends, GraphName]]]:
-    found: dict[str, list[tuple[Ends, GraphName]]] = {}
+def _pairs(nodes: list[Ends]) -> Iterator[tuple[str, _End, _End]]:
+    """Kind, sender and receiver of one name: of many nodes that all have many names there are millions."""
+    for kind, sending, receiving in _PAIRS:
+        receivers = _by_name(nodes, receiving)
+        for node, sent in _names(nodes):
+            if sent.role == sending.value and sent.name not in _QUIET:
+                for received in receivers.get(sent.name, ()):
+                    yield kind, (node, sent), received
+
+
+def _by_name(nodes: Iterable[Ends], role: Role) -> Mapping[str, list[_End]]:
+    found: dict[str, list[_End]] = {}
     for node, name in _names(nodes):
         if name.role == role.value:
             found.setdefault(name.name, []).append((node, name))
     return found
 
 
-def _names(nodes: Iterable[Ends]) -> Iterator[tuple[Ends, GraphName]]:
+def _names(nodes: Iterable[Ends]) -> Iterator[_End]:
     for node in nodes:
         for name in node.graph:
             yield node, name
@@ -171,7 +180,7 @@ def _may_match(first: str, second: str) -> bool:
     return first.rpartition("/")[2] == second.rpartition("/")[2] or not (first[:1].isupper() and second[:1].isupper())
 
 
-def _edge(kind: str, sender: tuple[Ends, GraphName], receiver: tuple[Ends, GraphName]) -> Edge:
+def _edge(kind: str, sender: _End, receiver: _End) -> Edge:
     source, sent = sender
     target, received = receiver
     certain = source.launched.certain and target.launched.certain

@@ -1,5 +1,6 @@
 """Units of well-known nodes whose source is not in the workspace."""
 
+from ros_profile.decide.places import TABLE
 from ros_profile.knowledge.interfaces import INTERFACES
 from ros_profile.model.endpoints import Endpoint, Role
 from ros_profile.model.package import Manifest, Unit
@@ -15,5 +16,5 @@ def known_unit(package: str, executable: str, plugin: str) -> Unit | None:
     endpoints = []
     for part in written.split(","):
         sign, name, kind = part.split()
-        endpoints.append(Endpoint(_SIGNS[sign], name, kind, "curated", 0))
-    return Unit(Manifest(name=package), plugin or executable, "program", endpoints=tuple(endpoints))
+        endpoints.append(Endpoint(_SIGNS[sign], name, kind, TABLE, 0))
+    return Unit(Manifest(name=package, file=""), plugin or executable, "program", endpoints=tuple(endpoints))

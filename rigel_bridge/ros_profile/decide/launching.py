@@ -5,10 +5,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-from ros_profile.decide.substitution import UNKNOWN, condition_value, resolve
+from ros_profile.decide.substitution import condition_value, resolve
 from ros_profile.decide.workspace import Index
 from ros_profile.model.facts import Problem
-from ros_profile.model.launch import Include, LaunchFile, StartedNode
+from ros_profile.model.launch import UNKNOWN_TEXT, Include, LaunchFile, StartedNode
 from ros_profile.model.package import Package
 
 MAX_DEPTH: Final = 12
@@ -35,6 +35,7 @@ class Launched:
     file: str
     """`package/path` of the launch file that starts it."""
     values: Mapping[str, str]
+    arguments: tuple[str, ...] = ()
 
     @property
     def full_name(self) -> str:
@@ -132,7 +133,12 @@ def _include(index: Index, package: Package, include: Include, context: _Context
     elif holder and holder != package.name and index.package(holder) is None:
         found.outside.append(f"{holder}/{path}")
     else:
-        found.problems.append(Problem(package.name, f"an include is not found: {target[:200]}", include.line))
+        reason = (
+            "its name is made while the launch file runs" if UNKNOWN_TEXT in target else "there is no such launch file"
+        )
+        found.problems.append(
+            Problem(context.chain[-1], f"an include is not followed, {reason}: {target[:200]}", include.line)
+        )
 
 
 def located(target: str, package: str) -> tuple[str, str]:
@@ -141,7 +147,7 @@ def located(target: str, package: str) -> tuple[str, str]:
         return match[1], match[2].removeprefix(f"share/{match[1]}/")
     if match := _DIRNAME.search(target):
         return package, match[1]
-    return package, target.replace(UNKNOWN, "").strip("/")
+    return package, target.replace(UNKNOWN_TEXT, "").strip("/")
 
 
 def _resolved(pairs: tuple[tuple[str, str], ...], values: Mapping[str, str]) -> tuple[tuple[str, str], ...]:
@@ -170,7 +176,15 @@ def _launched(
         certain=certain,
         file=f"{package.name}/{node.file}",
         values=values,
+        arguments=_command_line(node.arguments, values),
     )
+
+
+def _command_line(arguments: tuple[str, ...], values: Mapping[str, str]) -> tuple[str, ...]:
+    """Arguments resolved. XML has them in one text, which was split within `$(arg x)`."""
+    if any(text.count("(") != text.count(")") for text in arguments if "$(" in text):
+        return tuple(resolve(" ".join(arguments), values).split())
+    return tuple(resolve(text, values) for text in arguments)
 
 
 def _parameter_file(file: str, values: Mapping[str, str], package: str) -> str:

@@ -16,7 +16,7 @@ _KIND = {
 
 
 def linked(endpoints: Iterable[Endpoint], facts: Iterable[Fact]) -> tuple[Endpoint, ...]:
-    """The same endpoints with types in the form `package/msg/Name` where any file tells them, empty where none does."""
+    """The same endpoints with types in the form `package/msg/Name` where any file gives them, else empty."""
     names = {fact.subject: fact.value for fact in facts if fact.kind is Kind.ALIAS}
     return tuple(_linked(endpoint, names) for endpoint in endpoints)
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 from ros_profile.decide.edges import Ends, edges, ends_of
 from ros_profile.decide.engines import Engine
 from ros_profile.decide.launching import Launched, closure
+from ros_profile.decide.places import abroad, placed
 from ros_profile.decide.units import executable_unit, package_unit
 from ros_profile.decide.workspace import Index
 from ros_profile.model.conclusions import (
@@ -64,7 +65,7 @@ def _package(package: Package, engine: Engine, index: Index) -> PackageProfile:
     executables = tuple(_executable(package, executable, engine) for executable in package.executables)
     launches = tuple(_launch(package, launch, engine, index) for launch in package.launch_files)
     unit = package_unit(package)
-    own = engine.classify(unit)
+    own = placed(engine.classify(unit), of=package.name, within=package.name)
     only_launches = launches and not unit.languages & {"python", "cpp"}
     if only_launches and engine.follows_launch_files and not _is_no_program(own):
         own = engine.aggregate([own, *(launch.assessment for launch in launches)])
@@ -91,7 +92,7 @@ def _executable(package: Package, executable: Executable, engine: Engine) -> Exe
         name=executable.name,
         kind=executable.kind,
         plugin=executable.plugin,
-        assessment=engine.classify(unit),
+        assessment=placed(engine.classify(unit), of=package.name, within=package.name),
         graph=tuple(GraphName(e.role.value, e.name, e.type, e.qos, e.file, e.line) for e in unit.endpoints),
     )
 
@@ -104,9 +105,11 @@ def _launch(package: Package, launch: LaunchFile, engine: Engine, index: Index) 
         unit = index.unit(launched.package, launched.node.executable, launched.node.plugin)
         end = ends_of(launched, unit, index)
         ends.append(end)
-        nodes.append(_node(end, engine.classify(_as_launched(launched, unit))))
+        started = _as_launched(launched, unit)
+        judged = placed(engine.classify(started), of=started.package.name, within=package.name)
+        nodes.append(_node(end, judged))
     absent = dict.fromkeys(name.partition("/")[0] for name in found.outside)
-    included = [engine.classify(Unit(Manifest(name=name), name, "launch")) for name in absent]
+    included = [engine.classify(Unit(Manifest(name=name, file=""), name, "launch")) for name in absent]
     outside = tuple(Problem(launch.file, f"includes {name}, which is not in the workspace") for name in found.outside)
     return LaunchProfile(
         package=package.name,
@@ -137,14 +140,16 @@ def _node(end: Ends, assessment: Assessment) -> LaunchedNode:
         namespace=launched.namespace,
         file=launched.file,
         line=launched.node.line,
+        arguments=() if launched.node.plugin else launched.arguments,
     )
 
 
 def _as_launched(launched: Launched, unit: Unit | None) -> Unit:
     """The unit with what the launch file gives to it; by its name alone when its source is not there."""
-    file, line = launched.file, launched.node.line
+    package, _, path = launched.file.partition("/")
+    file, line = abroad(package, path), launched.node.line
     known = unit or Unit(
-        package=Manifest(name=launched.package),
+        package=Manifest(name=launched.package, file=""),
         name=launched.node.plugin or launched.node.executable,
         kind="component" if launched.node.plugin else "program",
     )

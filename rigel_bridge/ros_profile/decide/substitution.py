@@ -4,7 +4,8 @@ import re
 from collections.abc import Mapping
 from typing import Final
 
-UNKNOWN: Final = "$(?)"
+from ros_profile.model.launch import NOT, UNKNOWN_TEXT
+
 MAX_TEXT: Final = 2000
 MAX_ROUNDS: Final = 20
 _INNERMOST: Final = re.compile(r"\$\(([^()$]*)\)")
@@ -55,7 +56,7 @@ def _verdict(verb: str, rest: str) -> bool | None:
         return truth(rest.strip("'\"") if rest[:1] == rest[-1:] and rest[:1] in "'\"" and "==" not in rest else rest)
     parts = [part.strip().strip("'\"") for part in rest.split("|")] if "|" in rest else [rest.strip("'\"")]
     if verb in ("equals", "notequals"):
-        if len(parts) != 2 or any(UNKNOWN in p or _MARK in p for p in parts):
+        if len(parts) != 2 or any(UNKNOWN_TEXT in p or _MARK in p for p in parts):
             return None
         return (parts[0] == parts[1]) == (verb == "equals")
     verdicts = [truth(part) for part in parts]
@@ -70,7 +71,7 @@ def _verdict(verb: str, rest: str) -> bool | None:
 def truth(text: str) -> bool | None:
     """What a condition's text means; None when it cannot be told. Comparisons of two texts, `and`, `or`, `not`."""
     text = text.strip()
-    if UNKNOWN in text or _MARK in text or len(text) > MAX_TEXT:
+    if UNKNOWN_TEXT in text or _MARK in text or len(text) > MAX_TEXT:
         return None
     low = text.strip("'\" ").lower()
     if low in _TRUE:
@@ -97,7 +98,7 @@ def truth(text: str) -> bool | None:
 
 def condition_value(condition: str, values: Mapping[str, str]) -> bool | None:
     """A condition as readers write it: a text that must be true, or `not TEXT`."""
-    if condition.startswith("not "):
-        inner = truth(resolve(condition[4:], values))
+    if condition.startswith(NOT):
+        inner = truth(resolve(condition.removeprefix(NOT), values))
         return None if inner is None else not inner
     return truth(resolve(condition, values))

@@ -16,7 +16,6 @@ GPU = frozenset({"darknet_ros", "tensorrt_ros", "depth_image_proc"})
 USB = frozenset({"usb_cam", "serial"})
 TIMES_S = {QosClass.REALTIME: (0.05, 0.03), QosClass.SENSOR_DATA: (0.15, 0.15), QosClass.BEST_EFFORT: (0.5, 0.5)}
 """Deadline and latency budget per class, as far as the thesis names them."""
-_ORDER = (QosClass.BEST_EFFORT, QosClass.SENSOR_DATA, QosClass.REALTIME)
 
 
 def classify(unit: Unit) -> Assessment:
@@ -59,4 +58,4 @@ def aggregate(assessments: Sequence[Assessment]) -> Assessment:
     judged = [a for a in assessments if a.qos_class is not None]
     if not judged:
         return Assessment(None)
-    return max(judged, key=lambda a: _ORDER.index(a.qos_class.value) if a.qos_class else -1)
+    return min(judged, key=lambda a: a.qos_class.value.rank if a.qos_class else len(QosClass))

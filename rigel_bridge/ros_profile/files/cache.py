@@ -3,6 +3,7 @@
 import contextlib
 import hashlib
 import os
+import stat
 import tempfile
 from pathlib import Path
 from typing import Final, TypeVar
@@ -14,10 +15,11 @@ from ros_profile.model.launch import LaunchFile
 from ros_profile.model.package import SourceFile
 
 MAX_BYTES: Final = 64 << 20
+_WRITABLE: Final = stat.S_IWGRP | stat.S_IWOTH
 
 
 class Entry(msgspec.Struct, frozen=True, array_like=True):
-    """What one file held: a source file or a launch file; neither when it tells nothing."""
+    """What one file held: a source file or a launch file; neither when nothing of it is used."""
 
     source: SourceFile | None = None
     launch: LaunchFile | None = None
@@ -84,11 +86,15 @@ T = TypeVar("T")
 
 
 def _read(file: Path | None, kind: type[T]) -> T | None:
-    """What a file holds; None when it is missing, damaged or too large."""
+    """What a file holds; None when it is missing, damaged, too large, or of another user, who could write any profile into it."""
     if file is None:
         return None
     try:
-        with file.open("rb") as stream:
+        descriptor = os.open(file, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+        with os.fdopen(descriptor, "rb") as stream:
+            status = os.fstat(descriptor)
+            if not stat.S_ISREG(status.st_mode) or status.st_uid != os.geteuid() or status.st_mode & _WRITABLE:
+                return None
             data = stream.read(MAX_BYTES + 1)
         return msgspec.msgpack.decode(data, type=kind) if len(data) <= MAX_BYTES else None
     except (OSError, msgspec.MsgspecError, ValueError, RecursionError):

@@ -32,7 +32,7 @@ def load(root: Path, progress: Progress | None = None, *, cache: Path | None = N
     """Every package at or below `root`. What cannot be read is a problem; OSError only when `root` is no folder."""
     root = Path(os.path.realpath(root, strict=True))
     if not root.is_dir():
-        raise NotADirectoryError(20, "is no folder", str(root))
+        raise NotADirectoryError(20, "is no folder; give that of a package or of a workspace", str(root))
     found, problems = walk.packages(root)
     version = code_version() if cache else ""
     packages: list[Package] = []

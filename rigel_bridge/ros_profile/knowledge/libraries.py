@@ -24,7 +24,7 @@ CPP_SYMBOLS: dict[str, Library] = {
     r"TermiosAgent\b|serial_driver::|SerialDriver\b": Library("serial", weight=0.7),
     # CAN
     r"[PA]F_CAN\b|sockaddr_can\b": Library("can", interface="socketcan"),
-    r"can(?:OpenChannel|Initialize[Ll]ibrary)\b|KvaserCan\b|PCANBasic\b|CAN_Initialize\b": Library("can", "vendor"),
+    r"can(?:OpenChannel|Initialize[Ll]ibrary)\b|KvaserCan\b|PCANBasic\b|CAN_Initialize\b": Library("can"),
     r"can::(?:SocketCAN|ThreadedSocketCAN|DriverInterface)\w*|SocketCan(?:Receiver|Sender)\b": Library(
         "can", interface="socketcan"
     ),

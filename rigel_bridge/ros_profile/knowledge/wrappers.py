@@ -1,4 +1,4 @@
-"""Classes of ROS libraries that make publishers and subscriptions for whoever constructs them."""
+"""Classes of ROS libraries whose constructors make publishers and subscriptions of the node."""
 
 from dataclasses import dataclass
 

@@ -9,10 +9,17 @@ from ros_profile.model.facts import Fact, Problem
 
 
 class QosClass(StrEnum):
+    """The scheduling classes of components, the most demanding first."""
+
     REALTIME = "realtime"
     SENSOR_DATA = "sensor_data"
     SYSTEM_DEFAULT = "system_default"
     BEST_EFFORT = "best_effort"
+
+    @property
+    def rank(self) -> int:
+        """0 for the most demanding class; of what runs together, the lowest rank counts."""
+        return list(QosClass).index(self)
 
 
 class SubClass(StrEnum):
@@ -55,7 +62,7 @@ class Estimate(Generic[T]):
 
 @dataclass(frozen=True, slots=True)
 class Hardware:
-    """`type`: serial | usb | camera | can | gpio | gpu; `unknown` when there is hardware but not which."""
+    """`type`: serial | usb | camera | can | gpio | gpu."""
 
     type: str
     model: str = ""
@@ -72,8 +79,11 @@ class Assessment:
     deadline_s: Estimate[float] | None = None
     latency_budget_s: Estimate[float] | None = None
     hardware: tuple[Estimate[Hardware], ...] = ()
+    """Sure enough to filter nodes by."""
     hardware_confidence: float = 1.0
-    """That the list is exactly right; below the threshold it is emitted as `unknown`, never as a hard filter."""
+    """That `hardware` is exactly right."""
+    doubted: tuple[Estimate[Hardware], ...] = ()
+    """Hardware that is shown for the user to decide and filters nothing: a wrong requirement keeps a pod pending."""
     placement: Estimate[Placement] | None = None
     bandwidth_bps: Estimate[float] | None = None
     lifecycle: bool = False
@@ -137,6 +147,8 @@ class LaunchedNode:
     namespace: str = "/"
     file: str = ""
     line: int = 0
+    arguments: tuple[str, ...] = ()
+    """Of its command line; `$(…)` in what cannot be told."""
 
 
 @dataclass(frozen=True, slots=True)

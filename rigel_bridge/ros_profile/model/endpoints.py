@@ -18,7 +18,7 @@ class Role(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Qos:
-    """What code states; an empty text or -1 was not stated. `profile` is the name of a predefined profile."""
+    """What code states; an empty text or -1 was not stated. `profile` is the name of a preset of rmw."""
 
     profile: str = ""
     reliability: str = ""

@@ -61,7 +61,8 @@ class Kind(StrEnum):
 @dataclass(frozen=True, slots=True)
 class Fact:
     """One piece of evidence. `weight` is how much it counts for what it is evidence of (0 to 1), set by the reader at 1
-    where it cannot judge; `line` 0 means the file as a whole; `file` is relative to the package, with slashes.
+    where it cannot judge; `line` 0 means the file as a whole; `file` is relative to the package, with slashes. In a profile it
+    is `other_package/path` for a file of another package (a launch file starts its node), and empty where no source is.
     """
 
     kind: Kind

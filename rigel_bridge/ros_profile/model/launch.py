@@ -1,8 +1,14 @@
 """Launch files as they were read, and what they start once includes are followed."""
 
 from dataclasses import dataclass
+from typing import Final
 
 from ros_profile.model.facts import Problem
+
+UNKNOWN_TEXT: Final = "$(?)"
+"""In a text: what cannot be read without running the file."""
+NOT: Final = "not "
+"""Before a condition that must be false: `unless` of every format of launch files."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,7 +22,7 @@ class LaunchArgument:
 @dataclass(frozen=True, slots=True)
 class StartedNode:
     """A node or composable node. Texts may hold `$(var name)` (also for `$(arg name)` and LaunchConfiguration),
-    `$(find pkg)`, `$(env X default)`; what cannot be read is `$(?)`.
+    `$(find pkg)`, `$(env X default)`; what cannot be read is UNKNOWN_TEXT.
     """
 
     package: str

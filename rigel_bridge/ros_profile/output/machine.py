@@ -7,10 +7,10 @@ import msgspec
 import yaml
 
 from ros_profile.model.conclusions import Assessment, PackageProfile, Placement, Profile
-from ros_profile.output.values import emitted, policies, requirement, withheld
+from ros_profile.output.names import SCHEDULER_PREFIX
+from ros_profile.output.values import distinct, library, perhaps, policies, requirement
 
 _SNAKE: Final = {"qos_class": "qos_class", "latency_budget": "latency_budget", "deadline": "deadline"}
-PREFIX: Final = "scheduler.robotics.io/"
 
 
 def as_json(profile: Profile) -> str:
@@ -29,10 +29,10 @@ def from_json(data: bytes) -> Profile:
 def annotations(assessment: Assessment) -> dict[str, str]:
     """The annotations of a pod, JSON in each."""
     found: dict[str, Any] = {"policies": policies(assessment, _SNAKE)}
-    hardware = [requirement(one) for one in emitted(assessment.hardware)]
+    hardware = [requirement(one) for one in distinct(assessment.hardware)]
     if hardware:
         found["affinity"] = {"hardware_requirements": hardware}
-    return {f"{PREFIX}{key}": json.dumps(value, sort_keys=True) for key, value in found.items() if value}
+    return {f"{SCHEDULER_PREFIX}{key}": json.dumps(value, sort_keys=True) for key, value in found.items() if value}
 
 
 def as_annotations(profile: Profile) -> str:
@@ -47,7 +47,7 @@ def scheduler_block(assessment: Assessment) -> dict[str, Any]:
     block: dict[str, Any] = {}
     if stated := policies(assessment, _SNAKE):
         block["policies"] = stated
-    hardware = [requirement(one) for one in emitted(assessment.hardware)]
+    hardware = [requirement(one) for one in distinct(assessment.hardware)]
     if hardware:
         block["affinity"] = {"hardware_requirements": hardware}
     return block
@@ -59,7 +59,12 @@ def as_rigelfile(profile: Profile) -> str:
     if len(profile.packages) == 1 and packages:
         return _document("orchestration", {"scheduler": scheduler_block(packages[0].assessment)}, packages[0])
     blocks = {package.name: {"scheduler": scheduler_block(package.assessment)} for package in packages}
-    comments = [line for package in packages for line in _comments(package)]
+    comments = [
+        line
+        for package in profile.packages
+        if package.name in blocks or package.assessment.doubted
+        for line in _comments(package)
+    ]
     return "".join(comments) + _dump({"orchestration": {"components": blocks}})
 
 
@@ -72,8 +77,13 @@ def _comments(package: PackageProfile) -> list[str]:
     assessment = package.assessment
     lines = [f"# {package.name}: inferred from its source; ros-scheduler-profile --explain shows why\n"]
     lines += [
-        f"# {package.name}: perhaps {one.value.type} ({one.confidence:.2f}): left out, a wrong one keeps the pod pending\n"
-        for one in withheld(assessment.hardware)
+        f"# {package.name}: perhaps {perhaps(one)}: left out, a wrong one keeps the pod pending\n"
+        for one in assessment.doubted
+    ]
+    lines += [
+        f"# {package.name}: {requirement(one)['type']} is opened through {library(one)}\n"
+        for one in distinct(assessment.hardware)
+        if library(one)
     ]
     if assessment.placement is not None and assessment.placement.value is not Placement.ANY:
         lines.append(f"# {package.name}: runs best on: {assessment.placement.value.value}\n")

@@ -10,18 +10,25 @@ import yaml
 
 from ros_profile.model.conclusions import Assessment, Edge, Hardware, LaunchedNode, LaunchProfile, QosClass
 from ros_profile.model.endpoints import Qos
-from ros_profile.output.values import CLAIMED, TIERS, bits, duration, emitted, policies, requirement, withheld
+from ros_profile.output.names import (
+    API_VERSION,
+    EXCLUSIVE_TYPES,
+    MAX_APP_NAME,
+    MAX_COMPONENTS,
+    MAX_EDGES,
+    ROS1_DISTROS,
+)
+from ros_profile.output.values import TIERS, bits, distinct, duration, library, perhaps, policies, requirement
 
-API_VERSION: Final = "robotics.io/v1alpha1"
 IMAGE: Final = "example.invalid/give-me-an-image:tag"
-ROS1: Final = frozenset({"indigo", "jade", "kinetic", "lunar", "melodic", "noetic"})
-MAX_COMPONENTS: Final = 64
-MAX_EDGES: Final = 256
+MAX_ARGUMENTS: Final = 50
 _CAMEL: Final = {"qos_class": "qosClass", "latency_budget": "latencyBudget", "deadline": "deadline"}
 _TOPIC: Final = re.compile(r"/[A-Za-z_]\w*(?:/[A-Za-z_]\w*)*", re.ASCII)
 _TYPE: Final = re.compile(r"[a-zA-Z]\w*/(?:(?:msg|srv|action)/)?[A-Z]\w*", re.ASCII)
 _TOOLS: Final = frozenset({"rviz2", "rviz", "rqt_gui", "rqt_graph", "rqt_reconfigure"})
-_RANK: Final = (QosClass.REALTIME, QosClass.SENSOR_DATA, QosClass.SYSTEM_DEFAULT, QosClass.BEST_EFFORT)
+_ENDING: Final = frozenset({"create", "spawn_entity.py", "spawn_model", "spawner.py", "unspawner", "unspawner.py"})
+"""Programs that end when their work is done; what a RobotApp starts is started again and again."""
+_SPAWNER: Final = ("controller_manager", "spawner")
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,11 +40,17 @@ class Component:
 
 
 def components(nodes: Iterable[LaunchedNode]) -> list[Component]:
-    """Nodes by process. Viewers stay out: they belong on a desk, not on a robot."""
+    """Nodes by process. Viewers stay out, they belong on a desk, and so do programs that end by themselves."""
     groups: dict[str, list[LaunchedNode]] = {}
+    twins: Counter[str] = Counter()
     for node in nodes:
-        if node.executable not in _TOOLS:
-            groups.setdefault(node.container or node.full_name, []).append(node)
+        if node.executable in _TOOLS | _ENDING:
+            continue
+        key = node.container or node.full_name
+        if not node.plugin:  # two nodes without a name are called alike, and are two processes
+            twins[key] += 1
+            key = key if twins[key] == 1 else f"{key}-{twins[key]}"
+        groups.setdefault(key, []).append(node)
     names: dict[str, int] = {}
     found = []
     short = Counter(_label(key.rpartition("/")[2]) for key in groups)
@@ -60,14 +73,14 @@ def app(launch: LaunchProfile, *, name: str, distro: str) -> dict[str, Any]:
     found = components(launch.nodes)
     spec: dict[str, Any] = {
         "ros": {"distro": distro},
-        "components": [_component(one, ros1=distro in ROS1) for one in found],
+        "components": [_component(one, ros1=distro in ROS1_DISTROS) for one in found],
     }
     if drawn := _edges(launch.edges, found):
         spec["edges"] = drawn
     return {
         "apiVersion": API_VERSION,
         "kind": "RobotApp",
-        "metadata": {"name": _label(name)[:40].strip("-")},
+        "metadata": {"name": _label(name)[:MAX_APP_NAME].strip("-")},
         "spec": spec,
     }
 
@@ -80,7 +93,7 @@ def as_robotapp(launch: LaunchProfile, *, name: str, distro: str) -> str:
 
 def _component(component: Component, *, ros1: bool) -> dict[str, Any]:
     found: dict[str, Any] = {"name": component.name, "image": IMAGE, "args": _arguments(component, ros1=ros1)}
-    hardware = dict.fromkeys(one for node in component.nodes for one in emitted(node.assessment.hardware))
+    hardware = dict.fromkeys(one for node in component.nodes for one in distinct(node.assessment.hardware))
     return {**found, **needs(_lead(component).assessment, hardware)}
 
 
@@ -97,7 +110,7 @@ def needs(assessment: Assessment, hardware: Iterable[Hardware]) -> dict[str, Any
     devices: list[dict[str, str]] = []
     requires: list[dict[str, str]] = []
     for one in hardware:
-        if one.type in CLAIMED:
+        if one.type in EXCLUSIVE_TYPES:
             devices.append(_device(one.usb_id, requirement(one), devices))
         elif requirement(one) not in requires:
             requires.append(requirement(one))
@@ -113,7 +126,7 @@ def _lead(component: Component) -> LaunchedNode:
 
     def rank(node: LaunchedNode) -> int:
         estimate = node.assessment.qos_class
-        return _RANK.index(estimate.value) if estimate is not None else len(_RANK)
+        return estimate.value.rank if estimate is not None else len(QosClass)
 
     return min(component.nodes, key=rank)
 
@@ -135,13 +148,27 @@ def _arguments(component: Component, *, ros1: bool) -> list[str]:
             if plain
             else ["rosrun", "nodelet", "nodelet", "standalone", node.plugin]
         )
-        return words + [f"{key}:={value}" for _, key, value in _options(node, "__name", "_")]
+        return words + _own_arguments(node) + [f"{key}:={value}" for _, key, value in _options(node, "__name", "_")]
     if plain is None and alone is not None:
         return ["ros2", "component", "standalone", alone.package, alone.plugin, *_flags(alone)]
     if plain is None:
         return ["ros2", "run", "rclcpp_components", "component_container"]
     more = _flags(plain)
-    return ["ros2", "run", plain.package, plain.executable, *(["--ros-args", *more] if more else [])]
+    own = _own_arguments(plain)
+    if (plain.package, plain.executable) == _SPAWNER and own and "--unload-on-kill" not in own:
+        own.append(
+            "--unload-on-kill"
+        )  # it stays until it is stopped; without the flag it ends, and its pod would crash and crash
+    return ["ros2", "run", plain.package, plain.executable, *own, *(["--ros-args", *more] if more else [])]
+
+
+def _own_arguments(node: LaunchedNode) -> list[str]:
+    """All of them or none: half a command line may mean something else. A comment has what cannot be told."""
+    return [] if _is_untold(node) else [text for text in node.arguments if text]
+
+
+def _is_untold(node: LaunchedNode) -> bool:
+    return len(node.arguments) > MAX_ARGUMENTS or any("$" in text or len(text) > 1000 for text in node.arguments)
 
 
 def _flags(node: LaunchedNode) -> list[str]:
@@ -154,7 +181,8 @@ def _options(node: LaunchedNode, name_key: str, prefix: str = "") -> list[tuple[
     found = [("-r", name_key, name)] if name != node.executable else []
     if node.namespace not in ("", "/"):
         found.append(("-r", "__ns", node.namespace))
-    found += [("-r", source, target) for source, target in node.remaps if source and target]
+    stated = set(node.arguments)
+    found += [("-r", *pair) for pair in node.remaps if all(pair) and ":=".join(pair) not in stated]
     found += [("-p", f"{prefix}{key}", value) for key, value in node.parameters if value and len(value) < 200]
     return [one for one in found if "$" not in one[1] + one[2] and "\n" not in one[2]][:50]
 
@@ -196,8 +224,6 @@ def _qos(qos: Qos | None) -> dict[str, Any]:
     if qos is None:
         return {}
     found: dict[str, Any] = {}
-    if qos.profile == "sensor_data":
-        found = {"reliability": "best_effort", "durability": "volatile"}
     if qos.reliability in ("reliable", "best_effort"):
         found["reliability"] = qos.reliability
     if qos.durability in ("volatile", "transient_local"):
@@ -230,10 +256,36 @@ def _comments(launch: LaunchProfile) -> list[str]:
             plugins = ", ".join(node.plugin for node in component.nodes if node.plugin)
             lines.append(f"# {component.name} is one process; load into it: {plugins[:500]}\n")
         lines += [
-            f"# {component.name}: perhaps {one.value.type} ({one.confidence:.2f}): left out\n"
+            f"# {component.name}: perhaps {perhaps(one)}: left out\n"
             for node in component.nodes
-            for one in withheld(node.assessment.hardware)
+            for one in node.assessment.doubted
         ]
-        lines += [f"# {component.name}: parameters of {f}\n" for node in component.nodes for f in node.parameter_files]
+        lines += [
+            f"# {component.name}: {requirement(one)['type']} is opened through {library(one)}\n"
+            for node in component.nodes
+            for one in distinct(node.assessment.hardware)
+            if library(one)
+        ]
+        lines += [
+            f"# {component.name}: is started with arguments that the launch file works out; add them to args: "
+            f"{' '.join(node.arguments)[:300]}\n"
+            for node in component.nodes
+            if _is_untold(node)
+        ]
+        lines += [
+            f"# {component.name}: parameters of {_file_name(f)}\n"
+            for node in component.nodes
+            for f in node.parameter_files
+        ]
+    lines += [
+        f"# {node.executable} of {node.package} ends by itself and is left out: a RobotApp would start it again and again\n"
+        for node in launch.nodes
+        if node.executable in _ENDING
+    ]
     lines += [f"# {problem.file}: {problem.message[:300]}\n" for problem in launch.problems]
     return [line.replace("\r", " ") for line in dict.fromkeys(" ".join(line.split()) + "\n" for line in lines)]
+
+
+def _file_name(file: str) -> str:
+    """A parameter file as far as the launch file tells it."""
+    return f"a file whose name the launch file works out ({file[:100]})" if re.search(r"[$|?]", file) else file

@@ -1,23 +1,57 @@
 """A profile for people: one paragraph per package, with reasons and evidence on request."""
 
+import re
+import textwrap
 from collections.abc import Iterable, Iterator
 from typing import Any, Final
 
 from ros_profile.model.conclusions import Assessment, Estimate, LaunchProfile, PackageProfile, Profile
-from ros_profile.model.facts import Problem
-from ros_profile.output.values import SURE, bits, duration
+from ros_profile.model.facts import Kind, Problem
+from ros_profile.output.values import bits, duration
 
 MAX_EVIDENCE: Final = 6
 MAX_EDGES: Final = 40
+_NO_FILE: Final = {
+    "": "(its source is not here)",
+    "curated": "(table of well-known nodes)",
+    "table": "(table of well-known packages)",
+}
+_SHOWN: Final = {"both": "build and run", "exec": "run"}
+"""Words of the manifest that read badly alone."""
 
 
-def text(profile: Profile, *, explain: bool = False) -> str:
-    """The whole profile."""
+WIDTH: Final = 100
+_HARD: Final = "\N{NO-BREAK SPACE}"
+
+
+def text(profile: Profile, *, explain: bool = False, width: int = WIDTH) -> str:
+    """The whole profile, in lines of `width` characters where words allow it."""
     lines: list[str] = []
     for package in profile.packages:
         lines += [*_package(package, explain=explain), ""]
     lines += _problems(profile.problems)
-    return "\n".join(lines).rstrip("\n") + "\n"
+    # A name in a source may hold line ends: it must not look like a line of ours, such as another class.
+    plain = [line.replace("\n", "\\u000a") for line in lines]
+    return "\n".join(part for line in plain for part in _fitted(line, width)).rstrip("\n") + "\n"
+
+
+def _fitted(line: str, width: int) -> list[str]:
+    """A line that is too long in several, the rest indented; `deadline 10ms` and what stands in brackets stay whole."""
+    if len(line) <= width:
+        return [line]
+    indent = line[: len(line) - len(line.lstrip())]
+    first, *parts = line.strip().split(" · ")
+    whole = re.sub(r" \([^()]*\)", lambda found: found[0].replace(" ", _HARD), first)
+    joined = f"{_HARD}· ".join([whole, *(part.replace(" ", _HARD) for part in parts)])
+    wrapped = textwrap.wrap(
+        joined,
+        width,
+        initial_indent=indent,
+        subsequent_indent=f"{indent}      ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    return [part.replace(_HARD, " ") for part in wrapped]
 
 
 def _package(package: PackageProfile, *, explain: bool) -> Iterator[str]:
@@ -30,7 +64,7 @@ def _package(package: PackageProfile, *, explain: bool) -> Iterator[str]:
         if explain:
             yield from _evidence(executable.assessment, "      ")
     for launch in package.launches:
-        yield from _launch(launch)
+        yield from _launch(launch, explain=explain)
     yield from _problems(package.problems, "  ")
 
 
@@ -55,6 +89,7 @@ def summary(assessment: Assessment) -> str:
     if assessment.latency_budget_s is not None:
         parts.append(f"budget {duration(assessment.latency_budget_s.value)}")
     parts += [_hardware(one) for one in assessment.hardware]
+    parts += [_hardware(one, "?") for one in assessment.doubted]
     if assessment.placement is not None:
         parts.append(assessment.placement.value.value)
     if assessment.bandwidth_bps is not None:
@@ -64,11 +99,10 @@ def summary(assessment: Assessment) -> str:
     return " · ".join(parts)
 
 
-def _hardware(estimate: Estimate[Any]) -> str:
+def _hardware(estimate: Estimate[Any], doubt: str = "") -> str:
     hardware = estimate.value
     more = " ".join(part for part in (hardware.model, hardware.interface, hardware.usb_id) if part)
     shown = f"{hardware.type} {more}".strip()
-    doubt = "?" if estimate.confidence < SURE else ""
     return f"{shown}{doubt} ({estimate.confidence:.2f})"
 
 
@@ -82,23 +116,28 @@ def _evidence(assessment: Assessment, indent: str) -> Iterator[str]:
         ("bandwidth", assessment.bandwidth_bps),
     ]
     named += [(one.value.type, one) for one in assessment.hardware]
+    named += [(f"{one.value.type}?", one) for one in assessment.doubted]
     for name, estimate in named:
         if estimate is None or not (estimate.reason or estimate.evidence):
             continue
         yield f"{indent}{name}: {estimate.reason}".rstrip(": ")
         for fact in estimate.evidence[:MAX_EVIDENCE]:
-            value = f" ({fact.value})" if fact.value else ""
-            yield f"{indent}  {fact.place}  {fact.kind.value} {fact.subject}{value}  [{fact.weight:g}]"
+            value = f" ({_SHOWN.get(fact.value, fact.value)})" if fact.value else ""
+            subject = f"{fact.subject} s" if fact.kind is Kind.PERIOD else fact.subject
+            place = _NO_FILE["table"] if fact.kind is Kind.CURATED else _NO_FILE.get(fact.file, fact.place)
+            yield f"{indent}  {place}  {fact.kind.value} {subject}{value}  [{fact.weight:g}]"
         if len(estimate.evidence) > MAX_EVIDENCE:
             yield f"{indent}  and {len(estimate.evidence) - MAX_EVIDENCE} more"
 
 
-def _launch(launch: LaunchProfile) -> Iterator[str]:
+def _launch(launch: LaunchProfile, *, explain: bool) -> Iterator[str]:
     yield f"  launch {launch.file}: {summary(launch.assessment)}"
     for node in launch.nodes:
         what = node.plugin or node.executable
         doubt = "" if node.certain else "  (depends on a condition)"
         yield f"    {node.full_name}  {node.package}/{what}: {summary(node.assessment)}{doubt}"
+        if explain:
+            yield from _evidence(node.assessment, "        ")
     for edge in launch.edges[:MAX_EDGES]:
         yield f"    {edge.source} -> {edge.target}  {edge.kind.lower()} {edge.topic} {edge.type}".rstrip()
     if len(launch.edges) > MAX_EDGES:

@@ -1,14 +1,12 @@
-"""Values as the formats write them, and what of an assessment is sure enough to decide placement."""
+"""Values as the formats write them."""
 
 from collections.abc import Iterable
-from typing import Any, Final
+from typing import Final
 
-from ros_profile.model.conclusions import Assessment, Estimate, Hardware, Placement, QosClass
+from ros_profile.model.conclusions import Assessment, Estimate, Hardware, Placement
 
-SURE: Final = 0.5
-"""A hardware requirement below this is shown and not emitted: a false one makes a pod unschedulable."""
-CLAIMED: Final = frozenset({"usb", "can", "serial", "gpio"})
-"""Hardware one component has for itself; cameras and GPUs are properties of the node."""
+REPORTED: Final = {"camera": "video"}
+"""Types that the node agent reports under another word (docs/devices.md)."""
 TIERS: Final = {Placement.ROBOT: ["Robot"], Placement.EDGE: ["Edge", "Robot"], Placement.CLOUD: ["Cloud", "Edge"]}
 
 
@@ -29,15 +27,14 @@ def bits(per_second: float) -> str:
     return f"{max(1, round(per_second))}"
 
 
-def emitted(hardware: Iterable[Estimate[Hardware]]) -> list[Hardware]:
-    """Hardware sure enough to filter nodes by, each once."""
-    found = [one.value for one in hardware if one.confidence >= SURE and one.value.type != "unknown"]
-    return list(dict.fromkeys(found))
+def distinct(hardware: Iterable[Estimate[Hardware]]) -> list[Hardware]:
+    """Each once, without confidence and evidence."""
+    return list(dict.fromkeys(one.value for one in hardware))
 
 
-def withheld(hardware: Iterable[Estimate[Hardware]]) -> list[Estimate[Hardware]]:
-    """Hardware that is only shown."""
-    return [one for one in hardware if one.confidence < SURE or one.value.type == "unknown"]
+def perhaps(estimate: Estimate[Hardware]) -> str:
+    """Doubted hardware in a comment: `gpu (0.41)`, in the words of the formats."""
+    return f"{requirement(estimate.value)['type']} ({estimate.confidence:.2f})"
 
 
 def policies(assessment: Assessment, names: dict[str, str]) -> dict[str, str]:
@@ -52,23 +49,17 @@ def policies(assessment: Assessment, names: dict[str, str]) -> dict[str, str]:
 
 
 def requirement(hardware: Hardware) -> dict[str, str]:
-    """`{type, model, interface}` without what is empty."""
-    stated = {"type": hardware.type, "model": hardware.model[:63], "interface": hardware.interface[:63]}
-    return {key: value for key, value in stated.items() if value}
+    """What a node must offer, in the words its agent reports: the type, and of a GPU its maker.
+
+    The models and interfaces that source shows (`realsense`, `v4l2`) are those of libraries. No agent reports them, and they are
+    compared as they stand: a pod that asked for one would be pending for ever.
+    """
+    stated = {"type": REPORTED.get(hardware.type, hardware.type)}
+    if hardware.type == "gpu" and hardware.model:
+        stated["model"] = hardware.model[:63]
+    return stated
 
 
-def is_urgent(assessment: Assessment) -> bool:
-    return assessment.qos_class is not None and assessment.qos_class.value is QosClass.REALTIME
-
-
-def plain(value: Any) -> Any:
-    """A dataclass as JSON-ready values; empty fields are left out."""
-    import msgspec
-
-    return _without_empty(msgspec.to_builtins(value))
-
-
-def _without_empty(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _without_empty(one) for key, one in value.items() if one not in (None, "", [], {})}
-    return [_without_empty(one) for one in value] if isinstance(value, list | tuple) else value
+def library(hardware: Hardware) -> str:
+    """What a comment tells of a device that no format asks for: `realsense`, `v4l2`; empty for nothing."""
+    return "" if hardware.type == "gpu" else " ".join(part for part in (hardware.model, hardware.interface) if part)

@@ -8,7 +8,8 @@ from ros_profile.read.text import decode
 
 SUFFIXES = (".msg", ".srv", ".action")
 _NAME = re.compile(r"^[A-Za-z]\w{0,100}$")
-_FIELD = re.compile(r"^\s*([A-Za-z][\w/]{0,150})(?:<=\d+)?(?:\[(?:<=)?\d*\])?\s+[a-zA-Z]\w*", re.MULTILINE)
+# Blanks, not \s: that would run over the line ends of empty lines, from each of them to the last.
+_FIELD = re.compile(r"^[ \t]*([A-Za-z][\w/]{0,150})(?:<=\d+)?(?:\[(?:<=)?\d*\])?[ \t]+[a-zA-Z]\w*", re.MULTILINE)
 _PARTS = {".msg": 1, ".srv": 2, ".action": 3}
 
 
@@ -19,7 +20,7 @@ def read_interface(data: bytes, file: str) -> SourceFile:
     if suffix not in SUFFIXES or not _NAME.match(stem):
         return SourceFile(file, "interface", problems=(Problem(file, "is no name of a message, service or action"),))
     text = re.sub(r"#[^\n]*", "", decode(data)[:200_000])
-    parts = len(re.findall(r"^---\s*$", text, re.MULTILINE)) + 1
+    parts = len(re.findall(r"^---[ \t]*$", text, re.MULTILINE)) + 1
     wanted = _PARTS[suffix]
     problems = () if parts == wanted else (Problem(file, f"has {parts} parts separated by ---; {suffix} has {wanted}"),)
     used = dict.fromkeys(name for name in _FIELD.findall(text) if "/" in name)

@@ -8,7 +8,8 @@ from ros_profile.model.package import SourceFile
 from ros_profile.read.text import decode
 
 MAX_LINES = 5000
-_PAIR = re.compile(r'(\w+)(?:\{([\w./]+)\})?\s*(==|\+=|=|:=)\s*"([^"]{0,200})"')
+# \b: a word is looked at from its beginning alone, not from each of its letters.
+_PAIR = re.compile(r'\b(\w+)(?:\{([\w./]+)\})?\s*(==|\+=|=|:=)\s*"([^"]{0,200})"')
 _HEX = re.compile(r"^[0-9a-fA-F]{4}$")
 _KERNEL = (
     (re.compile(r"^tty"), "tty"),

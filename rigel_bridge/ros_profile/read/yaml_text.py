@@ -76,6 +76,8 @@ class _Builder:
         self.count = 0
         self._open: list[Node] = []
         self._keys: list[tuple[str, int] | None] = []
+        self._seen: list[set[str]] = []
+        """Keys of each open collection: looking through its items would take the square of their number."""
 
     def take(self, event: Any) -> bool:
         """True: the first document is complete."""
@@ -92,11 +94,13 @@ class _Builder:
             self._add(node)
             self._open.append(node)
             self._keys.append(None)
+            self._seen.append(set())
             if len(self._open) > MAX_DEPTH:
                 raise _LimitError(f"is nested deeper than {MAX_DEPTH} levels; the rest is not read")
         elif isinstance(event, yaml.MappingEndEvent | yaml.SequenceEndEvent):
             self._open.pop()
             self._keys.pop()
+            self._seen.pop()
         return isinstance(event, yaml.DocumentEndEvent)
 
     def _add(self, node: Node) -> None:
@@ -115,7 +119,7 @@ class _Builder:
             self._keys[-1] = (node.text, node.line)
             return
         self._keys[-1] = None
-        if parent.get(key[0]) is not None and len(parent.items()) < 1000:
+        if key[0] in self._seen[-1] and len(parent.items()) < 1000:
             self.problems.append(
                 Problem(
                     self.file,
@@ -123,6 +127,7 @@ class _Builder:
                     key[1],
                 )
             )
+        self._seen[-1].add(key[0])
         parent.items().append((key[0], key[1], node))
 
 

@@ -1,4 +1,4 @@
-"""`check`: every job and sequence, and what Rigel itself would stumble over."""
+"""`check`: every job and sequence, and what Rigel itself would refuse."""
 
 from pathlib import Path
 

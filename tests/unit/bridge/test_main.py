@@ -1,8 +1,10 @@
-"""The command line: where things go and which exit code says what."""
+"""The command line: what is written where, and the exit codes."""
 
 import errno
 import io
 import os
+import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -12,7 +14,9 @@ import yaml
 from tests.support.jobfiles import G3
 from tests.support.rigelfiles import ONE, orchestration
 
-from rigel_bridge.main import main
+from rigel_bridge.main import _arguments, _parser, main
+from rigel_bridge.verbs.table import VERBS
+from rigel_bridge.verbs.verb import Verb
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "rigel" / "teleop" / "Rigelfile"
 
@@ -167,6 +171,45 @@ def test_help_shows_examples_and_exit_codes(capsys: pytest.CaptureFixture[str]) 
     assert "exit codes" in text
 
 
+@pytest.mark.parametrize("verb", VERBS, ids=lambda verb: verb.name)
+def test_every_command_has_examples_of_its_own_within_80_columns(
+    verb: Verb, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    with pytest.raises(SystemExit):
+        main([verb.name, "--help"])
+    shown = capsys.readouterr().out
+    assert max(map(len, shown.splitlines())) <= 80
+    assert f"rigel-bridge {verb.name}" in shown.partition("examples:")[2]
+    for line, effect in verb.examples:
+        assert effect
+        assert line in shown
+
+
+@pytest.mark.parametrize("verb", VERBS, ids=lambda verb: verb.name)
+def test_every_example_is_a_command_line_that_is_understood(verb: Verb, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TAG", "1.4.0")
+    for line, _ in verb.examples:
+        for part in re.split(r" [|>] ?| && ", line):
+            words = shlex.split(part)
+            if "rigel-bridge" in words:
+                typed = words[words.index("rigel-bridge") + 1 :]
+                assert not _parser()[0].parse_known_args(typed)[1], line
+
+
+def test_the_name_of_an_app_may_stand_behind_a_flag() -> None:
+    for typed in (["collect", "out", "-n", "fleet", "amr"], ["collect", "out", "amr", "-n", "fleet"]):
+        arguments = _arguments(typed)
+        assert (str(arguments.folder), arguments.app, arguments.namespace) == ("out", "amr", "fleet")
+
+
+def test_an_unknown_flag_is_told_by_its_command_with_the_nearest_one(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(["render", "--fromat", "pods"])
+    assert caught.value.code == 2
+    assert "rigel-bridge render: error: --fromat is not known here (did you mean --format?)" in capsys.readouterr().err
+
+
 def test_wrong_usage_has_code_2(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
         main(["rendr"])
@@ -185,3 +228,14 @@ def test_the_bridge_needs_nothing_but_yaml() -> None:
     code = "import sys, rigel_bridge.main; print(*sorted({name.partition('.')[0] for name in sys.modules}))"
     output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert not {"pydantic", "msgspec", "aiohttp", "kubernetes", "kopf", "robotapp_api"} & set(output)
+
+
+def test_a_full_disk_is_one_line_and_a_code_for_every_command(tmp_path: Path) -> None:
+    (tmp_path / "Rigelfile").write_text(ONE)
+    for verb in ("render", "check"):
+        with Path("/dev/full").open("w") as full:
+            command = [sys.executable, "-m", "rigel_bridge.main", verb, str(tmp_path / "Rigelfile")]
+            done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, check=False)
+        assert done.returncode == 70
+        assert done.stderr.splitlines()[-1].endswith(b": No space left on device")
+        assert b"Traceback" not in done.stderr

@@ -122,5 +122,24 @@ def test_without_the_profiler_the_message_names_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "ros_profile.generate", None)
-    with pytest.raises(BridgeError, match=r"pip install 'robotapp\[profile\]'"):
+    with pytest.raises(BridgeError, match=r"pip install '\.\[profile\]' in a clone"):
         inferences.inferences(tmp_path)
+
+
+def test_a_terminal_sees_the_progress_and_a_pipe_does_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    package(tmp_path, "base_driver", {})
+    inferences.inferences(tmp_path)
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    inferences.inferences(tmp_path)
+    shown = capsys.readouterr().err
+    assert "base_driver" in shown
+    assert shown.endswith("\r\x1b[K")
+
+
+def test_a_file_in_place_of_the_sources_is_told(tmp_path: Path) -> None:
+    (tmp_path / "package.xml").write_text("")
+    with pytest.raises(BridgeError, match="is no folder; give that of a package or of a workspace"):
+        inferences.inferences(tmp_path / "package.xml")

@@ -174,3 +174,35 @@ def test_the_last_profile_is_taken_as_long_as_nothing_changes(tmp_path: Path, mo
     (folder / "a.py").unlink()
     assert generate_profile(tmp_path / "ws", cache=tmp_path / "cache").packages[0].executables == ()
     assert len(made) == 4
+
+
+def test_a_cache_that_others_can_write_is_not_believed(tmp_path: Path) -> None:
+    """XDG_CACHE_HOME in a shared folder: a planted profile would decide where pods run."""
+    package(tmp_path / "ws", "kept", {"a.py": "import rospy\nrospy.Publisher('a', String)\n"})
+    cache = tmp_path / "cache"
+    first = generate_profile(tmp_path / "ws", cache=cache)
+    (last,) = cache.glob("*.profile")
+    planted = last.read_bytes().replace(b"kept", b"evil")
+    last.write_bytes(planted)
+    assert generate_profile(tmp_path / "ws", cache=cache).packages[0].name == "evil", "our own files are believed"
+    last.chmod(0o666)
+    assert generate_profile(tmp_path / "ws", cache=cache) == first
+    last.unlink()
+    elsewhere = write(tmp_path, {"planted": ""}) / "planted"
+    elsewhere.write_bytes(planted)
+    last.symlink_to(elsewhere)
+    assert generate_profile(tmp_path / "ws", cache=cache) == first
+    assert elsewhere.read_bytes() == planted, "the link gave way, its target is as it was"
+    last.unlink()
+    os.mkfifo(last)
+    assert generate_profile(tmp_path / "ws", cache=cache) == first
+
+
+def test_files_of_another_user_are_not_believed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    package(tmp_path / "ws", "kept", {"a.py": "import rospy\nrospy.Publisher('a', String)\n"})
+    cache = tmp_path / "cache"
+    first = generate_profile(tmp_path / "ws", cache=cache)
+    (last,) = cache.glob("*.profile")
+    last.write_bytes(last.read_bytes().replace(b"kept", b"evil"))
+    monkeypatch.setattr(os, "geteuid", lambda: last.stat().st_uid + 1)
+    assert generate_profile(tmp_path / "ws", cache=cache) == first

@@ -30,7 +30,7 @@ from ros_profile.output.difference import difference
 from ros_profile.output.machine import annotations, as_json, as_rigelfile, from_json, scheduler_block
 from ros_profile.output.robotapp import IMAGE, app, as_robotapp
 from ros_profile.output.text import text
-from ros_profile.output.values import bits, duration
+from ros_profile.output.values import bits, duration, requirement
 
 EVIDENCE = (Fact(Kind.DEVICE_PATH, "/dev/ttyUSB0", "port", "src/driver.py", 12, 0.9),)
 DRIVER = Assessment(
@@ -41,9 +41,8 @@ DRIVER = Assessment(
     hardware=(
         Estimate(Hardware("serial", interface="ttyUSB0"), 0.9, EVIDENCE),
         Estimate(Hardware("gpu"), 0.8),
-        Estimate(Hardware("can"), 0.3),
-        Estimate(Hardware("unknown"), 0.9),
     ),
+    doubted=(Estimate(Hardware("can"), 0.3),),
     placement=Estimate(Placement.ROBOT, 0.9),
 )
 VIEW = Assessment(qos_class=Estimate(QosClass.BEST_EFFORT, 0.7))
@@ -85,9 +84,7 @@ def test_annotations_hold_what_is_sure_enough_in_the_thesis_fields() -> None:
     found = {key: json.loads(value) for key, value in annotations(DRIVER).items()}
     assert found == {
         "scheduler.robotics.io/policies": {"qos_class": "realtime", "deadline": "50ms", "latency_budget": "17ms"},
-        "scheduler.robotics.io/affinity": {
-            "hardware_requirements": [{"type": "serial", "interface": "ttyUSB0"}, {"type": "gpu"}]
-        },
+        "scheduler.robotics.io/affinity": {"hardware_requirements": [{"type": "serial"}, {"type": "gpu"}]},
     }
     assert annotations(Assessment(None)) == {}
 
@@ -98,8 +95,65 @@ def test_the_rigelfile_block_is_accepted_by_the_bridge() -> None:
     file["deploy"] = [{"name": "acme/rigel_bridge", "kwargs": {"orchestration": block}}]
     component = rendered(yaml.safe_dump(file)).app["spec"]["components"][0]
     assert component["qosClass"] == "realtime"
-    assert component["devices"] == [{"name": "serial", "type": "serial", "interface": "ttyUSB0"}]
+    assert component["devices"] == [{"name": "serial", "type": "serial"}]
     assert component["requires"] == [{"type": "gpu"}]
+
+
+def test_a_node_is_asked_for_what_its_agent_reports_and_for_no_word_of_a_library() -> None:
+    camera = Hardware("camera", "realsense", "v4l2")
+    assert requirement(camera) == {"type": "video"}
+    assert requirement(Hardware("gpu", "nvidia")) == {"type": "gpu", "model": "nvidia"}
+    shown = replace(DRIVER, hardware=(Estimate(camera, 0.9),))
+    assert "# base_driver: video is opened through realsense v4l2" in as_rigelfile(profile(shown))
+    launch = LaunchProfile("base_driver", "a.launch", (node("/cam", shown),), (), shown)
+    written = as_robotapp(launch, name="x", distro="jazzy")
+    assert "# cam: video is opened through realsense v4l2" in written
+    assert yaml.safe_load(written)["spec"]["components"][0]["requires"] == [{"type": "video"}]
+
+
+def started(text: str, root: Path) -> dict[str, list[str]]:
+    """Arguments by component of the RobotApp of a launch file, and its comments under the name #."""
+    package(
+        root,
+        "up",
+        {"launch/a.launch.py": f"def generate_launch_description():\n    return LaunchDescription([{text}])\n"},
+    )
+    written = as_robotapp(generate_profile(root).packages[0].launches[0], name="up", distro="jazzy")
+    comments = [line for line in written.splitlines() if line.startswith("#")]
+    return {"#": comments} | {one["name"]: one["args"] for one in yaml.safe_load(written)["spec"]["components"]}
+
+
+def test_a_node_is_started_with_the_arguments_of_its_launch_file(tmp_path: Path) -> None:
+    node = "Node(package='tf2_ros', executable='static_transform_publisher', name='t', arguments=['--x', '1', 'a b'])"
+    found = started(node, tmp_path)
+    assert found["t"] == [
+        *["ros2", "run", "tf2_ros", "static_transform_publisher", "--x", "1", "a b"],
+        *["--ros-args", "-r", "__node:=t"],
+    ]
+
+
+def test_arguments_that_cannot_be_told_are_a_comment_and_none_is_given(tmp_path: Path) -> None:
+    found = started("Node(package='a', executable='b', arguments=['-d', LaunchConfiguration('gone')])", tmp_path)
+    assert found["b"] == ["ros2", "run", "a", "b"]
+    assert any(line.startswith("# b: is started with arguments that the launch file works out") for line in found["#"])
+
+
+def test_what_would_end_by_itself_stays_or_is_left_out(tmp_path: Path) -> None:
+    spawner = "Node(package='controller_manager', executable='spawner', arguments=['{}'])"
+    ending = "Node(package='gazebo_ros', executable='spawn_entity.py', arguments=['-entity', 'r'])"
+    found = started(", ".join([spawner.format("one"), spawner.format("two"), ending]), tmp_path)
+    assert found["spawner"] == ["ros2", "run", "controller_manager", "spawner", "one", "--unload-on-kill"]
+    assert found["spawner-2"] == ["ros2", "run", "controller_manager", "spawner", "two", "--unload-on-kill"]
+    assert len(found) == 3
+    assert any("spawn_entity.py of gazebo_ros ends by itself and is left out" in line for line in found["#"])
+
+
+def test_arguments_of_xml_are_split_after_they_are_worked_out(tmp_path: Path) -> None:
+    text = '<launch><arg name="who" default="bob"/><node pkg="a" exec="b" args="--to $(var who) x:=y"/></launch>'
+    package(tmp_path, "up", {"launch/a.launch.xml": text})
+    (launch,) = generate_profile(tmp_path).packages[0].launches
+    (found,) = yaml.safe_load(as_robotapp(launch, name="up", distro="jazzy"))["spec"]["components"]
+    assert found["args"] == ["ros2", "run", "a", "b", "--to", "bob", "x:=y"]
 
 
 def test_several_packages_have_a_block_each() -> None:
@@ -120,10 +174,22 @@ def test_json_comes_back_as_it_was() -> None:
 
 def test_the_text_has_reasons_and_places_on_request() -> None:
     assert "realtime (RT-C, 0.93) · deadline 50ms · budget 17ms · serial ttyUSB0 (0.90)" in text(profile())
+    assert "can? (0.30)" in text(profile())
     assert "src/driver.py:12" not in text(profile())
     explained = text(profile(), explain=True)
     assert "class: It moves a base." in explained
     assert "src/driver.py:12  device_path /dev/ttyUSB0 (port)  [0.9]" in explained
+
+
+@pytest.mark.parametrize("width", [80, 100])
+def test_the_text_fits_the_screen_and_breaks_between_values(width: int) -> None:
+    long = node("/a_robot/with_a_long_namespace/driver_of_the_front_wheels", DRIVER)
+    launch = LaunchProfile("base_driver", "launch/driver.launch.py", (long,), (), DRIVER)
+    shown = text(profile(DRIVER, launch), explain=True, width=width)
+    assert max(map(len, shown.splitlines())) <= width
+    assert " ".join(shown.split()) == " ".join(text(profile(DRIVER, launch), explain=True, width=500).split())
+    for value in ("deadline 50ms", "budget 17ms", "(RT-C, 0.93)", "serial ttyUSB0 (0.90)"):
+        assert shown.count(value) == text(profile(DRIVER, launch), explain=True, width=500).count(value)
 
 
 def test_a_difference_names_what_changed_and_nothing_else() -> None:
@@ -131,7 +197,7 @@ def test_a_difference_names_what_changed_and_nothing_else() -> None:
     assert difference(profile(), profile()) == []
     assert difference(profile(), profile(slower)) == [
         "base_driver: deadline: 50ms -> 100ms",
-        "base_driver: hardware: can, gpu, serial ttyUSB0, unknown -> none",
+        "base_driver: hardware: gpu, serial ttyUSB0 -> none",
     ]
 
 
@@ -171,7 +237,12 @@ def test_a_launch_file_becomes_a_robotapp_that_lacks_images_only(tmp_path: Path)
             "to": "hear",
             "type": "std_msgs/msg/String",
             "qos": {"reliability": "best_effort", "depth": 5},
-            "requestedQos": {"reliability": "best_effort", "durability": "volatile"},
+            "requestedQos": {
+                "reliability": "best_effort",
+                "durability": "volatile",
+                "history": "keep_last",
+                "depth": 5,
+            },
         }
     ]
 

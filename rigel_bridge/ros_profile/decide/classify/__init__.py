@@ -1,19 +1,20 @@
 """Classification: `classify` judges a unit, `aggregate` joins the judgements of what runs together. Pure."""
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
 from ros_profile.decide.classify import curation, timing
 from ros_profile.decide.classify.features import Features, features, is_test
-from ros_profile.decide.classify.hardware import Devices, certainty, devices, linked_devices, needed
+from ros_profile.decide.classify.hardware import Devices, certainty, devices, doubted, linked_devices, needed
 from ros_profile.decide.classify.judge import judged
 from ros_profile.decide.classify.placing import bandwidth, placement
-from ros_profile.model.conclusions import Assessment, Estimate, Hardware, Placement, QosClass, SubClass
+from ros_profile.model.conclusions import Assessment, Estimate, Hardware, Placement, SubClass
 from ros_profile.model.facts import Fact, Kind
 from ros_profile.model.package import Unit
 
 CERTAIN_ENOUGH = 0.4
 """What a launch file starts counts for its class from this confidence on."""
-_RANK = {QosClass.REALTIME: 3, QosClass.SENSOR_DATA: 2, QosClass.SYSTEM_DEFAULT: 1, QosClass.BEST_EFFORT: 0}
 
 
 def classify(unit: Unit, *, curated: bool, libraries: Mapping[str, Devices] | None = None) -> Assessment:
@@ -26,22 +27,26 @@ def classify(unit: Unit, *, curated: bool, libraries: Mapping[str, Devices] | No
     for estimate in wanted:
         found.add(f"hardware:{estimate.value.type}", estimate.evidence[0])
     _after_hardware(found)
-    qos = judged(found)
-    if qos is None:
-        certain = round(certainty(opened), 3)
-        return Assessment(None, hardware=wanted, hardware_confidence=certain, lifecycle=_has_lifecycle(unit))
-    period = timing.period_of(unit)
-    row = timing.sub_class(found, unit, qos.value, period)
-    return Assessment(
-        qos_class=qos,
-        sub_class=Estimate(row, round(qos.confidence * 0.9, 3), qos.evidence[:3], qos.reason),
-        deadline_s=timing.deadline(unit, row, period),
-        latency_budget_s=timing.budget(row, period),
+    only_hardware = Assessment(
+        None,
         hardware=wanted,
         hardware_confidence=round(certainty(opened), 3),
+        doubted=doubted(opened),
+        lifecycle=_has_lifecycle(unit),
+    )
+    qos = judged(found)
+    if qos is None:
+        return only_hardware
+    period = timing.period_of(unit)
+    row = timing.sub_class(found, unit, qos.value, period)
+    return replace(
+        only_hardware,
+        qos_class=qos,
+        sub_class=Estimate(row, round(qos.confidence * 0.9, 3), qos.evidence[:3], timing.WORDS[row]),
+        deadline_s=timing.deadline(unit, row, period),
+        latency_budget_s=timing.budget(row, period),
         placement=placement(found, unit, qos.value, row),
         bandwidth_bps=bandwidth(found),
-        lifecycle=_has_lifecycle(unit),
         hints=_hints(found, row),
     )
 
@@ -86,10 +91,13 @@ def aggregate(assessments: Sequence[Assessment]) -> Assessment:
     """The most demanding class with the tightest times, and the union of the hardware."""
     judgements = [a for a in assessments if a.qos_class is not None]
     sure = [a for a in judgements if a.qos_class and a.qos_class.confidence >= CERTAIN_ENOUGH] or judgements
-    hardware, certain = _joined_hardware(assessments)
+    hardware = _most_certain(estimate for a in assessments for estimate in a.hardware)
+    required = {estimate.value.type for estimate in hardware}
+    doubts = _most_certain(e for a in assessments for e in a.doubted if e.value.type not in required)
+    certain = min((a.hardware_confidence for a in assessments), default=1.0)
     if not sure:
-        return Assessment(None, hardware=hardware, hardware_confidence=certain)
-    lead = max(sure, key=lambda a: (_RANK[a.qos_class.value], a.qos_class.confidence) if a.qos_class else (-1, 0.0))
+        return Assessment(None, hardware=hardware, hardware_confidence=certain, doubted=doubts)
+    lead = min(sure, key=_demand)
     same = [a for a in sure if a.qos_class and lead.qos_class and a.qos_class.value is lead.qos_class.value]
     return Assessment(
         qos_class=lead.qos_class,
@@ -98,6 +106,7 @@ def aggregate(assessments: Sequence[Assessment]) -> Assessment:
         latency_budget_s=_tightest([a.latency_budget_s for a in same]),
         hardware=hardware,
         hardware_confidence=certain,
+        doubted=doubts,
         placement=_joined_placement(assessments, lead),
         bandwidth_bps=_summed([a.bandwidth_bps for a in assessments]),
         lifecycle=any(a.lifecycle for a in assessments),
@@ -105,16 +114,20 @@ def aggregate(assessments: Sequence[Assessment]) -> Assessment:
     )
 
 
-def _joined_hardware(assessments: Sequence[Assessment]) -> tuple[tuple[Estimate[Hardware], ...], float]:
+def _demand(assessment: Assessment) -> tuple[float, float]:
+    """Sorts by class, the most demanding first, then by confidence."""
+    qos = assessment.qos_class
+    return (qos.value.rank, -qos.confidence) if qos else (math.inf, 0.0)
+
+
+def _most_certain(estimates: Iterable[Estimate[Hardware]]) -> tuple[Estimate[Hardware], ...]:
+    """The most certain one of each type, by type."""
     best: dict[str, Estimate[Hardware]] = {}
-    certain = 1.0
-    for assessment in assessments:
-        certain = min(certain, assessment.hardware_confidence)
-        for estimate in assessment.hardware:
-            known = best.get(estimate.value.type)
-            if known is None or estimate.confidence > known.confidence:
-                best[estimate.value.type] = estimate
-    return tuple(best[kind] for kind in sorted(best)), certain
+    for estimate in estimates:
+        known = best.get(estimate.value.type)
+        if known is None or estimate.confidence > known.confidence:
+            best[estimate.value.type] = estimate
+    return tuple(best[kind] for kind in sorted(best))
 
 
 def _tightest(estimates: Sequence[Estimate[float] | None]) -> Estimate[float] | None:

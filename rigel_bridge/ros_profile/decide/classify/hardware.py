@@ -2,10 +2,11 @@
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 from ros_profile.decide.classify.features import MEMORY, is_test
+from ros_profile.decide.places import abroad
 from ros_profile.knowledge import hardware as signs
 from ros_profile.model.conclusions import Estimate, Hardware
 from ros_profile.model.facts import Fact, Kind
@@ -14,6 +15,9 @@ from ros_profile.model.package import Unit
 Devices = dict[str, Estimate[Hardware]]
 """By type, with every probability above 0, also those below the threshold."""
 THRESHOLD = 0.5
+"""Hardware of this probability is required of a node; what is less probable is doubted."""
+SHOWN = 0.25
+"""Hardware that is less probable is not even doubted."""
 LINKED = 0.85
 """How much of a library's own certainty passes to what includes its headers."""
 _TABLES = {
@@ -79,10 +83,8 @@ def _estimate(kind: str, case: _Case, identity: str) -> Estimate[Hardware]:
     best = sorted(case.facts, key=lambda fact: (fact.kind is not Kind.SYMBOL, fact.kind is not Kind.DEVICE_PATH))
     usb_id = identity if kind in {"usb", "camera", "serial"} else ""
     first = best[0]
-    reason = f"{first.subject} in {first.place}"
-    return Estimate(
-        Hardware(kind, case.model, case.interface, usb_id), round(case.probability, 3), tuple(best[:5]), reason
-    )
+    hardware = Hardware(kind, case.model, case.interface, usb_id)
+    return Estimate(hardware, round(case.probability, 3), tuple(best[:5]), f"{first.kind.value} {first.subject}")
 
 
 def _usb_id(facts: Iterable[Fact]) -> str:
@@ -110,12 +112,19 @@ def linked_devices(own: Devices, unit: Unit, libraries: Mapping[str, Devices]) -
         for kind, estimate in libraries[package].items():
             probability = round(estimate.confidence * LINKED, 3)
             if kind not in found or found[kind].confidence < probability:
-                found[kind] = Estimate(estimate.value, probability, (fact, *estimate.evidence[:2]), f"links {package}")
+                theirs = (replace(one, file=abroad(package, one.file)) for one in estimate.evidence[:2])
+                found[kind] = Estimate(estimate.value, probability, (fact, *theirs), f"links {package}")
     return found
 
 
 def needed(found: Devices) -> tuple[Estimate[Hardware], ...]:
+    """What a node must have."""
     return tuple(estimate for estimate in found.values() if estimate.confidence >= THRESHOLD)
+
+
+def doubted(found: Devices) -> tuple[Estimate[Hardware], ...]:
+    """What the user should decide about."""
+    return tuple(estimate for estimate in found.values() if SHOWN <= estimate.confidence < THRESHOLD)
 
 
 def certainty(found: Devices) -> float:

@@ -16,6 +16,28 @@ _NOUNS = {
     "service": "services",
     "action": "actions",
 }
+_KINDS = {
+    "needs:sensing": "packages of sensors",
+    "needs:control": "packages of ros_control",
+    "needs:command": "packages of commands",
+    "needs:fieldbus": "packages of a field bus",
+    "needs:coordination": "packages of planning and coordination",
+    "needs:network": "packages of bridges and networks",
+    "needs:display": "packages of displays",
+    "needs:simulation": "packages of simulations",
+    "needs:tool": "packages of tools",
+    "word:fieldbus": "a field bus",
+    "word2:fieldbus": "a field bus",
+    "word:planning": "planning",
+    "word2:planning": "planning",
+    "hardware:serial": "a serial line",
+    "hardware:can": "a CAN bus",
+    "hardware:usb": "a USB device",
+    "hardware:camera": "a camera",
+    "hardware:gpu": "a GPU",
+    "hardware:gpio": "GPIO pins",
+}
+"""Nouns that fit one form only."""
 _FORMS = {
     "plugin": "is a plug-in of kind {}",
     "inherits": "derives from a base class of kind {}",
@@ -25,7 +47,7 @@ _FORMS = {
     "serve": "serves {}",
     "call": "calls {}",
     "uses": "uses a library for {}",
-    "needs": "depends on packages for {}",
+    "needs": "depends on {}",
     "word": "is named like {}",
     "word2": "is named like {}",
     "program": "is named like {}",
@@ -52,4 +74,4 @@ def phrase(name: str) -> str:
     kind, _, what = name.partition(":")
     if kind == "shape":
         return _SHAPES.get(what, what.replace("_", " "))
-    return _FORMS.get(kind, "{}").format(_NOUNS.get(what, what))
+    return _FORMS.get(kind, "{}").format(_KINDS.get(name) or _NOUNS.get(what, what))

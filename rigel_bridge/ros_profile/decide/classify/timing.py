@@ -13,7 +13,7 @@ from ros_profile.model.package import Unit
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """Seconds: the period when nothing tells it, and the bounds of deadline and budget. `share`: budget = share · period.
+    """Seconds: the period when the source has none, and the bounds of deadline and budget. `share`: budget = share · period.
     None: no deadline, or no budget over a network.
     """
 
@@ -37,6 +37,21 @@ ROWS = {
     SubClass.FLEET: Row(1.0, (1.0, 10.0), (0.5, 0.5), 0.5),
     SubClass.BEST_EFFORT: Row(1.0, None, None, 0.0),
 }
+WORDS = {
+    SubClass.HARDWARE_LOOP: "hardware loop",
+    SubClass.CONTROL_LOOP: "control loop or field bus",
+    SubClass.MOTION: "motion: local planner, base driver or mux",
+    SubClass.SAFETY: "safety gate",
+    SubClass.OPERATOR_INPUT: "operator input",
+    SubClass.INERTIAL: "inertial or joint states",
+    SubClass.CAMERA: "camera or depth",
+    SubClass.LIDAR: "lidar, SLAM or localisation",
+    SubClass.DETECTOR: "detector",
+    SubClass.PLANNER: "planner, behaviour tree or task server",
+    SubClass.FLEET: "fleet or bridge",
+    SubClass.BEST_EFFORT: "display, recording or tool",
+}
+"""What the rows are, for --explain; docs/evaluation.md has the same table."""
 _RATE = re.compile(r"(?:^|[._/])(?:\w*_)?(?:frequency|freq|rate|hz|fps|framerate|frame_rate)$", re.IGNORECASE)
 _PERIOD = re.compile(r"(?:^|[._/])(?:\w*_)?(?:period|interval)(?:_s|_sec)?$", re.IGNORECASE)
 _OTHER_RATE = re.compile(
@@ -45,6 +60,7 @@ _OTHER_RATE = re.compile(
 )
 _STALE = re.compile(r"(?:cmd|command|velocity|watchdog|heartbeat|source|stop_pub\w*)\w*_?timeout", re.IGNORECASE)
 SHORTEST_S, LONGEST_S = 0.0005, 2.0
+_PARTS = {1.0: "", 1 / 3: "a third of ", 1 / 2: "half of ", 1 / 4: "a quarter of "}
 
 
 def sub_class(found: Features, unit: Unit, value: QosClass, period: Estimate[float] | None) -> SubClass:
@@ -120,7 +136,7 @@ def period_of(unit: Unit) -> Estimate[float] | None:
         usable = [(seconds, fact) for seconds, fact in candidates if SHORTEST_S <= seconds <= LONGEST_S]
         if usable:
             seconds, fact = min(usable, key=lambda pair: pair[0])
-            return Estimate(seconds, confidence, (fact,), f"{fact.value} in {fact.place}")
+            return Estimate(seconds, confidence, (fact,), f"the period {_shown(seconds)} ({fact.value})")
     return None
 
 
@@ -156,8 +172,8 @@ def deadline(unit: Unit, row: SubClass, period: Estimate[float] | None) -> Estim
     period = period or _stale(unit)
     if period is None:
         default = min(max(ROWS[row].period_s, bounds[0]), bounds[1])
-        return Estimate(default, 0.4, (), f"usual for {row.value}")
-    return Estimate(_within(period.value, bounds), period.confidence, period.evidence, period.reason)
+        return Estimate(default, 0.4, (), f"usual for {row.value}, {WORDS[row]}")
+    return _bounded(period.value, bounds, period, row, period.reason)
 
 
 def _stale(unit: Unit) -> Estimate[float] | None:
@@ -166,7 +182,7 @@ def _stale(unit: Unit) -> Estimate[float] | None:
     if not usable:
         return None
     seconds, fact = min(usable, key=lambda pair: pair[0])
-    return Estimate(seconds, 0.6, (fact,), f"{fact.value} in {fact.place}")
+    return Estimate(seconds, 0.6, (fact,), f"commands are stale after {_shown(seconds)} ({fact.value})")
 
 
 def budget(row: SubClass, period: Estimate[float] | None) -> Estimate[float] | None:
@@ -176,9 +192,27 @@ def budget(row: SubClass, period: Estimate[float] | None) -> Estimate[float] | N
         return None
     seconds = (period.value if period else ROWS[row].period_s) * ROWS[row].share
     if period is None:
-        return Estimate(_within(seconds, bounds), 0.4, (), f"usual for {row.value}")
-    return Estimate(_within(seconds, bounds), period.confidence, period.evidence, period.reason)
+        return Estimate(_within(seconds, bounds), 0.4, (), f"usual for {row.value}, {WORDS[row]}")
+    share = ROWS[row].share
+    part = _PARTS.get(share, f"{share:g} of ")
+    return _bounded(seconds, bounds, period, row, f"{part}{period.reason}")
+
+
+def _bounded(
+    seconds: float, bounds: tuple[float, float], found: Estimate[float], row: SubClass, reason: str
+) -> Estimate[float]:
+    """A value within the bounds of its row; the reason tells when these moved it."""
+    value = _within(seconds, bounds)
+    if value > round(seconds, 6):
+        reason = f"{reason}; {row.value} takes no less than {_shown(value)}"
+    elif value < round(seconds, 6):
+        reason = f"{reason}; {row.value} takes no more than {_shown(value)}"
+    return Estimate(value, found.confidence, found.evidence, reason)
 
 
 def _within(value: float, bounds: tuple[float, float]) -> float:
     return round(min(max(value, bounds[0]), bounds[1]), 6)
+
+
+def _shown(seconds: float) -> str:
+    return f"{seconds:g} s" if seconds >= 1 else f"{seconds * 1000:.3g} ms"

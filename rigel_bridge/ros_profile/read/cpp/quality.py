@@ -1,21 +1,19 @@
 """QoS arguments of publishers and subscriptions in C++."""
 
 import re
+from dataclasses import replace
 
+from ros_profile.knowledge.qos_presets import preset
 from ros_profile.model.endpoints import Qos
 from ros_profile.read.cpp.times import duration
 
-_PROFILES = (
-    (
-        re.compile(r"SensorDataQoS|qos_profile_sensor_data|SENSOR_DATA"),
-        "sensor_data",
-        ("best_effort", "volatile", "keep_last", 5),
-    ),
-    (re.compile(r"SystemDefaultsQoS|qos_profile_system_default|SYSTEM_DEFAULT"), "system_default", ("", "", "", -1)),
-    (re.compile(r"ServicesQoS|qos_profile_services"), "services", ("reliable", "volatile", "keep_last", 10)),
-    (re.compile(r"ParametersQoS|qos_profile_parameters"), "parameters", ("reliable", "volatile", "keep_last", 1000)),
-    (re.compile(r"BestAvailableQoS|qos_profile_best_available"), "best_available", ("", "", "keep_last", 10)),
-    (re.compile(r"\bqos_profile_default\b"), "default", ("reliable", "volatile", "keep_last", 10)),
+_PRESETS = (
+    (re.compile(r"SensorDataQoS|qos_profile_sensor_data|SENSOR_DATA"), "sensor_data"),
+    (re.compile(r"SystemDefaultsQoS|qos_profile_system_default|SYSTEM_DEFAULT"), "system_default"),
+    (re.compile(r"ServicesQoS|qos_profile_services"), "services_default"),
+    (re.compile(r"ParametersQoS|qos_profile_parameters"), "parameters"),
+    (re.compile(r"BestAvailableQoS|qos_profile_best_available"), "best_available"),
+    (re.compile(r"\bqos_profile_default\b"), "default"),
 )
 _DEPTH = re.compile(r"^(?:rclcpp::)?(?:QoS\s*[({]\s*)?(?:rclcpp::)?(?:KeepLast\s*[({]\s*)?(\d{1,6})\s*[)}]*")
 _KEEP_LAST = re.compile(r"(?:KeepLast|keep_last)\s*[({]\s*(\d{1,6})")
@@ -30,13 +28,13 @@ def qos_of(argument: str, code: str) -> Qos | None:
         text = _definition(argument, code)
         if not text:
             return None
-    for pattern, profile, (reliability, durability, history, depth) in _PROFILES:
+    for pattern, name in _PRESETS:
         if pattern.search(text):
-            return _adjusted(Qos(profile, reliability, durability, history, depth=depth), text)
+            return _adjusted(preset(name), text)
     match = _DEPTH.match(text)
     if match or "QoS" in text:
         depth = int(match.group(1)) if match else -1
-        return _adjusted(Qos("default", "reliable", "volatile", "keep_last", depth=depth), text)
+        return _adjusted(replace(preset("default"), depth=depth), text)
     return None
 
 

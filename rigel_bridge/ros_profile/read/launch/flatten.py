@@ -5,10 +5,9 @@ from typing import Any, Final
 
 from ros_profile.model.launch import Include, LaunchArgument, StartedNode
 from ros_profile.read.launch import python_values as v
-from ros_profile.read.launch.scope import Scope, join
+from ros_profile.read.launch.scope import MAX_NODES, Scope, join
 
 MAX_DEPTH: Final = 60
-MAX_NODES: Final = 1000
 
 
 @dataclass(slots=True)

@@ -3,24 +3,27 @@
 import ast
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from ros_profile.model.facts import Problem
-from ros_profile.model.launch import Include, LaunchFile, StartedNode
+from ros_profile.model.launch import NOT, UNKNOWN_TEXT, Include, LaunchFile, StartedNode
 from ros_profile.read.launch import python_values as v
 from ros_profile.read.launch.flatten import Flattened
 from ros_profile.read.launch.python_calls import CALLS
-from ros_profile.read.launch.scope import Scope
+from ros_profile.read.launch.scope import MAX_NODES, Scope
 from ros_profile.read.python.syntax import dotted, parse
 
 MAX_STEPS: Final = 100_000
 MAX_DEPTH: Final = 60
 MAX_LOOP: Final = 50
-MAX_NODES: Final = 1000
+_NAMES_PER_STEP: Final = 50
 _UNCHANGED: Final = frozenset(
     {"perform", "items", "strip", "lower", "as_posix", "resolve", "copy", "describe", "values", "absolute"}
 )
 _DESCRIPTION: Final = "LaunchDescription"
+
+
+T = TypeVar("T")
 
 
 class _BudgetError(Exception):
@@ -78,12 +81,12 @@ class _Evaluator:
         if isinstance(test, bool):
             self.run(node.body if test else node.orelse, frame)
             return
-        text = test if isinstance(test, str) and "$(" in test else v.UNKNOWN_TEXT
-        outer, before = frame.conditions, dict(frame.names)
+        text = test if isinstance(test, str) and "$(" in test else UNKNOWN_TEXT
+        outer, before = frame.conditions, self._copied(frame.names)
         frame.conditions = (*outer, text)
         self.run(node.body, frame)
-        positive, frame.names = frame.names, dict(before)
-        frame.conditions = (*outer, f"not {text}")
+        positive, frame.names = frame.names, before
+        frame.conditions = (*outer, f"{NOT}{text}")
         self.run(node.orelse, frame)
         frame.conditions = outer
         for name in positive:
@@ -106,7 +109,7 @@ class _Evaluator:
         elif isinstance(target, ast.Subscript):
             holder, key = self.value(target.value, frame), self.value(target.slice, frame)
             if isinstance(holder, dict) and isinstance(key, str) and len(holder) < MAX_NODES:
-                holder[key] = value
+                holder[key] = self._counted(value)
 
     def value(self, node: ast.expr | None, frame: _Frame) -> Any:
         """What an expression stands for."""
@@ -115,9 +118,21 @@ class _Evaluator:
             raise _BudgetError
         self.depth += 1
         try:
-            return self._value(node, frame)
+            found = self._value(node, frame)
         finally:
             self.depth -= 1
+        return found[: v.MAX_TEXT] if isinstance(found, str) else found
+
+    def _counted(self, value: T) -> T:
+        """The value, whose size counts as steps: values that hold one another twice grow without end."""
+        self.steps += v.weight(value, MAX_STEPS)
+        if self.steps > MAX_STEPS:
+            raise _BudgetError
+        return value
+
+    def _copied(self, names: dict[str, Any]) -> dict[str, Any]:
+        self.steps += len(names) // _NAMES_PER_STEP
+        return dict(names)
 
     def _value(self, node: ast.expr | None, frame: _Frame) -> Any:
         if isinstance(node, ast.Constant):
@@ -130,7 +145,7 @@ class _Evaluator:
             return self._mapping(node, frame)
         if isinstance(node, ast.JoinedStr):
             parts = [self.value(p.value if isinstance(p, ast.FormattedValue) else p, frame) for p in node.values]
-            return "".join(v.as_text(part) for part in parts)
+            return v.as_text(parts)
         if isinstance(node, ast.BinOp):
             return self._operation(node, frame)
         if isinstance(node, ast.Call):
@@ -143,7 +158,7 @@ class _Evaluator:
             test = self.value(node.test, frame)
             if isinstance(test, bool):
                 return self.value(node.body if test else node.orelse, frame)
-            text = test if isinstance(test, str) and "$(" in test else v.UNKNOWN_TEXT
+            text = test if isinstance(test, str) and "$(" in test else UNKNOWN_TEXT
             return _either(text, self.value(node.body, frame), self.value(node.orelse, frame))
         if isinstance(node, ast.BoolOp):
             return self._logic(node, frame)
@@ -167,9 +182,7 @@ class _Evaluator:
         if any(one is decisive for one in values):
             return decisive
         texts = [
-            one if isinstance(one, str) and "$(" in one else v.UNKNOWN_TEXT
-            for one in values
-            if one is not (not decisive)
+            one if isinstance(one, str) and "$(" in one else UNKNOWN_TEXT for one in values if one is not (not decisive)
         ]
         return f"$({'or' if decisive else 'and'} {' | '.join(texts)})" if texts else not decisive
 
@@ -177,10 +190,10 @@ class _Evaluator:
         found: list[Any] = []
         for item in items:
             if isinstance(item, ast.Starred):
-                found += v.as_list(self.value(item.value, frame))
+                found += self._counted(v.as_list(self.value(item.value, frame)))
             else:
                 found.append(self.value(item, frame))
-        return found
+        return self._counted(found)
 
     def _mapping(self, node: ast.Dict, frame: _Frame) -> dict[Any, Any]:
         found: dict[Any, Any] = {}
@@ -190,7 +203,7 @@ class _Evaluator:
                 found.update(one if isinstance(one, dict) else {})
             else:
                 found[v.as_text(self.value(key, frame))] = one
-        return found
+        return self._counted(found)
 
     def _operation(self, node: ast.BinOp, frame: _Frame) -> Any:
         left, right = self.value(node.left, frame), self.value(node.right, frame)
@@ -209,7 +222,7 @@ class _Evaluator:
         if isinstance(left, list):
             return left
         if isinstance(left, str) or isinstance(right, str):
-            return (v.as_text(left) + v.as_text(right))[:2000]
+            return v.as_text([left, right])
         return v.UNKNOWN
 
     def _item(self, node: ast.Subscript, frame: _Frame) -> Any:
@@ -231,12 +244,12 @@ class _Evaluator:
     def _comprehension(self, node: ast.ListComp, frame: _Frame) -> list[Any]:
         first = node.generators[0]
         items = v.as_list(self.value(first.iter, frame))
-        inner = _Frame(dict(frame.names), conditions=frame.conditions)
+        inner = _Frame(self._copied(frame.names), conditions=frame.conditions)
         found = []
         for item in items[:MAX_LOOP]:
             self._assign(first.target, item, inner)
             found.append(self.value(node.elt, inner))
-        return found
+        return self._counted(found)
 
     def _call(self, node: ast.Call, frame: _Frame) -> Any:
         name = node.func.attr if isinstance(node.func, ast.Attribute) else dotted(node.func)
@@ -274,6 +287,7 @@ class _Evaluator:
         arguments = [self.value(argument, frame) for argument in node.args]
         if function.attr in ("add_action", "add_entity", "append") and arguments:
             target = holder.actions if isinstance(holder, v.Description) else holder
+            self._counted(arguments[0])
             if isinstance(target, list) and len(target) < MAX_NODES:
                 target.append(
                     v.Group([arguments[0]], frame.conditions, scoped=False) if frame.conditions else arguments[0]
@@ -282,9 +296,9 @@ class _Evaluator:
         if function.attr == "perform_substitution" and arguments:
             return arguments[0]
         if function.attr == "extend" and isinstance(holder, list) and arguments:
-            holder += v.as_list(arguments[0])
+            holder += self._counted(v.as_list(arguments[0]))
         elif function.attr == "update" and isinstance(holder, dict) and arguments and isinstance(arguments[0], dict):
-            holder.update(arguments[0])
+            holder.update(self._counted(arguments[0]))
         elif function.attr == "get" and isinstance(holder, dict) and arguments:
             return holder.get(arguments[0] if isinstance(arguments[0], str) else "", v.UNKNOWN)
         elif function.attr in _UNCHANGED:
@@ -308,7 +322,7 @@ class _Evaluator:
         """A local function's result; of several returns the actions of all."""
         if self.depth > MAX_DEPTH - 20:
             return v.UNKNOWN
-        names = dict(frame.names)
+        names = self._copied(frame.names)
         parameters = function.args.posonlyargs + function.args.args
         defaults = [None] * (len(parameters) - len(function.args.defaults)) + list(function.args.defaults)
         for index, (parameter, default) in enumerate(zip(parameters, defaults, strict=True)):
@@ -318,7 +332,7 @@ class _Evaluator:
         self.run(function.body, inner)
         lists = [one for one in inner.returned if isinstance(one, list)]
         if len(inner.returned) > 1 and lists:
-            return [action for one in lists for action in one]
+            return self._counted([action for one in self._counted(lists) for action in one])
         return inner.returned[-1] if inner.returned else None
 
 

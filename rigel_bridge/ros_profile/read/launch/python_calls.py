@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any, Final
 
-from ros_profile.model.launch import Include, LaunchArgument, StartedNode
+from ros_profile.model.launch import NOT, UNKNOWN_TEXT, Include, LaunchArgument, StartedNode
 from ros_profile.read.launch import python_values as v
 
 Arguments = dict[str, Any]
@@ -22,7 +22,7 @@ def _conditions(arguments: Arguments) -> tuple[str, ...]:
     condition = arguments.get("condition")
     if isinstance(condition, v.Condition):
         return (condition.text,)
-    return () if condition is None else (v.UNKNOWN_TEXT,)
+    return () if condition is None else (UNKNOWN_TEXT,)
 
 
 def _argument(arguments: Arguments) -> LaunchArgument:
@@ -160,9 +160,9 @@ CALLS: Final[dict[str, Callable[[Arguments], Any]]] = {
     "PushROSNamespace": _pushed,
     "SetRemap": lambda a: v.Remap((_text(a, "src", "0"), _text(a, "dst", "1"))),
     "IfCondition": lambda a: v.Condition(_text(a, "predicate_expression", "0")),
-    "UnlessCondition": lambda a: v.Condition(f"not {_text(a, 'predicate_expression', '0')}"),
+    "UnlessCondition": lambda a: v.Condition(f"{NOT}{_text(a, 'predicate_expression', '0')}"),
     "LaunchConfigurationEquals": _equals,
-    "LaunchConfigurationNotEquals": lambda a: v.Condition(f"not {_equals(a).text}"),
+    "LaunchConfigurationNotEquals": lambda a: v.Condition(f"{NOT}{_equals(a).text}"),
     "PathJoinSubstitution": _joined,
     "FindPackageShare": lambda a: f"$(find {_text(a, 'package', '0')})",
     "get_package_share_directory": lambda a: f"$(find {_text(a, 'package_name', '0')})",

@@ -1,11 +1,13 @@
 """Values in Python launch files: texts with substitutions, lists, mappings, and the actions a launch file is made of."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from ros_profile.model.launch import Include, LaunchArgument, StartedNode
+from ros_profile.model.launch import UNKNOWN_TEXT, Include, LaunchArgument, StartedNode
 
-UNKNOWN_TEXT: Final = "$(?)"
+MAX_TEXT: Final = 2000
+"""Of one value; nothing that names a node, a file or a topic is longer."""
 
 
 class Unknown:
@@ -77,8 +79,37 @@ def as_text(value: Any) -> str:
     if isinstance(value, int | float):
         return str(value)
     if isinstance(value, list | tuple):
-        return "".join(as_text(item) for item in value)
+        return _joined(value)
     return "" if value is None else UNKNOWN_TEXT
+
+
+def _joined(values: Iterable[Any]) -> str:
+    found = ""
+    for value in values:
+        found += as_text(value)
+        if len(found) > MAX_TEXT:
+            break
+    return found[:MAX_TEXT]
+
+
+def weight(value: Any, most: int) -> int:
+    """How many values a value holds, those in it among them; counting ends above `most`.
+
+    A list that holds another one twice, which again holds one twice, is small in memory and without end for whoever walks it.
+    """
+    count, waiting = 0, [value]
+    while waiting and count <= most:
+        one = waiting.pop()
+        count += 1
+        if isinstance(one, list | tuple):
+            waiting += one
+        elif isinstance(one, dict):
+            waiting += one.values()
+        elif isinstance(one, Group | Description):
+            waiting += one.actions
+        elif isinstance(one, Container):
+            waiting += one.loaded
+    return count
 
 
 def as_list(value: Any) -> list[Any]:

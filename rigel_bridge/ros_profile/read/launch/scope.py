@@ -1,6 +1,10 @@
 """What a group of a launch file gives to everything below it."""
 
 from dataclasses import dataclass
+from typing import Final
+
+MAX_NODES: Final = 1000
+"""Nodes that are read of one launch file, whatever its format; lists of a Python launch file are no longer either."""
 
 
 @dataclass(slots=True)

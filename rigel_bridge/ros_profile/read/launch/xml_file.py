@@ -5,11 +5,10 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from ros_profile.model.facts import Problem
-from ros_profile.model.launch import Include, LaunchArgument, LaunchFile, StartedNode
+from ros_profile.model.launch import NOT, Include, LaunchArgument, LaunchFile, StartedNode
 from ros_profile.read import xml_text, yaml_text
-from ros_profile.read.launch.scope import Scope, join
+from ros_profile.read.launch.scope import MAX_NODES, Scope, join
 
-MAX_NODES: Final = 1000
 _NODELET_VERBS: Final = ("load", "standalone", "manager")
 
 
@@ -153,7 +152,7 @@ def _conditions(element: Any) -> Iterator[str]:
     if (positive := element.get("if")) is not None:
         yield str(positive)
     if (negative := element.get("unless")) is not None:
-        yield f"not {negative}"
+        yield f"{NOT}{negative}"
 
 
 def _pair(element: Any, first: str, second: str) -> tuple[str, str]:

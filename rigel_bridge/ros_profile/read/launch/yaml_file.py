@@ -2,15 +2,12 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Final
 
 from ros_profile.model.facts import Problem
-from ros_profile.model.launch import Include, LaunchArgument, LaunchFile, StartedNode
+from ros_profile.model.launch import NOT, Include, LaunchArgument, LaunchFile, StartedNode
 from ros_profile.read import yaml_text
-from ros_profile.read.launch.scope import Scope, join
+from ros_profile.read.launch.scope import MAX_NODES, Scope, join
 from ros_profile.read.yaml_text import Node
-
-MAX_NODES: Final = 1000
 
 
 @dataclass(slots=True)
@@ -102,7 +99,7 @@ def _conditions(body: Node) -> Iterator[str]:
     if positive := body.get("if"):
         yield positive.text
     if negative := body.get("unless"):
-        yield f"not {negative.text}"
+        yield f"{NOT}{negative.text}"
 
 
 def _listed(body: Node, *keys: str) -> Iterator[Node]:

@@ -41,7 +41,7 @@ def parse(data: bytes, file: str) -> tuple[ast.Module | None, tuple[Problem, ...
 
 def _parse(text: str) -> ast.Module:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # "\d" in plain strings of somebody else's source
+        warnings.simplefilter("ignore")  # "\d" in plain strings of foreign source
         module = ast.parse(text.expandtabs(8) if "\t" in text else text)
     if "\\u" in text.lower():
         for node in ast.walk(module):

@@ -5,19 +5,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Final
 
+from ros_profile.knowledge.qos_presets import PRESETS, preset
 from ros_profile.model.endpoints import PARAMETER_MARK, Qos
 from ros_profile.read.python.syntax import Walked, dotted
 
 MAX_STEPS: Final = 12
 MAX_TEXT: Final = 500
 _PARAMETER_CALLS: Final = frozenset({"get_parameter", "declare_parameter", "get_param", "get_parameter_or"})
-_PROFILES: Final = {
-    "qos_profile_sensor_data": "sensor_data",
-    "qos_profile_system_default": "system_default",
-    "qos_profile_services_default": "services_default",
-    "qos_profile_parameters": "parameters",
-    "qos_profile_best_available": "best_available",
-}
+_PRESET: Final = "qos_profile_"
+"""Before the name of a preset of rmw, as rclpy.qos exports it."""
 _POLICIES: Final = ("reliability", "durability", "history", "liveliness")
 
 
@@ -194,14 +190,13 @@ class Scope:
             return Qos(depth=node.value) if isinstance(node.value, int) and 0 <= node.value < 1_000_000 else None
         name = dotted(node)
         last = name.rpartition(".")[2]
-        if last in _PROFILES:
-            return Qos(profile=_PROFILES[last])
-        if "QoSPresetProfiles" in name or "QoSPreset" in name:
-            preset = name.removesuffix(".value").rpartition(".")[2]
-            return Qos(profile=preset.lower())
+        if last.removeprefix(_PRESET) in PRESETS and last.startswith(_PRESET):
+            return preset(last.removeprefix(_PRESET))
+        if "QoSPreset" in name:
+            return preset(name.removesuffix(".value").rpartition(".")[2].lower())
         if isinstance(node, ast.Call):
             if isinstance(node.func, ast.Attribute) and "QoSPreset" in dotted(node.func):
-                return Qos(profile="sensor_data" if "SENSOR" in dotted(node.func) else "")
+                return preset("sensor_data" if "SENSOR" in dotted(node.func) else "")
             return self._qos_profile(node)
         assigned = self.names.variable(name, self.owner, self.function) if name else None
         return self.qos(assigned, steps + 1) if assigned is not None else None

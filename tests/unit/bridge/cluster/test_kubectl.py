@@ -1,14 +1,15 @@
 """Calls of kubectl: a program of the test's own stands for it."""
 
+import fcntl
 import sys
 from pathlib import Path
+from typing import IO
 
 import pytest
 
-from rigel_bridge.cluster import names
 from rigel_bridge.cluster.kubectl import ClusterError, Kubectl, Refusal, failure
+from rigel_bridge.cluster.waiting import Clock
 from rigel_bridge.document.failures import Exit
-from robotapp_api.model import names as ours
 
 
 def program(folder: Path, body: str) -> Kubectl:
@@ -44,20 +45,32 @@ def test_a_program_that_does_not_end_is_ended(tmp_path: Path) -> None:
         kubectl.run("get", timeout_s=0.2)
 
 
+def test_what_a_script_started_ends_with_it(tmp_path: Path) -> None:
+    """`kubectl` is a script here and there; what it runs would write into the cluster after the bridge has given up."""
+    lock = tmp_path / "held"
+    take = f"import fcntl, time; held = open({str(lock)!r}, 'w'); fcntl.flock(held, fcntl.LOCK_EX)"
+    holder = f"{take}; print('x' * 4096, flush=True); time.sleep(600)"
+    script = tmp_path / "script"
+    script.write_text(f'#!/bin/sh\n{sys.executable} -SI -c "{holder}"\n')
+    script.chmod(0o755)
+    with pytest.raises(ClusterError, match="wrote more than 1000 bytes"):
+        Kubectl(str(script)).binary("get", limit=1000)
+    with lock.open() as held:
+        assert Clock().until(lambda: _is_free(held), timeout_s=30), "it is still running"
+
+
+def _is_free(held: IO[str]) -> bool:
+    try:
+        fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
+
+
 def test_what_is_no_json_is_told(tmp_path: Path) -> None:
     for printed in ("hello", "[1]"):
         with pytest.raises(ClusterError, match="wrote no"):
             program(tmp_path, f"print({printed!r})").json("get")
-
-
-def test_the_cluster_names_are_those_of_the_api() -> None:
-    """The bridge lives without robotapp_api, so it has copies."""
-    assert (names.API_VERSION, names.MANAGER) == (ours.API_VERSION, ours.BRIDGE_MANAGER)
-    assert (names.APP_LABEL, names.APP_UID_LABEL, names.COMPONENT_LABEL) == (
-        ours.Label.APP,
-        ours.Label.APP_UID,
-        ours.Label.COMPONENT,
-    )
 
 
 @pytest.mark.parametrize(

@@ -104,3 +104,55 @@ def test_an_archive_that_is_cut_off_or_has_too_many_files_is_refused(monkeypatch
         list(files_of(archive(a=b"x" * 5000)[:2000]))
     with pytest.raises(ArchiveError, match="more than 3 files"):
         list(files_of(archive(**{f"f{number}": b"" for number in range(4)})))
+
+
+def header(name: str, *, kind: bytes = b"0", size: bytes = b"0" * 11 + b"\0") -> bytes:
+    """One block of an archive, with fields that no honest program writes."""
+    info = tarfile.TarInfo(name)
+    info.type = kind
+    block = bytearray(info.tobuf(tarfile.GNU_FORMAT))
+    block[124:136] = size
+    if kind == tarfile.GNUTYPE_SPARSE:  # one piece without content, in a file of 7 GiB
+        block[386:410] = b"0" * 11 + b"\0" + b"0" * 11 + b"\0"
+        block[483:495] = b"7" * 11 + b"\0"
+    block[148:156] = b" " * 8
+    block[148:156] = b"%06o\0 " % sum(block)
+    return bytes(block)
+
+
+LONG_NAME = header("././@LongLink", kind=tarfile.GNUTYPE_LONGNAME, size=b"%011o\0" % 2) + b"a\0".ljust(512, b"\0")
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        header("sparse", kind=tarfile.GNUTYPE_SPARSE),
+        header("x", size=b"\x80\x7f" + b"\xff" * 10),
+        LONG_NAME * 2000 + header("x"),
+    ],
+    ids=["a file of 8 GiB in one block", "a size beyond any address", "headers without end"],
+)
+def test_an_archive_that_stands_for_more_than_it_holds_is_refused(data: bytes) -> None:
+    with pytest.raises(ArchiveError, match="is no archive"):
+        list(files_of(data + bytes(1024)))
+
+
+def test_a_name_with_a_nul_is_passed_over() -> None:
+    target = io.BytesIO()
+    with tarfile.open(fileobj=target, mode="w", format=tarfile.PAX_FORMAT) as made:
+        info = tarfile.TarInfo("x")
+        info.pax_headers = {"path": "a\0b"}
+        made.addfile(info)
+        made.addfile(tarfile.TarInfo("good"))
+    assert [str(path) for path, _ in files_of(target.getvalue())] == ["good"]
+
+
+def test_names_that_no_file_can_have_leave_the_other_results(tmp_path: Path) -> None:
+    (cluster, stored), told = running(), list[str]()
+    names = {"a": b"1", "a__below": b"2", "x" * 300: b"3", "z.csv": b"4"}
+    cluster.contents = {("logs", "p"): b"", ("exec", "p"): archive(**names)}
+    into = opened(tmp_path / "results")
+    collect(cluster, stored, into, tell=told.append, path="/results")
+    assert {name for name in into.sums if name.startswith("files")} == {"files/driver/a", "files/driver/z.csv"}
+    assert len(told) == 2
+    assert all("is left out" in line and len(line) < 300 for line in told)

@@ -12,6 +12,7 @@ from tests.support.rigelfiles import orchestration, rendered
 from rigel_bridge.main import main
 from rigel_bridge.migration.found import Scene, scene
 from rigel_bridge.migration.report import Plan, annotation, leftover_records, lines, plan
+from rigel_bridge.names import SCHEDULER_PREFIX
 from rigel_bridge.render.workloads import workloads
 from robotapp_api.model import names
 
@@ -248,8 +249,9 @@ def test_the_report_follows_every_record_to_its_workload() -> None:
 
 
 def test_only_records_of_migrated_pods_are_cleared() -> None:
-    kept = leftover_records(plan(recorded()), gone=UIDS[:2])
+    kept = leftover_records(recorded().claims, gone=UIDS[:2])
     assert kept == {("n1", "dds-claims"): {"6": UIDS[2]}, ("n1", "device-claims"): {}}
+    assert leftover_records(recorded().claims, gone=["other"]) == {}, "a record that does not change is not written"
     assert annotation("dds-claims", {"6": "u"}) == 'scheduler.robotics.io/dds-claims={"6": "u"}'
     assert annotation("device-claims", {}) == "scheduler.robotics.io/device-claims-"
 
@@ -281,8 +283,8 @@ def test_the_words_are_those_of_the_api() -> None:
 
     own = {names.Annotation.POLICIES, names.Annotation.TOPOLOGY, names.Annotation.AFFINITY}
     own |= {names.Annotation.SHARED_DATA, names.Annotation.DDS_DOMAIN}
-    assert {found.PREFIX + key for key in found.WISHES} == {str(each) for each in own}
-    assert (found.FLEET, found.SCHEDULER) == (names.FLEET_CONFIG_MAP, names.THESIS_SCHEDULER_NAME)
+    assert {SCHEDULER_PREFIX + key for key in found.WISHES} == {str(each) for each in own}
+    assert found.FLEET == names.FLEET_CONFIG_MAP
 
 
 def test_a_file_is_migrated_without_a_cluster(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -302,6 +304,26 @@ def test_a_file_that_is_no_list_of_objects_is_one_line(
     path.write_text(text)
     assert main(["migrate", "-f", str(path)]) == 71
     assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("flags", "expected"),
+    [
+        (
+            ["--distro", "jazy"],
+            (2, "migrate: --distro 'jazy' is no ROS distribution that we know (did you mean jazzy?)"),
+        ),
+        (["talkr"], (76, "migrate: there is no Deployment or pod talkr (did you mean talker?)")),
+    ],
+)
+def test_a_slip_in_a_name_is_told_and_nothing_is_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], flags: list[str], expected: tuple[int, str]
+) -> None:
+    path = tmp_path / "cluster.json"
+    path.write_text(json.dumps({"items": [deployment("talker")]}))
+    assert main(["migrate", "-f", str(path), *flags]) == expected[0]
+    written = capsys.readouterr()
+    assert (written.out, written.err.strip()) == ("", expected[1])
 
 
 def test_apply_needs_a_backup_and_one_namespace(capsys: pytest.CaptureFixture[str]) -> None:

@@ -82,6 +82,9 @@ def test_a_bug_of_ours_is_a_line_and_no_traceback(tmp_path: Path, monkeypatch: p
         {"output": "/etc/passwd"},
         {"output": "../x"},
         {"output": 3},
+        {"output": "Rigelfile"},
+        {"output": "./Rigelfile"},
+        {"output": "a\0b"},
         {"apply": "yes"},
         {"wait": "soon"},
         {"namespace": 1},
@@ -91,6 +94,25 @@ def test_a_bug_of_ours_is_a_line_and_no_traceback(tmp_path: Path, monkeypatch: p
 def test_settings_that_cannot_be_meant_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(BridgeError, match="is not allowed; allowed: "):
         work.settings(wrong)
+
+
+@pytest.mark.parametrize("output", ["k8s/deeper/app.yaml", "app.yaml", None])
+def test_nothing_is_written_through_a_link_of_the_checkout(
+    output: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    outside = tmp_path / "home"
+    outside.mkdir()
+    secret = outside / "authorized_keys"
+    secret.write_text("mine")
+    (tmp_path / "ws").mkdir()
+    monkeypatch.chdir(tmp_path / "ws")
+    Path("k8s").symlink_to(outside)
+    Path("app.yaml").symlink_to(secret)
+    Path("teleop.robotapp.yaml").symlink_to(outside / "new")
+    with pytest.raises(RigelError, match="is a link"):
+        deploy(tmp_path / "ws", orchestration("{name: teleop}"), **({"output": output} if output else {}))
+    assert secret.read_text() == "mine"
+    assert [each.name for each in outside.iterdir()] == ["authorized_keys"]
 
 
 def test_apply_brings_the_app_into_the_cluster(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,7 +1,9 @@
 """Sequences: their steps, a run against a cluster in memory, and the comparison of what runs left."""
 
-import statistics as reference
-from collections.abc import Sequence
+import io
+import json
+import tarfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.fake_cluster import FakeCluster, app
+from tests.support.rigelfiles import ONE
 
 from rigel_bridge.cluster.deployment import deploy
 from rigel_bridge.cluster.kubectl import ClusterError
@@ -19,8 +22,7 @@ from rigel_bridge.generations.model import Options
 from rigel_bridge.main import main
 from rigel_bridge.sequences import programs
 from rigel_bridge.sequences.comparison import table
-from rigel_bridge.sequences.run import RUN, Limits, Tools, read_summaries, run
-from rigel_bridge.sequences.samples import columns, statistics
+from rigel_bridge.sequences.run import RUN, Limits, Tools, read_summaries, renamed, run
 from rigel_bridge.sequences.steps import Kind, actions, refuse_thesis, run_name
 from rigel_bridge.source import Objects, Source, from_bytes
 from rigel_bridge.verbs import sequences as verb
@@ -185,6 +187,39 @@ def test_an_app_in_use_is_never_touched_and_the_rest_of_a_killed_run_is_cleared(
     assert world.apps() == ["teleop"]
 
 
+@pytest.mark.parametrize("moment", ["working", "waiting"])
+def test_a_run_that_another_one_replaced_is_no_success_and_leaves_that_one_alone(moment: str, tmp_path: Path) -> None:
+    """Two people run one sequence: the second removes the app of the first as the rest of an earlier run, and brings its own."""
+    world = World()
+    operate, other = world.cluster.before, renamed(app("teleop"), "demo", run_id="theirs")
+
+    def replaced(call: tuple[str, ...]) -> None:
+        operate(call)
+        present = world.cluster.objects.get(("robotapps", "teleop-demo"))
+        if present and moment == "waiting" and call[0] == "get":
+            world.cluster.objects["robotapps", "teleop-demo"] = {
+                **present,
+                "metadata": {**present["metadata"], **other["metadata"]},
+            }
+
+    world.cluster.before = replaced
+    tools = world.tools(run_id="ours")
+
+    passing = tools.clock
+
+    def sleep(seconds: float) -> None:
+        passing.sleep(seconds)
+        if seconds == 30:
+            world.cluster.objects["robotapps", "teleop-demo"]["metadata"] |= other["metadata"]
+
+    tools = replace(tools, clock=Clock(now_s=passing.now_s, sleep=sleep)) if moment == "working" else tools
+    found = read(LIST, "demo")
+    with pytest.raises(ClusterError, match="is of another run by now"):
+        run("demo", actions(found.rigelfile, "demo"), found, tools, opened(tmp_path / "r"))
+    assert world.apps() == ["teleop-demo"], "it is theirs"
+    assert read_summaries(tmp_path) == []
+
+
 def test_an_app_can_be_kept(tmp_path: Path) -> None:
     world = World()
     world.run(LIST, "demo", tmp_path, keep=True)
@@ -199,21 +234,59 @@ def test_a_run_has_a_name_that_fits(name: str, sequence: str) -> None:
     assert len(run_name(name, sequence)) <= 40
 
 
-@given(st.lists(st.floats(0, 1e6), min_size=1, max_size=200))
-def test_statistics_are_those_of_the_textbook(values: Sequence[float]) -> None:
-    found = statistics(values)
-    assert found["count"] == len(values)
-    assert found["mean"] == pytest.approx(reference.fmean(values))
-    assert found["std"] == pytest.approx(reference.pstdev(values), rel=1e-6, abs=1e-6)
-    assert found["p99"] in values
-    assert found["p50"] <= found["p95"] <= found["p99"] <= max(values)
+def test_what_a_container_leaves_is_no_summary_and_ends_no_run(tmp_path: Path) -> None:
+    world = World()
+    content = io.BytesIO()
+    with tarfile.open(fileobj=content, mode="w") as made:
+        for name in ("summary.json", "x.csv/summary.json", "deeper/summary.json"):
+            forged = json.dumps({"sequence": "forged", "outcome": "ran"}).encode()
+            info = tarfile.TarInfo(name)
+            info.size = len(forged)
+            made.addfile(info, io.BytesIO(forged))
+    labels = {"robotics.io/app-uid": "uid-teleop-files", "robotics.io/component": "ui"}
+    world.cluster.objects["pods", "p"] = {
+        "metadata": {"name": "p", "labels": labels},
+        "spec": {"containers": []},
+        "status": {"conditions": [{"type": "Ready", "status": "True"}]},
+    }
+    world.cluster.contents = {("exec", "p"): content.getvalue()}
+    operate = world.cluster.before
+
+    def before(call: tuple[str, ...]) -> None:
+        operate(call)
+        if call[:2] == ("delete", "robotapps.robotics.io"):
+            world.cluster.objects.pop(("pods", "p"), None)
+
+    world.cluster.before = before
+    world.run(
+        LIST.replace("{name: teleop,", "{name: teleop, results: {source_path: /r},").replace("demo", "files"),
+        "files",
+        tmp_path,
+    )
+    assert (tmp_path / "files" / "files" / "ui" / "x.csv" / "summary.json").is_file()
+    assert [(each["sequence"], each["outcome"]) for each in read_summaries(tmp_path)] == [("files", "ran")]
 
 
-def test_columns_with_a_unit_of_time_are_samples_and_nothing_else_is() -> None:
-    found = columns(b"stamp,rtt_ms,note\n1,2.0,a\n2,4.0,b\n3,nan,c\n4\n5,x,d\n")
-    assert found == {"rtt_ms": {"count": 2, "mean": 3.0, "std": 1.0, "p50": 2.0, "p95": 4.0, "p99": 4.0}}
-    for content in (b"", b"\xff\xfe", b"a,b\n1,2\n", b"rtt_ms\n", b"\x00"):
-        assert columns(content) == {}
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"sequence": "s", "components": 5}',
+        '{"sequence": "s", "edges": [{}]}',
+        '{"sequence": "s", "samples": {"x": 1}}',
+        '{"sequence": 1}',
+        "[" * 100_000,
+    ],
+)
+def test_a_file_that_is_no_summary_is_passed_over(text: str, tmp_path: Path) -> None:
+    (tmp_path / "summary.json").write_text(text)
+    assert read_summaries(tmp_path) == []
+
+
+def test_names_of_columns_do_nothing_to_the_terminal_or_the_table() -> None:
+    text = table([{"sequence": "a|b", "samples": {"\x1b[2J\n_ms": {"count": 1}}}])
+    assert text.replace("\n", "").isprintable()
+    assert "| \\u001b[2J\\u000a_ms count | 1 |\n" in text
+    assert "|  | a\\|b |\n" in text
 
 
 def test_runs_stand_side_by_side_with_what_each_of_them_has() -> None:
@@ -258,6 +331,15 @@ def test_the_command_lists_runs_and_compares(
     assert main(["sequences", "--compare", "nothing-here"]) == 77
 
 
+def test_a_file_without_sequences_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("Rigelfile").write_text(ONE)
+    assert main(["sequences"]) == 0
+    assert capsys.readouterr().err.startswith("Rigelfile: has no sequences; ")
+
+
 def test_the_shipped_benchmark_builds_once_and_runs_under_both_schedulers(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -270,6 +352,26 @@ def test_the_shipped_benchmark_builds_once_and_runs_under_both_schedulers(
     assert world.built == [("run", "job", "dockerfile"), ("run", "job", "build")]
     assert world.cluster.objects == {}
     assert "| scheduler | kubernetes-scheduler | default-scheduler |" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", ["../evil", "/evil", "..", "a/../../evil", "a\\e[2Jb"])
+def test_results_of_a_sequence_with_any_name_stay_in_their_folder(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("Rigelfile").write_text(LIST.replace("  demo:", f'  "{name}":'))
+    world = World()
+    monkeypatch.setattr(verb, "kubectl_of", lambda _: world.cluster)
+    assert main(["sequences", "--run", name.replace("\\e", "\x1b"), "--no-build", "--results", "deep/r"]) == 72
+    assert "is no name for a folder of results" in capsys.readouterr().err
+    assert world.cluster.calls == []
+    assert [each.name for each in tmp_path.iterdir()] == ["Rigelfile"]
+
+
+def test_a_job_is_never_a_flag_of_rigel() -> None:
+    found = read(JOBS.replace("build", "--help"), "demo").rigelfile
+    with pytest.raises(BridgeError, match="'--help' would be a flag"):
+        actions(found, "demo")
 
 
 def test_ctrl_c_is_one_word_and_code_130(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

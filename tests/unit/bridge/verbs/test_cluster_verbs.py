@@ -10,7 +10,7 @@ import pytest
 from tests.support.fake_cluster import FakeCluster
 from tests.support.rigelfiles import ONE, orchestration
 
-from rigel_bridge.cluster.kubectl import Kubectl
+from rigel_bridge.cluster.kubectl import ClusterError, Kubectl, Refusal
 from rigel_bridge.main import main
 from rigel_bridge.verbs.cluster_options import kubectl_of, seconds
 
@@ -138,3 +138,35 @@ def test_flags_of_the_cluster_go_on_to_kubectl(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(Kubectl, "__init__", lambda _, program, *, flags: seen.extend([program, *flags]))
     kubectl_of(argparse.Namespace(kubectl="k", context="c", kubeconfig=None, namespace="n"))
     assert seen == ["k", "--context=c", "--namespace=n"]
+
+
+@pytest.mark.parametrize("name", ["", "-A", "--all", "a,b", "nope,!foo", "a/b", "A", "a b", "../a", "a\n"])
+@pytest.mark.parametrize("verb", ["status", "rollback", "delete", "collect"])
+def test_what_is_no_name_reaches_no_kubectl(
+    verb: str, name: str, cluster: FakeCluster, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`delete "$APP"` with an empty variable deleted what the Rigelfile of this folder becomes."""
+    assert main(["apply"]) == 0
+    cluster.calls.clear()
+    folder = ["out"] if verb == "collect" else []
+    with pytest.raises(SystemExit, match="2"):
+        main([verb, *folder, "--", name])
+    assert cluster.calls == []
+    assert "is no name of a RobotApp" in capsys.readouterr().err
+
+
+def test_apps_before_the_one_that_is_refused_are_told(cluster: FakeCluster, capsys: pytest.CaptureFixture[str]) -> None:
+    job = "{{plugin: rigel_bridge.RobotAppPlugin, with: {{name: {0}, image: x, orchestration: {{}}}}}}"
+    jobs = "".join(f"  {name}: {job.format(name)}\n" for name in ("first", "second"))
+    both = "sequences: {s: {stages: [{jobs: [first, second]}]}}\n"
+    Path("Rigelfile").write_text(f"application: {{distro: humble}}\njobs:\n{jobs}{both}")
+
+    def refuse(call: tuple[str, ...]) -> None:
+        if call[:3] == ("get", "robotapps.robotics.io", "second"):
+            raise ClusterError("the connection is gone", reason=Refusal.UNREACHABLE)
+
+    cluster.before = refuse
+    assert main(["apply", "--sequence", "s"]) == 74
+    told = capsys.readouterr()
+    assert told.out == "robotapp/first in namespace fleet: created\n"
+    assert "the connection is gone" in told.err

@@ -9,8 +9,8 @@ from rigel_bridge.document.tree import Node
 KEYS: Final = ("application", "orchestration", "sequences", "vars")
 
 
-def laid_beside(root: Node, other: Node) -> Node:
-    """The Rigelfile with the keys of the other file. What stands in both is an error; `vars` of both hold."""
+def completed_by(root: Node, other: Node) -> Node:
+    """The Rigelfile with the keys of the other file added. A key that both have is an error, except `vars`, which are joined."""
     top = dict(root.mapping())
     for key, node in other.mapping().items():
         if key not in KEYS:

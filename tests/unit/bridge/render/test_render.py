@@ -66,6 +66,15 @@ def test_peers_inside_the_app_are_told_from_foreign_ones() -> None:
     assert found["sharedData"] == {"with": ["base-driver"], "peerPods": ["mapper"], "claimNames": ["map-pvc"]}
 
 
+@pytest.mark.parametrize("package", ["base_driver", "Base_Driver", "base__driver", "base.driver_"])
+def test_every_place_that_names_a_package_finds_its_component(package: str) -> None:
+    packages = TWO.replace("package: base_driver", f"package: {package}")
+    block = f"components: {{{package}: {{replicas: 2}}, operator_ui: {{scheduler: {{shared_data: {{peer_pods: [{package}]}}}}}}}}"
+    driver, panel = spec(orchestration(block, packages))["components"]
+    assert (driver["name"], driver["replicas"]) == ("base-driver", 2)
+    assert panel["sharedData"] == {"with": ["base-driver"]}
+
+
 @pytest.mark.parametrize("key", ["shared_data", "shared-data"])
 def test_shared_data_in_both_spellings(key: str) -> None:
     assert component(f"scheduler: {{{key}: {{pvc: [p]}}}}")["sharedData"] == {"claimNames": ["p"]}
@@ -206,6 +215,18 @@ def test_a_command_of_the_block_does_not_take_the_packages_as_arguments() -> Non
     assert component("components: {base_driver: {command: [run], args: [a]}}")["args"] == ["a"]
 
 
+@pytest.mark.parametrize(
+    ("block", "message"),
+    [
+        ("robotapp: {edges: [{topic: /a, from: base-drivr, to: '@robot'}]}", "spec.edges[0].from 'base-drivr' is no component (did you mean base-driver?); components: base-driver, @robot"),
+        ("components: {base_driver: {colocateWith: [ui]}}", "spec.components[0].colocateWith[0] 'ui' is no component; components: base-driver"),
+    ],
+)  # fmt: skip
+def test_a_name_that_is_no_component_is_told_with_its_line(block: str, message: str) -> None:
+    found = refusal(orchestration(block))
+    assert found == f"Rigelfile:10: {message}"
+
+
 class TestRos1:
     NOETIC = ONE.replace("humble", "noetic")
 
@@ -216,6 +237,30 @@ class TestRos1:
 
     def test_its_image_is_carried_over(self) -> None:
         assert spec(orchestration("ros_master_image: ros:noetic", self.NOETIC))["ros1"] == {"image": "ros:noetic"}
+
+    def test_a_master_that_rigels_plugin_would_run_is_left_to_the_operator(self) -> None:
+        own = "    env: [{name: ROS_MASTER_URI, value: 'http://ros-master:11311'}, {name: ROS_IP, value: 10.0.0.1}, {name: A, value: b}]\n"
+        found = rendered(self.NOETIC + own)
+        assert found.app["spec"]["components"][0]["env"] == [{"name": "A", "value": "b"}]
+        assert "ros1" not in found.app["spec"]
+        assert found.notes == (
+            "Rigelfile:2: env ROS_MASTER_URI is left out: the operator sets it",
+            "Rigelfile:2: env ROS_IP is left out: the operator sets it",
+        )
+
+    def test_the_address_of_another_master_becomes_an_external_one(self) -> None:
+        elsewhere = f"{self.NOETIC}    env: [{{name: ROS_MASTER_URI, value: 'http://robot:11311'}}]\n"
+        found = spec(elsewhere)
+        assert found["ros1"] == {"uri": "http://robot:11311", "master": "External"}
+        assert "env" not in found["components"][0]
+        assert "write deploy_ros_master: false" in refusal(orchestration("deploy_ros_master: true", elsewhere))
+        twice = orchestration("robotapp: {ros1: {master: External, uri: 'http://other:11311'}}", elsewhere)
+        assert "spec.ros1.uri is 'http://other:11311': keep one" in refusal(twice)
+
+    def test_a_master_means_nothing_to_ros_2(self) -> None:
+        found = rendered(ONE + "    env: [{name: ROS_MASTER_URI, value: 'http://robot:11311'}]\n")
+        assert "env" not in found.app["spec"]["components"][0]
+        assert found.notes == ("Rigelfile:2: env ROS_MASTER_URI is left out: ROS 2 does not read it",)
 
     def test_a_domain_is_a_setting_of_ros_2(self) -> None:
         text = refusal(orchestration("scheduler: {dds_domain: 7}", self.NOETIC))

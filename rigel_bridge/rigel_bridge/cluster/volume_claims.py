@@ -5,8 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rigel_bridge.cluster.kubectl import Kubectl
-from rigel_bridge.cluster.names import MANAGER
-from rigel_bridge.render.app import APP_LABEL
+from rigel_bridge.names import BRIDGE_APP_LABEL, MANAGER
 
 _KIND = "persistentvolumeclaims"
 
@@ -21,7 +20,7 @@ def apply_claims(kubectl: Kubectl, claims: Sequence[Mapping[str, Any]]) -> list[
 
 def delete_claims(kubectl: Kubectl, app: str) -> list[str]:
     """Delete the claims that `apply` made for an app of this name; their names."""
-    items = kubectl.json("get", _KIND, "-l", f"{APP_LABEL}={app}")["items"]
+    items = kubectl.items("get", _KIND, "-l", f"{BRIDGE_APP_LABEL}={app}")
     names = [item["metadata"]["name"] for item in items]
     if names:
         kubectl.run("delete", _KIND, *names, "--ignore-not-found", "--wait=false")

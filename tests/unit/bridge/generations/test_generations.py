@@ -95,6 +95,15 @@ def test_what_is_wrong_is_named_with_its_place(text: str, message: str) -> None:
     assert found.startswith("Rigelfile:")
 
 
+def test_a_mapping_of_packages_beside_an_application_is_the_key_too_many() -> None:
+    text = refusal(f"{G3}packages: {{a: {{dir: b}}}}\n")
+    assert "packages: is not known in a Rigelfile of generation g3" in text
+
+
+def test_the_mark_that_rigel_init_writes_is_told_as_such() -> None:
+    assert "'$ros_distro' is a mark of `rigel init`" in refusal(ONE.replace("humble", "$ros_distro"))
+
+
 def test_a_deploying_job_takes_image_command_and_environment_from_the_jobs_before_it() -> None:
     found = spec(G3)
     assert found["components"] == [

@@ -1,5 +1,7 @@
 """Classes with probabilities, times within their bounds, what runs together, the table and the thesis' heuristic."""
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -11,6 +13,7 @@ from ros_profile.decide.classify.phrases import phrase
 from ros_profile.decide.classify.timing import ROWS, budget, deadline, period_of
 from ros_profile.decide.classify.weights import WEIGHTS
 from ros_profile.knowledge.curated import PACKAGES
+from ros_profile.knowledge.hardware import TYPES
 from ros_profile.model.conclusions import Assessment, Estimate, Hardware, QosClass, SubClass
 from ros_profile.model.endpoints import Timer
 from ros_profile.model.facts import Fact, Kind
@@ -47,6 +50,22 @@ def test_times_keep_to_the_bounds_of_their_row(row: SubClass, period_s: float) -
         assert estimate is None or bounds is None or bounds[0] - 1e-6 <= estimate.value <= bounds[1] + 1e-6
 
 
+def test_a_reason_tells_the_period_and_the_bound_that_moved_the_value() -> None:
+    period = period_of(unit(timers=(Timer("src/a.cpp", 1, 0.01),)))
+    found = deadline(unit(), SubClass.LIDAR, period)
+    assert found
+    assert (found.value, found.reason) == (0.05, "the period 10 ms (timer); SD-C takes no less than 50 ms")
+    slow = period_of(unit(timers=(Timer("src/a.cpp", 1, 0.5),)))
+    reasons = [one.reason for one in (budget(SubClass.MOTION, slow), deadline(unit(), SubClass.MOTION, None)) if one]
+    assert reasons == [
+        "a third of the period 500 ms (timer); RT-C takes no more than 30 ms",
+        "usual for RT-C, motion: local planner, base driver or mux",
+    ]
+    exact = deadline(unit(), SubClass.MOTION, period_of(unit(timers=(Timer("src/a.cpp", 1, 0.08),))))
+    assert exact
+    assert exact.reason == "the period 80 ms (timer)"
+
+
 def test_the_most_demanding_of_what_runs_together_counts() -> None:
     joined = aggregate(
         [
@@ -77,10 +96,9 @@ def test_the_table_is_a_layer_that_can_be_left_out() -> None:
 
 
 def test_every_entry_of_the_table_is_of_our_vocabulary() -> None:
-    types = {"serial", "usb", "camera", "can", "gpio", "gpu"}
     for name, entry in PACKAGES.items():
         assert QosClass(entry.qos_class), name
-        assert set(entry.hardware) <= types, name
+        assert set(entry.hardware) <= set(TYPES), name
 
 
 def test_evidence_and_a_reason_come_with_every_conclusion() -> None:
@@ -89,7 +107,7 @@ def test_evidence_and_a_reason_come_with_every_conclusion() -> None:
     assert (device.value.type, device.evidence[0].place, device.reason) == (
         "serial",
         "src/a.cpp:7",
-        "serial::Serial in src/a.cpp:7",
+        "symbol serial::Serial",
     )
 
 
@@ -103,6 +121,21 @@ def test_weak_evidence_is_no_device() -> None:
     found = classify(unit(Fact(Kind.BUILD, "find_package", "serial", "CMakeLists.txt", 1, 0.5)), curated=False)
     assert found.hardware == ()
     assert found.hardware_confidence < 0.8
+    (doubt,) = found.doubted
+    assert doubt.value.type == "serial", "the user decides"
+
+
+def test_what_one_part_needs_for_sure_is_not_doubted_for_the_whole() -> None:
+    serial, can = Estimate(Hardware("serial"), 0.3), Estimate(Hardware("can"), 0.4)
+    joined = aggregate(
+        [
+            Assessment(None, doubted=(serial, can)),
+            Assessment(None, hardware=(replace(serial, confidence=0.9),)),
+            Assessment(None, doubted=(replace(can, confidence=0.3),)),
+        ]
+    )
+    assert [one.value.type for one in joined.hardware] == ["serial"]
+    assert joined.doubted == (can,)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Who talks to whom: remaps, namespaces, parameters and includes resolved, on small workspaces of our own."""
+"""Which nodes exchange messages: remaps, namespaces, parameters and includes resolved, on small workspaces of our own."""
 
 from pathlib import Path
 

@@ -5,12 +5,13 @@ import time
 from collections.abc import Callable
 
 import pytest
-from tests.unit.ros_profile.test_mutations import mutated
+from tests.unit.ros_profile.read.test_mutations import mutated
 
 from ros_profile.model.package import SourceFile
 from ros_profile.read.cmake import read_cmake
 from ros_profile.read.cpp import read_cpp
 from ros_profile.read.interfaces import read_interface
+from ros_profile.read.parameters import read_parameters
 from ros_profile.read.udev import read_udev
 from ros_profile.read.xml_files import read_xml
 
@@ -69,7 +70,33 @@ def test_pieces_that_repeat_cost_no_more_than_a_source_of_the_same_length() -> N
         assert _seconds(piece * (length // len(piece))) < 10 * usual + 0.2, piece
 
 
-def _seconds(data: bytes) -> float:
+@pytest.mark.parametrize(
+    ("read", "file", "piece"),
+    [
+        (read_interface, "msg/A.msg", "\n"),
+        (read_interface, "msg/A.srv", "# a\n"),
+        (read_interface, "msg/A.action", "--- \n"),
+        (read_parameters, "a.yaml", "k{}: 1\n"),
+        (read_parameters, "b.yaml", "- {{a: 1, k{}: 1}}\n"),
+    ],
+)
+def test_four_times_the_lines_cost_no_square_of_the_time(
+    read: Callable[[bytes, str], SourceFile], file: str, piece: str
+) -> None:
+    def data(lines: int) -> bytes:
+        return "".join(piece.format(number) for number in range(lines)).encode()
+
+    short, long = (min(_seconds(data(lines), read, file) for _ in range(3)) for lines in (5_000, 20_000))
+    assert long < 10 * short + 0.05, "four times as many lines: 4 when it is linear, 16 when it is not"
+
+
+@pytest.mark.parametrize("letter", ["a", "0", "ã"])
+def test_a_rule_of_one_long_word_costs_no_more_than_one_of_many(letter: str) -> None:
+    long, many = ((piece * 2000)[:1900] + "\n" for piece in (letter, 'ATTRS{idVendor}=="0403", '))
+    assert _seconds((long * 200).encode(), read_udev) < 10 * _seconds((many * 200).encode(), read_udev) + 0.05
+
+
+def _seconds(data: bytes, read: Callable[[bytes, str], SourceFile] = read_cpp, file: str = "a.cpp") -> float:
     begun = time.process_time()
-    read_cpp(data, "a.cpp")
+    read(data, file)
     return time.process_time() - begun

@@ -1,10 +1,12 @@
 """The shipped schema and the small checker that reads it."""
 
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from tests.support.rigelfiles import orchestration, refusal
 
-from rigel_bridge.render.schema import problems, robotapp_schema
+from rigel_bridge.render.schema import _PATTERNS, problems, robotapp_schema
 
 OBJECT = {"type": "object", "required": ["a"], "properties": {"a": {"type": "integer", "minimum": 1, "maximum": 3}}}
 SMALL = {"rule": "self.matches('^[a-z]$')", "message": "write a small letter"}
@@ -30,7 +32,7 @@ def messages(value: Any, schema: dict[str, Any]) -> list[str]:
         ("", {"type": "string", "minLength": 1}, "must not be empty"),
         ("x", {"type": "string", "minLength": 2}, "must have at least 2 characters"),
         ("abc", {"type": "string", "maxLength": 2}, "must have at most 2 characters, found 3"),
-        ("A", {"type": "string", "pattern": "^[a-z]$"}, '"A" does not look like ^[a-z]$'),
+        ("A", {"type": "string", "pattern": "^[a-z]$"}, '"A" is not possible; write what fits ^[a-z]$'),
         ("A", {"type": "string", "x-kubernetes-validations": [SMALL]}, '"A": write a small letter'),
         ("Never", {"type": "string", "x-kubernetes-validations": [ALWAYS]}, '"Never": leave it out'),
         ([1], {"type": "array", "x-kubernetes-validations": [NOTHING]}, "[1]: write devices"),
@@ -48,7 +50,11 @@ def messages(value: Any, schema: dict[str, Any]) -> list[str]:
             "must have at most 1 entries, found 2",
         ),
         (1.5, {"x-kubernetes-int-or-string": True}, "must be text or a whole number, found 1.5"),
-        ("1M!", {"x-kubernetes-int-or-string": True, "pattern": "^[0-9]+M?$"}, '"1M!" does not look like ^[0-9]+M?$'),
+        (
+            "1M!",
+            {"x-kubernetes-int-or-string": True, "pattern": "^[0-9]+M?$"},
+            '"1M!" is not possible; write what fits ^[0-9]+M?$',
+        ),
     ],
 )
 def test_each_keyword_finds_its_problem(value: Any, schema: dict[str, Any], message: str) -> None:
@@ -106,3 +112,32 @@ def test_the_checker_knows_every_keyword_of_the_shipped_schema() -> None:
         return set(schema).union(*(keywords(child) for child in children if isinstance(child, dict)))
 
     assert keywords(robotapp_schema()) <= known
+
+
+@pytest.mark.parametrize(
+    ("block", "message"),
+    [
+        ("edges: [{topic: /a, from: base_driver, to: '@robot'}]", '"base_driver" is not possible (did you mean base-driver?); write the name of a component'),
+        ("edges: [{topic: a b, from: base-driver, to: '@robot'}]", '"a b" is not possible; write letters, digits, _ and /, such as /cmd_vel'),
+        ("ros2: {rmw: fastrtps}", '"fastrtps" is not possible; write the name of a ROS middleware, such as rmw_fastrtps_cpp'),
+    ],
+)  # fmt: skip
+def test_a_pattern_that_is_missed_is_told_in_words(block: str, message: str) -> None:
+    assert message in refusal(orchestration(f"robotapp: {{{block}}}"))
+
+
+def test_every_pattern_of_a_field_has_words_unless_it_is_one_of_kubernetes() -> None:
+    ours = robotapp_schema()["properties"]["spec"]["properties"]
+    found = {text for key in ("ros", "ros2", "edges") for text in patterns(ours[key])} | set(
+        patterns(ours["components"]["items"]["properties"]["devices"])
+    )
+    assert found <= _PATTERNS.keys()
+
+
+def patterns(schema: Any) -> Iterator[str]:
+    if isinstance(schema, list):
+        yield from (text for one in schema for text in patterns(one))
+    elif isinstance(schema, dict):
+        if isinstance(schema.get("pattern"), str):
+            yield schema["pattern"]
+        yield from (text for one in schema.values() for text in patterns(one))

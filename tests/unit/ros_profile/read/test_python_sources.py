@@ -89,7 +89,8 @@ def test_a_rate_of_rospy_is_a_period() -> None:
     ("qos", "stated"),
     [
         ("10", {"depth": 10}),
-        ("qos_profile_sensor_data", {"profile": "sensor_data"}),
+        ("qos_profile_sensor_data", {"profile": "sensor_data", "reliability": "best_effort", "depth": 5}),
+        ("rclpy.qos.qos_profile_services_default", {"profile": "services_default", "reliability": "reliable"}),
         ("QoSPresetProfiles.SENSOR_DATA.value", {"profile": "sensor_data"}),
         (
             "QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)",

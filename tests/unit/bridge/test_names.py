@@ -1,0 +1,93 @@
+"""The bridge and the profiler live without robotapp_api, so they have copies of its words, which are compared here."""
+
+from typing import Any, get_args
+
+from rigel_bridge import names as bridge
+from rigel_bridge.document.distros import distros
+from rigel_bridge.document.failures import control_character
+from rigel_bridge.document.naming import MAX_APP_NAME, MAX_COMPONENT_NAME
+from rigel_bridge.render import scheduling
+from rigel_bridge.render.annotations import pod_annotations
+from rigel_bridge.render.schema import robotapp_schema
+from robotapp_agent.devices.kinds import TYPES
+from robotapp_api.model import component, names
+from robotapp_api.values.ranges import MAX_ID, is_safe_id
+from robotapp_scheduler.core.ros import EXCLUSIVE_TYPES, TIERS
+from ros_profile.knowledge import hardware
+from ros_profile.main import CONTROL
+from ros_profile.model.conclusions import Hardware, QosClass
+from ros_profile.output import names as profiler
+from ros_profile.output import values
+
+
+def fields(*path: str) -> Any:
+    """The schema of a field of a RobotApp, below its spec."""
+    found = robotapp_schema()["properties"]["spec"]
+    for step in path:
+        found = found["properties"][step] if step != "[]" else found["items"]
+    return found
+
+
+def test_objects_and_labels_have_the_names_of_the_api() -> None:
+    assert bridge.API_VERSION == profiler.API_VERSION == names.API_VERSION
+    assert bridge.MANAGER == names.BRIDGE_MANAGER
+    assert (bridge.APP_LABEL, bridge.APP_UID_LABEL, bridge.COMPONENT_LABEL, bridge.INSTANCE_LABEL) == (
+        names.Label.APP,
+        names.Label.APP_UID,
+        names.Label.COMPONENT,
+        names.Label.INSTANCE,
+    )
+    assert (bridge.SCHEDULER, bridge.THESIS_SCHEDULER) == (names.SCHEDULER_NAME, names.THESIS_SCHEDULER_NAME)
+    assert str(names.Annotation.GRANTED_DOMAIN) == bridge.GRANTED_DOMAIN
+
+
+def test_annotations_of_pods_are_those_that_the_scheduler_reads() -> None:
+    assert bridge.SCHEDULER_PREFIX == profiler.SCHEDULER_PREFIX
+    described = {"policies": {"deadline": "1s"}, "devices": [{"type": "can"}], "sharedData": {"claimNames": ["c"]}}
+    written = pod_annotations({"placement": {"masterNode": "n"}}, described, app="a")
+    assert written.keys() == {
+        names.Annotation.POLICIES,
+        names.Annotation.TOPOLOGY,
+        names.Annotation.AFFINITY,
+        names.Annotation.SHARED_DATA,
+    }
+
+
+def test_qos_classes_have_one_order() -> None:
+    by_tier = tuple(sorted(TIERS, key=lambda name: -TIERS[name]))
+    assert bridge.QOS_CLASSES == tuple(QosClass) == by_tier == tuple(fields("components", "[]", "qosClass")["enum"])
+
+
+def test_the_same_hardware_is_held_by_one_component_everywhere() -> None:
+    assert bridge.EXCLUSIVE_TYPES == profiler.EXCLUSIVE_TYPES == EXCLUSIVE_TYPES
+    assert set(TYPES) >= EXCLUSIVE_TYPES
+
+
+def test_hardware_has_the_types_that_node_agents_report() -> None:
+    assert {values.requirement(Hardware(kind))["type"] for kind in hardware.TYPES} <= set(TYPES)
+
+
+def test_tiers_are_those_of_runs_on() -> None:
+    assert {tier for tiers in values.TIERS.values() for tier in tiers} == set(get_args(component.Tier))
+
+
+def test_domains_that_everybody_may_ask_for_are_the_pools() -> None:
+    assert bridge.MAX_DOMAIN == MAX_ID
+    assert all(scheduling.is_default_domain(number) == is_safe_id(number) for number in range(MAX_ID + 2))
+
+
+def test_bounds_are_those_of_the_schema() -> None:
+    assert fields("components")["maxItems"] == profiler.MAX_COMPONENTS
+    assert fields("edges")["maxItems"] == profiler.MAX_EDGES
+    assert fields("components", "[]", "name")["maxLength"] <= MAX_COMPONENT_NAME
+    assert MAX_APP_NAME == profiler.MAX_APP_NAME
+
+
+def test_both_programs_keep_the_same_characters_from_the_terminal() -> None:
+    every = [chr(number) for number in range(0x10000)]
+    refused = {character for character in every if control_character(character)}
+    assert {character for character in every if CONTROL.match(character)} == refused - {"\n"}
+
+
+def test_the_distributions_of_ros_1_are_those_of_the_table() -> None:
+    assert {each.name for each in distros().values() if each.version == 1} == profiler.ROS1_DISTROS

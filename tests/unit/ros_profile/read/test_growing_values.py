@@ -1,0 +1,82 @@
+"""Small launch files whose values double with every line: what they stand for ends at a bound, in memory and in time."""
+
+import time
+import tracemalloc
+
+import pytest
+
+from ros_profile.decide.edges import MAX_EDGES, Ends, edges
+from ros_profile.decide.launching import Launched
+from ros_profile.model.conclusions import GraphName
+from ros_profile.model.endpoints import Role
+from ros_profile.model.launch import LaunchFile, StartedNode
+from ros_profile.read.launch.python import read_launch_python
+
+NODE = "Node(package='demo', executable='x')"
+TEXT = "LaunchConfiguration('x')"
+
+
+def read(*lines: str) -> LaunchFile:
+    body = "".join(f"    {line}\n" for line in lines)
+    return read_launch_python(f"def generate_launch_description():\n{body}".encode(), "a.launch.py")
+
+
+@pytest.mark.parametrize(
+    ("first", "doubling"),
+    [
+        ("a = 'xxxxxxxx'", "a = f'{a}{a}'"),
+        ("a = 'xxxxxxxx'", "a = [a, a]"),
+        (f"a = [{NODE}]", "a = [*a, *a]"),
+        (f"a = [{NODE}]", "a.extend(a)"),
+        ("a = []", "a = [a, a]"),
+        ("a = GroupAction([])", "a = GroupAction([a, a])"),
+        ("a = {'x': 1}", "a = {'x': a, 'y': a}"),
+        ("a = []", "b = []; b.append(a); b.append(a); a = b"),
+        (f"a = {TEXT}", "a = a or a"),
+        ("a = []", "a = [a for i in [1, 2]]"),
+    ],
+)
+def test_values_that_double_with_every_line_end_at_a_bound(first: str, doubling: str) -> None:
+    tracemalloc.start()
+    try:
+        begun = time.process_time()
+        last = "return LaunchDescription([a, Node(package='demo', executable=a, parameters=[a, {'p': a}])])"
+        found = read(first, *[doubling] * 60, last)
+        assert time.process_time() - begun < 10, "without a bound: for ever"
+        assert tracemalloc.get_traced_memory()[1] < 50_000_000
+    finally:
+        tracemalloc.stop()
+    assert found.problems or len(found.nodes) == 1
+
+
+def test_a_function_with_two_results_doubles_no_list_without_end() -> None:
+    text = "def twice(x):\n    if unknown:\n        return x\n    return x\n"
+    body = f"    a = [{NODE}]\n" + "    a = twice(a)\n" * 60 + "    return LaunchDescription(a)\n"
+    found = read_launch_python(f"{text}def generate_launch_description():\n{body}".encode(), "a.launch.py")
+    assert found.problems or found.nodes
+
+
+def test_many_names_and_many_branches_cost_no_product_of_both() -> None:
+    names = [f"x{number} = 1" for number in range(20_000)]
+    begun = time.process_time()
+    read(*names)
+    names_alone_s = time.process_time() - begun
+    begun = time.process_time()
+    found = read(*names, *["if unknown: pass"] * 20_000)
+    assert time.process_time() - begun < 20 * names_alone_s + 1
+    assert "is larger than is followed" in found.problems[0].message
+
+
+@pytest.mark.parametrize("name", ["/n{}", "/same"])
+def test_many_nodes_with_many_topics_are_not_all_compared(name: str) -> None:
+    graph = tuple(
+        GraphName(role.value, f"/t{n}", "a/B") for n in range(300) for role in (Role.PUBLISHER, Role.SUBSCRIPTION)
+    )
+    launched = Launched(
+        StartedNode("demo", "x"), "demo", "/", "n", "", (), (), (), certain=True, file="demo/a", values={}
+    )
+    nodes = [Ends(launched, name.format(number), graph) for number in range(500)]
+    begun = time.process_time()
+    found = edges(nodes)
+    assert time.process_time() - begun < 10, "75 million pairs take a minute"
+    assert len(found) == (MAX_EDGES if "{}" in name else 0)
