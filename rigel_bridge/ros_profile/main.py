@@ -25,18 +25,24 @@ CONTROL: Final = re.compile(
 """What a terminal acts on instead of printing it, apart from the end of a line. rigel_bridge has the same (a test compares)."""
 _EXAMPLES: Final = """\
 examples:
-  ros-scheduler-profile src/my_driver                      what the package needs, in short
-  ros-scheduler-profile src/my_driver --explain            with the lines of source it follows from
-  ros-scheduler-profile src --format json > profile.json   a workspace, for programs
-  ros-scheduler-profile src --diff profile.json            what has changed since
-  ros-scheduler-profile src --format robotapp --launch my_bringup/robot.launch.py > robotapp.yaml
+  ros-scheduler-profile src/my_driver
+      what the package needs, in short
+  ros-scheduler-profile src/my_driver --explain
+      with the lines of source it follows from
+  ros-scheduler-profile src --format json > profile.json
+      a workspace, for programs
+  ros-scheduler-profile src --diff profile.json
+      what has changed since
+  ros-scheduler-profile src --format robotapp --launch bringup/robot.launch.py
+      a launch file as a RobotApp that lacks its images only
 
 exit codes:
-  0 done   1 --diff found differences   2 wrong usage
+  0 done   1 --diff found differences   2 wrong usage   130 Ctrl-C
   70 PATH or OLD cannot be read, or the result not written
-  72 nothing to profile, or no launch file to make an app of   130 Ctrl-C
+  72 nothing to profile, or no launch file to make an app of
 
-Nothing that is read is run: launch files, setup.py and CMakeLists.txt are only parsed.
+Nothing that is read is run: launch files, setup.py and CMakeLists.txt are only
+parsed.
 """
 
 
@@ -87,12 +93,16 @@ def _parser() -> argparse.ArgumentParser:
         "--format",
         choices=("text", "json", "annotations", "rigelfile", "robotapp"),
         default="text",
-        help="default: text",
+        metavar="FORMAT",
+        help="text (default), json, annotations, rigelfile or robotapp",
     )
     parser.add_argument("--explain", action="store_true", help="with the evidence of every value (text)")
     parser.add_argument("--diff", type=Path, metavar="OLD", help="compare with a profile written by --format json")
     parser.add_argument(
-        "--engine", choices=ENGINES, default="rules", help="thesis: the heuristic it began with, to compare"
+        "--engine",
+        choices=ENGINES,
+        default="rules",
+        help="rules (default); thesis: the heuristic it began with, to compare; none: only what is read, and edges",
     )
     parser.add_argument("--no-curated", action="store_true", help="without the table of well-known packages")
     parser.add_argument("--launch", metavar="FILE", help="launch file for robotapp: name, path, or package/path")

@@ -101,6 +101,15 @@ def test_what_is_wrong_is_one_line_and_an_exit_code(
     assert written.err.count("\n") == 1
 
 
+def test_help_fits_80_columns(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    shown = capsys.readouterr().out
+    assert max(map(len, shown.splitlines())) <= 80
+    assert shown.count("ros-scheduler-profile src") >= 5
+
+
 def test_two_launch_files_need_a_choice(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = workspace(tmp_path)
     write(path / "duo", {"launch/b.launch.xml": '<launch><node pkg="duo" exec="talk"/></launch>'})
