@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice
 from typing import Final
 
@@ -10,7 +10,7 @@ from ros_profile.decide.launching import Launched, absolute
 from ros_profile.decide.substitution import resolve
 from ros_profile.decide.workspace import Index
 from ros_profile.model.conclusions import Edge, GraphName
-from ros_profile.model.endpoints import PARAMETER_MARK, Endpoint, Parameter, Role
+from ros_profile.model.endpoints import PARAMETER_MARK, Endpoint, Role
 from ros_profile.model.launch import UNKNOWN_TEXT
 from ros_profile.model.package import Unit
 
@@ -26,6 +26,10 @@ _NAME: Final = re.compile(r"[~/\w{}.$()?-]{1,256}")
 _QUIET: Final = frozenset({"/rosout", "/parameter_events", "/tf", "/tf_static", "/clock"})
 """Topics that every node has: no edge for placement follows from them."""
 _MAX_PLUGINS: Final = 50
+_MAX_WILDCARDS: Final = 20
+"""Node patterns with * that are compared with one node."""
+_MAX_PATTERN: Final = 200
+_PART: Final = re.compile(r"\*\*/?|\*|[^*]+")
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,25 +100,53 @@ def _snake(plugin: str) -> str:
 def _parameters(launched: Launched, unit: Unit, full_name: str, index: Index) -> dict[str, str]:
     """Values by parameter: of the launch file, of parameter files, else the default of the code."""
     values = {p.name: p.default for p in unit.parameters if not p.node and p.default}
-    for file in launched.parameter_files:
+    patterns = _Patterns(full_name)
+    for file in dict.fromkeys(launched.parameter_files):
         package, _, path = file.partition("/")
         source = index.parameter_file(package, path)
         for parameter in source.parameters if source is not None else ():
-            if parameter.default and _is_for(parameter, full_name):
+            if parameter.default and patterns.mean(parameter.node):
                 values[parameter.name] = resolve(parameter.default, launched.values)
     values.update({name: value for name, value in launched.parameters if value})
     return values
 
 
-def _is_for(parameter: Parameter, full_name: str) -> bool:
-    """Whether the node pattern of a parameter file (`/**`, `ns/node`, `/*/node`) means this node."""
-    pattern = parameter.node.strip("/")
-    if not pattern or pattern == "**":
-        return True
-    if "*" not in pattern:
-        return full_name.strip("/") == pattern or full_name.rpartition("/")[2] == pattern
-    expression = re.escape(pattern).replace(r"\*\*/", "(?:.*/)?").replace(r"\*\*", ".*").replace(r"\*", "[^/]*")
-    return re.fullmatch(expression, full_name.strip("/")) is not None
+@dataclass(slots=True)
+class _Patterns:
+    """Which node patterns of parameter files (`/**`, `ns/node`, `/*/node`) mean one node."""
+
+    full_name: str
+    known: dict[str, bool] = field(default_factory=dict)
+    compared: int = 0
+
+    def mean(self, pattern: str) -> bool:
+        if pattern not in self.known:
+            full, stripped = self.full_name.strip("/"), pattern.strip("/")
+            if "*" in stripped and stripped != "**":
+                self.compared += 1
+                self.known[pattern] = self.compared <= _MAX_WILDCARDS and _fits(stripped, full)
+            else:
+                self.known[pattern] = stripped in ("", "**", full, full.rpartition("/")[2])
+        return self.known[pattern]
+
+
+def _fits(pattern: str, name: str) -> bool:
+    """Whether a name has the form of a pattern, by following all places at which its parts may end: a regular expression of
+    many `**` takes longer than anybody waits.
+    """
+    places = {0}
+    for part in _PART.findall(pattern[:_MAX_PATTERN]):
+        first = min(places, default=len(name) + 1)
+        if part == "**":
+            places = set(range(first, len(name) + 1))
+        elif part == "**/":
+            places |= {at + 1 for at in range(first, len(name)) if name[at] == "/"}
+        elif part == "*":
+            ends = ((at, name.find("/", at)) for at in places)
+            places = {at for begin, end in ends for at in range(begin, (len(name) if end < 0 else end) + 1)}
+        else:
+            places = {at + len(part) for at in places if name.startswith(part, at)}
+    return len(name) in places
 
 
 def graph_name(written: str, full_name: str, namespace: str, remaps: Iterable[tuple[str, str]]) -> str:

@@ -5,7 +5,7 @@ import tracemalloc
 
 import pytest
 
-from ros_profile.decide.edges import MAX_EDGES, Ends, edges
+from ros_profile.decide.edges import MAX_EDGES, Ends, _Patterns, edges
 from ros_profile.decide.launching import Launched
 from ros_profile.model.conclusions import GraphName
 from ros_profile.model.endpoints import Role
@@ -80,3 +80,36 @@ def test_many_nodes_with_many_topics_are_not_all_compared(name: str) -> None:
     found = edges(nodes)
     assert time.process_time() - begun < 10, "75 million pairs take a minute"
     assert len(found) == (MAX_EDGES if "{}" in name else 0)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "name", "means"),
+    [
+        ("", "/a", True),
+        ("/**", "/ns/a", True),
+        ("a", "/ns/a", True),
+        ("/ns/a", "/ns/a", True),
+        ("/*/a", "/ns/a", True),
+        ("/*/a", "/x/ns/a", False),
+        ("/**/a", "/a", True),
+        ("/**/a", "/x/ns/a", True),
+        ("/ns/**", "/ns/x/a", True),
+        ("/n*/a_*", "/ns/a_1", True),
+        ("/n*/a_*", "/ns/b_1", False),
+        ("/**/" * 49, "/" + "a/" * 120 + "b", False),
+        ("/*a*a*a*a*a*a*a*a*a*a*a*a*a*a*a*a*b", "/" + "a" * 250, False),
+    ],
+)
+def test_node_patterns_of_parameter_files_are_compared_without_trying_every_way(
+    pattern: str, name: str, means: bool
+) -> None:
+    begun = time.process_time()
+    assert _Patterns(name).mean(pattern) is means
+    assert time.process_time() - begun < 5, "as a regular expression: for ever"
+
+
+def test_only_so_many_patterns_are_compared_with_a_node() -> None:
+    patterns = _Patterns("/ns/a")
+    assert [patterns.mean(f"/{'*' * 2}/x{number}") for number in range(100)] == [False] * 100
+    assert not patterns.mean("/*/a")
+    assert patterns.mean("/ns/a")
