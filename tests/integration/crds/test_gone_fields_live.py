@@ -17,11 +17,6 @@ FIELDS = [(kind, field, value) for kind, fields in GONE_FIELDS.items() for field
 VALUES = [(kind, field, value) for kind, fields in GONE_VALUES.items() for field, value in fields.items()]
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _installed(control_plane: ControlPlane) -> None:
-    crds.install(control_plane)
-
-
 def said(plane: ControlPlane, method: str, path: str, obj: dict[str, Any]) -> str:
     """What the server answers to an object it must refuse."""
     with pytest.raises(ApiStatusError) as refused:

@@ -14,11 +14,6 @@ pytestmark = pytest.mark.live
 PATH = crds.collection("RobotApp") + "?dryRun=All&fieldValidation=Strict"
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _installed(control_plane: ControlPlane) -> None:
-    crds.install(control_plane)
-
-
 def test_an_app_with_every_field_is_accepted(control_plane: ControlPlane) -> None:
     control_plane.api.create(PATH, full_app())
 

@@ -62,11 +62,6 @@ SAMPLES: list[tuple[type[Model], dict[str, Any]]] = [
 ]
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _installed(control_plane: ControlPlane) -> None:
-    crds.install(control_plane)
-
-
 @pytest.fixture(autouse=True)
 def _deleted(control_plane: ControlPlane) -> Iterator[None]:
     """No operator shall meet the objects made here."""

@@ -19,11 +19,6 @@ ON_UPDATE = [pytest.param(case, id=f"{kind}: {case}") for kind, cases in CASES.i
 DRY = "?dryRun=All&fieldValidation=Strict"
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _installed(control_plane: ControlPlane) -> None:
-    crds.install(control_plane)
-
-
 @pytest.fixture
 def stored(control_plane: ControlPlane, case: RuleCase) -> Iterator[str]:
     """resourceVersion of the object as it was before the update."""
