@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from tests.support.seeds import daily_seed
+from tests.support.seeds import third_of_today
 
 from robotapp_api.model.names import Reason
 from robotapp_cli.lint.findings import Severity
@@ -69,10 +69,6 @@ PECULIAR = {
 }
 
 
-THIRDS = 3
-"""A third of them a day, because each starts a kubectl; ROBOTAPP_SEED chooses another."""
-
-
 def refusal(plane: ControlPlane, text: str) -> str:
     """What kubectl and the server say against the text, "" when they would take it."""
     try:
@@ -82,7 +78,7 @@ def refusal(plane: ControlPlane, text: str) -> str:
     return ""
 
 
-@pytest.mark.parametrize("what", list(PECULIAR)[daily_seed() % THIRDS :: THIRDS])
+@pytest.mark.parametrize("what", third_of_today(PECULIAR))  # each starts a kubectl
 def test_lint_refuses_exactly_what_the_server_refuses(control_plane: ControlPlane, what: str) -> None:
     text = APP + PECULIAR[what]
     errors = [

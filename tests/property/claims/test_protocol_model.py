@@ -6,12 +6,11 @@ from tests.support.claims_model.domain import DomainModel
 from tests.support.claims_model.domain_rules import AUTO, DomainRules
 from tests.support.claims_model.explore import explore
 from tests.support.claims_model.scenarios import ALL, IN_TURN, Scenario
-from tests.support.seeds import daily_seed
+from tests.support.seeds import third_of_today
 
 from robotapp_api.claims.domain import DomainPlan
 
 quick = [scenario for name, scenario in ALL.items() if scenario.quick and name not in IN_TURN]
-THIRDS = 3
 
 
 @pytest.mark.parametrize("scenario", quick, ids=lambda scenario: scenario.name)
@@ -20,9 +19,9 @@ def test_the_protocol_gets_the_verdict_it_must_get(scenario: Scenario) -> None:
     assert result.verdict in scenario.expect, str(result)
 
 
-@pytest.mark.parametrize("place", range(len(IN_TURN) // THIRDS))
-def test_a_third_of_the_larger_scenarios_gets_its_verdict_each_day(place: int) -> None:
-    scenario = ALL[IN_TURN[THIRDS * place + daily_seed() % THIRDS]]
+@pytest.mark.parametrize("name", third_of_today(IN_TURN))
+def test_a_third_of_the_larger_scenarios_gets_its_verdict_each_day(name: str) -> None:
+    scenario = ALL[name]
     result = scenario.run()
     assert result.verdict in scenario.expect, str(result)
 

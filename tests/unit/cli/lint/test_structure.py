@@ -9,7 +9,7 @@ import yaml
 from tests.support.apiobjects import app, component, edge, pool
 from tests.support.gone_fields import GONE_FIELDS, GONE_VALUES, with_field
 from tests.support.malformed import full_app, malformed_apps
-from tests.support.seeds import daily_seed
+from tests.support.seeds import third_of_today
 
 from robotapp_api.model.robotapp import RobotApp
 from robotapp_api.schema.crd import schema_of
@@ -18,7 +18,6 @@ from robotapp_cli.lint.definitions import KINDS, definition
 from robotapp_cli.lint.findings import Located, Path, Severity
 from robotapp_cli.lint.linter import MOST_FINDINGS, lint
 
-THIRDS = 3
 GONE = {path: value for path, value in GONE_FIELDS["RobotApp"].items() if not path.startswith("status.")}
 
 
@@ -43,8 +42,7 @@ def test_the_full_app_has_nothing_wrong_in_its_schema() -> None:
 
 def test_every_wrong_value_is_refused_by_its_path() -> None:
     """A third of them a day; `integration/crds/test_malformed_live.py` shows all of them to the API server."""
-    cases = malformed_apps(schema_of(RobotApp))
-    for case in cases[daily_seed() % THIRDS :: THIRDS]:
+    for case in third_of_today(malformed_apps(schema_of(RobotApp))):
         paths = [each.path for each in found(case.obj) if each.severity is Severity.ERROR]
         assert any(path == case.field or path.startswith((f"{case.field}[", f"{case.field}.")) for path in paths), (
             case.field,
