@@ -39,6 +39,8 @@ class FakeCluster(Kubectl):
             return json.dumps(found) if found else ""
         if verb == "annotate":
             return ""
+        if verb == "patch":
+            return self._patched(kind, arguments)
         if verb == "delete":
             for name in (name for name in arguments[2:] if not name.startswith("-")):
                 self.objects.pop((kind, name), None)
@@ -68,6 +70,28 @@ class FakeCluster(Kubectl):
         key, _, value = rest[1].partition("=")
         listed = [each for (other, _), each in self.objects.items() if other == kind]
         return {"items": [each for each in listed if each["metadata"].get("labels", {}).get(key) == value]}
+
+    def _patched(self, kind: str, arguments: tuple[str, ...]) -> str:
+        """JSON patches of annotations: test, add, remove. As kubectl does it, the others are patched when one fails."""
+        names = [each for each in arguments[2 : arguments.index("-p")] if not each.startswith("-")]
+        refused = []
+        for name in names:
+            stored = self.objects.get((kind, name), {})
+            annotations = stored.get("metadata", {}).setdefault("annotations", {}) if stored else {}
+            for each in json.loads(arguments[arguments.index("-p") + 1]):
+                key = each["path"].removeprefix("/metadata/annotations/").replace("~1", "/")
+                if each["op"] != "add" and (
+                    key not in annotations or annotations[key] != each.get("value", annotations[key])
+                ):
+                    refused.append(name)
+                    break
+                if each["op"] == "add":
+                    annotations[key] = each["value"]
+                elif each["op"] == "remove":
+                    del annotations[key]
+        if refused:
+            raise ClusterError(f"{refused} is refused", reason=Refusal.INVALID)
+        return ""
 
     def _write(self, verb: str, kind: str, body: Json, *, dry_run: bool) -> Json:
         name = body["metadata"]["name"]

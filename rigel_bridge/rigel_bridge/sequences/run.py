@@ -2,8 +2,9 @@
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,20 +17,17 @@ from rigel_bridge.cluster.results import APP, FILES, Collection, collect
 from rigel_bridge.cluster.volume_claims import apply_claims
 from rigel_bridge.cluster.waiting import Clock, wait_ready
 from rigel_bridge.document.failures import BridgeError
-from rigel_bridge.names import PROVENANCE
 from rigel_bridge.sequences.comparison import is_summary
+from rigel_bridge.sequences.lease import Lease, goes_on, in_background, is_of, sequence_of
 from rigel_bridge.sequences.samples import columns, edges, placement
 from rigel_bridge.sequences.steps import Action, Kind, run_name
 from rigel_bridge.source import Objects
 
-RUN: Final = f"{PROVENANCE}run"
-"""On the app of a run: the sequence. Such an app may be removed by the next run; one without it is somebody's."""
-RUN_ID: Final = f"{PROVENANCE}run-id"
-"""Which run of the sequence the app is of: two people may run the same one, under the same names, at the same time."""
-
 _SHOWN_S: Final = 10.0
 _SUMMARY: Final = "summary.json"
 _MAX_SUMMARY_BYTES: Final = 16 * 1024 * 1024
+_UNFINISHED: Final = "unfinished"
+"""The outcome until a run has another one: also of a run that was killed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,104 +53,166 @@ class Tools:
     """Leave the app in the cluster."""
     run_id: str = ""
     """Different for each call."""
+    now: Callable[[], datetime] = lambda: datetime.now(tz=UTC)
+    in_background: Callable[[Callable[[], None]], AbstractContextManager[None]] = in_background
+    """Calls a function now and then, while the block lasts."""
 
 
 @dataclass(slots=True)
 class Outcome:
     """One app of a run. Its summary is complete only after a run without errors."""
 
-    sequence: str
-    summary: dict[str, Any] = field(default_factory=dict)
+    app: Mapping[str, Any]
+    into: Collection
+    summary: dict[str, Any]
+
+    @property
+    def name(self) -> str:
+        return str(self.summary["app"])
+
+    def write(self) -> None:
+        self.into.add_json(_SUMMARY, self.summary)
 
 
 def run(sequence: str, steps: Sequence[Action], objects: Objects, tools: Tools, into: Collection) -> list[Outcome]:
     """All steps in order, results in `into`. Errors pass through after results were collected and the apps removed."""
-    found: list[Outcome] = []
-    wanted = [renamed(app, sequence, run_id=tools.run_id) for app in objects.apps]
-    with _removed_at_the_end(wanted, tools):
-        for step in steps:
-            tools.tell(f"{sequence}: {step.job}")
-            if step.note:
-                tools.tell(f"note: {step.note}")
-            if step.kind is Kind.RIGEL:
-                for command in step.commands:
-                    tools.rigel(command)
-            else:
-                apply_claims(tools.kubectl, objects.claims)
-                found += _deployed(sequence, wanted, tools, into)
+    lease = Lease(tools.kubectl, tools.run_id, tools.now)
+    outcomes = _begun(sequence, objects.apps, into)
+    with _written_at_the_end(outcomes, tools):
+        for outcome in outcomes:
+            _make_room(outcome.name, tools)
+        with _renewed(lease, tools), _removed_at_the_end(outcomes, tools):
+            for step in steps:
+                _done(step, sequence=sequence, objects=objects, outcomes=outcomes, tools=tools, lease=lease)
+    return outcomes
+
+
+def _done(
+    step: Action, *, sequence: str, objects: Objects, outcomes: Sequence[Outcome], tools: Tools, lease: Lease
+) -> None:
+    tools.tell(f"{sequence}: {step.job}")
+    if step.note:
+        tools.tell(f"note: {step.note}")
+    if step.kind is Kind.RIGEL:
+        for command in step.commands:
+            tools.rigel(command)
+    else:
+        apply_claims(tools.kubectl, objects.claims)
+        _deployed(sequence, outcomes, tools, lease)
+
+
+def renamed(app: Mapping[str, Any], sequence: str) -> dict[str, Any]:
+    """The app under the name of its run."""
+    return {**app, "metadata": {**app["metadata"], "name": run_name(app["metadata"]["name"], sequence)}}
+
+
+def annotated(app: Mapping[str, Any], more: Mapping[str, str]) -> dict[str, Any]:
+    metadata = app["metadata"]
+    return {**app, "metadata": {**metadata, "annotations": {**metadata.get("annotations", {}), **more}}}
+
+
+def _begun(sequence: str, wanted: Sequence[Mapping[str, Any]], into: Collection) -> list[Outcome]:
+    """The summaries stand in their folders from the beginning: those of a run that is killed stay `unfinished`."""
+    found = []
+    for app in (renamed(each, sequence) for each in wanted):
+        name = app["metadata"]["name"]
+        own = into if len(wanted) == 1 else Collection(into.folder / name)
+        found.append(Outcome(app, own, {"sequence": sequence, "app": name, "outcome": _UNFINISHED}))
+        found[-1].write()
     return found
 
 
-def renamed(app: Mapping[str, Any], sequence: str, *, run_id: str = "") -> dict[str, Any]:
-    """The app under the name of its run."""
-    metadata = app["metadata"]
-    annotations = {**metadata.get("annotations", {}), RUN: sequence, RUN_ID: run_id}
-    return {**app, "metadata": {**metadata, "name": run_name(metadata["name"], sequence), "annotations": annotations}}
-
-
 @contextmanager
-def _removed_at_the_end(wanted: Sequence[Mapping[str, Any]], tools: Tools) -> Iterator[None]:
-    """Refuse names that are in use, and clear what an earlier run left that was killed."""
-    names = [app["metadata"]["name"] for app in wanted]
-    for name in names:
-        present = apps.read(tools.kubectl, name)
-        if present is None:
-            continue
-        if RUN not in (present["metadata"].get("annotations") or {}):
-            raise ClusterError(
-                f"RobotApp {name} is there and of no earlier run: a run would replace and delete it; choose another --name"
-            )
-        tools.tell(f"{name}: of an earlier run, removed")
-        remove(tools.kubectl, name, timeout_s=tools.limits.removal_s, clock=tools.clock)
+def _written_at_the_end(outcomes: Sequence[Outcome], tools: Tools) -> Iterator[None]:
+    """A run that ends before its apps were collected has failed, which another outcome than `unfinished` shows."""
     try:
         yield
     finally:
-        for name in names if not tools.keep else ():
-            present = apps.read(tools.kubectl, name)
-            if present is not None and not _is_own(present, tools):
-                tools.tell(f"{name}: is of another run by now, and stays")
+        for outcome in outcomes:
+            if outcome.summary["outcome"] == _UNFINISHED:
+                outcome.summary["outcome"] = "failed"
+                try:
+                    outcome.write()
+                except BridgeError as error:
+                    tools.tell(f"results of {outcome.name}: {error}")
+
+
+@contextmanager
+def _renewed(lease: Lease, tools: Tools) -> Iterator[None]:
+    """Keep the lease until the apps are removed; apps that stay are released."""
+    try:
+        with tools.in_background(lease.renew):
+            yield
+    finally:
+        if tools.keep:
+            lease.release()
+
+
+def _make_room(name: str, tools: Tools) -> None:
+    """Refuse a name that is in use, and clear what an earlier run left: with --keep, or because it was killed."""
+    present = apps.read(tools.kubectl, name)
+    if present is None:
+        return
+    if sequence_of(present) is None:
+        raise ClusterError(
+            f"RobotApp {name} is there and of no earlier run: a run would replace and delete it; choose another --name"
+        )
+    tools.tell(f"{name}: of an earlier run; it is removed unless that run goes on")
+    if goes_on(tools.kubectl, present, clock=tools.clock):
+        raise ClusterError(
+            f"RobotApp {name} is of a run that goes on: wait for its end, or choose another --name; "
+            f"`rigel-bridge status {name}` shows it"
+        )
+    tools.tell(f"{name}: removed")
+    remove(tools.kubectl, name, timeout_s=tools.limits.removal_s, clock=tools.clock)
+
+
+@contextmanager
+def _removed_at_the_end(outcomes: Sequence[Outcome], tools: Tools) -> Iterator[None]:
+    try:
+        yield
+    finally:
+        for outcome in outcomes if not tools.keep else ():
+            present = apps.read(tools.kubectl, outcome.name)
+            if present is not None and not is_of(present, tools.run_id):
+                tools.tell(f"{outcome.name}: is of another run by now, and stays")
                 continue
-            tools.tell(f"{name}: removed")
-            remove(tools.kubectl, name, timeout_s=tools.limits.removal_s, clock=tools.clock)
-
-
-def _is_own(app: Mapping[str, Any], tools: Tools) -> bool:
-    annotations: Mapping[str, str] = app["metadata"].get("annotations") or {}
-    return annotations.get(RUN_ID, "") == tools.run_id
+            tools.tell(f"{outcome.name}: removed")
+            remove(tools.kubectl, outcome.name, timeout_s=tools.limits.removal_s, clock=tools.clock)
 
 
 def _require_own(name: str, tools: Tools) -> None:
     """ClusterError when another run has taken the place of this one: its figures are not ours."""
-    if not _is_own(apps.existing(tools.kubectl, name), tools):
+    if not is_of(apps.existing(tools.kubectl, name), tools.run_id):
         raise ClusterError(
             f"RobotApp {name} is of another run by now: run one sequence at a time, or choose another --name"
         )
 
 
-def _deployed(sequence: str, wanted: Sequence[Mapping[str, Any]], tools: Tools, into: Collection) -> list[Outcome]:
+def _deployed(sequence: str, outcomes: Sequence[Outcome], tools: Tools, lease: Lease) -> None:
     """Bring all apps in, let them work, collect. Results are collected also of an app that does not become Ready."""
     begun_s = tools.clock.now_s()
-    outcomes = [
-        Outcome(sequence, {"sequence": sequence, "app": app["metadata"]["name"], "outcome": "failed"}) for app in wanted
-    ]
+    for outcome in outcomes:  # a build takes long enough for another run to begin
+        _make_room(outcome.name, tools)
+    lease.take([outcome.name for outcome in outcomes])
+    ran = False
     try:
-        for app in wanted:
-            deploy(tools.kubectl, app, tell=tools.tell)
         for outcome in outcomes:
-            name = outcome.summary["app"]
+            deploy(tools.kubectl, annotated(outcome.app, lease.annotations(sequence)), tell=tools.tell)
+        for outcome in outcomes:
+            name = outcome.name
             wait_ready(tools.kubectl, name, timeout_s=tools.limits.ready_s, clock=tools.clock, tell=tools.tell)
             outcome.summary["ready_after_s"] = tools.clock.now_s() - begun_s
             _settled(name, tools)
         tools.tell(f"{sequence}: Ready, working for {tools.limits.duration_s:g} s")
         tools.clock.sleep(tools.limits.duration_s)
         for outcome in outcomes:
-            _require_own(outcome.summary["app"], tools)
-        for outcome in outcomes:
-            outcome.summary["outcome"] = "ran"
+            _require_own(outcome.name, tools)
+        ran = True
     finally:
         for outcome in outcomes:
-            _collected(outcome, tools, into, alone=len(outcomes) == 1)
-    return outcomes
+            outcome.summary["outcome"] = "ran" if ran else "failed"
+            _collected(outcome, tools)
 
 
 def _settled(name: str, tools: Tools) -> None:
@@ -167,13 +227,13 @@ def _settled(name: str, tools: Tools) -> None:
         tools.tell(f"{name}: no instance shows its components yet, so the summary has no nodes")
 
 
-def _collected(outcome: Outcome, tools: Tools, into: Collection, *, alone: bool) -> None:
+def _collected(outcome: Outcome, tools: Tools) -> None:
     """A failing collection hides no earlier failure: it is told, and the run goes on to its end."""
-    name = outcome.summary["app"]
-    own = Collection(into.folder if alone else into.folder / name)
+    own = outcome.into
     try:
-        app = apps.read(tools.kubectl, name)
-        if app is None or not _is_own(app, tools):
+        app = apps.read(tools.kubectl, outcome.name)
+        if app is None or not is_of(app, tools.run_id):
+            outcome.write()
             return
         collect(tools.kubectl, app, own, tell=tools.tell)
         instances = instances_of(tools.kubectl, app)
@@ -184,10 +244,10 @@ def _collected(outcome: Outcome, tools: Tools, into: Collection, *, alone: bool)
             "edges": edges(instances),
             "samples": _samples(own.folder / FILES),
         }
-        own.add_json(_SUMMARY, outcome.summary)
+        outcome.write()
         own.close()
     except BridgeError as error:
-        tools.tell(f"results of {name}: {error}")
+        tools.tell(f"results of {outcome.name}: {error}")
 
 
 def _samples(folder: Path) -> dict[str, dict[str, float]]:

@@ -4,6 +4,7 @@ import argparse
 import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime
 from typing import Any, Final
 
 from rigel_bridge.cluster import apps, history
@@ -12,6 +13,7 @@ from rigel_bridge.cluster.kubectl import ClusterError, Kubectl, Refusal
 from rigel_bridge.cluster.revisions import Revision, same
 from rigel_bridge.cluster.waiting import condition
 from rigel_bridge.document.failures import Exit
+from rigel_bridge.sequences import lease
 from rigel_bridge.verbs.cluster_options import add_app, kubectl_of, names_of, say, subject
 from rigel_bridge.verbs.verb import Verb
 
@@ -32,9 +34,10 @@ def _run(arguments: argparse.Namespace) -> int:
         instances, past = instances_of(kubectl, app), _history(kubectl, app)
         ready = ready and condition(app, "Ready")["status"] == "True"
         if arguments.output == "json":
-            sys.stdout.write(json.dumps(_document(app, instances, past), indent=2) + "\n")
+            sys.stdout.write(json.dumps(_document(app, instances, past) | _run_of(app), indent=2) + "\n")
             continue
-        for line in _lines(app, instances, past):
+        headline, *more = _lines(app, instances, past)
+        for line in (headline, *_run_line(app), *more):
             say(line)
     return Exit.OK if ready else Exit.NOT_READY
 
@@ -61,6 +64,23 @@ def _document(
             {"revision": each.number, "created": each.created, "present": same(each.spec, app["spec"])} for each in past
         ],
     }
+
+
+def _run_of(app: Mapping[str, Any]) -> dict[str, Any]:
+    """The run of a sequence that made the app; empty for an app of no run."""
+    sequence = lease.sequence_of(app)
+    if sequence is None:
+        return {}
+    state, words = lease.state(app, _now())
+    return {"run": {"sequence": sequence, "state": str(state), "message": words}}
+
+
+def _now() -> datetime:
+    return datetime.now(tz=UTC)
+
+
+def _run_line(app: Mapping[str, Any]) -> list[str]:
+    return [f"  run of sequence {run['sequence']} {run['message']}" for run in _run_of(app).values()]
 
 
 def _lines(app: Mapping[str, Any], instances: Sequence[Mapping[str, Any]], past: Sequence[Revision]) -> Iterator[str]:

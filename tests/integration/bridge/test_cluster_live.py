@@ -1,7 +1,10 @@
 """The bridge's commands on the real control plane, as a user: one stage for all of them, because it takes longer than they do."""
 
 import json
+import subprocess
+import sys
 from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +18,7 @@ from tests.support.rigelfiles import TWO, orchestration
 from tests.support.stage import IMAGE
 
 from rigel_bridge.main import main
+from rigel_bridge.sequences import lease
 from rigel_bridge.sequences.run import read_summaries
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_testbed.failures import CommandError
@@ -236,6 +240,40 @@ def test_two_schedulers_are_compared_and_nothing_is_left(
     assert all(run["components"][0]["ready"] and run["components"][0]["node"] for run in runs.values())
     assert "| node of ros-app |" in capsys.readouterr().out
     eventually(lambda: not left(stage, "teleop-benchmark"), what=lambda: left(stage, "teleop-benchmark"))
+
+
+def test_a_killed_run_is_told_from_a_living_one_and_cleared_by_the_next(
+    stage: Stage, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "Rigelfile").write_text(BENCHMARK.format(pool=stage.pool))
+    name, arguments = "teleop-benchmark-custom", [str(tmp_path / "Rigelfile"), "--run", "benchmark_custom"]
+    command = [sys.executable, "-m", "rigel_bridge.main", "sequences", *arguments, "--duration", "1h"]
+    command += ["--results", str(tmp_path / "a"), "-n", stage.namespace, *stage.cluster(USER)]
+    running = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        first = eventually(lambda: renewal(stage, name), what="no app of a run")
+        eventually(lambda: renewal(stage, name) != first, what="the run does not renew its lease")
+        assert stage.run("sequences", *arguments, "--results", str(tmp_path / "b")) == 74
+        assert "is of a run that goes on" in capsys.readouterr().err
+        stage.run("status", name)
+        assert "run of sequence benchmark_custom goes on" in capsys.readouterr().out
+    finally:
+        running.kill()
+        running.wait()
+    found, _ = lease.state(stage.app(name), datetime.now(tz=UTC) + timedelta(seconds=lease.LEASE_S + 1))
+    assert found is lease.State.LOST
+    assert [each["outcome"] for each in read_summaries(tmp_path / "a")] == ["unfinished"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(lease, "LEASE_S", 1.0)  # nothing renews it any more: the test need not wait for 40 s
+        wanted = ("--duration", "0s", "--results", str(tmp_path / "c"))
+        assert stage.run("sequences", *arguments, *wanted) == 0, capsys.readouterr().err
+    eventually(lambda: not left(stage, name), what=lambda: left(stage, name))
+
+
+def renewal(stage: Stage, name: str) -> str:
+    """When the run of an app was last renewed; empty while there is no such app."""
+    found = [item for item in stage.listed("robotapps") if item["metadata"]["name"] == name]
+    return found[0]["metadata"]["annotations"][lease.RENEWED] if found else ""
 
 
 def left(stage: Stage, name: str) -> list[str]:

@@ -5,37 +5,27 @@ import json
 import tarfile
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.support.fake_cluster import FakeCluster, app
+from tests.support.fake_cluster import app
 from tests.support.rigelfiles import ONE
+from tests.support.sequence_world import LIST, THREE, WISHES, World, read
 
 from rigel_bridge.cluster.deployment import deploy
 from rigel_bridge.cluster.kubectl import ClusterError
 from rigel_bridge.cluster.results import opened
 from rigel_bridge.cluster.waiting import Clock
 from rigel_bridge.document.failures import BridgeError
-from rigel_bridge.generations.model import Options
 from rigel_bridge.main import main
 from rigel_bridge.sequences import programs
 from rigel_bridge.sequences.comparison import table
-from rigel_bridge.sequences.run import RUN, Limits, Tools, read_summaries, renamed, run
+from rigel_bridge.sequences.lease import RUN, RUN_ID
+from rigel_bridge.sequences.run import Tools, annotated, read_summaries, renamed, run
 from rigel_bridge.sequences.steps import Kind, actions, refuse_thesis, run_name
-from rigel_bridge.source import Objects, Source, from_bytes
 from rigel_bridge.verbs import sequences as verb
 
-STEPS = "[{build: {scheduler_name: %s}}, deploy]"
-THREE = f"""\
-sequences:
-  demo: {STEPS % "kubernetes-scheduler"}
-  benchmark_default: {STEPS % "default-scheduler"}
-  benchmark_custom: {STEPS % "kubernetes-scheduler"}
-"""
-WISHES = "orchestration: {name: teleop, scheduler: {name: kubernetes-scheduler, policies: {latency_budget: 30ms}}}\n"
-LIST = "packages: [{package: teleop, distro: humble, image: 'acme/teleop:1', command: run}]\n" + WISHES + THREE
 THESIS = (
     "application: {distro: humble}\n"
     + WISHES.replace("{name: teleop,", "{application_image: 'a/b:1', name: teleop,")
@@ -54,54 +44,8 @@ sequences:
 EXAMPLE = Path(__file__).resolve().parents[4] / "examples" / "rigel" / "benchmark" / "Rigelfile"
 
 
-def read(text: str, sequence: str) -> Objects:
-    return from_bytes(text.encode(), Source(Path("Rigelfile"), options=Options(sequence=sequence)))
-
-
 def stepped(text: str, sequence: str = "demo") -> list[tuple[Kind, tuple[tuple[str, ...], ...]]]:
     return [(each.kind, each.commands) for each in actions(read(text, sequence).rigelfile, sequence)]
-
-
-class World:
-    """A cluster whose operator makes every app Ready at once, unless `ready` is false. `built` are Rigel's commands."""
-
-    def __init__(self, *, ready: bool = True) -> None:
-        self.cluster = FakeCluster()
-        self.ready = ready
-        self.built: list[tuple[str, ...]] = []
-        self.told: list[str] = []
-        self.slept: list[float] = []
-        self.cluster.before = self._operate
-
-    def _operate(self, _: tuple[str, ...]) -> None:
-        for (kind, _name), stored in self.cluster.objects.items():
-            if kind == "robotapps":
-                state = {
-                    "type": "Ready",
-                    "status": str(self.ready),
-                    "observedGeneration": stored["metadata"]["generation"],
-                }
-                stored["status"] = {"conditions": [state]}
-
-    def tools(self, **options: Any) -> Tools:
-        now = [0.0]
-
-        def sleep(seconds: float) -> None:
-            now[0] += seconds
-            self.slept.append(seconds)
-
-        clock = Clock(now_s=lambda: now[0], sleep=sleep)
-        limits = Limits(ready_s=5, duration_s=30, removal_s=5)
-        return Tools(
-            self.cluster, lambda words: self.built.append(tuple(words)), self.told.append, clock, limits, **options
-        )
-
-    def run(self, text: str, sequence: str, folder: Path, **options: Any) -> None:
-        found = read(text, sequence)
-        run(sequence, actions(found.rigelfile, sequence), found, self.tools(**options), opened(folder / sequence))
-
-    def apps(self) -> list[str]:
-        return [name for kind, name in self.cluster.objects if kind == "robotapps"]
 
 
 def test_rigel_does_its_jobs_and_the_bridge_deploys() -> None:
@@ -191,7 +135,7 @@ def test_an_app_in_use_is_never_touched_and_the_rest_of_a_killed_run_is_cleared(
 def test_a_run_that_another_one_replaced_is_no_success_and_leaves_that_one_alone(moment: str, tmp_path: Path) -> None:
     """Two people run one sequence: the second removes the app of the first as the rest of an earlier run, and brings its own."""
     world = World()
-    operate, other = world.cluster.before, renamed(app("teleop"), "demo", run_id="theirs")
+    operate, other = world.cluster.before, annotated(renamed(app("teleop"), "demo"), {RUN: "demo", RUN_ID: "theirs"})
 
     def replaced(call: tuple[str, ...]) -> None:
         operate(call)
@@ -217,7 +161,9 @@ def test_a_run_that_another_one_replaced_is_no_success_and_leaves_that_one_alone
     with pytest.raises(ClusterError, match="is of another run by now"):
         run("demo", actions(found.rigelfile, "demo"), found, tools, opened(tmp_path / "r"))
     assert world.apps() == ["teleop-demo"], "it is theirs"
-    assert read_summaries(tmp_path) == []
+    (left,) = read_summaries(tmp_path)
+    assert left["outcome"] == "failed"
+    assert "components" not in left, "their figures are not ours"
 
 
 def test_an_app_can_be_kept(tmp_path: Path) -> None:
