@@ -40,7 +40,8 @@ def rendered_all(
     naming = {key: options.pop(key) for key in ("today", "namespace") if key in options}
     rigelfile = load(parse(text.encode(), "Rigelfile"), Options(environment=environment or {}, **options))
     found = [render(target, Naming(name, override, **naming)) for target in rigelfile.targets]
-    return [replace(one, notes=(*rigelfile.notes, *one.notes)) for one in found]
+    first = rigelfile.notes
+    return [replace(one, notes=(*first, *one.notes), plain_notes=(*first, *one.plain_notes)) for one in found]
 
 
 def rendered(text: str, **options: Any) -> Rendered:

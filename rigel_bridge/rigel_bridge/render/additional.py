@@ -5,19 +5,20 @@ from typing import Any, Final
 from rigel_bridge.document.section import Section
 from rigel_bridge.document.tree import Node
 from rigel_bridge.render.draft import Draft
+from rigel_bridge.render.notes import Note
 from rigel_bridge.render.ros import LIFTED, lift
 from rigel_bridge.render.schema import robotapp_schema
 
 _CONTAINER: Final = "ros-app"
 
 
-def apply(block: Section, draft: Draft, *, version: int, count: int) -> list[str]:
+def apply(block: Section, draft: Draft, *, version: int, count: int) -> list[Note]:
     """Lay the fragment over the one component; gives notes. What a RobotApp has no place for is an error where it stands."""
     extra = block.section("additional_k8s_params")
     if extra is None:
         return []
     extra.refuse_unknown(("application", "ros_master"))
-    notes: list[str] = []
+    notes: list[Note] = []
     if master := extra.section("ros_master"):
         _master(master, draft, notes, version=version)
     application = extra.section("application")
@@ -27,17 +28,29 @@ def apply(block: Section, draft: Draft, *, version: int, count: int) -> list[str
         raise application.node.fail("is one Deployment, and there are several packages: write components.<package>")
     application.refuse_unknown(("apiVersion", "kind", "metadata", "spec"))
     if node := application.get("metadata"):
-        notes.append(f"{node.place}: {node.path} is not carried over: the operator names and labels what it makes")
+        left = f"{node.place}: {node.path} is not carried over"
+        notes.append(
+            Note(
+                f"{left}: the operator names and labels what it makes",
+                plain=f"{left}: names and labels follow from those of the app and its components",
+            )
+        )
     if spec := application.section("spec"):
         _deployment(spec, draft, notes, version=version)
     return notes
 
 
-def _deployment(spec: Section, draft: Draft, notes: list[str], *, version: int) -> None:
+def _deployment(spec: Section, draft: Draft, notes: list[Note], *, version: int) -> None:
     spec.refuse_unknown(("replicas", "template", "selector", "strategy"))
     notes += [
-        f"{node.place}: {node.path} is not carried over: the operator decides it"
-        for key in ("selector", "strategy")
+        Note(
+            f"{node.place}: {node.path} is not carried over: the operator decides it",
+            plain=f"{node.place}: {node.path} is not carried over: {instead}",
+        )
+        for key, instead in (
+            ("selector", "it follows from the names of the app and its components"),
+            ("strategy", "write rolling_update, which plain objects keep"),
+        )
         if (node := spec.get(key))
     ]
     if replicas := spec.get("replicas"):
@@ -53,7 +66,7 @@ def _deployment(spec: Section, draft: Draft, notes: list[str], *, version: int) 
         _pod(pod, draft, notes, version=version)
 
 
-def _pod(pod: Section, draft: Draft, notes: list[str], *, version: int) -> None:
+def _pod(pod: Section, draft: Draft, notes: list[Note], *, version: int) -> None:
     for key, node in pod.node.mapping().items():
         if key == "containers":
             continue
@@ -66,7 +79,7 @@ def _pod(pod: Section, draft: Draft, notes: list[str], *, version: int) -> None:
         _container(container, draft, notes, version=version)
 
 
-def _container(container: Section, draft: Draft, notes: list[str], *, version: int) -> None:
+def _container(container: Section, draft: Draft, notes: list[Note], *, version: int) -> None:
     name = container.text("name")
     if name not in (None, _CONTAINER):
         raise container.node.fail(
@@ -86,7 +99,7 @@ def _container(container: Section, draft: Draft, notes: list[str], *, version: i
         draft.merge(path, _by_name(draft, path, value), node)
 
 
-def _environment(value: list[Any], node: Node, draft: Draft, notes: list[str], *, version: int) -> list[Any]:
+def _environment(value: list[Any], node: Node, draft: Draft, notes: list[Note], *, version: int) -> list[Any]:
     """The variables without those that the app has a field for."""
     kept = []
     for entry in value:
@@ -94,11 +107,17 @@ def _environment(value: list[Any], node: Node, draft: Draft, notes: list[str], *
         if name not in LIFTED:
             kept.append(entry)
         elif name == "ROS_DOMAIN_ID" and str(entry.get("value")) == "0":
-            notes.append(f"{node.place}: ROS_DOMAIN_ID 0 is every laptop's default: the app gets a domain of its own")
+            # Plain objects that get no domain have a note of their own.
+            notes.append(
+                Note(
+                    f"{node.place}: ROS_DOMAIN_ID 0 is every laptop's default: the app gets a domain of its own",
+                    plain="",
+                )
+            )
         elif version == 2 and "value" in entry:
             lift(name, str(entry["value"]), node, draft)
         else:
-            notes.append(f"{node.place}: env {name} has no meaning for ROS 1 and is left out")
+            notes.append(Note(f"{node.place}: env {name} has no meaning for ROS 1 and is left out"))
     return kept
 
 
@@ -119,7 +138,7 @@ def _named(value: Any) -> bool:
     )
 
 
-def _master(master: Section, draft: Draft, notes: list[str], *, version: int) -> None:
+def _master(master: Section, draft: Draft, notes: list[Note], *, version: int) -> None:
     """Of the master's Deployment the image; everything else is the operator's."""
     plain = master.plain(master.node)
     try:
@@ -128,6 +147,7 @@ def _master(master: Section, draft: Draft, notes: list[str], *, version: int) ->
         image = None
     if version == 1 and isinstance(image, str):
         draft.put(("ros1", "image"), image, master.node)
+    left = f"{master.node.place}: {master.node.path} is not carried over, but for its image"
     notes.append(
-        f"{master.node.place}: {master.node.path} is not carried over, but for its image: the operator runs the master"
+        Note(f"{left}: the operator runs the master", plain=f"{left}: the master's objects are the same for every app")
     )

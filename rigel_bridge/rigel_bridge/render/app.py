@@ -15,6 +15,7 @@ from rigel_bridge.names import API_VERSION, BRIDGE_APP_LABEL, PROVENANCE
 from rigel_bridge.render import additional, reference_plugin, scheduling
 from rigel_bridge.render.components import components, settle_programs
 from rigel_bridge.render.draft import Draft, Path, written
+from rigel_bridge.render.notes import Note, of_app, of_plain
 from rigel_bridge.render.orchestration import OWN, orchestrate
 from rigel_bridge.render.ros import ros, settle_addresses
 from rigel_bridge.render.schema import problems, robotapp_schema
@@ -43,6 +44,9 @@ class Rendered:
     strategy: dict[str, Any]
     """Of the Deployments of plain manifests; empty for Kubernetes' own."""
     notes: tuple[str, ...]
+    """True of the RobotApp."""
+    plain_notes: tuple[str, ...]
+    """True of the plain objects of `workloads`."""
     origin: Callable[[Path], Place] = field(compare=False, repr=False)
     """Place in the file that gave a field of the spec."""
 
@@ -75,12 +79,12 @@ def render(target: Target, naming: Naming) -> Rendered:
     if annotations:
         metadata["annotations"] = {f"{PROVENANCE}{key}": value for key, value in sorted(annotations.items())}
     app = {"apiVersion": API_VERSION, "kind": "RobotApp", "metadata": metadata, "spec": _ordered(draft.spec)}
-    return Rendered(app, _claims(extras, metadata), extras.strategy, tuple(dict.fromkeys(notes)), draft.origin)
+    return Rendered(app, _claims(extras, metadata), extras.strategy, of_app(notes), of_plain(notes), draft.origin)
 
 
-def _known_keys(block: Section) -> list[str]:
+def _known_keys(block: Section) -> list[Note]:
     block.refuse_unknown((*OWN, *reference_plugin.KEYS))
-    return [*namespace_note(block)]
+    return [Note(text) for text in namespace_note(block)]
 
 
 def _metadata(target: Target, naming: Naming, block: Section | None) -> dict[str, Any]:
@@ -106,13 +110,15 @@ def _claims(extras: reference_plugin.Extras, metadata: dict[str, Any]) -> tuple[
     return tuple(found)
 
 
-def _logins(target: Target, block: Section | None) -> list[str]:
+def _logins(target: Target, block: Section | None) -> list[Note]:
     if block and "image_pull_secrets" in block:
         return []
     servers = {package.login: package for package in target.packages if package.login}
     return [
-        f"{package.node.place}: {server} needs a login, which is not carried over: make a Secret of type "
-        "kubernetes.io/dockerconfigjson and write image_pull_secrets: [ITS_NAME] into the orchestration block"
+        Note(
+            f"{package.node.place}: {server} needs a login, which is not carried over: make a Secret of type "
+            "kubernetes.io/dockerconfigjson and write image_pull_secrets: [ITS_NAME] into the orchestration block"
+        )
         for server, package in servers.items()
     ]
 
@@ -131,9 +137,9 @@ def _refuse_secrets(draft: Draft) -> None:
                 )
 
 
-def _left_as_they_stand(draft: Draft) -> list[str]:
+def _left_as_they_stand(draft: Draft) -> list[Note]:
     """Marks that no rule of the generation resolves reach the pod as text, as they do with Rigel: rarely what the user meant."""
-    found: list[str] = []
+    found: list[Note] = []
 
     def look(value: Any, path: tuple[str | int, ...]) -> None:
         if isinstance(value, dict):
@@ -143,7 +149,9 @@ def _left_as_they_stand(draft: Draft) -> list[str]:
             for index, child in enumerate(value):
                 look(child, (*path, index))
         elif isinstance(value, str) and "{{" in value and "}}" in value:
-            found.append(f"{draft.origin(path)}: {written(path)} keeps its {{{{ }}}}: Rigel resolves no such mark")
+            found.append(
+                Note(f"{draft.origin(path)}: {written(path)} keeps its {{{{ }}}}: Rigel resolves no such mark")
+            )
 
     look(draft.spec, ())
     return found

@@ -8,10 +8,11 @@ from rigel_bridge.document.section import Section
 from rigel_bridge.document.template import is_secret
 from rigel_bridge.generations.model import Package
 from rigel_bridge.render.draft import Draft
+from rigel_bridge.render.notes import Note
 from rigel_bridge.render.ros import LIFTED
 
 
-def components(packages: tuple[Package, ...], block: Section | None, draft: Draft, notes: list[str]) -> dict[str, int]:
+def components(packages: tuple[Package, ...], block: Section | None, draft: Draft, notes: list[Note]) -> dict[str, int]:
     """Fill the components and the notes; gives index by component name."""
     names: dict[str, int] = {}
     single_image = block.get("application_image") if block else None
@@ -32,7 +33,7 @@ def components(packages: tuple[Package, ...], block: Section | None, draft: Draf
     return names
 
 
-def _program(package: Package, index: int, draft: Draft) -> list[str]:
+def _program(package: Package, index: int, draft: Draft) -> list[Note]:
     """Command and variables; gives notes. What looks like a secret stays in the image, where Rigel put it."""
     if package.command:
         draft.put(("components", index, "args"), words(package), package.node)
@@ -43,8 +44,10 @@ def _program(package: Package, index: int, draft: Draft) -> list[str]:
     if own:
         draft.put(("components", index, "env"), own, package.node)
     return [
-        f"{package.node.place}: env {name} looks like a secret and is not carried over: keep it in a Secret, and name that "
-        "with envFrom of the component"
+        Note(
+            f"{package.node.place}: env {name} looks like a secret and is not carried over: keep it in a Secret, and name that "
+            "with envFrom of the component"
+        )
         for name in secret
     ]
 

@@ -12,6 +12,7 @@ from typing import Any, Final
 from rigel_bridge.document.naming import checked_label
 from rigel_bridge.document.section import Section
 from rigel_bridge.render.draft import Draft
+from rigel_bridge.render.notes import Note
 
 KEYS: Final = (
     *("deployment_name", "readiness", "observability", "observability_only", "rolling_update", "distributed"),
@@ -30,7 +31,7 @@ class Extras:
     strategy: dict[str, Any] = field(default_factory=dict)
     """Of a plain Deployment; a RobotApp replaces a pod only when its predecessor is gone."""
     annotations: dict[str, str] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)
+    notes: list[Note] = field(default_factory=list)
 
 
 def apply(block: Section, draft: Draft, count: int) -> Extras:
@@ -97,8 +98,11 @@ def _rolling_update(section: Section, extras: Extras) -> None:
     }
     extras.strategy = {"type": "RollingUpdate", "rollingUpdate": counts}
     extras.notes.append(
-        f"{section.node.place}: {section.node.path} holds for --format manifests alone: a RobotApp replaces a pod when "
-        "its predecessor is gone, so that there is one publisher at any time"
+        Note(
+            f"{section.node.place}: {section.node.path} is not carried over: a RobotApp replaces a pod when its predecessor is "
+            "gone, so that there is one publisher at any time; --format pods and manifests keep it",
+            plain="",
+        )
     )
 
 
@@ -124,7 +128,9 @@ def _storage(section: Section, draft: Draft, extras: Extras) -> None:
         mounts.append({"name": name, "mountPath": entry.text("mount_path") or f"/persistent/{name}"})
         if path := entry.get("host_path"):
             extras.notes.append(
-                f"{path.place}: {path.path} is not carried over: which folder of a node a volume is, its administrator decides"
+                Note(
+                    f"{path.place}: {path.path} is not carried over: which folder of a node a volume is, its administrator decides"
+                )
             )
     if volumes:
         draft.put(("components", 0, "template", "spec", "volumes"), volumes, section.node)
@@ -157,6 +163,10 @@ def _observability(block: Section, extras: Extras) -> None:
         )
     section = block.section("observability")
     if section and section.flag("enabled"):
+        left = f"{section.node.place}: {section.node.path} is not carried over"
         extras.notes.append(
-            f"{section.node.place}: {section.node.path} is not carried over: metrics of all apps come with the chart, once per cluster"
+            Note(
+                f"{left}: metrics of all apps come with the chart, once per cluster",
+                plain=f"{left}: plain objects have no metrics of their own",
+            )
         )

@@ -12,6 +12,7 @@ from rigel_bridge.generations.model import Package
 from rigel_bridge.names import MAX_DOMAIN
 from rigel_bridge.render import scheduling
 from rigel_bridge.render.draft import Draft
+from rigel_bridge.render.notes import Note
 
 LIFTED: Final = {"RMW_IMPLEMENTATION": "rmw", "ROS_DOMAIN_ID": "domain"}
 """Variables of ROS 2 that belong to the RobotApp's `ros2`: all components share them and the operator writes them."""
@@ -21,14 +22,14 @@ OWN_MASTER: Final = re.compile(r"https?://(ros-master|localhost|127\.0\.0\.1)(\.
 """Where Rigel's orchestration plugin puts the master of an app; a RobotApp's has a name of its own."""
 
 
-def ros(packages: tuple[Package, ...], block: Section | None, draft: Draft, *, today: str) -> list[str]:
+def ros(packages: tuple[Package, ...], block: Section | None, draft: Draft, *, today: str) -> list[Note]:
     """Fill `ros`, `ros1` and `ros2`; gives notes. `today` as 2026-05-22; empty for no remarks about ends of life."""
     for package in packages:
         if package.distro:
             draft.put(("ros", "distro"), package.distro, package.node)
     distro, at = _distro(packages, block, draft)
     version = _version(distro, at, block, draft)
-    notes = [f"{at.place}: {found}" for found in [_remark(distro, today)] if found]
+    notes = [Note(f"{at.place}: {found}") for found in [_remark(distro, today)] if found]
     if version == 2:
         for package in packages:
             for variable in LIFTED:
@@ -36,7 +37,7 @@ def ros(packages: tuple[Package, ...], block: Section | None, draft: Draft, *, t
         notes += _unused_master(block, distro)
         return notes
     notes += [
-        f"{package.node.place}: env {variable} has no meaning for ROS 1 ({distro}) and is left out"
+        Note(f"{package.node.place}: env {variable} has no meaning for ROS 1 ({distro}) and is left out")
         for package in packages
         for variable in LIFTED
         if variable in package.env
@@ -102,12 +103,14 @@ def _remark(distro: str, today: str) -> str:
     return remark(known, today) if today else ""
 
 
-def _unused_master(block: Section | None, distro: str) -> list[str]:
+def _unused_master(block: Section | None, distro: str) -> list[Note]:
     node = block.get("deploy_ros_master") if block and block.flag("deploy_ros_master") else None
     if node is None:
         return []
     return [
-        f"{node.place}: deploy_ros_master has no meaning for ROS 2 ({distro}), which has no master: none is deployed"
+        Note(
+            f"{node.place}: deploy_ros_master has no meaning for ROS 2 ({distro}), which has no master: none is deployed"
+        )
     ]
 
 
@@ -119,9 +122,9 @@ def _master(block: Section, draft: Draft) -> None:
         draft.put(("ros1", "master"), "External", node)
 
 
-def settle_addresses(block: Section | None, draft: Draft, *, version: int) -> list[str]:
+def settle_addresses(block: Section | None, draft: Draft, *, version: int) -> list[Note]:
     """Take master and addresses out of the components' variables, which the operator would refuse; gives notes."""
-    notes: list[str] = []
+    notes: list[Note] = []
     for index, component in enumerate(draft.spec["components"]):
         env = component.get("env")
         if not isinstance(env, list):
@@ -131,13 +134,22 @@ def settle_addresses(block: Section | None, draft: Draft, *, version: int) -> li
         for entry in taken:
             if version == 1 and entry["name"] == "ROS_MASTER_URI":
                 _master_elsewhere(entry, place, block, draft)
-            reason = "the operator sets it" if version == 1 else "ROS 2 does not read it"
-            notes.append(f"{place}: env {entry['name']} is left out: {reason}")
+            notes.append(_left_out(entry["name"], place, version=version))
         if taken:
             component["env"] = [entry for entry in env if entry not in taken]
         if not component["env"]:
             del component["env"]
     return notes
+
+
+def _left_out(variable: str, place: Place, *, version: int) -> Note:
+    left = f"{place}: env {variable} is left out"
+    if version != 1:
+        return Note(f"{left}: ROS 2 does not read it")
+    return Note(
+        f"{left}: the operator sets it",
+        plain=f"{left}: each pod gets ROS_MASTER_URI and ROS_IP, the addresses of its master and of itself",
+    )
 
 
 def _master_elsewhere(entry: Mapping[str, Any], place: Place, block: Section | None, draft: Draft) -> None:

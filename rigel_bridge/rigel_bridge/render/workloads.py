@@ -4,7 +4,7 @@
 scheduler. Both bring the volume claims and, for ROS 1, the master. What only the operator can do is noted.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 from rigel_bridge.document.distros import ros_version
@@ -23,18 +23,20 @@ _CONTAINER: Final = (
     *("imagePullPolicy", "securityContext", "livenessProbe", "readinessProbe", "startupProbe", "lifecycle"),
 )
 _SCHEDULING: Final = ("qosClass", "policies", "devices", "requires", "sharedData")
-_OPERATORS: Final = ("parameters", "runsOn", "ready", "colocateWith", "separateFrom", "onDisconnect")
-_APPS: Final = ("suspend", "robots", "edges", "update", "connectivity")
+_ROS2: Final = ("domain", "allowUnsafeDomain", "rmw")
+_HARDWARE: Final = ("name", "type", "model", "interface")
+"""Of an entry of `devices`, as the annotation has it; the name is for the grants alone."""
+_PLACEMENT: Final = ("zones", "masterNode")
 
 
 def workloads(rendered: Rendered, *, annotated: bool) -> tuple[tuple[dict[str, Any], ...], tuple[str, ...]]:
-    """Objects in the order in which they are applied, and notes. `annotated`: for our scheduler, else for any."""
+    """Objects in the order in which they are applied, and what is to be noted of them. `annotated`: for our scheduler, else for any."""
     app, spec = rendered.app, rendered.app["spec"]
     # Pods that another scheduler places carry no ROS annotations, as in the thesis' benchmark of kube-scheduler's own.
     ours = annotated and spec.get("schedulerName") != DEFAULT_SCHEDULER
     found: list[dict[str, Any]] = [*rendered.claims, *_master(app)]
     found += [_deployment(rendered, component, ours=ours) for component in spec["components"]]
-    return tuple(found), tuple(_notes(rendered, ours=ours))
+    return tuple(found), (*rendered.plain_notes, *_notes(rendered, ours=ours))
 
 
 def _deployment(rendered: Rendered, component: Mapping[str, Any], *, ours: bool) -> dict[str, Any]:
@@ -155,17 +157,34 @@ def _object(
     return {"apiVersion": kind[0], "kind": kind[1], "metadata": metadata, "spec": spec}
 
 
+def _lost(spec: Mapping[str, Any], *, ours: bool) -> Iterator[Path]:
+    """The fields that plain objects have no place for: all but those that are carried over, so also those of a later API."""
+    kept: dict[str, tuple[str, ...] | None] = {
+        "ros": None,
+        "ros1": None,
+        "schedulerName": None,
+        "components": None,
+        "ros2": _ROS2,
+    }
+    if ours:
+        kept["placement"] = _PLACEMENT
+    for field, value in spec.items():
+        if field not in kept:
+            yield (field,)
+        elif (inner := kept[field]) is not None:
+            yield from ((field, each) for each in value if each not in inner)
+    carried = (*_CONTAINER, "template", "replicas", *(_SCHEDULING if ours else ()))
+    for index, component in enumerate(spec["components"]):
+        yield from (("components", index, field) for field in component if field not in carried)
+        for number, device in enumerate(component.get("devices", ()) if ours else ()):
+            yield from (("components", index, "devices", number, each) for each in device if each not in _HARDWARE)
+
+
 def _notes(rendered: Rendered, *, ours: bool) -> list[str]:
     spec = rendered.app["spec"]
-    lost: list[Path] = [(field,) for field in _APPS if field in spec]
-    left = _OPERATORS if ours else (*_OPERATORS, *_SCHEDULING)
-    for index, component in enumerate(spec["components"]):
-        lost += [("components", index, field) for field in left if field in component]
-    if not ours and "placement" in spec:
-        lost.append(("placement",))
     notes = [
         f"{rendered.origin(path)}: {written(path)} needs the operator and its scheduler; plain objects have no place for it"
-        for path in lost
+        for path in _lost(spec, ours=ours)
     ]
     alone = ours and _allocated(spec)
     if ros_version(spec) == 2 and not alone and "domain" not in spec.get("ros2", {}):

@@ -8,7 +8,8 @@ from typing import Final
 from rigel_bridge.document.failures import BridgeError, Exit, Place, printable
 from rigel_bridge.render.text import as_yaml
 from rigel_bridge.render.workloads import FORMATS, workloads
-from rigel_bridge.verbs.options import add_source, objects_of, tell
+from rigel_bridge.source import objects
+from rigel_bridge.verbs.options import add_source, source_of, tell
 from rigel_bridge.verbs.verb import Verb
 
 
@@ -24,12 +25,13 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    found = objects_of(arguments)
-    documents = found.documents
+    found = objects(source_of(arguments))
+    documents, notes = found.documents, found.notes
     if arguments.format != FORMATS[0]:
         plain = [workloads(one, annotated=arguments.format == "pods") for one in found.rendered]
-        documents = tuple(document for objects, _ in plain for document in objects)
-        tell([note for _, notes in plain for note in notes], arguments)
+        documents = tuple(document for written, _ in plain for document in written)
+        notes = tuple(dict.fromkeys([*found.rigelfile.notes, *(note for _, more in plain for note in more)]))
+    tell(notes, arguments)
     comments = "".join(f"# {printable(remark)}\n" for remark in found.remarks)
     write(comments + as_yaml(documents), arguments.output)
     return Exit.OK

@@ -35,8 +35,7 @@ def test_the_example_becomes_what_its_row_states(example: dict[str, Any]) -> Non
     found = rendered(example["rigelfile"], **options)
     documents, notes = (*found.claims, found.app), found.notes
     if "format" in example:
-        documents, more = workloads(found, annotated=example["format"] == "pods")
-        notes += more
+        documents, notes = workloads(found, annotated=example["format"] == "pods")
     wanted = example.get("has", [])
     for document, part in zip(documents, wanted, strict=True) if isinstance(wanted, list) and wanted else ():
         assert_covers(document, part)

@@ -206,7 +206,7 @@ def test_an_app_without_any_distro_is_refused() -> None:
 def test_settings_without_a_place_are_noted_as_left_out() -> None:
     (note,) = rendered(orchestration("rolling_update: {max_surge: 1}")).notes
     assert note.startswith(
-        "Rigelfile:10: deploy[0].kwargs.orchestration.rolling_update holds for --format manifests alone"
+        "Rigelfile:10: deploy[0].kwargs.orchestration.rolling_update is not carried over: a RobotApp replaces a pod"
     )
 
 
