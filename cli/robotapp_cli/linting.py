@@ -7,9 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from robotapp_api.model.names import API_VERSION
 from robotapp_cli.failures import Exit
 from robotapp_cli.files import content
-from robotapp_cli.lint.findings import Located, Severity
+from robotapp_cli.lint.definitions import KINDS
+from robotapp_cli.lint.findings import Located, Place, Severity, Why
 from robotapp_cli.lint.linter import Report, lint
 from robotapp_cli.lint.reading import MOST_TEXT
 from robotapp_cli.output import Output, printable, write_structured
@@ -29,12 +31,31 @@ class Checked:
 def show_lint(files: Sequence[Path], output: Output) -> Exit:
     """Print the findings of all files. Raises CliError for a file that cannot be read."""
     checked = [Checked(str(path), lint(content(path, most_bytes=MOST_TEXT))) for path in files]
+    _refuse_nothing(checked)
     if output.structured:
         write_structured(_structured(checked), output)
     else:
         lines = [line(each.name, found) for each in checked for found in each.report.findings]
         _write([*lines, _totals(checked)])
     return Exit.REFUSED if _count(checked)[Severity.ERROR] else Exit.OK
+
+
+def _refuse_nothing(checked: Sequence[Checked]) -> None:
+    """As `kubectl apply` does it, files that together hold nothing to check are an error: success would mean that it was checked."""
+    if any(each.report.checked or each.report.findings for each in checked):
+        return
+    for each in checked:
+        each.report.findings.append(_without_object(each.report.skipped))
+
+
+def _without_object(skipped: int) -> Located:
+    text = f"there is no object here; write a RobotApp (apiVersion: {API_VERSION}, kind: RobotApp), or give the file of one"
+    if skipped:
+        others = (
+            "an object of another kind, which is" if skipped == 1 else f"{skipped} objects of other kinds, which are"
+        )
+        text = f"there is no {' or '.join(KINDS)} here, only {others} not checked; give the file of the RobotApp"
+    return Located(Place(1, 1), Severity.ERROR, "", text, Why.NO_OBJECT, "")
 
 
 def line(file: str, found: Located) -> str:

@@ -19,6 +19,10 @@ _EVERY: Final = sorted({key for keys in TOP.values() for key in keys})
 
 def detect(root: Node) -> tuple[Generation, str]:
     """Generation and evidence; BridgeError that names the keys found when it is none, and for unknown keys."""
+    if root.kind != "map":
+        raise root.fail(
+            f"expected a mapping, found {root.described()}; a Rigelfile has packages, or application and jobs"
+        )
     top = root.mapping()
     generation, key = _detected(root, top)
     for name, node in top.items():

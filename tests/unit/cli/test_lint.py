@@ -71,10 +71,46 @@ def test_warnings_are_no_errors(tmp_path: Path) -> None:
 
 def test_what_is_not_checked_is_counted(tmp_path: Path) -> None:
     others = [{"apiVersion": "v1", "kind": "ConfigMap"}] * 2
-    result = run(written(tmp_path, *others))
+    result = run(written(tmp_path, app(), *others))
     assert result.exit_code == 0
-    assert result.stdout == "nothing wrong in no RobotApp; 2 objects of other kinds were not checked\n"
+    assert result.stdout == "nothing wrong in 1 RobotApp; 2 objects of other kinds were not checked\n"
     assert "1 object of another kind was not checked" in run(written(tmp_path, app(), others[0])).stdout
+
+
+EMPTY_LIST = "apiVersion: v1\nkind: List\nitems: []\n"
+NOTHING = ["", "\n\n", "# only a comment\n", "---\n", "---\n# one\n---\n...\n", "\ufeff", "null\n", EMPTY_LIST]
+
+
+@pytest.mark.parametrize("text", NOTHING)
+def test_nothing_to_check_is_an_error_that_shows_what_is_expected(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "empty.yaml"
+    path.write_text(text)
+    for result, name in ((run("-", text=text), "-"), (run(str(path)), str(path))):
+        assert result.exit_code == 1
+        assert result.stdout == (
+            f"{name}:1:1: error: there is no object here; write a RobotApp (apiVersion: robotics.io/v1alpha1, "
+            "kind: RobotApp), or give the file of one\n1 error in no RobotApp\n"
+        )
+    data = json.loads(run("-o", "json", str(path)).stdout)
+    assert (data["errors"], data["findings"][0]["reason"]) == (1, "NoObject")
+
+
+def test_objects_of_other_kinds_alone_are_nothing_to_check(tmp_path: Path) -> None:
+    other = {"apiVersion": "v1", "kind": "ConfigMap"}
+    one, two = written(tmp_path, other), written(tmp_path, other, other, name="two.yaml")
+    result = run(one, two)
+    assert result.exit_code == 1
+    first, second, totals = result.stdout.splitlines()
+    expected = "there is no RobotApp or DomainPool here, only {}; give the file of the RobotApp"
+    assert first == f"{one}:1:1: error: {expected.format('an object of another kind, which is not checked')}"
+    assert second == f"{two}:1:1: error: {expected.format('2 objects of other kinds, which are not checked')}"
+    assert totals == "2 errors in no RobotApp; 3 objects of other kinds were not checked"
+
+
+def test_an_empty_file_beside_a_robotapp_is_nothing_wrong(tmp_path: Path) -> None:
+    """As with kubectl: a chart renders files of comments alone."""
+    result = run(written(tmp_path, name="empty.yaml"), written(tmp_path, app()))
+    assert (result.exit_code, result.stdout) == (0, "nothing wrong in 1 RobotApp\n")
 
 
 def test_programs_get_the_same_as_json_and_yaml(tmp_path: Path) -> None:
