@@ -3,11 +3,13 @@
 import argparse
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Final
 
 from rigel_bridge import __version__
 from rigel_bridge.document.failures import BridgeError, Exit, nearest, printable
+from rigel_bridge.verbs.completion import CALL, write_candidates
 from rigel_bridge.verbs.table import VERBS
 
 _EXIT_CODES: Final = """\
@@ -29,9 +31,10 @@ _FIRST: Final = ("render", "check", "apply", "sequences", "migrate")
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit code."""
-    arguments = _arguments(argv)
+    words = sys.argv[1:] if argv is None else argv
+    run = partial(_complete, words[1:]) if words[:1] == [CALL] else _chosen(words)
     try:
-        code: int = arguments.run(arguments)
+        code = run()
         sys.stdout.flush()
     except BridgeError as error:
         sys.stderr.write(f"{printable(str(error))}\n")
@@ -50,7 +53,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     return code
 
 
-def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+def _complete(words: Sequence[str]) -> int:
+    return write_candidates(*_parser(), words, summaries={verb.name: verb.summary for verb in VERBS})
+
+
+def _chosen(argv: Sequence[str]) -> Callable[[], int]:
+    """The command that was typed, with its arguments."""
+    arguments = _arguments(argv)
+    return partial(arguments.run, arguments)
+
+
+def _arguments(argv: Sequence[str]) -> argparse.Namespace:
     """What was typed. A flag that is not known is told by the command it was given to, with the nearest one."""
     parser, commands = _parser()
     arguments, unknown = parser.parse_known_args(argv)

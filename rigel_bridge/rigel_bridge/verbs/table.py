@@ -5,6 +5,7 @@ from typing import Final
 from rigel_bridge.verbs.apply import APPLY
 from rigel_bridge.verbs.check import CHECK
 from rigel_bridge.verbs.collect import COLLECT
+from rigel_bridge.verbs.completion import COMPLETION
 from rigel_bridge.verbs.delete import DELETE
 from rigel_bridge.verbs.diff import DIFF
 from rigel_bridge.verbs.migrate import MIGRATE
@@ -14,4 +15,16 @@ from rigel_bridge.verbs.sequences import SEQUENCES
 from rigel_bridge.verbs.status import STATUS
 from rigel_bridge.verbs.verb import Verb
 
-VERBS: Final[tuple[Verb, ...]] = (RENDER, CHECK, APPLY, DIFF, STATUS, ROLLBACK, DELETE, COLLECT, SEQUENCES, MIGRATE)
+VERBS: Final[tuple[Verb, ...]] = (
+    RENDER,
+    CHECK,
+    APPLY,
+    DIFF,
+    STATUS,
+    ROLLBACK,
+    DELETE,
+    COLLECT,
+    SEQUENCES,
+    MIGRATE,
+    COMPLETION,
+)
