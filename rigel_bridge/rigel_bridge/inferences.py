@@ -1,4 +1,4 @@
-"""What the source of packages shows, read by ros_profile: for `--profile`. The only place that imports it, when asked to."""
+"""What the source of packages shows, read by ros_profile: for `--profile`. The only place that imports its readers, when asked to."""
 
 import sys
 from pathlib import Path

@@ -25,8 +25,6 @@ SCHEDULER_PREFIX: Final = "scheduler.robotics.io/"
 """Prefix of the thesis' annotations of pods and nodes."""
 QOS_CLASSES: Final = ("realtime", "sensor_data", "system_default", "best_effort")
 """The most demanding first."""
-EXCLUSIVE_TYPES: Final = frozenset({"usb", "can", "serial", "gpio"})
-"""Hardware that one component has for itself: a device. Everything else is a property of the node."""
 SAFE_DOMAINS: Final = ((1, 101), (215, 232))
 """First and last DDS domain of each range that needs no `allowUnsafeDomain`."""
 MAX_DOMAIN: Final = 232

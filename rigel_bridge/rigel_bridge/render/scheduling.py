@@ -6,13 +6,14 @@ nothing is lost. `shared-data` and `dds-domain` are also accepted with a hyphen,
 
 import re
 from collections.abc import Iterator
-from typing import Any, Final
+from typing import Final
 
-from rigel_bridge.document.naming import checked_label, label
+from rigel_bridge.document.naming import label
 from rigel_bridge.document.section import Section
 from rigel_bridge.document.tree import Node
-from rigel_bridge.names import EXCLUSIVE_TYPES, MAX_DOMAIN, QOS_CLASSES, SAFE_DOMAINS
+from rigel_bridge.names import MAX_DOMAIN, QOS_CLASSES, SAFE_DOMAINS
 from rigel_bridge.render.draft import Draft
+from ros_profile.output.hardware import EXCLUSIVE_TYPES, devices_and_requires
 
 BLOCKS: Final = ("name", "policies", "topology", "affinity", "shared_data", "shared-data", "dds_domain", "dds-domain")
 _TEXT_POLICIES: Final = {
@@ -74,22 +75,16 @@ def _hardware(affinity: Section, draft: Draft, index: int, *, alone: bool) -> No
     requirements = affinity.get("hardware_requirements")
     if requirements is None:
         return
-    devices: list[dict[str, Any]] = []
-    capabilities: list[dict[str, Any]] = []
+    found: list[dict[str, str]] = []
     for entry in affinity.sections("hardware_requirements"):
         entry.refuse_unknown(("type", "model", "interface"))
         kind = entry.required_text("type")
         stated = {key: value for key in ("type", "model", "interface") if (value := entry.text(key))}
         if kind in EXCLUSIVE_TYPES:
             _refuse_sharing(entry.node, kind, alone=alone)
-            devices.append({"name": _device_name(entry.node, kind, devices), **stated})
-        elif (
-            stated not in capabilities
-        ):  # not claimed, so asking twice means nothing, and the list has one entry of each
-            capabilities.append(stated)
-    for field, values in (("devices", devices), ("requires", capabilities)):
-        if values:
-            draft.put(("components", index, field), values, requirements)
+        found.append(stated)
+    for field, values in devices_and_requires(found).items():
+        draft.put(("components", index, field), values, requirements)
 
 
 def _refuse_sharing(node: Node, kind: str, *, alone: bool) -> None:
@@ -98,12 +93,6 @@ def _refuse_sharing(node: Node, kind: str, *, alone: bool) -> None:
             f"a {kind} device belongs to one component, and there are several packages: "
             "move it to orchestration.components.<package>.scheduler.affinity"
         )
-
-
-def _device_name(node: Node, kind: str, devices: list[dict[str, Any]]) -> str:
-    """`can`, and from the second one `can-2`."""
-    count = sum(device["type"] == kind for device in devices)
-    return checked_label(kind if count == 0 else f"{kind}-{count + 1}", node, longest=32)
 
 
 def _shared(shared: Section, names: frozenset[str]) -> Iterator[tuple[str, list[str]]]:

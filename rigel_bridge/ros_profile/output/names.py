@@ -5,8 +5,6 @@ from typing import Final
 API_VERSION: Final = "robotics.io/v1alpha1"
 SCHEDULER_PREFIX: Final = "scheduler.robotics.io/"
 """Prefix of the annotations of pods."""
-EXCLUSIVE_TYPES: Final = frozenset({"usb", "can", "serial", "gpio"})
-"""Hardware that one component has for itself: a device. Cameras and GPUs are properties of the node."""
 MAX_APP_NAME: Final = 40
 MAX_COMPONENTS: Final = 64
 MAX_EDGES: Final = 256

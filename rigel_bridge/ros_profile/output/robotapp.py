@@ -10,9 +10,9 @@ import yaml
 
 from ros_profile.model.conclusions import Assessment, Edge, Hardware, LaunchedNode, LaunchProfile, QosClass
 from ros_profile.model.endpoints import Qos
+from ros_profile.output.hardware import EXCLUSIVE_TYPES, devices_and_requires
 from ros_profile.output.names import (
     API_VERSION,
-    EXCLUSIVE_TYPES,
     MAX_APP_NAME,
     MAX_COMPONENTS,
     MAX_EDGES,
@@ -107,18 +107,7 @@ def needs(assessment: Assessment, hardware: Iterable[Hardware]) -> dict[str, Any
         found["qosClass"] = qos_class
     if stated:
         found["policies"] = stated
-    devices: list[dict[str, str]] = []
-    requires: list[dict[str, str]] = []
-    for one in hardware:
-        if one.type in EXCLUSIVE_TYPES:
-            devices.append(_device(one.usb_id, requirement(one), devices))
-        elif requirement(one) not in requires:
-            requires.append(requirement(one))
-    if devices:
-        found["devices"] = devices
-    if requires:
-        found["requires"] = requires
-    return found
+    return {**found, **devices_and_requires(_stated(one) for one in hardware)}
 
 
 def _lead(component: Component) -> LaunchedNode:
@@ -131,10 +120,10 @@ def _lead(component: Component) -> LaunchedNode:
     return min(component.nodes, key=rank)
 
 
-def _device(usb_id: str, stated: dict[str, str], before: list[dict[str, str]]) -> dict[str, str]:
-    same = sum(device["type"] == stated["type"] for device in before)
-    name = stated["type"] if not same else f"{stated['type']}-{same + 1}"
-    return {"name": name, **stated, **({"usbID": usb_id} if usb_id else {})}
+def _stated(hardware: Hardware) -> dict[str, str]:
+    """`requirement`, and of a device the USB id that a udev rule names."""
+    usb = {"usbID": hardware.usb_id} if hardware.usb_id and hardware.type in EXCLUSIVE_TYPES else {}
+    return requirement(hardware) | usb
 
 
 def _arguments(component: Component, *, ros1: bool) -> list[str]:

@@ -2,6 +2,9 @@
 
 from typing import Any, get_args
 
+import pytest
+from tests.support.rigelfiles import orchestration, spec
+
 from rigel_bridge import names as bridge
 from rigel_bridge.document.distros import distros
 from rigel_bridge.document.failures import control_character
@@ -15,9 +18,11 @@ from robotapp_api.values.ranges import MAX_ID, is_safe_id
 from robotapp_scheduler.core.ros import EXCLUSIVE_TYPES, TIERS
 from ros_profile.knowledge import hardware
 from ros_profile.main import CONTROL
-from ros_profile.model.conclusions import Hardware, QosClass
+from ros_profile.model.conclusions import Assessment, Hardware, QosClass
+from ros_profile.output import hardware as held
 from ros_profile.output import names as profiler
 from ros_profile.output import values
+from ros_profile.output.robotapp import needs
 
 
 def fields(*path: str) -> Any:
@@ -59,8 +64,19 @@ def test_qos_classes_have_one_order() -> None:
 
 
 def test_the_same_hardware_is_held_by_one_component_everywhere() -> None:
-    assert bridge.EXCLUSIVE_TYPES == profiler.EXCLUSIVE_TYPES == EXCLUSIVE_TYPES
+    assert held.EXCLUSIVE_TYPES == EXCLUSIVE_TYPES
     assert set(TYPES) >= EXCLUSIVE_TYPES
+
+
+@pytest.mark.parametrize("kind", sorted(TYPES))
+def test_a_rigelfile_and_a_profile_give_the_same_field_for_hardware(kind: str) -> None:
+    """Twice the same: two devices, or one property of the node."""
+    block = f"scheduler: {{affinity: {{hardware_requirements: [{{type: {kind}}}, {{type: {kind}}}]}}}}"
+    (written,) = spec(orchestration(block))["components"]
+    concluded = needs(Assessment(qos_class=None), [Hardware(kind), Hardware(kind)])
+    fields = {"devices", "requires"}
+    assert {key: written[key] for key in fields & written.keys()} == concluded
+    assert len(next(iter(concluded.values()))) == (2 if kind in EXCLUSIVE_TYPES else 1)
 
 
 def test_hardware_has_the_types_that_node_agents_report() -> None:
