@@ -9,9 +9,8 @@ from typing import Any, Final
 from rigel_bridge import __version__
 from rigel_bridge.document.failures import BridgeError, Exit, Place
 from rigel_bridge.document.tree import MAX_BYTES, Node, parse
-from rigel_bridge.generations.load import Outline, load, outline
+from rigel_bridge.generations.load import Outline, completed_by, load, outline
 from rigel_bridge.generations.model import Generation, Options, Rigelfile
-from rigel_bridge.generations.second_file import completed_by
 from rigel_bridge.inferences import inferences
 from rigel_bridge.render.app import Naming, Rendered, render
 from rigel_bridge.render.inferred import filled

@@ -2,13 +2,14 @@
 
 import errno
 import hashlib
+import io
 import json
-from collections.abc import Callable, Mapping
+import tarfile
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
-from rigel_bridge.cluster.archive import ArchiveError, files_of
 from rigel_bridge.cluster.instances import instances_of, is_ready, pods_of
 from rigel_bridge.cluster.kubectl import ClusterError, Kubectl
 from rigel_bridge.document.failures import BridgeError, Exit, Place
@@ -24,6 +25,8 @@ _LOG_BYTES: Final = 1024 * 1024
 _FILES_BYTES: Final = 256 * 1024 * 1024
 _COPY_S: Final = 300.0
 _SHOWN: Final = 200
+MAX_FILES: Final = 10_000
+"""Of one archive."""
 _NAME_ERRORS: Final = (errno.ENAMETOOLONG, errno.ENOTDIR, errno.EISDIR, errno.EEXIST, errno.EILSEQ)
 
 
@@ -143,3 +146,36 @@ def _add_named_by_container(into: Collection, path: PurePosixPath, content: byte
 
 def _unwritable(path: Path, error: OSError) -> BridgeError:
     return BridgeError(Place(str(path)), f"cannot be written: {error.strerror}", code=Exit.UNREADABLE)
+
+
+class ArchiveError(Exception):
+    """Why an archive is not taken."""
+
+
+def files_of(data: bytes) -> Iterator[tuple[PurePosixPath, bytes]]:
+    """Relative path and content of the ordinary files; links, devices and paths that lead out of the folder are passed over.
+
+    A container can write any archive: a sparse file of a few bytes stands for terabytes, a size can be larger than any memory
+    address, and headers can follow headers until Python's stack ends. All that is an ArchiveError.
+    """
+    left = len(data)
+    try:
+        with tarfile.open(fileobj=io.BytesIO(data), mode="r:") as archive:
+            for count, member in enumerate(archive):
+                if count >= MAX_FILES:
+                    raise ArchiveError(f"has more than {MAX_FILES} files")
+                if not member.isreg() or not _is_inside(member.name):
+                    continue
+                left -= max(member.size, 0)
+                if left < 0:
+                    raise ArchiveError(f"is no archive: the files are larger than its {len(data)} bytes")
+                content = archive.extractfile(member)
+                if content is not None:
+                    yield PurePosixPath(member.name), content.read()
+    except (tarfile.TarError, EOFError, ValueError, ArithmeticError, LookupError, RecursionError) as error:
+        raise ArchiveError(f"is no archive: {error}") from error
+
+
+def _is_inside(name: str) -> bool:
+    path = PurePosixPath(name)
+    return bool(path.parts) and not path.is_absolute() and ".." not in path.parts and "\0" not in name

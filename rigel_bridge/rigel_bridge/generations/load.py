@@ -1,9 +1,9 @@
 """Any Rigelfile to the RobotApps to be: the way in for all generations."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
-from rigel_bridge.document.failures import BridgeError
+from rigel_bridge.document.failures import BridgeError, nearest
 from rigel_bridge.document.headed_template import HeadedTemplates
 from rigel_bridge.document.section import Resolver, Section
 from rigel_bridge.document.template import Templates
@@ -16,6 +16,8 @@ from rigel_bridge.generations.model import Generation, Options, Rigelfile
 from rigel_bridge.generations.sequences import sequences
 from rigel_bridge.generations.targets import JobFile, targets
 
+_SECOND: Final = ("application", "orchestration", "sequences", "vars")
+"""Keys of a second file: Rigel 0.3 refuses a file that has `orchestration` at its top."""
 _DRAFTS: Final = (Generation.G2A, Generation.G2B)
 
 
@@ -81,3 +83,27 @@ def _templates(root: Node, generation: Generation, options: Options) -> Resolver
     if generation in _DRAFTS:
         return Templates(values, reads_environment=False)
     return HeadedTemplates(values, options.environment)
+
+
+def completed_by(root: Node, other: Node) -> Node:
+    """The Rigelfile with the keys of the other file added. A key that both have is an error, except `vars`, which are joined."""
+    top = dict(root.mapping())
+    for key, node in other.mapping().items():
+        if key not in _SECOND:
+            raise node.fail(f"is not known beside a Rigelfile{nearest(key, [*_SECOND])}; known: {', '.join(_SECOND)}")
+        if key == "vars" and key in top:
+            top[key] = _joined(top[key], node)
+        elif key in top:
+            raise node.fail(f"is already in {top[key].place}: keep one")
+        else:
+            top[key] = node
+    return replace(root, value=top)
+
+
+def _joined(first: Node, second: Node) -> Node:
+    values = dict(first.mapping())
+    for name, node in second.mapping().items():
+        if name in values:
+            raise node.fail(f"is already in {values[name].place}: keep one")
+        values[name] = node
+    return replace(first, value=values)

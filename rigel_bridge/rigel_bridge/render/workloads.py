@@ -4,13 +4,13 @@
 scheduler. Both bring the volume claims and, for ROS 1, the master. What only the operator can do is noted.
 """
 
+import json
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 from rigel_bridge.document.distros import ros_version
 from rigel_bridge.document.failures import BridgeError, Place
 from rigel_bridge.names import BRIDGE_APP_LABEL, DEFAULT_SCHEDULER, GRANTED_DOMAIN, SCHEDULER, SCHEDULER_PREFIX
-from rigel_bridge.render.annotations import pod_annotations
 from rigel_bridge.render.app import Rendered
 from rigel_bridge.render.draft import Path, written
 
@@ -23,6 +23,16 @@ _CONTAINER: Final = (
     *("imagePullPolicy", "securityContext", "livenessProbe", "readinessProbe", "startupProbe", "lifecycle"),
 )
 _SCHEDULING: Final = ("qosClass", "policies", "devices", "requires", "sharedData")
+_POLICIES: Final = {
+    "latencyBudget": "latency_budget",
+    "reliability": "reliability",
+    "durability": "durability",
+    "liveliness": "liveliness",
+    "deadline": "deadline",
+    "queueSize": "queue_size",
+    "tcpNodelay": "tcp_nodelay",
+}
+"""Words of the annotation by field."""
 _ROS2: Final = ("domain", "allowUnsafeDomain", "rmw")
 _HARDWARE: Final = ("name", "type", "model", "interface")
 """Of an entry of `devices`, as the annotation has it; the name is for the grants alone."""
@@ -193,3 +203,44 @@ def _notes(rendered: Rendered, *, ours: bool) -> list[str]:
             "RobotApp, which gets its own"
         )
     return notes
+
+
+def pod_annotations(spec: Mapping[str, Any], component: Mapping[str, Any], *, app: str) -> dict[str, str]:
+    """What a component requests of the scheduler, as the thesis writes it: the inverse of `scheduling`.
+
+    Annotations by name, without those that would be empty. Pods of the same app are named by their Deployment.
+    """
+    found = {
+        "policies": _policies(component),
+        "topology": _topology(spec.get("placement", {})),
+        "affinity": _affinity(component),
+        "shared-data": _shared(component.get("sharedData", {}), app),
+    }
+    return {f"{SCHEDULER_PREFIX}{key}": json.dumps(value) for key, value in found.items() if value}
+
+
+def _policies(component: Mapping[str, Any]) -> dict[str, Any]:
+    written = component.get("policies", {})
+    found = {word: written[field] for field, word in _POLICIES.items() if field in written}
+    if "qosClass" in component:
+        found["qos_class"] = component["qosClass"]
+    return found
+
+
+def _topology(placement: Mapping[str, Any]) -> dict[str, Any]:
+    words = {"masterNode": "master_node", "zones": "preferred_zones"}
+    return {word: placement[field] for field, word in words.items() if placement.get(field)}
+
+
+def _affinity(component: Mapping[str, Any]) -> dict[str, Any]:
+    hardware = [
+        {key: entry[key] for key in ("type", "model", "interface") if entry.get(key)}
+        for entry in (*component.get("devices", ()), *component.get("requires", ()))
+    ]
+    return {"hardware_requirements": hardware} if hardware else {}
+
+
+def _shared(shared: Mapping[str, Any], app: str) -> dict[str, Any]:
+    peers = [*(f"{app}-{name}" for name in shared.get("with", ())), *shared.get("peerPods", ())]
+    found = {"peer_pods": peers, "pvc": shared.get("claimNames", [])}
+    return {key: value for key, value in found.items() if value}

@@ -1,6 +1,8 @@
 """`rigel-bridge sequences`: list the sequences of a Rigelfile, run them, compare what they left."""
 
 import argparse
+import shutil
+import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,9 +13,8 @@ from uuid import uuid4
 
 from rigel_bridge.cluster.results import opened
 from rigel_bridge.cluster.waiting import Clock
-from rigel_bridge.document.failures import Exit, nearest
+from rigel_bridge.document.failures import BridgeError, Exit, Place, nearest
 from rigel_bridge.sequences.comparison import table
-from rigel_bridge.sequences.programs import run_rigel
 from rigel_bridge.sequences.run import Limits, Tools, read_summaries, run
 from rigel_bridge.sequences.steps import Action, Kind, actions, described, folder_name, refuse_thesis
 from rigel_bridge.source import Objects, objects
@@ -118,6 +119,32 @@ def _tools(arguments: argparse.Namespace) -> Tools:
 
     limits = Limits(ready_s=arguments.wait, duration_s=arguments.duration)
     return Tools(kubectl_of(arguments), rigel, tell, Clock(), limits, keep=arguments.keep, run_id=uuid4().hex)
+
+
+def run_rigel(arguments: Sequence[str], *, folder: Path, timeout_s: float, program: str = "rigel") -> None:
+    """Run `rigel ARGUMENTS` to its end; BridgeError (STEP_FAILED) when it is missing, fails or takes too long.
+
+    Rigel 0.3 ends a parallel stage with 0 whatever failed in it; its single jobs end with 1, and only these are run here.
+    """
+    found = shutil.which(program)
+    shown = f"{program} {' '.join(arguments)}"
+    if found is None:
+        raise _failed(
+            f"{program} is not an installed program, and the sequence needs `{shown}`: install Rigel (docs/rigel-bridge.md), or "
+            "add --no-build when the image is in the registry already"
+        )
+    try:
+        done = subprocess.run([found, *arguments], cwd=folder, timeout=timeout_s, check=False, stdin=subprocess.DEVNULL)
+    except subprocess.TimeoutExpired:
+        raise _failed(f"`{shown}` did not end within {timeout_s:g} s; --build-timeout allows more") from None
+    except OSError as error:
+        raise _failed(f"`{shown}` cannot be started: {error.strerror}") from error
+    if done.returncode:
+        raise _failed(f"`{shown}` ended with {done.returncode}; what it wrote stands above")
+
+
+def _failed(message: str) -> BridgeError:
+    return BridgeError(Place("rigel"), message, code=Exit.STEP_FAILED)
 
 
 def _compared(folder: Path) -> int:

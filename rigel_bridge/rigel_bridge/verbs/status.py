@@ -1,32 +1,34 @@
-"""`rigel-bridge status`: how the app does, in a few lines or as JSON."""
+"""`rigel-bridge status` and `collect`: what an app shows of itself, in a few lines or copied into a folder."""
 
 import argparse
 import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any, Final
 
 from rigel_bridge.cluster import apps, history
 from rigel_bridge.cluster.instances import instances_of
 from rigel_bridge.cluster.kubectl import ClusterError, Kubectl, Refusal
+from rigel_bridge.cluster.results import collect, opened
 from rigel_bridge.cluster.revisions import Revision, same
 from rigel_bridge.cluster.waiting import condition
 from rigel_bridge.document.failures import Exit
 from rigel_bridge.sequences import lease
-from rigel_bridge.verbs.cluster_options import add_app, kubectl_of, names_of, say, subject
+from rigel_bridge.verbs.cluster_options import add_app, kubectl_of, names_of, say, subject, tell
 from rigel_bridge.verbs.verb import Verb
 
 _CONDITIONS: Final = ("Accepted", "Allocated", "Placed", "Ready", "BudgetMet")
 _INSTANCES_SHOWN: Final = 10
 
 
-def _arguments(parser: argparse.ArgumentParser) -> None:
+def _status_arguments(parser: argparse.ArgumentParser) -> None:
     add_app(parser)
     parser.add_argument("-o", "--output", choices=("text", "json"), default="text", help="form (default: text)")
 
 
-def _run(arguments: argparse.Namespace) -> int:
+def _status(arguments: argparse.Namespace) -> int:
     kubectl = kubectl_of(arguments)
     ready = True
     for name in names_of(arguments):
@@ -109,11 +111,48 @@ STATUS: Final = Verb(
     name="status",
     summary="show how the app does, and its past specs",
     description="Show phase, conditions that are not met, where components run, and past specs. Exit code 75 unless it is Ready.",
-    arguments=_arguments,
-    run=_run,
+    arguments=_status_arguments,
+    run=_status,
     examples=(
         ("rigel-bridge status", "of what ./Rigelfile becomes"),
         ("rigel-bridge status amr-teleop -n fleet", "of an app by its name"),
         ("rigel-bridge status amr-teleop -o json", "for programs"),
+    ),
+)
+
+
+def _collect_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("folder", type=Path, help="new or empty folder; with several apps each gets one below it")
+    add_app(parser)
+    parser.add_argument(
+        "--path",
+        default="",
+        help="folder in the containers that holds results (default: results.source_path of the Rigelfile)",
+    )
+
+
+def _collect(arguments: argparse.Namespace) -> int:
+    kubectl, names = kubectl_of(arguments), names_of(arguments)
+    for name in names:
+        app = apps.existing(kubectl, name)
+        into = opened(arguments.folder / name if len(names) > 1 else arguments.folder)
+        collect(kubectl, app, into, tell=tell, path=arguments.path)
+        into.close()
+        say(f"robotapp/{name}: {len(into.sums)} files in {into.folder}")
+    return Exit.OK
+
+
+COLLECT: Final = Verb(
+    name="collect",
+    summary="copy state, logs and result files into a folder",
+    description=(
+        "Copy what the app shows of itself: the RobotApp, its instances and pods as JSON, logs of at most 1 MiB, and the result "
+        "files of the newest ready pod of each component (256 MiB; the container needs tar). manifest.json has a checksum of each."
+    ),
+    arguments=_collect_arguments,
+    run=_collect,
+    examples=(
+        ("rigel-bridge collect results/today", "of what ./Rigelfile became"),
+        ("rigel-bridge collect out amr-teleop --path /results", "result files of a folder in the containers"),
     ),
 )

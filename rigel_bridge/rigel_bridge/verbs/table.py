@@ -2,17 +2,13 @@
 
 from typing import Final
 
-from rigel_bridge.verbs.apply import APPLY
 from rigel_bridge.verbs.check import CHECK
-from rigel_bridge.verbs.collect import COLLECT
 from rigel_bridge.verbs.completion import COMPLETION
-from rigel_bridge.verbs.delete import DELETE
-from rigel_bridge.verbs.diff import DIFF
+from rigel_bridge.verbs.lifecycle import APPLY, DELETE, DIFF, ROLLBACK
 from rigel_bridge.verbs.migrate import MIGRATE
 from rigel_bridge.verbs.render import RENDER
-from rigel_bridge.verbs.rollback import ROLLBACK
 from rigel_bridge.verbs.sequences import SEQUENCES
-from rigel_bridge.verbs.status import STATUS
+from rigel_bridge.verbs.status import COLLECT, STATUS
 from rigel_bridge.verbs.verb import Verb
 
 VERBS: Final[tuple[Verb, ...]] = (

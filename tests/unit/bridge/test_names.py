@@ -10,8 +10,8 @@ from rigel_bridge.document.distros import distros
 from rigel_bridge.document.failures import control_character
 from rigel_bridge.document.naming import MAX_APP_NAME, MAX_COMPONENT_NAME
 from rigel_bridge.render import scheduling
-from rigel_bridge.render.annotations import pod_annotations
 from rigel_bridge.render.schema import robotapp_schema
+from rigel_bridge.render.workloads import pod_annotations
 from robotapp_agent.devices.kinds import TYPES
 from robotapp_api.model import component, names
 from robotapp_api.values.ranges import MAX_ID, is_safe_id

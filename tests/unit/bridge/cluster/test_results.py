@@ -10,10 +10,9 @@ from typing import Any
 import pytest
 from tests.support.fake_cluster import FakeCluster, app
 
-from rigel_bridge.cluster import archive as archives
-from rigel_bridge.cluster.archive import ArchiveError, files_of
+from rigel_bridge.cluster import results
 from rigel_bridge.cluster.deployment import deploy
-from rigel_bridge.cluster.results import collect, newest, opened
+from rigel_bridge.cluster.results import ArchiveError, collect, files_of, newest, opened
 from rigel_bridge.document.failures import BridgeError
 
 READY = {"conditions": [{"type": "Ready", "status": "True"}]}
@@ -99,7 +98,7 @@ def test_an_archive_writes_nothing_outside_of_its_folder() -> None:
 
 
 def test_an_archive_that_is_cut_off_or_has_too_many_files_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(archives, "MAX_FILES", 3)
+    monkeypatch.setattr(results, "MAX_FILES", 3)
     with pytest.raises(ArchiveError, match="is no archive"):
         list(files_of(archive(a=b"x" * 5000)[:2000]))
     with pytest.raises(ArchiveError, match="more than 3 files"):

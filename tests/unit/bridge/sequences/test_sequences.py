@@ -19,7 +19,6 @@ from rigel_bridge.cluster.results import opened
 from rigel_bridge.cluster.waiting import Clock
 from rigel_bridge.document.failures import BridgeError
 from rigel_bridge.main import main
-from rigel_bridge.sequences import programs
 from rigel_bridge.sequences.comparison import table
 from rigel_bridge.sequences.lease import RUN, RUN_ID
 from rigel_bridge.sequences.run import Tools, annotated, read_summaries, renamed, run
@@ -252,10 +251,10 @@ def test_runs_stand_side_by_side_with_what_each_of_them_has() -> None:
 
 def test_rigel_that_is_missing_or_fails_ends_the_run_with_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(BridgeError, match=r"no-such-rigel is not an installed program.*--no-build") as caught:
-        programs.run_rigel(["build"], folder=tmp_path, timeout_s=5, program="no-such-rigel")
+        verb.run_rigel(["build"], folder=tmp_path, timeout_s=5, program="no-such-rigel")
     assert caught.value.code == 77
     with pytest.raises(BridgeError, match="`false build` ended with 1"):
-        programs.run_rigel(["build"], folder=tmp_path, timeout_s=5, program="false")
+        verb.run_rigel(["build"], folder=tmp_path, timeout_s=5, program="false")
 
 
 def test_the_command_lists_runs_and_compares(

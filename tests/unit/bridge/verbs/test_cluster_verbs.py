@@ -2,7 +2,6 @@
 
 import argparse
 import json
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +11,9 @@ from tests.support.rigelfiles import ONE, orchestration
 
 from rigel_bridge.cluster.kubectl import ClusterError, Kubectl, Refusal
 from rigel_bridge.main import main
+from rigel_bridge.verbs import lifecycle, status
 from rigel_bridge.verbs.cluster_options import kubectl_of, seconds
 
-VERBS = ("apply", "diff", "status", "rollback", "delete", "collect")
 STORAGE = "persistent_storage: {volumes: [{name: logs, size: 1Gi, storage_class: fast, mount_path: /logs}]}"
 
 
@@ -22,8 +21,7 @@ STORAGE = "persistent_storage: {volumes: [{name: logs, size: 1Gi, storage_class:
 def cluster(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> FakeCluster:
     """Behind every command, in a folder with a Rigelfile of the app `teleop`."""
     made = FakeCluster()
-    for name in VERBS:
-        module = import_module(f"rigel_bridge.verbs.{name}")
+    for module in (lifecycle, status):
         monkeypatch.setattr(module, "kubectl_of", lambda _: made)
     monkeypatch.chdir(tmp_path)
     Path("Rigelfile").write_text(orchestration("{name: teleop}"))
