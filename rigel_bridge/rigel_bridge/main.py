@@ -2,10 +2,11 @@
 
 import argparse
 import os
+import re
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Final
+from typing import Final, NoReturn
 
 from rigel_bridge import __version__
 from rigel_bridge.document.failures import BridgeError, Exit, nearest, printable
@@ -25,6 +26,9 @@ standard error as well.
 """
 _WIDTH: Final = 74
 """Characters for an example and its effect, in a terminal of 80 columns."""
+_LONGEST_NAME: Final = max(len(verb.name) for verb in VERBS) + 4
+"""With its indentation, of which argparse takes no account."""
+_NO_COMMAND: Final = re.compile(r"argument COMMAND: invalid choice: '(.*)' \(choose from")
 _FIRST: Final = ("render", "check", "apply", "sequences", "migrate")
 """Commands whose first example stands in `rigel-bridge --help`."""
 
@@ -76,9 +80,9 @@ def _arguments(argv: Sequence[str]) -> argparse.Namespace:
     return arguments
 
 
-def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
+def _parser() -> tuple["_Parser", dict[str, "_Parser"]]:
     first = [verb.examples[0] for verb in VERBS if verb.name in _FIRST]
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="rigel-bridge",
         description="Turn a Rigelfile into a RobotApp for Kubernetes. `rigel-bridge COMMAND --help` has the flags and examples of each.",
         epilog=_epilog(first),
@@ -101,8 +105,23 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
     return parser, commands
 
 
+class _Parser(argparse.ArgumentParser):
+    """Wrong usage is one line, as every other mistake is: argparse would print all flags before it."""
+
+    def error(self, message: str) -> NoReturn:
+        if found := _NO_COMMAND.match(message):
+            message = f"there is no command {found[1]}{nearest(found[1], [verb.name for verb in VERBS])}"
+        if message.endswith("required: COMMAND"):
+            message = "a command is missing"
+        self.exit(Exit.USAGE, f"{self.prog}: error: {printable(message)}; `{self.prog} --help` shows what is allowed\n")
+
+
 class _Help(argparse.RawDescriptionHelpFormatter):
     """Descriptions are filled to the terminal; examples and exit codes stand as they are written."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog)
+        self._action_max_length = _LONGEST_NAME
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         if text.startswith("examples:"):

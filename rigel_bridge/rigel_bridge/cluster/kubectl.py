@@ -26,6 +26,7 @@ _SERVER: Final = re.compile(r"Error from server \((\w+)\): ")
 _LOG_LINE: Final = re.compile(r"[IWE][0-9]{4} [0-9:.]+ +[0-9]+ |Warning: ")
 """What kubectl logs before its error message: the same sentence several times."""
 _NO_KIND: Final = ('no matches for kind "RobotApp"', 'have a resource type "robotapp')
+_HINT: Final = " - did you specify the right host or port?"
 _UNREACHABLE: Final = (
     "Unable to connect to the server",
     "The connection to the server",
@@ -183,6 +184,7 @@ def failure(words: str, arguments: Sequence[str]) -> ClusterError:
             "this cluster has no RobotApps: install the chart of this project first (docs/installation.md)"
         )
     if any(sign in text for sign in _UNREACHABLE):
+        text = text.removesuffix(_HINT)
         return ClusterError(
             f"the cluster cannot be reached: {text[:_SHOWN]}; look at `kubectl config current-context`, or name "
             "another with --context",

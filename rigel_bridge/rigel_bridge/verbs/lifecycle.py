@@ -1,6 +1,7 @@
 """`rigel-bridge apply`, `diff`, `rollback`, `delete`: a RobotApp into the cluster, back to an earlier spec, and away."""
 
 import argparse
+import re
 import sys
 from typing import Final
 
@@ -99,11 +100,17 @@ DIFF: Final = Verb(
 def _rollback_arguments(parser: argparse.ArgumentParser) -> None:
     add_app(parser)
     parser.add_argument(
-        "--to", type=int, metavar="N", help="revision to go back to (default: the last other spec); see status"
+        "--to", type=_revision, metavar="N", help="revision to go back to (default: the last other spec); see status"
     )
     parser.add_argument(
         "--wait", type=seconds, metavar="DURATION", help="return when the app is Ready, at the latest then"
     )
+
+
+def _revision(text: str) -> int:
+    if not re.fullmatch("[1-9][0-9]{0,8}", text):
+        raise argparse.ArgumentTypeError(f"{text[:80]!r} is no number of a revision; `rigel-bridge status` lists them")
+    return int(text)
 
 
 def _rollback(arguments: argparse.Namespace) -> int:

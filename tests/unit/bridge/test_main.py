@@ -214,7 +214,45 @@ def test_wrong_usage_has_code_2(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
         main(["rendr"])
     assert caught.value.code == 2
-    assert "rendr" in capsys.readouterr().err
+    assert capsys.readouterr().err == (
+        "rigel-bridge: error: there is no command rendr (did you mean render?); `rigel-bridge --help` shows what is allowed\n"
+    )
+
+
+@pytest.mark.parametrize(
+    "typed",
+    [
+        [],
+        ["x\x1b[2J"],
+        ["render", "--format", "x"],
+        ["status", "A\x1b"],
+        ["collect"],
+        ["rollback", "--to", "-3"],
+        ["render", "a", "b"],
+    ],
+)
+def test_wrong_usage_is_one_line_that_a_terminal_can_show(typed: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(typed)
+    assert caught.value.code == 2
+    found = capsys.readouterr()
+    (line,) = found.err.splitlines()
+    assert line.isprintable()
+    assert line.startswith("rigel-bridge")
+    assert "--help` shows what is allowed" in line
+    assert found.out == ""
+
+
+def test_every_command_stands_on_the_line_of_its_summary(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 80
+    for verb in VERBS:
+        assert any(line.split(maxsplit=1) == [verb.name, verb.summary] for line in lines), verb.name
 
 
 def test_the_shipped_example_renders_without_a_note(capsys: pytest.CaptureFixture[str]) -> None:

@@ -102,7 +102,8 @@ def test_a_name_that_a_shell_would_run_is_not_offered(name: str, offer: Offer) -
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     words=st.lists(
-        st.sampled_from(["render", "sequences", "-", "--", "--run", "--job", "=", "", "-o", "é", "\0", "x"]), max_size=6
+        st.sampled_from(["render", "sequences", "-", "--", "--run", "--job", "=", "", "-o", "é", "\x01", "x"]),
+        max_size=6,
     )
 )
 def test_any_line_is_completed_without_an_error(words: list[str], offer: Offer) -> None:
