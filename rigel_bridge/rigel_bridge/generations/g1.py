@@ -70,7 +70,9 @@ def _package(section: Section, options: Options) -> Package:
 def _with_image(packages: tuple[Package, ...], image: str, block: Section | None) -> tuple[Package, ...]:
     """The one package with the image that was given on the command line, beside the block or in it."""
     if image and len(packages) > 1:
-        raise packages[0].node.fail("has its own image, as all packages have: one image for several is none of them")
+        raise packages[0].node.fail(
+            "has its own image, as each of the packages: leave out the one image (--image, or image beside orchestration)"
+        )
     if not image and len(packages) == 1 and block is not None:
         image = block.text("application_image") or ""
     return (replace(packages[0], image=image),) if image else packages

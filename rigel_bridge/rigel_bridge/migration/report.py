@@ -48,12 +48,17 @@ def lines(plan: Plan) -> Iterator[str]:
     for made in plan.apps:
         spec, metadata = made.app["spec"], made.app["metadata"]
         yield f"RobotApp {metadata['namespace']}/{metadata['name']} from {', '.join(each.title for each in made.workloads)}"
-        yield f"  {len(spec['components'])} component(s), ROS {spec['ros']['distro']}, scheduler {spec.get('schedulerName', 'of the operator')}"
+        yield f"  {_components(spec)}, ROS {spec['ros']['distro']}, scheduler {spec.get('schedulerName', 'of the operator')}"
         yield from (f"  {note}" for note in made.notes)
         yield from (f"  LOST: {each} has no place in a RobotApp" for each in made.lost)
     yield from (f"stays: {each}" for each in plan.refused)
     yield from plan.scene.notes
     yield from (_claim_line(claim, plan) for claim in plan.scene.claims)
+
+
+def _components(spec: Mapping[str, Any]) -> str:
+    count = len(spec["components"])
+    return f"{count} component" if count == 1 else f"{count} components"
 
 
 def _claim_line(claim: Claim, plan: Plan) -> str:

@@ -31,10 +31,13 @@ def _run(arguments: argparse.Namespace) -> int:
     lines = [f"error: {error}" for error in errors]
     lines += [f"note: {note}" for note in notes if note not in errors]
     lines += [f"generation {examined.generation}: {examined.evidence}", *apps]
+    refused = bool(notes) and arguments.strict
+    if refused and not errors:
+        lines.append(f"error: {arguments.rigelfile}: has notes, and --strict allows none")
     sys.stdout.write("".join(f"{printable(line)}\n" for line in lines))
     if errors:
         return next(iter(errors.values()))
-    return Exit.INVALID if notes and arguments.strict else Exit.OK
+    return Exit.INVALID if refused else Exit.OK
 
 
 def _choices(source: Source, jobs: tuple[str, ...], sequences: tuple[str, ...]) -> Iterator[Source]:

@@ -16,8 +16,8 @@ from rigel_bridge.source import Objects, Source, objects
 _NAMESPACE: Final = re.compile(r"[a-z0-9]([-a-z0-9]{0,61}[a-z0-9])?")
 
 
-def add_source(parser: argparse.ArgumentParser) -> None:
-    """The Rigelfile and how it is read: `objects_of` reads it."""
+def add_source(parser: argparse.ArgumentParser, *, with_choice: bool = True) -> None:
+    """The Rigelfile and how it is read: `objects_of` reads it. `with_choice`: one job or sequence of it can be chosen."""
     parser.add_argument(
         "rigelfile",
         nargs="?",
@@ -40,9 +40,10 @@ def add_source(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="take {{ NAME }} from the environment when it is not in vars; once per variable (default: none is taken)",
     )
-    chosen = parser.add_mutually_exclusive_group()
-    chosen.add_argument("--job", default="", help="the job to render (default: the first with an orchestration block)")
-    chosen.add_argument("--sequence", default="", help="every job of this sequence that deploys, with its overrides")
+    if with_choice:
+        _add_choice(parser)
+    else:
+        parser.set_defaults(job="", sequence="")
     parser.add_argument(
         "--orchestration",
         type=Path,
@@ -58,6 +59,12 @@ def add_source(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--image", default="", help="image of the application, for files that name none or another")
     parser.add_argument("--distro", default="", help="ROS distribution, for files that name none or another")
     parser.add_argument("--strict", action="store_true", help="do nothing and fail with 72 when there is a note")
+
+
+def _add_choice(parser: argparse.ArgumentParser) -> None:
+    chosen = parser.add_mutually_exclusive_group()
+    chosen.add_argument("--job", default="", help="the job to render (default: the first with an orchestration block)")
+    chosen.add_argument("--sequence", default="", help="every job of this sequence that deploys, with its overrides")
 
 
 def source_of(arguments: argparse.Namespace) -> Source:
@@ -83,11 +90,11 @@ def objects_of(arguments: argparse.Namespace) -> Objects:
     """The objects that the arguments of `add_source` name. Notes go to standard error; with --strict they are an error."""
     source = source_of(arguments)
     found = objects(source)
-    tell(found.notes, arguments)
+    tell_notes(found.notes, arguments)
     return found
 
 
-def tell(notes: Iterable[str], arguments: argparse.Namespace) -> None:
+def tell_notes(notes: Iterable[str], arguments: argparse.Namespace) -> None:
     """Notes to standard error; with --strict they are an error."""
     listed = tuple(notes)
     for note in listed:

@@ -9,7 +9,7 @@ from rigel_bridge.document.failures import BridgeError, Exit, Place, printable
 from rigel_bridge.render.text import as_yaml
 from rigel_bridge.render.workloads import FORMATS, workloads
 from rigel_bridge.source import objects
-from rigel_bridge.verbs.options import add_source, source_of, tell
+from rigel_bridge.verbs.options import add_source, source_of, tell_notes
 from rigel_bridge.verbs.verb import Verb
 
 
@@ -31,7 +31,7 @@ def _run(arguments: argparse.Namespace) -> int:
         plain = [workloads(one, annotated=arguments.format == "pods") for one in found.rendered]
         documents = tuple(document for written, _ in plain for document in written)
         notes = tuple(dict.fromkeys([*found.rigelfile.notes, *(note for _, more in plain for note in more)]))
-    tell(notes, arguments)
+    tell_notes(notes, arguments)
     comments = "".join(f"# {printable(remark)}\n" for remark in found.remarks)
     write(comments + as_yaml(documents), arguments.output)
     return Exit.OK

@@ -19,12 +19,12 @@ from rigel_bridge.sequences.run import Limits, Tools, read_summaries, run
 from rigel_bridge.sequences.steps import Action, Kind, actions, described, folder_name, refuse_thesis
 from rigel_bridge.source import Objects, objects
 from rigel_bridge.verbs.cluster_options import add_cluster, ended_like_ctrl_c, kubectl_of, say, seconds, tell
-from rigel_bridge.verbs.options import add_source, source_of
+from rigel_bridge.verbs.options import add_source, source_of, tell_notes
 from rigel_bridge.verbs.verb import Verb
 
 
 def _arguments(parser: argparse.ArgumentParser) -> None:
-    add_source(parser)
+    add_source(parser, with_choice=False)
     parser.add_argument(
         "--run",
         dest="chosen",
@@ -91,8 +91,7 @@ def _run(arguments: argparse.Namespace) -> int:
 def _of_sequence(arguments: argparse.Namespace, name: str) -> Objects:
     source = source_of(arguments)
     found = objects(replace(source, options=replace(source.options, sequence=name, job="")))
-    for note in found.notes:
-        tell(f"note: {note}")
+    tell_notes(found.notes, arguments)
     return found
 
 

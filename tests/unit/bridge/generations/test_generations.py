@@ -269,7 +269,7 @@ def test_what_stands_beside_the_block_of_a_first_generation_file_holds_too() -> 
     assert found.notes[0].endswith(
         "kwargs.namespace is not carried over: the command line names the namespace (-n), not the file"
     )
-    assert "one image for several is none of them" in refusal(TWO, image="x:1")
+    assert "leave out the one image (--image" in refusal(TWO, image="x:1")
 
 
 def test_the_command_lines_image_comes_before_the_steps_the_blocks_and_the_build_jobs() -> None:

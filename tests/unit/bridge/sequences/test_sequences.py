@@ -326,3 +326,17 @@ def test_ctrl_c_is_one_word_and_code_130(monkeypatch: pytest.MonkeyPatch, capsys
     monkeypatch.setattr(verb, "objects", interrupted)
     assert main(["sequences"]) == 130
     assert capsys.readouterr().err == "interrupted\n"
+
+
+def test_notes_end_a_run_before_it_begins_when_it_is_strict(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("Rigelfile").write_text(LIST.replace("{name: teleop,", "{name: teleop, namespace: lab,"))
+    world = World()
+    monkeypatch.setattr(verb, "kubectl_of", lambda _: world.cluster)
+    assert main(["sequences", "--run", "demo", "--no-build", "--strict"]) == 72
+    assert "has notes, and --strict allows none" in capsys.readouterr().err
+    assert world.cluster.calls == []
+    with pytest.raises(SystemExit):
+        main(["sequences", "--sequence", "demo"])
