@@ -18,7 +18,7 @@ from rigel_bridge.cluster.volume_claims import apply_claims
 from rigel_bridge.cluster.waiting import Clock, wait_ready
 from rigel_bridge.document.failures import BridgeError
 from rigel_bridge.sequences.comparison import is_summary
-from rigel_bridge.sequences.lease import Lease, goes_on, in_background, is_of, sequence_of
+from rigel_bridge.sequences.lease import LEASE_S, Lease, goes_on, in_background, is_of, sequence_of
 from rigel_bridge.sequences.samples import columns, edges, placement
 from rigel_bridge.sequences.steps import Action, Kind, run_name
 from rigel_bridge.source import Objects
@@ -26,7 +26,7 @@ from rigel_bridge.source import Objects
 _SHOWN_S: Final = 10.0
 _SUMMARY: Final = "summary.json"
 _MAX_SUMMARY_BYTES: Final = 16 * 1024 * 1024
-_UNFINISHED: Final = "unfinished"
+UNFINISHED: Final = "unfinished"
 """The outcome until a run has another one: also of a run that was killed."""
 
 
@@ -117,7 +117,7 @@ def _begun(sequence: str, wanted: Sequence[Mapping[str, Any]], into: Collection)
     for app in (renamed(each, sequence) for each in wanted):
         name = app["metadata"]["name"]
         own = into if len(wanted) == 1 else Collection(into.folder / name)
-        found.append(Outcome(app, own, {"sequence": sequence, "app": name, "outcome": _UNFINISHED}))
+        found.append(Outcome(app, own, {"sequence": sequence, "app": name, "outcome": UNFINISHED}))
         found[-1].write()
     return found
 
@@ -129,7 +129,7 @@ def _written_at_the_end(outcomes: Sequence[Outcome], tools: Tools) -> Iterator[N
         yield
     finally:
         for outcome in outcomes:
-            if outcome.summary["outcome"] == _UNFINISHED:
+            if outcome.summary["outcome"] == UNFINISHED:
                 outcome.summary["outcome"] = "failed"
                 try:
                     outcome.write()
@@ -157,7 +157,7 @@ def _make_room(name: str, tools: Tools) -> None:
         raise ClusterError(
             f"RobotApp {name} is there and of no earlier run: a run would replace and delete it; choose another --name"
         )
-    tools.tell(f"{name}: of an earlier run; it is removed unless that run goes on")
+    tools.tell(f"{name}: of an earlier run; it is removed unless that run shows within {LEASE_S:g} s that it goes on")
     if goes_on(tools.kubectl, present, clock=tools.clock):
         raise ClusterError(
             f"RobotApp {name} is of a run that goes on: wait for its end, or choose another --name; "

@@ -15,7 +15,7 @@ from rigel_bridge.cluster.results import opened
 from rigel_bridge.cluster.waiting import Clock
 from rigel_bridge.document.failures import BridgeError, Exit, Place, nearest
 from rigel_bridge.sequences.comparison import table
-from rigel_bridge.sequences.run import Limits, Tools, read_summaries, run
+from rigel_bridge.sequences.run import UNFINISHED, Limits, Tools, read_summaries, run
 from rigel_bridge.sequences.steps import Action, Kind, actions, described, folder_name, refuse_thesis
 from rigel_bridge.source import Objects, objects
 from rigel_bridge.verbs.cluster_options import add_cluster, ended_like_ctrl_c, kubectl_of, say, seconds, tell
@@ -152,6 +152,10 @@ def _compared(folder: Path) -> int:
         sys.stdout.write(table(runs))
     else:
         tell(f"{folder}: holds no results of a run")
+    for each in runs:
+        if each.get("outcome") == UNFINISHED:
+            name = each.get("app", "APP")
+            tell(f"{each['sequence']}: its run goes on, or was killed; `rigel-bridge status {name}` shows which")
     return Exit.OK if runs and all(each.get("outcome") == "ran" for each in runs) else Exit.STEP_FAILED
 
 

@@ -236,6 +236,14 @@ def test_status_of_an_app_of_no_run_speaks_of_none(
     assert "run of sequence" not in capsys.readouterr().out
 
 
+def test_a_comparison_points_out_the_run_that_has_not_ended(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "summary.json").write_text('{"sequence": "demo", "app": "teleop-demo", "outcome": "unfinished"}')
+    assert main(["sequences", "--compare", str(tmp_path)]) == 77
+    found = capsys.readouterr()
+    assert "| outcome | unfinished |" in found.out
+    assert found.err == "demo: its run goes on, or was killed; `rigel-bridge status teleop-demo` shows which\n"
+
+
 def test_the_folder_of_a_run_that_was_killed_is_told_from_one_that_ended(tmp_path: Path) -> None:
     """SIGKILL lets nothing more happen: what stands in the folder while Rigel builds is what stays."""
     world = World()
