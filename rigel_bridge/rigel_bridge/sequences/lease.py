@@ -153,8 +153,8 @@ def goes_on(kubectl: Kubectl, app: Mapping[str, Any], *, clock: Clock) -> bool:
 
 
 def _annotations(app: Mapping[str, Any]) -> Mapping[str, str]:
-    found: Mapping[str, str] = app["metadata"].get("annotations") or {}
-    return found
+    found = app["metadata"].get("annotations")
+    return {key: text for key, text in found.items() if isinstance(text, str)} if isinstance(found, dict) else {}
 
 
 def _pointer(annotation: str) -> str:

@@ -21,6 +21,7 @@ from rigel_bridge.verbs.verb import Verb
 
 _CONDITIONS: Final = ("Accepted", "Allocated", "Placed", "Ready", "BudgetMet")
 _INSTANCES_SHOWN: Final = 10
+_NAME_SHOWN: Final = 80
 
 
 def _status_arguments(parser: argparse.ArgumentParser) -> None:
@@ -74,7 +75,7 @@ def _run_of(app: Mapping[str, Any]) -> dict[str, Any]:
     if sequence is None:
         return {}
     state, words = lease.state(app, _now())
-    return {"run": {"sequence": sequence, "state": str(state), "message": words}}
+    return {"run": {"sequence": sequence[:_NAME_SHOWN], "state": str(state), "message": words}}
 
 
 def _now() -> datetime:

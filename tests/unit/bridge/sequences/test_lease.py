@@ -203,6 +203,16 @@ def test_any_text_in_the_annotation_has_a_state(text: str) -> None:
     state({"metadata": {"annotations": {RUN: "demo", RENEWED: text}}}, NOW)
 
 
+@pytest.mark.parametrize(
+    "annotations", [None, [], "x", {RUN: 1}, {RUN: "demo", RENEWED: 5}, {RUN: "demo", RENEWED: None}]
+)
+def test_annotations_of_any_shape_have_a_state(annotations: Any) -> None:
+    found = {"metadata": {"name": "x", "annotations": annotations}}
+    assert lease.sequence_of(found) in (None, "demo")
+    assert state(found, NOW)[0] is State.ENDED
+    assert not lease.goes_on(World().cluster, found, clock=World().tools().clock)
+
+
 def test_a_living_run_is_renewed_several_times_within_a_lease() -> None:
     assert RENEW_EVERY_S * 3 < LEASE_S
 
