@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from rigel_bridge.names import API_VERSION, APP_LABEL, APP_UID_LABEL, PROVENANCE
+from rigel_bridge.names import API_VERSION, APP_LABEL, APP_UID_LABEL, PROVENANCE, RUN_RENEWED
 
 MOST: Final = 10
 """Past specs of one app, the present one among them."""
@@ -63,9 +63,9 @@ def belonging(items: Sequence[Mapping[str, Any]], app: Mapping[str, Any]) -> lis
 
 
 def provenance(obj: Mapping[str, Any]) -> dict[str, str]:
-    """The bridge's own annotations of an object."""
+    """The bridge's own annotations of an object, but for the one that changes while a run lives."""
     annotations = obj["metadata"].get("annotations") or {}
-    return {key: value for key, value in annotations.items() if key.startswith(PROVENANCE)}
+    return {key: value for key, value in annotations.items() if key.startswith(PROVENANCE) and key != RUN_RENEWED}
 
 
 def recording(items: Sequence[Mapping[str, Any]], app: Mapping[str, Any]) -> Recording:

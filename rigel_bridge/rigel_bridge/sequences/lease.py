@@ -12,13 +12,13 @@ from typing import Any, Final
 from rigel_bridge.cluster import apps
 from rigel_bridge.cluster.kubectl import ClusterError, Kubectl
 from rigel_bridge.cluster.waiting import Clock
-from rigel_bridge.names import APPS, MANAGER, PROVENANCE
+from rigel_bridge.names import APPS, MANAGER, PROVENANCE, RUN_RENEWED
 
 RUN: Final = f"{PROVENANCE}run"
 """On the app of a run: the sequence. Such an app may be removed by the next run; one without it is somebody's."""
 RUN_ID: Final = f"{PROVENANCE}run-id"
 """Which run of the sequence the app is of: two people may run the same one, under the same names, at the same time."""
-RENEWED: Final = f"{PROVENANCE}run-renewed"
+RENEWED: Final = RUN_RENEWED
 """When the run last showed that it lives. A run that ends takes it away, so an app that `--keep` leaves has none."""
 
 RENEW_EVERY_S: Final = 10.0

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from tests.support.fake_cluster import app
 from tests.support.sequence_world import LIST, World
 
+from rigel_bridge.cluster.deployment import deploy, roll_back
 from rigel_bridge.cluster.kubectl import ClusterError, Refusal
 from rigel_bridge.main import main
 from rigel_bridge.sequences import lease
@@ -179,6 +180,16 @@ def test_a_kept_app_bears_no_lease(tmp_path: Path) -> None:
     annotations = world.cluster.objects["robotapps", "teleop-demo"]["metadata"]["annotations"]
     assert (annotations[RUN], annotations[RUN_ID], RENEWED in annotations) == ("demo", "ours", False)
     assert state({"metadata": {"annotations": annotations}}, NOW)[0] is State.ENDED
+
+
+def test_a_rollback_of_a_kept_app_revives_no_run(tmp_path: Path) -> None:
+    world = World()
+    world.run(LIST, "demo", tmp_path, run_id="ours", keep=True)
+    stored = world.cluster.objects["robotapps", "teleop-demo"]
+    deploy(world.cluster, {**stored, "spec": {**stored["spec"], "suspend": True}}, tell=print)
+    roll_back(world.cluster, "teleop-demo", number=None, tell=print)
+    annotations = world.cluster.objects["robotapps", "teleop-demo"]["metadata"]["annotations"]
+    assert (annotations[RUN], annotations[RUN_ID], RENEWED in annotations) == ("demo", "ours", False)
 
 
 def test_the_work_in_the_background_repeats_and_ends_with_its_block(monkeypatch: pytest.MonkeyPatch) -> None:
