@@ -15,7 +15,7 @@ from robotapp_scheduler.core.profiles import PluginRef, PluginSet, ProfileSpec, 
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.simulation import bench_command
 
-MANUAL = Path(__file__).parents[3] / "docs" / "scheduling-rules.md"
+MANUAL = Path(__file__).parents[3] / "docs" / "how-to" / "write-a-plugin.md"
 
 
 def test_the_plugin_of_the_manual_filters_and_decides() -> None:
