@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from tests.support.walkthrough import Command, File, not_seen, steps
 
 from robotapp_testbed import guard, wait_until
 from robotapp_testbed.assets import Assets
@@ -19,6 +20,7 @@ pytestmark = pytest.mark.live
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 BUSY = "kubectl robotapp info can-rival"
+DOWN = "python -m robotapp_testbed down"
 
 
 class Shell:
@@ -88,29 +90,65 @@ def test_a_cluster_stays_until_it_is_taken_down(shell: Shell) -> None:
     assert shell.run("status").returncode == 3
 
 
-def test_the_examples_run_line_by_line_as_their_readme_has_them(shell: Shell) -> None:
-    text = (EXAMPLES / "README.md").read_text()
-    first, *lines, last = text.partition("```\n")[2].partition("```")[0].splitlines()
-    assert (first, last) == (". .venv/bin/activate", "python -m robotapp_testbed down")
+ENTERED = ("bash scripts/environment", ". .venv/bin/activate", 'eval "$(python -m robotapp_testbed env)"')
+"""What these tests have done already, or do before every line."""
 
-    def run(line: str) -> str:
-        env = {**shell.env, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+
+class Reader:
+    """Somebody who types the lines of a page in a folder of their own, beside the examples."""
+
+    def __init__(self, shell: Shell, folder: Path) -> None:
+        self.folder = folder
+        self.env = {**shell.env, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "COLUMNS": "160"}
+        folder.mkdir()
+        (folder / "examples").symlink_to(EXAMPLES)
+
+    def types(self, line: str) -> str:
         script = ["/bin/sh", "-c", f'eval "$(python -m robotapp_testbed env 2>/dev/null)"; {line}']
-        done = subprocess.run(script, env=env, cwd=EXAMPLES.parent, capture_output=True, text=True, check=False)
+        done = subprocess.run(script, env=self.env, cwd=self.folder, capture_output=True, text=True, check=False)
         assert done.returncode == 0, (line, done.stdout, done.stderr)
         return done.stdout
 
+    def follows(self, page: str) -> None:
+        """Every line but `down`, each with what the page shows below it."""
+        for step in steps(page):
+            if isinstance(step, File):
+                (self.folder / step.name).write_text(step.text)
+            elif step.line not in (*ENTERED, DOWN):
+                self.sees(step)
+
+    def sees(self, step: Command) -> None:
+        """Looks again for a while: what a status shows comes a moment after the condition that was waited for."""
+        output = self.types(step.line)
+        looks = re.match(r"kubectl (get|robotapp) ", step.line)
+        assert not not_seen(step.shown, output) or (
+            looks and wait_until(lambda: not not_seen(step.shown, self.types(step.line)), timeout_s=30)
+        ), (step.line, output)
+
+
+@pytest.fixture
+def reader(shell: Shell, tmp_path: Path) -> Reader:
+    return Reader(shell, tmp_path / "reader")
+
+
+def test_tutorial_and_examples_run_line_by_line_as_their_pages_have_them(reader: Reader) -> None:
+    """One after the other on one cluster: both start the same one."""
+    reader.follows((EXAMPLES.parent / "docs/tutorial.md").read_text())
+
+    text = (EXAMPLES / "README.md").read_text()
+    first, *lines, last = text.partition("```\n")[2].partition("```")[0].splitlines()
+    assert (first, last) == (". .venv/bin/activate", DOWN)
     for line in lines:
-        output = run(line)
+        output = reader.types(line)
         if "info can-rival" in line:
-            assert wait_until(lambda: "can-can0 on amr-07 is held by default/can-holder" in run(BUSY), timeout_s=60), (
-                output
-            )
+            assert wait_until(
+                lambda: "can-can0 on amr-07 is held by default/can-holder" in reader.types(BUSY), timeout_s=60
+            ), output
         if line.startswith("kubectl wait"):
             assert "condition met" in output
-    devices = run("kubectl robotapp devices")
+    devices = reader.types("kubectl robotapp devices")
     assert re.search(r"amr-07 +can-can0 +can +can0 +default/can-rival", devices), devices
-    assert "60.0 ms to amr-07 > 30 ms" in run("kubectl robotapp explain teleop")
+    assert "60.0 ms to amr-07 > 30 ms" in reader.types("kubectl robotapp explain teleop")
 
 
 def test_a_killed_holder_leaves_nothing_and_up_starts_anew(shell: Shell) -> None:
