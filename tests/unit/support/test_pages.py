@@ -94,3 +94,11 @@ def test_every_command_of_the_testbed_that_a_page_shows_has_these_options() -> N
     assert len(calls) >= 10
     for call in calls:
         testbed._parser().parse_args([FLEET if re.fullmatch(r"FILE|.*\.yaml", word) else word for word in call])
+
+
+def test_the_page_of_the_command_line_lists_every_command() -> None:
+    group: Any = typer.main.get_command(app)
+    table = (ROOT / "docs/cli.md").read_text(encoding="utf-8").partition("\n\n- ")[0]
+    assert set(group.commands) == set(
+        re.findall(r"`([a-z]+)(?: [^`]*)?`", "".join(re.findall(r"^\| (.*?) \|", table, re.MULTILINE)))
+    )
