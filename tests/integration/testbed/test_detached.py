@@ -99,7 +99,7 @@ class Reader:
 
     def __init__(self, shell: Shell, folder: Path) -> None:
         self.folder = folder
-        self.env = {**shell.env, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "COLUMNS": "160"}
+        self.env = {**shell.env, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "LC_ALL": "C.UTF-8"}
         folder.mkdir()
         (folder / "examples").symlink_to(EXAMPLES)
 
