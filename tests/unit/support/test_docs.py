@@ -143,5 +143,5 @@ def test_the_page_of_the_environment_lists_every_variable_that_the_operator_sets
             domain = Domain(7) if app.ros_version == 2 else None
             variables = environment(part, wish_of(app, "amr-07"), domain=domain, state=ParameterState(hash="0"))
             found |= {variable["name"] for variable in variables}
-    listed = first_column("environment.md", "# What a container finds")
+    listed = first_column("environment.md", "# Environment variables")
     assert set(listed) - {"ROBOTAPP_DEVICE_<NAME>", "<name>"} == found
