@@ -4,6 +4,7 @@ import os
 from collections.abc import Iterable, Mapping
 from contextlib import AbstractContextManager
 from functools import partial
+from itertools import chain
 from pathlib import Path
 
 from robotapp_testbed import cache, gobuild, pins, release, toolchain
@@ -51,11 +52,12 @@ class Assets:
     def present(self, names: Iterable[str] = pins.NAMES) -> dict[str, Path]:
         """What is there already; touches nothing."""
         folders = self._folders()
-        stores = self._stores()
+        stores = (cache.built_store(home=self._home), cache.release_store(home=self._home))
         found: dict[str, Path] = {}
         for name in names:
-            places = [folder / name for folder in folders] + [store.path(name) for store in stores]
-            path = next((place for place in places if place.is_file() and os.access(place, os.X_OK)), None)
+            given = (place for place in (folder / name for folder in folders) if _is_program(place))
+            cached = (place for store in stores if (place := store.get(name)))
+            path = next(chain(given, cached), None)
             if path:
                 found[name] = path
         return found
@@ -69,11 +71,6 @@ class Assets:
             if value:
                 folders.append(Path(value))
         return folders
-
-    def _stores(self) -> list[cache.Store]:
-        go = toolchain.find(self._env, home=self._home)
-        built = [cache.built_store(go.version, home=self._home)] if go else []
-        return [*built, cache.release_store(home=self._home)]
 
     def _download(self, wanted: list[pins.Binary]) -> dict[str, Path]:
         store = cache.release_store(home=self._home)
@@ -97,7 +94,7 @@ class Assets:
         if not wanted:
             return {}
         go = toolchain.find(self._env, home=self._home) or toolchain.install_wheel(self._progress.say, home=self._home)
-        store = cache.built_store(go.version, home=self._home)
+        store = cache.built_store(home=self._home)
         scale = _REFERENCE_CORES / min(os.cpu_count() or _REFERENCE_CORES, 8)
         self._progress.plan([(f"compiling {binary.name}", binary.compile_s * scale) for binary in wanted])
         for binary in wanted:
@@ -109,3 +106,7 @@ class Assets:
     def _adding(self, store: cache.Store, binary: pins.Binary) -> AbstractContextManager[Path | None]:
         waiting = f"{binary.name} is being made by another process: waiting for it"
         return store.adding(binary.name, on_wait=partial(self._progress.say, waiting))
+
+
+def _is_program(path: Path) -> bool:
+    return path.is_file() and os.access(path, os.X_OK)

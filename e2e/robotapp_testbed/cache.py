@@ -1,7 +1,8 @@
 """The cache outside the repository: where finished binaries live, and how two callers share it.
 
-A binary is complete when it is there: it is written under another name and renamed. One lock file per binary makes
-the second caller wait for the first instead of doing the work twice.
+A binary is written under another name and renamed; its size is recorded beside it last. One that lacks this record, or has
+another size, was cut short (a crash, a full disk, a copied folder) and is made again. One lock file per binary makes the
+second caller wait for the first instead of doing the work twice.
 """
 
 import fcntl
@@ -27,22 +28,21 @@ def cache_home(env: Mapping[str, str] = os.environ) -> Path:
     return Path(base) / "robotapp"
 
 
-def module_key(go_version: str, *, module_dir: Path = pins.MODULE_DIR, ldflags: str = pins.LDFLAGS) -> str:
-    """Hash of everything a compiled binary depends on."""
+def module_key(*, module_dir: Path = pins.MODULE_DIR, ldflags: str = pins.LDFLAGS) -> str:
+    """Hash of everything a compiled binary depends on.
+
+    The version of Go is left out: the modules fix what the program does, and one that another Go compiled serves as well.
+    """
     digest = hashlib.sha256()
-    for part in (
-        (module_dir / "go.mod").read_bytes(),
-        (module_dir / "go.sum").read_bytes(),
-        go_version.encode(),
-        ldflags.encode(),
-    ):
+    modules = [(module_dir / name).read_bytes() for name in ("go.mod", "go.sum")]
+    for part in (*modules, pins.build_settings(ldflags).encode()):
         digest.update(hashlib.sha256(part).digest())
     return digest.hexdigest()[:16]
 
 
 def release_key() -> str:
-    """Hash of the pinned versions of the official releases."""
-    return hashlib.sha256(repr(pins.BINARIES).encode()).hexdigest()[:16]
+    """Hash of the pinned versions of the official releases, and of the machine they are for."""
+    return hashlib.sha256(repr((pins.BINARIES, pins.platform_names())).encode()).hexdigest()[:16]
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,8 +55,24 @@ class Store:
         return self.directory / name
 
     def get(self, name: str) -> Path | None:
+        """The binary, when it is there, whole and executable."""
         path = self.path(name)
-        return path if path.is_file() and os.access(path, os.X_OK) else None
+        try:
+            whole = path.is_file() and path.stat().st_size == int(self._record(name).read_text())
+        except (OSError, ValueError):
+            return None
+        return path if whole and os.access(path, os.X_OK) else None
+
+    def _record(self, name: str) -> Path:
+        return self.directory / f".{name}.size"
+
+    def _finish(self, partial: Path, name: str) -> None:
+        with partial.open("rb") as file:
+            os.fsync(file.fileno())  # else a crash of the machine could leave the name and the size without the content
+            size_bytes = os.fstat(file.fileno()).st_size
+        partial.chmod(0o755)
+        partial.replace(self.path(name))
+        self._record(name).write_text(str(size_bytes))
 
     @contextmanager
     def adding(self, name: str, *, on_wait: Callable[[], None] = lambda: None) -> Iterator[Path | None]:
@@ -75,8 +91,7 @@ class Store:
             try:
                 yield partial
                 if partial.is_file():
-                    partial.chmod(0o755)
-                    partial.replace(self.path(name))
+                    self._finish(partial, name)
             finally:
                 partial.unlink(missing_ok=True)
 
@@ -98,10 +113,8 @@ def locked(path: Path, *, on_wait: Callable[[], None] = lambda: None) -> Iterato
         yield
 
 
-def built_store(
-    go_version: str, *, home: Path | None = None, module_dir: Path = pins.MODULE_DIR, ldflags: str = pins.LDFLAGS
-) -> Store:
-    key = module_key(go_version, module_dir=module_dir, ldflags=ldflags)
+def built_store(*, home: Path | None = None, module_dir: Path = pins.MODULE_DIR, ldflags: str = pins.LDFLAGS) -> Store:
+    key = module_key(module_dir=module_dir, ldflags=ldflags)
     return Store((home or cache_home()) / "controlplane" / f"built-{key}")
 
 

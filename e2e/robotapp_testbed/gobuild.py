@@ -17,13 +17,12 @@ _ERROR_LINES = 6
 
 def build_environment(env: Mapping[str, str]) -> dict[str, str]:
     """The user's module proxy and caches stay; what would change the result is fixed."""
-    fixed = {"CGO_ENABLED": "0", "GOFLAGS": "-mod=readonly", "GOWORK": "off", "GOTOOLCHAIN": "local"}
-    return {**env, **fixed}
+    return {**env, **pins.go_environment()}
 
 
 def command(go: Go, binary: pins.Binary, target: Path, *, ldflags: str = pins.LDFLAGS) -> list[str]:
     # -v prints each package as it is compiled: the progress shown to the user.
-    return [str(go.program), "build", "-v", "-trimpath", "-ldflags", ldflags, "-o", str(target), binary.package]
+    return [str(go.program), "build", "-v", *pins.GO_FLAGS, "-ldflags", ldflags, "-o", str(target), binary.package]
 
 
 def build(

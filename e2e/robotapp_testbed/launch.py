@@ -28,7 +28,12 @@ def main() -> None:
         Path(register, str(os.getpid())).write_text(start_time(os.getpid()))
     if os.getppid() != owner:  # the owner died before the two lines above: nobody would end us
         sys.exit("the process that asked for this program is gone")
-    os.execv(argv[0], argv)  # noqa: S606 - becoming the program is the purpose
+    try:
+        os.execv(argv[0], argv)  # noqa: S606 - becoming the program is the purpose
+    except OSError as error:
+        sys.exit(
+            f"{argv[0]} cannot be run ({error.strerror}): if it is damaged or of another machine, remove it and start again"
+        )
 
 
 if __name__ == "__main__":

@@ -32,6 +32,19 @@ def ldflags(kubernetes: str) -> str:
 
 
 LDFLAGS: Final = ldflags(KUBERNETES)
+GO_FLAGS: Final = ("-trimpath",)
+
+
+def go_environment() -> dict[str, str]:
+    """Variables that would change a compiled program: fixed, whatever the user has set."""
+    target = platform_names()
+    modules = {"CGO_ENABLED": "0", "GOFLAGS": "-mod=readonly", "GOWORK": "off", "GOTOOLCHAIN": "local"}
+    return {**modules, "GOOS": target["os"], "GOARCH": target["arch"], "GOAMD64": "v1", "GOARM64": "v8.0"}
+
+
+def build_settings(linker_flags: str = LDFLAGS) -> str:
+    """Everything that a compiled program depends on besides its sources and modules; which Go compiles it does not matter."""
+    return repr((sorted(go_environment().items()), GO_FLAGS, linker_flags))
 
 
 @dataclass(frozen=True, slots=True)

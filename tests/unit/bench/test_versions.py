@@ -58,3 +58,5 @@ def test_programs_of_a_version_report_it_and_are_kept_apart_from_the_testbeds_ow
     assert where == str(pins.MODULE_DIR / "1.35")
     assert "k8s.io/component-base/version.gitVersion=v1.35.4" in flags
     assert versions.servers("1.36", env=env) != folder
+    go.unlink()
+    assert versions.servers("1.35", env=env) == folder, "compiled once, they need no Go"

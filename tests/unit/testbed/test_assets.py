@@ -45,6 +45,12 @@ class Machine:
         path.chmod(0o755)
         return path
 
+    def cached(self, store: cache.Store, name: str) -> Path:
+        with store.adding(name) as target:
+            assert target is not None
+            target.write_text("cached")
+        return store.path(name)
+
     def assets(self, urls: dict[str, str] | None = None, **env: str) -> Assets:
         progress = Progress(self.said, interactive=False)
         return Assets(env={**self.env, **env}, home=self.home, progress=progress, base_urls=urls or NOWHERE)
@@ -58,7 +64,7 @@ def machine(tmp_path: Path) -> Machine:
 @pytest.mark.parametrize("variable", ["ROBOTAPP_ASSETS", "KUBEBUILDER_ASSETS"])
 def test_a_given_folder_comes_first(variable: str, machine: Machine, tmp_path: Path) -> None:
     given = machine.program(tmp_path / "given", "etcd", "given")
-    machine.program(cache.release_store(home=machine.home).directory, "etcd", "cached")
+    machine.cached(cache.release_store(home=machine.home), "etcd")
     found = machine.assets(**{variable: str(tmp_path / "given")}).resolve(["etcd"])
     assert found == {"etcd": given}
     assert machine.said.getvalue() == ""
@@ -73,7 +79,7 @@ def test_our_variable_comes_before_that_of_kubebuilder(machine: Machine, tmp_pat
 
 def test_what_the_folder_lacks_comes_from_the_cache(machine: Machine, tmp_path: Path) -> None:
     given = machine.program(tmp_path / "given", "etcd", "")
-    cached = machine.program(cache.release_store(home=machine.home).directory, "helm", "")
+    cached = machine.cached(cache.release_store(home=machine.home), "helm")
     found = machine.assets(KUBEBUILDER_ASSETS=str(tmp_path / "given")).resolve(["etcd", "helm"])
     assert found == {"etcd": given, "helm": cached}
 
@@ -84,8 +90,7 @@ def test_a_variable_that_names_no_folder_is_explained(machine: Machine) -> None:
 
 
 def test_the_cache_of_compiled_binaries_is_used_without_asking_anybody(machine: Machine, server: ReleaseServer) -> None:
-    machine.install_go("echo go version go1.26.0 linux/amd64")
-    cached = machine.program(cache.built_store("1.26.0", home=machine.home).directory, "etcd", "")
+    cached = machine.cached(cache.built_store(home=machine.home), "etcd")
     assert machine.assets(server.base_urls()).resolve(["etcd"]) == {"etcd": cached}
     assert server.requests == []
 
@@ -157,11 +162,35 @@ def test_two_callers_at_once_compile_each_binary_once(machine: Machine, tmp_path
     assert sorted((tmp_path / "compiled").read_text().split()) == sorted(binary.package for binary in pins.BINARIES)
 
 
-def test_another_go_version_does_not_take_the_old_ones_binaries(machine: Machine) -> None:
+@pytest.mark.parametrize("later", ["1.26.9", "1.27.0", "1.25.3", "none", "broken"])
+def test_binaries_once_compiled_are_used_whatever_go_is_there_later(later: str, machine: Machine) -> None:
     machine.install_go()
     first = machine.assets().resolve(["etcd"])
-    machine.install_go(COMPILES.replace("1.26.0", "1.27.0"))
-    assert machine.assets().resolve(["etcd"]) != first
+    machine.said.truncate(0)
+    (machine.bin / "go").unlink()
+    if later != "none":
+        machine.install_go(f"echo go version go{later} linux/amd64; echo compiled >&2; exit 1")
+    assert machine.assets().resolve(["etcd"]) == first
+    assert machine.said.getvalue() == ""
+
+
+def test_what_is_still_missing_is_compiled_by_the_go_of_now_beside_what_another_compiled(machine: Machine) -> None:
+    machine.install_go()
+    first = machine.assets().resolve(["etcd"])["etcd"]
+    machine.install_go(COMPILES.replace("1.26.0", "1.26.9").replace("compiled %s", "newer %s"))
+    both = machine.assets().resolve(["etcd", "kwok"])
+    assert both["etcd"] == first
+    assert both["kwok"].read_text().startswith("newer ")
+    assert both["kwok"].parent == first.parent
+
+
+def test_a_damaged_binary_is_compiled_again(machine: Machine) -> None:
+    machine.install_go()
+    found = machine.assets().resolve(["etcd"])["etcd"]
+    whole = found.read_bytes()
+    found.write_bytes(whole[:5])
+    assert machine.assets().present(["etcd"]) == {}
+    assert machine.assets().resolve(["etcd"])["etcd"].read_bytes() == whole
 
 
 def test_a_cache_that_cannot_be_written_is_explained(machine: Machine) -> None:

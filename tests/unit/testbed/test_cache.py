@@ -1,4 +1,5 @@
 import os
+import platform
 import shutil
 import signal
 import subprocess
@@ -42,15 +43,26 @@ def test_the_cache_is_outside_the_repository() -> None:
     assert not cache.cache_home().is_relative_to(pins.REPOSITORY)
 
 
-@pytest.mark.parametrize("changed", ["go.mod", "go.sum", "go version"])
-def test_the_key_follows_everything_a_binary_depends_on(changed: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("changed", ["go.mod", "go.sum"])
+def test_the_key_follows_the_modules(changed: str, tmp_path: Path) -> None:
     for name in ("go.mod", "go.sum"):
         shutil.copy(pins.MODULE_DIR / name, tmp_path)
-    before = cache.module_key("1.26.0", module_dir=tmp_path)
-    assert before == cache.module_key("1.26.0", module_dir=pins.MODULE_DIR)
-    if changed != "go version":
-        (tmp_path / changed).write_text("other")
-    assert cache.module_key("1.26.1" if changed == "go version" else "1.26.0", module_dir=tmp_path) != before
+    before = cache.module_key(module_dir=tmp_path)
+    assert before == cache.module_key(module_dir=pins.MODULE_DIR)
+    (tmp_path / changed).write_text("other")
+    assert cache.module_key(module_dir=tmp_path) != before
+
+
+def test_the_key_follows_the_flags() -> None:
+    assert cache.module_key() != cache.module_key(ldflags=pins.ldflags("v1.36.3"))
+
+
+def test_machines_of_two_kinds_that_share_a_home_have_binaries_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    keys = set()
+    for machine in ("x86_64", "aarch64"):
+        monkeypatch.setattr(platform, "machine", lambda machine=machine: machine)
+        keys |= {cache.module_key(), cache.release_key()}
+    assert len(keys) == 4
 
 
 @given(first=st.text(), second=st.text())
@@ -60,10 +72,10 @@ def test_moving_text_between_the_parts_of_the_key_changes_it(
     folder = tmp_path_factory.mktemp("module")
     (folder / "go.mod").write_text("a" + first)
     (folder / "go.sum").write_text(second)
-    before = cache.module_key("1.26", module_dir=folder)
+    before = cache.module_key(module_dir=folder)
     (folder / "go.mod").write_text(first)
     (folder / "go.sum").write_text("a" + second)
-    assert cache.module_key("1.26", module_dir=folder) != before
+    assert cache.module_key(module_dir=folder) != before
 
 
 def test_a_finished_binary_is_there_and_executable(store: cache.Store) -> None:
@@ -100,7 +112,38 @@ def test_the_remains_of_a_killed_caller_are_removed(store: cache.Store) -> None:
     (store.directory / ".etcd.4711.partial.download").write_text("half")
     (store.directory / ".etcd.4711.partial-x7" / "b001").mkdir(parents=True)
     assert add(store, "etcd", "whole")
-    assert {path.name for path in store.directory.iterdir()} == {".etcd.lock", "etcd"}
+    assert {path.name for path in store.directory.iterdir()} == {".etcd.lock", ".etcd.size", "etcd"}
+
+
+@pytest.mark.parametrize("damage", ["", "wh", "whole and more"])
+def test_a_binary_of_another_size_than_it_had_is_made_again(damage: str, store: cache.Store) -> None:
+    assert add(store, "etcd", "whole")
+    store.path("etcd").write_text(damage)
+    assert store.get("etcd") is None
+    assert add(store, "etcd", "whole")
+    assert store.get("etcd") is not None
+
+
+@pytest.mark.parametrize("record", [None, "", "five"])
+def test_a_binary_without_the_record_that_comes_last_is_made_again(record: str | None, store: cache.Store) -> None:
+    assert add(store, "etcd", "whole")
+    file = store.directory / ".etcd.size"
+    file.unlink() if record is None else file.write_text(record)
+    assert store.get("etcd") is None
+    assert add(store, "etcd", "again")
+    assert store.path("etcd").read_text() == "again"
+
+
+def test_a_damaged_binary_is_made_again_once_by_two_callers(store: cache.Store) -> None:
+    add(store, "etcd", "whole")
+    store.path("etcd").write_text("w")
+    callers = [threading.Thread(target=add, args=(store, "etcd", text)) for text in ("first", "other")]
+    for caller in callers:
+        caller.start()
+    for caller in callers:
+        caller.join(10)
+    assert store.get("etcd") is not None
+    assert store.path("etcd").read_text() in ("first", "other")
 
 
 def test_two_callers_at_once_do_the_work_once(store: cache.Store) -> None:

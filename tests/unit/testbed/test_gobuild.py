@@ -56,6 +56,11 @@ def test_the_users_proxy_stays_and_what_changes_the_result_is_fixed() -> None:
     )
 
 
+def test_variables_of_the_users_own_cross_compiling_change_nothing() -> None:
+    theirs = {"GOOS": "windows", "GOARCH": "riscv64", "GOAMD64": "v4", "GOARM64": "v9.0"}
+    assert gobuild.build_environment(theirs) == gobuild.build_environment({})
+
+
 @pytest.mark.parametrize(
     ("output", "advice"),
     [

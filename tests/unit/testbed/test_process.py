@@ -225,3 +225,14 @@ def test_a_program_whose_owner_is_already_gone_does_not_start(tmp_path: Path) ->
     assert result.returncode != 0
     assert "gone" in result.stderr
     assert result.stdout == ""
+
+
+def test_a_damaged_program_is_named_with_what_to_do(tmp_path: Path) -> None:
+    damaged = tmp_path / "etcd"
+    damaged.write_bytes(b"\x7fELF")
+    damaged.chmod(0o755)
+    launch = Path(guard.__file__).with_name("launch.py")
+    command = [sys.executable, "-I", "-S", str(launch), str(os.getpid()), "-", str(damaged)]
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert result.returncode == 1
+    assert result.stderr.startswith(f"{damaged} cannot be run (Exec format error): ")

@@ -48,9 +48,16 @@ def test_tests_are_no_sources_and_go_mod_is() -> None:
     assert not any(name.endswith("_test.go") for name in names)
 
 
-def test_another_compiler_is_another_program() -> None:
-    folder = pins.REPOSITORY / "e2e" / programs.FOLDERS["pause"]
-    assert programs.source_key(folder, "1.26.0") != programs.source_key(folder, "1.26.1")
+@pytest.mark.parametrize("version", ["1.25.0", "1.26.9", ""])
+def test_a_compiled_program_serves_whatever_go_is_there_later(
+    version: str, tmp_path: Path, env: dict[str, str]
+) -> None:
+    quiet = Progress(stream=io.StringIO())
+    first = programs.build("pause", env=env, progress=quiet)
+    go = tmp_path / "go"
+    go.write_text(go.read_text().replace("1.26.0", version)) if version else go.unlink()
+    assert programs.build("pause", env=env | {"PATH": str(tmp_path)}, progress=quiet) == first
+    assert built(tmp_path) == 1
 
 
 def test_every_folder_is_a_go_module() -> None:
