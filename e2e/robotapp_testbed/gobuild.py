@@ -63,7 +63,12 @@ def build(
 
 def _explain(binary: pins.Binary, lines: list[str]) -> str:
     text = "\n".join(lines)
-    if any(sign in text for sign in ("dial tcp", "lookup ", "proxyconnect", "i/o timeout", "TLS handshake")):
+    if "x509: " in text:
+        advice = (
+            "the Go module proxy's certificate is signed by an authority that this machine does not know: install that authority, "
+            "or set SSL_CERT_FILE=/path/to/authorities.pem, and run it again (it resumes)"
+        )
+    elif any(sign in text for sign in ("dial tcp", "lookup ", "proxyconnect", "i/o timeout", "TLS handshake")):
         advice = "the Go module proxy cannot be reached: check the network and `go env GOPROXY`, then run it again (it resumes)"
     elif "no space left" in text:
         advice = "the disk is full: free about 3 GB for the Go cache (`go env GOCACHE GOMODCACHE`) and run it again (it resumes)"

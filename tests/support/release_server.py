@@ -54,9 +54,8 @@ def archive(member: str, content: bytes) -> bytes:
     return buffer.getvalue()
 
 
-@contextmanager
-def serving() -> Iterator[ReleaseServer]:
-    server = ReleaseServer(url="")
+def handler(server: ReleaseServer) -> type[BaseHTTPRequestHandler]:
+    """Answers with the server's `files`."""
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
@@ -69,6 +68,8 @@ def serving() -> Iterator[ReleaseServer]:
                 self.send_error(404)
                 return
             self.send_response(200)
+            if self.path.endswith("/"):
+                self.send_header("Content-Type", "text/html")
             self.send_header("Content-Length", str(len(data)))
             self.end_headers()
             self._send(data)
@@ -87,7 +88,13 @@ def serving() -> Iterator[ReleaseServer]:
         def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - the base class names it so
             del format, args
 
-    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as http:
+    return Handler
+
+
+@contextmanager
+def serving() -> Iterator[ReleaseServer]:
+    server = ReleaseServer(url="")
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler(server)) as http:
         http.daemon_threads = True
         server.url = f"http://127.0.0.1:{http.server_address[1]}"
         thread = threading.Thread(target=http.serve_forever, kwargs={"poll_interval": 0.02})

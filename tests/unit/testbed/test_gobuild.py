@@ -65,6 +65,7 @@ def test_variables_of_the_users_own_cross_compiling_change_nothing() -> None:
     ("output", "advice"),
     [
         ("dial tcp: lookup proxy.example: no such host", "check the network and `go env GOPROXY`"),
+        ("dial tcp: x509: certificate signed by unknown authority", "set SSL_CERT_FILE=/path/to/authorities.pem"),
         ("write /tmp/x: no space left on device", "free about 3 GB"),
         ("undefined: something", "run it again"),
     ],
