@@ -27,7 +27,7 @@ from robotapp_testbed.authority import Authority
 
 UV = Path(sys.executable).with_name("uv")
 SYSTEM_BUNDLE = Path("/etc/ssl/certs/ca-certificates.crt")
-OF_THE_USER = ("UV_", "PIP_", "SSL_", "REQUESTS_", "CURL_", "HTTP", "http", "ALL_PROXY", "all_proxy")
+OF_THE_USER = ("UV_", "PIP_", "SSL_", "REQUESTS_", "CURL_", "HTTP", "http", "ALL_PROXY", "all_proxy", "PYTHON")
 
 
 def wheel(name: str, **files: str) -> bytes:
@@ -119,9 +119,13 @@ def machine(index: ReleaseServer, authority: Authority, tmp_path: Path) -> Machi
     return Machine(root, authorities, env | {"UV_NO_CACHE": "1", "UV_HTTP_RETRIES": "0"})
 
 
-def test_a_trust_file_that_the_user_names_serves_pip_and_uv(machine: Machine) -> None:
-    done = machine.source(SSL_CERT_FILE=str(machine.authorities))
+def test_a_trust_file_that_the_user_names_serves_pip_and_uv_and_no_bytecode_comes_beside_the_sources(
+    machine: Machine,
+) -> None:
+    done = machine.source(SSL_CERT_FILE=str(machine.authorities), PYTHONDONTWRITEBYTECODE="1")
     assert done.stdout == "installed\n", done.stderr
+    assert not list(machine.root.rglob("__pycache__/tiny.*"))
+    assert list((machine.root / ".venv" / "bytecode").rglob("tiny.*.pyc")), "it is kept all the same"
 
 
 def test_the_authorities_of_the_system_serve_pip_and_uv(machine: Machine) -> None:
