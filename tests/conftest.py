@@ -1,5 +1,6 @@
 """Settings of every test."""
 
+import gc
 import signal
 
 import pytest
@@ -18,3 +19,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """An id with an address in it differs from process to process: it cannot be named on a command line, nor shared out."""
     if moving := [item.nodeid for item in items if " at 0x" in item.nodeid]:
         raise pytest.UsageError("give these parameters ids of their own:\n" + "\n".join(moving))
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_finish() -> None:
+    """Thousands of tests and their modules stay until the end: the collector need not walk them again and again."""
+    gc.collect()
+    gc.freeze()

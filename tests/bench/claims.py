@@ -1,9 +1,13 @@
-"""Search every state of the claim protocol, with the product's decisions and with mutants that must be caught."""
+"""Search every state of the claim protocol, with the product's decisions and with mutants that must be caught.
+
+Without names also every case of a process that sleeps through a change of hands.
+"""
 
 import argparse
 import sys
 
 from tests.support.claims_model.scenarios import ALL
+from tests.support.claims_zombies import CASES, first_failure
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -22,6 +26,8 @@ def main(arguments: list[str] | None = None) -> int:
         expected = result.verdict in scenario.expect
         wrong += [] if expected else [name]
         print(f"{'  ' if expected else '??'} {scenario!s:70} {result}", flush=True)
+    if not options.names and (failure := first_failure(CASES)):
+        wrong.append(f"a process that slept: {failure}")
     print(f"unexpected: {', '.join(wrong)}" if wrong else f"all {len(chosen)} as expected")
     return bool(wrong)
 

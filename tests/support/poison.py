@@ -6,6 +6,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Final
 
 from robotapp_api.model.names import SCHEDULER_NAME, Annotation
@@ -48,15 +49,11 @@ def pod_body(
     }
 
 
-def poison_pods() -> Iterator[Poison]:
+@cache
+def poison_pods() -> tuple[Poison, ...]:
     """Pods, named by what is wrong with them."""
-    yield from _constraints()
-    yield from _terms()
-    yield from _node_terms()
-    yield from _many()
-    yield from _numbers()
-    yield from _texts()
-    yield from _invalid()
+    kinds = (_constraints, _terms, _node_terms, _many, _numbers, _texts, _invalid)
+    return tuple(poison for kind in kinds for poison in kind())
 
 
 def _pod(name: str, *, live: bool = True, **given: Any) -> Poison:

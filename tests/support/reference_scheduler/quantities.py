@@ -25,15 +25,15 @@ def exact(text: str) -> Fraction:
 
 def units(text: str) -> int:
     """Whole units, rounded up, no more than an int64 holds."""
-    return min(_ceil(exact(str(text))), _MAX)
+    return _times(1, str(text))
 
 
 def amount(resource: str, text: str) -> int:
     """Milli for cpu, whole units for all else."""
-    if resource == "cpu":
-        return min(_ceil(exact(str(text)) * 1000), _MAX)
-    return units(text)
+    return _times(1000 if resource == "cpu" else 1, str(text))
 
 
-def _ceil(value: Fraction) -> int:
-    return -(-value.numerator // value.denominator)
+@lru_cache(maxsize=4096)
+def _times(factor: int, text: str) -> int:
+    value = exact(text) * factor
+    return min(-(-value.numerator // value.denominator), _MAX)

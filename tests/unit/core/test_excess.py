@@ -3,7 +3,7 @@
 import pytest
 from hypothesis import given
 from tests.support.cluster_cases import FAMILIES, Case, cases
-from tests.support.poison import Poison, poison_pods
+from tests.support.poison import poison_pods
 from tests.support.scheduling import make_core, make_node, make_pod, to_pod
 
 from robotapp_scheduler.core.excess import excess
@@ -57,5 +57,5 @@ def test_no_pod_of_the_comparisons_is_excessive(case: Case) -> None:
 
 
 def test_every_poison_has_a_name_of_its_own() -> None:
-    found: list[Poison] = list(poison_pods())
+    found = poison_pods()
     assert len({each.name for each in found}) == len(found) > 80

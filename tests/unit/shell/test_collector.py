@@ -15,6 +15,7 @@ def python_as_before() -> Iterator[None]:
     yield
     collector.released()
     gc.set_threshold(*thresholds)
+    gc.freeze()  # as tests/conftest.py left it
 
 
 class Knot:

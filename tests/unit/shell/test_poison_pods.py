@@ -21,7 +21,7 @@ from robotapp_scheduler.core.queued import Rejection
 from robotapp_scheduler.shell.intake import Intake
 
 NODES = 200
-POISON = list(poison_pods())
+POISON = poison_pods()
 MOST_S = 0.5
 """CPU for one poison pod with 200 nodes: 25 times what the worst needs on an idle core, a tenth of what one used to."""
 
