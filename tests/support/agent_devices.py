@@ -42,8 +42,7 @@ def devices(draw: st.DrawFn) -> Device:
     )
 
 
-@st.composite
-def snapshots(draw: st.DrawFn) -> Snapshot:
+def snapshots() -> st.SearchStrategy[Snapshot]:
     """Any snapshot at all: texts and paths of no sense, functions of devices that are not there, everything twice."""
     paths = st.lists(STEPS, max_size=8).map(lambda steps: "/".join(["devices", *steps]))
     names = st.sampled_from(
@@ -63,11 +62,12 @@ def snapshots(draw: st.DrawFn) -> Snapshot:
     )
     hexadecimal = st.one_of(TEXTS, st.sampled_from(["046d", "082d"]))
     attributes = st.fixed_dictionaries({}, optional=dict.fromkeys(USB_ATTRIBUTES, hexadecimal))
-    return Snapshot(
-        entries=tuple(draw(st.lists(entries, max_size=12))),
-        folders=draw(st.dictionaries(paths, attributes, max_size=6)),
-        marks=draw(st.sampled_from([frozenset(), frozenset({"nvhost-gpu"})])),
-        nvidia=tuple(draw(st.lists(st.one_of(TEXTS, st.just("0000:01:00.0")), max_size=2))),
+    return st.builds(
+        Snapshot,
+        entries=st.lists(entries, max_size=12).map(tuple),
+        folders=st.dictionaries(paths, attributes, max_size=6),
+        marks=st.sampled_from([frozenset(), frozenset({"nvhost-gpu"})]),
+        nvidia=st.lists(st.one_of(TEXTS, st.just("0000:01:00.0")), max_size=2).map(tuple),
     )
 
 
@@ -100,8 +100,7 @@ class Tree:
                     path.mkdir()
 
 
-@st.composite
-def trees(draw: st.DrawFn) -> Tree:
+def trees() -> st.SearchStrategy[Tree]:
     """Folders where files should be, pipes, links to themselves and out of the tree, bytes of no text."""
     folders = [folder.path.split("/") for folder in FOLDERS]
     plain = STEPS.filter(
@@ -130,4 +129,4 @@ def trees(draw: st.DrawFn) -> Tree:
         ),
         st.tuples(steps, st.sampled_from(["folder", "pipe"]), st.none()),
     )
-    return Tree(draw(st.lists(node, max_size=40)))
+    return st.lists(node, max_size=40).map(Tree)
