@@ -17,7 +17,7 @@ from typing import Any
 from tests.bench.profile_figures import CLASSES, Case, figures, folds, misses, report
 
 from ros_profile.decide.profiling import profile
-from ros_profile.files.load import load
+from ros_profile.files.load import Workspace, load
 from ros_profile.generate import engine_named
 from ros_profile.model.conclusions import Assessment, PackageProfile
 
@@ -71,16 +71,30 @@ def measured(wanted: list[Label], checkouts: Path) -> tuple[dict[str, list[Case]
                 cases += [_case(label, None) for label in here]
             continue
         begun = time.process_time()
-        workspace = load(folder)
+        workspace, alone = _loaded(folder, here)
         for engine, curated in VARIANTS:
-            judged = profile(
-                workspace.packages, engine_named(engine, workspace.packages, curated=curated), path=str(folder)
-            )
-            by_path = {package.path: package for package in judged.packages}
+            by_path = _judged(workspace, engine, curated=curated) | {
+                path: package
+                for path, one in alone.items()
+                for package in _judged(one, engine, curated=curated).values()
+            }
             found[_name(engine, curated)] += [_case(label, by_path.get(label.path)) for label in here]
             if (engine, curated) == VARIANTS[0]:
                 spent += time.process_time() - begun
     return found, spent
+
+
+def _loaded(folder: Path, wanted: list[Label]) -> tuple[Workspace, dict[str, Workspace]]:
+    """The repository, and by path each labelled package in it that a marker such as CATKIN_IGNORE hides."""
+    workspace = load(folder)
+    seen = {package.path for package in workspace.packages}
+    hidden = [label.path for label in wanted if label.path not in seen and (folder / label.path).is_dir()]
+    return workspace, {path: load(folder / path) for path in hidden}
+
+
+def _judged(workspace: Workspace, engine: str, *, curated: bool) -> dict[str, PackageProfile]:
+    judged = profile(workspace.packages, engine_named(engine, workspace.packages, curated=curated), path="")
+    return {package.path: package for package in judged.packages}
 
 
 def _name(engine: str, curated: bool) -> str:

@@ -6,7 +6,7 @@ from functools import partial
 
 from ros_profile.decide import classify, thesis
 from ros_profile.decide.classify.hardware import Devices, devices
-from ros_profile.decide.units import package_unit
+from ros_profile.decide.units import library_unit
 from ros_profile.model.conclusions import Assessment
 from ros_profile.model.package import Package, Unit
 
@@ -32,7 +32,7 @@ def rules(packages: Iterable[Package], *, curated: bool) -> Engine:
 
 def _libraries(packages: Iterable[Package]) -> dict[str, Devices]:
     """Devices by package, of those packages whose own code opens any."""
-    found = {package.name: devices(package_unit(package)) for package in packages}
+    found = {package.name: devices(library_unit(package)) for package in packages}
     return {name: opened for name, opened in found.items() if opened}
 
 

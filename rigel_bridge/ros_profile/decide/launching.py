@@ -1,11 +1,10 @@
 """What a launch file starts when every include is followed and every argument has its default."""
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-from ros_profile.decide.substitution import condition_value, resolve
+from ros_profile.decide.substitution import condition_value, located, resolve
 from ros_profile.decide.workspace import Index
 from ros_profile.model.facts import Problem
 from ros_profile.model.launch import UNKNOWN_TEXT, Include, LaunchFile, StartedNode
@@ -14,8 +13,6 @@ from ros_profile.model.package import Package
 MAX_DEPTH: Final = 12
 MAX_NODES: Final = 500
 MAX_INCLUDES: Final = 300
-_FIND: Final = re.compile(r"\$\(find ([\w-]+)\)/?(.*)")
-_DIRNAME: Final = re.compile(r"\$\(dirname\)/?(.*)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,15 +136,6 @@ def _include(index: Index, package: Package, include: Include, context: _Context
         found.problems.append(
             Problem(context.chain[-1], f"an include is not followed, {reason}: {target[:200]}", include.line)
         )
-
-
-def located(target: str, package: str) -> tuple[str, str]:
-    """(package, path within it) of `$(find pkg)/path`, `$(dirname)/path`, or a path in the same package."""
-    if match := _FIND.search(target):
-        return match[1], match[2].removeprefix(f"share/{match[1]}/")
-    if match := _DIRNAME.search(target):
-        return package, match[1]
-    return package, target.replace(UNKNOWN_TEXT, "").strip("/")
 
 
 def _resolved(pairs: tuple[tuple[str, str], ...], values: Mapping[str, str]) -> tuple[tuple[str, str], ...]:

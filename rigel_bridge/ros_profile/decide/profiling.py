@@ -1,8 +1,9 @@
 """From packages to a profile: units are judged, launch files followed, edges matched."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
+from ros_profile.decide.classify import only_assets, runs_code
 from ros_profile.decide.edges import Ends, edges, ends_of
 from ros_profile.decide.engines import Engine
 from ros_profile.decide.launching import Launched, closure
@@ -66,8 +67,8 @@ def _package(package: Package, engine: Engine, index: Index) -> PackageProfile:
     launches = tuple(_launch(package, launch, engine, index) for launch in package.launch_files)
     unit = package_unit(package)
     own = placed(engine.classify(unit), of=package.name, within=package.name)
-    only_launches = launches and not unit.languages & {"python", "cpp"}
-    if only_launches and engine.follows_launch_files and not _is_no_program(own):
+    only_launches = launches and not runs_code(unit)
+    if only_launches and engine.follows_launch_files and not _is_no_program(unit, own):
         own = engine.aggregate([own, *(launch.assessment for launch in launches)])
     return PackageProfile(
         name=package.name,
@@ -80,10 +81,10 @@ def _package(package: Package, engine: Engine, index: Index) -> PackageProfile:
     )
 
 
-def _is_no_program(own: Assessment) -> bool:
+def _is_no_program(unit: Unit, own: Assessment) -> bool:
     """A robot description or a simulation whose launch files only show it."""
     qos = own.qos_class
-    return qos is not None and qos.value is QosClass.BEST_EFFORT and qos.confidence >= SURE
+    return only_assets(unit) or (qos is not None and qos.value is QosClass.BEST_EFFORT and qos.confidence >= SURE)
 
 
 def _executable(package: Package, executable: Executable, engine: Engine) -> ExecutableProfile:
@@ -116,11 +117,15 @@ def _launch(package: Package, launch: LaunchFile, engine: Engine, index: Index) 
         file=launch.file,
         nodes=tuple(nodes),
         edges=edges(ends),
-        assessment=engine.aggregate(
-            [*(node.assessment for node in nodes if node.certain), *included] or [node.assessment for node in nodes]
-        ),
+        assessment=_of_all(nodes, included, engine),
         problems=(*launch.problems, *found.problems, *outside),
     )
+
+
+def _of_all(nodes: Sequence[LaunchedNode], included: Sequence[Assessment], engine: Engine) -> Assessment:
+    """Of what is started by default; where that has no class, of everything that may be started."""
+    sure = engine.aggregate([*(node.assessment for node in nodes if node.certain), *included])
+    return sure if sure.qos_class else engine.aggregate([*(node.assessment for node in nodes), *included])
 
 
 def _node(end: Ends, assessment: Assessment) -> LaunchedNode:

@@ -9,6 +9,8 @@ from ros_profile.model.launch import NOT, UNKNOWN_TEXT
 MAX_TEXT: Final = 2000
 MAX_ROUNDS: Final = 20
 _INNERMOST: Final = re.compile(r"\$\(([^()$]*)\)")
+_FIND: Final = re.compile(r"\$\(find ([\w-]+)\)/?(.*)")
+_DIRNAME: Final = re.compile(r"\$\(dirname\)/?(.*)")
 _TRUE: Final = frozenset({"true", "1", "1.0", "yes", "on"})
 _FALSE: Final = frozenset({"false", "0", "0.0", "no", "off"})
 _COMPARISON: Final = re.compile(r"""^\(*\s*["']?([^"'=!<>]*?)["']?\s*(==|!=)\s*["']?([^"'=!<>]*?)["']?\s*\)*$""")
@@ -102,3 +104,12 @@ def condition_value(condition: str, values: Mapping[str, str]) -> bool | None:
         inner = truth(resolve(condition.removeprefix(NOT), values))
         return None if inner is None else not inner
     return truth(resolve(condition, values))
+
+
+def located(target: str, package: str) -> tuple[str, str]:
+    """(package, path within it) of `$(find pkg)/path`, `$(dirname)/path`, or a path in the same package."""
+    if match := _FIND.search(target):
+        return match[1], match[2].removeprefix(f"share/{match[1]}/")
+    if match := _DIRNAME.search(target):
+        return package, match[1]
+    return package, target.replace(UNKNOWN_TEXT, "").strip("/")

@@ -1,17 +1,53 @@
 """Units of classification: a package, and each of its executables with the files it is made of."""
 
+import re
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from typing import Final
 
 from ros_profile.decide.linking import linked
+from ros_profile.decide.substitution import condition_value, located
 from ros_profile.model.facts import Fact, Kind
-from ros_profile.model.launch import LaunchFile
+from ros_profile.model.launch import Include, LaunchFile, StartedNode
 from ros_profile.model.package import Executable, Package, SourceFile, Unit
 from ros_profile.read.parameters import text_facts
 
+CODE: Final = frozenset({"cpp", "python"})
+"""Languages of what runs in a node."""
+OTHERS_WEIGHT: Final = 0.5
+_ARGUMENT: Final = re.compile(r"\$\((?:var|arg) ([\w.-]+)")
+
 
 def package_unit(package: Package) -> Unit:
-    """Everything of the package as one."""
-    return _unit(package, package.name, "package", package.sources, tuple(_launch_facts(package.launch_files)))
+    """Everything of the package as one. Where it has code, devices that its launch files hand to nodes of other packages
+    count by half: those nodes open them.
+    """
+    has_code = any(source.language in CODE for source in package.sources)
+    elsewhere = OTHERS_WEIGHT if has_code else 1.0
+    facts = tuple(fact for launch in package.launch_files for fact in _launch_facts(launch, package.name, elsewhere))
+    others = _parameter_files_of_others(package) if has_code else set()
+    sources = (_weighed(s, OTHERS_WEIGHT) if s.file.rpartition("/")[2] in others else s for s in package.sources)
+    return _unit(package, package.name, "package", sources, facts)
+
+
+def _parameter_files_of_others(package: Package) -> set[str]:
+    """Names of parameter files that launch files hand to nodes of other packages only."""
+    handed: dict[bool, set[str]] = {True: set(), False: set()}
+    for launch in package.launch_files:
+        for node in launch.nodes:
+            names = {file.rpartition("/")[2] for file in node.parameter_files}
+            handed[_is_own(node, package.name)] |= names
+    return handed[False] - handed[True]
+
+
+def _weighed(source: SourceFile, weight: float) -> SourceFile:
+    return replace(source, facts=tuple(replace(fact, weight=fact.weight * weight) for fact in source.facts))
+
+
+def library_unit(package: Package) -> Unit:
+    """The code of the package and how it is built: what runs in every process that links it."""
+    built = [source for source in package.sources if source.language in (*CODE, "cmake")]
+    return _unit(package, package.name, "library", built, ())
 
 
 def executable_unit(package: Package, executable: Executable) -> Unit:
@@ -112,31 +148,45 @@ def _dependency_facts(package: Package) -> Iterator[Fact]:
         yield Fact(Kind.EXPORT, export.tag, text, manifest.file, export.line)
 
 
-def _launch_facts(launch_files: Iterable[LaunchFile]) -> Iterator[Fact]:
-    """What launch files start by default, and what their values show of devices."""
-    for launch in launch_files:
-        defaults = {argument.name: argument.default or "" for argument in launch.arguments}
-        for node in launch.nodes:
+def _launch_facts(launch: LaunchFile, package: str, elsewhere: float) -> Iterator[Fact]:
+    """What a launch file starts by default, and what its values show of devices. `elsewhere`: weight of values that only
+    nodes of other packages take.
+    """
+    defaults = {argument.name: argument.default or "" for argument in launch.arguments}
+    own = [node for node in launch.nodes if _is_own(node, package)]
+    inside = [include for include in launch.includes if located(include.target, package)[0] == package]
+    taken, given = _passed(own, inside), _passed(launch.nodes, launch.includes)
+    for node in launch.nodes:
+        if weight := _weight(node.conditions, defaults):
             started = node.plugin or f"{node.package}/{node.executable}"
-            weight = _weight(node.conditions, defaults)
-            if weight:
-                yield Fact(Kind.STARTS, started, node.name, launch.file, node.line, weight)
-            for name, value in node.parameters:
-                yield from text_facts(value, launch.file, node.line, name)
-            for text in node.arguments:
-                yield from text_facts(text, launch.file, node.line)
-        for include in launch.includes:
-            weight = _weight(include.conditions, defaults)
-            if weight:
-                yield Fact(Kind.STARTS, include.target, "include", launch.file, include.line, weight)
-        for argument in launch.arguments:
-            yield from text_facts(argument.default or "", launch.file, argument.line, argument.name)
+            yield Fact(Kind.STARTS, started, node.name, launch.file, node.line, weight)
+        found = [fact for name, value in node.parameters for fact in text_facts(value, launch.file, node.line, name)]
+        found += (fact for text in node.arguments for fact in text_facts(text, launch.file, node.line))
+        yield from (replace(fact, weight=1.0 if node in own else elsewhere) for fact in found)
+    for include in launch.includes:
+        if weight := _weight(include.conditions, defaults):
+            yield Fact(Kind.STARTS, include.target, "include", launch.file, include.line, weight)
+    for argument in launch.arguments:
+        weight = elsewhere if argument.name in given and argument.name not in taken else 1.0
+        for fact in text_facts(argument.default or "", launch.file, argument.line, argument.name):
+            yield replace(fact, weight=weight)
+
+
+def _is_own(node: StartedNode, package: str) -> bool:
+    """A node of the package itself; what a nodelet manager or component container loads names the package in its class."""
+    loaded = node.package in ("", "nodelet", "rclcpp_components")
+    return node.package == package or loaded or node.plugin.startswith(f"{package}/")
+
+
+def _passed(nodes: Iterable[StartedNode], includes: Iterable[Include]) -> set[str]:
+    """Arguments of the launch file that are handed to these."""
+    texts = [text for node in nodes for text in (*(value for _, value in node.parameters), *node.arguments)]
+    texts += [value for include in includes for _, value in include.arguments]
+    return {name for text in texts for name in _ARGUMENT.findall(text)}
 
 
 def _weight(conditions: Iterable[str], defaults: Mapping[str, str]) -> float:
     """1 when it is started by default, 0 when not, .5 when that cannot be told."""
-    from ros_profile.decide.substitution import condition_value
-
     verdicts = [condition_value(condition, defaults) for condition in conditions]
     if any(verdict is False for verdict in verdicts):
         return 0.0

@@ -44,9 +44,9 @@ PACKAGES: dict[str, Entry] = {
     ),
     **_entries(
         "realtime",
-        "teleop_twist_keyboard key_teleop mouse_teleop teleop_twist_joy joy_teleop twist_stamper mavros franka_hardware ur_robot_driver",
+        "teleop_twist_keyboard key_teleop mouse_teleop teleop_twist_joy joy_teleop twist_stamper wiimote mavros franka_hardware ur_robot_driver",
     ),
-    **_entries("realtime", "joy joy_linux spacenav_node wiimote ps3joy", "usb", model="joystick"),
+    **_entries("realtime", "joy joy_linux spacenav spacenav_node ps3joy", "usb", model="joystick"),
     **_entries(
         "realtime",
         "rosserial_python rosserial_server micro_ros_agent kobuki_node kobuki_driver roboclaw_node turtlebot3_node odrive_node create_driver",
@@ -66,7 +66,7 @@ PACKAGES: dict[str, Entry] = {
     # sensors
     **_entries(
         "sensor_data",
-        "usb_cam uvc_camera libuvc_camera realsense2_camera depthai_ros_driver zed_wrapper astra_camera orbbec_camera",
+        "usb_cam uvc_camera libuvc_camera realsense2_camera depthai_ros_driver astra_camera orbbec_camera",
         "usb",
         "camera",
     ),
@@ -76,6 +76,7 @@ PACKAGES: dict[str, Entry] = {
         "usb",
         "camera",
     ),
+    **_entries("sensor_data", "zed_wrapper zed_components", "usb", "camera", "gpu", model="zed"),
     **_entries("sensor_data", "v4l2_camera camera_ros raspicam_node raspicam2_node cv_camera", "camera"),
     **_entries(
         "sensor_data",

@@ -69,13 +69,15 @@ SYMBOLS: tuple[Sign, ...] = (
 INCLUDES = _signs(
     (r"^serial/serial\.h|^boost/asio/serial_port|^libserial/|^SerialPort\.h|^asio/serial_port", "serial", 0.85),
     (r"^dynamixel_sdk/|^dynamixel_workbench", "serial", 0.85, "dynamixel"),
-    (r"^linux/can(?:/|\.h)|^socketcan_interface/|^canlib\.h|^PCANBasic\.h|^lely/coapp", "can", 0.85),
+    (r"^linux/can(?:/|\.h)", "can", 0.45, "", "socketcan"),
+    (r"(?:^|/)socket_?can\w*\.h|^socketcan_interface/|^canlib\.h|^PCANBasic\.h|^lely/coapp", "can", 0.85),
     (r"^pigpiod?_?\w*\.h|^wiringPi\w*\.h|^gpiod\.h\w*|^bcm2835\.h|^lgpio\.h|^JetsonGPIO", "gpio", 0.9),
     (
         r"^libusb|^hidapi|^phidget22\.h|^libuvc/|^usb\.h|^linux/joystick\.h|^linux/hidraw|^SDL\d?\.h|^SDL2/SDL",
         "usb",
         0.85,
     ),
+    (r"^spnav\.h", "usb", 0.75, "spacemouse", "hid"),
     (r"^librealsense2/|^k4a/|^sl/Camera|^Spinnaker\.h|^OpenNI\.h|^pylon/|^libobsensor", "usb+camera", 0.85),
     (r"^linux/videodev2\.h|^libcamera/|^interface/mmal|^raspicam/|^Argus/", "camera", 0.85),
     (

@@ -98,6 +98,10 @@ ROLE_SYMBOLS: tuple[tuple[re.Pattern[str], str], ...] = tuple(
             r"^cv2?(?:::|\.)(?:imshow|namedWindow)|^cvNamedWindow|^Q(?:Application|Widget|MainWindow)\b|^rviz\w*::|^(?:python_qt_binding|PyQt\d|PySide\d|tkinter|matplotlib\.pyplot|pyqtgraph|qt_gui|rqt_gui_py|pydot|pygraphviz)\b|^(?:QtWidgets|rviz_common|rviz)/",
             "display",
         ),
+        (
+            r"^(?:gz|ignition)/(?:transport|sim|gazebo|sensors|msgs)(?:/|\.hh)|^gazebo/|^webots/|^gz(?:\.|_)sim|^controller\.Robot",
+            "simulation",
+        ),
         (r"^rosbag2?(?:_cpp|_py)?(?:::|\.)(?:Bag|Writer|Reader|Recorder|Sequential\w+)", "recording"),
         (
             r"^(?:async_web_server_cpp|httplib|websocketpp|mqtt::|Aws::)|^(?:tornado|websockets?|flask|fastapi|paho|requests|autobahn|twisted|grpc|zenoh|eclipse_zenoh|rosbridge_library|openai|ollama|langchain|boto3)\b|^mqtt/",

@@ -21,7 +21,7 @@ MEASURED_COMMAND_TYPES = frozenset(
     {"geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/Wrench", "geometry_msgs/msg/WrenchStamped"}
 )
 COMMAND_TOPIC = re.compile(
-    r"(?:^|[/_])(?:cmd|cmds|command|commands|setpoint|set_point|twist_mux|e_?stop|duty_cycle|throttle|steering)(?:[/_]|$|\d)"
+    r"(?:^|[/_])(?:cmd|cmds|command|commands|setpoint|set_point|set_(?:position|velocity|speed|angle|effort|torque)|twist_mux|e_?stop|duty_cycle|throttle|steering)(?:[/_]|$|\d)"
 )
 MOTION_ACTIONS = re.compile(
     r"/action/(?:FollowPath|Spin|BackUp|DriveOnHeading|AssistedTeleop|FollowJointTrajectory|GripperCommand|DockRobot|UndockRobot|FollowObject|JointTrajectory|PointHead|SingleJointPosition)$"
@@ -42,7 +42,7 @@ SENSOR_TYPES = frozenset(
     }
 )
 INTERPRETED = re.compile(
-    r"^(?:vision_msgs/msg/|geometry_msgs/msg/PoseWithCovariance(?:Stamped)?$|nav_msgs/msg/OccupancyGrid$|costmap\w*/msg/|\w+/msg/\w*(?:Detection|Detections|BoundingBox|Track|Obstacle|Marker\w*Detection|DetectionArray|Object)\w*$)"
+    r"^(?:vision_msgs/msg/|geometry_msgs/msg/PoseWithCovariance(?:Stamped)?$|nav_msgs/msg/OccupancyGrid$|octomap_msgs/msg/|costmap\w*/msg/|\w+/msg/\w*(?:Detection|Detections|BoundingBox|Track|Obstacle|Marker\w*Detection|DetectionArray|Object)\w*$)"
 )
 """What perception, localisation and mapping make of sensor streams."""
 POSE_TYPES = frozenset(
@@ -74,11 +74,14 @@ PLUGIN_BASES: tuple[tuple[re.Pattern[str], str], ...] = tuple(
         ),
         (r"^dwb_core::|^mppi::|^opennav_docking_core::|^nav2_behaviors?::|^nav2_behaviors::TimedBehavior", "motion"),
         (
-            r"^nav2_core::(?:GlobalPlanner|Smoother|WaypointTaskExecutor|NavigatorBase|BehaviorTreeNavigator)|^nav_core2?::(?:BaseGlobalPlanner|GlobalPlanner)|^mbf_\w+::\w*Planner|^planning_interface::|^nav2_route::",
+            r"^nav2_core::(?:GlobalPlanner|Smoother|WaypointTaskExecutor|NavigatorBase|BehaviorTreeNavigator)|^nav_core2?::(?:BaseGlobalPlanner|GlobalPlanner)|^mbf_\w+::\w*Planner|^planning_interface::|^nav2_route::|^moveit_controller_manager::|^moveit_ros_control_interface::|^kinematics::KinematicsBase|^planning_request_adapter::|^move_group::|^planning_pipeline",
             "planner",
         ),
         (r"^BT::|BtActionNode|BtServiceNode|behavior_tree", "planner"),
-        (r"(?:^|::)(?:costmap_2d|nav2_costmap_2d)::(?:Layer|CostmapLayer)|^nav2_costmap_2d::", "layer"),
+        (
+            r"(?:^|::)(?:costmap_2d|nav2_costmap_2d)::(?:Layer|CostmapLayer)|^nav2_costmap_2d::|^occupancy_map_monitor::",
+            "layer",
+        ),
         (
             r"^image_transport::|^point_cloud_transport::|^pcl_ros::|^filters::FilterBase|^laser_filters::|^grid_map",
             "filter",
@@ -93,6 +96,11 @@ PLUGIN_BASES: tuple[tuple[re.Pattern[str], str], ...] = tuple(
     )
 )
 """Base class → role; the class that is loaded takes the role of what loads it."""
+
+REPORTING_CONTROLLER = re.compile(
+    r"controller_interface::\w*Controller<(?:hardware_interface::)?\w*(?:State|Sensor)Interface\b[^,]*>?$"
+)
+"""A controller of ROS 1 that is given states only: it commands nothing."""
 
 DEPENDENCIES: tuple[tuple[re.Pattern[str], str], ...] = tuple(
     (re.compile(rf"^(?:{pattern})$"), role)

@@ -40,7 +40,7 @@ _BY_SUFFIX: Final[dict[str, Reader]] = {
 def reader_of(file: str, head: bytes = b"") -> Reader | None:
     """The reader for a file by its name; for one without suffix by its first line."""
     name = file.rpartition("/")[2].lower()
-    if name == "package.xml":
+    if name == "package.xml" or name.endswith(".launch.py"):  # a part of launch files that no node runs
         return None
     if found := _BY_NAME.get(name):
         return found

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from ros_profile.decide.classify import curation, timing
-from ros_profile.decide.classify.features import Features, features, is_test
+from ros_profile.decide.classify.features import Features, features, is_test, name_roles
 from ros_profile.decide.classify.hardware import Devices, certainty, devices, doubted, linked_devices, needed
 from ros_profile.decide.classify.judge import judged
 from ros_profile.decide.classify.placing import bandwidth, placement
@@ -20,7 +20,7 @@ CERTAIN_ENOUGH = 0.4
 def classify(unit: Unit, *, curated: bool, libraries: Mapping[str, Devices] | None = None) -> Assessment:
     """`libraries`: devices that packages of the same workspace open, by package, for nodes that link these as libraries."""
     found = features(unit)
-    opened = linked_devices(devices(unit), unit, libraries or {})
+    opened = {} if only_assets(unit) else linked_devices(devices(unit), unit, libraries or {})
     if curated:
         curation.apply(unit, found, opened)
     wanted = needed(opened)
@@ -51,6 +51,18 @@ def classify(unit: Unit, *, curated: bool, libraries: Mapping[str, Devices] | No
     )
 
 
+def only_assets(unit: Unit) -> bool:
+    """Models, views and worlds by the package's name, and no code: a device that a model names is opened by a driver."""
+    named = name_roles(unit.package.name)[:1]
+    assets = bool(named) and named[0] in {"display", "tool", "simulation"}
+    return assets and unit.kind == "package" and not unit.languages & {"cpp", "python"}
+
+
+def runs_code(unit: Unit) -> bool:
+    """Something of the package's code becomes a node or a plug-in; helpers for launch files do not."""
+    return bool(unit.languages & {"cpp", "python"}) and not features(unit).any("shape:launch_and_code")
+
+
 def _after_hardware(found: Features) -> None:
     """Shapes that need to know of a device: what only reports it, and what switches pins on request."""
     owned = [name for name in found.found if name.startswith("hardware:") and name != "hardware:gpu"]
@@ -62,6 +74,9 @@ def _after_hardware(found: Features) -> None:
     publishes = found.any("pub:other", "pub:state", "pub:sensor")
     if publishes and not any(name.startswith("sub:") for name in found.found):
         found.add("shape:device_source", first)
+    line = found.any("hardware:serial", "hardware:can")
+    if line and not found.any("pub:sensor", "sub:sensor", "pub:interpreted", "uses:display", "word:display"):
+        found.add("shape:device_link", first)
     if (
         "hardware:gpio" in found
         and found.any("sub:other", "serve:service")

@@ -80,9 +80,12 @@ def _role(table: Iterable[tuple[re.Pattern[str], str]], text: str) -> str:
 def _from_bases(found: Features, facts: list[Fact]) -> None:
     """Plug-ins by their base class, classes by what they inherit, and hosts by what they load."""
     registered = {fact.value for fact in facts if fact.kind is Kind.PLUGIN_BASE}
+    reporting = {f.value for f in facts if f.kind is Kind.INHERITS and roles.REPORTING_CONTROLLER.search(f.subject)}
     for fact in facts:
         if fact.kind is Kind.PLUGIN_BASE and (role := _of_base(fact.subject)):
-            broadcaster = role == "controller" and re.search(r"[Bb]roadcaster", fact.value)
+            broadcaster = role == "controller" and (
+                "roadcaster" in fact.value or fact.value.rpartition("::")[2] in reporting
+            )
             found.add("plugin:broadcaster" if broadcaster else f"plugin:{role}", fact)
         elif fact.kind is Kind.INHERITS and fact.value not in registered:
             if role := _of_base(fact.subject):
@@ -227,5 +230,8 @@ def _from_streams(found: Features) -> None:
     hands = ("uses:terminal", "sub:joy", "word:teleop")
     if "pub:command" in found and not found.any("sub:sensor", "sub:command", "pub:sensor") and found.any(*hands):
         found.add("shape:operator", first["pub:command"])
+    driving = [fact for fact in found.found.get("pub:command", ()) if fact.subject == "geometry_msgs/msg/Twist"]
+    if driving and found.any("plugin:display", "inherits:display"):
+        found.add("shape:operator_panel", driving[0])
     if "pub:sensor" in found and not found.any("sub:sensor", "sub:command", "pub:command"):
         found.add("shape:sensor_source", first["pub:sensor"])

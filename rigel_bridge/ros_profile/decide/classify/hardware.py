@@ -53,8 +53,8 @@ class _Case:
 
 def devices(unit: Unit) -> Devices:
     cases: dict[str, _Case] = {}
-    name = Fact(Kind.NAME, unit.package.name, "", unit.package.file)
-    for fact in (name, *unit.facts):
+    name = () if _is_controller(unit) else (Fact(Kind.NAME, unit.package.name, "", unit.package.file),)
+    for fact in (*name, *unit.facts):
         if is_test(fact.file):
             continue
         for sign, weight in _matches(fact):
@@ -66,6 +66,11 @@ def devices(unit: Unit) -> Devices:
                 case.interface = case.interface or sign.interface
     identity = _usb_id(unit.facts)
     return {kind: _estimate(kind, case, identity) for kind, case in sorted(cases.items())}
+
+
+def _is_controller(unit: Unit) -> bool:
+    """Controllers reach hardware through interfaces only (ros2_control): no library and no name makes them open any."""
+    return any(fact.kind is Kind.PLUGIN_BASE and _CONTROLLER.search(fact.subject) for fact in unit.facts)
 
 
 def _matches(fact: Fact) -> Iterator[tuple[signs.Sign, float]]:
@@ -94,11 +99,9 @@ def _usb_id(facts: Iterable[Fact]) -> str:
 
 
 def linked_devices(own: Devices, unit: Unit, libraries: Mapping[str, Devices]) -> Devices:
-    """With what libraries of the same workspace open: a header of theirs is included, so their code runs in this process.
-    Controllers are left out: they reach hardware through interfaces only (ros2_control).
-    """
+    """With what libraries of the same workspace open: a header of theirs is included, so their code runs in this process."""
     found = dict(own)
-    if any(fact.kind is Kind.PLUGIN_BASE and _CONTROLLER.search(fact.subject) for fact in unit.facts):
+    if _is_controller(unit):
         return found
     for fact in unit.facts:
         package = fact.subject.partition("/")[0].partition(".")[0]

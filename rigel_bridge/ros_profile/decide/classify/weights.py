@@ -7,7 +7,7 @@ WEIGHTS: dict[str, tuple[float, float, float, float]] = {
     "bias": (0.0, 0.1, -0.2, 0.0),
     # loaded into a loop, or loading what runs in one
     "plugin:controller": (4.0, 0.0, 0.0, 0.0),
-    "plugin:broadcaster": (0.5, 2.5, 0.0, 0.0),
+    "plugin:broadcaster": (-2.5, 4.0, 0.0, 0.0),
     "plugin:hardware": (4.0, 0.0, 0.0, 0.0),
     "plugin:motion": (4.0, 0.0, 0.0, 0.0),
     "plugin:planner": (0.0, 0.0, 3.0, 0.0),
@@ -25,9 +25,9 @@ WEIGHTS: dict[str, tuple[float, float, float, float]] = {
     "inherits:display": (0.0, 0.0, 0.0, 1.5),
     "inherits:tool": (0.0, 0.0, 0.0, 1.5),
     "inherits:monitor": (0.0, 0.0, 0.0, 0.7),
-    "hosts:controller": (3.0, 0.0, 0.0, 0.0),
-    "hosts:hardware": (3.0, 0.0, 0.0, 0.0),
-    "hosts:motion": (3.0, 0.0, 0.0, 0.0),
+    "hosts:controller": (4.5, 0.0, 0.0, 0.0),
+    "hosts:hardware": (4.5, 0.0, 0.0, 0.0),
+    "hosts:motion": (4.5, 0.0, 0.0, 0.0),
     "hosts:planner": (0.0, 0.0, 1.5, 0.0),
     "hosts:layer": (0.0, 2.0, 0.0, 0.0),
     "hosts:filter": (0.0, 1.0, 0.0, 0.0),
@@ -68,12 +68,14 @@ WEIGHTS: dict[str, tuple[float, float, float, float]] = {
     "shape:base_driver": (1.8, 0.0, 0.0, 0.0),
     "shape:viewer": (0.0, 0.0, 0.0, 1.2),
     "shape:operator": (1.5, 0.0, 0.0, 0.0),
+    "shape:operator_panel": (6.0, 0.0, 0.0, -3.0),
     "shape:no_code": (-0.5, -0.5, 0.0, 2.0),
     "shape:no_node": (0.0, 0.0, 0.3, 0.7),
     # libraries
     "uses:realtime": (1.8, 0.0, 0.0, 0.0),
     "uses:display": (0.0, 0.0, 0.0, 1.8),
     "uses:network": (0.0, 0.0, 0.9, 0.2),
+    "uses:simulation": (-1.0, -1.0, 0.0, 2.5),
     "uses:recording": (0.0, 0.0, 0.0, 1.0),
     "uses:diagnostics": (0.0, 0.0, 0.0, 0.3),
     # dependencies: vocabulary, so weak
@@ -127,6 +129,7 @@ WEIGHTS: dict[str, tuple[float, float, float, float]] = {
     "hardware:gpu": (0.0, 1.2, 0.0, -0.5),
     "hardware:gpio": (0.0, 0.4, 0.6, -0.5),
     "shape:device_source": (0.0, 1.2, 0.0, 0.0),
+    "shape:device_link": (1.5, 0.0, 0.0, 0.0),
     "shape:discrete_io": (0.0, 0.0, 1.3, 0.0),
     # the table of well-known packages
     "curated:realtime": (4.0, 0.0, 0.0, 0.0),
@@ -134,5 +137,5 @@ WEIGHTS: dict[str, tuple[float, float, float, float]] = {
     "curated:system_default": (0.0, 0.0, 4.0, 0.0),
     "curated:best_effort": (0.0, 0.0, 0.0, 4.0),
 }
-TEMPERATURE = 1.7
-"""Of of the softmax: the sum of features that overlap is divided by it before it becomes a probability."""
+TEMPERATURE = 1.35
+"""Of the softmax: the sum of features that overlap is divided by it before it becomes a probability."""

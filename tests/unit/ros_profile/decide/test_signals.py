@@ -242,3 +242,58 @@ def test_a_lifecycle_node_is_one_and_components_are_executables(tmp_path: Path) 
 def test_nothing_known_is_unknown(tmp_path: Path) -> None:
     found = judged(tmp_path, {"CMakeLists.txt": CMAKE, "src/a.cpp": 'int main() { rclcpp::Node::make_shared("x"); }'})
     assert (found.assessment.qos_class, found.assessment.hardware) == (None, ())
+
+
+def test_a_broadcaster_with_a_realtime_publisher_and_a_filter_is_still_none(tmp_path: Path) -> None:
+    base = "controller_interface::ChainableControllerInterface"
+    body = f"class ForceBroadcaster : public {base} {{ realtime_tools::RealtimePublisher<int> p; }};"
+    files = {"src/a.cpp": f"{body}\nPLUGINLIB_EXPORT_CLASS(t::ForceBroadcaster, {base})"}
+    assert qos(tmp_path, files, depends=("controller_interface", "realtime_tools")) == "sensor_data"
+
+
+@pytest.mark.parametrize(
+    ("interface", "wanted"),
+    [
+        ("JointStateInterface", "sensor_data"),
+        ("ImuSensorInterface", "sensor_data"),
+        ("EffortJointInterface", "realtime"),
+    ],
+)
+def test_a_controller_of_ros_1_that_is_given_states_only_reports_them(
+    tmp_path: Path, interface: str, wanted: str
+) -> None:
+    head = f"class A : public controller_interface::Controller<hardware_interface::{interface}> {{}};"
+    files = {"src/a.cpp": f"{head}\nPLUGINLIB_EXPORT_CLASS(t::A, controller_interface::ControllerBase)"}
+    assert qos(tmp_path, files, ros=1) == wanted
+
+
+def test_a_window_that_drives_the_robot_is_operator_input(tmp_path: Path) -> None:
+    plugin = '<library path="x"><class type="t.Steer" base_class_type="rqt_gui_py::Plugin"/></library>'
+    code = "import rospy\nfrom geometry_msgs.msg import Twist\nrospy.Publisher('cmd_vel', Twist, queue_size=1)\n"
+    assert qos(tmp_path / "a", {"plugin.xml": plugin}) == "best_effort"
+    assert qos(tmp_path / "b", {"plugin.xml": plugin, "src/t/steer.py": code}) == "realtime"
+
+
+def test_images_out_of_a_simulator_are_simulation(tmp_path: Path) -> None:
+    image = 'p = n->create_publisher<sensor_msgs::msg::Image>("image", 1);'
+    assert qos(tmp_path / "a", cpp(image), name="gz_image") == "sensor_data"
+    assert qos(tmp_path / "b", cpp(image, head="#include <gz/transport/Node.hh>"), name="gz_image") == "best_effort"
+
+
+def test_a_serial_line_without_sensor_types_is_a_link_to_a_controller(tmp_path: Path) -> None:
+    made = (
+        's = n->create_subscription<my_msgs::msg::Wanted>("set_position", 1, f); serial::Serial port("/dev/ttyUSB0");'
+    )
+    assert qos(tmp_path, cpp(made)) == "realtime"
+
+
+def test_what_is_started_on_a_condition_counts_where_nothing_else_has_a_class(tmp_path: Path) -> None:
+    package(tmp_path, "driver", {**cpp('p = n->create_publisher<sensor_msgs::msg::Image>("a", 1);')})
+    launch = (
+        '<launch><arg name="model"/><node pkg="elsewhere" exec="x"/>'
+        '<node pkg="driver" exec="run" if="$(eval \'&quot;$(var model)&quot; == &quot;a&quot;\')"/></launch>'
+    )
+    package(tmp_path, "start", {"launch/a.launch.xml": launch})
+    found = {one.name: one for one in generate_profile(tmp_path, curated=False).packages}["start"].assessment.qos_class
+    assert found is not None
+    assert found.value.value == "sensor_data"
