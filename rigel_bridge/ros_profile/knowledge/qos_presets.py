@@ -1,5 +1,6 @@
 """The QoS presets of rmw (`qos_profiles.h`, `rmw/qos_profiles`), which rclcpp and rclpy give other names."""
 
+from dataclasses import replace
 from typing import Final
 
 from ros_profile.model.endpoints import Qos
@@ -22,3 +23,10 @@ PRESETS: Final = {
 def preset(name: str) -> Qos:
     """The preset of that name; one that is not known states its name alone."""
     return PRESETS.get(name, Qos(name))
+
+
+def with_depth(depth: int) -> Qos:
+    """What a bare depth means to rclcpp and rclpy: the default preset with that depth, -1 where none is stated. A queue size
+    of ROS 1 comes to the same.
+    """
+    return replace(PRESETS["default"], depth=depth)

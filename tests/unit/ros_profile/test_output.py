@@ -236,7 +236,7 @@ def test_a_launch_file_becomes_a_robotapp_that_lacks_images_only(tmp_path: Path)
             "from": "left-talker",
             "to": "hear",
             "type": "std_msgs/msg/String",
-            "qos": {"reliability": "best_effort", "depth": 5},
+            "qos": {"reliability": "best_effort", "durability": "volatile", "history": "keep_last", "depth": 5},
             "requestedQos": {
                 "reliability": "best_effort",
                 "durability": "volatile",

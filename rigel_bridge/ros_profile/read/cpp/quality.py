@@ -1,9 +1,8 @@
 """QoS arguments of publishers and subscriptions in C++."""
 
 import re
-from dataclasses import replace
 
-from ros_profile.knowledge.qos_presets import preset
+from ros_profile.knowledge.qos_presets import preset, with_depth
 from ros_profile.model.endpoints import Qos
 from ros_profile.read.cpp.times import duration
 
@@ -34,7 +33,7 @@ def qos_of(argument: str, code: str) -> Qos | None:
     match = _DEPTH.match(text)
     if match or "QoS" in text:
         depth = int(match.group(1)) if match else -1
-        return _adjusted(replace(preset("default"), depth=depth), text)
+        return _adjusted(with_depth(depth), text)
     return None
 
 

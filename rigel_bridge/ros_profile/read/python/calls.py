@@ -2,9 +2,10 @@
 
 import ast
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
+from ros_profile.knowledge.qos_presets import with_depth
 from ros_profile.model.endpoints import PARAMETER_MARK, Endpoint, Parameter, Role, Timer
 from ros_profile.read.python.syntax import dotted
 from ros_profile.read.python.values import Scope
@@ -31,8 +32,8 @@ _RCLPY: Final = {
     "create_client": _Shape(Role.SERVICE_CLIENT, 0, 1, -1, ("srv_type", "srv_name", "qos_profile")),
 }
 _ROSPY: Final = {
-    "rospy.Publisher": _Shape(Role.PUBLISHER, 1, 0, -1, ("data_class", "name", "")),
-    "rospy.Subscriber": _Shape(Role.SUBSCRIPTION, 1, 0, -1, ("data_class", "name", "")),
+    "rospy.Publisher": _Shape(Role.PUBLISHER, 1, 0, 6, ("data_class", "name", "queue_size")),
+    "rospy.Subscriber": _Shape(Role.SUBSCRIPTION, 1, 0, 4, ("data_class", "name", "queue_size")),
     "rospy.Service": _Shape(Role.SERVICE_SERVER, 1, 0, -1, ("service_class", "name", "")),
     "rospy.ServiceProxy": _Shape(Role.SERVICE_CLIENT, 1, 0, -1, ("service_class", "name", "")),
 }
@@ -93,13 +94,17 @@ def _endpoint(node: ast.Call, shape: _Shape, scope: Scope, file: str) -> Iterato
     if type_node is None and name_node is None:
         return
     qos_node = _argument(node, shape.qos, shape.keywords[2])
+    qos = scope.qos(qos_node) if qos_node is not None else None
+    latched = _argument(node, -1, "latch")
+    if isinstance(latched, ast.Constant) and latched.value is True:  # of ROS 1
+        qos = replace(qos or with_depth(-1), durability="transient_local")
     yield Endpoint(
         role=shape.role,
         name=scope.text(name_node),
         type=scope.type_name(type_node),
         file=file,
         line=node.lineno,
-        qos=scope.qos(qos_node) if qos_node is not None else None,
+        qos=qos,
         owner=scope.owner,
     )
 

@@ -2,10 +2,10 @@
 
 import ast
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
-from ros_profile.knowledge.qos_presets import PRESETS, preset
+from ros_profile.knowledge.qos_presets import PRESETS, preset, with_depth
 from ros_profile.model.endpoints import PARAMETER_MARK, Qos
 from ros_profile.read.python.syntax import Walked, dotted
 
@@ -187,7 +187,7 @@ class Scope:
         if node is None or steps > MAX_STEPS:
             return None
         if isinstance(node, ast.Constant):
-            return Qos(depth=node.value) if isinstance(node.value, int) and 0 <= node.value < 1_000_000 else None
+            return with_depth(node.value) if type(node.value) is int and 0 <= node.value < 1_000_000 else None
         name = dotted(node)
         last = name.rpartition(".")[2]
         if last.removeprefix(_PRESET) in PRESETS and last.startswith(_PRESET):
@@ -209,10 +209,11 @@ class Scope:
         for key, value in policies.items():  # RMW_QOS_POLICY_RELIABILITY_BEST_EFFORT of the first distributions
             policies[key] = value.removeprefix(f"rmw_qos_policy_{key}_")
         depth = self.number(stated.get("depth") or (node.args[0] if node.args else None))
-        return Qos(
-            reliability=policies.get("reliability", ""),
-            durability=policies.get("durability", ""),
-            history=policies.get("history", ""),
-            liveliness=policies.get("liveliness", ""),
-            depth=int(depth) if depth is not None and depth >= 0 else -1,
+        bare = with_depth(int(depth) if depth is not None and depth >= 0 else -1)
+        return replace(
+            bare,
+            reliability=policies.get("reliability", bare.reliability),
+            durability=policies.get("durability", bare.durability),
+            history=policies.get("history", bare.history),
+            liveliness=policies.get("liveliness", bare.liveliness),
         )

@@ -88,7 +88,8 @@ def test_a_rate_of_rospy_is_a_period() -> None:
 @pytest.mark.parametrize(
     ("qos", "stated"),
     [
-        ("10", {"depth": 10}),
+        ("10", {"profile": "default", "reliability": "reliable", "history": "keep_last", "depth": 10}),
+        ("QoSProfile(history=HistoryPolicy.KEEP_ALL)", {"reliability": "reliable", "history": "keep_all", "depth": -1}),
         ("qos_profile_sensor_data", {"profile": "sensor_data", "reliability": "best_effort", "depth": 5}),
         ("rclpy.qos.qos_profile_services_default", {"profile": "services_default", "reliability": "reliable"}),
         ("QoSPresetProfiles.SENSOR_DATA.value", {"profile": "sensor_data"}),
