@@ -1,12 +1,10 @@
 """Nothing outside the package is read, nothing hangs, nothing raises: folders and manifests made to do harm."""
 
 import os
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from tests.support.auditing import watched
 from tests.support.ros_sources import loaded, manifest, package, write
 
 from ros_profile.files import walk
@@ -14,27 +12,6 @@ from ros_profile.files.load import load
 from ros_profile.generate import generate_profile
 from ros_profile.read import yaml_text
 from ros_profile.read.manifest import read_manifest
-
-_opened: list[str] | None = None
-
-
-def _audit(event: str, arguments: tuple[object, ...]) -> None:
-    if _opened is not None and event == "open" and isinstance(arguments[0], str | bytes | os.PathLike):
-        _opened.append(os.fsdecode(arguments[0]))
-
-
-sys.addaudithook(_audit)
-
-
-@contextmanager
-def opened_files() -> Iterator[list[str]]:
-    """Every path that is opened within."""
-    global _opened  # noqa: PLW0603 - an audit hook cannot be removed, so it looks here
-    _opened = found = []
-    try:
-        yield found
-    finally:
-        _opened = None
 
 
 def test_links_out_of_the_package_are_not_followed_and_loops_end(tmp_path: Path) -> None:
@@ -49,11 +26,11 @@ def test_links_out_of_the_package_are_not_followed_and_loops_end(tmp_path: Path)
     (inside / "src/self.py").symlink_to("self.py")
     (inside / "src/alias.py").symlink_to("good.py")
     load(tmp_path / "ws")  # once, so that nothing is imported later
-    with opened_files() as opened:
+    with watched(tmp_path / "ws") as watch:
         found = load(tmp_path / "ws").packages[0]
     assert [source.file for source in found.sources] == ["src/alias.py", "src/good.py"]
     assert {problem.file for problem in found.problems} == {"src/stolen.py", "src/up.py", "src/self.py"}
-    assert {path for path in opened if not path.startswith(str(tmp_path / "ws"))} == set()
+    assert (watch.found, watch.opened > 0) == ([], True)
 
 
 def test_pipes_devices_and_folders_with_names_of_files_do_not_hang(tmp_path: Path) -> None:

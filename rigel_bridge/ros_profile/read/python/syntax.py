@@ -42,7 +42,8 @@ def parse(data: bytes, file: str) -> tuple[ast.Module | None, tuple[Problem, ...
 def _parse(text: str) -> ast.Module:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # "\d" in plain strings of foreign source
-        module = ast.parse(text.expandtabs(8) if "\t" in text else text)
+        # Without a file name Python looks for a wrong line in the file `<unknown>` of the current directory.
+        module = ast.parse(text.expandtabs(8) if "\t" in text else text, filename="")
     if "\\u" in text.lower():
         for node in ast.walk(module):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):

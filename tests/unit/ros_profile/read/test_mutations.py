@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from tests.support.damage import mutated
 from tests.support.ros_sources import manifest
 
 from ros_profile.model.launch import LaunchFile
@@ -55,45 +56,6 @@ READERS: list[tuple[Callable[[bytes, str], Any], bytes, type]] = [
     (read_setup_py, SETUP, SourceFile),
     (read_setup_cfg, CFG, SourceFile),
 ]
-_BITS = (
-    b"\0",
-    b"\xff",
-    b"\r",
-    b"\t",
-    b"'",
-    b'"',
-    b"(",
-    b"]",
-    b"{",
-    b"&",
-    b"*",
-    b"<",
-    b">",
-    b"%",
-    b"$(",
-    b"\\ud800",
-    b"\n",
-    b": ",
-    b"!!",
-    b"\xef\xbb\xbf",
-)
-
-
-def mutated(data: bytes, chance: random.Random) -> bytes:
-    """One to four changes: bytes put in, cut out, doubled, or a piece moved."""
-    for _ in range(chance.randint(1, 4)):
-        at, length = chance.randrange(len(data) + 1), chance.randint(0, 12)
-        kind = chance.randrange(4)
-        if kind == 0:
-            data = data[:at] + chance.choice(_BITS) * chance.choice((1, 1, 2, 50)) + data[at:]
-        elif kind == 1:
-            data = data[:at] + data[at + length :]
-        elif kind == 2:
-            data = data[:at] + data[at : at + length] * chance.choice((2, 9)) + data[at + length :]
-        else:
-            other = chance.randrange(len(data) + 1)
-            data = data[:at] + data[other : other + length] + data[at:]
-    return data
 
 
 @pytest.mark.parametrize(("read", "data", "answer"), READERS, ids=lambda value: getattr(value, "__name__", ""))

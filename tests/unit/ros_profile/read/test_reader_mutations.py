@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 
 import pytest
-from tests.unit.ros_profile.read.test_mutations import mutated
+from tests.support.damage import mutated
 
 from ros_profile.model.package import SourceFile
 from ros_profile.read.cmake import read_cmake
