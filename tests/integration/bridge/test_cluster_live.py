@@ -15,6 +15,7 @@ from tests.integration.bridge.test_accepted_live import SAMPLES
 from tests.integration.bridge.test_rigel03 import RIGELFILE as WITH_JOBS
 from tests.support.live import HandBinder, eventually, pool
 from tests.support.rigelfiles import TWO, orchestration
+from tests.support.ros_sources import package, python_node, setup_py
 from tests.support.stage import IMAGE
 
 from rigel_bridge.main import main
@@ -22,6 +23,8 @@ from rigel_bridge.sequences import lease
 from rigel_bridge.sequences.run import read_summaries
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_testbed.failures import CommandError
+from ros_profile.main import main as profile
+from ros_profile.output.robotapp import IMAGE as PLACEHOLDER
 
 ROOT = Path(__file__).resolve().parents[3]
 EXAMPLES = ROOT / "examples" / "rigel"
@@ -205,6 +208,61 @@ def test_every_sample_runs_without_an_operator(
 PENDING = (
     'jsonpath={range .items[*]}{.metadata.name} {.status.conditions[?(@.type=="PodScheduled")].message}{"\\n"}{end}'
 )
+
+
+ROVER = """
+def generate_launch_description():
+    return LaunchDescription([
+        Node(package='base_driver', executable='base_driver'),
+        Node(package='operator_ui', executable='operator_ui', namespace='desk', remappings=[('cmd_vel', '/cmd_vel')]),
+    ])
+"""
+DRIVER = """
+class Driver : public rclcpp::Node { Driver() : Node("base_driver") {
+  bind(socket(PF_CAN, SOCK_RAW, CAN_RAW), (sockaddr_can *)&address, sizeof(address));
+  s_ = create_subscription<geometry_msgs::msg::Twist>("cmd_vel", 1, std::bind(&Driver::on, this, _1));
+  t_ = create_wall_timer(50ms, [this]() { write(); }); } };
+"""
+
+
+def rover(root: Path) -> Path:
+    """A workspace of our own: a base driver on a CAN bus, and a window that drives it."""
+    cmake = "project(base_driver)\nadd_executable(base_driver src/a.cpp)\n"
+    package(root, "base_driver", {"CMakeLists.txt": cmake, "src/a.cpp": DRIVER}, depends=("geometry_msgs",))
+    node = python_node("operator_ui", "self.p = self.create_publisher(Twist, 'cmd_vel', 10)")
+    package(root, "operator_ui", {**node, **setup_py("operator_ui")})
+    package(root, "rover_bringup", {"launch/rover.launch.py": ROVER})
+    return root
+
+
+def test_a_launch_file_as_a_robotapp_becomes_ready_once_it_has_images(
+    stage: Stage, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert profile([str(rover(tmp_path)), "--format", "robotapp", "--no-cache", "--quiet"]) == 0
+    app = yaml.safe_load(capsys.readouterr().out.replace(PLACEHOLDER, IMAGE))
+    app["spec"]["ros2"] = {"pool": stage.pool}
+    where = ("-n", stage.namespace)
+    stage.plane.kubectl("apply", "-f", "-", "--validate=strict", *where, identity=USER, stdin=app)
+    assert ready(stage, "rover-bringup"), stage.app("rover-bringup")["status"]
+    stored = stage.app("rover-bringup")["spec"]
+    assert stored["components"][0]["devices"][0]["type"] == "can"
+    assert [(edge["topic"], edge["from"], edge["to"]) for edge in stored["edges"]] == [
+        ("/cmd_vel", "operator-ui", "base-driver")
+    ]
+    assert stage.run("delete", "rover-bringup", "--wait", "90s") == 0
+
+
+def test_what_a_profile_fills_in_becomes_ready(
+    stage: Stage, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = rigelfile(tmp_path, stage)
+    sources = ("--profile", str(rover(tmp_path / "src")))
+    assert stage.run("apply", file, *sources, "--wait", "60s") == 0, capsys.readouterr().err
+    driver, window = stage.app("teleop")["spec"]["components"]
+    assert (driver["qosClass"], driver["runsOn"], driver["devices"][0]["type"]) == ("realtime", ["Robot"], "can")
+    assert (window["name"], window["qosClass"]) == ("operator-ui", "realtime")
+    assert stage.run("diff", file, *sources) == 0, capsys.readouterr().out
+    assert stage.run("delete", "teleop", "--wait", "90s") == 0
 
 
 BENCHMARK = """\
