@@ -1,21 +1,31 @@
-"""Units of classification: a package, and each of its executables with the files it is made of."""
+"""Units of classification: a package, each of its executables with the files it is made of, and well-known nodes by name."""
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Final
 
-from ros_profile.decide.linking import linked
+from ros_profile.decide.places import TABLE
 from ros_profile.decide.substitution import condition_value, located
+from ros_profile.knowledge.interfaces import INTERFACES
+from ros_profile.model.endpoints import Endpoint, Role
 from ros_profile.model.facts import Fact, Kind
 from ros_profile.model.launch import Include, LaunchFile, StartedNode
-from ros_profile.model.package import Executable, Package, SourceFile, Unit
+from ros_profile.model.package import Executable, Manifest, Package, SourceFile, Unit
+from ros_profile.read.cpp.types import resolved, ros_name
 from ros_profile.read.parameters import text_facts
 
 CODE: Final = frozenset({"cpp", "python"})
 """Languages of what runs in a node."""
 OTHERS_WEIGHT: Final = 0.5
 _ARGUMENT: Final = re.compile(r"\$\((?:var|arg) ([\w.-]+)")
+_SIGNS = {">": Role.PUBLISHER, "<": Role.SUBSCRIPTION, "?": Role.SERVICE_CLIENT, "!": Role.SERVICE_SERVER}
+_KIND = {
+    Role.SERVICE_SERVER: "srv",
+    Role.SERVICE_CLIENT: "srv",
+    Role.ACTION_SERVER: "action",
+    Role.ACTION_CLIENT: "action",
+}
 
 
 def package_unit(package: Package) -> Unit:
@@ -126,7 +136,7 @@ def _unit(package: Package, name: str, kind: str, sources: Iterable[SourceFile],
         name=name,
         kind=kind,
         facts=(*_dependency_facts(package), *(fact for s in kept for fact in s.facts), *more),
-        endpoints=linked((e for s in kept for e in s.endpoints), (f for s in package.sources for f in s.facts)),
+        endpoints=_linked_all((e for s in kept for e in s.endpoints), (f for s in package.sources for f in s.facts)),
         timers=tuple(t for s in kept for t in s.timers),
         parameters=tuple(p for s in kept for p in s.parameters),
         files=tuple(s.file for s in kept),
@@ -191,3 +201,31 @@ def _weight(conditions: Iterable[str], defaults: Mapping[str, str]) -> float:
     if any(verdict is False for verdict in verdicts):
         return 0.0
     return 0.5 if any(verdict is None for verdict in verdicts) else 1.0
+
+
+def known_unit(package: str, executable: str, plugin: str) -> Unit | None:
+    """A node whose source is not in the workspace, as the table of well-known nodes has it; ROS 1 scripts are named with `.py`."""
+    written = INTERFACES.get(plugin) if plugin else INTERFACES.get(f"{package}/{executable.removesuffix('.py')}")
+    if written is None:
+        return None
+    endpoints = []
+    for part in written.split(","):
+        sign, name, kind = part.split()
+        endpoints.append(Endpoint(_SIGNS[sign], name, kind, TABLE, 0))
+    return Unit(Manifest(name=package, file=""), plugin or executable, "program", endpoints=tuple(endpoints))
+
+
+def _linked_all(endpoints: Iterable[Endpoint], facts: Iterable[Fact]) -> tuple[Endpoint, ...]:
+    """Endpoints with types in the form `package/msg/Name`, else empty. The type of one in C++ may stand in another file of
+    the package: an alias, a callback, a member declared in a header.
+    """
+    names = {fact.subject: fact.value for fact in facts if fact.kind is Kind.ALIAS}
+    return tuple(_linked(endpoint, names) for endpoint in endpoints)
+
+
+def _linked(endpoint: Endpoint, names: dict[str, str]) -> Endpoint:
+    if "/" in endpoint.type or not endpoint.type:
+        return endpoint
+    written = names.get(endpoint.type, "") if endpoint.type[0] in "&." else endpoint.type
+    found = ros_name(resolved(written, names), kind=_KIND.get(endpoint.role, "msg"))
+    return replace(endpoint, type=found if "/" in found or "::" in found else "")

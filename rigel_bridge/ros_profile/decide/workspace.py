@@ -4,8 +4,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from functools import cached_property
 
-from ros_profile.decide.known import known_unit
-from ros_profile.decide.units import executable_unit, package_unit
+from ros_profile.decide.units import executable_unit, known_unit, package_unit
 from ros_profile.model.launch import LaunchFile
 from ros_profile.model.package import Executable, Package, SourceFile, Unit
 
