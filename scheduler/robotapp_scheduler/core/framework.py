@@ -76,7 +76,8 @@ Class attributes and their defaults:
 `events`      changes that may help a pod this plugin rejected; default: every change
 `hint_reads`  features of the pod that `hint` depends on; default: `reads`. Waiting pods that are equal in them are
               asked about once, so name as few as you can; `hint_of_each(event) -> bool` says for which events it
-              depends on more features, so that every pod is asked about
+              depends on more features, so that every pod is asked about; `hint_serves(pod, event) -> int | None`
+              how many of those equal pods it can help: so many are tried, the others second by second (None: all at once)
 `reason`      text for rows a bare mask rejects
 `resolvable`  False: taking other pods away cannot help (UnschedulableAndUnresolvable)
 `normalize`   "none" (raw is 0…100), "max", "inverse" or "minmax"; see `normalized`
@@ -243,11 +244,19 @@ class Loaded:
         self.touched_by: Callable[[PodInfo, PlacedPod], bool] | None = getattr(plugin, "touched_by", None)
         self.beside: Callable[[PodInfo, Nodes], Beside | None] | None = getattr(plugin, "beside", None)
         self.room: Callable[[PodInfo], Mapping[str, int]] | None = getattr(plugin, "room", None)
-        hint_reads = tuple(sorted(getattr(plugin, "hint_reads", self.reads)))
-        hints = (getattr(plugin, "hint", None), hint_reads, getattr(plugin, "hint_of_each", None))
-        self.waker = Waker(self.name, self.events, *hints)
+        self.waker = self._waker_of(plugin)
         self.pre_enqueue: Callable[[PodInfo], Status | None] | None = getattr(plugin, "pre_enqueue", None)
         self.queue_key: Callable[[PodInfo, float], tuple[Any, ...]] | None = getattr(plugin, "queue_key", None)
+
+    def _waker_of(self, plugin: Any) -> Waker:
+        return Waker(
+            self.name,
+            self.events,
+            getattr(plugin, "hint", None),
+            tuple(sorted(getattr(plugin, "hint_reads", self.reads))),
+            getattr(plugin, "hint_of_each", None),
+            getattr(plugin, "hint_serves", None),
+        )
 
     def interest_for(self, pod: PodInfo) -> int:
         """Changes after which a row of what it says about such pods must be looked at again."""

@@ -44,7 +44,7 @@ HOOKS: Final = (
         "minds",
         "hint",
     ),
-    *("hint_of_each", "touched_by", "beside", "room"),
+    *("hint_of_each", "hint_serves", "touched_by", "beside", "room"),
 )
 
 

@@ -14,7 +14,7 @@ from robotapp_scheduler.core.gated import Gated
 from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.queued import Gate, QueuedPod, Rejection
-from robotapp_scheduler.core.waiting import WaitingRoom, Waker
+from robotapp_scheduler.core.waiting import WaitingRoom, Waker, Woken
 
 UNSCHEDULABLE_TIMEOUT_S: Final = 300.0
 FLUSH_PERIOD_S: Final = 30.0
@@ -44,7 +44,7 @@ class SchedulingQueue:
         self._active = Heap()
         self._backoff = Heap()
         self._error_backoff = Heap()
-        self._waiting = WaitingRoom(waker)
+        self._waiting = WaitingRoom(waker, order=self._active_key)
         self._gated = Gated()
         self._flying = Flights()
         self._groups: dict[Hashable, dict[str, None]] = {}
@@ -143,9 +143,7 @@ class SchedulingQueue:
             return 0
         self._flying.note(event, but=but)
         woken = self._waiting.woken(event, but=but)
-        for queued, immediate in woken:
-            self._take_out(queued)
-            self._requeue_from_wait(queued, event.label, immediate=immediate)
+        self._leave(woken)
         return len(woken) + (self._test_gates(event, frozenset(groups)) if self._gated else 0)
 
     def activate(self, uids: Iterable[str]) -> None:
@@ -188,7 +186,8 @@ class SchedulingQueue:
             self._requeue_from_wait(queued, "GateReopened", immediate=False)
 
     def tick(self) -> None:
-        """Bring back what waited long enough. Call about once a second."""
+        """Bring back what waited long enough, and those whose turn it is. Call about once a second."""
+        self._leave(self._waiting.next_turns())
         for heap in (self._backoff, self._error_backoff):
             while (first := heap.peek()) is not None:
                 queued = self._pods[first[1]]
@@ -261,18 +260,21 @@ class SchedulingQueue:
     # --- Inside ----------------------------------------------------------------------------------------------------
 
     def _settle(self, queued: QueuedPod, flight: Flight | None) -> None:
-        rejection = queued.rejection or Rejection()
         if flight is not None and flight.activated:
             self._to_active(queued, "ForceActivate")
             return
-        if not rejection.plugins:
-            self._requeue_from_wait(queued, "ScheduleAttemptFailure", immediate=False)
-            return
-        answer = self._waiting.first_answer(queued, flight.seen if flight is not None else ())
-        if answer is not None:
+        answer: bool | None = False  # an error is tried again by itself
+        if queued.rejection is not None and queued.rejection.plugins:
+            answer = self._waiting.first_answer(queued, flight.seen if flight is not None else ())
+        if answer is None:
+            self._wait(queued, "ScheduleAttemptFailure")
+        else:
             self._requeue_from_wait(queued, "ScheduleAttemptFailure", immediate=answer)
-            return
-        self._wait(queued, "ScheduleAttemptFailure")
+
+    def _leave(self, woken: Iterable[Woken]) -> None:
+        for queued, immediate, why in woken:
+            self._take_out(queued)
+            self._requeue_from_wait(queued, why, immediate=immediate)
 
     def _wait(self, queued: QueuedPod, event: str) -> None:
         self._waiting.add(queued)

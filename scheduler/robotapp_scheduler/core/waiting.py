@@ -2,12 +2,18 @@
 
 Waiting pods that the same plugins rejected and that are equal in everything those plugins' hints read share a bucket.
 An event costs one question per bucket, not per pod: 2,000 replicas of one Deployment are one question.
+
+A device or domain that is given back serves one pod. It wakes the first of each bucket; while it may still be free the
+others follow in the order of the queue, twice as many every second, so that none waits in vain behind one that cannot use it.
 """
 
 import logging
 from collections.abc import Callable, Hashable, Iterable, Iterator
-from typing import Final, NamedTuple
+from dataclasses import dataclass
+from heapq import nsmallest
+from typing import Any, Final, NamedTuple
 
+from robotapp_scheduler.core.backoff import Heap
 from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.overdue import Overdue
 from robotapp_scheduler.core.pods import LIVE, PodInfo
@@ -27,6 +33,8 @@ class Waker(NamedTuple):
     """Pod features the hint's answer depends on."""
     of_each: Callable[[Event], bool] | None = None
     """Events for which it depends on more, so that every pod has to be asked about."""
+    serves: Callable[[PodInfo, Event], int | None] | None = None
+    """How many of the pods that are equal in `reads` such an event can help; None: any number."""
 
     def key(self, pod: PodInfo) -> Hashable:
         """Pods with equal keys get equal answers."""
@@ -47,34 +55,130 @@ class Waker(NamedTuple):
             log.exception("queueing hint of %s failed for %s on %s", self.plugin, pod.key, event.label)
             return True
 
+    def most(self, pod: PodInfo, event: Event) -> int | None:
+        """How many pods like this one the event, which it wants, can help; None: any number."""
+        if self.serves is None or (event.old is None and event.new is None):
+            return None
+        try:
+            return self.serves(pod, event)
+        except (Exception, Overdue):  # as above
+            log.exception("%s cannot tell for %s how many %s serves", self.plugin, pod.key, event.label)
+            return None
+
 
 class Woken(NamedTuple):
     """A pod that leaves; `immediate` = a plugin that said Pending asks for it, so it skips its back-off."""
 
     queued: QueuedPod
     immediate: bool
+    why: str = ""
+    """The event's name."""
+
+
+@dataclass(slots=True)
+class _Round:
+    """After an event that serves few: the pods that waited then get their turns, twice `size` of them the next time."""
+
+    last: int
+    """The number of the pod that was the last to come before the event."""
+    size: int
+    immediate: bool
+    why: str
+    again: "_Round | None" = None
+    """What came of later events: the round after this one."""
 
 
 class _Bucket:
     """Waiting pods that every event concerns alike."""
 
-    __slots__ = ("mask", "pending", "pods", "rejecting")
+    __slots__ = ("came", "count", "line", "mask", "pending", "pods", "rejecting", "round")
 
     def __init__(self, wakers: list[Waker], rejection: Rejection) -> None:
         self.pending = [waker for waker in wakers if waker.plugin in rejection.pending]
         self.rejecting = [waker for waker in wakers if waker.plugin not in rejection.pending]
         self.pods: dict[str, QueuedPod] = {}
+        self.line = Heap() if any(waker.serves is not None for waker in wakers) else None
+        """The same pods in the order of the queue, where not all of them leave at once."""
+        self.came: dict[str, int] = {}
+        """Of the same: the how-manieth each was that came."""
+        self.count = 0
+        self.round: _Round | None = None
         self.mask = _SELF
         for waker in wakers:
             self.mask |= int(waker.events)
 
-    def woken(self, event: Event) -> list[Woken]:
-        """Those of the pods that leave."""
+    def add(self, queued: QueuedPod, order: Callable[[QueuedPod], tuple[Any, ...]]) -> None:
+        uid = queued.info.uid
+        self.pods[uid] = queued
+        if self.line is not None:
+            self.line.push(uid, order(queued))
+            self.count += 1
+            self.came[uid] = self.count
+
+    def discard(self, uid: str) -> None:
+        del self.pods[uid]
+        if self.line is not None:
+            self.line.discard(uid)
+            del self.came[uid]
+
+    def woken(self, event: Event, *, but: str) -> list[Woken]:
+        """Those of the pods that leave; `but` does not."""
         if any(waker.of_each is not None and waker.of_each(event) for waker in (*self.pending, *self.rejecting)):
             answers = [(queued, self.answer(queued.info, event)) for queued in self.pods.values()]
-            return [Woken(queued, immediate) for queued, immediate in answers if immediate is not None]
-        immediate = self.answer(next(iter(self.pods.values())).info, event)
-        return [] if immediate is None else [Woken(queued, immediate) for queued in self.pods.values()]
+            return [Woken(one, now, event.label) for one, now in answers if now is not None and one.info.uid != but]
+        first = next(iter(self.pods.values())).info
+        immediate = self.answer(first, event)
+        if immediate is None:
+            return []
+        most = self._most(first, event) if self.line is not None else None
+        chosen = self.pods.values() if most is None or most >= len(self.pods) else self._first(most, but)
+        if len(chosen) < len(self.pods):
+            self._begin(_Round(self.count, len(chosen), immediate, event.label))
+        return [Woken(queued, immediate, event.label) for queued in chosen if queued.info.uid != but]
+
+    def next_turn(self, order: Callable[[QueuedPod], tuple[Any, ...]]) -> list[Woken]:
+        """Those whose turn it is in the round that is under way."""
+        round_ = self.round
+        if round_ is None:
+            return []
+        left = [queued for uid, queued in self.pods.items() if self.came[uid] <= round_.last]
+        round_.size *= 2
+        chosen = nsmallest(round_.size, left, key=order)
+        if len(chosen) == len(left):
+            self.round = round_.again
+        return [Woken(queued, round_.immediate, round_.why) for queued in chosen]
+
+    def _begin(self, found: _Round) -> None:
+        if self.round is None:
+            self.round = found
+        else:  # a round that began anew at each event would never come to its end
+            self.round.again = found
+
+    def _most(self, pod: PodInfo, event: Event) -> int | None:
+        """One waker that wants the event for any number of pods is enough."""
+        found = 0
+        for waker in (*self.pending, *self.rejecting):
+            if waker.wants(pod, event):
+                most = waker.most(pod, event)
+                if most is None:
+                    return None
+                found = max(found, most)
+        return max(1, found)
+
+    def _first(self, most: int, but: str) -> list[QueuedPod]:
+        """They leave the line as well; the caller discards them from the bucket."""
+        assert self.line is not None  # noqa: S101 - the only caller has looked
+        found: list[QueuedPod] = []
+        passed: tuple[tuple[Any, ...], str] | None = None
+        while len(found) < most and (first := self.line.peek()) is not None:
+            self.line.discard(first[1])
+            if first[1] == but:
+                passed = first
+            else:
+                found.append(self.pods[first[1]])
+        if passed is not None:
+            self.line.push(passed[1], passed[0])
+        return found
 
     def answer(self, pod: PodInfo, event: Event) -> bool | None:
         """None: stays. True: leaves at once. False: leaves after its back-off."""
@@ -84,10 +188,16 @@ class _Bucket:
 
 
 class WaitingRoom:
-    """The unschedulable pods. `waker(pod, plugin)` says what may help a pod the plugin rejected."""
+    """The unschedulable pods.
 
-    def __init__(self, waker: Callable[[PodInfo, str], Waker]) -> None:
+    `waker(pod, plugin)` says what may help a pod the plugin rejected, `order` is that of the active queue.
+    """
+
+    def __init__(
+        self, waker: Callable[[PodInfo, str], Waker], *, order: Callable[[QueuedPod], tuple[Any, ...]]
+    ) -> None:
         self._waker = waker
+        self._order = order
         self._buckets: dict[int, dict[Hashable, _Bucket]] = {}
         """By mask, so that an event that concerns nobody costs one test per kind of mask."""
         self._place: dict[str, tuple[int, Hashable]] = {}
@@ -111,7 +221,7 @@ class WaitingRoom:
         key = (queued.info.scheduler_name, rejection.pending, keys)
         bucket = _Bucket(wakers, rejection)
         bucket = self._buckets.setdefault(bucket.mask, {}).setdefault(key, bucket)
-        bucket.pods[queued.info.uid] = queued
+        bucket.add(queued, self._order)
         self._place[queued.info.uid] = (bucket.mask, key)
 
     def discard(self, uid: str) -> None:
@@ -121,7 +231,7 @@ class WaitingRoom:
             return
         mask, key = place
         bucket = self._buckets[mask][key]
-        del bucket.pods[uid]
+        bucket.discard(uid)
         if not bucket.pods:
             del self._buckets[mask][key]
             if not self._buckets[mask]:
@@ -136,10 +246,17 @@ class WaitingRoom:
             if not mask & change:
                 continue
             for bucket in buckets.values():
-                found += bucket.woken(event)
-        if but:
-            return [woken for woken in found if woken.queued.info.uid != but]
+                found += bucket.woken(event, but=but)
         return found
+
+    def next_turns(self) -> list[Woken]:
+        """Pods whose turn it is after those that an event has woken; they still wait until they are discarded."""
+        return [
+            woken
+            for buckets in self._buckets.values()
+            for bucket in buckets.values()
+            for woken in bucket.next_turn(self._order)
+        ]
 
     def answer(self, queued: QueuedPod, event: Event) -> bool | None:
         """For one pod, waiting or just rejected. None: no help. True: at once. False: after back-off."""

@@ -285,6 +285,7 @@ class SchedulerLoop:
         for queued, gate in core.held():
             self._reporter.unscheduled(queued.info.pod, reason=gate.code, message=gate.reason)
         self._groups.tick()
+        self._placer.tick()
         self._woken.set()
 
 

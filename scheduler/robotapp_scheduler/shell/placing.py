@@ -10,7 +10,7 @@ from functools import partial
 
 from robotapp_api.client.errors import ClientError
 from robotapp_api.model.names import EventReason, PodReason
-from robotapp_scheduler.core.changes import Change, Event
+from robotapp_scheduler.core.changes import Event
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.framework import Code
@@ -19,7 +19,7 @@ from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.preemption import Plan
 from robotapp_scheduler.core.queued import QueuedPod, Rejection
-from robotapp_scheduler.core.refusal import DEVICE_PLUGIN, FULL_POOL
+from robotapp_scheduler.core.refusal import BIND_CHECK, DEVICE_PLUGIN, FULL_POOL
 from robotapp_scheduler.core.volumes import VolumePlan
 from robotapp_scheduler.shell.bind_steps import BindSteps, Refused, failed_step
 from robotapp_scheduler.shell.binder import Binder, BindOutcome, BindResult
@@ -33,8 +33,6 @@ from robotapp_scheduler.shell.volume_writes import VolumeWriter
 
 log = logging.getLogger(__name__)
 
-BIND_CHECK = "DomainBindCheck"
-"""Stands for a plugin name in the queue: an app's pod waits for its claim, and any change may help."""
 NO_DOMAIN = frozenset({FULL_POOL})
 WAITED = {
     Readiness.READY: Code.SUCCESS,
@@ -77,6 +75,8 @@ class Placer:
         self._clock = clock
         self._evict = evict
         self._timer = PointTimer(metrics)
+        self._unnamed: dict[str, PodInfo] = {}
+        """Pods that were refused while the claim of the device they want was on the way: by uid."""
 
     def __repr__(self) -> str:
         return f"<Placer of {self._core!r}>"
@@ -101,16 +101,27 @@ class Placer:
         self._attempted(result, decision.pod, started_s)
 
     def waits_on(self, queued: QueuedPod) -> bool:
-        """Back with a pod that waits for a domain and for nothing else while there is none; no node is looked for.
+        """Back with a pod that was refused for a domain or a device while no domain is free; no node is looked for.
 
-        Hundreds of them may wait, and each id that is given back wakes all: whoever comes first has it.
+        Hundreds of them may wait. Decided and refused at its claims, a pod would give back the room and the device it
+        was promised, which wakes the next.
         """
-        full = self._reserver.known_full(queued.info) if queued.refused_by == NO_DOMAIN else None
+        refused_by = queued.refused_by
+        nominated = self._core.cluster.nominations.node_of(queued.info.uid)
+        wants_claims = (refused_by == NO_DOMAIN or DEVICE_PLUGIN in refused_by) and not nominated
+        full = self._reserver.known_full(queued.info) if wants_claims else None
         if full is None:
             return False
         self._core.queue.requeue(queued, Rejection(NO_DOMAIN))
         self._reporter.unscheduled(queued.info.pod, reason=full.reason, message=full.message)
         return True
+
+    def tick(self) -> None:
+        """Once a second: name the holders to those pods whose holders had no claim yet."""
+        unnamed, self._unnamed = self._unnamed, {}
+        for uid, pod in unnamed.items():
+            if uid in self._waiting:
+                self._name_holders(pod)
 
     def abandon(self, decision: Decision) -> None:
         """Something unforeseen happened on the way: back into the queue as an error, nothing stays counted."""
@@ -326,7 +337,7 @@ class Placer:
         if change:
             # Freed room is news for every other waiting pod, exactly as if the pod had been deleted. Not for this one:
             # it would wake itself by its own failure, for ever.
-            event = Event("pods", change | Change.DEVICES, old=pod.pod)
+            event = Event("pods", change, old=pod.pod)
             self._core.queue.move(event, groups=groups_around(pod), but=pod.uid)
 
     def _name_holders(self, pod: PodInfo) -> None:
@@ -340,7 +351,8 @@ class Placer:
         for node in nodes:
             for busy in index.blockers(ros.devices, node, ros.holder):
                 if not busy.namespace:
-                    continue  # its claim is on the way, and will bring this pod back to name the holder
+                    self._unnamed[pod.uid] = pod  # its claim is on the way
+                    continue
                 text = device_busy(
                     busy.device.id,
                     node,
@@ -348,6 +360,7 @@ class Placer:
                     holder_namespace=busy.namespace,
                     namespace=pod.namespace,
                 )
+                self._unnamed.pop(pod.uid, None)
                 self._device_event(pod, text)
                 return
 

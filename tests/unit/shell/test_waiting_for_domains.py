@@ -7,7 +7,8 @@ from robotapp_api.claims.identity import device_spec, domain_spec, holder_of_pod
 from robotapp_api.claims.objects import Claim, Meta
 from robotapp_api.model.names import PodReason
 from robotapp_scheduler.core.changes import Change, Event
-from robotapp_scheduler.plugins.ros.reserve import ROSReserve
+from robotapp_scheduler.core.queued import Rejection
+from robotapp_scheduler.core.refusal import DEVICE_PLUGIN, FULL_POOL
 from robotapp_scheduler.shell.loop import POOLS_S
 from robotapp_scheduler.shell.reserve import Readiness, Reserved
 
@@ -44,6 +45,16 @@ async def waiting(count: int = 1) -> Rig:
     return rig
 
 
+async def everybody_in_turn(rig: Rig) -> None:
+    """A domain was given back, and seconds pass."""
+    rig.core.queue.move(gone(DOMAIN))
+    for _ in range(5):
+        await rig.turn()
+        rig.now_s += 1
+        rig.core.queue.tick()
+    await rig.turn()
+
+
 async def test_only_a_domain_that_is_given_back_brings_the_pod_back_and_a_look_at_the_pools_now_and_then() -> None:
     rig = await waiting()
     queue = rig.core.queue
@@ -64,18 +75,49 @@ async def test_while_none_is_free_the_pods_go_back_with_the_same_words_and_nothi
     rig.io.full, rig.said.lines = FULL, []
     decided = rig.core.schedule
     rig.core.schedule = None  # type: ignore[method-assign,assignment]
-    rig.core.queue.move(gone(DOMAIN))
-    await rig.turn()
+    await everybody_in_turn(rig)
     rig.core.schedule = decided  # type: ignore[method-assign]
     assert rig.said.lines == [(PodReason.WAITING_FOR_DOMAIN, f"p{number}", TEXT) for number in range(5)]
     assert rig.core.queue.pending()["unschedulable"] == 5
     rig.io.full, rig.now_s = None, rig.now_s + 20
-    rig.core.queue.move(gone(DOMAIN))
-    await rig.turn()
+    await everybody_in_turn(rig)
     assert len(rig.io.asked) == 5
 
 
-def test_claims_of_domains_are_no_news_for_who_waits_for_a_device() -> None:
-    hint = ROSReserve().hint
-    assert [hint(make_info("p"), event) for event in (made(DOMAIN), gone(DOMAIN))] == [False, False]
-    assert [hint(make_info("p"), event) for event in (made(DEVICE), gone(DEVICE))] == [True, True]
+async def test_an_id_that_is_given_back_is_tried_by_one_of_those_who_wait_and_by_the_others_while_seconds_pass() -> (
+    None
+):
+    rig = await waiting(20)
+    rig.io.full = FULL
+    rig.core.queue.move(gone(DOMAIN))
+    tried = []
+    for _ in range(6):
+        rig.said.lines = []
+        await rig.turn()
+        tried.append(len(rig.said.lines))
+        rig.now_s += 1
+        rig.core.queue.tick()
+    assert tried == [1, 2, 4, 8, 5, 0]
+
+
+async def test_the_pod_that_waits_longest_among_equals_is_the_first_to_try() -> None:
+    rig = await waiting(3)
+    for name in ("p0", "p1", "p2"):
+        rig.core.queue.move(gone(DOMAIN))
+        await rig.turn()
+        assert [asked for asked, *_ in rig.io.asked][-1] == name
+
+
+async def test_a_pod_whose_device_is_free_again_is_not_decided_while_no_domain_is() -> None:
+    rig = await waiting()
+    rig.show("p1", wishes=True)
+    (queued,) = rig.core.queue.pop()
+    rig.core.queue.requeue(queued, Rejection(frozenset({DEVICE_PLUGIN, "HardwareAffinityFilter"})))
+    rig.now_s, rig.io.full, rig.said.lines = rig.now_s + 20, FULL, []
+    rig.core.queue.activate(["uid-p1"])
+    await rig.turn()
+    assert rig.io.asked == []
+    assert rig.said.lines == [(PodReason.WAITING_FOR_DOMAIN, "p1", TEXT)]
+    waits = rig.core.queue.get("uid-p1")
+    assert waits is not None
+    assert waits.refused_by == {FULL_POOL}

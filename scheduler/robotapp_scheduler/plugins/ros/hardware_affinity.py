@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 
 from robotapp_api.model.names import HARDWARE_PREFIX
-from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.columns import BoolArray
 from robotapp_scheduler.core.framework import FilterResult
 from robotapp_scheduler.core.pods import PodInfo
@@ -25,6 +25,13 @@ class HardwareAffinityFilter:
     events = Change.NODE_ADDED | Change.LABELS | Change.ALLOCATABLE | Change.DEVICES | Change.APPS
     reason = LACKS
     resolvable = False
+    hint_reads = ("group",)
+
+    def hint(self, pod: PodInfo, event: Event) -> bool:
+        """A node may have other hardware now, or the pod's own app asks for other hardware."""
+        if event.resource != "robotapps":
+            return True
+        return pod.member is not None and pod.member.app_uid == (event.new or event.old).metadata.uid
 
     def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
         """True where every requirement and device is there; no opinion without any."""

@@ -5,8 +5,11 @@ The claims themselves are made by the shell, after the choice and before the bin
 
 from typing import Final
 
+from robotapp_api.claims.objects import Claim
+from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.framework import FilterResult
+from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.view import Nodes
 
@@ -23,11 +26,26 @@ class ROSReserve:
     events = Change.NODE_ADDED | Change.DEVICES | Change.CLAIMS | Change.POD_REMOVED | Change.LABELS
     reason = BUSY
     resolvable = False
-    hint_reads = ()
+    hint_reads = ("ros.hardware",)
 
-    def hint(self, _: PodInfo, event: Event) -> bool:
-        """Claims of domains come and go by the second where many share a pool, and free no device."""
-        return event.resource != "robotclaims" or (event.new or event.old).spec.device is not None
+    def hint(self, pod: PodInfo, event: Event) -> bool:
+        """A device may be free that was not: a claim was given back, or a pod went that had devices."""
+        if event.change & Change.SELF:
+            return True
+        if event.resource == "robotclaims":
+            return (event.new is None and event.old.spec.device is not None) or _passes_to(pod, event.old, event.new)
+        return event.resource != "pods" or _had_devices(event.old)
+
+    def hint_of_each(self, event: Event) -> bool:
+        """A claim changed without being given back: only its own holder may profit."""
+        return event.resource == "robotclaims" and _lets_go(event.old, event.new)
+
+    def hint_serves(self, pod: PodInfo, event: Event) -> int | None:
+        """One device that nobody has serves one pod, or any number of pods that share it, as only those of apps can."""
+        if event.resource not in {"robotclaims", "pods"} or event.change & Change.SELF:
+            return None
+        alone = pod.member is None or (pod.ros is not None and all(wish.exclusive for wish in pod.ros.devices))
+        return 1 if alone else None
 
     def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
         """True where the devices can be had; no opinion for a pod without any."""
@@ -46,3 +64,30 @@ class ROSReserve:
             ) is None:
                 mask[position] = False
         return mask
+
+
+def _lets_go(old: Claim | None, new: Claim | None) -> bool:
+    """Whether a device claim came to wait for the next pod of the same component."""
+    if old is None or new is None or new.spec.device is None:
+        return False
+    waits, waited = (claim.draining or not claim.status.pod for claim in (new, old))
+    return waits and not waited
+
+
+def _passes_to(pod: PodInfo, old: Claim | None, new: Claim | None) -> bool:
+    """Whether such a claim waits for this pod."""
+    if new is None or not _lets_go(old, new):
+        return False
+    holder = new.holder
+    return pod.member == (holder.uid, holder.instance, holder.component) or pod.uid == holder.uid
+
+
+def _had_devices(pod: Pod | None) -> bool:
+    """Whether a pod may have used devices, or been promised some; of most pods this is not so."""
+    if pod is None:
+        return True
+    labels, annotations = pod.metadata.labels or {}, pod.metadata.annotations or {}
+    return Label.APP_UID in labels or not _DEVICES.isdisjoint(annotations)
+
+
+_DEVICES: Final = frozenset({Annotation.AFFINITY, Annotation.GRANTED_DEVICES, Annotation.GRANTED_SHARED})
