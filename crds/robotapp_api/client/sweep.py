@@ -85,7 +85,7 @@ class Sweeper:
     pending_s: a pod that is not bound gives a device back when its claim was not touched for so long (F4); None: never.
     namespaces: sweep only holders there (a namespaced operator); None sweeps all. Without the right to list workloads
     everywhere such a sweep gives no domain of an app back: apps elsewhere may share it. granted_pods: bare pods with grants,
-    from a cache, to be repaired. on_conflicts gets, after each pass, all things with two users. counts: writes and passes by kind.
+    from a cache: their claims are repaired, and kept without a request while the cache shows the pod. on_conflicts gets, after each pass, all things with two users. counts: writes and passes by kind.
     limit: claims under way at a time; each is decided on what this pass has read, whatever becomes of the others.
     """
 
@@ -112,6 +112,8 @@ class Sweeper:
         self._on_conflicts = on_conflicts or (lambda _: None)
         self._clock = clock
         self._limit = limit
+        self._granted: dict[str, Pod] = {}
+        """By uid, as of this pass."""
         self._rests = Rests(clock)
         self._whereabouts = Whereabouts(client, clock, self.counts)
         self._woken = asyncio.Event()
@@ -148,11 +150,12 @@ class Sweeper:
     async def sweep_once(self) -> None:
         """One pass. Raises what a listing raised; what goes wrong with one claim is counted, and the others go on."""
         view = await read_view(self._client, self._namespaces)
+        self._granted = {pod.metadata.uid: pod for pod in self._granted_pods()}
         self._rests.start_pass(view.claims)
         self._whereabouts.start_pass(view.claims)
         troubles = Troubles(self.counts)
         await at_once(partial(self._treat, view, troubles), view.claims, limit=self._limit, error_ends=True)
-        conflicts = await repair(view, [*view.pods.values(), *self._granted_pods()], self.counts, troubles)
+        conflicts = await repair(view, [*view.pods.values(), *self._granted.values()], self.counts, troubles)
         troubles.tell()
         self.counts["passes"] += 1
         self._on_conflicts(conflicts)
@@ -205,6 +208,10 @@ class Sweeper:
         )
 
     async def _decide_pod(self, view: View, claim: Claim) -> Release:
+        """A cache is good enough to keep what stands, so most claims cost no request; it is never asked what may go."""
+        cached = self._granted.get(claim.holder.uid)
+        if claim.standing and cached is not None and cached.spec.node_name and not pod_lost(cached, claim):
+            return Release.KEEP
         pod = await view.holder_pod(claim.holder)
         lost = pod_lost(pod, claim)
         if claim.spec.device:

@@ -1,14 +1,17 @@
 """Devices are handed over or given back; bare pods hold what they were granted."""
 
+import msgspec
 from tests.support.claims_objects import pod_holder, pod_json
-from tests.support.sweep_world import World
+from tests.support.sweep_world import World, number
 
 from robotapp_api.claims.domain import DomainRequest
+from robotapp_api.claims.objects import Pod
 from robotapp_api.client.claims import ensure_pod_domain
 from robotapp_api.client.resources import (
     PODS,
     ROBOTCLAIMS,
 )
+from robotapp_api.client.sweep import Sweeper
 
 
 async def test_a_device_waits_for_a_successor_which_takes_it_over() -> None:
@@ -80,3 +83,44 @@ async def test_a_bare_pods_domain_rests_and_its_device_is_free_at_once() -> None
     assert (world.phase(domain), world.phase(device)) == ("Draining", "gone")
     await world.sweep(after_s=61)
     assert world.phase(domain) == "gone"
+
+
+async def test_claims_of_a_bare_pod_that_a_cache_shows_cost_no_request_and_what_it_shows_too_long_goes_a_pass_later() -> (
+    None
+):
+    world, asked = World(), list[str]()
+    pod = world.store.put(PODS, pod_json(name="bare"))
+    holder = pod_holder(pod["metadata"]["uid"], "bare")
+    domain = (await ensure_pod_domain(world.store.client(), DomainRequest(holder))).claim
+    device = await world.device(holder.uid, holder)
+    grants = {"granted.robotics.io/dds-domain": str(number(domain)), "granted.robotics.io/devices": "can-can0"}
+    bound = pod_json(name="bare", node="edge-1", phase="Running", annotations=grants)
+    cache = [msgspec.convert(world.store.put(PODS, bound), Pod)]
+
+    async def note(what: str) -> None:
+        asked.append(what)
+
+    world.sweeper = Sweeper(
+        world.store.client(before=note), clock=lambda: world.now, granted_pods=lambda: cache, pending_s=60
+    )
+    await world.sweep()
+    assert "get pods bare" not in asked
+    world.store.remove(PODS, "bare", "team")
+    await world.sweep()
+    assert (world.phase(domain), world.phase(device)) == ("Reserved", "Reserved")
+    cache.clear()
+    await world.sweep()
+    assert (world.phase(domain), world.phase(device)) == ("Draining", "gone")
+    world.store.put(PODS, bound, uid=holder.uid)
+    cache.append(msgspec.convert(world.store.find(PODS, "bare", "team"), Pod))
+    await world.sweep()
+    assert world.phase(domain) == "Reserved", "what is used again is taken back, whatever the cache shows"
+
+
+async def test_a_cached_pod_that_was_bound_without_the_thing_does_not_keep_it() -> None:
+    world = World()
+    pod = world.store.put(PODS, pod_json(name="bare", node="edge-1", phase="Running"))
+    device = await world.device(pod["metadata"]["uid"], pod_holder(pod["metadata"]["uid"], "bare"))
+    world.sweeper = world.another(granted_pods=lambda: [msgspec.convert(pod, Pod)])
+    await world.sweep()
+    assert world.phase(device) == "gone"
