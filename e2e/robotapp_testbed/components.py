@@ -97,6 +97,7 @@ class Settings:
     own_cluster: bool = True
     """False: the API server is somebody else's, and so are most nodes."""
     extra: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    environment: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
 
 def etcd(layout: Layout) -> list[str]:

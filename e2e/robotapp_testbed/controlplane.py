@@ -40,7 +40,7 @@ class ControlPlane:
     `kube_scheduler` is True for a configuration meant for comparisons, or the path of a configuration file.
     `audit` is True for one metadata record per request, or an audit level with bodies (Request, RequestResponse).
     `identities` come on top of admin, operator, scheduler, labeller, tenant and tenant-b.
-    `extra_args` are appended to a program's arguments, by its name.
+    `extra_args` are appended to a program's arguments, `environment` to its environment (GOGC, for example), by its name.
     `node_lease_s`: above 500 nodes use 400 or more, else the leases alone keep the API server busy.
     """
 
@@ -53,6 +53,7 @@ class ControlPlane:
         audit: bool | str = False,
         identities: Mapping[str, identity.Identity] | None = None,
         extra_args: Mapping[str, Sequence[str]] | None = None,
+        environment: Mapping[str, Mapping[str, str]] | None = None,
         node_lease_s: int = 40,
         assets: Assets | None = None,
     ) -> None:
@@ -67,6 +68,7 @@ class ControlPlane:
         self._identities |= {str(name): identity.Identity(user=user) for name, user in _INTERNAL_IDENTITIES.items()}
         self._identities[Program.KWOK] = identity.Identity(user="system:kwok", groups=("system:masters",))
         self._extra_args = dict(extra_args or {})
+        self._environment = dict(environment or {})
         self._node_lease_s = node_lease_s
         self._assets = assets or Assets()
         self._processes: dict[str, Process] = {}
@@ -250,6 +252,7 @@ class ControlPlane:
             audit=bool(self._audit_level),
             node_lease_s=self._node_lease_s,
             extra=self._extra_args,
+            environment=self._environment,
         )
         build = servers.Builder(layout, settings, binaries, self._api)
         self._processes |= build.store_and_api()

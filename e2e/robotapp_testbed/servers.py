@@ -89,7 +89,7 @@ class Builder:
             [self._binaries[program], *args, *self._settings.extra.get(program, ())],
             run_dir=layout.run_dir,
             log_path=layout.logs_dir / f"{program}.log",
-            env={"HOME": str(layout.run_dir), "PATH": ""},
+            env={"HOME": str(layout.run_dir), "PATH": "", **self._settings.environment.get(program, {})},
             before_start=before_start.get(program, lambda: None),
             ready=ready.get(program),
         )

@@ -71,3 +71,14 @@ def test_the_callers_configuration_keeps_all_but_connection_and_election(layout:
     assert config["clientConnection"] == {"qps": 50, "kubeconfig": str(layout.kubeconfig(Program.SCHEDULER))}
     assert config["leaderElection"] == {"leaderElect": False}
     assert yaml.safe_load(path.read_text()) == mine, "the caller's file is left alone"
+
+
+def test_a_program_gets_the_environment_that_is_meant_for_it(layout: Layout) -> None:
+    settings, api = (
+        Settings(environment={Program.ETCD: {"GOGC": "400"}}),
+        Api("https://127.0.0.1:9", ca_file=Path(), token=""),
+    )
+    builder = Builder(layout, settings, {program: Path("/bin/true") for program in Program}, api)
+    plain = {"HOME": str(layout.run_dir), "PATH": ""}
+    found = [builder._process(program, [])._env for program in (Program.ETCD, Program.KWOK)]
+    assert found == [{**plain, "GOGC": "400"}, plain]
