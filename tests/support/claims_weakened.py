@@ -206,3 +206,18 @@ ALL: Final[Mapping[str, Weakened]] = {
 ONE_SLEEPER: Final[Mapping[Weakened, str]] = {no_bind_check: "DOUBLE: ", uid_only: "without its claim"}
 """With the harm each does: those that one sleeping process is enough for. `one_phase` needs several, and
 tests/support/claims_model finds all."""
+FOUND_BY_MODELS: Final[Mapping[str, tuple[str, ...]]] = {
+    "no_bind_check": ("U1", "U2", "U3"),
+    "bind_on_draining": ("M10",),
+    "uid_only": ("M7", "DM2"),
+    "by_name": ("M8",),
+    "one_phase": ("M5",),
+    "no_second_look": ("M4",),
+    "forbidden_is_gone": ("M6",),
+    "create_without_list": ("M1",),
+    "random_order": ("M2",),
+    "pods_first": ("M9",),
+    "anyone_takes": ("DM1",),
+    "terminating_is_gone": ("DM5",),
+}
+"""Scenarios (tests/support/claims_model) in which the same rule is weakened, and caught: the table of docs/claims.md."""
