@@ -11,12 +11,13 @@ from typing import Final
 
 import msgspec
 
-from robotapp_api.claims.domain import DomainOutcome, DomainRequest, Fence
+from robotapp_api.claims.domain import DomainOutcome, DomainRequest, Fence, check_request, quota_of
 from robotapp_api.claims.identity import holder_of_app
 from robotapp_api.claims.instances import Instance, robot_of
 from robotapp_api.claims.objects import Deployment as ClaimsDeployment
 from robotapp_api.client import ApiClient, NotFound
 from robotapp_api.client.claims import ensure_domain
+from robotapp_api.client.domain_claims import full_pool, room_of
 from robotapp_api.client.errors import means_gone
 from robotapp_api.client.resources import DEPLOYMENTS, NODES, ROBOTAPPS, SERVICES
 from robotapp_api.model.names import Label, Reason
@@ -62,7 +63,7 @@ class Children:
         record = self._cache.apps.get(uid)
         if record is not None and record.app is not None:
             await self._read_params(record.app)
-        if self._settled(uid, robot):
+        if self._settled(uid, robot) or self._waits_for_its_pool(uid, robot):
             return True
         for turn in range(TURNS):
             try:
@@ -106,6 +107,29 @@ class Children:
         result = self._plan(app, self._wanted(app, robot, domain), observed)
         self._memory.of(uid).held[robot] = result.held
         return not result and not result.foreign
+
+    def _waits_for_its_pool(self, uid: str, robot: str) -> bool:
+        """Whether it has nothing yet, and the caches show every id of its pool in other hands: then nothing is asked.
+
+        A claim that goes, or a pool with more ids, brings it back; a quota, and all that other apps decide, is read fresh.
+        """
+        record = self._cache.apps.get(uid)
+        app = record.app if record is not None and not record.deleting else None
+        pool = self._cache.pools.get(app.pool) if app is not None else None
+        if app is None or pool is None or not needs_domain(app) or problems_now(app, self._cache):
+            return False
+        instance = find_instance(wanted_instances(app, self._cache), robot)
+        if instance is None or self._cache.children(uid, robot) or self._cache.domains_held(uid, robot):
+            return False
+        request = domain_request(app, instance, scope_value=self._scope_value(app, instance))
+        if request.share_with or request.isolation != "Domain" or quota_of(pool, app.namespace) is not None:
+            return False
+        if check_request(request, pool) is not None:
+            return False
+        full = full_pool(request, pool, room_of(request, pool, self._cache.all_claims()))
+        if full is not None:
+            self._memory.of(uid).outcomes[robot] = full
+        return full is not None
 
     async def _turn(self, uid: str, robot: str) -> bool:
         record = await self._fresh(uid)

@@ -1,0 +1,99 @@
+"""An instance that waits for a full pool costs the API server nothing: the caches are enough to say so, never to take an id."""
+
+from collections.abc import AsyncIterator
+from typing import Any
+
+import pytest
+from tests.support.apiserver import FakeApiServer
+from tests.support.clients import client_for
+from tests.unit.operating.test_children import World
+
+from robotapp_api.claims.identity import domain_spec, holder_of_app
+from robotapp_api.claims.objects import Claim, ClaimStatus, Meta, Pool, PoolQuota, PoolSpec
+from robotapp_api.model.names import Reason
+
+
+@pytest.fixture
+async def world() -> AsyncIterator[World]:
+    async with FakeApiServer() as api, client_for(api.endpoint, field_manager="robotapp-operator") as client:
+        world = World(api, client)
+        await world.pool("1-2")
+        world.cache.pools["default"] = pool_of()
+        yield world
+
+
+def pool_of(**spec: Any) -> Pool:
+    return Pool(metadata=Meta(name="default"), spec=PoolSpec(ids="1-2", **spec))
+
+
+def claimed(world: World, number: int, *, uid: str = "another", phase: str = "Reserved") -> Claim:
+    """A claim that the cache shows."""
+    holder = holder_of_app(namespace="default", name="a", uid=uid, instance="")
+    spec = domain_spec(pool="default", scope="Cluster", scope_value="", domain_id=number, holder=holder)
+    claim = Claim(metadata=Meta(name=f"dds.default.c.{number}"), spec=spec, status=ClaimStatus(phase=phase))
+    world.cache.claims.put(uid, claim.name, claim)
+    return claim
+
+
+async def reads(world: World, uid: str) -> int:
+    """How many requests it takes."""
+    before = len(world.api.requests)
+    await world.children.reconcile(uid, "")
+    return len(world.api.requests) - before
+
+
+async def test_while_the_caches_show_every_id_in_other_hands_nothing_is_asked_and_the_reason_is_known(
+    world: World,
+) -> None:
+    claimed(world, 1)
+    claimed(world, 2, phase="Draining")
+    uid = await world.app()
+    assert await reads(world, uid) == 0
+    outcome = world.memory.outcome(uid, "")
+    assert outcome is not None
+    assert outcome.reason == Reason.DOMAIN_EXHAUSTED
+    assert outcome.message.startswith("2 of 2 domain ids of pool default are claimed, 1 of them resting up to 60 s")
+    assert world.memory.without_domain() == [(uid, "")], "it stands in the line"
+
+
+async def test_an_id_that_the_cache_shows_free_is_tried_for(world: World) -> None:
+    claimed(world, 1)
+    uid = await world.app()
+    assert await reads(world, uid) > 0
+    outcome = world.memory.outcome(uid, "")
+    assert outcome is not None
+    assert outcome.held
+
+
+async def test_once_a_claim_is_gone_the_same_instance_gets_its_id(world: World) -> None:
+    claimed(world, 1)
+    claim = claimed(world, 2)
+    uid = await world.app()
+    assert await reads(world, uid) == 0
+    world.cache.claims.drop("another", claim.name)
+    assert await reads(world, uid) > 0
+    outcome = world.memory.outcome(uid, "")
+    assert outcome is not None
+    assert outcome.id == 2
+
+
+async def test_what_it_holds_already_is_found_by_fresh_reads(world: World) -> None:
+    claimed(world, 1)
+    uid = await world.app()
+    claimed(world, 2, uid=uid)
+    assert await reads(world, uid) > 0
+
+
+@pytest.mark.parametrize("spec", [{"domain": 1}, {"shareWith": [{"name": "other"}]}])
+async def test_whoever_asks_for_one_id_or_for_anothers_is_told_afresh(world: World, spec: dict[str, Any]) -> None:
+    claimed(world, 1)
+    claimed(world, 2)
+    uid = await world.app(ros2={"discovery": {"mode": "Multicast"}, **spec})
+    assert await reads(world, uid) > 0
+
+
+async def test_a_namespace_with_a_quota_is_counted_afresh(world: World) -> None:
+    claimed(world, 1)
+    claimed(world, 2)
+    world.cache.pools["default"] = pool_of(quota=PoolQuota(default=5))
+    assert await reads(world, await world.app()) > 0
