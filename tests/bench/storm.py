@@ -33,14 +33,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--lose", type=options.amount, default=0.01, help="share of the answers to writes that get lost"
     )
-    parser.add_argument("--weakened", choices=sorted(ALL), nargs="+", default=[], help="rules that the programs break")
+    parser.add_argument(
+        "--weakened",
+        choices=sorted(ALL),
+        nargs="*",
+        default=None,
+        help="rules that the programs break; all without a name",
+    )
     parser.add_argument("--most-minutes", type=options.count(1), default=1440, help="end the storm after so long")
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args(argv)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s", stream=sys.stderr)
     with ControlPlane(node_lease_s=400, extra_args=EVENT_TTL, environment=GO) as cp:
         product.install(cp, values=VALUES)
-        if arguments.weakened:
+        if arguments.weakened is not None:
             return _weakened(cp, arguments)
         report = Storm(cp, _plan(arguments)).run(arguments.grants)
     print(json.dumps(_figures(report), indent=2))
@@ -62,7 +68,7 @@ def _plan(arguments: argparse.Namespace, weakened: str = "") -> Plan:
 def _weakened(cp: ControlPlane, arguments: argparse.Namespace) -> int:
     """How many of them were not noticed, as an exit status of 0 or 1. That nothing is granted any more is noticed as well."""
     missed = 0
-    for weakened in arguments.weakened:
+    for weakened in arguments.weakened or ALL:
         report = Storm(cp, _plan(arguments, weakened)).run(arguments.grants)
         shown = [*report.verdict.broken, report.stalled]
         said = shown[0] or f"not noticed in {report.verdict.grants} grants"

@@ -26,7 +26,7 @@ from robotapp_scheduler.core.shapes import HostPort, controller_of, shape_of
 
 ROS_FEATURES: Final = "ros"
 VOLUME_FEATURE: Final = "volumes"
-OWN_FEATURES: Final = frozenset({"uid", "name", "annotations", "node_name"})
+OWN_FEATURES: Final = frozenset({"uid", "name", "annotations", "annotated_hardware", "node_name"})
 """Features in which replicas differ; the others follow from the pod's shape."""
 LIVE: Final = (ROS_FEATURES, VOLUME_FEATURE)
 """Features that depend on more than the pod: found anew at each attempt, never kept."""
@@ -227,6 +227,7 @@ FEATURES: Final[dict[str, Callable[[PodInfo], Hashable]]] = {
     "namespace": lambda pod: pod.namespace,
     "labels": lambda pod: _sorted_items(pod.labels),
     "annotations": lambda pod: _sorted_items(pod.annotations),
+    "annotated_hardware": lambda pod: getattr(pod.ros_request, "hardware", ()),
     "priority": lambda pod: pod.priority,
     "requests": _request_key,
     "node_name": lambda pod: pod.pod.spec.node_name,

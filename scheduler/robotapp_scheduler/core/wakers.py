@@ -55,6 +55,7 @@ WAKERS: Final = {
         Waker(POD_GROUP_PLUGIN, POD_GROUP_EVENTS),
         Waker(WHOLE_PLUGIN, Change.APPS | Change.POD_GROUPS, asks_otherwise, WHOLE_READS),
         Waker(BIND_CHECK, Change.CLAIMS | Change.APPS | Change.POOLS, about_its_domain, ("annotations", "group")),
-        Waker(FULL_POOL, Change.CLAIMS | Change.POOLS, gives_domain_back, serves=serves_one),
+        # Those that want no devices have a turn of their own: an id is not passed by pods whose devices are taken.
+        Waker(FULL_POOL, Change.CLAIMS | Change.POOLS, gives_domain_back, ("annotated_hardware",), serves=serves_one),
     )
 }

@@ -33,6 +33,8 @@ LOOK_S: Final = 0.5
 """How often what happened is judged, and whether a program is to be hurt."""
 WAIT_S: Final = 300.0
 TELL_S: Final = 20.0
+SAMPLE_S: Final = 2.0
+"""How often the CPU of all programs is read."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +175,8 @@ class Storm:
         """Until it is enough, or nothing is granted any more: then that is told."""
         recorder, broken = scene.recorder, scene.judge.verdict.broken
         end_s = time.monotonic() + self._plan.most_s
-        tell_s, stall, stalled = time.monotonic() + TELL_S, Stall(time.monotonic), ""
+        sample_s, tell_s = time.monotonic() + SAMPLE_S, time.monotonic() + TELL_S
+        stall, stalled = Stall(time.monotonic), ""
         scene.cpu.begin()
         with scene.churn, scene.forger:
             while recorder.claims < grants and not (recorder.problems or broken or stalled):
@@ -181,10 +184,12 @@ class Storm:
                     break
                 scene.misfortune.strike(recorder.claims)
                 scene.judge.hear(recorder.ripe())
-                scene.cpu.sample()
                 scene.churn.check()
                 scene.forger.check()
                 stalled = stall.look(grants=recorder.claims, wishes=scene.churn.made)
+                if time.monotonic() > sample_s:
+                    sample_s += SAMPLE_S
+                    scene.cpu.sample()
                 if time.monotonic() > tell_s:
                     tell_s += TELL_S
                     log.info("%d grants, %r, %r", recorder.claims, scene.churn, scene.misfortune)

@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 from tests.support.scheduling import make_info, make_pod, owner
 
+from robotapp_api.model.names import Annotation
 from robotapp_scheduler.core import shapes
 from robotapp_scheduler.core.pods import FEATURES, LIVE, OWN_FEATURES, PodInfo
 from robotapp_scheduler.core.shapes import shape_of
@@ -54,7 +55,8 @@ def test_a_pod_that_differs_in_something_a_rule_reads_is_another_shape(fields: d
 
 @pytest.mark.parametrize("name", sorted(OWN_FEATURES))
 def test_features_of_one_replica_are_never_given_to_another(name: str) -> None:
-    one = make_info("one", annotations={"a": "1"}, node="n1")
+    wishes = '{"hardware_requirements": [{"type": "can"}]}'
+    one = make_info("one", annotations={str(Annotation.AFFINITY): wishes}, node="n1")
     assert one.features((name,)) != make_info("two").features((name,))
 
 

@@ -97,6 +97,18 @@ def test_pods_that_want_other_devices_do_not_share_a_turn() -> None:
     assert RESERVE.key(bare()) != RESERVE.key(camera)
 
 
+def test_of_those_who_wait_for_a_domain_pods_that_want_devices_as_well_have_a_turn_of_their_own() -> None:
+    waker = WAKERS[FULL_POOL]
+    wishes = [json.dumps({"hardware_requirements": [{"type": kind}]}) for kind in ("can", "can", "serial")]
+    can, too, serial = (
+        make_info(f"p{i}", annotations={str(Annotation.AFFINITY): text}) for i, text in enumerate(wishes)
+    )
+    assert waker.key(can) == waker.key(too)
+    assert len({waker.key(pod) for pod in (can, serial, make_info("plain"), make_info("other"))}) == 3
+    assert waker.key(make_info("broken", annotations={str(Annotation.AFFINITY): "{"})) == waker.key(make_info("plain"))
+    assert waker.most(can, changed(domain(7), None)) == 1
+
+
 def test_an_app_that_changes_wakes_its_own_pods_alone_where_hardware_was_missing() -> None:
     waker = Loaded(HardwareAffinityFilter()).waker
     event = Event("robotapps", Change.APPS, None, RobotApp(metadata=Metadata(uid="app")))
