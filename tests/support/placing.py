@@ -125,6 +125,8 @@ class Said:
         self.nominated[pod.metadata.name] = nominate
         self.lines.append((str(reason), pod.metadata.name, message))
 
+    def tick(self) -> None: ...
+
     async def promise(self, pod: Pod, node: str) -> None:
         self.nominated[pod.metadata.name] = node
 

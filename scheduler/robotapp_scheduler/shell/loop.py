@@ -286,6 +286,7 @@ class SchedulerLoop:
             self._reporter.unscheduled(queued.info.pod, reason=gate.code, message=gate.reason)
         self._groups.tick()
         self._placer.tick()
+        self._reporter.tick()
         self._woken.set()
 
 

@@ -1,5 +1,6 @@
 """Tells the user what became of a pod: the PodScheduled condition and an Event, written when they say something new.
 
+A pod whose words change to and fro is told the newest ones every ten seconds, and those that came and went meanwhile not at all.
 What stays true is said again every few minutes: the recorder counts it on the Event that is there, which else were forgotten
 by the API server after an hour while the pod still waits.
 
@@ -12,6 +13,7 @@ import logging
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol
 
 import msgspec
@@ -22,6 +24,7 @@ from robotapp_api.client.apply import STRATEGIC
 from robotapp_api.client.errors import ApiError, ClientError, NotFound, may_pass, means_another
 from robotapp_api.client.resources import PODS
 from robotapp_api.model.names import EventReason
+from robotapp_api.values.buckets import Buckets
 from robotapp_scheduler.core.decision import skipped_deleting
 from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.shell import texts
@@ -34,6 +37,9 @@ REMEMBERED = 20_000
 AGAIN_S = 300.0
 """How often at most the same is said again about a pod; the queue tries one that nothing helped as seldom."""
 NOTE_S = 10.0
+CHANGES = 3
+CHANGE_S = 10.0
+"""So many different words about a pod at once, and more every so many seconds."""
 WRITERS = 4
 TRIES = 3
 
@@ -79,6 +85,9 @@ class Reporter:
         """When the Event of what was said was last recorded; of the same pods."""
         self._noted: OrderedDict[str, tuple[str, float]] = OrderedDict()
         """The last note about a pod, and since when it says that."""
+        self._changes = Buckets(per_s=1 / CHANGE_S, burst=CHANGES, clock=client.clock)
+        self._held: dict[str, tuple[float, Callable[[], None]]] = {}
+        """Words that came too soon after others: when they are due, and how they are said."""
         self._waiting: Newest[str, _Text] = Newest()
         self._writing: set[str] = set()
         self._later: dict[str, _Text] = {}
@@ -119,6 +128,12 @@ class Reporter:
             status = msgspec.structs.replace(pod.status, nominated_node_name=promised)
             pod = msgspec.structs.replace(pod, status=status)
         now_s = self._client.clock()
+        self._held.pop(uid, None)
+        wait_s = 0.0 if same else self._changes.wait_s(uid)
+        if wait_s and said is not None and texts.nominated(pod, nominate):
+            again = partial(self.unscheduled, pod, reason=reason, message=message, nominate=nominate, event=event)
+            self._held[uid] = (now_s + wait_s, again)
+            return
         if not same or now_s - self._told_s.get(uid, now_s) >= AGAIN_S:
             self._told_s[uid] = now_s
             self._events.pod_event(pod, warning=True, reason=event, action="Scheduling", note=texts.note(message))
@@ -132,6 +147,14 @@ class Reporter:
         if nominate is None and waiting is not None:
             nominate = waiting.nominate  # not written yet: it must not be lost
         self._waiting.put(uid, _Text(pod, reason, message, nominate))
+
+    def tick(self) -> None:
+        """Once a second: say what was held back, if it still stands."""
+        now_s = self._client.clock()
+        for uid, (due_s, say) in list(self._held.items()):
+            if due_s <= now_s:
+                del self._held[uid]
+                say()
 
     async def promise(self, pod: Pod, node: str) -> None:
         """Say on the pod where it goes before something is made there for it: whoever schedules next keeps to it.
@@ -175,6 +198,7 @@ class Reporter:
     def forget(self, uid: str) -> None:
         """The pod is bound or gone: nothing more will be said about it."""
         self._said.pop(uid, None)
+        self._held.pop(uid, None)
         self._told_s.pop(uid, None)
         self._waiting.drop(uid)
         self._later.pop(uid, None)

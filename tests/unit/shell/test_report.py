@@ -7,7 +7,7 @@ from tests.support.scripted_client import ScriptedClient
 from robotapp_api.client.errors import ClientError, Conflict, Forbidden, Invalid, NotFound, Unreachable
 from robotapp_scheduler.core.objects import Metadata, Pod, PodCondition, PodSpec, PodStatus
 from robotapp_scheduler.shell import texts
-from robotapp_scheduler.shell.report import Reporter
+from robotapp_scheduler.shell.report import CHANGE_S, CHANGES, Reporter
 
 NOW = "2026-11-21T00:00:00Z"
 
@@ -298,3 +298,55 @@ async def test_an_unchanged_text_is_written_again_for_another_node_without_a_sec
     patches = await desk.settle()
     assert patches[-1][1]["status"]["nominatedNodeName"] == "n2"
     assert len(desk.events.notes) == 1
+
+
+def say(desk: Desk, *messages: str, uid: str = "u1") -> None:
+    for message in messages:
+        desk.reporter.unscheduled(pod(uid=uid), reason="Unschedulable", message=message)
+
+
+def told(desk: Desk) -> list[str]:
+    return [note for _, _, note in desk.events.notes]
+
+
+async def test_of_words_that_change_to_and_fro_the_newest_are_said_every_ten_seconds() -> None:
+    desk = Desk()
+    say(desk, "busy", "full", "busy", "full", "busy", "full")
+    assert told(desk) == ["busy", "full", "busy"]
+    desk.client.now_s += CHANGE_S - 1
+    desk.reporter.tick()
+    assert len(told(desk)) == CHANGES
+    desk.client.now_s += 1
+    desk.reporter.tick()
+    assert told(desk)[CHANGES:] == ["full"]
+    patches = await desk.settle()
+    assert patches[-1][1]["status"]["conditions"][0]["message"] == "full"
+    desk.client.now_s += 2 * CHANGE_S
+    desk.reporter.tick()
+    assert len(told(desk)) == CHANGES + 1, "it was said"
+
+
+def test_what_came_and_went_again_while_it_was_held_back_is_not_said() -> None:
+    desk = Desk()
+    say(desk, "busy", "full", "busy", "full", "busy")
+    desk.client.now_s += 2 * CHANGE_S
+    desk.reporter.tick()
+    assert told(desk) == ["busy", "full", "busy"]
+
+
+def test_of_a_pod_that_is_bound_or_gone_nothing_that_was_held_back_is_said() -> None:
+    desk = Desk()
+    say(desk, "busy", "full", "busy", "full")
+    desk.reporter.forget("u1")
+    desk.client.now_s += 2 * CHANGE_S
+    desk.reporter.tick()
+    assert told(desk) == ["busy", "full", "busy"]
+
+
+def test_each_pod_has_words_of_its_own_and_a_nomination_never_waits() -> None:
+    desk = Desk()
+    say(desk, "busy", "full", "busy", "full")
+    say(desk, "busy", uid="u2")
+    assert len(told(desk)) == CHANGES + 1
+    desk.reporter.unscheduled(pod(), reason="Unschedulable", message="preempting", nominate="n1")
+    assert told(desk)[-1] == "preempting"
