@@ -1,6 +1,7 @@
 """Apps and pods come and go by the second while programs are killed, answers get lost and strangers forge what they may."""
 
 import logging
+import os
 import random
 import secrets
 import time
@@ -168,7 +169,7 @@ class Storm:
         seed = self._plan.seed * 10 + number
         return {
             "program": program.command(lose=self._plan.lose, seed=seed, weakened=self._plan.weakened),
-            "env": {"PYTHONPATH": str(REPOSITORY)},
+            "env": {"PYTHONPATH": os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])},
         }
 
     def _rage(self, scene: _Scene, grants: int) -> str:
