@@ -102,3 +102,14 @@ def test_the_page_of_the_command_line_lists_every_command() -> None:
     assert set(group.commands) == set(
         re.findall(r"`([a-z]+)(?: [^`]*)?`", "".join(re.findall(r"^\| (.*?) \|", table, re.MULTILINE)))
     )
+
+
+def test_every_metric_to_watch_is_one_of_operator_or_scheduler() -> None:
+    page = (ROOT / "docs/how-to/monitor.md").read_text(encoding="utf-8").partition("## What to watch")[2]
+    named = set(re.findall(r"`((?:scheduler|controller_runtime|workqueue|robotapp_operator)_[a-z_]+)", page))
+    sources = [path for folder in ("operator", "scheduler") for path in (ROOT / folder).rglob("*.py")]
+    text = "".join(path.read_text(encoding="utf-8") for path in sources)
+    assert len(named) >= 15
+    assert {
+        name for name in named if f'"{name.removeprefix("scheduler_").removesuffix("_total")}"' not in text
+    } == set()
