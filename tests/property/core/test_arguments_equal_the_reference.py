@@ -1,4 +1,7 @@
-"""Plugin arguments other than the defaults, against the scalar reference: whole decisions, not single scores."""
+"""Plugin arguments other than the defaults, against the scalar reference: whole decisions, not single scores.
+
+A third of the cases each day; ROBOTAPP_SAMPLES=all takes all of them.
+"""
 
 from typing import Any
 
@@ -6,6 +9,7 @@ import pytest
 from tests.support.cluster_cases import FAMILIES, seeded_case
 from tests.support.reference_comparison import differences
 from tests.support.reference_scheduler import Config
+from tests.support.seeds import third_of_today
 
 from robotapp_scheduler.config import parse
 from robotapp_scheduler.config_model import API_VERSION, KIND
@@ -87,7 +91,7 @@ STORAGE = ("static-volumes", "storage-capacity")
     ],
 )
 def test_decisions_with_arguments(families: tuple[str, ...], config: Config, args: dict[str, Json]) -> None:
-    for number in range(CASES):
+    for number in third_of_today(range(CASES)):
         case = seeded_case("arguments", number=number, families=families)
         assert differences(case, config=config, args=args) == [], f"case {number}: {case.families}"
 
@@ -99,9 +103,9 @@ def test_the_formulas_of_1_35_in_whole_decisions() -> None:
     (profile,) = parse(document, catalogue=catalogue()).profiles
     args = profile.plugin_config
     newer = 0
-    cases = 4 * len(families)
-    for number in range(cases):
+    cases = third_of_today(range(4 * len(families)))
+    for number in cases:
         case = seeded_case("1.35", number=number, families=families)
         assert differences(case, config=Config(compat_version=OLD), args=args) == [], f"case {number}: {case.families}"
         newer += any(not unlike.startswith("text ") for unlike in differences(case, args=args))
-    assert newer > cases / 10, "hardly a case in which the releases differ proves nothing"
+    assert newer > len(cases) / 10, "hardly a case in which the releases differ proves nothing"
