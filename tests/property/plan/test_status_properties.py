@@ -37,21 +37,34 @@ JSON = st.recursive(
 )
 
 
-@st.composite
-def views(draw: st.DrawFn, name: str) -> ComponentView:
-    ready = draw(st.booleans())
-    return ComponentView(
-        name=name,
-        replicas=draw(st.integers(0, 32)),
-        ready=ready,
-        exists=draw(st.booleans()),
-        bound=draw(st.booleans()),
-        rolling=draw(st.booleans()),
-        nodes=tuple(sorted(set(draw(st.lists(NODES, max_size=3))))),
-        restarts=draw(st.integers(0, 9999)),
-        reason=None if ready else draw(st.none() | REASONS),
-        message="" if ready else draw(TEXT)[:1024],
-    )
+def views(name: str) -> st.SearchStrategy[ComponentView]:
+    def some(ready: bool, **why_not: st.SearchStrategy[Any]) -> st.SearchStrategy[ComponentView]:
+        return st.builds(
+            ComponentView,
+            name=st.just(name),
+            replicas=st.integers(0, 32),
+            ready=st.just(ready),
+            exists=st.booleans(),
+            bound=st.booleans(),
+            rolling=st.booleans(),
+            nodes=st.lists(NODES, max_size=3).map(lambda nodes: tuple(sorted(set(nodes)))),
+            restarts=st.integers(0, 9999),
+            **why_not,
+        )
+
+    why_not = some(False, reason=st.none() | REASONS, message=TEXT.map(lambda text: text[:1024]))
+    return why_not | some(True, reason=st.none(), message=st.just(""))
+
+
+VIEWS = {name: views(name) for name in "ab"}
+HELD = st.lists(st.sampled_from([Held("x"), Held("y", "9.0.0", "0.1.0")]), max_size=2).map(tuple)
+CLAIMS = st.lists(st.sampled_from(["dds.default.c.7", "dev.n1.can"]), max_size=2, unique=True).map(tuple)
+CUT_OFF = st.lists(st.sampled_from(["p", "q"]), max_size=2).map(tuple)
+DOMAINS = st.none() | st.integers(0, 232)
+ROBOTS = st.lists(st.sampled_from(["", "amr-07", "amr-08"]), max_size=3, unique=True)
+PROBLEMS = st.lists(st.builds(Problem, REASONS, st.just("spec.x"), TEXT), max_size=4).map(tuple)
+NOTES = st.lists(TEXT, max_size=2).map(tuple)
+BUGS = st.just("") | TEXT.map(lambda text: text[:512])
 
 
 @st.composite
@@ -61,35 +74,35 @@ def instances(draw: st.DrawFn, robot: str) -> InstanceFacts:
     edges = make_app(component("a"), component("b"), edges=EDGES).spec.edges
     return InstanceFacts(
         instance=Instance(robot, "amr-07" if robot else "", draw(st.sampled_from(["", "label one"])) if robot else ""),
-        components=(draw(views("a")), draw(views("b"))),
+        components=(draw(VIEWS["a"]), draw(VIEWS["b"])),
         edges=worst_first(edge_views(edges, placed=placed, robot_node="", round_trips=round_trips(table))),
-        domain=draw(st.none() | st.integers(0, 232)),
+        domain=draw(DOMAINS),
         needs_domain=draw(st.booleans()),
         devices_wanted=draw(st.integers(0, 3)),
         devices_held=draw(st.integers(0, 3)),
-        claims=tuple(draw(st.lists(st.sampled_from(["dds.default.c.7", "dev.n1.can"]), max_size=2, unique=True))),
+        claims=draw(CLAIMS),
         refusal=draw(TROUBLES),
         trouble=draw(TROUBLES),
-        held=tuple(draw(st.lists(st.sampled_from([Held("x"), Held("y", "9.0.0", "0.1.0")]), max_size=2))),
+        held=draw(HELD),
         robot_online=draw(st.booleans()),
         infrastructure_ready=draw(st.booleans()),
-        cut_off=tuple(draw(st.lists(st.sampled_from(["p", "q"]), max_size=2))),
+        cut_off=draw(CUT_OFF),
     )
 
 
 @st.composite
 def facts(draw: st.DrawFn, previous: dict[str, Any] | None = None) -> AppFacts:
-    robots = draw(st.lists(st.sampled_from(["", "amr-07", "amr-08"]), max_size=3, unique=True))
+    robots = draw(ROBOTS)
     return AppFacts(
         app=make_app(component("a"), component("b"), suspend=draw(st.booleans()), edges=EDGES),
-        problems=tuple(draw(st.lists(st.builds(Problem, REASONS, st.just("spec.x"), TEXT), max_size=4))),
+        problems=draw(PROBLEMS),
         instances=tuple(draw(instances(robot)) for robot in sorted(robots)),
         previous=previous or {},
         now=draw(st.sampled_from(["2026-01-01T00:00:00Z", "2026-01-01T00:00:01Z"])),
-        notes=tuple(draw(st.lists(TEXT, max_size=2))),
+        notes=draw(NOTES),
         rmw="rmw_fastrtps_cpp",
         discovery="Server",
-        bug=draw(st.just("") | TEXT.map(lambda text: text[:512])),
+        bug=draw(BUGS),
     )
 
 
