@@ -93,7 +93,9 @@ def _loaded(folder: Path, wanted: list[Label]) -> tuple[Workspace, dict[str, Wor
 
 
 def _judged(workspace: Workspace, engine: str, *, curated: bool) -> dict[str, PackageProfile]:
-    judged = profile(workspace.packages, engine_named(engine, workspace.packages, curated=curated), path="")
+    judged = profile(
+        workspace.packages, engine_named(engine, workspace.packages, curated=curated), path="", curated=curated
+    )
     return {package.path: package for package in judged.packages}
 
 

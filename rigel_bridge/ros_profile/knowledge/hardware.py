@@ -112,7 +112,7 @@ DEPENDENCIES = _signs(
     (r"^(?:librealsense2|k4a|libopenni\w*[\w-]*|libfreenect\w*)$", "usb+camera", 0.8),
     (r"^(?:libcamera|libraspberrypi\w*[\w-]*|v4l-utils|libv4l-dev|libmmal\w*)$", "camera", 0.7),
     (
-        r"^(?:nvidia-cuda\w*[\w-]*|tensorrt\w*|libnvinfer\w*[\w-]*|cuda\w*[\w-]*|python3?-(?:torch|pytorch|tensorrt|cupy|pycuda|ultralytics)\w*[\w-]*|ultralytics\w*|torch\w*|onnxruntime[\w-]*gpu\w*|opencl\w*[\w-]*|ocl-icd\w*[\w-]*)$",
+        r"^(?:isaac_ros_(?:managed_)?nitros\w*|nvidia-cuda\w*[\w-]*|tensorrt\w*|libnvinfer\w*[\w-]*|cuda\w*[\w-]*|python3?-(?:torch|pytorch|tensorrt|cupy|pycuda|ultralytics)\w*[\w-]*|ultralytics\w*|torch\w*|onnxruntime[\w-]*gpu\w*|opencl\w*[\w-]*|ocl-icd\w*[\w-]*)$",
         "gpu",
         0.8,
     ),
