@@ -26,7 +26,7 @@ from ros_profile.model.launch import LaunchFile
 from ros_profile.model.package import Executable, Manifest, Package, Unit
 from ros_profile.read.parameters import text_facts
 
-SURE = 0.75
+SURE = 0.8
 
 
 def profile(

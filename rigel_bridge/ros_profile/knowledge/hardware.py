@@ -79,7 +79,7 @@ INCLUDES = _signs(
     ),
     (r"^spnav\.h", "usb", 0.75, "spacemouse", "hid"),
     (r"^librealsense2/|^k4a/|^sl/Camera|^Spinnaker\.h|^OpenNI\.h|^pylon/|^libobsensor", "usb+camera", 0.85),
-    (r"^linux/videodev2\.h|^libcamera/|^interface/mmal|^raspicam/|^Argus/", "camera", 0.85),
+    (r"^linux/videodev2\.h|^dc1394/|^libcamera/|^interface/mmal|^raspicam/|^Argus/", "camera", 0.85),
     (
         r"^cuda(?:_runtime)?(?:_api)?\.h|^NvInfer|^cublas|^cudnn|^opencv2/cuda|^CL/cl|^vpi/|^npp\w*\.h",
         "gpu",
@@ -90,7 +90,7 @@ INCLUDES = _signs(
 )
 DEPENDENCIES = _signs(
     (
-        r"^(?:serial|serial_driver|libserial-dev|python3?-serial(?:-\w+)?|pyserial|python3-pyserial|serialport|libserialport-dev|dynamixel_sdk|io_context)$",
+        r"^(?:serial|serial_driver|libserial-dev|python3?-serial(?:-\w+)?|pyserial|python3-pyserial|serialport|libserialport-dev|dynamixel_sdk)$",
         "serial",
         0.7,
     ),
@@ -110,7 +110,7 @@ DEPENDENCIES = _signs(
         0.75,
     ),
     (r"^(?:librealsense2|k4a|libopenni\w*[\w-]*|libfreenect\w*)$", "usb+camera", 0.8),
-    (r"^(?:libcamera|libraspberrypi\w*[\w-]*|v4l-utils|libv4l-dev|libmmal\w*)$", "camera", 0.7),
+    (r"^(?:libcamera|libdc1394\w*[\w-]*|libraspberrypi\w*[\w-]*|v4l-utils|libv4l-dev|libmmal\w*)$", "camera", 0.7),
     (
         r"^(?:isaac_ros_(?:managed_)?nitros\w*|nvidia-cuda\w*[\w-]*|tensorrt\w*|libnvinfer\w*[\w-]*|cuda\w*[\w-]*|python3?-(?:torch|pytorch|tensorrt|cupy|pycuda|ultralytics)\w*[\w-]*|ultralytics\w*|torch\w*|onnxruntime[\w-]*gpu\w*|opencl\w*[\w-]*|ocl-icd\w*[\w-]*)$",
         "gpu",

@@ -155,10 +155,10 @@ WORDS: tuple[tuple[str, str], ...] = (
     ),
     (
         "tool",
-        "description cli bag rosbag rosbag2 bags converter dataset record recorder logger logging calibration calibrate benchmark benchmarks install resources meshes tool tools utils test tests testing profiler urdf assets publisher_tool",
+        "description cli bag rosbag rosbag2 bags dataset record recorder logger logging calibration calibrate benchmark benchmarks install resources meshes tool tools utils test tests testing profiler urdf assets publisher_tool",
     ),
     ("monitor", "diagnostic diagnostics aggregator monitor monitors watchdog health stats statistics"),
-    ("simulation", "sim simulator simulation gazebo gz fake mock loopback emulator webots stage world worlds"),
+    ("simulation", "sim simulator simulation gazebo gz fake dummy mock loopback emulator webots stage world worlds"),
     ("interfaces", "msgs interfaces srvs messages"),
     ("teleop", "teleop joy joystick spacenav remote rc pad deadman keyboard gamepad operator estop e_stop emergency"),
     (

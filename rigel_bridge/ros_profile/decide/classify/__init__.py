@@ -13,7 +13,7 @@ from ros_profile.model.conclusions import Assessment, Estimate, Hardware, Placem
 from ros_profile.model.facts import Fact, Kind
 from ros_profile.model.package import Unit
 
-CERTAIN_ENOUGH = 0.4
+CERTAIN_ENOUGH = 0.42
 """What a launch file starts counts for its class from this confidence on."""
 
 

@@ -137,5 +137,5 @@ WEIGHTS: dict[str, tuple[float, float, float, float]] = {
     "curated:system_default": (0.0, 0.0, 4.0, 0.0),
     "curated:best_effort": (0.0, 0.0, 0.0, 4.0),
 }
-TEMPERATURE = 1.35
+TEMPERATURE = 1.25
 """Of the softmax: the sum of features that overlap is divided by it before it becomes a probability."""

@@ -297,3 +297,15 @@ def test_what_is_started_on_a_condition_counts_where_nothing_else_has_a_class(tm
     found = {one.name: one for one in generate_profile(tmp_path, curated=False).packages}["start"].assessment.qos_class
     assert found is not None
     assert found.value.value == "sensor_data"
+
+
+def test_a_dummy_is_a_simulation_and_a_converter_of_streams_is_no_tool(tmp_path: Path) -> None:
+    scan = 'p = n->create_publisher<sensor_msgs::msg::LaserScan>("a", 1);'
+    cloud = 's = n->create_subscription<sensor_msgs::msg::PointCloud2>("b", 1, f);'
+    assert qos(tmp_path / "a", cpp(scan), name="dummy_lasers") == "best_effort"
+    assert qos(tmp_path / "b", cpp(scan + cloud), name="cloud_to_line_converter") == "sensor_data"
+
+
+def test_a_camera_on_the_firewire_library_is_a_camera(tmp_path: Path) -> None:
+    found = judged(tmp_path, cpp("", head="#include <dc1394/dc1394.h>"))
+    assert hardware(found.assessment) == {"camera"}
