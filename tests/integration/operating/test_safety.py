@@ -105,7 +105,10 @@ def stopped(tenant: Tenant, app: str) -> bool:
     return [d["spec"]["replicas"] for d in tenant.deployments() if d["metadata"]["labels"][Label.APP] == app] == [0]
 
 
-def test_two_operators_at_work_agree_and_then_rest(installed_plane: ControlPlane, tenant: Tenant, ids: str) -> None:
+def test_two_operators_at_work_agree_then_rest_and_their_successor_finds_everything_in_place(
+    installed_plane: ControlPlane, tenant: Tenant, ids: str
+) -> None:
+    """One alone at rest is in journeys/test_many_apps.py: a rest takes more than a minute."""
     with running(installed_plane), running(installed_plane):
         for number in range(8):
             tenant.apply(f"app-{number}", part("a"), part("b"), ros2={"pool": ids})
@@ -114,17 +117,6 @@ def test_two_operators_at_work_agree_and_then_rest(installed_plane: ControlPlane
         assert len(tenant.deployments()) == 16
         rests(tenant)
         assert written(tenant, seconds=5.0) == {}
-
-
-def test_an_operator_at_rest_writes_nothing_and_its_successor_finds_everything_in_place(
-    installed_plane: ControlPlane, tenant: Tenant, ids: str
-) -> None:
-    with running(installed_plane):
-        for number in range(5):
-            tenant.apply(f"app-{number}", part("a"), ros2={"pool": ids})
-        eventually(all_ready(tenant, 5), timeout_s=120, what=lambda: domains(tenant))
-        rests(tenant)
-        assert written(tenant, seconds=10.0) == {}
     began = datetime.now(UTC)
     with running(installed_plane):
         time.sleep(3)  # what must not happen has no event to wait for
