@@ -1,11 +1,13 @@
 """The whole process in one test's loop, against the small API server: from a pod to its Binding, and a clean end."""
 
 import asyncio
+import gc
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from typing import Any
 
+import pytest
 from prometheus_client.exposition import generate_latest
 from tests.support.apiserver import FakeApiServer, Key
 from tests.support.clients import client_for, until
@@ -17,6 +19,12 @@ from robotapp_scheduler.options import Options, parse
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.shell.process import Scheduler
 from robotapp_scheduler.shell.reload import Running
+
+
+@pytest.fixture(autouse=True)
+def what_other_tests_keep_is_not_walked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Thousands of tests are loaded beside the scheduler: looking at all their objects takes longer than its work."""
+    monkeypatch.setattr(gc, "unfreeze", lambda: None)
 
 
 def options(**changes: Any) -> Options:
