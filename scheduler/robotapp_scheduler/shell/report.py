@@ -36,7 +36,8 @@ REMEMBERED = 20_000
 """Last text per pod; the oldest are forgotten beyond this and at worst written once more."""
 AGAIN_S = 300.0
 """How often at most the same is said again about a pod; the queue tries one that nothing helped as seldom."""
-NOTE_S = 10.0
+NOTE_S = 60.0
+"""As often as the recorder writes another Event about one object for ever."""
 CHANGES = 3
 CHANGE_S = 10.0
 """So many different words about a pod at once, and more every so many seconds."""

@@ -7,7 +7,7 @@ from tests.support.scripted_client import ScriptedClient
 from robotapp_api.client.errors import ClientError, Conflict, Forbidden, Invalid, NotFound, Unreachable
 from robotapp_scheduler.core.objects import Metadata, Pod, PodCondition, PodSpec, PodStatus
 from robotapp_scheduler.shell import texts
-from robotapp_scheduler.shell.report import CHANGE_S, CHANGES, Reporter
+from robotapp_scheduler.shell.report import CHANGE_S, CHANGES, NOTE_S, Reporter
 
 NOW = "2026-11-21T00:00:00Z"
 
@@ -64,13 +64,13 @@ def test_a_note_with_another_text_waits_a_while_so_that_a_device_that_changes_ha
         ("held by a", 0.0),
         ("held by b", 1.0),
         ("held by a", 2.0),
-        ("held by c", 9.0),
-        ("held by c", 11.0),
+        ("held by c", NOTE_S - 1),
+        ("held by c", NOTE_S + 1),
     ):
         told(text, at_s)
-    told("held by d", 20.0)
+    told("held by d", 2 * NOTE_S)
     desk.reporter.forget("u1")
-    told("held by e", 20.0)
+    told("held by e", 2 * NOTE_S)
     assert [note for *_, note in desk.events.notes] == ["held by a", "held by a", "held by c", "held by e"]
 
 
