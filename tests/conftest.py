@@ -1,14 +1,19 @@
 """Settings of every test."""
 
 import gc
+import os
 import signal
 
 import pytest
 from hypothesis import settings
+from tests.support.seeds import TODAY, daily_seed
 
 # How long an example takes says something about the machine's other work, not about the rule under test.
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
+
+# Processes of pytest-xdist that begin before and after midnight have the same tests: they inherit the day.
+os.environ.setdefault(TODAY, str(daily_seed()))
 
 # A shell's background jobs ignore Ctrl-C, and so would every program they start: some tests send it to theirs.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

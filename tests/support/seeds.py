@@ -6,12 +6,15 @@ from collections.abc import Iterable
 from typing import Final, TypeVar
 
 T = TypeVar("T")
+TODAY: Final = "ROBOTAPP_TODAY"
+"""Variable in which a run keeps the day on which it began."""
 _THIRDS: Final = 3
 
 
 def daily_seed() -> int:
     """Another number every day; ROBOTAPP_SEED repeats a given one."""
-    return int(os.environ.get("ROBOTAPP_SEED", "0")) or dt.datetime.now(tz=dt.UTC).toordinal()
+    given = os.environ.get("ROBOTAPP_SEED") or os.environ.get(TODAY) or "0"
+    return int(given) or dt.datetime.now(tz=dt.UTC).toordinal()
 
 
 def third_of_today(items: Iterable[T]) -> list[T]:
