@@ -5,10 +5,7 @@ from typing import Any
 
 import pytest
 from tests.support.gone_fields import GONE_FIELDS, GONE_VALUES, object_around
-
-from robotapp_api.schema.crd import KINDS, schema_of
-
-SCHEMAS = {model.__name__: schema_of(model) for model in KINDS}
+from tests.support.schemas import SCHEMAS
 
 
 def fields(schema: dict[str, Any], path: str) -> Iterator[str]:

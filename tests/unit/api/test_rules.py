@@ -5,10 +5,8 @@ import re
 import pytest
 from tests.support.cel_rules import all_rules, broken_rules
 from tests.support.rule_cases import CASES, RuleCase
+from tests.support.schemas import SCHEMAS
 
-from robotapp_api.schema.crd import KINDS, schema_of
-
-SCHEMAS = {model.__name__: schema_of(model) for model in KINDS}
 PARAMETERS = [pytest.param(kind, case, id=f"{kind}: {case}") for kind, cases in CASES.items() for case in cases]
 
 IN_KUBERNETES_1_32 = {

@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,11 @@ from robotapp_api.schema import crd, vendor
 from robotapp_api.schema.__main__ import ROOT, check, write
 from robotapp_api.schema.output import chart_template, generate, to_yaml
 
-FILES = generate()
+
+@cache
+def files() -> dict[Path, str]:
+    """What is generated; a second of work, which collecting the tests need not wait for."""
+    return generate()
 
 
 def nodes(schema: dict[str, Any], path: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
@@ -27,34 +32,36 @@ def nodes(schema: dict[str, Any], path: str = "") -> Iterator[tuple[str, dict[st
 
 
 def test_the_repository_holds_what_the_models_say() -> None:
-    assert check(ROOT, FILES) == []
+    assert check(ROOT, files()) == []
 
 
 def test_generation_is_stable() -> None:
-    assert generate() == FILES
+    assert generate() == files()
 
 
 def test_a_changed_or_missing_file_is_named_with_its_first_difference(tmp_path: Path) -> None:
-    write(tmp_path, FILES)
-    assert check(tmp_path, FILES) == []
+    write(tmp_path, files())
+    assert check(tmp_path, files()) == []
     pool = tmp_path / "crds" / "domainpools.yaml"
     pool.write_text(pool.read_text().replace("scope: Cluster", "scope: Namespaced", 1))
     (tmp_path / "docs" / "names.md").unlink()
-    assert [problem.partition(" is out of date")[0] for problem in check(tmp_path, FILES)] == [
+    assert [problem.partition(" is out of date")[0] for problem in check(tmp_path, files())] == [
         "crds/domainpools.yaml",
         "docs/names.md",
     ]
-    assert "scope: Namespaced" in check(tmp_path, FILES)[0]
+    assert "scope: Namespaced" in check(tmp_path, files())[0]
 
 
 def test_a_client_can_apply_the_definition_of_an_app_without_the_server() -> None:
     """Client-side apply keeps a copy in an annotation, and all annotations together may have 256 KiB."""
-    compact = json.dumps(yaml.safe_load(FILES[Path("crds/robotapps.yaml")]), separators=(",", ":"), ensure_ascii=False)
+    compact = json.dumps(
+        yaml.safe_load(files()[Path("crds/robotapps.yaml")]), separators=(",", ":"), ensure_ascii=False
+    )
     assert len(compact.encode()) <= 256 * 1024
 
 
 def test_yaml_has_no_anchors_and_reads_back() -> None:
-    for path, text in FILES.items():
+    for path, text in files().items():
         if path.parts[0] == "crds":
             assert not re.search(r"(: |- )[&*][a-z]", text)
             assert yaml.safe_load(text)["kind"] == "CustomResourceDefinition"
@@ -125,12 +132,12 @@ def test_core_defaults_that_restate_absence_are_dropped() -> None:
 
 
 def test_the_bridge_ships_the_schema_of_a_robotapp() -> None:
-    shipped = json.loads(FILES[Path("rigel_bridge/rigel_bridge/data/robotapp.schema.json")])
+    shipped = json.loads(files()[Path("rigel_bridge/rigel_bridge/data/robotapp.schema.json")])
     assert shipped == crd.schema_of(RobotApp)
 
 
 def test_the_pages_name_every_field_and_every_reason() -> None:
-    page, names = FILES[Path("docs/api.md")], FILES[Path("docs/names.md")]
+    page, names = files()[Path("docs/api.md")], files()[Path("docs/names.md")]
     for text in ("`spec.edges[].latency.budget` *", "`spec.components[].env[]`", "`30ms`", "## NodeTelemetry"):
         assert text in page
     for text in ("`robotics.io/app-uid`", "`DomainExhausted`", "`DeviceBusy`"):
