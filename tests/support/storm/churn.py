@@ -103,13 +103,16 @@ class Churn:
             with ThreadPoolExecutor(PEOPLE) as people:
                 while not self._stop.is_set():
                     began_s = time.monotonic()
-                    self._round(people)
-                    self._rounds_s.append(time.monotonic() - began_s)
-                    self._stop.wait(max(0.0, ROUND_S - self._rounds_s[-1]))
+                    went = self._round(people)
+                    round_s = time.monotonic() - began_s
+                    if went:  # else it was the first, in which all come
+                        self._rounds_s.append(round_s)
+                    self._stop.wait(max(0.0, ROUND_S - round_s))
         except BaseException as error:  # noqa: BLE001 - `check` raises it where it is looked for
             self._error = error
 
-    def _round(self, people: ThreadPoolExecutor) -> None:
+    def _round(self, people: ThreadPoolExecutor) -> int:
+        """How many went."""
         going = self._going(self._holders())
         coming = [self._wish() for _ in range(self._wanted - len(self.there))]
         doubtful, self._doubtful = self._doubtful, []
@@ -117,6 +120,7 @@ class Churn:
         made = [what for what, done in zip(coming, people.map(self._create, coming), strict=True) if done]
         self.there = self.there + made  # another thread may be reading the old one
         self.gone += len(going)
+        return len(going)
 
     def _going(self, holders: Collection[str]) -> list[Wish]:
         """Takes them off the list: some of those who hold something, and a quarter as many by chance of those who wait."""
