@@ -64,13 +64,14 @@ def network(random: Random, *, nodes: int, zones: int, robots: float, jitter: fl
 def cluster_of(
     net: Network, *, order: list[str] | None = None, scale: float = 1.0, clock: Clock | None = None
 ) -> Cluster:
-    """The scheduler's view once all agents have reported, in this order."""
+    """The scheduler's view once all agents have reported, in this order. `scale`: what all times are multiplied by."""
     nodes = [make_node(name, labels={str(Label.ZONE): zone}) for name, zone in net.zone.items()]
     cluster = make_cluster(*nodes, clock=clock)
     for name in order or sorted(net.readings):
-        p50 = {peer: ms * scale for peer, ms in net.readings[name].items()}
+        p50 = net.readings[name]
         # A different spread for each pair, the same whenever it is reported.
-        p95 = {peer: ms * (1.0 + Random(f"{name} {peer}").random()) for peer, ms in p50.items()}
+        p95 = {peer: _in_steps(ms * (1.0 + Random(f"{name} {peer}").random())) for peer, ms in p50.items()}
+        p50, p95 = ({peer: ms * scale for peer, ms in times.items()} for times in (p50, p95))
         cluster.apply_telemetry(telemetry(name, rtt_ms=p50, p95_ms=p95))
     return cluster
 
@@ -81,14 +82,19 @@ def _access_ms(random: Random, robots: float) -> float:
     return random.choice((random.uniform(2.0, 10.0), random.uniform(20.0, 80.0)))
 
 
-def _peers(random: Random, name: str, zone: dict[str, str], count: int) -> set[str]:
-    """Some of the node's own zone, the rest from anywhere."""
+def _peers(random: Random, name: str, zone: dict[str, str], count: int) -> list[str]:
+    """Some of the node's own zone, the rest from anywhere. No set: a seed must give the same readings in every process."""
     near = [peer for peer in zone if zone[peer] == zone[name] and peer != name]
-    found = set(random.sample(near, min(count // 2, len(near))))
+    found = random.sample(near, min(count // 2, len(near)))
     others = [peer for peer in zone if peer != name and peer not in found]
-    return found | set(random.sample(others, min(count - len(found), len(others))))
+    return found + random.sample(others, min(count - len(found), len(others)))
 
 
 def _reading(random: Random, true_ms: float, jitter: float) -> float:
     wild = random.uniform(3.0, 20.0) if random.random() < WILD else 1.0
-    return true_ms * wild * (1.0 + abs(random.gauss(0.0, jitter)))
+    return _in_steps(true_ms * wild * (1.0 + abs(random.gauss(0.0, jitter))))
+
+
+def _in_steps(ms: float) -> float:
+    """The nearest even number of microseconds: reports carry whole ones, and half of it must be one too."""
+    return 2 * round(ms * 500) / 1000

@@ -151,7 +151,7 @@ def telemetry(node: str, *, rtt_ms: Mapping[str, float] | None = None, p95_ms: M
     Without the number of its round (`seq`) a report is another one as soon as a time differs.
     """
     entries: list[Json] = [
-        {"peer": peer, "p50Us": int(ms * 1000), "p95Us": int((p95_ms or {}).get(peer, ms) * 1000)}
+        {"peer": peer, "p50Us": round(ms * 1000), "p95Us": round((p95_ms or {}).get(peer, ms) * 1000)}
         for peer, ms in (rtt_ms or {}).items()
     ]
     entries += [{"peer": peer, "lossPPM": 1_000_000} for peer in lost]

@@ -1,9 +1,11 @@
 """Estimates of unmeasured pairs on synthetic networks whose true round trips are known."""
 
+from collections.abc import Mapping
+from dataclasses import replace
 from random import Random
 from statistics import median
+from typing import TypeVar
 
-import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.support.latency_networks import Network, cluster_of, network
@@ -11,6 +13,7 @@ from tests.support.scheduling import Clock, telemetry
 
 from robotapp_scheduler.core.cluster import Cluster
 
+T = TypeVar("T")
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -28,6 +31,10 @@ def estimates_ms(cluster: Cluster, net: Network, percentile: int = 50) -> dict[t
             assert source == "estimated"
             found[pair] = time_us / 1000
     return found
+
+
+def shuffled(random: Random, items: Mapping[str, T]) -> dict[str, T]:
+    return dict(random.sample(list(items.items()), len(items)))
 
 
 def by_zones_alone_ms(net: Network) -> dict[tuple[str, str], float]:
@@ -59,22 +66,29 @@ def test_a_typical_estimate_of_a_robot_is_within_a_fifth_and_better_than_by_zone
 
 
 @settings(max_examples=20)
-@given(seeds, st.sampled_from((0.5, 2.0, 8.0)))
-def test_when_all_times_are_longer_all_estimates_are(seed: int, factor: float) -> None:
+@given(seeds, st.sampled_from((0.5, 2.0, 8.0)), st.sampled_from((50, 95)))
+def test_when_all_times_are_longer_all_estimates_are(seed: int, factor: float, percentile: int) -> None:
+    """Exactly so: the factors are powers of two and all times whole microseconds before and after, so nothing is rounded
+    otherwise. No margin would do instead: a fit may turn a microsecond in one reading into many in an estimate.
+    """
     net = drawn(seed)
-    once, scaled = (estimates_ms(cluster_of(net, scale=scale), net) for scale in (1.0, factor))
-    assert once.keys() == scaled.keys()
-    np.testing.assert_allclose(list(scaled.values()), [factor * ms for ms in once.values()], rtol=1e-3, atol=0.02)
+    once, longer = (estimates_ms(cluster_of(net, scale=scale), net, percentile) for scale in (1.0, factor))
+    assert longer == {pair: factor * ms for pair, ms in once.items()}
 
 
 @settings(max_examples=20)
-@given(seeds)
-def test_the_order_in_which_agents_report_does_not_matter(seed: int) -> None:
+@given(seeds, st.sampled_from((50, 95)))
+def test_no_order_matters(seed: int, percentile: int) -> None:
+    """Neither that in which nodes come, nor that of the agents, nor that of the peers in a report."""
     net, random = drawn(seed), Random(seed)
-    order = sorted(net.readings)
-    first = estimates_ms(cluster_of(net, order=order), net)
-    random.shuffle(order)
-    assert estimates_ms(cluster_of(net, order=order), net) == first
+    other = replace(
+        net,
+        zone=shuffled(random, net.zone),
+        readings={name: shuffled(random, peers) for name, peers in net.readings.items()},
+    )
+    agents = list(shuffled(random, net.readings))
+    first = estimates_ms(cluster_of(net), net, percentile)
+    assert estimates_ms(cluster_of(other, order=agents), net, percentile) == first
 
 
 @settings(max_examples=20)
