@@ -1,4 +1,4 @@
-"""Nothing grows too long to be read at once: files of at most 400 lines, functions of at most 50.
+"""Nothing grows too long to be read at once: files of at most 600 lines, functions of at most 60.
 
 A line counts whatever is on it. What is longer for a reason is listed below, with the reason; an entry that is no longer
 needed is an error too. `python scripts/sizes.py` prints every finding and ends with 1 when there are any.
@@ -10,8 +10,8 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-MOST_FILE = 400
-MOST_FUNCTION = 50
+MOST_FILE = 600
+MOST_FUNCTION = 60
 ROOT = Path(__file__).resolve().parent.parent
 
 EXCEPTIONS: dict[str, str] = {}

@@ -25,21 +25,21 @@ def sizes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 def test_long_files_and_functions_are_named_with_their_length(
     sizes: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "short.py").write_text("def f():\n" + "    x = 1\n" * 49)
+    (tmp_path / "short.py").write_text("def f():\n" + "    x = 1\n" * 59)
     assert sizes.main() == 0
-    (tmp_path / "deep.py").write_text("class A:\n    async def g(self):\n" + "        x = 1\n" * 50)
-    (tmp_path / "long.py").write_text("x = 1\n" * 401)
+    (tmp_path / "deep.py").write_text("class A:\n    async def g(self):\n" + "        x = 1\n" * 60)
+    (tmp_path / "long.py").write_text("x = 1\n" * 601)
     assert sizes.main() == 1
     said = capsys.readouterr().out
-    assert "deep.py:g: 51 lines, at most 50" in said
-    assert "long.py: 401 lines, at most 400" in said
+    assert "deep.py:g: 61 lines, at most 60" in said
+    assert "long.py: 601 lines, at most 600" in said
     assert "short.py" not in said
 
 
 def test_an_exception_holds_while_it_is_needed(
     sizes: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "long.py").write_text("x = 1\n" * 401)
+    (tmp_path / "long.py").write_text("x = 1\n" * 601)
     monkeypatch.setattr(sizes, "EXCEPTIONS", {"long.py": "a table"})
     assert sizes.main() == 0
     (tmp_path / "long.py").write_text("x = 1\n")
