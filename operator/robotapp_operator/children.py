@@ -11,13 +11,13 @@ from typing import Final
 
 import msgspec
 
+from robotapp_api.claiming.domain_allocation import full_pool, room_of
+from robotapp_api.claiming.domains import ensure_domain
 from robotapp_api.claims.domain import DomainOutcome, DomainRequest, Fence, check_request, quota_of
 from robotapp_api.claims.identity import holder_of_app
 from robotapp_api.claims.instances import Instance, robot_of
 from robotapp_api.claims.objects import Deployment as ClaimsDeployment
 from robotapp_api.client import ApiClient, NotFound
-from robotapp_api.client.claims import ensure_domain
-from robotapp_api.client.domain_claims import full_pool, room_of
 from robotapp_api.client.errors import means_gone
 from robotapp_api.client.resources import DEPLOYMENTS, NODES, ROBOTAPPS, SERVICES
 from robotapp_api.model.names import Label, Reason

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from robotapp_api.client.sweep import HANDOVER_S, PERIOD_S
+from robotapp_api.claiming.sweeper import HANDOVER_S, PERIOD_S
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_api.values import arguments
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from robotapp_api.client.sweep import PERIOD_S
+from robotapp_api.claiming.sweeper import PERIOD_S
 from robotapp_api.values import arguments
 
 PREFIX = "ROBOTAPP_SCHEDULER_"

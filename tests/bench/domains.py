@@ -22,10 +22,10 @@ from tests.bench.speed.console import say
 from tests.support.claims_live import Live, live
 from tests.support.claims_objects import app_holder, pod_json
 
+from robotapp_api.claiming.domains import ensure_pod_domain
+from robotapp_api.claiming.writes import create_claim
 from robotapp_api.claims.identity import claim_name, domain_spec
 from robotapp_api.claims.objects import ClaimSpec
-from robotapp_api.client.claim_writes import create_claim
-from robotapp_api.client.claims import ensure_pod_domain
 from robotapp_api.client.resources import NODES, PODS, ROBOTCLAIMS
 from robotapp_api.model.names import Annotation
 from robotapp_scheduler.core.objects import Pod
@@ -128,7 +128,7 @@ async def _noting(on: bool) -> AsyncIterator[None]:
 
     with (
         mock.patch.object(reserve, "ensure_pod_domain", as_before),
-        mock.patch("robotapp_api.client.bind_check.note_nodes", nothing),
+        mock.patch("robotapp_api.claiming.bind_check.note_nodes", nothing),
     ):
         yield
 

@@ -8,15 +8,15 @@ from unittest import mock
 
 import msgspec
 
+from robotapp_api.claiming import sweep_snapshot
+from robotapp_api.claiming.sweep_snapshot import View
+from robotapp_api.claiming.writes import Api
 from robotapp_api.claims import device, release
 from robotapp_api.claims.bind import ALLOWED, BindVerdict, bind_verdict
 from robotapp_api.claims.device import PodUse, Take
 from robotapp_api.claims.objects import Claim, Pod
 from robotapp_api.claims.release import Preconditions, Release
-from robotapp_api.client import sweep_view
-from robotapp_api.client.claim_writes import Api
 from robotapp_api.client.errors import Forbidden
-from robotapp_api.client.sweep_view import View
 
 Weakened = Callable[[], contextlib.AbstractContextManager[None]]
 
@@ -37,7 +37,7 @@ def no_bind_check() -> Iterator[None]:
     def always(_: Pod, __: Claim | None, **___: Any) -> BindVerdict:
         return ALLOWED
 
-    with _instead(client__bind_check__bind_verdict=always):
+    with _instead(claiming__bind_check__bind_verdict=always):
         yield
 
 
@@ -50,7 +50,7 @@ def bind_on_draining() -> Iterator[None]:
             claim = msgspec.structs.replace(claim, status=msgspec.structs.replace(claim.status, phase="Reserved"))
         return bind_verdict(pod, claim, **more)
 
-    with _instead(client__bind_check__bind_verdict=weak):
+    with _instead(claiming__bind_check__bind_verdict=weak):
         yield
 
 
@@ -61,7 +61,7 @@ def uid_only() -> Iterator[None]:
     def weak(claim: Claim) -> Preconditions:
         return Preconditions(claim.metadata.uid, "")
 
-    with _instead(client__claim_writes__preconditions=weak):
+    with _instead(claiming__writes__preconditions=weak):
         yield
 
 
@@ -72,7 +72,7 @@ def by_name() -> Iterator[None]:
     def weak(_: Claim) -> Preconditions:
         return Preconditions("", "")
 
-    with _instead(client__claim_writes__preconditions=weak):
+    with _instead(claiming__writes__preconditions=weak):
         yield
 
 
@@ -84,7 +84,7 @@ def one_phase() -> Iterator[None]:
         decision = release.release_domain(**facts)
         return Release.DELETE if decision is Release.DRAIN else decision
 
-    with _instead(client__sweep__release_domain=hasty):
+    with _instead(claiming__sweeper__release_domain=hasty):
         yield
 
 
@@ -96,7 +96,7 @@ def no_second_look() -> Iterator[None]:
         unused = {"wanted": False, "used": False} if phase == "Draining" else {}
         return release.release_domain(phase=phase, rested=rested, **{**facts, **unused})
 
-    with _instead(client__sweep__release_domain=blind):
+    with _instead(claiming__sweeper__release_domain=blind):
         yield
 
 
@@ -110,8 +110,8 @@ def forbidden_is_gone() -> Iterator[None]:
         except Forbidden:
             return None
 
-    found = sweep_view.find
-    with _instead(client__sweep_view__find=find):
+    found = sweep_snapshot.find
+    with _instead(claiming__sweep_snapshot__find=find):
         yield
 
 
@@ -122,7 +122,7 @@ def create_without_list() -> Iterator[None]:
     async def nothing(*_: Any, **__: Any) -> list[Claim]:
         return []
 
-    with _instead(client__claims__instance_claims=nothing):
+    with _instead(claiming__domains__instance_claims=nothing):
         yield
 
 
@@ -143,13 +143,13 @@ def pods_first() -> Iterator[None]:
     """The sweep lists the workloads before the claims."""
 
     async def weak(client: Api, namespaces: Collection[str] | None) -> View:
-        usage, pods = await sweep_view._workloads(client, namespaces)
+        usage, pods = await sweep_snapshot._workloads(client, namespaces)
         view = await read_view(client, namespaces)
         view.usage, view.pods = usage, {pod.metadata.uid: pod for pod in pods}
         return view
 
-    read_view = sweep_view.read_view
-    with _instead(client__sweep__read_view=weak):
+    read_view = sweep_snapshot.read_view
+    with _instead(claiming__sweeper__read_view=weak):
         yield
 
 
@@ -161,7 +161,7 @@ def anyone_takes() -> Iterator[None]:
         return Take.TAKE if device.take_device(claim, **who) is Take.BUSY else device.take_device(claim, **who)
 
     with (
-        _instead(client__device_claims__take_device=weak, client__device_claims__same_tuple=_mine),
+        _instead(claiming__devices__take_device=weak, claiming__devices__same_tuple=_mine),
         mock.patch("robotapp_scheduler.core.devices.take_device", weak),
     ):
         yield
@@ -177,7 +177,7 @@ def terminating_is_gone() -> Iterator[None]:
     async def nobody(*_: Any) -> bool:
         return False
 
-    with _instead(client__sweep__pod_use=weak, client__sweep__used_on_node=nobody):
+    with _instead(claiming__sweeper__pod_use=weak, claiming__sweeper__used_on_node=nobody):
         yield
 
 

@@ -16,14 +16,14 @@ import msgspec
 from tests.support.claims_objects import app_holder, app_json, deployment_json, labels, node_json, pod_json, pool_json
 from tests.support.claims_store import Client, Store
 
+from robotapp_api.claiming.bind_check import check_bind_all
+from robotapp_api.claiming.domains import ensure_domain
+from robotapp_api.claiming.sweeper import Sweeper
 from robotapp_api.claims.domain import DomainRequest
 from robotapp_api.claims.objects import Claim, Pod
 from robotapp_api.claims.usage import named_ids
-from robotapp_api.client.bind_check import check_bind_all
-from robotapp_api.client.claims import ensure_domain
 from robotapp_api.client.errors import ApiError, Unreachable
 from robotapp_api.client.resources import DEPLOYMENTS, DOMAINPOOLS, NODES, PODS, REPLICASETS, ROBOTAPPS, ROBOTCLAIMS
-from robotapp_api.client.sweep import Sweeper
 from robotapp_api.values.ranges import parse_ids
 
 Json = dict[str, Any]

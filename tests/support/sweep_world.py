@@ -5,18 +5,18 @@ from collections.abc import Awaitable, Callable
 from tests.support.claims_objects import app_holder, app_json, pool_json
 from tests.support.claims_store import Store
 
+from robotapp_api.claiming.devices import reserve_devices
+from robotapp_api.claiming.domains import ensure_domain
+from robotapp_api.claiming.sweeper import Sweeper
 from robotapp_api.claims.device import chosen
 from robotapp_api.claims.domain import DomainRequest
 from robotapp_api.claims.objects import Holder
 from robotapp_api.claims.repair import ClaimConflict
-from robotapp_api.client.claims import ensure_domain
-from robotapp_api.client.device_claims import reserve_devices
 from robotapp_api.client.resources import (
     DOMAINPOOLS,
     ROBOTAPPS,
     ROBOTCLAIMS,
 )
-from robotapp_api.client.sweep import Sweeper
 
 
 class World:

@@ -11,6 +11,13 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Final
 
+from robotapp_api.claiming.bind_check import check_bind_all
+from robotapp_api.claiming.device_sharing import begin_sharing, end_sharing, shared_by_others
+from robotapp_api.claiming.devices import Reservation, reserve_devices
+from robotapp_api.claiming.domain_allocation import Room, full_pool, room_of
+from robotapp_api.claiming.domains import ensure_pod_domain
+from robotapp_api.claiming.release import give_back
+from robotapp_api.claiming.sweep_snapshot import find
 from robotapp_api.claims.bind import needs_check
 from robotapp_api.claims.device import Chosen, chosen
 from robotapp_api.claims.domain import DomainOutcome, DomainRequest
@@ -19,15 +26,8 @@ from robotapp_api.claims.objects import Claim, Holder, Meta, PodSpec, PodStatus,
 from robotapp_api.claims.objects import Pod as ClaimPod
 from robotapp_api.client.api import ApiClient
 from robotapp_api.client.at_once import at_once
-from robotapp_api.client.bind_check import check_bind_all
-from robotapp_api.client.claims import ensure_pod_domain
-from robotapp_api.client.device_claims import Reservation, reserve_devices
-from robotapp_api.client.device_sharing import begin_sharing, end_sharing, shared_by_others
-from robotapp_api.client.domain_claims import Room, full_pool, room_of
 from robotapp_api.client.errors import ClientError
-from robotapp_api.client.giving_back import give_back
 from robotapp_api.client.resources import DOMAINPOOLS, PODS
-from robotapp_api.client.sweep_view import find
 from robotapp_api.model.names import GRANTED_PREFIX, Label, PodReason, Reason
 from robotapp_scheduler.core.devices import DeviceGrant
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo

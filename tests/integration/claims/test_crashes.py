@@ -7,9 +7,9 @@ from tests.support.claims_live import Live, until
 from tests.support.clients import client_for
 from tests.support.proxy import Fault, FaultProxy, drop, lose_reply
 
+from robotapp_api.claiming.domains import ensure_domain
 from robotapp_api.claims.domain import DomainRequest
 from robotapp_api.client import ApiClient
-from robotapp_api.client.claims import ensure_domain
 from robotapp_api.client.errors import ClientError
 from robotapp_api.client.resources import PODS
 

@@ -7,14 +7,14 @@ import pytest
 from tests.support.claims_live import Live
 from tests.support.clients import FakeTime
 
+from robotapp_api.claiming.devices import reserve_devices
+from robotapp_api.claiming.release import give_back
+from robotapp_api.claiming.sweeper import PENDING_S
 from robotapp_api.claims.device import chosen
 from robotapp_api.claims.objects import Pod
 from robotapp_api.client.apply import STRATEGIC
-from robotapp_api.client.device_claims import reserve_devices
 from robotapp_api.client.errors import Conflict
-from robotapp_api.client.giving_back import give_back
 from robotapp_api.client.resources import PODS
-from robotapp_api.client.sweep import PENDING_S
 
 pytestmark = pytest.mark.live
 

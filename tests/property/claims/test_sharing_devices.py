@@ -10,11 +10,11 @@ import pytest
 from tests.support.claims_store import Client, Store
 from tests.support.claims_world import Actor, Director
 
+from robotapp_api.claiming import device_sharing
+from robotapp_api.claiming.devices import Reservation
+from robotapp_api.claiming.sweeper import Sweeper
 from robotapp_api.claims.identity import granted_devices, shared_devices
-from robotapp_api.client import device_sharing
-from robotapp_api.client.device_claims import Reservation
 from robotapp_api.client.resources import PODS, ROBOTCLAIMS
-from robotapp_api.client.sweep import Sweeper
 from robotapp_scheduler.core.devices import Device, DeviceGrant
 from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.pods import PodInfo

@@ -2,9 +2,9 @@
 
 from tests.support.placing import Rig
 
+from robotapp_api.claiming.devices import Reservation
 from robotapp_api.claims.identity import holder_of_pod
 from robotapp_api.claims.objects import Claim, ClaimSpec, Meta
-from robotapp_api.client.device_claims import Reservation
 from robotapp_scheduler.shell.reserve import Readiness, Reserved
 
 

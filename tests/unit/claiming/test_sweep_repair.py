@@ -4,10 +4,10 @@ import msgspec
 from tests.support.claims_objects import app_holder, pod_json, pool_json
 from tests.support.sweep_world import World, number
 
+from robotapp_api.claiming.domains import ensure_domain
 from robotapp_api.claims.domain import DomainRequest
 from robotapp_api.claims.identity import claim_object, domain_spec, holder_of_app
 from robotapp_api.claims.objects import Pod
-from robotapp_api.client.claims import ensure_domain
 from robotapp_api.client.resources import DOMAINPOOLS, NODES, PODS, ROBOTCLAIMS
 
 

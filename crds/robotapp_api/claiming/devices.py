@@ -1,18 +1,18 @@
 """Devices at reserve: all or none, in the order of claim names, never rolled back.
 
 What a failed attempt has taken stays with the pod and is found again by its next attempt; the sweep frees it when the
-pod is gone or bound without it. Only behind a fence it is given back earlier (`giving_back`). A plain rollback could free a device that a binding with a lost answer has given away.
+pod is gone or bound without it. Only behind a fence it is given back earlier (`release`). A plain rollback could free a device that a binding with a lost answer has given away.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
+from robotapp_api.claiming.domains import find_claim
+from robotapp_api.claiming.writes import Api, Refused, create_claim, touch
 from robotapp_api.claims.device import Chosen, Take, busy_text, take_device
 from robotapp_api.claims.identity import Found, claim_name, device_spec, same_holder, same_tuple
 from robotapp_api.claims.objects import Claim, ClaimSpec, Holder
-from robotapp_api.client.claim_writes import Api, Refused, create_claim, touch
-from robotapp_api.client.claims import find_claim
 from robotapp_api.model.names import Reason
 
 ROUNDS: Final = 4

@@ -4,9 +4,9 @@ import msgspec
 from tests.support.claims_objects import app_holder, app_json, pool_json
 from tests.support.claims_store import Store
 
+from robotapp_api.claiming.domains import ensure_domain
 from robotapp_api.claims.domain import DomainOutcome, DomainRequest
 from robotapp_api.claims.objects import Claim
-from robotapp_api.client.claims import ensure_domain
 from robotapp_api.client.resources import DOMAINPOOLS, ROBOTAPPS, ROBOTCLAIMS
 from robotapp_api.model.names import Reason
 

@@ -8,9 +8,9 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from typing import Final
 
+from robotapp_api.claiming.sweep_snapshot import View
+from robotapp_api.claiming.writes import Api, note_nodes, strike_nodes
 from robotapp_api.claims.objects import Claim
-from robotapp_api.client.claim_writes import Api, note_nodes, strike_nodes
-from robotapp_api.client.sweep_view import View
 
 IDLE_S: Final = 120.0
 """Least time for which a node has been seen without pods of the claim before it is struck off: a node that has lost contact

@@ -4,6 +4,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
+from robotapp_api.claiming.domain_allocation import create_domain, held_outcome
+from robotapp_api.claiming.sweep_snapshot import find
+from robotapp_api.claiming.writes import Api, Refused, note_nodes, touch
 from robotapp_api.claims import domain as rules
 from robotapp_api.claims.domain import DomainOutcome, DomainRequest, Step
 from robotapp_api.claims.identity import same_holder
@@ -11,10 +14,7 @@ from robotapp_api.claims.objects import App, Claim, Deployment, Holder, Pool
 from robotapp_api.claims.release import claims_domain
 from robotapp_api.claims.share import AppKey, Join, claim_to_join, owner_of, waiting_text
 from robotapp_api.claims.usage import deployment_ids, usage_of
-from robotapp_api.client.claim_writes import Api, Refused, note_nodes, touch
-from robotapp_api.client.domain_claims import create_domain, held_outcome
 from robotapp_api.client.resources import DEPLOYMENTS, DOMAINPOOLS, ROBOTAPPS, ROBOTCLAIMS
-from robotapp_api.client.sweep_view import find
 from robotapp_api.model.names import Label, Reason
 
 RESTARTS: Final = 5

@@ -8,11 +8,11 @@ import asyncio
 from collections.abc import Sequence
 from typing import Final
 
+from robotapp_api.claiming.devices import Reservation, reserve_devices
+from robotapp_api.claiming.writes import Api, Refused, delete_claim
 from robotapp_api.claims.device import Chosen
 from robotapp_api.claims.identity import holder_of_pod, shared_devices, shown_name
 from robotapp_api.claims.objects import Holder, Pod
-from robotapp_api.client.claim_writes import Api, Refused, delete_claim
-from robotapp_api.client.device_claims import Reservation, reserve_devices
 from robotapp_api.client.resources import PODS
 from robotapp_api.model.names import Reason
 

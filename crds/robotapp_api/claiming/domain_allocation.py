@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 from typing import Final
 from weakref import WeakValueDictionary
 
+from robotapp_api.claiming.sweep_snapshot import find
+from robotapp_api.claiming.writes import Api, Refused, create_claim
 from robotapp_api.claims import domain as rules
 from robotapp_api.claims.domain import DomainOutcome, DomainPlan, DomainRequest
 from robotapp_api.claims.identity import Found, claim_name, same_holder, same_tuple
 from robotapp_api.claims.objects import Claim, Pool
-from robotapp_api.client.claim_writes import Api, Refused, create_claim
 from robotapp_api.client.resources import ROBOTCLAIMS
-from robotapp_api.client.sweep_view import find
 from robotapp_api.model.names import Reason
 
 LIST_AFTER_CONFLICTS: Final = 3

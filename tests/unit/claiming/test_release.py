@@ -7,12 +7,12 @@ import pytest
 from tests.support.claims_objects import app_holder, pod_holder, pod_json
 from tests.support.claims_store import Store
 
+from robotapp_api.claiming.devices import Reservation, reserve_devices
+from robotapp_api.claiming.release import give_back
+from robotapp_api.claiming.sweeper import Sweeper
 from robotapp_api.claims.device import chosen
 from robotapp_api.claims.objects import Claim, Holder, Pod
-from robotapp_api.client.device_claims import Reservation, reserve_devices
-from robotapp_api.client.giving_back import give_back
 from robotapp_api.client.resources import PODS, ROBOTCLAIMS
-from robotapp_api.client.sweep import Sweeper
 
 ME, OTHER = app_holder(component="driver"), app_holder("app-2", component="driver")
 
@@ -94,7 +94,7 @@ async def test_a_second_time_in_the_same_second_is_a_fence_too() -> None:
 
 
 async def test_a_write_that_changed_nothing_is_no_fence(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robotapp_api.client.giving_back.SECOND", timedelta())
+    monkeypatch.setattr("robotapp_api.claiming.release.SECOND", timedelta())
     world = World()
     await world.reserve("can-a", "can-b")
     first, second = world.claims()

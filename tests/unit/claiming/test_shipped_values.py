@@ -12,14 +12,14 @@ from tests.support.claims_objects import app_holder, app_json, pod_json, pool_js
 from tests.support.claims_store import Store
 from tests.support.virtual_time import run_virtually
 
+from robotapp_api.claiming.devices import reserve_devices
+from robotapp_api.claiming.domains import ensure_domain
+from robotapp_api.claiming.sweep_snapshot import DEFAULT_QUARANTINE_S
+from robotapp_api.claiming.sweeper import HANDOVER_S, PERIOD_S, Sweeper
 from robotapp_api.claims.device import chosen
 from robotapp_api.claims.domain import DomainRequest
 from robotapp_api.claims.objects import PoolSpec as SweptPoolSpec
-from robotapp_api.client.claims import ensure_domain
-from robotapp_api.client.device_claims import reserve_devices
 from robotapp_api.client.resources import DOMAINPOOLS, PODS, ROBOTAPPS, ROBOTCLAIMS
-from robotapp_api.client.sweep import HANDOVER_S, PERIOD_S, Sweeper
-from robotapp_api.client.sweep_view import DEFAULT_QUARANTINE_S
 from robotapp_api.model.pool import PoolSpec
 from robotapp_operator.settings import Settings
 from robotapp_scheduler.options import parse

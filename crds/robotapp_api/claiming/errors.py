@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import msgspec
 
-from robotapp_api.client.claim_writes import Refused
+from robotapp_api.claiming.writes import Refused
 from robotapp_api.client.errors import ApiError, TooManyRequests, Unauthorized, describe
 
 log = logging.getLogger(__name__)

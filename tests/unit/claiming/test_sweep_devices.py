@@ -4,14 +4,14 @@ import msgspec
 from tests.support.claims_objects import pod_holder, pod_json
 from tests.support.sweep_world import World, number
 
+from robotapp_api.claiming.domains import ensure_pod_domain
+from robotapp_api.claiming.sweeper import Sweeper
 from robotapp_api.claims.domain import DomainRequest
 from robotapp_api.claims.objects import Pod
-from robotapp_api.client.claims import ensure_pod_domain
 from robotapp_api.client.resources import (
     PODS,
     ROBOTCLAIMS,
 )
-from robotapp_api.client.sweep import Sweeper
 
 
 async def test_a_device_waits_for_a_successor_which_takes_it_over() -> None:

@@ -7,7 +7,7 @@ from collections.abc import Awaitable, Callable
 import pytest
 from tests.support.sweep_world import World
 
-from robotapp_api.client.sweep_view import View, read_view
+from robotapp_api.claiming.sweep_snapshot import View, read_view
 
 
 @pytest.mark.parametrize(

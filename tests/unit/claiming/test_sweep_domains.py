@@ -4,15 +4,15 @@ import pytest
 from tests.support.claims_objects import app_holder, deployment_json, pod_json
 from tests.support.sweep_world import World, number
 
+from robotapp_api.claiming.domains import ensure_domain
+from robotapp_api.claiming.sweeper import Sweeper
 from robotapp_api.claims.domain import DomainRequest
-from robotapp_api.client.claims import ensure_domain
 from robotapp_api.client.resources import (
     DEPLOYMENTS,
     NODES,
     PODS,
     REPLICASETS,
 )
-from robotapp_api.client.sweep import Sweeper
 
 
 async def test_an_unused_domain_of_a_deleted_app_rests_and_is_then_freed() -> None:

@@ -7,15 +7,15 @@ import pytest
 from tests.support.claims_objects import app_holder, app_json, deployment_json, device_claim, pod_json, pool_json
 from tests.support.claims_store import Store
 
+from robotapp_api.claiming.domains import ensure_domain
+from robotapp_api.claiming.errors import Troubles
+from robotapp_api.claiming.repair import repair
+from robotapp_api.claiming.sweep_snapshot import read_view
 from robotapp_api.claims.domain import DomainOutcome, DomainRequest
 from robotapp_api.claims.identity import claim_object, domain_spec, id_order
 from robotapp_api.claims.objects import Claim, Pod
 from robotapp_api.claims.repair import ClaimConflict
-from robotapp_api.client.claim_errors import Troubles
-from robotapp_api.client.claim_repair import repair
-from robotapp_api.client.claims import ensure_domain
 from robotapp_api.client.resources import DEPLOYMENTS, DOMAINPOOLS, PODS, ROBOTAPPS, ROBOTCLAIMS
-from robotapp_api.client.sweep_view import read_view
 from robotapp_api.model.names import Reason
 
 Json = dict[str, object]

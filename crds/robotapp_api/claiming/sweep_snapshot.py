@@ -10,13 +10,13 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
+from robotapp_api.claiming.writes import Api, T
 from robotapp_api.claims.identity import same_holder
 from robotapp_api.claims.instances import instances_of, out_of_sight, wish_of
 from robotapp_api.claims.objects import App, Claim, Deployment, Holder, Meta, Object, Pod, Pool, ReplicaSet
 from robotapp_api.claims.release import is_gone, unseen_nodes, wants_domain
 from robotapp_api.claims.repair import asked_places, places_of
 from robotapp_api.claims.usage import Usage, usage_of
-from robotapp_api.client.claim_writes import Api, T
 from robotapp_api.client.errors import Forbidden, NotFound, means_gone
 from robotapp_api.client.resources import (
     DEPLOYMENTS,

@@ -8,18 +8,18 @@ import logging
 from collections import Counter
 from collections.abc import Iterable
 
+from robotapp_api.claiming.domain_allocation import pool_claims, turn
+from robotapp_api.claiming.domains import resolve_owner
+from robotapp_api.claiming.errors import Troubles
+from robotapp_api.claiming.sweep_snapshot import View, find
+from robotapp_api.claiming.writes import create_claim, touch
 from robotapp_api.claims import domain as rules
 from robotapp_api.claims.domain import DomainRequest
 from robotapp_api.claims.identity import claim_name, same_holder
 from robotapp_api.claims.objects import App, Claim, Pod, Pool
 from robotapp_api.claims.release import is_gone, joined
 from robotapp_api.claims.repair import ClaimConflict, Missing, conflicts, missing_claims, needed_by, refusal, runs
-from robotapp_api.client.claim_errors import Troubles
-from robotapp_api.client.claim_writes import create_claim, touch
-from robotapp_api.client.claims import resolve_owner
-from robotapp_api.client.domain_claims import pool_claims, turn
 from robotapp_api.client.resources import DOMAINPOOLS, PODS, ROBOTCLAIMS
-from robotapp_api.client.sweep_view import View, find
 from robotapp_api.model.names import Label
 
 log = logging.getLogger(__name__)

@@ -6,13 +6,13 @@ from functools import partial
 from itertools import chain
 from typing import Final
 
+from robotapp_api.claiming.domains import RESTARTS, find_app, find_claim, find_pool, instance_claims, resolve_owner
+from robotapp_api.claiming.writes import Api, Refused, note_nodes
 from robotapp_api.claims.bind import ALLOWED, BindVerdict, bind_verdict, needs_check, shared_verdict
 from robotapp_api.claims.objects import App, Claim, Pod
 from robotapp_api.claims.release import joined
 from robotapp_api.claims.usage import named_ids
 from robotapp_api.client.at_once import at_once
-from robotapp_api.client.claim_writes import Api, Refused, note_nodes
-from robotapp_api.client.claims import RESTARTS, find_app, find_claim, find_pool, instance_claims, resolve_owner
 from robotapp_api.model.names import Annotation, Label
 from robotapp_api.values.ranges import parse_ids
 
