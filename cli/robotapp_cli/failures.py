@@ -5,7 +5,15 @@ from enum import IntEnum
 
 import typer
 
-from robotapp_api.client.errors import ApiError, ClientError, Forbidden, LoginError, NotFound, Unauthorized, Unreachable
+from robotapp_api.client.transport.errors import (
+    ApiError,
+    ClientError,
+    Forbidden,
+    LoginError,
+    NotFound,
+    Unauthorized,
+    Unreachable,
+)
 
 
 class Exit(IntEnum):

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TypeVar
 
 from robotapp_api.client.api import ApiClient
-from robotapp_api.client.errors import ClientError
-from robotapp_api.client.login import Endpoint, default_kubeconfigs, load
+from robotapp_api.client.transport.errors import ClientError
+from robotapp_api.client.transport.kubeconfig import Endpoint, default_kubeconfigs, load
 from robotapp_api.values.arguments import is_name
 from robotapp_cli.failures import CliError, ended_by, explained
 from robotapp_cli.output import Output

@@ -5,7 +5,7 @@ import contextlib
 import sys
 from collections.abc import Sequence
 
-from robotapp_api.client.errors import LoginError
+from robotapp_api.client.transport.errors import LoginError
 from robotapp_api.serving import logs
 from robotapp_api.serving.port import PortError
 from robotapp_scheduler import options as flags

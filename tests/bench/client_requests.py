@@ -20,7 +20,7 @@ import msgspec
 import uvloop
 
 from robotapp_api.client import ApiClient, Endpoint
-from robotapp_api.client.credentials import Credentials
+from robotapp_api.client.transport.credentials import Credentials
 from robotapp_api.client.watch import WatchDecoder
 
 BODY = json.dumps(

@@ -8,8 +8,8 @@ from typing import Any, TypeVar
 import msgspec
 
 from robotapp_api.client.api import ApiClient, with_query
-from robotapp_api.client.errors import AlreadyExists
 from robotapp_api.client.resources import EVENTS, PODS, Resource
+from robotapp_api.client.transport.errors import AlreadyExists
 
 T = TypeVar("T")
 Json = dict[str, Any]

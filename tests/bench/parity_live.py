@@ -27,9 +27,9 @@ from tests.support.cluster_cases.regressions import regressions
 from tests.support.cluster_cases.shrinking import reduction
 
 from robotapp_api.client.api import ApiClient
-from robotapp_api.client.errors import BadRequest, Forbidden, Invalid
-from robotapp_api.client.login import load as login
 from robotapp_api.client.resources import NODETELEMETRIES
+from robotapp_api.client.transport.errors import BadRequest, Forbidden, Invalid
+from robotapp_api.client.transport.kubeconfig import load as login
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.process import Process
 from robotapp_testbed.product import install, start_scheduler

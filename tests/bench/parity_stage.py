@@ -12,7 +12,6 @@ import msgspec
 from tests.support.cluster_cases import Case
 
 from robotapp_api.client.api import ApiClient
-from robotapp_api.client.errors import AlreadyExists, NotFound
 from robotapp_api.client.resources import (
     CSIDRIVERS,
     CSINODES,
@@ -32,6 +31,7 @@ from robotapp_api.client.resources import (
     VOLUMEATTACHMENTS,
     Resource,
 )
+from robotapp_api.client.transport.errors import AlreadyExists, NotFound
 
 Json = dict[str, Any]
 PRIORITYCLASSES: Final = Resource("scheduling.k8s.io", "v1", "priorityclasses", "PriorityClass", namespaced=False)

@@ -13,8 +13,8 @@ import msgspec
 
 from robotapp_api.client.api import Json, Listing
 from robotapp_api.client.apply import STRATEGIC
-from robotapp_api.client.errors import AlreadyExists, Conflict, Forbidden, NotFound
 from robotapp_api.client.resources import ROBOTCLAIMS, Resource
+from robotapp_api.client.transport.errors import AlreadyExists, Conflict, Forbidden, NotFound
 
 Key = tuple[str, str, str]
 Gate = Callable[[str], Awaitable[None]]

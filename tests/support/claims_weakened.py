@@ -16,7 +16,7 @@ from robotapp_api.claims.bind import ALLOWED, BindVerdict, bind_verdict
 from robotapp_api.claims.device import PodUse, Take
 from robotapp_api.claims.objects import Claim, Pod
 from robotapp_api.claims.release import Preconditions, Release
-from robotapp_api.client.errors import Forbidden
+from robotapp_api.client.transport.errors import Forbidden
 
 Weakened = Callable[[], contextlib.AbstractContextManager[None]]
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from robotapp_api.client import ApiClient, Endpoint
-from robotapp_api.client.errors import ClientError
+from robotapp_api.client.transport.errors import ClientError
 
 
 def client_for(endpoint: Endpoint, **overrides: Any) -> ApiClient:

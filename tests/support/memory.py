@@ -14,8 +14,8 @@ from tests.support.apiserver.store import Refused, Store
 from tests.support.apiserver.verbs import Sent, act, target
 
 from robotapp_api.client import ApiClient, Endpoint, Unreachable
-from robotapp_api.client.transport import Response, Stream, Told, tell
-from robotapp_api.client.wire import Permitted, always
+from robotapp_api.client.transport.http11 import Permitted, always
+from robotapp_api.client.transport.http_transport import Response, Stream, Told, tell
 
 
 class Mishap(StrEnum):

@@ -13,7 +13,7 @@ from pathlib import Path
 from tests.support.factories import make_app
 
 from robotapp_api.client import ApiClient
-from robotapp_api.client.login import load
+from robotapp_api.client.transport.kubeconfig import load
 from robotapp_operator.cache import Cache
 from robotapp_operator.params_watch import ParamsWatch
 from robotapp_operator.plan.wish import App

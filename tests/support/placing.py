@@ -9,7 +9,7 @@ from prometheus_client import CollectorRegistry
 from tests.support.scripted_client import ScriptedClient
 from tests.support.scripted_volumes import ScriptedVolumes
 
-from robotapp_api.client.errors import ClientError, Unreachable
+from robotapp_api.client.transport.errors import ClientError, Unreachable
 from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.cluster import Cluster

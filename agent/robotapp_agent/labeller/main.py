@@ -14,10 +14,10 @@ from robotapp_agent.labeller.labeller import MANAGER, Labeller
 from robotapp_agent.labeller.wanted import KEPT_S
 from robotapp_agent.process import logs
 from robotapp_api.client.api import ApiClient
-from robotapp_api.client.errors import LoginError
 from robotapp_api.client.events import EventRecorder
-from robotapp_api.client.login import Endpoint, load
-from robotapp_api.client.metadata import MetadataTransport
+from robotapp_api.client.transport.errors import LoginError
+from robotapp_api.client.transport.kubeconfig import Endpoint, load
+from robotapp_api.client.transport.metadata import MetadataTransport
 
 
 def main(argv: Sequence[str] | None = None) -> int:

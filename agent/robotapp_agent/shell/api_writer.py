@@ -12,9 +12,9 @@ from robotapp_agent.report.status import SECTIONS, Status, patch_of, without
 from robotapp_agent.shell.own_node import OwnNode
 from robotapp_api.client.api import ApiClient, with_query
 from robotapp_api.client.apply import MERGE
-from robotapp_api.client.errors import AlreadyExists, Invalid, NotFound, means_gone
 from robotapp_api.client.resources import NODETELEMETRIES
-from robotapp_api.client.transport import Response
+from robotapp_api.client.transport.errors import AlreadyExists, Invalid, NotFound, means_gone
+from robotapp_api.client.transport.http_transport import Response
 
 MANAGER: Final = "robotapp-agent"
 MOST_ASKED: Final = 16

@@ -11,8 +11,8 @@ import msgspec
 
 from robotapp_api.client.api import ApiClient, Page, decoder, with_query
 from robotapp_api.client.backoff import Backoff
-from robotapp_api.client.errors import ClientError
 from robotapp_api.client.resources import ENDPOINTSLICES
+from robotapp_api.client.transport.errors import ClientError
 
 log = logging.getLogger(__name__)
 

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import msgspec
 
 from robotapp_api.claiming.writes import Refused
-from robotapp_api.client.errors import ApiError, TooManyRequests, Unauthorized, describe
+from robotapp_api.client.transport.errors import ApiError, TooManyRequests, Unauthorized, describe
 
 log = logging.getLogger(__name__)
 

@@ -17,7 +17,6 @@ from robotapp_api.claims.objects import App, Claim, Deployment, Holder, Meta, Ob
 from robotapp_api.claims.release import is_gone, unseen_nodes, wants_domain
 from robotapp_api.claims.repair import asked_places, places_of
 from robotapp_api.claims.usage import Usage, usage_of
-from robotapp_api.client.errors import Forbidden, NotFound, means_gone
 from robotapp_api.client.resources import (
     DEPLOYMENTS,
     DOMAINPOOLS,
@@ -28,6 +27,7 @@ from robotapp_api.client.resources import (
     ROBOTCLAIMS,
     Resource,
 )
+from robotapp_api.client.transport.errors import Forbidden, NotFound, means_gone
 from robotapp_api.model.names import Label
 
 DEFAULT_QUARANTINE_S = 60

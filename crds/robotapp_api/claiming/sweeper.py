@@ -33,8 +33,8 @@ from robotapp_api.claims.release import Release, is_gone, pod_lost, release_doma
 from robotapp_api.claims.repair import ClaimConflict
 from robotapp_api.claims.usage import Usage
 from robotapp_api.client.at_once import at_once
-from robotapp_api.client.errors import ClientError, describe
 from robotapp_api.client.resources import ROBOTAPPS
+from robotapp_api.client.transport.errors import ClientError, describe
 
 
 async def used(view: View, claim: Claim) -> bool:

@@ -1,7 +1,8 @@
-"""Talking to the API server: `ApiClient` for verbs, `Reflector` for caches, `login.load` for the way there."""
+"""Talking to the API server: `ApiClient` for verbs, `Reflector` for caches, `kubeconfig.load` for the way there."""
 
 from robotapp_api.client.api import ApiClient, Listing
-from robotapp_api.client.errors import (
+from robotapp_api.client.reflector import Change, Reflector
+from robotapp_api.client.transport.errors import (
     AlreadyExists,
     ApiError,
     BadRequest,
@@ -17,8 +18,7 @@ from robotapp_api.client.errors import (
     Unauthorized,
     Unreachable,
 )
-from robotapp_api.client.login import Endpoint, load
-from robotapp_api.client.reflector import Change, Reflector
+from robotapp_api.client.transport.kubeconfig import Endpoint, load
 
 __all__ = [
     "AlreadyExists",

@@ -21,7 +21,8 @@ import msgspec
 from robotapp_api.client import apply as bodies
 from robotapp_api.client.apply import APPLY, JSON, MERGE
 from robotapp_api.client.backoff import Backoff
-from robotapp_api.client.errors import (
+from robotapp_api.client.resources import Resource
+from robotapp_api.client.transport.errors import (
     ApiError,
     ClientError,
     Gone,
@@ -30,10 +31,9 @@ from robotapp_api.client.errors import (
     Unreachable,
     error_from_response,
 )
-from robotapp_api.client.login import Endpoint
-from robotapp_api.client.resources import Resource
-from robotapp_api.client.transport import HttpTransport, Response, Stream, Transport
-from robotapp_api.client.wire import Permitted, always
+from robotapp_api.client.transport.http11 import Permitted, always
+from robotapp_api.client.transport.http_transport import HttpTransport, Response, Stream, Transport
+from robotapp_api.client.transport.kubeconfig import Endpoint
 
 T = TypeVar("T")
 Json = dict[str, Any]

@@ -16,9 +16,16 @@ import msgspec
 from robotapp_api.client.api import ApiClient, Json
 from robotapp_api.client.apply import encode
 from robotapp_api.client.backoff import Backoff
-from robotapp_api.client.errors import AlreadyExists, ApiError, ClientError, NotFound, ServerError, TooManyRequests
 from robotapp_api.client.resources import EVENTS
 from robotapp_api.client.times import Now, as_micro_time, micro_time, utc_now
+from robotapp_api.client.transport.errors import (
+    AlreadyExists,
+    ApiError,
+    ClientError,
+    NotFound,
+    ServerError,
+    TooManyRequests,
+)
 from robotapp_api.values.buckets import Buckets
 
 log = logging.getLogger(__name__)

@@ -15,7 +15,8 @@ import msgspec
 
 from robotapp_api.client.api import ApiClient, with_query
 from robotapp_api.client.backoff import Backoff
-from robotapp_api.client.errors import (
+from robotapp_api.client.resources import Resource
+from robotapp_api.client.transport.errors import (
     ApiError,
     BadRequest,
     ClientError,
@@ -26,7 +27,6 @@ from robotapp_api.client.errors import (
     describe,
     error_from_response,
 )
-from robotapp_api.client.resources import Resource
 from robotapp_api.client.watch import (
     ADDED,
     BOOKMARK,

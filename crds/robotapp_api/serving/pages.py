@@ -7,7 +7,7 @@ from typing import Any, Final, Protocol
 import msgspec
 from aiohttp import web
 
-from robotapp_api.client.errors import ClientError
+from robotapp_api.client.transport.errors import ClientError
 from robotapp_api.serving.access import Access, Caller, TooManyError, certified
 
 WHO_ARE_YOU: Final = "send a bearer token of the cluster (Authorization: Bearer $(kubectl create token ...)) or a client certificate of it"

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Final
 
 from robotapp_api.client.api import ApiClient
-from robotapp_api.client.credentials import load_pair
-from robotapp_api.client.errors import ClientError, LoginError
 from robotapp_api.client.resources import CONFIGMAPS
+from robotapp_api.client.transport.credentials import load_pair
+from robotapp_api.client.transport.errors import ClientError, LoginError
 
 log = logging.getLogger(__name__)
 

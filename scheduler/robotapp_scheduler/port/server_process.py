@@ -17,8 +17,8 @@ from typing import Any, Final
 import msgspec
 
 from robotapp_api.client.api import ApiClient
-from robotapp_api.client.errors import LoginError, Unreachable
-from robotapp_api.client.login import load as login
+from robotapp_api.client.transport.errors import LoginError, Unreachable
+from robotapp_api.client.transport.kubeconfig import load as login
 from robotapp_api.model.names import SCHEDULER_MANAGER
 from robotapp_api.serving import logs
 from robotapp_api.serving.access import Access, Caller, Gatekeeper

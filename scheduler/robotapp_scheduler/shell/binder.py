@@ -15,7 +15,8 @@ from enum import StrEnum
 import msgspec
 
 from robotapp_api.client.api import ApiClient
-from robotapp_api.client.errors import (
+from robotapp_api.client.resources import PODS
+from robotapp_api.client.transport.errors import (
     ApiError,
     ClientError,
     Conflict,
@@ -24,8 +25,7 @@ from robotapp_api.client.errors import (
     TooManyRequests,
     means_gone,
 )
-from robotapp_api.client.resources import PODS
-from robotapp_api.client.wire import Permitted, always
+from robotapp_api.client.transport.http11 import Permitted, always
 from robotapp_scheduler.core.objects import Pod
 
 TRIES = 4

@@ -10,8 +10,8 @@ from collections.abc import Awaitable, Callable
 
 from robotapp_api.client.api import ApiClient, Json
 from robotapp_api.client.apply import STRATEGIC
-from robotapp_api.client.errors import ApiError, ClientError, NotFound, may_pass, means_another, means_gone
 from robotapp_api.client.resources import PODS
+from robotapp_api.client.transport.errors import ApiError, ClientError, NotFound, may_pass, means_another, means_gone
 from robotapp_api.model.names import EventReason
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.objects import Pod

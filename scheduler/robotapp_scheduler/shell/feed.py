@@ -13,7 +13,6 @@ from typing import Any
 import msgspec
 
 from robotapp_api.client.api import ApiClient
-from robotapp_api.client.errors import ClientError, NotFound
 from robotapp_api.client.reflector import Change as Seen
 from robotapp_api.client.reflector import Reflector
 from robotapp_api.client.resources import (
@@ -21,6 +20,7 @@ from robotapp_api.client.resources import (
     ROBOTAPPS,
     Resource,
 )
+from robotapp_api.client.transport.errors import ClientError, NotFound
 from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.objects import Pod

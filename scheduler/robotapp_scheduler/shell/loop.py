@@ -10,7 +10,7 @@ from collections.abc import Callable, Coroutine, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 
-from robotapp_api.client.errors import ClientError
+from robotapp_api.client.transport.errors import ClientError
 from robotapp_api.model.names import PodReason
 from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.cycle import SchedulerCore

@@ -8,7 +8,7 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
-from robotapp_api.client.errors import ClientError
+from robotapp_api.client.transport.errors import ClientError
 from robotapp_api.model.names import EventReason, PodReason
 from robotapp_scheduler.core.changes import Event
 from robotapp_scheduler.core.cycle import SchedulerCore

@@ -12,10 +12,10 @@ from pathlib import Path
 
 from robotapp_api.claiming.sweeper import PENDING_S, Sweeper
 from robotapp_api.client.api import ApiClient, Json
-from robotapp_api.client.dialing import handle_loop_error
 from robotapp_api.client.events import reference
 from robotapp_api.client.lease import LeaderElection, candidate_identity
-from robotapp_api.client.login import load as login
+from robotapp_api.client.transport.connect import handle_loop_error
+from robotapp_api.client.transport.kubeconfig import load as login
 from robotapp_api.model.names import SCHEDULER_MANAGER, EventReason
 from robotapp_scheduler import config as configuration
 from robotapp_scheduler.config import ConfigError, SchedulerConfig

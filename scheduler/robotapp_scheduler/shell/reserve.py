@@ -26,8 +26,8 @@ from robotapp_api.claims.objects import Claim, Holder, Meta, PodSpec, PodStatus,
 from robotapp_api.claims.objects import Pod as ClaimPod
 from robotapp_api.client.api import ApiClient
 from robotapp_api.client.at_once import at_once
-from robotapp_api.client.errors import ClientError
 from robotapp_api.client.resources import DOMAINPOOLS, PODS
+from robotapp_api.client.transport.errors import ClientError
 from robotapp_api.model.names import GRANTED_PREFIX, Label, PodReason, Reason
 from robotapp_scheduler.core.devices import DeviceGrant
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo

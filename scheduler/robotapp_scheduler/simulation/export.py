@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from robotapp_api.client.api import ApiClient
-from robotapp_api.client.errors import ClientError, NotFound
-from robotapp_api.client.login import default_kubeconfigs, load
+from robotapp_api.client.transport.errors import ClientError, NotFound
+from robotapp_api.client.transport.kubeconfig import default_kubeconfigs, load
 from robotapp_scheduler.simulation.dump import encode
 from robotapp_scheduler.simulation.kinds import resources
 

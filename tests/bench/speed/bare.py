@@ -20,11 +20,11 @@ from tests.bench.speed.workloads import ROLE, SCHEDULER, filler_name
 
 from robotapp_api.client.api import ApiClient
 from robotapp_api.client.apply import STRATEGIC
-from robotapp_api.client.errors import NotFound
-from robotapp_api.client.login import load as login
 from robotapp_api.client.reflector import Change, Reflector
 from robotapp_api.client.resources import EVENTS, LEASES, NODES, PODS
 from robotapp_api.client.times import micro_time, utc_now, whole_seconds
+from robotapp_api.client.transport.errors import NotFound
+from robotapp_api.client.transport.kubeconfig import load as login
 
 WORKERS = 32
 LEASE_POLL_S = 0.05

@@ -12,8 +12,8 @@ import yaml
 from tests.bench.speed.workloads import Workload
 
 from robotapp_api.client.api import ApiClient
-from robotapp_api.client.errors import NotFound
 from robotapp_api.client.resources import LEASES
+from robotapp_api.client.transport.errors import NotFound
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.assets import Assets
 from robotapp_testbed.process import Process

@@ -21,8 +21,8 @@ from tests.bench.speed.workloads import (
 )
 
 from robotapp_api.client.api import ApiClient
-from robotapp_api.client.errors import NotFound
 from robotapp_api.client.resources import NAMESPACES, NODES, PODS, SERVICES, Resource
+from robotapp_api.client.transport.errors import NotFound
 
 NAMESPACE = "bench"
 PRIORITYCLASSES = Resource("scheduling.k8s.io", "v1", "priorityclasses", "PriorityClass", namespaced=False)

@@ -15,8 +15,8 @@ from robotapp_agent.report.clock_offset import ClockOffset
 from robotapp_agent.shell.api_writer import ApiWriter
 from robotapp_agent.shell.own_node import OwnNode
 from robotapp_api.client import ApiClient, load
-from robotapp_api.client.errors import NotFound
 from robotapp_api.client.resources import NODES, NODETELEMETRIES
+from robotapp_api.client.transport.errors import NotFound
 
 
 @dataclass

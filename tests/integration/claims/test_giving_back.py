@@ -13,8 +13,8 @@ from robotapp_api.claiming.sweeper import PENDING_S
 from robotapp_api.claims.device import chosen
 from robotapp_api.claims.objects import Pod
 from robotapp_api.client.apply import STRATEGIC
-from robotapp_api.client.errors import Conflict
 from robotapp_api.client.resources import PODS
+from robotapp_api.client.transport.errors import Conflict
 
 pytestmark = pytest.mark.live
 

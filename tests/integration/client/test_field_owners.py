@@ -9,8 +9,8 @@ from tests.support.clients import client_for, configmap
 
 from robotapp_api.client import ApiError, Conflict, Invalid, NotFound
 from robotapp_api.client.apply import JSON_PATCH, STRATEGIC, encode
-from robotapp_api.client.errors import means_another
 from robotapp_api.client.resources import CONFIGMAPS, DEPLOYMENTS, DOMAINPOOLS, PODS
+from robotapp_api.client.transport.errors import means_another
 
 OTHER = "somebody-else"
 ANOTHER = "6f0ac4cb-0000-0000-0000-000000000000"

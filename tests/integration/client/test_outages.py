@@ -10,9 +10,9 @@ from tests.support.proxy import FaultProxy
 
 from robotapp_api.client import ApiClient, Change, Forbidden, Reflector, Unauthorized, Unreachable, load
 from robotapp_api.client.backoff import Backoff
-from robotapp_api.client.credentials import Credentials
-from robotapp_api.client.login import Endpoint
 from robotapp_api.client.resources import CONFIGMAPS
+from robotapp_api.client.transport.credentials import Credentials
+from robotapp_api.client.transport.kubeconfig import Endpoint
 from robotapp_testbed import ControlPlane
 
 pytestmark = pytest.mark.live

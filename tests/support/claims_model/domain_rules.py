@@ -16,7 +16,7 @@ from robotapp_api.claims.domain import DomainPlan, DomainRequest
 from robotapp_api.claims.identity import Found, domain_spec, id_order, same_tuple
 from robotapp_api.claims.objects import App, AppSpec, Claim, Deployment, Holder, Meta, Pod, ReplicaSet, Ros2
 from robotapp_api.claims.release import Release
-from robotapp_api.client.errors import ApiError, Forbidden, means_gone
+from robotapp_api.client.transport.errors import ApiError, Forbidden, means_gone
 
 AUTO = 99
 """An app that takes any id."""

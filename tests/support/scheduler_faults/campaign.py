@@ -21,9 +21,9 @@ from tests.support.scheduler_faults.observer import CPU_LABEL, Observer
 from tests.support.scheduler_faults.run import Plan, Run
 
 from robotapp_api.client.api import ApiClient
-from robotapp_api.client.errors import ApiError, ClientError, NotFound, Unreachable
-from robotapp_api.client.login import load as login
 from robotapp_api.client.resources import NAMESPACES, NODES, PODS
+from robotapp_api.client.transport.errors import ApiError, ClientError, NotFound, Unreachable
+from robotapp_api.client.transport.kubeconfig import load as login
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.process import Process
 from robotapp_testbed.product import install, start_scheduler

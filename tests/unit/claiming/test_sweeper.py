@@ -10,12 +10,12 @@ from tests.support.clients import until
 from tests.support.sweep_world import World, refuse
 
 from robotapp_api.claiming.sweeper import PAUSE_S, Sweeper, pause_s
-from robotapp_api.client.errors import Forbidden, NotFound, ServerError, TooManyRequests, Unreachable
 from robotapp_api.client.resources import (
     DOMAINPOOLS,
     ROBOTAPPS,
     ROBOTCLAIMS,
 )
+from robotapp_api.client.transport.errors import Forbidden, NotFound, ServerError, TooManyRequests, Unreachable
 
 
 @pytest.mark.parametrize("what", ["list robotclaims", "list deployments", "list replicasets", "list pods"])

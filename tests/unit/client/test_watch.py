@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.scripted import bookmark, error_event, event, item
 
-from robotapp_api.client.errors import Gone, ServerError, Unreachable
+from robotapp_api.client.transport.errors import Gone, ServerError, Unreachable
 from robotapp_api.client.versions import managed
 from robotapp_api.client.watch import BOOKMARK, Identity, Lines, WatchDecoder, shallow
 

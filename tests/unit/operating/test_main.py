@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from robotapp_api.client.login import Endpoint
+from robotapp_api.client.transport.kubeconfig import Endpoint
 from robotapp_operator.main import main, run
 from robotapp_operator.settings import Settings
 

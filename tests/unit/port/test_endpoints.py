@@ -10,7 +10,7 @@ import pytest
 from prometheus_client import CollectorRegistry
 from tests.support.scheduling import Clock
 
-from robotapp_api.client.errors import Unreachable
+from robotapp_api.client.transport.errors import Unreachable
 from robotapp_api.serving.access import Access, Caller
 from robotapp_api.serving.port import opened
 from robotapp_scheduler.config import built_in

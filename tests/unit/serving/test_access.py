@@ -3,7 +3,7 @@ from typing import Any
 import pytest
 from tests.support.scripted_client import ScriptedClient
 
-from robotapp_api.client.errors import Unreachable
+from robotapp_api.client.transport.errors import Unreachable
 from robotapp_api.serving.access import REMEMBER_S, Access, Caller, Gatekeeper, User, certified
 
 USER = {"username": "eve", "uid": "1", "groups": ["devs"], "extra": {"k": ["v"]}}

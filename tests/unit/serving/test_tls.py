@@ -12,7 +12,7 @@ from aiohttp import web
 from tests.support.certificates import Authority
 from tests.support.scripted_client import ScriptedClient
 
-from robotapp_api.client.errors import Forbidden, LoginError
+from robotapp_api.client.transport.errors import Forbidden, LoginError
 from robotapp_api.serving.pages import caller
 from robotapp_api.serving.tls import TlsPort, client_authorities
 

@@ -9,7 +9,7 @@ from tests.support.scheduling import make_node
 from tests.support.scripted_client import ScriptedClient
 from tests.support.volumes import make_claim, make_volume, mounting
 
-from robotapp_api.client.errors import Conflict
+from robotapp_api.client.transport.errors import Conflict
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.volumes import VolumePlan
 from robotapp_scheduler.shell.volume_writes import VolumeWriter, claim_patch, volume_patch

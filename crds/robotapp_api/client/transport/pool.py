@@ -6,9 +6,9 @@ from collections import deque
 from collections.abc import Callable
 from typing import Final
 
-from robotapp_api.client.dialing import CLOSE_S, GRAIN_S, Dialer, NotSentError
-from robotapp_api.client.login import Endpoint
-from robotapp_api.client.wire import Answer, Connection, Exchange, Outcome, Permitted, always
+from robotapp_api.client.transport.connect import CLOSE_S, GRAIN_S, Dialer, NotSentError
+from robotapp_api.client.transport.http11 import Answer, Connection, Exchange, Outcome, Permitted, always
+from robotapp_api.client.transport.kubeconfig import Endpoint
 
 KEEPALIVE_S: Final = 60.0
 """Idle connections are dropped before the server (Go: 90 s and more) closes them under a request."""

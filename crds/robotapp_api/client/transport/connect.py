@@ -7,8 +7,8 @@ from collections.abc import Callable
 from typing import Any, Final, TypeVar, cast
 from urllib.parse import urlsplit
 
-from robotapp_api.client.login import Endpoint
-from robotapp_api.client.resuming import Resuming
+from robotapp_api.client.transport.kubeconfig import Endpoint
+from robotapp_api.client.transport.tls_sessions import Resuming
 
 CONNECT_TIMEOUT_S: Final = 5.0
 CLOSE_S: Final = 1.0

@@ -7,12 +7,12 @@ from functools import partial
 from types import TracebackType
 from typing import Final, NamedTuple, Protocol, Self
 
-from robotapp_api.client.connections import Connections
-from robotapp_api.client.dialing import Dialer, NotSentError
-from robotapp_api.client.errors import ClientError, Unreachable
-from robotapp_api.client.login import Endpoint
-from robotapp_api.client.streaming import Streams
-from robotapp_api.client.wire import Answer, BrokenError, Outcome, Permitted, always
+from robotapp_api.client.transport.connect import Dialer, NotSentError
+from robotapp_api.client.transport.errors import ClientError, Unreachable
+from robotapp_api.client.transport.http11 import Answer, BrokenError, Outcome, Permitted, always
+from robotapp_api.client.transport.kubeconfig import Endpoint
+from robotapp_api.client.transport.pool import Connections
+from robotapp_api.client.transport.stream import Streams
 
 SAFE_METHODS: Final = frozenset({"GET", "HEAD"})
 Response = Answer

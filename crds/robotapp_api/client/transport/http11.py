@@ -1,7 +1,7 @@
 """HTTP/1.1 over kept-alive connections of our own: what a scheduler needs to write thousands of bindings per second.
 
 A general client was most of the scheduler's CPU. The bytes of an answer are parsed by httptools (llhttp); ours is only
-who uses which connection when (`connections`). Nothing is ever sent twice.
+who uses which connection when (`pool`). Nothing is ever sent twice.
 """
 
 import asyncio
@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 import httptools
 import msgspec
 
-from robotapp_api.client.dialing import NotSentError, Speaker
+from robotapp_api.client.transport.connect import NotSentError, Speaker
 
 Permitted = Callable[[], bool]
 

@@ -11,9 +11,9 @@ from tests.support.certificates import Authority
 from tests.support.clients import until
 
 from robotapp_api.client import Endpoint
-from robotapp_api.client.dialing import Dialer
-from robotapp_api.client.resuming import Resuming, resuming
-from robotapp_api.client.wire import Answer, Connection, Exchange, Outcome
+from robotapp_api.client.transport.connect import Dialer
+from robotapp_api.client.transport.http11 import Answer, Connection, Exchange, Outcome
+from robotapp_api.client.transport.tls_sessions import Resuming, resuming
 
 ANSWER = b"HTTP/1.1 200 OK\r\nContent-Length: 0\r\n\r\n"
 

@@ -5,7 +5,7 @@ A list page of full ConfigMaps may be 500 MiB; the metadata of the same page are
 
 from typing import Final
 
-from robotapp_api.client.transport import HttpTransport
+from robotapp_api.client.transport.http_transport import HttpTransport
 
 _AS: Final = "application/json;g=meta.k8s.io;v=v1;as="
 _ONE: Final = f"{_AS}PartialObjectMetadata"

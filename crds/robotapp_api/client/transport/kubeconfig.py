@@ -15,9 +15,9 @@ from typing import Any
 
 import yaml
 
-from robotapp_api.client.credentials import Credentials, ExecPlugin, file_source, load_pair
-from robotapp_api.client.errors import LoginError
-from robotapp_api.client.resuming import resuming
+from robotapp_api.client.transport.credentials import Credentials, ExecPlugin, file_source, load_pair
+from robotapp_api.client.transport.errors import LoginError
+from robotapp_api.client.transport.tls_sessions import resuming
 
 SERVICE_ACCOUNT = Path("/var/run/secrets/kubernetes.io/serviceaccount")
 

@@ -14,7 +14,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from robotapp_api.client.errors import LoginError
+from robotapp_api.client.transport.errors import LoginError
 
 FILE_PERIOD_S = 60.0
 """Projected tokens are rewritten when 20 % of their life is left; a minute of delay never meets an expired one."""

@@ -14,10 +14,10 @@ import pytest
 import yaml
 from tests.support.clients import FakeTime
 
-from robotapp_api.client.credentials import Credentials, ExecPlugin, Token, file_source
-from robotapp_api.client.errors import LoginError
-from robotapp_api.client.login import default_kubeconfigs, load
-from robotapp_api.client.resuming import Resuming
+from robotapp_api.client.transport.credentials import Credentials, ExecPlugin, Token, file_source
+from robotapp_api.client.transport.errors import LoginError
+from robotapp_api.client.transport.kubeconfig import default_kubeconfigs, load
+from robotapp_api.client.transport.tls_sessions import Resuming
 
 
 @pytest.fixture(scope="module")

@@ -11,9 +11,9 @@ from typing import Final
 
 import httptools
 
-from robotapp_api.client.dialing import CONNECT_TIMEOUT_S, GRAIN_S, Dialer, NotSentError, Speaker
-from robotapp_api.client.errors import Silent, Unreachable
-from robotapp_api.client.wire import Headers
+from robotapp_api.client.transport.connect import CONNECT_TIMEOUT_S, GRAIN_S, Dialer, NotSentError, Speaker
+from robotapp_api.client.transport.errors import Silent, Unreachable
+from robotapp_api.client.transport.http11 import Headers
 
 FULL_BYTES: Final = 8 * 2**20
 """The server waits while we have not taken as much as this."""

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from robotapp_api.client import dialing
-from robotapp_api.client.dialing import Dialer, handle_loop_error
-from robotapp_api.client.login import Endpoint
+from robotapp_api.client.transport import connect
+from robotapp_api.client.transport.connect import Dialer, handle_loop_error
+from robotapp_api.client.transport.kubeconfig import Endpoint
 
 
 class Speaker:
@@ -39,8 +39,8 @@ async def test_a_handshake_that_outlasts_who_broke_it_off_is_ended_without_a_wor
             raise ConnectionResetError
         return None, speaker
 
-    monkeypatch.setattr(dialing, "CLOSE_S", 0.0)
-    monkeypatch.setattr(dialing, "_connected_socket", connected)
+    monkeypatch.setattr(connect, "CLOSE_S", 0.0)
+    monkeypatch.setattr(connect, "_connected_socket", connected)
     monkeypatch.setattr(loop, "create_connection", create_connection)
     loop.set_exception_handler(lambda _, context: reported.append(context))
     dialer = Dialer(Endpoint("http://server.example"))
