@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from robotapp_api.client.resources import EVENTS, ROBOTAPPS
+from robotapp_api.client.api.resources import EVENTS, ROBOTAPPS
 from robotapp_api.model.names import Condition, Phase
 from robotapp_cli.fields import Json, age, elapsed, meta, milliseconds, plain, short_ms, status
 from robotapp_cli.instances import Instance, chosen, in_full, instances_of

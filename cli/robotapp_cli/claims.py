@@ -4,7 +4,7 @@ import msgspec
 
 from robotapp_api.claims.fullness import fullness
 from robotapp_api.claims.objects import Claim, Pool
-from robotapp_api.client.resources import DOMAINPOOLS, ROBOTCLAIMS
+from robotapp_api.client.api.resources import DOMAINPOOLS, ROBOTCLAIMS
 from robotapp_cli.devices import holder_of
 from robotapp_cli.fields import Json, age, meta, plain, status
 from robotapp_cli.output import Output, blank_line, console, print_table, write_structured

@@ -7,8 +7,8 @@ from typing import Any, Final
 
 import typer
 
-from robotapp_api.client.api import ApiClient
-from robotapp_api.client.resources import ROBOTAPPINSTANCES, ROBOTAPPS, Resource
+from robotapp_api.client.api.client import ApiClient
+from robotapp_api.client.api.resources import ROBOTAPPINSTANCES, ROBOTAPPS, Resource
 from robotapp_api.client.transport.errors import ClientError
 from robotapp_api.model.names import Label
 from robotapp_cli.fields import Json, meta

@@ -7,7 +7,7 @@ from typing import Final
 
 import msgspec
 
-from robotapp_api.client.resources import PODS, ROBOTAPPS
+from robotapp_api.client.api.resources import PODS, ROBOTAPPS
 from robotapp_api.model.names import SYSTEM_NAMESPACE, Condition, Label, PodReason
 from robotapp_cli.apps import print_edges
 from robotapp_cli.failures import CliError, Exit

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from robotapp_api.client.resources import ROBOTAPPINSTANCES
+from robotapp_api.client.api.resources import ROBOTAPPINSTANCES
 from robotapp_api.model.names import Condition, Label, Phase
 from robotapp_cli.failures import CliError, Exit
 from robotapp_cli.fields import Json, condition, meta, status

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 import msgspec
 
 from robotapp_api.claims.instances import primary_node
-from robotapp_api.client.resources import NODES, NODETELEMETRIES, ROBOTCLAIMS
+from robotapp_api.client.api.resources import NODES, NODETELEMETRIES, ROBOTCLAIMS
 from robotapp_api.model.names import Label
 from robotapp_api.values.round_trips import RoundTrips, Rtt
 from robotapp_cli.devices import NodeDevice, devices_of

@@ -11,7 +11,7 @@ from typing import Final
 
 import yaml
 
-from robotapp_api.client.resources import CONFIGMAPS, DEPLOYMENTS, ROBOTAPPS, SERVICES
+from robotapp_api.client.api.resources import CONFIGMAPS, DEPLOYMENTS, ROBOTAPPS, SERVICES
 from robotapp_api.model.names import API_VERSION, Label
 from robotapp_api.values.arguments import is_name, not_a_name
 from robotapp_cli.failures import CliError, Exit

@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 
 import aiohttp
 
-from robotapp_api.client.resources import LEASES, PODS
+from robotapp_api.client.api.resources import LEASES, PODS
 from robotapp_api.client.transport.errors import ApiError
 from robotapp_cli.fields import Json, meta, status
 from robotapp_cli.session import Session, endpoint

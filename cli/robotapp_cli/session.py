@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from robotapp_api.client.api import ApiClient
+from robotapp_api.client.api.client import ApiClient
 from robotapp_api.client.transport.errors import ClientError
 from robotapp_api.client.transport.kubeconfig import Endpoint, default_kubeconfigs, load
 from robotapp_api.values.arguments import is_name

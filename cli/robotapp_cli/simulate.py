@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from robotapp_api.client.resources import Resource
+from robotapp_api.client.api.resources import Resource
 from robotapp_api.client.transport.errors import NotFound
 from robotapp_api.model.names import SYSTEM_NAMESPACE
 from robotapp_cli.failures import CliError, Exit

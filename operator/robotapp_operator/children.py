@@ -18,7 +18,7 @@ from robotapp_api.claims.identity import holder_of_app
 from robotapp_api.claims.instances import Instance, robot_of
 from robotapp_api.claims.objects import Deployment as ClaimsDeployment
 from robotapp_api.client import ApiClient, NotFound
-from robotapp_api.client.resources import DEPLOYMENTS, NODES, ROBOTAPPS, SERVICES
+from robotapp_api.client.api.resources import DEPLOYMENTS, NODES, ROBOTAPPS, SERVICES
 from robotapp_api.client.transport.errors import means_gone
 from robotapp_api.model.names import Label, Reason
 from robotapp_operator.cache import Cache

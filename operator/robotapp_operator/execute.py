@@ -12,9 +12,9 @@ import msgspec
 
 from robotapp_api.claims.domain import Fence
 from robotapp_api.client import AlreadyExists, ApiClient, ApiError, Conflict, Forbidden, Invalid, NotFound
-from robotapp_api.client.api import JsonPatch
-from robotapp_api.client.apply import JSON_PATCH
-from robotapp_api.client.resources import DEPLOYMENTS, SERVICES, Resource
+from robotapp_api.client.api.bodies import JSON_PATCH
+from robotapp_api.client.api.client import JsonPatch
+from robotapp_api.client.api.resources import DEPLOYMENTS, SERVICES, Resource
 from robotapp_api.model.names import OPERATOR_MANAGER, Reason
 from robotapp_operator.plan.changes import Change, Observed, Plan, ref_of
 from robotapp_operator.plan.children import DEPLOYMENT, SERVICE

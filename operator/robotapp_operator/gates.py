@@ -5,7 +5,7 @@ from typing import Final
 from robotapp_api.claiming.bind_check import check_bind
 from robotapp_api.claims.objects import Pod as ClaimsPod
 from robotapp_api.client import ApiClient, Conflict, NotFound
-from robotapp_api.client.resources import PODS
+from robotapp_api.client.api.resources import PODS
 from robotapp_api.client.transport.errors import means_gone
 from robotapp_api.model.names import SCHEDULING_GATE
 from robotapp_operator.cache import Cache

@@ -15,7 +15,7 @@ from robotapp_api.claims.objects import App as ClaimsApp
 from robotapp_api.claims.objects import Claim
 from robotapp_api.claims.release import claims_domain, wanted_claim
 from robotapp_api.claims.share import AppKey, Join, claim_to_join, owner_of
-from robotapp_api.client.times import whole_seconds
+from robotapp_api.client.api.times import whole_seconds
 from robotapp_api.model.names import Label, Reason
 from robotapp_api.values.ranges import parse_ids
 from robotapp_api.values.tiers import ROBOT

@@ -5,8 +5,9 @@ from typing import Any, Final
 
 from robotapp_api.claims.instances import ANY
 from robotapp_api.claims.objects import Claim, Pool
-from robotapp_api.client import ApiClient, Change, Reflector, resources
-from robotapp_api.client.resources import Resource
+from robotapp_api.client import ApiClient, Change, Reflector
+from robotapp_api.client.api import resources
+from robotapp_api.client.api.resources import Resource
 from robotapp_api.model.names import SCHEDULER_NAME, SCHEDULING_GATE, THESIS_SCHEDULER_NAME, Label
 from robotapp_operator.cache import Cache, Index, InstanceKey
 from robotapp_operator.keys import Work, namespace_group, pool_group

@@ -12,8 +12,8 @@ from typing import Any, Final
 import msgspec
 
 from robotapp_api.client import AlreadyExists, ApiClient, Conflict, NotFound
-from robotapp_api.client.resources import ROBOTAPPINSTANCES, ROBOTAPPS
-from robotapp_api.client.times import whole_seconds
+from robotapp_api.client.api.resources import ROBOTAPPINSTANCES, ROBOTAPPS
+from robotapp_api.client.api.times import whole_seconds
 from robotapp_api.client.transport.errors import means_gone
 from robotapp_operator.cache import Cache
 from robotapp_operator.gather import instances_by_name

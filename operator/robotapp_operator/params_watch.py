@@ -14,7 +14,7 @@ from typing import Final
 import msgspec
 
 from robotapp_api.client import ApiClient, Change, NotFound, Reflector
-from robotapp_api.client.resources import CONFIGMAPS
+from robotapp_api.client.api.resources import CONFIGMAPS
 from robotapp_api.client.transport.errors import ClientError
 from robotapp_api.client.transport.metadata import MetadataTransport
 from robotapp_api.model.names import OPERATOR_MANAGER

@@ -8,8 +8,8 @@ from typing import Any
 from robotapp_api.claims.fullness import fullness
 from robotapp_api.claims.objects import Pool
 from robotapp_api.client import ApiClient, Conflict, NotFound
-from robotapp_api.client.resources import DOMAINPOOLS
-from robotapp_api.client.times import whole_seconds
+from robotapp_api.client.api.resources import DOMAINPOOLS
+from robotapp_api.client.api.times import whole_seconds
 from robotapp_api.model.conditions import condition
 from robotapp_api.model.names import PoolCondition, PoolReason
 from robotapp_operator.cache import Cache

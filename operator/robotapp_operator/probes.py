@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from robotapp_api.client import ApiClient, NotFound
-from robotapp_api.client.resources import NODETELEMETRIES
+from robotapp_api.client.api.resources import NODETELEMETRIES
 from robotapp_api.model.names import ROBOT_END, Label
 from robotapp_api.model.telemetry import node_owner
 from robotapp_operator.cache import Cache

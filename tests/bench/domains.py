@@ -26,7 +26,7 @@ from robotapp_api.claiming.domains import ensure_pod_domain
 from robotapp_api.claiming.writes import create_claim
 from robotapp_api.claims.identity import claim_name, domain_spec
 from robotapp_api.claims.objects import ClaimSpec
-from robotapp_api.client.resources import NODES, PODS, ROBOTCLAIMS
+from robotapp_api.client.api.resources import NODES, PODS, ROBOTCLAIMS
 from robotapp_api.model.names import Annotation
 from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.pods import PodInfo

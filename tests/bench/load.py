@@ -7,8 +7,8 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from robotapp_api.client.api import ApiClient, with_query
-from robotapp_api.client.resources import EVENTS, PODS, Resource
+from robotapp_api.client.api.client import ApiClient, with_query
+from robotapp_api.client.api.resources import EVENTS, PODS, Resource
 from robotapp_api.client.transport.errors import AlreadyExists
 
 T = TypeVar("T")

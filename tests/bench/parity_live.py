@@ -26,8 +26,8 @@ from tests.support.cluster_cases import FAMILIES, Case, seeded_case
 from tests.support.cluster_cases.regressions import regressions
 from tests.support.cluster_cases.shrinking import reduction
 
-from robotapp_api.client.api import ApiClient
-from robotapp_api.client.resources import NODETELEMETRIES
+from robotapp_api.client.api.client import ApiClient
+from robotapp_api.client.api.resources import NODETELEMETRIES
 from robotapp_api.client.transport.errors import BadRequest, Forbidden, Invalid
 from robotapp_api.client.transport.kubeconfig import load as login
 from robotapp_testbed import ControlPlane

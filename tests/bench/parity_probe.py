@@ -18,9 +18,9 @@ from tests.bench.parity_verdict import FOUND, Verdict
 from tests.support.cluster_cases import Case
 from tests.support.watching import Watching
 
-from robotapp_api.client.api import ApiClient
+from robotapp_api.client.api.client import ApiClient
+from robotapp_api.client.api.resources import PODS
 from robotapp_api.client.reflector import Change, Reflector
-from robotapp_api.client.resources import PODS
 from robotapp_api.client.transport.errors import NotFound
 from robotapp_testbed.process import Process
 

@@ -11,8 +11,8 @@ from typing import Any, Final
 import msgspec
 from tests.support.cluster_cases import Case
 
-from robotapp_api.client.api import ApiClient
-from robotapp_api.client.resources import (
+from robotapp_api.client.api.client import ApiClient
+from robotapp_api.client.api.resources import (
     CSIDRIVERS,
     CSINODES,
     CSISTORAGECAPACITIES,

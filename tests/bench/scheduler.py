@@ -33,7 +33,7 @@ from tests.bench.speed.run import Case, Rates, Run, pods_for
 from tests.bench.speed.scenery import Scenery, Size
 from tests.bench.speed.workloads import WORKLOADS, Workload
 
-from robotapp_api.client.api import ApiClient
+from robotapp_api.client.api.client import ApiClient
 from robotapp_api.client.transport.kubeconfig import load as login
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.product import install

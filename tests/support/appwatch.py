@@ -11,7 +11,7 @@ from typing import Any, Self
 from tests.support.watching import running
 
 from robotapp_api.client import ApiClient, Change, Reflector, load
-from robotapp_api.client.resources import ROBOTAPPS
+from robotapp_api.client.api.resources import ROBOTAPPS
 
 App = Mapping[str, Any]
 

@@ -21,7 +21,7 @@ from robotapp_api.claims.domain import DomainOutcome, DomainRequest
 from robotapp_api.claims.identity import holder_of_app
 from robotapp_api.claims.objects import Claim, Holder
 from robotapp_api.client import ApiClient, load
-from robotapp_api.client.resources import DEPLOYMENTS, DOMAINPOOLS, PODS, ROBOTAPPS, ROBOTCLAIMS
+from robotapp_api.client.api.resources import DEPLOYMENTS, DOMAINPOOLS, PODS, ROBOTAPPS, ROBOTCLAIMS
 from robotapp_testbed import ControlPlane
 
 Json = dict[str, Any]

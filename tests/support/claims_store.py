@@ -11,9 +11,9 @@ from typing import Any
 
 import msgspec
 
-from robotapp_api.client.api import Json, Listing
-from robotapp_api.client.apply import STRATEGIC
-from robotapp_api.client.resources import ROBOTCLAIMS, Resource
+from robotapp_api.client.api.bodies import STRATEGIC
+from robotapp_api.client.api.client import Json, Listing
+from robotapp_api.client.api.resources import ROBOTCLAIMS, Resource
 from robotapp_api.client.transport.errors import AlreadyExists, Conflict, Forbidden, NotFound
 
 Key = tuple[str, str, str]

@@ -22,7 +22,7 @@ from robotapp_api.claiming.sweeper import Sweeper
 from robotapp_api.claims.domain import DomainRequest
 from robotapp_api.claims.objects import Claim, Pod
 from robotapp_api.claims.usage import named_ids
-from robotapp_api.client.resources import DEPLOYMENTS, DOMAINPOOLS, NODES, PODS, REPLICASETS, ROBOTAPPS, ROBOTCLAIMS
+from robotapp_api.client.api.resources import DEPLOYMENTS, DOMAINPOOLS, NODES, PODS, REPLICASETS, ROBOTAPPS, ROBOTCLAIMS
 from robotapp_api.client.transport.errors import ApiError, Unreachable
 from robotapp_api.values.ranges import parse_ids
 

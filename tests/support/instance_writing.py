@@ -9,7 +9,7 @@ from tests.support.factories import app_body
 
 from robotapp_api.claims.domain import DomainOutcome
 from robotapp_api.client import ApiClient
-from robotapp_api.client.resources import ROBOTAPPINSTANCES, ROBOTAPPS
+from robotapp_api.client.api.resources import ROBOTAPPINSTANCES, ROBOTAPPS
 from robotapp_api.model.instance import RobotAppInstance
 from robotapp_api.model.names import Reason
 from robotapp_operator.cache import Cache

@@ -11,8 +11,8 @@ from tests.support.clients import client_for, until
 from tests.support.scripted import Play, ScriptedServer
 
 from robotapp_api.client import Change, Reflector
-from robotapp_api.client.backoff import Backoff
-from robotapp_api.client.resources import CONFIGMAPS
+from robotapp_api.client.api.backoff import Backoff
+from robotapp_api.client.api.resources import CONFIGMAPS
 
 
 @dataclass

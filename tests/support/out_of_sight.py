@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from tests.support.live import Tenant, eventually
 
-from robotapp_api.client.times import utc_now, whole_seconds
+from robotapp_api.client.api.times import utc_now, whole_seconds
 from robotapp_api.model.names import Label
 from robotapp_testbed import ControlPlane, topology
 from robotapp_testbed.components import SIMULATED_BY_KWOK

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from robotapp_api.client.resources import Resource
+from robotapp_api.client.api.resources import Resource
 from robotapp_api.client.transport.errors import ClientError, Unreachable
 
 Answer = Any

@@ -12,7 +12,7 @@ from robotapp_api.claims.device import chosen
 from robotapp_api.claims.domain import DomainRequest
 from robotapp_api.claims.objects import Holder
 from robotapp_api.claims.repair import ClaimConflict
-from robotapp_api.client.resources import (
+from robotapp_api.client.api.resources import (
     DOMAINPOOLS,
     ROBOTAPPS,
     ROBOTCLAIMS,

@@ -9,9 +9,9 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from robotapp_api.client.api import ApiClient, Page, decoder, with_query
-from robotapp_api.client.backoff import Backoff
-from robotapp_api.client.resources import ENDPOINTSLICES
+from robotapp_api.client.api.backoff import Backoff
+from robotapp_api.client.api.client import ApiClient, Page, decoder, with_query
+from robotapp_api.client.api.resources import ENDPOINTSLICES
 from robotapp_api.client.transport.errors import ClientError
 
 log = logging.getLogger(__name__)

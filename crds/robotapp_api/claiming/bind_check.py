@@ -12,7 +12,7 @@ from robotapp_api.claims.bind import ALLOWED, BindVerdict, bind_verdict, needs_c
 from robotapp_api.claims.objects import App, Claim, Pod
 from robotapp_api.claims.release import joined
 from robotapp_api.claims.usage import named_ids
-from robotapp_api.client.at_once import at_once
+from robotapp_api.client.api.parallelize import at_once
 from robotapp_api.model.names import Annotation, Label
 from robotapp_api.values.ranges import parse_ids
 

@@ -13,7 +13,7 @@ from robotapp_api.claiming.writes import Api, Refused, delete_claim
 from robotapp_api.claims.device import Chosen
 from robotapp_api.claims.identity import holder_of_pod, shared_devices, shown_name
 from robotapp_api.claims.objects import Holder, Pod
-from robotapp_api.client.resources import PODS
+from robotapp_api.client.api.resources import PODS
 from robotapp_api.model.names import Reason
 
 WAITS_S: Final = (0.02, 0.05, 0.1, 0.2, 0.4)

@@ -12,7 +12,7 @@ from robotapp_api.claims import domain as rules
 from robotapp_api.claims.domain import DomainOutcome, DomainPlan, DomainRequest
 from robotapp_api.claims.identity import Found, claim_name, same_holder, same_tuple
 from robotapp_api.claims.objects import Claim, Pool
-from robotapp_api.client.resources import ROBOTCLAIMS
+from robotapp_api.client.api.resources import ROBOTCLAIMS
 from robotapp_api.model.names import Reason
 
 LIST_AFTER_CONFLICTS: Final = 3

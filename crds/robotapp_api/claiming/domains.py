@@ -14,7 +14,7 @@ from robotapp_api.claims.objects import App, Claim, Deployment, Holder, Pool
 from robotapp_api.claims.release import claims_domain
 from robotapp_api.claims.share import AppKey, Join, claim_to_join, owner_of, waiting_text
 from robotapp_api.claims.usage import deployment_ids, usage_of
-from robotapp_api.client.resources import DEPLOYMENTS, DOMAINPOOLS, ROBOTAPPS, ROBOTCLAIMS
+from robotapp_api.client.api.resources import DEPLOYMENTS, DOMAINPOOLS, ROBOTAPPS, ROBOTCLAIMS
 from robotapp_api.model.names import Label, Reason
 
 RESTARTS: Final = 5

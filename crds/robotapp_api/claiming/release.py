@@ -11,9 +11,9 @@ from typing import Final
 
 from robotapp_api.claiming.writes import Api, Refused, delete_claim
 from robotapp_api.claims.objects import Claim, Pod
-from robotapp_api.client.apply import STRATEGIC
-from robotapp_api.client.resources import PODS
-from robotapp_api.client.times import Now, utc_now, whole_seconds
+from robotapp_api.client.api.bodies import STRATEGIC
+from robotapp_api.client.api.resources import PODS
+from robotapp_api.client.api.times import Now, utc_now, whole_seconds
 from robotapp_api.client.transport.errors import Conflict, NotFound
 
 SECOND: Final = timedelta(seconds=1)

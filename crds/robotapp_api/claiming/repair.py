@@ -19,7 +19,7 @@ from robotapp_api.claims.identity import claim_name, same_holder
 from robotapp_api.claims.objects import App, Claim, Pod, Pool
 from robotapp_api.claims.release import is_gone, joined
 from robotapp_api.claims.repair import ClaimConflict, Missing, conflicts, missing_claims, needed_by, refusal, runs
-from robotapp_api.client.resources import DOMAINPOOLS, PODS, ROBOTCLAIMS
+from robotapp_api.client.api.resources import DOMAINPOOLS, PODS, ROBOTCLAIMS
 from robotapp_api.model.names import Label
 
 log = logging.getLogger(__name__)

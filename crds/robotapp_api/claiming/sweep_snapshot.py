@@ -17,7 +17,7 @@ from robotapp_api.claims.objects import App, Claim, Deployment, Holder, Meta, Ob
 from robotapp_api.claims.release import is_gone, unseen_nodes, wants_domain
 from robotapp_api.claims.repair import asked_places, places_of
 from robotapp_api.claims.usage import Usage, usage_of
-from robotapp_api.client.resources import (
+from robotapp_api.client.api.resources import (
     DEPLOYMENTS,
     DOMAINPOOLS,
     NODES,

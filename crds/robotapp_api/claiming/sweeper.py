@@ -32,8 +32,8 @@ from robotapp_api.claims.objects import App, Claim, Pod
 from robotapp_api.claims.release import Release, is_gone, pod_lost, release_domain
 from robotapp_api.claims.repair import ClaimConflict
 from robotapp_api.claims.usage import Usage
-from robotapp_api.client.at_once import at_once
-from robotapp_api.client.resources import ROBOTAPPS
+from robotapp_api.client.api.parallelize import at_once
+from robotapp_api.client.api.resources import ROBOTAPPS
 from robotapp_api.client.transport.errors import ClientError, describe
 
 

@@ -11,8 +11,8 @@ import msgspec
 from robotapp_api.claims.identity import claim_object
 from robotapp_api.claims.objects import Claim, ClaimSpec
 from robotapp_api.claims.release import preconditions
-from robotapp_api.client.api import Json, Listing
-from robotapp_api.client.resources import ROBOTCLAIMS, Resource
+from robotapp_api.client.api.client import Json, Listing
+from robotapp_api.client.api.resources import ROBOTCLAIMS, Resource
 from robotapp_api.client.transport.errors import AlreadyExists, Conflict, NotFound, means_gone
 from robotapp_api.model.names import API_VERSION, Annotation, ClaimPhase
 

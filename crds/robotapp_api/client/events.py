@@ -13,11 +13,11 @@ from typing import Final
 
 import msgspec
 
-from robotapp_api.client.api import ApiClient, Json
-from robotapp_api.client.apply import encode
-from robotapp_api.client.backoff import Backoff
-from robotapp_api.client.resources import EVENTS
-from robotapp_api.client.times import Now, as_micro_time, micro_time, utc_now
+from robotapp_api.client.api.backoff import Backoff
+from robotapp_api.client.api.bodies import encode
+from robotapp_api.client.api.client import ApiClient, Json
+from robotapp_api.client.api.resources import EVENTS
+from robotapp_api.client.api.times import Now, as_micro_time, micro_time, utc_now
 from robotapp_api.client.transport.errors import (
     AlreadyExists,
     ApiError,

@@ -17,9 +17,9 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-from robotapp_api.client.api import ApiClient, Json
-from robotapp_api.client.resources import LEASES
-from robotapp_api.client.times import Now, micro_time, utc_now
+from robotapp_api.client.api.client import ApiClient, Json
+from robotapp_api.client.api.resources import LEASES
+from robotapp_api.client.api.times import Now, micro_time, utc_now
 from robotapp_api.client.transport.errors import AlreadyExists, ClientError, Conflict, NotFound, describe
 
 log = logging.getLogger(__name__)

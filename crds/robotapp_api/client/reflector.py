@@ -13,9 +13,9 @@ from typing import Any, Final, Generic, TypeVar
 
 import msgspec
 
-from robotapp_api.client.api import ApiClient, with_query
-from robotapp_api.client.backoff import Backoff
-from robotapp_api.client.resources import Resource
+from robotapp_api.client.api.backoff import Backoff
+from robotapp_api.client.api.client import ApiClient, with_query
+from robotapp_api.client.api.resources import Resource
 from robotapp_api.client.transport.errors import (
     ApiError,
     BadRequest,

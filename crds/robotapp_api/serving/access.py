@@ -16,8 +16,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Generic, TypeVar
 
-from robotapp_api.client.api import ApiClient
-from robotapp_api.client.resources import Resource
+from robotapp_api.client.api.client import ApiClient
+from robotapp_api.client.api.resources import Resource
 from robotapp_api.values.buckets import Buckets
 
 TOKEN_REVIEWS = Resource("authentication.k8s.io", "v1", "tokenreviews", "TokenReview", namespaced=False)

@@ -14,8 +14,8 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Final
 
-from robotapp_api.client.api import ApiClient
-from robotapp_api.client.resources import CONFIGMAPS
+from robotapp_api.client.api.client import ApiClient
+from robotapp_api.client.api.resources import CONFIGMAPS
 from robotapp_api.client.transport.credentials import load_pair
 from robotapp_api.client.transport.errors import ClientError, LoginError
 

@@ -16,7 +16,7 @@ from typing import Any, Final
 
 import msgspec
 
-from robotapp_api.client.api import ApiClient
+from robotapp_api.client.api.client import ApiClient
 from robotapp_api.client.transport.errors import LoginError, Unreachable
 from robotapp_api.client.transport.kubeconfig import load as login
 from robotapp_api.model.names import SCHEDULER_MANAGER

@@ -14,8 +14,8 @@ from enum import StrEnum
 
 import msgspec
 
-from robotapp_api.client.api import ApiClient
-from robotapp_api.client.resources import PODS
+from robotapp_api.client.api.client import ApiClient
+from robotapp_api.client.api.resources import PODS
 from robotapp_api.client.transport.errors import (
     ApiError,
     ClientError,

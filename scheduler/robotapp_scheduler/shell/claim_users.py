@@ -6,8 +6,8 @@ finds its own.
 
 import msgspec
 
-from robotapp_api.client.api import ApiClient
-from robotapp_api.client.resources import RESOURCECLAIMS
+from robotapp_api.client.api.client import ApiClient
+from robotapp_api.client.api.resources import RESOURCECLAIMS
 from robotapp_api.client.transport.errors import ClientError, Conflict
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.resource_claims import ResourceClaim, trouble, wanted

@@ -8,9 +8,9 @@ import asyncio
 import logging
 from collections.abc import Awaitable, Callable
 
-from robotapp_api.client.api import ApiClient, Json
-from robotapp_api.client.apply import STRATEGIC
-from robotapp_api.client.resources import PODS
+from robotapp_api.client.api.bodies import STRATEGIC
+from robotapp_api.client.api.client import ApiClient, Json
+from robotapp_api.client.api.resources import PODS
 from robotapp_api.client.transport.errors import ApiError, ClientError, NotFound, may_pass, means_another, means_gone
 from robotapp_api.model.names import EventReason
 from robotapp_scheduler.core.cycle import SchedulerCore

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import msgspec
 
-from robotapp_api.client.times import Now, micro_time, utc_now
+from robotapp_api.client.api.times import Now, micro_time, utc_now
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.explain import Record, as_json
 from robotapp_scheduler.core.objects import Pod

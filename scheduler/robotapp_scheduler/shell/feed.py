@@ -12,14 +12,14 @@ from typing import Any
 
 import msgspec
 
-from robotapp_api.client.api import ApiClient
-from robotapp_api.client.reflector import Change as Seen
-from robotapp_api.client.reflector import Reflector
-from robotapp_api.client.resources import (
+from robotapp_api.client.api.client import ApiClient
+from robotapp_api.client.api.resources import (
     PODS,
     ROBOTAPPS,
     Resource,
 )
+from robotapp_api.client.reflector import Change as Seen
+from robotapp_api.client.reflector import Reflector
 from robotapp_api.client.transport.errors import ClientError, NotFound
 from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.cluster import Cluster

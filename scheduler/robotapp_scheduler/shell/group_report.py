@@ -9,10 +9,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from robotapp_api.client.api import ApiClient
-from robotapp_api.client.apply import STRATEGIC
-from robotapp_api.client.backoff import Backoff
-from robotapp_api.client.resources import WORKLOAD_PODGROUPS
+from robotapp_api.client.api.backoff import Backoff
+from robotapp_api.client.api.bodies import STRATEGIC
+from robotapp_api.client.api.client import ApiClient
+from robotapp_api.client.api.resources import WORKLOAD_PODGROUPS
 from robotapp_api.client.transport.errors import ApiError, ClientError, NotFound, may_pass, means_another
 from robotapp_api.model.names import PodReason
 from robotapp_scheduler.core.decision import Decision

@@ -8,8 +8,8 @@ import asyncio
 import logging
 from typing import Final
 
-from robotapp_api.client.api import ApiClient
-from robotapp_api.client.resources import PODS
+from robotapp_api.client.api.client import ApiClient
+from robotapp_api.client.api.resources import PODS
 from robotapp_api.client.transport.errors import ClientError
 from robotapp_api.model.names import EventReason
 from robotapp_scheduler.core.objects import Pod

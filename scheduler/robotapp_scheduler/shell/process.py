@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from robotapp_api.claiming.sweeper import PENDING_S, Sweeper
-from robotapp_api.client.api import ApiClient, Json
+from robotapp_api.client.api.client import ApiClient, Json
 from robotapp_api.client.events import reference
 from robotapp_api.client.lease import LeaderElection, candidate_identity
 from robotapp_api.client.transport.connect import handle_loop_error

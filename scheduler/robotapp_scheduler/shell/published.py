@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 
-from robotapp_api.client.api import ApiClient
+from robotapp_api.client.api.client import ApiClient
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.shell.domain_claims import DomainClaims
 from robotapp_scheduler.shell.metrics import Metrics

@@ -18,10 +18,10 @@ from typing import Protocol
 
 import msgspec
 
-from robotapp_api.client import times
-from robotapp_api.client.api import ApiClient
-from robotapp_api.client.apply import STRATEGIC
-from robotapp_api.client.resources import PODS
+from robotapp_api.client.api import times
+from robotapp_api.client.api.bodies import STRATEGIC
+from robotapp_api.client.api.client import ApiClient
+from robotapp_api.client.api.resources import PODS
 from robotapp_api.client.transport.errors import ApiError, ClientError, NotFound, may_pass, means_another
 from robotapp_api.model.names import EventReason
 from robotapp_api.values.buckets import Buckets

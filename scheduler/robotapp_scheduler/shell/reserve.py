@@ -24,9 +24,9 @@ from robotapp_api.claims.domain import DomainOutcome, DomainRequest
 from robotapp_api.claims.identity import grants, holder_of_app, holder_of_pod
 from robotapp_api.claims.objects import Claim, Holder, Meta, PodSpec, PodStatus, Pool
 from robotapp_api.claims.objects import Pod as ClaimPod
-from robotapp_api.client.api import ApiClient
-from robotapp_api.client.at_once import at_once
-from robotapp_api.client.resources import DOMAINPOOLS, PODS
+from robotapp_api.client.api.client import ApiClient
+from robotapp_api.client.api.parallelize import at_once
+from robotapp_api.client.api.resources import DOMAINPOOLS, PODS
 from robotapp_api.client.transport.errors import ClientError
 from robotapp_api.model.names import GRANTED_PREFIX, Label, PodReason, Reason
 from robotapp_scheduler.core.devices import DeviceGrant

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from robotapp_api.client.resources import Resource
+from robotapp_api.client.api.resources import Resource
 from robotapp_scheduler.core.changes import Change
 
 

@@ -1,6 +1,6 @@
 """The watched resources of storage and devices. Without pods that claim any they are mirrored and never looked at."""
 
-from robotapp_api.client.resources import (
+from robotapp_api.client.api.resources import (
     CSIDRIVERS,
     CSINODES,
     CSISTORAGECAPACITIES,

@@ -9,8 +9,8 @@ import logging
 from collections.abc import Callable
 from typing import Any
 
-from robotapp_api.client.api import ApiClient
-from robotapp_api.client.resources import PERSISTENTVOLUMECLAIMS, PERSISTENTVOLUMES
+from robotapp_api.client.api.client import ApiClient
+from robotapp_api.client.api.resources import PERSISTENTVOLUMECLAIMS, PERSISTENTVOLUMES
 from robotapp_api.client.transport.errors import ClientError
 from robotapp_api.values.selector import matches_node_terms
 from robotapp_scheduler.core.changes import Change

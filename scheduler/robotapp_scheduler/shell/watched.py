@@ -1,7 +1,7 @@
 """Everything the scheduler looks at, and where it goes: one table for the watches, the export and the simulation."""
 
 from robotapp_api.claims.objects import Claim
-from robotapp_api.client.resources import (
+from robotapp_api.client.api.resources import (
     DEPLOYMENTS,
     NAMESPACES,
     NODES,

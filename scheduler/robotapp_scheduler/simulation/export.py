@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from robotapp_api.client.api import ApiClient
+from robotapp_api.client.api.client import ApiClient
 from robotapp_api.client.transport.errors import ClientError, NotFound
 from robotapp_api.client.transport.kubeconfig import default_kubeconfigs, load
 from robotapp_scheduler.simulation.dump import encode

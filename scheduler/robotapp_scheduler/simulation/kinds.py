@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from robotapp_api.client.resources import PODS, Resource
+from robotapp_api.client.api.resources import PODS, Resource
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.shell.route import Route

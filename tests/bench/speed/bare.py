@@ -18,11 +18,11 @@ import uvloop
 from tests.bench.speed.watches import SeenPod
 from tests.bench.speed.workloads import ROLE, SCHEDULER, filler_name
 
-from robotapp_api.client.api import ApiClient
-from robotapp_api.client.apply import STRATEGIC
+from robotapp_api.client.api.bodies import STRATEGIC
+from robotapp_api.client.api.client import ApiClient
+from robotapp_api.client.api.resources import EVENTS, LEASES, NODES, PODS
+from robotapp_api.client.api.times import micro_time, utc_now, whole_seconds
 from robotapp_api.client.reflector import Change, Reflector
-from robotapp_api.client.resources import EVENTS, LEASES, NODES, PODS
-from robotapp_api.client.times import micro_time, utc_now, whole_seconds
 from robotapp_api.client.transport.errors import NotFound
 from robotapp_api.client.transport.kubeconfig import load as login
 

@@ -11,8 +11,8 @@ from typing import Any
 import yaml
 from tests.bench.speed.workloads import Workload
 
-from robotapp_api.client.api import ApiClient
-from robotapp_api.client.resources import LEASES
+from robotapp_api.client.api.client import ApiClient
+from robotapp_api.client.api.resources import LEASES
 from robotapp_api.client.transport.errors import NotFound
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.assets import Assets

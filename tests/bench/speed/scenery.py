@@ -20,8 +20,8 @@ from tests.bench.speed.workloads import (
     seed,
 )
 
-from robotapp_api.client.api import ApiClient
-from robotapp_api.client.resources import NAMESPACES, NODES, PODS, SERVICES, Resource
+from robotapp_api.client.api.client import ApiClient
+from robotapp_api.client.api.resources import NAMESPACES, NODES, PODS, SERVICES, Resource
 from robotapp_api.client.transport.errors import NotFound
 
 NAMESPACE = "bench"

@@ -8,7 +8,7 @@ from tests.support.agents import CAMERA, readings, status, trip
 from robotapp_agent.devices.device import Device
 from robotapp_agent.report.readings import Battery, Load
 from robotapp_agent.report.status import status_of
-from robotapp_api.client.resources import NODES, NODETELEMETRIES
+from robotapp_api.client.api.resources import NODES, NODETELEMETRIES
 from robotapp_api.client.transport.errors import NotFound
 
 

@@ -14,7 +14,7 @@ from tests.support.clients import client_for
 from robotapp_api.claims.identity import holder_of_app
 from robotapp_api.claims.objects import Holder
 from robotapp_api.client import ApiClient, load
-from robotapp_api.client.resources import DEPLOYMENTS, PODS, ROBOTAPPS
+from robotapp_api.client.api.resources import DEPLOYMENTS, PODS, ROBOTAPPS
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.namespaces import created
 

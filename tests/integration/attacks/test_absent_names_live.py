@@ -9,7 +9,7 @@ import pytest
 from tests.support.clients import until
 
 from robotapp_api.client import ApiClient, Reflector
-from robotapp_api.client.resources import CONFIGMAPS
+from robotapp_api.client.api.resources import CONFIGMAPS
 from robotapp_api.client.transport.kubeconfig import load
 from robotapp_api.client.transport.metadata import MetadataTransport
 from robotapp_testbed import ControlPlane

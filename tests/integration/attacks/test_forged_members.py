@@ -12,7 +12,7 @@ from robotapp_api.claiming.domains import ensure_domain
 from robotapp_api.claiming.sweeper import Sweeper
 from robotapp_api.claims.domain import DomainRequest
 from robotapp_api.claims.repair import ClaimConflict
-from robotapp_api.client.resources import DOMAINPOOLS, PODS, ROBOTCLAIMS
+from robotapp_api.client.api.resources import DOMAINPOOLS, PODS, ROBOTCLAIMS
 from robotapp_api.client.transport.errors import Forbidden
 
 pytestmark = pytest.mark.live

@@ -6,7 +6,7 @@ from tests.support.claims_live import Live
 from robotapp_api.claiming.domains import ensure_domain, ensure_pod_domain
 from robotapp_api.claims.domain import DomainRequest
 from robotapp_api.claims.identity import holder_of_pod
-from robotapp_api.client.resources import DOMAINPOOLS
+from robotapp_api.client.api.resources import DOMAINPOOLS
 from robotapp_api.model.names import Reason
 
 pytestmark = pytest.mark.live

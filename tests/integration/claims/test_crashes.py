@@ -10,7 +10,7 @@ from tests.support.proxy import Fault, FaultProxy, drop, lose_reply
 from robotapp_api.claiming.domains import ensure_domain
 from robotapp_api.claims.domain import DomainRequest
 from robotapp_api.client import ApiClient
-from robotapp_api.client.resources import PODS
+from robotapp_api.client.api.resources import PODS
 from robotapp_api.client.transport.errors import ClientError
 
 pytestmark = pytest.mark.live

@@ -13,7 +13,7 @@ from robotapp_api.claiming.writes import Refused, create_claim, delete_claim, dr
 from robotapp_api.claims.domain import DomainRequest
 from robotapp_api.claims.identity import holder_of_pod
 from robotapp_api.claims.objects import Pod
-from robotapp_api.client.resources import DOMAINPOOLS, PODS, ROBOTCLAIMS
+from robotapp_api.client.api.resources import DOMAINPOOLS, PODS, ROBOTCLAIMS
 from robotapp_api.client.transport.errors import Forbidden, Invalid, Unreachable
 from robotapp_api.model.names import Reason
 

@@ -8,7 +8,7 @@ from robotapp_api.claiming.domains import ensure_domain, find_claim
 from robotapp_api.claiming.writes import drain, touch
 from robotapp_api.claims.domain import DomainOutcome, DomainRequest
 from robotapp_api.claims.objects import Claim
-from robotapp_api.client.resources import PODS, ROBOTCLAIMS
+from robotapp_api.client.api.resources import PODS, ROBOTCLAIMS
 from robotapp_api.model.names import SCHEDULING_GATE
 from robotapp_operator.cache import Cache
 from robotapp_operator.gates import Gates

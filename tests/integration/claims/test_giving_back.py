@@ -12,8 +12,8 @@ from robotapp_api.claiming.release import give_back
 from robotapp_api.claiming.sweeper import PENDING_S
 from robotapp_api.claims.device import chosen
 from robotapp_api.claims.objects import Pod
-from robotapp_api.client.apply import STRATEGIC
-from robotapp_api.client.resources import PODS
+from robotapp_api.client.api.bodies import STRATEGIC
+from robotapp_api.client.api.resources import PODS
 from robotapp_api.client.transport.errors import Conflict
 
 pytestmark = pytest.mark.live

@@ -10,7 +10,7 @@ from robotapp_api.claiming.domains import ensure_domain, find_claim
 from robotapp_api.claiming.sweeper import HANDOVER_S
 from robotapp_api.claims.repair import ClaimConflict
 from robotapp_api.client import load
-from robotapp_api.client.resources import DEPLOYMENTS, PODS, REPLICASETS, ROBOTCLAIMS
+from robotapp_api.client.api.resources import DEPLOYMENTS, PODS, REPLICASETS, ROBOTCLAIMS
 from robotapp_api.client.transport.errors import Conflict, Forbidden
 
 pytestmark = pytest.mark.live

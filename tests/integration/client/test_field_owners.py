@@ -8,8 +8,8 @@ from tests.integration.client.conftest import Place
 from tests.support.clients import client_for, configmap
 
 from robotapp_api.client import ApiError, Conflict, Invalid, NotFound
-from robotapp_api.client.apply import JSON_PATCH, STRATEGIC, encode
-from robotapp_api.client.resources import CONFIGMAPS, DEPLOYMENTS, DOMAINPOOLS, PODS
+from robotapp_api.client.api.bodies import JSON_PATCH, STRATEGIC, encode
+from robotapp_api.client.api.resources import CONFIGMAPS, DEPLOYMENTS, DOMAINPOOLS, PODS
 from robotapp_api.client.transport.errors import means_another
 
 OTHER = "somebody-else"

@@ -8,8 +8,8 @@ from tests.integration.client.test_mirrors import running
 from tests.support.clients import until
 
 from robotapp_api.client import Change, Reflector
-from robotapp_api.client.apply import encode
-from robotapp_api.client.resources import PODS
+from robotapp_api.client.api.bodies import encode
+from robotapp_api.client.api.resources import PODS
 from robotapp_scheduler.core.objects import Pod
 
 

@@ -10,9 +10,9 @@ from tests.integration.client.conftest import Place
 from tests.support.clients import configmap, until
 
 from robotapp_api.client import Change, NotFound, Reflector
+from robotapp_api.client.api.resources import CONFIGMAPS, EVENTS, LEASES
 from robotapp_api.client.events import EventRecorder, reference
 from robotapp_api.client.lease import LeaderElection
-from robotapp_api.client.resources import CONFIGMAPS, EVENTS, LEASES
 
 
 @asynccontextmanager

@@ -9,8 +9,8 @@ from tests.support.clients import client_for, configmap, until
 from tests.support.proxy import FaultProxy
 
 from robotapp_api.client import ApiClient, Change, Forbidden, Reflector, Unauthorized, Unreachable, load
-from robotapp_api.client.backoff import Backoff
-from robotapp_api.client.resources import CONFIGMAPS
+from robotapp_api.client.api.backoff import Backoff
+from robotapp_api.client.api.resources import CONFIGMAPS
 from robotapp_api.client.transport.credentials import Credentials
 from robotapp_api.client.transport.kubeconfig import Endpoint
 from robotapp_testbed import ControlPlane

@@ -20,7 +20,7 @@ from tests.support.watching import running
 from tests.support.work_unit import slowness
 
 from robotapp_api.client import Change, Reflector, load
-from robotapp_api.client.resources import NODETELEMETRIES
+from robotapp_api.client.api.resources import NODETELEMETRIES
 from robotapp_api.values.duration import format_ms
 from robotapp_testbed import components_as_pods, product, wait_until
 from robotapp_testbed.components_as_pods import round_trip

@@ -12,7 +12,7 @@ import pytest
 from tests.support.live import Tenant, eventually, part
 from tests.support.out_of_sight import EVERY_ROBOT, Fleet
 
-from robotapp_api.client.times import utc_now
+from robotapp_api.client.api.times import utc_now
 from robotapp_api.model.names import Annotation, Label
 from robotapp_testbed import ControlPlane, product, topology
 from robotapp_testbed.process import Process

@@ -14,7 +14,7 @@ from robotapp_api.claiming import device_sharing
 from robotapp_api.claiming.devices import Reservation
 from robotapp_api.claiming.sweeper import Sweeper
 from robotapp_api.claims.identity import granted_devices, shared_devices
-from robotapp_api.client.resources import PODS, ROBOTCLAIMS
+from robotapp_api.client.api.resources import PODS, ROBOTCLAIMS
 from robotapp_scheduler.core.devices import Device, DeviceGrant
 from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.pods import PodInfo

@@ -18,7 +18,7 @@ from tests.support import process_use
 from tests.support.certificates import Authority
 from tests.support.free_api.objects import SCHEDULER
 
-from robotapp_api.client.api import ApiClient
+from robotapp_api.client.api.client import ApiClient
 from robotapp_api.client.transport.kubeconfig import load as login
 from robotapp_testbed.process import Process, wait_until
 

@@ -20,8 +20,8 @@ from tests.support.scheduler_faults.history import Room
 from tests.support.scheduler_faults.observer import CPU_LABEL, Observer
 from tests.support.scheduler_faults.run import Plan, Run
 
-from robotapp_api.client.api import ApiClient
-from robotapp_api.client.resources import NAMESPACES, NODES, PODS
+from robotapp_api.client.api.client import ApiClient
+from robotapp_api.client.api.resources import NAMESPACES, NODES, PODS
 from robotapp_api.client.transport.errors import ApiError, ClientError, NotFound, Unreachable
 from robotapp_api.client.transport.kubeconfig import load as login
 from robotapp_testbed import ControlPlane

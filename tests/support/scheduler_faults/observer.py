@@ -8,9 +8,9 @@ import msgspec
 from tests.support.scheduler_faults.history import History, Known, Room
 from tests.support.watching import Watching
 
-from robotapp_api.client.api import ApiClient
+from robotapp_api.client.api.client import ApiClient
+from robotapp_api.client.api.resources import PODS
 from robotapp_api.client.reflector import Change, Reflector
-from robotapp_api.client.resources import PODS
 
 CPU_LABEL = "cpu-milli"
 

@@ -13,7 +13,7 @@ from robotapp_api.claiming.domains import ensure_domain, ensure_pod_domain, find
 from robotapp_api.claiming.writes import delete_claim
 from robotapp_api.claims.domain import DomainOutcome, DomainRequest
 from robotapp_api.claims.identity import id_order
-from robotapp_api.client.resources import DEPLOYMENTS, DOMAINPOOLS, ROBOTAPPS, ROBOTCLAIMS
+from robotapp_api.client.api.resources import DEPLOYMENTS, DOMAINPOOLS, ROBOTAPPS, ROBOTCLAIMS
 from robotapp_api.client.transport.errors import Forbidden, NotFound, Unreachable
 from robotapp_api.model.names import Reason
 

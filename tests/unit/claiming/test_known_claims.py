@@ -7,7 +7,7 @@ from tests.support.claims_store import Store
 from robotapp_api.claiming.domains import ensure_domain
 from robotapp_api.claims.domain import DomainOutcome, DomainRequest
 from robotapp_api.claims.objects import Claim
-from robotapp_api.client.resources import DOMAINPOOLS, ROBOTAPPS, ROBOTCLAIMS
+from robotapp_api.client.api.resources import DOMAINPOOLS, ROBOTAPPS, ROBOTCLAIMS
 from robotapp_api.model.names import Reason
 
 

@@ -10,7 +10,7 @@ from robotapp_api.claiming.claim_nodes import IDLE_S
 from robotapp_api.claiming.domains import ensure_domain, ensure_pod_domain
 from robotapp_api.claims.domain import DomainRequest
 from robotapp_api.claims.objects import Claim, Pod
-from robotapp_api.client.resources import DEPLOYMENTS, NODES, PODS, ROBOTAPPS, ROBOTCLAIMS
+from robotapp_api.client.api.resources import DEPLOYMENTS, NODES, PODS, ROBOTAPPS, ROBOTCLAIMS
 from robotapp_api.model.names import Annotation, Reason
 
 

@@ -12,7 +12,7 @@ from robotapp_api.claiming.release import give_back
 from robotapp_api.claiming.sweeper import Sweeper
 from robotapp_api.claims.device import chosen
 from robotapp_api.claims.objects import Claim, Holder, Pod
-from robotapp_api.client.resources import PODS, ROBOTCLAIMS
+from robotapp_api.client.api.resources import PODS, ROBOTCLAIMS
 
 ME, OTHER = app_holder(component="driver"), app_holder("app-2", component="driver")
 

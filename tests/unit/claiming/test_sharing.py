@@ -15,7 +15,7 @@ from robotapp_api.claims.domain import DomainOutcome, DomainRequest
 from robotapp_api.claims.identity import claim_object, domain_spec, id_order
 from robotapp_api.claims.objects import Claim, Pod
 from robotapp_api.claims.repair import ClaimConflict
-from robotapp_api.client.resources import DEPLOYMENTS, DOMAINPOOLS, PODS, ROBOTAPPS, ROBOTCLAIMS
+from robotapp_api.client.api.resources import DEPLOYMENTS, DOMAINPOOLS, PODS, ROBOTAPPS, ROBOTCLAIMS
 from robotapp_api.model.names import Reason
 
 Json = dict[str, object]

@@ -19,7 +19,7 @@ from robotapp_api.claiming.sweeper import HANDOVER_S, PERIOD_S, Sweeper
 from robotapp_api.claims.device import chosen
 from robotapp_api.claims.domain import DomainRequest
 from robotapp_api.claims.objects import PoolSpec as SweptPoolSpec
-from robotapp_api.client.resources import DOMAINPOOLS, PODS, ROBOTAPPS, ROBOTCLAIMS
+from robotapp_api.client.api.resources import DOMAINPOOLS, PODS, ROBOTAPPS, ROBOTCLAIMS
 from robotapp_api.model.pool import PoolSpec
 from robotapp_operator.settings import Settings
 from robotapp_scheduler.options import parse

@@ -8,7 +8,7 @@ from robotapp_api.claiming.domains import ensure_pod_domain
 from robotapp_api.claiming.sweeper import Sweeper
 from robotapp_api.claims.domain import DomainRequest
 from robotapp_api.claims.objects import Pod
-from robotapp_api.client.resources import (
+from robotapp_api.client.api.resources import (
     PODS,
     ROBOTCLAIMS,
 )

@@ -7,7 +7,7 @@ from tests.support.sweep_world import World, number
 from robotapp_api.claiming.domains import ensure_domain
 from robotapp_api.claiming.sweeper import Sweeper
 from robotapp_api.claims.domain import DomainRequest
-from robotapp_api.client.resources import (
+from robotapp_api.client.api.resources import (
     DEPLOYMENTS,
     NODES,
     PODS,

@@ -8,7 +8,7 @@ from robotapp_api.claiming.domains import ensure_domain
 from robotapp_api.claims.domain import DomainRequest
 from robotapp_api.claims.identity import claim_object, domain_spec, holder_of_app
 from robotapp_api.claims.objects import Pod
-from robotapp_api.client.resources import DOMAINPOOLS, NODES, PODS, ROBOTCLAIMS
+from robotapp_api.client.api.resources import DOMAINPOOLS, NODES, PODS, ROBOTCLAIMS
 
 
 def running(world: World, lock: str, *, uid: str = "", name: str = "runs") -> None:

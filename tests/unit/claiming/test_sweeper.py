@@ -10,7 +10,7 @@ from tests.support.clients import until
 from tests.support.sweep_world import World, refuse
 
 from robotapp_api.claiming.sweeper import PAUSE_S, Sweeper, pause_s
-from robotapp_api.client.resources import (
+from robotapp_api.client.api.resources import (
     DOMAINPOOLS,
     ROBOTAPPS,
     ROBOTCLAIMS,

@@ -23,8 +23,8 @@ from tests.support.proxy import (
 from tests.support.proxy.calls import parse
 
 from robotapp_api.client import Reflector
-from robotapp_api.client.backoff import Backoff
-from robotapp_api.client.resources import CONFIGMAPS
+from robotapp_api.client.api.backoff import Backoff
+from robotapp_api.client.api.resources import CONFIGMAPS
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ from tests.support.scripted import (
 )
 
 from robotapp_api.client import Change, Reflector
-from robotapp_api.client.resources import CONFIGMAPS, NODES
+from robotapp_api.client.api.resources import CONFIGMAPS, NODES
 
 
 class Meta(msgspec.Struct, rename="camel"):

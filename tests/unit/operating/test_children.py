@@ -13,7 +13,15 @@ from tests.support.factories import app_body, make_node
 from tests.support.factories import robots as robot_nodes
 
 from robotapp_api.client import ApiClient, NotFound
-from robotapp_api.client.resources import CONFIGMAPS, DEPLOYMENTS, DOMAINPOOLS, NODES, ROBOTAPPS, ROBOTCLAIMS, SERVICES
+from robotapp_api.client.api.resources import (
+    CONFIGMAPS,
+    DEPLOYMENTS,
+    DOMAINPOOLS,
+    NODES,
+    ROBOTAPPS,
+    ROBOTCLAIMS,
+    SERVICES,
+)
 from robotapp_api.model.names import API_VERSION, Annotation, Label, Reason
 from robotapp_operator.cache import Cache
 from robotapp_operator.children import Children

@@ -11,7 +11,7 @@ from tests.support.clients import client_for, configmap, until
 from tests.support.factories import make_app
 
 from robotapp_api.client import ApiClient
-from robotapp_api.client.resources import CONFIGMAPS
+from robotapp_api.client.api.resources import CONFIGMAPS
 from robotapp_operator.cache import Cache
 from robotapp_operator.execute import StartOver
 from robotapp_operator.keys import Work

@@ -13,7 +13,7 @@ from tests.support.factories import app_body, domain_claim, robots, telemetry
 
 from robotapp_api.claims.domain import DomainOutcome
 from robotapp_api.client import ApiClient
-from robotapp_api.client.resources import ROBOTAPPS
+from robotapp_api.client.api.resources import ROBOTAPPS
 from robotapp_api.model.names import Reason
 from robotapp_api.model.status import RobotAppStatus
 from robotapp_operator import observer, reporter

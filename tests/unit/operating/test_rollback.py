@@ -8,7 +8,7 @@ from tests.support.apiserver import FakeApiServer
 from tests.support.clients import client_for
 from tests.unit.operating.test_children import VERSION, World
 
-from robotapp_api.client.resources import DEPLOYMENTS
+from robotapp_api.client.api.resources import DEPLOYMENTS
 from robotapp_api.model.names import Annotation
 
 

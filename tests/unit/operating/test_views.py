@@ -13,7 +13,7 @@ from tests.support.factories import app_body, domain_claim, make_node, make_pod,
 
 from robotapp_api.claims.objects import Pool
 from robotapp_api.client import ApiClient, NotFound
-from robotapp_api.client.resources import CONFIGMAPS, DOMAINPOOLS, NODETELEMETRIES, PODS, ROBOTCLAIMS
+from robotapp_api.client.api.resources import CONFIGMAPS, DOMAINPOOLS, NODETELEMETRIES, PODS, ROBOTCLAIMS
 from robotapp_api.model.names import FLEET_CONFIG_MAP, SCHEDULING_GATE, Label
 from robotapp_api.serving.access import Access, Caller
 from robotapp_api.serving.tls import TlsPort, loaded

@@ -10,7 +10,7 @@ from tests.support.clients import client_for, until
 from tests.support.pod_groups import team_pod
 from tests.support.scheduling import Clock
 
-from robotapp_api.client.resources import COSCHEDULING_PODGROUPS, ROBOTAPPS, WORKLOAD_PODGROUPS
+from robotapp_api.client.api.resources import COSCHEDULING_PODGROUPS, ROBOTAPPS, WORKLOAD_PODGROUPS
 from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.pod_groups import COSCHEDULING, GroupRef

@@ -12,8 +12,8 @@ from prometheus_client.exposition import generate_latest
 from tests.support.apiserver import FakeApiServer, Key
 from tests.support.clients import client_for, until
 
-from robotapp_api.client.api import ApiClient
-from robotapp_api.client.resources import LEASES, NODES, PODS
+from robotapp_api.client.api.client import ApiClient
+from robotapp_api.client.api.resources import LEASES, NODES, PODS
 from robotapp_scheduler import config as configuration
 from robotapp_scheduler.options import Options, parse
 from robotapp_scheduler.plugins.registry import catalogue

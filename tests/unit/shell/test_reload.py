@@ -10,7 +10,7 @@ import yaml
 from tests.support.apiserver import FakeApiServer
 from tests.support.clients import client_for, configmap, until
 
-from robotapp_api.client.resources import CONFIGMAPS
+from robotapp_api.client.api.resources import CONFIGMAPS
 from robotapp_scheduler import config as configuration
 from robotapp_scheduler.config import ConfigError, SchedulerConfig
 from robotapp_scheduler.core.profiles import Profile

@@ -13,8 +13,8 @@ from tests.support.clients import client_for
 from robotapp_api.claims.identity import claim_object, domain_spec, holder_of_app
 from robotapp_api.claims.node_devices import Device
 from robotapp_api.claims.objects import Claim
-from robotapp_api.client.api import ApiClient
-from robotapp_api.client.resources import DOMAINPOOLS, PODS, ROBOTCLAIMS
+from robotapp_api.client.api.client import ApiClient
+from robotapp_api.client.api.resources import DOMAINPOOLS, PODS, ROBOTCLAIMS
 from robotapp_api.model.names import Annotation, Label, PodReason
 from robotapp_scheduler.core.devices import DeviceGrant
 from robotapp_scheduler.core.objects import Pod

@@ -8,7 +8,7 @@ from tests.support.claims_weakened import ALL
 from tests.support.clients import client_for
 from tests.support.storm.program import Loser, command
 
-from robotapp_api.client.resources import PODS
+from robotapp_api.client.api.resources import PODS
 from robotapp_api.client.transport.errors import Unreachable
 from robotapp_api.client.transport.http_transport import HttpTransport
 

@@ -21,7 +21,7 @@ from tests.support.proxy import (
 )
 
 from robotapp_api.client import AlreadyExists, ApiClient, Conflict, NotFound, ServerError, TooManyRequests, Unreachable
-from robotapp_api.client.resources import CONFIGMAPS, LEASES
+from robotapp_api.client.api.resources import CONFIGMAPS, LEASES
 
 KEY = Key("/configmaps", "default", "a")
 

@@ -5,7 +5,7 @@ from urllib.parse import quote, urlencode
 
 import msgspec
 
-from robotapp_api.client.resources import Resource
+from robotapp_api.client.api.resources import Resource
 
 JSON: Final = "application/json"
 MERGE: Final = "application/merge-patch+json"

@@ -18,10 +18,10 @@ from urllib.parse import urlencode
 
 import msgspec
 
-from robotapp_api.client import apply as bodies
-from robotapp_api.client.apply import APPLY, JSON, MERGE
-from robotapp_api.client.backoff import Backoff
-from robotapp_api.client.resources import Resource
+from robotapp_api.client.api import bodies
+from robotapp_api.client.api.backoff import Backoff
+from robotapp_api.client.api.bodies import APPLY, JSON, MERGE
+from robotapp_api.client.api.resources import Resource
 from robotapp_api.client.transport.errors import (
     ApiError,
     ClientError,
