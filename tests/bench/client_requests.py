@@ -20,8 +20,8 @@ import msgspec
 import uvloop
 
 from robotapp_api.client import ApiClient, Endpoint
+from robotapp_api.client.informer.watch_decoder import WatchDecoder
 from robotapp_api.client.transport.credentials import Credentials
-from robotapp_api.client.watch import WatchDecoder
 
 BODY = json.dumps(
     {

@@ -20,7 +20,7 @@ from tests.support.watching import Watching
 
 from robotapp_api.client.api.client import ApiClient
 from robotapp_api.client.api.resources import PODS
-from robotapp_api.client.reflector import Change, Reflector
+from robotapp_api.client.informer.reflector import Change, Reflector
 from robotapp_api.client.transport.errors import NotFound
 from robotapp_testbed.process import Process
 

@@ -18,7 +18,7 @@ from robotapp_api.client.api.backoff import Backoff
 from robotapp_api.client.api.client import ApiClient
 from robotapp_api.client.api.resources import NODES, NODETELEMETRIES
 from robotapp_api.client.events import EventRecorder, reference
-from robotapp_api.client.reflector import Change, Reflector
+from robotapp_api.client.informer.reflector import Change, Reflector
 from robotapp_api.client.transport.errors import ClientError, Conflict
 from robotapp_api.model.names import HARDWARE_PREFIX, EventReason
 

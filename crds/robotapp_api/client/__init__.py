@@ -1,7 +1,7 @@
 """Talking to the API server: `ApiClient` for verbs, `Reflector` for caches, `kubeconfig.load` for the way there."""
 
 from robotapp_api.client.api.client import ApiClient, Listing
-from robotapp_api.client.reflector import Change, Reflector
+from robotapp_api.client.informer.reflector import Change, Reflector
 from robotapp_api.client.transport.errors import (
     AlreadyExists,
     ApiError,

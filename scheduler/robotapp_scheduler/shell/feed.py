@@ -18,8 +18,8 @@ from robotapp_api.client.api.resources import (
     ROBOTAPPS,
     Resource,
 )
-from robotapp_api.client.reflector import Change as Seen
-from robotapp_api.client.reflector import Reflector
+from robotapp_api.client.informer.reflector import Change as Seen
+from robotapp_api.client.informer.reflector import Reflector
 from robotapp_api.client.transport.errors import ClientError, NotFound
 from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.cluster import Cluster

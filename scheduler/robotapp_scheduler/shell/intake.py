@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Collection
 
-from robotapp_api.client.reflector import Change as Seen
+from robotapp_api.client.informer.reflector import Change as Seen
 from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.objects import Pod

@@ -22,7 +22,7 @@ from robotapp_api.client.api.bodies import STRATEGIC
 from robotapp_api.client.api.client import ApiClient
 from robotapp_api.client.api.resources import EVENTS, LEASES, NODES, PODS
 from robotapp_api.client.api.times import micro_time, utc_now, whole_seconds
-from robotapp_api.client.reflector import Change, Reflector
+from robotapp_api.client.informer.reflector import Change, Reflector
 from robotapp_api.client.transport.errors import NotFound
 from robotapp_api.client.transport.kubeconfig import load as login
 

@@ -10,7 +10,7 @@ from tests.support.watching import Watching
 
 from robotapp_api.client.api.client import ApiClient
 from robotapp_api.client.api.resources import EVENTS, PODS
-from robotapp_api.client.reflector import Change, Reflector
+from robotapp_api.client.informer.reflector import Change, Reflector
 
 Progress = Callable[[int], None]
 

@@ -8,8 +8,8 @@ import msgspec
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robotapp_api.client.versions import Versions, managed
-from robotapp_api.client.watch import ADDED, DELETED, MODIFIED, WatchDecoder
+from robotapp_api.client.informer.pod_diff import Versions, managed
+from robotapp_api.client.informer.watch_decoder import ADDED, DELETED, MODIFIED, WatchDecoder
 
 TEXTS = st.sampled_from(
     [

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_api.client.reflector import Change as Seen
+from robotapp_api.client.informer.reflector import Change as Seen
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.objects import Metadata, Node, NodeStatus, Pod, PodSpec, PodStatus
 from robotapp_scheduler.core.pods import PodInfo

@@ -11,8 +11,8 @@ import pytest
 from tests.support.poison import Poison, pod_body, poison_pods
 from tests.support.scheduling import make_core, make_node, make_pod
 
-from robotapp_api.client.reflector import Change as Seen
-from robotapp_api.client.watch import ADDED, WatchDecoder
+from robotapp_api.client.informer.reflector import Change as Seen
+from robotapp_api.client.informer.watch_decoder import ADDED, WatchDecoder
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.decision import Decision

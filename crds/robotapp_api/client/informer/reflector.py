@@ -16,6 +16,17 @@ import msgspec
 from robotapp_api.client.api.backoff import Backoff
 from robotapp_api.client.api.client import ApiClient, with_query
 from robotapp_api.client.api.resources import Resource
+from robotapp_api.client.informer.watch_decoder import (
+    ADDED,
+    BOOKMARK,
+    DELETED,
+    MODIFIED,
+    Identity,
+    Lines,
+    Read,
+    WatchDecoder,
+    WatchEvent,
+)
 from robotapp_api.client.transport.errors import (
     ApiError,
     BadRequest,
@@ -26,17 +37,6 @@ from robotapp_api.client.transport.errors import (
     TooManyRequests,
     describe,
     error_from_response,
-)
-from robotapp_api.client.watch import (
-    ADDED,
-    BOOKMARK,
-    DELETED,
-    MODIFIED,
-    Identity,
-    Lines,
-    Read,
-    WatchDecoder,
-    WatchEvent,
 )
 
 T = TypeVar("T")

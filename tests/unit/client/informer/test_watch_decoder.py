@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.scripted import bookmark, error_event, event, item
 
+from robotapp_api.client.informer.pod_diff import managed
+from robotapp_api.client.informer.watch_decoder import BOOKMARK, Identity, Lines, WatchDecoder, shallow
 from robotapp_api.client.transport.errors import Gone, ServerError, Unreachable
-from robotapp_api.client.versions import managed
-from robotapp_api.client.watch import BOOKMARK, Identity, Lines, WatchDecoder, shallow
 
 
 def split(pieces: list[bytes], *, at_once: int = 1, **settings: int) -> list[list[bytes]]:

@@ -7,8 +7,8 @@ from typing import Any, Final, Generic, TypeVar, get_type_hints
 import msgspec
 
 from robotapp_api.client.api.client import ListMeta, Page
+from robotapp_api.client.informer.pod_diff import Versions, managed
 from robotapp_api.client.transport.errors import Status, Unreachable, error_from_status
-from robotapp_api.client.versions import Versions, managed
 
 T = TypeVar("T")
 
