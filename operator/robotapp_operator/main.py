@@ -18,8 +18,8 @@ import kopf
 from robotapp_api.claiming.sweeper import Sweeper
 from robotapp_api.client import ApiClient, Endpoint, LoginError, load
 from robotapp_api.client.api.resources import ROBOTAPPS
-from robotapp_api.client.events import EventRecorder
-from robotapp_api.client.lease import LeaderElection, candidate_identity
+from robotapp_api.client.tools.event_recorder import EventRecorder
+from robotapp_api.client.tools.leader_election import LeaderElection, candidate_identity
 from robotapp_api.model.names import OPERATOR_MANAGER, SYSTEM_NAMESPACE
 from robotapp_api.serving.access import Gatekeeper
 from robotapp_api.serving.port import PortError

@@ -9,7 +9,7 @@ from typing import Any, Final
 from robotapp_api.client import ApiClient, Conflict, NotFound
 from robotapp_api.client.api.resources import ROBOTAPPS
 from robotapp_api.client.api.times import whole_seconds
-from robotapp_api.client.events import EventRecorder, reference
+from robotapp_api.client.tools.event_recorder import EventRecorder, reference
 from robotapp_api.model.names import API_VERSION
 from robotapp_operator.cache import Cache
 from robotapp_operator.memory import AppMemory, Memory

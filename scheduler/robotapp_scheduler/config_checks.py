@@ -6,7 +6,7 @@ Every check returns texts of the form `path: Invalid value: v: what is allowed`;
 from collections.abc import Collection, Iterator, Sequence
 from typing import Final
 
-from robotapp_api.client.lease import JITTER
+from robotapp_api.client.tools.leader_election import JITTER
 from robotapp_api.values.duration import parse_go_ns
 from robotapp_scheduler.config_model import (
     API_VERSION,

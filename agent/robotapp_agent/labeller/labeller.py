@@ -17,8 +17,8 @@ from robotapp_agent.labeller.wanted import Wanted, free_of, keys_of_causes
 from robotapp_api.client.api.backoff import Backoff
 from robotapp_api.client.api.client import ApiClient
 from robotapp_api.client.api.resources import NODES, NODETELEMETRIES
-from robotapp_api.client.events import EventRecorder, reference
 from robotapp_api.client.informer.reflector import Change, Reflector
+from robotapp_api.client.tools.event_recorder import EventRecorder, reference
 from robotapp_api.client.transport.errors import ClientError, Conflict
 from robotapp_api.model.names import HARDWARE_PREFIX, EventReason
 

@@ -9,8 +9,8 @@ from typing import Any, Final, Protocol
 
 from robotapp_api.client.api.client import ApiClient
 from robotapp_api.client.api.resources import CONFIGMAPS
-from robotapp_api.client.events import reference
 from robotapp_api.client.informer.reflector import Change, Reflector
+from robotapp_api.client.tools.event_recorder import reference
 from robotapp_api.client.transport.errors import ApiError, ClientError, Forbidden, NotFound
 from robotapp_scheduler.options import Options
 

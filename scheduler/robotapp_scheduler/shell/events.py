@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from robotapp_api.claims.repair import ClaimConflict
 from robotapp_api.client.api.client import ApiClient, Json
-from robotapp_api.client.events import EventRecorder, reference
+from robotapp_api.client.tools.event_recorder import EventRecorder, reference
 from robotapp_api.model.names import EventReason
 from robotapp_scheduler.core.objects import Pod
 

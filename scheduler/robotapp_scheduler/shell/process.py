@@ -12,8 +12,8 @@ from pathlib import Path
 
 from robotapp_api.claiming.sweeper import PENDING_S, Sweeper
 from robotapp_api.client.api.client import ApiClient, Json
-from robotapp_api.client.events import reference
-from robotapp_api.client.lease import LeaderElection, candidate_identity
+from robotapp_api.client.tools.event_recorder import reference
+from robotapp_api.client.tools.leader_election import LeaderElection, candidate_identity
 from robotapp_api.client.transport.connect import handle_loop_error
 from robotapp_api.client.transport.kubeconfig import load as login
 from robotapp_api.model.names import SCHEDULER_MANAGER, EventReason

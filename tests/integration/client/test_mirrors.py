@@ -11,8 +11,8 @@ from tests.support.clients import configmap, until
 
 from robotapp_api.client import Change, NotFound, Reflector
 from robotapp_api.client.api.resources import CONFIGMAPS, EVENTS, LEASES
-from robotapp_api.client.events import EventRecorder, reference
-from robotapp_api.client.lease import LeaderElection
+from robotapp_api.client.tools.event_recorder import EventRecorder, reference
+from robotapp_api.client.tools.leader_election import LeaderElection
 
 
 @asynccontextmanager

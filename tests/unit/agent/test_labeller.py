@@ -13,7 +13,7 @@ from tests.support.clients import client_for, until
 from robotapp_agent.labeller.labeller import MANAGER, Labeller
 from robotapp_api.client import ApiClient
 from robotapp_api.client.api.resources import NODES, NODETELEMETRIES
-from robotapp_api.client.events import EventRecorder
+from robotapp_api.client.tools.event_recorder import EventRecorder
 
 PREFIX = "hardware.robotics.io/"
 ARM = {"id": "serial-arm", "type": "serial", "model": "arm-7", "present": True}

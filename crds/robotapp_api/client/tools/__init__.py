@@ -1,0 +1,1 @@
+"""Leader election and events, as client-go's tools have them."""
