@@ -11,7 +11,8 @@ from robotapp_api.values.round_trips import RoundTrips
 from robotapp_operator.nodes import Nodes
 from robotapp_operator.plan.changes import Observed, ref_of
 from robotapp_operator.plan.instance_object import AppInstance
-from robotapp_operator.plan.objects import (
+from robotapp_operator.plan.spec.desired import App
+from robotapp_operator.plan.spec.objects import (
     ChildRef,
     ConfigMap,
     Deployment,
@@ -21,8 +22,7 @@ from robotapp_operator.plan.objects import (
     Service,
     Telemetry,
 )
-from robotapp_operator.plan.record import Record, parse_record
-from robotapp_operator.plan.wish import App
+from robotapp_operator.plan.spec.record import Record, parse_record
 from robotapp_operator.sharing import Sharing
 from robotapp_operator.sight import Sight
 

@@ -36,11 +36,11 @@ from robotapp_operator.plan.changes import (
     wanted_children,
 )
 from robotapp_operator.plan.children import Child
-from robotapp_operator.plan.instances import allowed_robots
-from robotapp_operator.plan.objects import ChildRef, Deployment, Node, Service
 from robotapp_operator.plan.parameters import parameter_states
-from robotapp_operator.plan.record import Record
-from robotapp_operator.plan.wish import App, Domain, wish_of
+from robotapp_operator.plan.spec.desired import App, Domain, wish_of
+from robotapp_operator.plan.spec.instances import allowed_robots
+from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Node, Service
+from robotapp_operator.plan.spec.record import Record
 
 log = logging.getLogger(__name__)
 

@@ -18,8 +18,8 @@ from robotapp_operator.keys import Work, name_of, namespace_group
 from robotapp_operator.line import Line
 from robotapp_operator.memory import Memory
 from robotapp_operator.metrics import Metrics
-from robotapp_operator.plan.record import Record
-from robotapp_operator.plan.wish import App
+from robotapp_operator.plan.spec.desired import App
+from robotapp_operator.plan.spec.record import Record
 from robotapp_operator.pools import Pools
 from robotapp_operator.probes import Probes
 from robotapp_operator.queue import Key, Queue

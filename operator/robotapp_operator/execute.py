@@ -19,9 +19,9 @@ from robotapp_api.model.names import OPERATOR_MANAGER, Reason
 from robotapp_operator.plan.changes import Change, Observed, Plan, ref_of
 from robotapp_operator.plan.children import DEPLOYMENT, SERVICE
 from robotapp_operator.plan.components import over_quota
-from robotapp_operator.plan.objects import Deployment, Meta
+from robotapp_operator.plan.spec.desired import App
+from robotapp_operator.plan.spec.objects import Deployment, Meta
 from robotapp_operator.plan.strays import strays
-from robotapp_operator.plan.wish import App
 
 log = logging.getLogger(__name__)
 

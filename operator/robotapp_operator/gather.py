@@ -21,18 +21,18 @@ from robotapp_api.values.ranges import parse_ids
 from robotapp_api.values.tiers import ROBOT
 from robotapp_operator.cache import Cache
 from robotapp_operator.nodes import Lost
-from robotapp_operator.plan.app import Problem, domain_problems, problems_alone, problems_with
 from robotapp_operator.plan.changes import deployment_domain
 from robotapp_operator.plan.components import component_view, cut_off
 from robotapp_operator.plan.devices import device_trouble
 from robotapp_operator.plan.facts import Grace, InstanceFacts
 from robotapp_operator.plan.infrastructure import DISCOVERY
-from robotapp_operator.plan.instances import instances_of, matching_robots
 from robotapp_operator.plan.latency import EdgeView, edge_views
 from robotapp_operator.plan.newer import Held
-from robotapp_operator.plan.objects import Deployment, Pod, Telemetry
 from robotapp_operator.plan.parameters import parameter_states
-from robotapp_operator.plan.wish import App, Domain
+from robotapp_operator.plan.spec.desired import App, Domain
+from robotapp_operator.plan.spec.instances import instances_of, matching_robots
+from robotapp_operator.plan.spec.objects import Deployment, Pod, Telemetry
+from robotapp_operator.plan.spec.validate import Problem, domain_problems, problems_alone, problems_with
 from robotapp_operator.sharing import rules_view
 
 

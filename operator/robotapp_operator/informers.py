@@ -14,9 +14,8 @@ from robotapp_operator.keys import Work, namespace_group, pool_group
 from robotapp_operator.nodes import identity_changed
 from robotapp_operator.plan.changes import deployment_domain
 from robotapp_operator.plan.instance_object import AppInstance
-from robotapp_operator.plan.objects import Deployment, Node, Pod, ReplicaSet, Service, Telemetry
-from robotapp_operator.plan.wish import App
-from robotapp_operator.probes import lacks_owner
+from robotapp_operator.plan.spec.desired import App
+from robotapp_operator.plan.spec.objects import Deployment, Node, Pod, ReplicaSet, Service, Telemetry, lacks_owner
 from robotapp_operator.queue import Key, Queue
 from robotapp_operator.wake import INSTANCE_DELAY_S, wake_instance, wake_joined, wake_status
 

@@ -23,7 +23,7 @@ from robotapp_operator.plan.facts import AppFacts, of_instance
 from robotapp_operator.plan.instance_object import AppInstance, is_as_wanted, object_name, wanted_object
 from robotapp_operator.plan.instance_status import render_instance, same_instance_status
 from robotapp_operator.plan.pace import is_urgent
-from robotapp_operator.plan.wish import App
+from robotapp_operator.plan.spec.desired import App
 
 log = logging.getLogger(__name__)
 

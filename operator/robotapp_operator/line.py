@@ -10,7 +10,7 @@ from robotapp_api.claims.domain import pool_ids
 from robotapp_api.model.names import Reason
 from robotapp_operator.cache import Cache
 from robotapp_operator.memory import Memory
-from robotapp_operator.plan.wish import App
+from robotapp_operator.plan.spec.desired import App
 
 Waiting = tuple[str, str]
 """(uid of the app, instance)."""

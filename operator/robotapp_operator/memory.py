@@ -7,11 +7,11 @@ from typing import Any
 from robotapp_api.claims.domain import DomainOutcome
 from robotapp_api.claims.instances import Instance
 from robotapp_api.model.names import Reason
-from robotapp_operator.plan.app import Problem
 from robotapp_operator.plan.facts import InstanceFacts
 from robotapp_operator.plan.latency import EdgeKey, EdgeView, Rest
 from robotapp_operator.plan.newer import Held
 from robotapp_operator.plan.pace import Bucket, Writing
+from robotapp_operator.plan.spec.validate import Problem
 
 Trouble = tuple[Reason, str]
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from robotapp_api.client.api.times import Now, utc_now
 from robotapp_api.model.names import Annotation
-from robotapp_operator.plan.objects import Node
+from robotapp_operator.plan.spec.objects import Node
 
 
 class Lost(NamedTuple):

@@ -9,13 +9,7 @@ from robotapp_api.model.telemetry import node_owner
 from robotapp_operator.cache import Cache
 from robotapp_operator.gather import instances_by_name
 from robotapp_operator.plan.fleet import wanted_probes
-from robotapp_operator.plan.objects import Node, Telemetry
-
-
-def lacks_owner(telemetry: Telemetry, node: Node | None) -> bool:
-    """Is there a node of this name that does not own the object?"""
-    uid = node.metadata.uid if node else ""
-    return bool(uid) and all(owner.uid != uid for owner in telemetry.metadata.owner_references)
+from robotapp_operator.plan.spec.objects import Node, Telemetry, lacks_owner
 
 
 class Probes:

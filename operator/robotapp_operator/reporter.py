@@ -17,7 +17,7 @@ from robotapp_operator.observer import Observer
 from robotapp_operator.plan.app_figures import adopt, steady
 from robotapp_operator.plan.facts import AppFacts
 from robotapp_operator.plan.news import News, end_of_life, news_of
-from robotapp_operator.plan.record import Record
+from robotapp_operator.plan.spec.record import Record
 from robotapp_operator.plan.status import render_status, same_status, unreadable_status
 
 log = logging.getLogger(__name__)

@@ -6,7 +6,7 @@ from typing import Any
 from robotapp_api.claims.objects import App as ClaimsApp
 from robotapp_api.claims.objects import AppSpec, Meta, Ros, Ros2, SharedApp
 from robotapp_api.claims.share import AppKey
-from robotapp_operator.plan.wish import App
+from robotapp_operator.plan.spec.desired import App
 
 
 class Sharing:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from robotapp_api.model.robots import Robots
-from robotapp_operator.plan.wish import App
+from robotapp_operator.plan.spec.desired import App
 
 BRAKED_S: Final = 10.0
 """How often to look again at an instance whose grace is over while too many robots are missing."""

@@ -14,7 +14,7 @@ from robotapp_operator.controller import Controller
 from robotapp_operator.keys import BACKGROUND
 from robotapp_operator.memory import Memory
 from robotapp_operator.metrics import Metrics
-from robotapp_operator.plan.objects import ReplicaSet
+from robotapp_operator.plan.spec.objects import ReplicaSet
 from robotapp_operator.queue import Key, Queue
 
 

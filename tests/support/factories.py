@@ -13,8 +13,8 @@ from robotapp_api.values.round_trips import RoundTrips
 from robotapp_operator.cache import Cache
 from robotapp_operator.plan.changes import Change, Observed, Plan, ref_of
 from robotapp_operator.plan.children import DEPLOYMENT
-from robotapp_operator.plan.objects import ChildRef, Deployment, Node, Pod, Service, Telemetry
-from robotapp_operator.plan.wish import App
+from robotapp_operator.plan.spec.desired import App
+from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Node, Pod, Service, Telemetry
 
 UID = "uid-1"
 VERSION = "1.2.0"

@@ -4,9 +4,9 @@ import dataclasses
 from typing import Any, Final
 
 from robotapp_api.model.names import API_VERSION, OPERATOR_MANAGER, Annotation, Label
-from robotapp_operator.plan.compare import content_hash
-from robotapp_operator.plan.objects import ChildRef
-from robotapp_operator.plan.wish import App, Wish
+from robotapp_operator.plan.spec.covers import content_hash
+from robotapp_operator.plan.spec.desired import App, Wish
+from robotapp_operator.plan.spec.objects import ChildRef
 
 DEPLOYMENT: Final = "Deployment"
 SERVICE: Final = "Service"

@@ -7,7 +7,7 @@ from typing import Final
 
 from robotapp_api.model.component import Component
 from robotapp_api.model.names import Reason
-from robotapp_operator.plan.objects import ContainerStatus, Deployment, ObjectCondition, Pod
+from robotapp_operator.plan.spec.objects import ContainerStatus, Deployment, ObjectCondition, Pod
 
 MAX_COMPONENT_CHARACTERS: Final = 1024
 """Of one message; every status clips it further."""

@@ -9,7 +9,7 @@ from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME, Cond
 from robotapp_api.values.round_trips import is_unreachable
 from robotapp_operator.plan.facts import AppFacts, InstanceFacts
 from robotapp_operator.plan.latency import EdgeView
-from robotapp_operator.plan.text import clip, shown
+from robotapp_operator.plan.spec.text import clip, shown
 from robotapp_operator.plan.troubled import cut_off_text, edge_text, rank_of, what_is_missing
 from robotapp_operator.plan.versions import version_key
 

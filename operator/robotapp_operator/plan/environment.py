@@ -11,7 +11,7 @@ from xml.sax.saxutils import quoteattr
 
 from robotapp_api.checks.middleware import BEFORE_IRON, CONNEXT, CYCLONE, CYCLONE_11, FAST_DDS
 from robotapp_api.claims.objects import ROS_DOMAIN_ID
-from robotapp_operator.plan.wish import EnvVar, Wish
+from robotapp_operator.plan.spec.desired import EnvVar, Wish
 
 DISCOVERY_SERVER_PORT: Final = 11811
 ZENOH_PORT: Final = 7447

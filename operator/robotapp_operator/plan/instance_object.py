@@ -10,8 +10,8 @@ import msgspec
 from robotapp_api.model.names import Label
 from robotapp_api.values.naming import child_name
 from robotapp_operator.plan.children import owner_reference
-from robotapp_operator.plan.objects import Meta, version_number
-from robotapp_operator.plan.wish import App
+from robotapp_operator.plan.spec.desired import App
+from robotapp_operator.plan.spec.objects import Meta, version_number
 
 
 class AppInstanceSpec(msgspec.Struct, rename="camel", kw_only=True, frozen=True):

@@ -7,6 +7,7 @@ from robotapp_api.values.round_trips import is_unreachable
 from robotapp_operator.plan.conditions import MAX_BRIEF_BYTES, conditions, ready
 from robotapp_operator.plan.facts import AppFacts
 from robotapp_operator.plan.latency import EdgeView, shown_ms
+from robotapp_operator.plan.spec.text import clip, stored_bytes
 from robotapp_operator.plan.status import (
     MAX_STATUS_BYTES,
     budget_text,
@@ -16,7 +17,6 @@ from robotapp_operator.plan.status import (
     ready_text,
     written,
 )
-from robotapp_operator.plan.text import clip, stored_bytes
 
 MAX_EDGES: Final = 64
 MAX_CLAIMS: Final = 64

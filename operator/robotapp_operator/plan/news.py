@@ -6,7 +6,7 @@ from typing import Any, Final, NamedTuple
 
 from robotapp_api.model.distros import DISTROS
 from robotapp_api.model.names import Condition, EventReason, Reason
-from robotapp_operator.plan.wish import App
+from robotapp_operator.plan.spec.desired import App
 
 
 class News(NamedTuple):

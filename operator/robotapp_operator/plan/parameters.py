@@ -12,8 +12,8 @@ from typing import Any, Final
 from robotapp_api.model.component import Component
 from robotapp_api.model.names import PARAMETERS_PATH, PARAMETERS_PREFIX, PARAMETERS_VOLUME, Annotation
 from robotapp_api.model.parameters import ConfigMapKey, Parameters
-from robotapp_operator.plan.objects import ConfigMap
-from robotapp_operator.plan.wish import App, Wish
+from robotapp_operator.plan.spec.desired import App, Wish
+from robotapp_operator.plan.spec.objects import ConfigMap
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

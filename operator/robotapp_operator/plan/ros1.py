@@ -2,7 +2,7 @@
 
 from typing import Any, Final
 
-from robotapp_operator.plan.wish import Wish
+from robotapp_operator.plan.spec.desired import Wish
 
 MASTER_PORT: Final = 11311
 

@@ -3,8 +3,8 @@
 from typing import Any
 
 from robotapp_operator.plan.children import SERVICE, Child, instance_labels, selector
-from robotapp_operator.plan.objects import ChildRef
-from robotapp_operator.plan.wish import Wish
+from robotapp_operator.plan.spec.desired import Wish
+from robotapp_operator.plan.spec.objects import ChildRef
 
 
 def peers_service(wish: Wish) -> Child:

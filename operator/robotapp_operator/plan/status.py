@@ -12,8 +12,8 @@ from robotapp_api.model.names import Condition, Phase, Reason
 from robotapp_operator.plan.conditions import MAX_CONDITION_BYTES, conditions, newer_templates, ready
 from robotapp_operator.plan.facts import AppFacts, InstanceFacts
 from robotapp_operator.plan.latency import EdgeView, shown_ms
-from robotapp_operator.plan.record import Record
-from robotapp_operator.plan.text import clip
+from robotapp_operator.plan.spec.record import Record
+from robotapp_operator.plan.spec.text import clip
 from robotapp_operator.plan.troubled import troubled
 
 MAX_STATUS_BYTES: Final = 64 * 1024

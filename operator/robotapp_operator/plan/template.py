@@ -16,8 +16,8 @@ from robotapp_operator.plan.parameters import (
 )
 from robotapp_operator.plan.probes import readiness_probe
 from robotapp_operator.plan.ros1 import ros1_environment
+from robotapp_operator.plan.spec.desired import Domain, Wish
 from robotapp_operator.plan.where import affinity, tolerations
-from robotapp_operator.plan.wish import Domain, Wish
 
 DEFAULT_ACCOUNT: Final = "default"
 GRANTED_DEVICES_PATH: Final = f"metadata.annotations['{Annotation.GRANTED_DEVICES.value}']"

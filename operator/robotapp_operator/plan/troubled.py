@@ -6,7 +6,7 @@ from typing import Any, Final, NamedTuple
 from robotapp_api.model.names import Label, Reason
 from robotapp_operator.plan.facts import AppFacts, Grace, InstanceFacts
 from robotapp_operator.plan.latency import EdgeView, shown_ms
-from robotapp_operator.plan.text import clip, shown
+from robotapp_operator.plan.spec.text import clip, shown
 
 MAX_TROUBLED: Final = 10
 MAX_TROUBLED_BYTES: Final = 1024

@@ -12,7 +12,7 @@ from robotapp_api.client.api.resources import PODS, ROBOTCLAIMS
 from robotapp_api.model.names import SCHEDULING_GATE
 from robotapp_operator.cache import Cache
 from robotapp_operator.gates import Gates
-from robotapp_operator.plan.objects import Pod
+from robotapp_operator.plan.spec.objects import Pod
 
 pytestmark = pytest.mark.live
 OTHERS = "somebody.example/else"

@@ -10,9 +10,9 @@ from tests.support.factories import VERSION, after, component, make_app
 
 from robotapp_operator.plan.changes import Observed, Plan, plan, ref_of, wanted_children
 from robotapp_operator.plan.children import Child
-from robotapp_operator.plan.objects import ChildRef, Deployment, Service
 from robotapp_operator.plan.parameters import ParameterState
-from robotapp_operator.plan.wish import App, Domain, wish_of
+from robotapp_operator.plan.spec.desired import App, Domain, wish_of
+from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Service
 
 NAMES = st.sampled_from(
     ["driver", "operator", "mapper", "logger", "a-very-long-component-name-that-must-be-cut-somewhere"]

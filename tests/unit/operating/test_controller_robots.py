@@ -10,7 +10,7 @@ from robotapp_api.claims.objects import OwnerReference
 from robotapp_api.model.names import API_VERSION, Label
 from robotapp_operator.controller import FIRST_OBJECT_S, ROBOTS_REST_S
 from robotapp_operator.keys import Work
-from robotapp_operator.plan.objects import Deployment, Meta
+from robotapp_operator.plan.spec.objects import Deployment, Meta
 from robotapp_operator.queue import Key
 from robotapp_operator.sight import Sight
 

@@ -11,8 +11,8 @@ from robotapp_api.client import AlreadyExists, Conflict, Forbidden, Invalid, Not
 from robotapp_api.model.names import Reason
 from robotapp_operator.execute import StartOver, Written, execute
 from robotapp_operator.plan.changes import Change, Observed, Plan, plan, wanted_children
-from robotapp_operator.plan.objects import ChildRef
-from robotapp_operator.plan.wish import Domain, wish_of
+from robotapp_operator.plan.spec.desired import Domain, wish_of
+from robotapp_operator.plan.spec.objects import ChildRef
 
 APP = make_app(ros2={"discovery": {"mode": "Multicast"}})
 NEWER = make_app(ros2={"discovery": {"mode": "Multicast"}}, generation=2, suspend=True)

@@ -28,8 +28,8 @@ from robotapp_operator.cache import Cache
 from robotapp_operator.gather import cached_domain, instance_facts, problems_now, wanted_instances
 from robotapp_operator.plan.changes import Observed, plan, wanted_children
 from robotapp_operator.plan.facts import InstanceFacts
-from robotapp_operator.plan.objects import ConfigMap, Deployment, ReplicaSet, Telemetry
-from robotapp_operator.plan.wish import App, Domain, wish_of
+from robotapp_operator.plan.spec.desired import App, Domain, wish_of
+from robotapp_operator.plan.spec.objects import ConfigMap, Deployment, ReplicaSet, Telemetry
 
 EACH = {"nodeSelector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}
 

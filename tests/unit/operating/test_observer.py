@@ -19,8 +19,8 @@ from robotapp_operator.nodes import Nodes
 from robotapp_operator.observer import Observer
 from robotapp_operator.plan.facts import Grace, InstanceFacts
 from robotapp_operator.plan.instance_object import AppInstance, wanted_object
-from robotapp_operator.plan.objects import ConfigMap, Node, ReplicaSet, Telemetry
-from robotapp_operator.plan.wish import App
+from robotapp_operator.plan.spec.desired import App
+from robotapp_operator.plan.spec.objects import ConfigMap, Node, ReplicaSet, Telemetry
 
 UID = "uid-1"
 NOW = "2026-01-01T00:00:00Z"

@@ -16,7 +16,7 @@ from robotapp_operator.cache import Cache
 from robotapp_operator.execute import StartOver
 from robotapp_operator.keys import Work
 from robotapp_operator.params_watch import ParamsWatch
-from robotapp_operator.plan.wish import App
+from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.queue import Key, Queue
 
 

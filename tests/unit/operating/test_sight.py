@@ -10,7 +10,7 @@ from robotapp_api.claims.objects import Holder, OwnerReference
 from robotapp_api.model.names import Label
 from robotapp_operator.cache import Cache
 from robotapp_operator.gather import problems_now, wanted_instances
-from robotapp_operator.plan.wish import App
+from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.sight import BRAKED_S, Sight
 
 ALL = {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}

@@ -7,7 +7,7 @@ from tests.unit.operating.test_informers import EACH, OBSERVED, World, pod
 
 from robotapp_api.model.names import Label
 from robotapp_operator.keys import Work
-from robotapp_operator.plan.objects import Telemetry
+from robotapp_operator.plan.spec.objects import Telemetry
 from robotapp_operator.queue import Key
 
 

@@ -22,7 +22,7 @@ from robotapp_operator.fleet_view import FleetView
 from robotapp_operator.gates import Gates
 from robotapp_operator.health import Health
 from robotapp_operator.metrics import Metrics
-from robotapp_operator.plan.objects import Telemetry
+from robotapp_operator.plan.spec.objects import Telemetry
 from robotapp_operator.pools import Pools
 from robotapp_operator.probes import Probes
 from robotapp_operator.queue import Queue

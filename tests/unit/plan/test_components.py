@@ -7,7 +7,7 @@ from tests.support.factories import component, make_app, make_deployment, make_p
 
 from robotapp_api.model.names import Reason
 from robotapp_operator.plan.components import ComponentView, component_view, cut_off
-from robotapp_operator.plan.objects import Deployment, Pod
+from robotapp_operator.plan.spec.objects import Deployment, Pod
 
 
 def view(deployment: Deployment | None, *pods: Pod) -> ComponentView:

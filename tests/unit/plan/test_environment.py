@@ -7,7 +7,7 @@ from tests.support.factories import component, make_app
 
 from robotapp_api.checks.middleware import resolve_mode
 from robotapp_operator.plan.environment import cyclone_config, ros2_environment
-from robotapp_operator.plan.wish import Wish, wish_of
+from robotapp_operator.plan.spec.desired import Wish, wish_of
 
 
 def wish(rmw: str | None = None, *, distro: str = "humble", mode: str = "Auto", **ros2: object) -> Wish:

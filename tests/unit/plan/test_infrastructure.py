@@ -8,7 +8,7 @@ from robotapp_api.model.names import Label
 from robotapp_operator.plan.children import DEPLOYMENT, SERVICE, Child
 from robotapp_operator.plan.infrastructure import infrastructure
 from robotapp_operator.plan.services import peers_service
-from robotapp_operator.plan.wish import wish_of
+from robotapp_operator.plan.spec.desired import wish_of
 
 
 def parts(robot: str = "", **spec: Any) -> list[Child]:

@@ -15,8 +15,8 @@ from robotapp_api.claims.objects import ROS_DOMAIN_ID
 from robotapp_api.model.names import WAITING_STEP, Annotation, Label
 from robotapp_operator.plan.changes import Observed, Plan, deployment_domain, template_env
 from robotapp_operator.plan.children import DEPLOYMENT
-from robotapp_operator.plan.objects import ChildRef
-from robotapp_operator.plan.wish import App, Domain
+from robotapp_operator.plan.spec.desired import App, Domain
+from robotapp_operator.plan.spec.objects import ChildRef
 
 NEWER: Final = "1.3.0"
 PARTS: Final = (component("operator"), component("driver"))

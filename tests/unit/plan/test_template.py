@@ -8,10 +8,10 @@ import pytest
 from tests.support.factories import component, make_app
 
 from robotapp_api.model.names import SCHEDULING_GATE, Annotation, Label
-from robotapp_operator.plan.objects import ConfigMap
 from robotapp_operator.plan.parameters import NONE, ParameterState, parameter_states
+from robotapp_operator.plan.spec.desired import Domain, wish_of
+from robotapp_operator.plan.spec.objects import ConfigMap
 from robotapp_operator.plan.template import pod_template
-from robotapp_operator.plan.wish import Domain, wish_of
 
 DOMAIN = Domain(7, "dds.default.c.7")
 

@@ -8,9 +8,9 @@ from pydantic import ValidationError
 
 from robotapp_api.model.names import SCHEDULER_NAME, Reason
 from robotapp_api.model.robotapp import RobotAppSpec
-from robotapp_operator.plan.app import Problem
-from robotapp_operator.plan.objects import version_number
-from robotapp_operator.plan.wish import App
+from robotapp_operator.plan.spec.desired import App
+from robotapp_operator.plan.spec.objects import version_number
+from robotapp_operator.plan.spec.validate import Problem
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)

@@ -167,3 +167,9 @@ class ChildRef(NamedTuple):
 
     kind: str
     name: str
+
+
+def lacks_owner(telemetry: Telemetry, node: Node | None) -> bool:
+    """Is there a node of this name that does not own the object?"""
+    uid = node.metadata.uid if node else ""
+    return bool(uid) and all(owner.uid != uid for owner in telemetry.metadata.owner_references)

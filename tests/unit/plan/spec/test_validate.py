@@ -8,9 +8,9 @@ from tests.support.factories import by_name, component, make_app, make_node, rob
 
 from robotapp_api.claims.objects import Meta, Pool, PoolSpec
 from robotapp_api.model.names import Annotation, Reason
-from robotapp_operator.plan.app import Problem, domain_problems, notes_of, problems_alone, problems_with
-from robotapp_operator.plan.objects import Node
-from robotapp_operator.plan.wish import App
+from robotapp_operator.plan.spec.desired import App
+from robotapp_operator.plan.spec.objects import Node
+from robotapp_operator.plan.spec.validate import Problem, domain_problems, notes_of, problems_alone, problems_with
 
 ROBOTS = {"nodeSelector": {"matchLabels": {"robotics.io/robot": "amr-07"}}}
 

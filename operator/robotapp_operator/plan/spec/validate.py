@@ -9,10 +9,10 @@ from robotapp_api.claims.identity import holder_of_app
 from robotapp_api.claims.instances import robot_of
 from robotapp_api.claims.objects import Claim, Pool
 from robotapp_api.model.names import Annotation, Label, Reason
-from robotapp_operator.plan.instances import allowed_robots, matching_robots, open_robots
-from robotapp_operator.plan.objects import Node
-from robotapp_operator.plan.text import shown
-from robotapp_operator.plan.wish import App
+from robotapp_operator.plan.spec.desired import App
+from robotapp_operator.plan.spec.instances import allowed_robots, matching_robots, open_robots
+from robotapp_operator.plan.spec.objects import Node
+from robotapp_operator.plan.spec.text import shown
 
 __all__ = ["Problem", "domain_problems", "notes_of", "problems_alone", "problems_with"]
 

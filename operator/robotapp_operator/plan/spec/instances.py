@@ -6,8 +6,8 @@ from robotapp_api.claims import instances as rule
 from robotapp_api.claims.instances import Instance, RobotWish
 from robotapp_api.claims.objects import Meta
 from robotapp_api.model.base import dump
-from robotapp_operator.plan.objects import Node
-from robotapp_operator.plan.wish import App
+from robotapp_operator.plan.spec.desired import App
+from robotapp_operator.plan.spec.objects import Node
 
 
 def instances_of(

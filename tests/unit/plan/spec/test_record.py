@@ -3,7 +3,7 @@
 from tests.support.factories import app_body
 
 from robotapp_api.model.names import Reason
-from robotapp_operator.plan.record import parse_record
+from robotapp_operator.plan.spec.record import parse_record
 
 
 def test_identity_and_wish_are_read() -> None:

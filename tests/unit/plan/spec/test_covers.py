@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from robotapp_operator.plan.compare import content_hash, covers
+from robotapp_operator.plan.spec.covers import content_hash, covers
 from robotapp_operator.plan.versions import is_newer
 
 

@@ -15,7 +15,7 @@ from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME
 from robotapp_api.model.robotapp import RobotAppSpec
 from robotapp_api.values.duration import parse_us
 from robotapp_api.values.naming import child_name
-from robotapp_operator.plan.compare import content_hash
+from robotapp_operator.plan.spec.covers import content_hash
 
 # Derived names of what is no component. A dot cannot occur in a component's name, so the hash differs from any of theirs.
 SERVERS: Final = ("discovery.0", "discovery.1")

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_operator.plan.text import clip, stored_bytes
+from robotapp_operator.plan.spec.text import clip, stored_bytes
 
 
 def test_short_texts_stay_and_long_ones_show_that_they_were_cut() -> None:

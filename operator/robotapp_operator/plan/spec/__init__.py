@@ -1,0 +1,1 @@
+"""What one instance wants, read and checked."""
