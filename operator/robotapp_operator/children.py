@@ -35,8 +35,8 @@ from robotapp_operator.plan.changes import (
     still_running,
     wanted_children,
 )
-from robotapp_operator.plan.children import Child
-from robotapp_operator.plan.parameters import parameter_states
+from robotapp_operator.plan.render.child import Child
+from robotapp_operator.plan.render.parameters import parameter_states
 from robotapp_operator.plan.spec.desired import App, Domain, wish_of
 from robotapp_operator.plan.spec.instances import allowed_robots
 from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Node, Service

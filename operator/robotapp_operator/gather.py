@@ -25,10 +25,10 @@ from robotapp_operator.plan.changes import deployment_domain
 from robotapp_operator.plan.components import component_view, cut_off
 from robotapp_operator.plan.devices import device_trouble
 from robotapp_operator.plan.facts import Grace, InstanceFacts
-from robotapp_operator.plan.infrastructure import DISCOVERY
 from robotapp_operator.plan.latency import EdgeView, edge_views
 from robotapp_operator.plan.newer import Held
-from robotapp_operator.plan.parameters import parameter_states
+from robotapp_operator.plan.render.infrastructure import DISCOVERY
+from robotapp_operator.plan.render.parameters import parameter_states
 from robotapp_operator.plan.spec.desired import App, Domain
 from robotapp_operator.plan.spec.instances import instances_of, matching_robots
 from robotapp_operator.plan.spec.objects import Deployment, Pod, Telemetry

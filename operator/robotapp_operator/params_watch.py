@@ -21,7 +21,7 @@ from robotapp_api.model.names import OPERATOR_MANAGER
 from robotapp_operator.cache import Cache
 from robotapp_operator.execute import StartOver
 from robotapp_operator.keys import Work
-from robotapp_operator.plan.parameters import config_maps_of
+from robotapp_operator.plan.render.parameters import config_maps_of
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import ConfigMap, Meta
 from robotapp_operator.queue import Key, Queue

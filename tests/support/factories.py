@@ -12,7 +12,7 @@ from robotapp_api.model.robotapp import RobotAppSpec
 from robotapp_api.values.round_trips import RoundTrips
 from robotapp_operator.cache import Cache
 from robotapp_operator.plan.changes import Change, Observed, Plan, ref_of
-from robotapp_operator.plan.children import DEPLOYMENT
+from robotapp_operator.plan.render.child import DEPLOYMENT
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Node, Pod, Service, Telemetry
 

@@ -16,7 +16,7 @@ from robotapp_operator.cache import Cache
 from robotapp_operator.instance_objects import InstanceObjects
 from robotapp_operator.memory import Memory
 from robotapp_operator.observer import Observer
-from robotapp_operator.plan.instance_object import AppInstance
+from robotapp_operator.plan.render.instance_object import AppInstance
 
 REFUSED = DomainOutcome(Reason.DOMAIN_EXHAUSTED, "full")
 

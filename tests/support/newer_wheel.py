@@ -11,7 +11,7 @@ from robotapp_testbed.pins import REPOSITORY
 
 _PACKAGES = ("crds", "operator", "scheduler", "cli", "rigel_bridge")
 _FILES = ("pyproject.toml", "README.md", "LICENSE")
-_TEMPLATE = Path("operator/robotapp_operator/plan/template.py")
+_TEMPLATE = Path("operator/robotapp_operator/plan/render/pod_template.py")
 _RENDERED, _RENDERED_NEWER = '"enableServiceLinks": False', '"enableServiceLinks": True'
 
 

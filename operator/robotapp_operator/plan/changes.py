@@ -7,12 +7,12 @@ from typing import Any
 from robotapp_api.claims.identity import domain_literal
 from robotapp_api.claims.objects import ROS_DOMAIN_ID
 from robotapp_api.model.names import Annotation, Label
-from robotapp_operator.plan.children import DEPLOYMENT, SERVICE, Child
-from robotapp_operator.plan.deployments import component_deployments
-from robotapp_operator.plan.infrastructure import infrastructure
 from robotapp_operator.plan.newer import Held, amend, written_by_newer
-from robotapp_operator.plan.parameters import ParameterState
-from robotapp_operator.plan.services import peers_service
+from robotapp_operator.plan.render.child import DEPLOYMENT, SERVICE, Child
+from robotapp_operator.plan.render.deployments import component_deployments
+from robotapp_operator.plan.render.infrastructure import infrastructure
+from robotapp_operator.plan.render.parameters import ParameterState
+from robotapp_operator.plan.render.services import peers_service
 from robotapp_operator.plan.spec.covers import covers
 from robotapp_operator.plan.spec.desired import App, Domain, Wish
 from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Service

@@ -9,10 +9,10 @@ from robotapp_api.claims.instances import Instance, closed_nodes
 from robotapp_api.claims.objects import Claim
 from robotapp_api.model.component import Component
 from robotapp_api.model.device import Device
+from robotapp_operator.plan.render.node_affinity import may_run_on
 from robotapp_operator.plan.spec.desired import App, wish_of
 from robotapp_operator.plan.spec.desired import Wish as InstanceWish
 from robotapp_operator.plan.spec.objects import Node, Telemetry
-from robotapp_operator.plan.where import may_run_on
 
 SHOWN: Final = 3
 """So many devices are named in a message."""

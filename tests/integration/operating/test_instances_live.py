@@ -14,7 +14,7 @@ from tests.support import quiet
 from tests.support.live import INSTANCES, Tenant, eventually, part
 
 from robotapp_api.model.names import API_VERSION
-from robotapp_operator.plan.instance_object import object_name
+from robotapp_operator.plan.render.instance_object import object_name
 from robotapp_testbed import ControlPlane, topology
 
 pytestmark = pytest.mark.usefixtures("operator")

@@ -12,7 +12,7 @@ from robotapp_api.claims.objects import Claim
 from robotapp_api.model.names import Annotation, Label
 from robotapp_operator.cache import Cache
 from robotapp_operator.nodes import Nodes
-from robotapp_operator.plan.instance_object import AppInstance, wanted_object
+from robotapp_operator.plan.render.instance_object import AppInstance, wanted_object
 from robotapp_operator.plan.spec.objects import Deployment, Pod, ReplicaSet
 
 UID = "uid-1"

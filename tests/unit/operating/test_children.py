@@ -28,7 +28,7 @@ from robotapp_operator.children import Children
 from robotapp_operator.execute import StartOver
 from robotapp_operator.memory import Memory
 from robotapp_operator.params_watch import ParamsWatch
-from robotapp_operator.plan.parameters import parameter_states
+from robotapp_operator.plan.render.parameters import parameter_states
 from robotapp_operator.plan.spec.objects import ConfigMap, Deployment, Service
 from robotapp_operator.queue import Queue
 from robotapp_operator.sight import Sight

@@ -22,7 +22,7 @@ from robotapp_operator.controller import (
 from robotapp_operator.execute import StartOver
 from robotapp_operator.informers import ORPHAN_S
 from robotapp_operator.keys import Work
-from robotapp_operator.plan.instance_object import AppInstance, wanted_object
+from robotapp_operator.plan.render.instance_object import AppInstance, wanted_object
 from robotapp_operator.queue import Key
 
 EACH = {"nodeSelector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}

@@ -12,7 +12,7 @@ from robotapp_api.model.names import SCHEDULING_GATE, Annotation, Label
 from robotapp_operator.cache import Cache
 from robotapp_operator.informers import BACK_S, ORPHAN_S, Informers
 from robotapp_operator.keys import BACKGROUND, Work
-from robotapp_operator.plan.instance_object import AppInstance, wanted_object
+from robotapp_operator.plan.render.instance_object import AppInstance, wanted_object
 from robotapp_operator.plan.spec.objects import Deployment, Pod, ReplicaSet
 from robotapp_operator.queue import Key, Queue
 

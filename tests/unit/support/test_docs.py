@@ -14,9 +14,9 @@ from tests.support.factories import component, make_app
 from robotapp_agent.devices.kinds import TYPES
 from robotapp_agent.report.status import SECTIONS
 from robotapp_operator import settings
-from robotapp_operator.plan.parameters import ParameterState
+from robotapp_operator.plan.render.parameters import ParameterState
+from robotapp_operator.plan.render.pod_template import environment
 from robotapp_operator.plan.spec.desired import Domain, wish_of
-from robotapp_operator.plan.template import environment
 from robotapp_scheduler import options
 
 ROOT: Final = Path(__file__).resolve().parents[3]

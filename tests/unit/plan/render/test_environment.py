@@ -6,7 +6,7 @@ import pytest
 from tests.support.factories import component, make_app
 
 from robotapp_api.checks.middleware import resolve_mode
-from robotapp_operator.plan.environment import cyclone_config, ros2_environment
+from robotapp_operator.plan.render.environment import cyclone_config, ros2_environment
 from robotapp_operator.plan.spec.desired import Wish, wish_of
 
 

@@ -5,9 +5,9 @@ from typing import Any
 from tests.support.factories import make_app
 
 from robotapp_api.model.names import Label
-from robotapp_operator.plan.children import DEPLOYMENT, SERVICE, Child
-from robotapp_operator.plan.infrastructure import infrastructure
-from robotapp_operator.plan.services import peers_service
+from robotapp_operator.plan.render.child import DEPLOYMENT, SERVICE, Child
+from robotapp_operator.plan.render.infrastructure import infrastructure
+from robotapp_operator.plan.render.services import peers_service
 from robotapp_operator.plan.spec.desired import wish_of
 
 

@@ -9,7 +9,7 @@ import pytest
 from tests.support.factories import component, make_app
 
 from robotapp_operator.plan.changes import wanted_children
-from robotapp_operator.plan.parameters import ParameterState
+from robotapp_operator.plan.render.parameters import ParameterState
 from robotapp_operator.plan.spec.covers import content_hash
 from robotapp_operator.plan.spec.desired import Domain, wish_of
 

@@ -8,10 +8,10 @@ import pytest
 from tests.support.factories import component, make_app
 
 from robotapp_api.model.names import SCHEDULING_GATE, Annotation, Label
-from robotapp_operator.plan.parameters import NONE, ParameterState, parameter_states
+from robotapp_operator.plan.render.parameters import NONE, ParameterState, parameter_states
+from robotapp_operator.plan.render.pod_template import pod_template
 from robotapp_operator.plan.spec.desired import Domain, wish_of
 from robotapp_operator.plan.spec.objects import ConfigMap
-from robotapp_operator.plan.template import pod_template
 
 DOMAIN = Domain(7, "dds.default.c.7")
 

@@ -9,7 +9,7 @@ import msgspec
 
 from robotapp_api.model.names import Label
 from robotapp_api.values.naming import child_name
-from robotapp_operator.plan.children import owner_reference
+from robotapp_operator.plan.render.child import owner_reference
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import Meta, version_number
 

@@ -3,14 +3,10 @@
 from typing import Any, Final
 
 from robotapp_api.model.names import Label
-from robotapp_operator.plan.children import DEPLOYMENT, Child, role_labels, selector
-from robotapp_operator.plan.deployments import deployment_spec
-from robotapp_operator.plan.environment import DISCOVERY_SERVER_PORT, ZENOH_PORT
-from robotapp_operator.plan.ros1 import MASTER_PORT, own_address
-from robotapp_operator.plan.services import role_service
-from robotapp_operator.plan.spec.desired import MASTER, ROUTER, SERVERS, Wish
-from robotapp_operator.plan.spec.objects import ChildRef
-from robotapp_operator.plan.where import (
+from robotapp_operator.plan.render.child import DEPLOYMENT, Child, role_labels, selector
+from robotapp_operator.plan.render.deployments import deployment_spec
+from robotapp_operator.plan.render.environment import DISCOVERY_SERVER_PORT, ZENOH_PORT
+from robotapp_operator.plan.render.node_affinity import (
     disconnect_tolerations,
     is_in,
     required_nodes,
@@ -18,6 +14,10 @@ from robotapp_operator.plan.where import (
     shared_node_selector,
     shared_tolerations,
 )
+from robotapp_operator.plan.render.ros1 import MASTER_PORT, own_address
+from robotapp_operator.plan.render.services import role_service
+from robotapp_operator.plan.spec.desired import MASTER, ROUTER, SERVERS, Wish
+from robotapp_operator.plan.spec.objects import ChildRef
 
 DISCOVERY: Final = "discovery"
 ROUTER_ROLE: Final = "router"

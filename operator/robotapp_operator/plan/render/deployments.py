@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from robotapp_api.model.component import Component
-from robotapp_operator.plan.children import DEPLOYMENT, Child, component_labels, selector
-from robotapp_operator.plan.parameters import NONE, ParameterState
+from robotapp_operator.plan.render.child import DEPLOYMENT, Child, component_labels, selector
+from robotapp_operator.plan.render.parameters import NONE, ParameterState
+from robotapp_operator.plan.render.pod_template import pod_template
 from robotapp_operator.plan.spec.desired import Domain, Wish
 from robotapp_operator.plan.spec.objects import ChildRef
-from robotapp_operator.plan.template import pod_template
 
 
 def component_deployments(

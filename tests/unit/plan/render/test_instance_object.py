@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from tests.support.factories import make_app
 
 from robotapp_api.values.naming import child_name
-from robotapp_operator.plan.instance_object import AppInstance, is_as_wanted, object_name, wanted_object
+from robotapp_operator.plan.render.instance_object import AppInstance, is_as_wanted, object_name, wanted_object
 from robotapp_operator.plan.spec.desired import MASTER, PEERS, ROUTER, SERVERS
 
 NAMES = st.from_regex(r"[a-z0-9]([-a-z0-9]{0,8}[a-z0-9])?", fullmatch=True)

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from robotapp_operator.plan.children import SERVICE, Child, instance_labels, selector
+from robotapp_operator.plan.render.child import SERVICE, Child, instance_labels, selector
 from robotapp_operator.plan.spec.desired import Wish
 from robotapp_operator.plan.spec.objects import ChildRef
 

@@ -4,9 +4,10 @@ from typing import Any, Final
 
 from robotapp_api.model.component import Component
 from robotapp_api.model.names import SCHEDULING_GATE, WAITING_STEP, Annotation
-from robotapp_operator.plan.children import component_labels
-from robotapp_operator.plan.environment import ros2_environment
-from robotapp_operator.plan.parameters import (
+from robotapp_operator.plan.render.child import component_labels
+from robotapp_operator.plan.render.environment import ros2_environment
+from robotapp_operator.plan.render.node_affinity import affinity, tolerations
+from robotapp_operator.plan.render.parameters import (
     ParameterState,
     parameter_annotations,
     parameter_arguments,
@@ -14,10 +15,9 @@ from robotapp_operator.plan.parameters import (
     parameter_paths,
     parameter_volume,
 )
-from robotapp_operator.plan.probes import readiness_probe
-from robotapp_operator.plan.ros1 import ros1_environment
+from robotapp_operator.plan.render.readiness_probes import readiness_probe
+from robotapp_operator.plan.render.ros1 import ros1_environment
 from robotapp_operator.plan.spec.desired import Domain, Wish
-from robotapp_operator.plan.where import affinity, tolerations
 
 DEFAULT_ACCOUNT: Final = "default"
 GRANTED_DEVICES_PATH: Final = f"metadata.annotations['{Annotation.GRANTED_DEVICES.value}']"

@@ -9,7 +9,7 @@ from robotapp_api.model.names import HARDWARE_PREFIX, Label
 from robotapp_api.values.neighbours import NO_NEIGHBOURS
 from robotapp_api.values.selector import matches_labels
 from robotapp_api.values.tiers import KEEP, ROBOT, on_disconnect
-from robotapp_operator.plan.children import component_labels, selector
+from robotapp_operator.plan.render.child import component_labels, selector
 from robotapp_operator.plan.spec.desired import Wish
 
 DISCONNECTED: Final = ("node.kubernetes.io/not-ready", "node.kubernetes.io/unreachable")
