@@ -9,7 +9,7 @@ from robotapp_api.claims.objects import Claim, Pool
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_api.values.round_trips import RoundTrips
 from robotapp_operator.nodes import Nodes
-from robotapp_operator.plan.changes import Observed, ref_of
+from robotapp_operator.plan.diff.diff import Observed, ref_of
 from robotapp_operator.plan.render.instance_object import AppInstance
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import (

@@ -26,7 +26,7 @@ from robotapp_operator.execute import StartOver, execute, stop
 from robotapp_operator.gather import cached_domain, needs_domain, problems_now, wanted_instances
 from robotapp_operator.memory import Memory
 from robotapp_operator.params_watch import ParamsWatch
-from robotapp_operator.plan.changes import (
+from robotapp_operator.plan.diff.diff import (
     Observed,
     Plan,
     deployment_domain,

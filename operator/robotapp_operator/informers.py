@@ -12,7 +12,7 @@ from robotapp_api.model.names import SCHEDULER_NAME, SCHEDULING_GATE, THESIS_SCH
 from robotapp_operator.cache import Cache, Index, InstanceKey
 from robotapp_operator.keys import Work, namespace_group, pool_group
 from robotapp_operator.nodes import identity_changed
-from robotapp_operator.plan.changes import deployment_domain
+from robotapp_operator.plan.diff.diff import deployment_domain
 from robotapp_operator.plan.render.instance_object import AppInstance
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import Deployment, Node, Pod, ReplicaSet, Service, Telemetry, lacks_owner

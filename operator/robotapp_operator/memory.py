@@ -7,9 +7,9 @@ from typing import Any
 from robotapp_api.claims.domain import DomainOutcome
 from robotapp_api.claims.instances import Instance
 from robotapp_api.model.names import Reason
+from robotapp_operator.plan.diff.newer import Held
 from robotapp_operator.plan.facts import InstanceFacts
 from robotapp_operator.plan.latency import EdgeKey, EdgeView, Rest
-from robotapp_operator.plan.newer import Held
 from robotapp_operator.plan.pace import Bucket, Writing
 from robotapp_operator.plan.spec.validate import Problem
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.support.factories import VERSION, after, component, make_app
 
-from robotapp_operator.plan.changes import Observed, Plan, plan, ref_of, wanted_children
+from robotapp_operator.plan.diff.diff import Observed, Plan, plan, ref_of, wanted_children
 from robotapp_operator.plan.render.child import Child
 from robotapp_operator.plan.render.parameters import ParameterState
 from robotapp_operator.plan.spec.desired import App, Domain, wish_of

@@ -12,10 +12,10 @@ from robotapp_api.model.instance import InstanceStatus
 from robotapp_api.model.names import Condition, Reason
 from robotapp_api.model.status import RobotAppStatus
 from robotapp_operator.plan.components import ComponentView
+from robotapp_operator.plan.diff.newer import Held
 from robotapp_operator.plan.facts import AppFacts, InstanceFacts, of_instance
 from robotapp_operator.plan.instance_status import render_instance, same_instance_status
 from robotapp_operator.plan.latency import REST_S, EdgeKey, EdgeView, Rest, edge_views, publish, worst_first
-from robotapp_operator.plan.newer import Held
 from robotapp_operator.plan.spec.covers import content_hash, covers
 from robotapp_operator.plan.spec.text import stored_bytes
 from robotapp_operator.plan.spec.validate import Problem

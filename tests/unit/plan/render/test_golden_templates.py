@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from tests.support.factories import component, make_app
 
-from robotapp_operator.plan.changes import wanted_children
+from robotapp_operator.plan.diff.diff import wanted_children
 from robotapp_operator.plan.render.parameters import ParameterState
 from robotapp_operator.plan.spec.covers import content_hash
 from robotapp_operator.plan.spec.desired import Domain, wish_of

@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
+from robotapp_operator.plan.diff.versions import is_newer
 from robotapp_operator.plan.spec.covers import content_hash, covers
-from robotapp_operator.plan.versions import is_newer
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import msgspec
 from tests.support.factories import VERSION, after, component, make_app
 
 from robotapp_api.model.names import Annotation, Label
-from robotapp_operator.plan.changes import Observed, Plan, deployment_domain, plan, wanted_children
+from robotapp_operator.plan.diff.diff import Observed, Plan, deployment_domain, plan, wanted_children
 from robotapp_operator.plan.render.child import DEPLOYMENT, Child
 from robotapp_operator.plan.spec.desired import App, Domain, wish_of
 from robotapp_operator.plan.spec.objects import ChildRef, Deployment

@@ -9,11 +9,11 @@ from typing import Any, Final
 
 import pytest
 from tests.support.factories import VERSION, after, component, make_app
-from tests.unit.plan.test_changes import bent, planned, settled_world, wanted
+from tests.unit.plan.diff.test_diff import bent, planned, settled_world, wanted
 
 from robotapp_api.claims.objects import ROS_DOMAIN_ID
 from robotapp_api.model.names import WAITING_STEP, Annotation, Label
-from robotapp_operator.plan.changes import Observed, Plan, deployment_domain, template_env
+from robotapp_operator.plan.diff.diff import Observed, Plan, deployment_domain, template_env
 from robotapp_operator.plan.render.child import DEPLOYMENT
 from robotapp_operator.plan.spec.desired import App, Domain
 from robotapp_operator.plan.spec.objects import ChildRef

@@ -7,7 +7,9 @@ from typing import Any
 from robotapp_api.claims.identity import domain_literal
 from robotapp_api.claims.objects import ROS_DOMAIN_ID
 from robotapp_api.model.names import Annotation, Label
-from robotapp_operator.plan.newer import Held, amend, written_by_newer
+from robotapp_operator.plan.diff.newer import Held, amend, written_by_newer
+from robotapp_operator.plan.diff.unowned import strays
+from robotapp_operator.plan.diff.versions import is_newer
 from robotapp_operator.plan.render.child import DEPLOYMENT, SERVICE, Child
 from robotapp_operator.plan.render.deployments import component_deployments
 from robotapp_operator.plan.render.infrastructure import infrastructure
@@ -16,8 +18,6 @@ from robotapp_operator.plan.render.services import peers_service
 from robotapp_operator.plan.spec.covers import covers
 from robotapp_operator.plan.spec.desired import App, Domain, Wish
 from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Service
-from robotapp_operator.plan.strays import strays
-from robotapp_operator.plan.versions import is_newer
 
 Observed = Deployment | Service
 

@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 from robotapp_api.claims.identity import domain_literal
 from robotapp_api.claims.objects import ROS_DOMAIN_ID
 from robotapp_api.model.names import WAITING_STEP, Annotation
+from robotapp_operator.plan.diff.versions import is_newer
 from robotapp_operator.plan.render.child import DEPLOYMENT, Child
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import Deployment, Service
-from robotapp_operator.plan.versions import is_newer
 
 
 class Held(NamedTuple):

@@ -6,7 +6,7 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_operator.plan.strays import strays
+from robotapp_operator.plan.diff.unowned import strays
 
 VARIABLE = "ROS_DOMAIN_ID"
 
