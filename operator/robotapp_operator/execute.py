@@ -16,12 +16,12 @@ from robotapp_api.client.api.bodies import JSON_PATCH
 from robotapp_api.client.api.client import JsonPatch
 from robotapp_api.client.api.resources import DEPLOYMENTS, SERVICES, Resource
 from robotapp_api.model.names import OPERATOR_MANAGER, Reason
-from robotapp_operator.plan.components import over_quota
 from robotapp_operator.plan.diff.diff import Change, Observed, Plan, ref_of
 from robotapp_operator.plan.diff.unowned import strays
 from robotapp_operator.plan.render.child import DEPLOYMENT, SERVICE
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import Deployment, Meta
+from robotapp_operator.plan.status.components import over_quota
 
 log = logging.getLogger(__name__)
 

@@ -21,18 +21,18 @@ from robotapp_api.values.ranges import parse_ids
 from robotapp_api.values.tiers import ROBOT
 from robotapp_operator.cache import Cache
 from robotapp_operator.nodes import Lost
-from robotapp_operator.plan.components import component_view, cut_off
-from robotapp_operator.plan.devices import device_trouble
 from robotapp_operator.plan.diff.diff import deployment_domain
 from robotapp_operator.plan.diff.newer import Held
-from robotapp_operator.plan.facts import Grace, InstanceFacts
-from robotapp_operator.plan.latency import EdgeView, edge_views
 from robotapp_operator.plan.render.infrastructure import DISCOVERY
 from robotapp_operator.plan.render.parameters import parameter_states
 from robotapp_operator.plan.spec.desired import App, Domain
 from robotapp_operator.plan.spec.instances import instances_of, matching_robots
 from robotapp_operator.plan.spec.objects import Deployment, Pod, Telemetry
 from robotapp_operator.plan.spec.validate import Problem, domain_problems, problems_alone, problems_with
+from robotapp_operator.plan.status.components import component_view, cut_off
+from robotapp_operator.plan.status.device_conflicts import device_trouble
+from robotapp_operator.plan.status.facts import Grace, InstanceFacts
+from robotapp_operator.plan.status.latency import EdgeView, edge_views
 from robotapp_operator.sharing import rules_view
 
 

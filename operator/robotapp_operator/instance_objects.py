@@ -19,11 +19,11 @@ from robotapp_operator.cache import Cache
 from robotapp_operator.gather import instances_by_name
 from robotapp_operator.memory import InstanceMemory, Memory
 from robotapp_operator.observer import Observer
-from robotapp_operator.plan.facts import AppFacts, of_instance
-from robotapp_operator.plan.instance_status import render_instance, same_instance_status
-from robotapp_operator.plan.pace import is_urgent
 from robotapp_operator.plan.render.instance_object import AppInstance, is_as_wanted, object_name, wanted_object
 from robotapp_operator.plan.spec.desired import App
+from robotapp_operator.plan.status.facts import AppFacts, of_instance
+from robotapp_operator.plan.status.instance_status import render_instance, same_instance_status
+from robotapp_operator.plan.status.pace import is_urgent
 
 log = logging.getLogger(__name__)
 

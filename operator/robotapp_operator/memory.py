@@ -8,10 +8,10 @@ from robotapp_api.claims.domain import DomainOutcome
 from robotapp_api.claims.instances import Instance
 from robotapp_api.model.names import Reason
 from robotapp_operator.plan.diff.newer import Held
-from robotapp_operator.plan.facts import InstanceFacts
-from robotapp_operator.plan.latency import EdgeKey, EdgeView, Rest
-from robotapp_operator.plan.pace import Bucket, Writing
 from robotapp_operator.plan.spec.validate import Problem
+from robotapp_operator.plan.status.facts import InstanceFacts
+from robotapp_operator.plan.status.latency import EdgeKey, EdgeView, Rest
+from robotapp_operator.plan.status.pace import Bucket, Writing
 
 Trouble = tuple[Reason, str]
 

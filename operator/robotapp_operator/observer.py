@@ -13,13 +13,13 @@ from robotapp_api.values.round_trips import UNREACHABLE_US
 from robotapp_operator.cache import Cache
 from robotapp_operator.gather import cached_domain, instance_facts, instances_by_name, offline_s, problems_now
 from robotapp_operator.memory import AppMemory, InstanceMemory, Memory
-from robotapp_operator.plan.facts import AppFacts, InstanceFacts
-from robotapp_operator.plan.latency import EdgeKey, EdgeView, publish
 from robotapp_operator.plan.render.instance_object import object_name
 from robotapp_operator.plan.render.parameters import config_maps_of
 from robotapp_operator.plan.spec.desired import App, wish_of
 from robotapp_operator.plan.spec.record import Record
 from robotapp_operator.plan.spec.validate import notes_of
+from robotapp_operator.plan.status.facts import AppFacts, InstanceFacts
+from robotapp_operator.plan.status.latency import EdgeKey, EdgeView, publish
 
 
 class Observer:

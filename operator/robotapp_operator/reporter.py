@@ -14,11 +14,11 @@ from robotapp_api.model.names import API_VERSION
 from robotapp_operator.cache import Cache
 from robotapp_operator.memory import AppMemory, Memory
 from robotapp_operator.observer import Observer
-from robotapp_operator.plan.app_figures import adopt, steady
-from robotapp_operator.plan.facts import AppFacts
-from robotapp_operator.plan.news import News, end_of_life, news_of
 from robotapp_operator.plan.spec.record import Record
-from robotapp_operator.plan.status import render_status, same_status, unreadable_status
+from robotapp_operator.plan.status.app_figures import adopt, steady
+from robotapp_operator.plan.status.events import News, end_of_life, news_of
+from robotapp_operator.plan.status.facts import AppFacts
+from robotapp_operator.plan.status.status import render_status, same_status, unreadable_status
 
 log = logging.getLogger(__name__)
 

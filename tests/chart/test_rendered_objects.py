@@ -19,7 +19,7 @@ from tests.support.chart import (
 )
 
 from robotapp_api.model.names import FLEET_CONFIG_MAP, SCHEDULER_NAME
-from robotapp_operator.plan.fleet import MAX_SHARDS
+from robotapp_operator.plan.status.fleet import MAX_SHARDS
 from robotapp_testbed.failures import CommandError
 
 pytestmark = pytest.mark.live

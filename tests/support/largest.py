@@ -7,10 +7,10 @@ from tests.support.factories import component, make_app
 from robotapp_api.claims.instances import Instance
 from robotapp_api.model.names import Reason
 from robotapp_api.values.round_trips import RoundTrips
-from robotapp_operator.plan.components import MAX_RESTARTS, ComponentView
-from robotapp_operator.plan.facts import AppFacts, InstanceFacts, of_instance
-from robotapp_operator.plan.instance_status import render_instance
-from robotapp_operator.plan.latency import edge_views, worst_first
+from robotapp_operator.plan.status.components import MAX_RESTARTS, ComponentView
+from robotapp_operator.plan.status.facts import AppFacts, InstanceFacts, of_instance
+from robotapp_operator.plan.status.instance_status import render_instance
+from robotapp_operator.plan.status.latency import edge_views, worst_first
 
 
 def largest_status(text: str) -> dict[str, Any]:

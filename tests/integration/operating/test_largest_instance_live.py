@@ -8,7 +8,7 @@ from tests.support.live import INSTANCES
 
 from robotapp_api.model.names import API_VERSION
 from robotapp_operator.plan.spec.text import stored_bytes
-from robotapp_operator.plan.status import MAX_STATUS_BYTES
+from robotapp_operator.plan.status.status import MAX_STATUS_BYTES
 from robotapp_testbed import ControlPlane
 
 

@@ -11,16 +11,16 @@ from robotapp_api.claims.instances import Instance
 from robotapp_api.model.instance import InstanceStatus
 from robotapp_api.model.names import Condition, Reason
 from robotapp_api.model.status import RobotAppStatus
-from robotapp_operator.plan.components import ComponentView
 from robotapp_operator.plan.diff.newer import Held
-from robotapp_operator.plan.facts import AppFacts, InstanceFacts, of_instance
-from robotapp_operator.plan.instance_status import render_instance, same_instance_status
-from robotapp_operator.plan.latency import REST_S, EdgeKey, EdgeView, Rest, edge_views, publish, worst_first
 from robotapp_operator.plan.spec.covers import content_hash, covers
 from robotapp_operator.plan.spec.text import stored_bytes
 from robotapp_operator.plan.spec.validate import Problem
-from robotapp_operator.plan.status import MAX_STATUS_BYTES, render_status
-from robotapp_operator.plan.troubled import MAX_TROUBLED
+from robotapp_operator.plan.status.components import ComponentView
+from robotapp_operator.plan.status.facts import AppFacts, InstanceFacts, of_instance
+from robotapp_operator.plan.status.instance_status import render_instance, same_instance_status
+from robotapp_operator.plan.status.latency import REST_S, EdgeKey, EdgeView, Rest, edge_views, publish, worst_first
+from robotapp_operator.plan.status.status import MAX_STATUS_BYTES, render_status
+from robotapp_operator.plan.status.troubled import MAX_TROUBLED
 
 TEXT = st.text(max_size=2000)
 NODES = st.sampled_from(["edge-1", "edge-2", "amr-07", "n" * 253])

@@ -27,9 +27,9 @@ from robotapp_operator import gather
 from robotapp_operator.cache import Cache
 from robotapp_operator.gather import cached_domain, instance_facts, problems_now, wanted_instances
 from robotapp_operator.plan.diff.diff import Observed, plan, wanted_children
-from robotapp_operator.plan.facts import InstanceFacts
 from robotapp_operator.plan.spec.desired import App, Domain, wish_of
 from robotapp_operator.plan.spec.objects import ConfigMap, Deployment, ReplicaSet, Telemetry
+from robotapp_operator.plan.status.facts import InstanceFacts
 
 EACH = {"nodeSelector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}
 

@@ -20,8 +20,8 @@ from robotapp_operator import observer, reporter
 from robotapp_operator.cache import Cache
 from robotapp_operator.memory import Memory
 from robotapp_operator.observer import Observer
-from robotapp_operator.plan.pace import BURST
 from robotapp_operator.plan.spec.record import parse_record
+from robotapp_operator.plan.status.pace import BURST
 from robotapp_operator.reporter import Reporter, same_status, unreadable_status
 
 EACH = {"nodeSelector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}

@@ -8,7 +8,7 @@ import pytest
 from tests.support.factories import make_app
 
 from robotapp_api.model.names import EventReason, Reason
-from robotapp_operator.plan.news import NOT_ACCEPTED, NOT_ALLOCATED, end_of_life, news_of
+from robotapp_operator.plan.status.events import NOT_ACCEPTED, NOT_ALLOCATED, end_of_life, news_of
 
 
 def status(**conditions: tuple[str, str, str]) -> dict[str, Any]:

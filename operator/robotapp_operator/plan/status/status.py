@@ -9,12 +9,12 @@ from typing import Any, Final
 
 from robotapp_api.model.conditions import condition
 from robotapp_api.model.names import Condition, Phase, Reason
-from robotapp_operator.plan.conditions import MAX_CONDITION_BYTES, conditions, newer_templates, ready
-from robotapp_operator.plan.facts import AppFacts, InstanceFacts
-from robotapp_operator.plan.latency import EdgeView, shown_ms
 from robotapp_operator.plan.spec.record import Record
 from robotapp_operator.plan.spec.text import clip
-from robotapp_operator.plan.troubled import troubled
+from robotapp_operator.plan.status.conditions import MAX_CONDITION_BYTES, conditions, newer_templates, ready
+from robotapp_operator.plan.status.facts import AppFacts, InstanceFacts
+from robotapp_operator.plan.status.latency import EdgeView, shown_ms
+from robotapp_operator.plan.status.troubled import troubled
 
 MAX_STATUS_BYTES: Final = 64 * 1024
 """No status of ours is larger, however large the app."""

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from robotapp_operator.plan.pace import (
+from robotapp_operator.plan.status.pace import (
     BURST,
     PROGRESS_REST_S,
     SETTLED_S,

@@ -5,7 +5,7 @@ import re
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_operator.plan.fleet import MAX_SHARDS, Assignment, fleet_lines, shards, wanted_probes
+from robotapp_operator.plan.status.fleet import MAX_SHARDS, Assignment, fleet_lines, shards, wanted_probes
 
 NODES = st.sampled_from([f"n{number}" for number in range(40)])
 

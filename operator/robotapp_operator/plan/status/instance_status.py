@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from robotapp_api.values.round_trips import is_unreachable
-from robotapp_operator.plan.conditions import MAX_BRIEF_BYTES, conditions, ready
-from robotapp_operator.plan.facts import AppFacts
-from robotapp_operator.plan.latency import EdgeView, shown_ms
 from robotapp_operator.plan.spec.text import clip, stored_bytes
-from robotapp_operator.plan.status import (
+from robotapp_operator.plan.status.conditions import MAX_BRIEF_BYTES, conditions, ready
+from robotapp_operator.plan.status.facts import AppFacts
+from robotapp_operator.plan.status.latency import EdgeView, shown_ms
+from robotapp_operator.plan.status.status import (
     MAX_STATUS_BYTES,
     budget_text,
     devices_text,

@@ -7,9 +7,9 @@ from tests.support.factories import make_app
 
 from robotapp_api.claims.instances import Instance
 from robotapp_api.model.names import Phase, Reason
-from robotapp_operator.plan.components import ComponentView
-from robotapp_operator.plan.facts import AppFacts, Grace, InstanceFacts
-from robotapp_operator.plan.status import render_status
+from robotapp_operator.plan.status.components import ComponentView
+from robotapp_operator.plan.status.facts import AppFacts, Grace, InstanceFacts
+from robotapp_operator.plan.status.status import render_status
 
 GRACE = Grace("2026-01-01T00:00:00Z", "2026-01-01T00:05:00Z", 300.0)
 LOST = ComponentView(name="driver", replicas=1, ready=False, exists=True, bound=True, rolling=False, nodes=("n",))

@@ -12,13 +12,13 @@ from robotapp_api.claims.instances import Instance
 from robotapp_api.model.instance import InstanceStatus
 from robotapp_api.model.names import Condition, Phase, Reason
 from robotapp_api.values.round_trips import RoundTrips
-from robotapp_operator.plan.components import ComponentView
-from robotapp_operator.plan.facts import AppFacts, InstanceFacts, of_instance
-from robotapp_operator.plan.instance_status import render_instance, same_instance_status
-from robotapp_operator.plan.latency import EdgeView, edge_views, worst_first
 from robotapp_operator.plan.spec.text import stored_bytes
 from robotapp_operator.plan.spec.validate import Problem
-from robotapp_operator.plan.status import MAX_STATUS_BYTES
+from robotapp_operator.plan.status.components import ComponentView
+from robotapp_operator.plan.status.facts import AppFacts, InstanceFacts, of_instance
+from robotapp_operator.plan.status.instance_status import render_instance, same_instance_status
+from robotapp_operator.plan.status.latency import EdgeView, edge_views, worst_first
+from robotapp_operator.plan.status.status import MAX_STATUS_BYTES
 
 UP = ComponentView(name="driver", replicas=1, ready=True, exists=True, bound=True, rolling=False, nodes=("edge-1",))
 STARTING = dataclasses.replace(UP, ready=False)

@@ -7,9 +7,9 @@ of them, follow once a minute, or when the verdict about the whole app changes.
 import dataclasses
 from typing import NamedTuple
 
-from robotapp_operator.plan.conditions import budget_met
-from robotapp_operator.plan.facts import AppFacts, InstanceFacts
-from robotapp_operator.plan.latency import EdgeView, Rest
+from robotapp_operator.plan.status.conditions import budget_met
+from robotapp_operator.plan.status.facts import AppFacts, InstanceFacts
+from robotapp_operator.plan.status.latency import EdgeView, Rest
 
 Shown = dict[str, tuple[EdgeView, ...]]
 """Edges by instance."""

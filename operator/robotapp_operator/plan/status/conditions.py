@@ -8,10 +8,10 @@ from robotapp_api.model.conditions import condition
 from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME, Condition, Reason
 from robotapp_api.values.round_trips import is_unreachable
 from robotapp_operator.plan.diff.versions import version_key
-from robotapp_operator.plan.facts import AppFacts, InstanceFacts
-from robotapp_operator.plan.latency import EdgeView
 from robotapp_operator.plan.spec.text import clip, shown
-from robotapp_operator.plan.troubled import cut_off_text, edge_text, rank_of, what_is_missing
+from robotapp_operator.plan.status.facts import AppFacts, InstanceFacts
+from robotapp_operator.plan.status.latency import EdgeView
+from robotapp_operator.plan.status.troubled import cut_off_text, edge_text, rank_of, what_is_missing
 
 MAX_CONDITION_BYTES: Final = 2048
 """Bytes of a message of a RobotApp."""

@@ -13,10 +13,10 @@ from robotapp_api.claims.identity import claim_name_device
 from robotapp_api.claims.instances import Instance
 from robotapp_api.claims.objects import Claim
 from robotapp_api.model.names import Annotation
-from robotapp_operator.plan import devices
-from robotapp_operator.plan.devices import Place, rivals
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import Telemetry
+from robotapp_operator.plan.status import device_conflicts as devices
+from robotapp_operator.plan.status.device_conflicts import Place, rivals
 
 ON_ROBOT = Instance(robot="amr-07", node="amr-07")
 BUS: dict[str, Any] = {"name": "bus", "type": "can", "interface": "can0"}

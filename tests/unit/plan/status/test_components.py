@@ -6,8 +6,8 @@ import pytest
 from tests.support.factories import component, make_app, make_deployment, make_pod
 
 from robotapp_api.model.names import Reason
-from robotapp_operator.plan.components import ComponentView, component_view, cut_off
 from robotapp_operator.plan.spec.objects import Deployment, Pod
+from robotapp_operator.plan.status.components import ComponentView, component_view, cut_off
 
 
 def view(deployment: Deployment | None, *pods: Pod) -> ComponentView:

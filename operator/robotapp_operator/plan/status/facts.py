@@ -5,11 +5,11 @@ from collections.abc import Mapping
 
 from robotapp_api.claims.instances import Instance
 from robotapp_api.model.names import Reason
-from robotapp_operator.plan.components import ComponentView
 from robotapp_operator.plan.diff.newer import Held
-from robotapp_operator.plan.latency import EdgeView
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.validate import Problem
+from robotapp_operator.plan.status.components import ComponentView
+from robotapp_operator.plan.status.latency import EdgeView
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

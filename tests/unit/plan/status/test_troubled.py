@@ -9,11 +9,11 @@ from tests.support.factories import make_app, round_trips, telemetry
 
 from robotapp_api.claims.instances import Instance
 from robotapp_api.model.names import Reason
-from robotapp_operator.plan.components import ComponentView
-from robotapp_operator.plan.facts import AppFacts, Grace, InstanceFacts
-from robotapp_operator.plan.latency import edge_views, worst_first
 from robotapp_operator.plan.spec.validate import Problem
-from robotapp_operator.plan.troubled import MAX_TROUBLED, troubled
+from robotapp_operator.plan.status.components import ComponentView
+from robotapp_operator.plan.status.facts import AppFacts, Grace, InstanceFacts
+from robotapp_operator.plan.status.latency import edge_views, worst_first
+from robotapp_operator.plan.status.troubled import MAX_TROUBLED, troubled
 
 UP = ComponentView(name="driver", replicas=1, ready=True, exists=True, bound=True, rolling=False, nodes=("edge-1",))
 STARTING = dataclasses.replace(UP, ready=False)

@@ -4,9 +4,9 @@ from enum import IntEnum
 from typing import Any, Final, NamedTuple
 
 from robotapp_api.model.names import Label, Reason
-from robotapp_operator.plan.facts import AppFacts, Grace, InstanceFacts
-from robotapp_operator.plan.latency import EdgeView, shown_ms
 from robotapp_operator.plan.spec.text import clip, shown
+from robotapp_operator.plan.status.facts import AppFacts, Grace, InstanceFacts
+from robotapp_operator.plan.status.latency import EdgeView, shown_ms
 
 MAX_TROUBLED: Final = 10
 MAX_TROUBLED_BYTES: Final = 1024

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 from tests.support.factories import make_app, round_trips, telemetry
 
-from robotapp_operator.plan.latency import (
+from robotapp_operator.plan.status.latency import (
     MOST_US,
     EdgeKey,
     EdgeView,

@@ -6,11 +6,11 @@ import random
 from tests.support.factories import make_app, round_trips, telemetry
 
 from robotapp_api.claims.instances import Instance
-from robotapp_operator.plan.app_figures import Shown, steady
-from robotapp_operator.plan.components import ComponentView
-from robotapp_operator.plan.facts import AppFacts, InstanceFacts
-from robotapp_operator.plan.latency import Rest, edge_views, worst_first
-from robotapp_operator.plan.status import render_status
+from robotapp_operator.plan.status.app_figures import Shown, steady
+from robotapp_operator.plan.status.components import ComponentView
+from robotapp_operator.plan.status.facts import AppFacts, InstanceFacts
+from robotapp_operator.plan.status.latency import Rest, edge_views, worst_first
+from robotapp_operator.plan.status.status import render_status
 
 EDGE = {"topic": "/t", "from": "operator", "to": "driver", "latency": {"budget": "30ms"}}
 APP = make_app(edges=[EDGE])

@@ -10,13 +10,13 @@ from tests.support.factories import component, make_app, round_trips, telemetry
 from robotapp_api.claims.instances import Instance
 from robotapp_api.model.names import Condition, Phase, Reason
 from robotapp_api.model.status import RobotAppStatus
-from robotapp_operator.plan.components import ComponentView
 from robotapp_operator.plan.diff.newer import Held
-from robotapp_operator.plan.facts import AppFacts, InstanceFacts
-from robotapp_operator.plan.latency import EdgeView, edge_views, worst_first
 from robotapp_operator.plan.spec.text import stored_bytes
 from robotapp_operator.plan.spec.validate import Problem
-from robotapp_operator.plan.status import MAX_STATUS_BYTES, domains_text, ranges, render_status
+from robotapp_operator.plan.status.components import ComponentView
+from robotapp_operator.plan.status.facts import AppFacts, InstanceFacts
+from robotapp_operator.plan.status.latency import EdgeView, edge_views, worst_first
+from robotapp_operator.plan.status.status import MAX_STATUS_BYTES, domains_text, ranges, render_status
 
 UP = ComponentView(name="driver", replicas=1, ready=True, exists=True, bound=True, rolling=False, nodes=("edge-1",))
 STARTING = dataclasses.replace(UP, ready=False)
