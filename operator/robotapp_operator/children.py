@@ -22,7 +22,7 @@ from robotapp_api.client.api.resources import DEPLOYMENTS, NODES, ROBOTAPPS, SER
 from robotapp_api.client.transport.errors import means_gone
 from robotapp_api.model.names import Label, Reason
 from robotapp_operator.cache import Cache
-from robotapp_operator.execute import StartOver, execute, stop
+from robotapp_operator.execute import execute, stop
 from robotapp_operator.gather import cached_domain, needs_domain, problems_now, wanted_instances
 from robotapp_operator.memory import Memory
 from robotapp_operator.params_watch import ParamsWatch
@@ -41,6 +41,7 @@ from robotapp_operator.plan.spec.desired import App, Domain, wish_of
 from robotapp_operator.plan.spec.instances import allowed_robots
 from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Node, Service
 from robotapp_operator.plan.spec.record import Record
+from robotapp_operator.queue.work import StartOver
 
 log = logging.getLogger(__name__)
 

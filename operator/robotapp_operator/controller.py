@@ -8,13 +8,11 @@ from typing import Any, Final
 from robotapp_api.client import ApiError, ClientError, TooManyRequests
 from robotapp_operator.cache import Cache
 from robotapp_operator.children import Children
-from robotapp_operator.execute import StartOver
 from robotapp_operator.fleet_view import FleetView
 from robotapp_operator.gates import Gates
 from robotapp_operator.gather import problems_now, wanted_instances
 from robotapp_operator.informers import ORPHAN_S
 from robotapp_operator.instance_objects import InstanceObjects
-from robotapp_operator.keys import Work, name_of, namespace_group
 from robotapp_operator.line import Line
 from robotapp_operator.memory import Memory
 from robotapp_operator.metrics import Metrics
@@ -22,7 +20,8 @@ from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.record import Record
 from robotapp_operator.pools import Pools
 from robotapp_operator.probes import Probes
-from robotapp_operator.queue import Key, Queue
+from robotapp_operator.queue.work import StartOver, Work, name_of, namespace_group
+from robotapp_operator.queue.workqueue import Key, Queue
 from robotapp_operator.reporter import Reporter
 from robotapp_operator.wake import wake_status
 

@@ -22,14 +22,11 @@ from robotapp_operator.plan.render.child import DEPLOYMENT, SERVICE
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import Deployment, Meta
 from robotapp_operator.plan.status.components import over_quota
+from robotapp_operator.queue.work import StartOver
 
 log = logging.getLogger(__name__)
 
 RESOURCES: Final[Mapping[str, Resource]] = {DEPLOYMENT: DEPLOYMENTS, SERVICE: SERVICES}
-
-
-class StartOver(Exception):  # noqa: N818 - a turn of the protocol, not an error
-    """Another writer was faster: read everything again."""
 
 
 @dataclasses.dataclass(slots=True)

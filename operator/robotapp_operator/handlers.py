@@ -7,8 +7,8 @@ import kopf
 
 from robotapp_api.model.names import GROUP, VERSION
 from robotapp_operator.cache import Cache
-from robotapp_operator.keys import Work
-from robotapp_operator.queue import Key, Queue
+from robotapp_operator.queue.work import Work
+from robotapp_operator.queue.workqueue import Key, Queue
 from robotapp_operator.wake import wake_sharers
 
 

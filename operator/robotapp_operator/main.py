@@ -34,7 +34,6 @@ from robotapp_operator.handlers import register
 from robotapp_operator.health import Health
 from robotapp_operator.informers import Informers
 from robotapp_operator.instance_objects import InstanceObjects
-from robotapp_operator.keys import BACKGROUND
 from robotapp_operator.kopf_settings import kopf_settings
 from robotapp_operator.memory import Memory
 from robotapp_operator.metrics import Metrics
@@ -42,7 +41,8 @@ from robotapp_operator.observer import Observer
 from robotapp_operator.params_watch import ParamsWatch
 from robotapp_operator.pools import Pools
 from robotapp_operator.probes import Probes
-from robotapp_operator.queue import Queue
+from robotapp_operator.queue.work import BACKGROUND
+from robotapp_operator.queue.workqueue import Queue
 from robotapp_operator.reporter import Reporter
 from robotapp_operator.settings import Settings, parse
 from robotapp_operator.sweeping import Conflicts, granted_pods

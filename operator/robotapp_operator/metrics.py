@@ -9,7 +9,7 @@ from prometheus_client.exposition import generate_latest
 
 from robotapp_api.client import ApiClient
 from robotapp_operator.cache import Cache
-from robotapp_operator.queue import Queue
+from robotapp_operator.queue.workqueue import Queue
 
 CONTROLLER = "robotapp"
 

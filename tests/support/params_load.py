@@ -17,7 +17,7 @@ from robotapp_api.client.transport.kubeconfig import load
 from robotapp_operator.cache import Cache
 from robotapp_operator.params_watch import ParamsWatch
 from robotapp_operator.plan.spec.desired import App
-from robotapp_operator.queue import Queue
+from robotapp_operator.queue.workqueue import Queue
 
 PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
 

@@ -25,12 +25,12 @@ from robotapp_api.client.api.resources import (
 from robotapp_api.model.names import API_VERSION, Annotation, Label, Reason
 from robotapp_operator.cache import Cache
 from robotapp_operator.children import Children
-from robotapp_operator.execute import StartOver
 from robotapp_operator.memory import Memory
 from robotapp_operator.params_watch import ParamsWatch
 from robotapp_operator.plan.render.parameters import parameter_states
 from robotapp_operator.plan.spec.objects import ConfigMap, Deployment, Service
-from robotapp_operator.queue import Queue
+from robotapp_operator.queue.work import StartOver
+from robotapp_operator.queue.workqueue import Queue
 from robotapp_operator.sight import Sight
 
 VERSION = "1.2.0"

@@ -6,8 +6,8 @@ from tests.support.factories import app_body
 
 from robotapp_operator.cache import Cache
 from robotapp_operator.handlers import observe
-from robotapp_operator.keys import Work
-from robotapp_operator.queue import Key, Queue
+from robotapp_operator.queue.work import Work
+from robotapp_operator.queue.workqueue import Key, Queue
 
 
 class World:

@@ -6,8 +6,8 @@ from robotapp_api.claims.objects import Meta, Pool, PoolSpec
 from robotapp_api.client import ApiClient, Change, Endpoint
 from robotapp_operator.cache import Cache
 from robotapp_operator.informers import Informers
-from robotapp_operator.keys import BACKGROUND, Work
-from robotapp_operator.queue import Key, Queue
+from robotapp_operator.queue.work import BACKGROUND, Work
+from robotapp_operator.queue.workqueue import Key, Queue
 
 ASKING = Key(Work.APP, "asks")
 

@@ -6,9 +6,9 @@ from tests.support.factories import app_body, make_node, make_pod, telemetry
 from tests.unit.operating.test_informers import EACH, OBSERVED, World, pod
 
 from robotapp_api.model.names import Label
-from robotapp_operator.keys import Work
 from robotapp_operator.plan.spec.objects import Telemetry
-from robotapp_operator.queue import Key
+from robotapp_operator.queue.work import Work
+from robotapp_operator.queue.workqueue import Key
 
 
 @pytest.fixture

@@ -25,7 +25,7 @@ from robotapp_operator.metrics import Metrics
 from robotapp_operator.plan.spec.objects import Telemetry
 from robotapp_operator.pools import Pools
 from robotapp_operator.probes import Probes
-from robotapp_operator.queue import Queue
+from robotapp_operator.queue.workqueue import Queue
 
 
 class World:

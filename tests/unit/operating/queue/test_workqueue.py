@@ -5,7 +5,7 @@ import asyncio
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_operator.queue import Key, Queue
+from robotapp_operator.queue.workqueue import Key, Queue
 
 
 class Clock:

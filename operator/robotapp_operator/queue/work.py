@@ -46,3 +46,7 @@ def name_of(group: str) -> str:
 
 BACKGROUND: Final = frozenset({Work.INSTANCE})
 """Work with workers of its own, which slow down while other work waits, so that it never delays Deployments."""
+
+
+class StartOver(Exception):  # noqa: N818 - a turn of the protocol, not an error
+    """Another writer was faster: read everything again."""

@@ -1,0 +1,1 @@
+"""The work queue and the kinds of work in it."""
