@@ -6,12 +6,9 @@ from collections.abc import Awaitable, Callable, Mapping
 from typing import Any, Final
 
 from robotapp_api.client import ApiError, ClientError, TooManyRequests
-from robotapp_operator.cache import Cache
 from robotapp_operator.children import Children
 from robotapp_operator.fleet_view import FleetView
 from robotapp_operator.gates import Gates
-from robotapp_operator.gather import problems_now, wanted_instances
-from robotapp_operator.informers import ORPHAN_S
 from robotapp_operator.instance_objects import InstanceObjects
 from robotapp_operator.line import Line
 from robotapp_operator.memory import Memory
@@ -23,7 +20,10 @@ from robotapp_operator.probes import Probes
 from robotapp_operator.queue.work import StartOver, Work, name_of, namespace_group
 from robotapp_operator.queue.workqueue import Key, Queue
 from robotapp_operator.reporter import Reporter
-from robotapp_operator.wake import wake_status
+from robotapp_operator.watch.cache import Cache
+from robotapp_operator.watch.enqueue import wake_status
+from robotapp_operator.watch.informers import ORPHAN_S
+from robotapp_operator.watch.lister import problems_now, wanted_instances
 
 log = logging.getLogger(__name__)
 

@@ -8,8 +8,8 @@ from robotapp_api.client import ApiClient, Conflict, NotFound
 from robotapp_api.client.api.resources import PODS
 from robotapp_api.client.transport.errors import means_gone
 from robotapp_api.model.names import SCHEDULING_GATE
-from robotapp_operator.cache import Cache
 from robotapp_operator.plan.spec.objects import Pod
+from robotapp_operator.watch.cache import Cache
 
 CONFLICTS: Final = 3
 

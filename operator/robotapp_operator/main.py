@@ -25,28 +25,28 @@ from robotapp_api.serving.access import Gatekeeper
 from robotapp_api.serving.port import PortError
 from robotapp_api.serving.tls import TlsPort, loaded
 from robotapp_operator import __version__, logs
-from robotapp_operator.cache import Cache
 from robotapp_operator.children import Children
 from robotapp_operator.controller import Controller
 from robotapp_operator.fleet_view import FleetView
 from robotapp_operator.gates import Gates
-from robotapp_operator.handlers import register
 from robotapp_operator.health import Health
-from robotapp_operator.informers import Informers
 from robotapp_operator.instance_objects import InstanceObjects
-from robotapp_operator.kopf_settings import kopf_settings
 from robotapp_operator.memory import Memory
 from robotapp_operator.metrics import Metrics
 from robotapp_operator.observer import Observer
-from robotapp_operator.params_watch import ParamsWatch
 from robotapp_operator.pools import Pools
 from robotapp_operator.probes import Probes
 from robotapp_operator.queue.work import BACKGROUND
 from robotapp_operator.queue.workqueue import Queue
 from robotapp_operator.reporter import Reporter
 from robotapp_operator.settings import Settings, parse
-from robotapp_operator.sweeping import Conflicts, granted_pods
-from robotapp_operator.wake import wake_status
+from robotapp_operator.watch.cache import Cache
+from robotapp_operator.watch.config_maps import ParamsWatch
+from robotapp_operator.watch.enqueue import wake_status
+from robotapp_operator.watch.informers import Informers
+from robotapp_operator.watch.kopf_handlers import register
+from robotapp_operator.watch.kopf_settings import kopf_settings
+from robotapp_operator.watch.sweep_callbacks import Conflicts, granted_pods
 
 log = logging.getLogger(__name__)
 

@@ -12,7 +12,7 @@ from robotapp_api.client.api.resources import DOMAINPOOLS
 from robotapp_api.client.api.times import whole_seconds
 from robotapp_api.model.conditions import condition
 from robotapp_api.model.names import PoolCondition, PoolReason
-from robotapp_operator.cache import Cache
+from robotapp_operator.watch.cache import Cache
 
 log = logging.getLogger(__name__)
 

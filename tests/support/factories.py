@@ -10,11 +10,11 @@ from robotapp_api.claims.objects import Claim
 from robotapp_api.model.names import API_VERSION, Label
 from robotapp_api.model.robotapp import RobotAppSpec
 from robotapp_api.values.round_trips import RoundTrips
-from robotapp_operator.cache import Cache
 from robotapp_operator.plan.diff.diff import Change, Observed, Plan, ref_of
 from robotapp_operator.plan.render.child import DEPLOYMENT
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Node, Pod, Service, Telemetry
+from robotapp_operator.watch.cache import Cache
 
 UID = "uid-1"
 VERSION = "1.2.0"

@@ -12,11 +12,11 @@ from robotapp_api.client import ApiClient
 from robotapp_api.client.api.resources import ROBOTAPPINSTANCES, ROBOTAPPS
 from robotapp_api.model.instance import RobotAppInstance
 from robotapp_api.model.names import Reason
-from robotapp_operator.cache import Cache
 from robotapp_operator.instance_objects import InstanceObjects
 from robotapp_operator.memory import Memory
 from robotapp_operator.observer import Observer
 from robotapp_operator.plan.render.instance_object import AppInstance
+from robotapp_operator.watch.cache import Cache
 
 REFUSED = DomainOutcome(Reason.DOMAIN_EXHAUSTED, "full")
 

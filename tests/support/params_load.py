@@ -14,10 +14,10 @@ from tests.support.factories import make_app
 
 from robotapp_api.client import ApiClient
 from robotapp_api.client.transport.kubeconfig import load
-from robotapp_operator.cache import Cache
-from robotapp_operator.params_watch import ParamsWatch
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.queue.workqueue import Queue
+from robotapp_operator.watch.cache import Cache
+from robotapp_operator.watch.config_maps import ParamsWatch
 
 PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
 

@@ -10,9 +10,9 @@ from robotapp_api.claims.domain import DomainOutcome, DomainRequest
 from robotapp_api.claims.objects import Claim
 from robotapp_api.client.api.resources import PODS, ROBOTCLAIMS
 from robotapp_api.model.names import SCHEDULING_GATE
-from robotapp_operator.cache import Cache
 from robotapp_operator.gates import Gates
 from robotapp_operator.plan.spec.objects import Pod
+from robotapp_operator.watch.cache import Cache
 
 pytestmark = pytest.mark.live
 OTHERS = "somebody.example/else"

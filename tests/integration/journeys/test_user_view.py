@@ -12,7 +12,7 @@ from tests.support.appwatch import condition, is_ready
 from tests.support.world import World, plain_app
 
 from robotapp_api.model.names import OPERATOR_MANAGER, SYSTEM_NAMESPACE, EventReason, Label
-from robotapp_operator.informers import LATENCY_DELAY_S
+from robotapp_operator.watch.informers import LATENCY_DELAY_S
 from robotapp_testbed import wait_until
 
 pytestmark = pytest.mark.live

@@ -12,7 +12,7 @@ from tests.support.appwatch import condition
 from tests.support.live import POOLS, Tenant, eventually, part, pool
 
 from robotapp_operator.controller import POOL_REST_S
-from robotapp_operator.informers import POOL_DELAY_S
+from robotapp_operator.watch.informers import POOL_DELAY_S
 from robotapp_testbed import ControlPlane
 
 pytestmark = pytest.mark.usefixtures("operator")

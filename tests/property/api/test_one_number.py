@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from tests.support.scheduling import Clock, make_cluster, make_node
 
 from robotapp_cli.nodes import reported_round_trips
-from robotapp_operator.cache import Cache
 from robotapp_operator.plan.spec.objects import Telemetry
+from robotapp_operator.watch.cache import Cache
 from robotapp_scheduler.core.robotics import NodeTelemetry
 
 NAMES = ("a", "b", "c", "d")

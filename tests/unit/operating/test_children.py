@@ -23,15 +23,15 @@ from robotapp_api.client.api.resources import (
     SERVICES,
 )
 from robotapp_api.model.names import API_VERSION, Annotation, Label, Reason
-from robotapp_operator.cache import Cache
 from robotapp_operator.children import Children
 from robotapp_operator.memory import Memory
-from robotapp_operator.params_watch import ParamsWatch
 from robotapp_operator.plan.render.parameters import parameter_states
 from robotapp_operator.plan.spec.objects import ConfigMap, Deployment, Service
 from robotapp_operator.queue.work import StartOver
 from robotapp_operator.queue.workqueue import Queue
-from robotapp_operator.sight import Sight
+from robotapp_operator.watch.cache import Cache
+from robotapp_operator.watch.config_maps import ParamsWatch
+from robotapp_operator.watch.out_of_sight import Sight
 
 VERSION = "1.2.0"
 MULTICAST = {"ros2": {"discovery": {"mode": "Multicast"}}}

@@ -19,10 +19,10 @@ from robotapp_operator.controller import (
     STATUS_REST_S,
     YIELD_S,
 )
-from robotapp_operator.informers import ORPHAN_S
 from robotapp_operator.plan.render.instance_object import AppInstance, wanted_object
 from robotapp_operator.queue.work import StartOver, Work
 from robotapp_operator.queue.workqueue import Key
+from robotapp_operator.watch.informers import ORPHAN_S
 
 EACH = {"nodeSelector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}
 

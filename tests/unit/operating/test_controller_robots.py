@@ -12,7 +12,7 @@ from robotapp_operator.controller import FIRST_OBJECT_S, ROBOTS_REST_S
 from robotapp_operator.plan.spec.objects import Deployment, Meta
 from robotapp_operator.queue.work import Work
 from robotapp_operator.queue.workqueue import Key
-from robotapp_operator.sight import Sight
+from robotapp_operator.watch.out_of_sight import Sight
 
 EACH = {"nodeSelector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}
 

@@ -17,12 +17,12 @@ from robotapp_api.client.api.resources import ROBOTAPPS
 from robotapp_api.model.names import Reason
 from robotapp_api.model.status import RobotAppStatus
 from robotapp_operator import observer, reporter
-from robotapp_operator.cache import Cache
 from robotapp_operator.memory import Memory
 from robotapp_operator.observer import Observer
 from robotapp_operator.plan.spec.record import parse_record
 from robotapp_operator.plan.status.pace import BURST
 from robotapp_operator.reporter import Reporter, same_status, unreadable_status
+from robotapp_operator.watch.cache import Cache
 
 EACH = {"nodeSelector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}
 

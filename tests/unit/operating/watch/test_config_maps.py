@@ -12,11 +12,11 @@ from tests.support.factories import make_app
 
 from robotapp_api.client import ApiClient
 from robotapp_api.client.api.resources import CONFIGMAPS
-from robotapp_operator.cache import Cache
-from robotapp_operator.params_watch import ParamsWatch
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.queue.work import StartOver, Work
 from robotapp_operator.queue.workqueue import Key, Queue
+from robotapp_operator.watch.cache import Cache
+from robotapp_operator.watch.config_maps import ParamsWatch
 
 
 class World:

@@ -3,9 +3,9 @@
 from typing import Final
 
 from robotapp_api.claims.share import AppKey
-from robotapp_operator.cache import Cache
 from robotapp_operator.queue.work import Work
 from robotapp_operator.queue.workqueue import Key, Queue
+from robotapp_operator.watch.cache import Cache
 
 FEW: Final = 2
 """Up to so many instances of an owner, a new or lost one may change what *every* instance of a sharer joins: the only

@@ -9,15 +9,15 @@ from robotapp_api.client import ApiClient, Change, Reflector
 from robotapp_api.client.api import resources
 from robotapp_api.client.api.resources import Resource
 from robotapp_api.model.names import SCHEDULER_NAME, SCHEDULING_GATE, THESIS_SCHEDULER_NAME, Label
-from robotapp_operator.cache import Cache, Index, InstanceKey
-from robotapp_operator.nodes import identity_changed
 from robotapp_operator.plan.diff.diff import deployment_domain
 from robotapp_operator.plan.render.instance_object import AppInstance
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import Deployment, Node, Pod, ReplicaSet, Service, Telemetry, lacks_owner
 from robotapp_operator.queue.work import Work, namespace_group, pool_group
 from robotapp_operator.queue.workqueue import Key, Queue
-from robotapp_operator.wake import INSTANCE_DELAY_S, wake_instance, wake_joined, wake_status
+from robotapp_operator.watch.cache import Cache, Index, InstanceKey
+from robotapp_operator.watch.enqueue import INSTANCE_DELAY_S, wake_instance, wake_joined, wake_status
+from robotapp_operator.watch.nodes import identity_changed
 
 LATENCY_DELAY_S: Final = 2.0
 OWNER_DELAY_S: Final = 1.0

@@ -4,10 +4,10 @@ from typing import Any
 
 from tests.support.factories import app_body
 
-from robotapp_operator.cache import Cache
-from robotapp_operator.handlers import observe
 from robotapp_operator.queue.work import Work
 from robotapp_operator.queue.workqueue import Key, Queue
+from robotapp_operator.watch.cache import Cache
+from robotapp_operator.watch.kopf_handlers import observe
 
 
 class World:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from robotapp_api.claims.objects import Pod, PodSpec, PodStatus
 from robotapp_api.claims.repair import ClaimConflict
 from robotapp_api.model.names import GRANTED_PREFIX
-from robotapp_operator.cache import Cache
+from robotapp_operator.watch.cache import Cache
 
 
 def granted_pods(cache: Cache) -> Iterator[Pod]:

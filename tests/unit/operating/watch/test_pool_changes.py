@@ -4,10 +4,10 @@ from tests.support.factories import app_body
 
 from robotapp_api.claims.objects import Meta, Pool, PoolSpec
 from robotapp_api.client import ApiClient, Change, Endpoint
-from robotapp_operator.cache import Cache
-from robotapp_operator.informers import Informers
 from robotapp_operator.queue.work import BACKGROUND, Work
 from robotapp_operator.queue.workqueue import Key, Queue
+from robotapp_operator.watch.cache import Cache
+from robotapp_operator.watch.informers import Informers
 
 ASKING = Key(Work.APP, "asks")
 

@@ -8,7 +8,6 @@ from typing import Any, TypeVar
 from robotapp_api.claims.objects import Claim, Pool
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_api.values.round_trips import RoundTrips
-from robotapp_operator.nodes import Nodes
 from robotapp_operator.plan.diff.diff import Observed, ref_of
 from robotapp_operator.plan.render.instance_object import AppInstance
 from robotapp_operator.plan.spec.desired import App
@@ -23,8 +22,9 @@ from robotapp_operator.plan.spec.objects import (
     Telemetry,
 )
 from robotapp_operator.plan.spec.record import Record, parse_record
-from robotapp_operator.sharing import Sharing
-from robotapp_operator.sight import Sight
+from robotapp_operator.watch.nodes import Nodes
+from robotapp_operator.watch.out_of_sight import Sight
+from robotapp_operator.watch.sharing_index import Sharing
 
 T = TypeVar("T")
 InstanceKey = tuple[str, str]

@@ -8,10 +8,10 @@ from tests.support.factories import app_body, domain_claim, make_app, make_deplo
 
 from robotapp_api.claims.objects import Holder, OwnerReference
 from robotapp_api.model.names import Label
-from robotapp_operator.cache import Cache
-from robotapp_operator.gather import problems_now, wanted_instances
 from robotapp_operator.plan.spec.desired import App
-from robotapp_operator.sight import BRAKED_S, Sight
+from robotapp_operator.watch.cache import Cache
+from robotapp_operator.watch.lister import problems_now, wanted_instances
+from robotapp_operator.watch.out_of_sight import BRAKED_S, Sight
 
 ALL = {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}
 NAMES = [f"r-{number:02}" for number in range(40)]

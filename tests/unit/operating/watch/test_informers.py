@@ -9,12 +9,12 @@ from tests.support.factories import app_body, domain_claim, make_app, make_node,
 from robotapp_api.claims.objects import Meta, Pool
 from robotapp_api.client import ApiClient, Change, Endpoint
 from robotapp_api.model.names import SCHEDULING_GATE, Annotation, Label
-from robotapp_operator.cache import Cache
-from robotapp_operator.informers import BACK_S, ORPHAN_S, Informers
 from robotapp_operator.plan.render.instance_object import AppInstance, wanted_object
 from robotapp_operator.plan.spec.objects import Deployment, Pod, ReplicaSet
 from robotapp_operator.queue.work import BACKGROUND, Work
 from robotapp_operator.queue.workqueue import Key, Queue
+from robotapp_operator.watch.cache import Cache
+from robotapp_operator.watch.informers import BACK_S, ORPHAN_S, Informers
 
 LABELS = {Label.APP_UID.value: "uid-1", Label.INSTANCE.value: "a"}
 CHILDREN = Key(Work.CHILDREN, "uid-1", "a")

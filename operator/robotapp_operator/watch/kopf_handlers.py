@@ -6,10 +6,10 @@ from typing import Any
 import kopf
 
 from robotapp_api.model.names import GROUP, VERSION
-from robotapp_operator.cache import Cache
 from robotapp_operator.queue.work import Work
 from robotapp_operator.queue.workqueue import Key, Queue
-from robotapp_operator.wake import wake_sharers
+from robotapp_operator.watch.cache import Cache
+from robotapp_operator.watch.enqueue import wake_sharers
 
 
 def register(registry: kopf.OperatorRegistry, cache: Cache, queue: Queue) -> None:

@@ -19,8 +19,6 @@ from robotapp_api.client.api.times import whole_seconds
 from robotapp_api.model.names import Label, Reason
 from robotapp_api.values.ranges import parse_ids
 from robotapp_api.values.tiers import ROBOT
-from robotapp_operator.cache import Cache
-from robotapp_operator.nodes import Lost
 from robotapp_operator.plan.diff.diff import deployment_domain
 from robotapp_operator.plan.diff.newer import Held
 from robotapp_operator.plan.render.infrastructure import DISCOVERY
@@ -33,7 +31,9 @@ from robotapp_operator.plan.status.components import component_view, cut_off
 from robotapp_operator.plan.status.device_conflicts import device_trouble
 from robotapp_operator.plan.status.facts import Grace, InstanceFacts
 from robotapp_operator.plan.status.latency import EdgeView, edge_views
-from robotapp_operator.sharing import rules_view
+from robotapp_operator.watch.cache import Cache
+from robotapp_operator.watch.nodes import Lost
+from robotapp_operator.watch.sharing_index import rules_view
 
 
 def wanted_instances(app: App, cache: Cache) -> tuple[Instance, ...]:

@@ -10,10 +10,10 @@ from tests.support.factories import app_body, domain_claim, make_app, make_deplo
 
 from robotapp_api.claims.objects import Claim
 from robotapp_api.model.names import Annotation, Label
-from robotapp_operator.cache import Cache
-from robotapp_operator.nodes import Nodes
 from robotapp_operator.plan.render.instance_object import AppInstance, wanted_object
 from robotapp_operator.plan.spec.objects import Deployment, Pod, ReplicaSet
+from robotapp_operator.watch.cache import Cache
+from robotapp_operator.watch.nodes import Nodes
 
 UID = "uid-1"
 

@@ -5,8 +5,8 @@ from tests.support.factories import make_pod
 from robotapp_api.claims.identity import holder_of_app, holder_of_pod
 from robotapp_api.claims.objects import Holder
 from robotapp_api.claims.repair import ClaimConflict
-from robotapp_operator.cache import Cache
-from robotapp_operator.sweeping import Conflicts, granted_pods
+from robotapp_operator.watch.cache import Cache
+from robotapp_operator.watch.sweep_callbacks import Conflicts, granted_pods
 
 TELEOP = holder_of_app(namespace="team", name="teleop", uid="uid-1", instance="amr-07")
 THIEF = holder_of_app(namespace="other", name="thief", uid="uid-2")

@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 from tests.support.factories import app_body, make_node, make_pod, telemetry
-from tests.unit.operating.test_informers import EACH, OBSERVED, World, pod
+from tests.unit.operating.watch.test_informers import EACH, OBSERVED, World, pod
 
 from robotapp_api.model.names import Label
 from robotapp_operator.plan.spec.objects import Telemetry

@@ -18,12 +18,12 @@ from robotapp_api.client.api.resources import CONFIGMAPS
 from robotapp_api.client.transport.errors import ClientError
 from robotapp_api.client.transport.metadata import MetadataTransport
 from robotapp_api.model.names import OPERATOR_MANAGER
-from robotapp_operator.cache import Cache
 from robotapp_operator.plan.render.parameters import config_maps_of
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import ConfigMap, Meta
 from robotapp_operator.queue.work import StartOver, Work
 from robotapp_operator.queue.workqueue import Key, Queue
+from robotapp_operator.watch.cache import Cache
 
 log = logging.getLogger(__name__)
 

@@ -23,13 +23,13 @@ from robotapp_api.claims.domain import DomainOutcome
 from robotapp_api.claims.identity import claim_name_device, id_order
 from robotapp_api.claims.objects import Claim, Pool
 from robotapp_api.model.names import Reason
-from robotapp_operator import gather
-from robotapp_operator.cache import Cache
-from robotapp_operator.gather import cached_domain, instance_facts, problems_now, wanted_instances
 from robotapp_operator.plan.diff.diff import Observed, plan, wanted_children
 from robotapp_operator.plan.spec.desired import App, Domain, wish_of
 from robotapp_operator.plan.spec.objects import ConfigMap, Deployment, ReplicaSet, Telemetry
 from robotapp_operator.plan.status.facts import InstanceFacts
+from robotapp_operator.watch import lister
+from robotapp_operator.watch.cache import Cache
+from robotapp_operator.watch.lister import cached_domain, instance_facts, problems_now, wanted_instances
 
 EACH = {"nodeSelector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}
 
@@ -299,7 +299,7 @@ def count_questions(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         return real(*args, **kwargs)
 
     for name in ("instances_of", "problems_alone", "problems_with"):
-        monkeypatch.setattr(gather, name, partial(counted, name, getattr(gather, name)))
+        monkeypatch.setattr(lister, name, partial(counted, name, getattr(lister, name)))
     return asked
 
 
