@@ -25,20 +25,20 @@ from robotapp_api.serving.access import Gatekeeper
 from robotapp_api.serving.port import PortError
 from robotapp_api.serving.tls import TlsPort, loaded
 from robotapp_operator import __version__, logs
-from robotapp_operator.children import Children
-from robotapp_operator.controller import Controller
-from robotapp_operator.fleet_view import FleetView
-from robotapp_operator.gates import Gates
 from robotapp_operator.health import Health
-from robotapp_operator.instance_objects import InstanceObjects
-from robotapp_operator.memory import Memory
-from robotapp_operator.metrics import Metrics
-from robotapp_operator.observer import Observer
-from robotapp_operator.pools import Pools
-from robotapp_operator.probes import Probes
 from robotapp_operator.queue.work import BACKGROUND
 from robotapp_operator.queue.workqueue import Queue
-from robotapp_operator.reporter import Reporter
+from robotapp_operator.reconcile.controller import Controller
+from robotapp_operator.reconcile.fleet_view import FleetView
+from robotapp_operator.reconcile.instance_objects import InstanceObjects
+from robotapp_operator.reconcile.instance_reconciler import Children
+from robotapp_operator.reconcile.metrics import Metrics
+from robotapp_operator.reconcile.observer import Observer
+from robotapp_operator.reconcile.pool_status import Pools
+from robotapp_operator.reconcile.probe_targets import Probes
+from robotapp_operator.reconcile.reconcile_state import Memory
+from robotapp_operator.reconcile.scheduling_gates import Gates
+from robotapp_operator.reconcile.status_reporter import Reporter
 from robotapp_operator.settings import Settings, parse
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.config_maps import ParamsWatch

@@ -9,12 +9,12 @@ from tests.support.factories import make_deployment, make_pod
 
 from robotapp_api.claims.objects import OwnerReference
 from robotapp_api.model.names import Label
-from robotapp_operator.controller import Controller
-from robotapp_operator.memory import Memory
-from robotapp_operator.metrics import Metrics
 from robotapp_operator.plan.spec.objects import ReplicaSet
 from robotapp_operator.queue.work import BACKGROUND
 from robotapp_operator.queue.workqueue import Key, Queue
+from robotapp_operator.reconcile.controller import Controller
+from robotapp_operator.reconcile.metrics import Metrics
+from robotapp_operator.reconcile.reconcile_state import Memory
 from robotapp_operator.watch.cache import Cache
 
 

@@ -12,10 +12,10 @@ from robotapp_api.client import ApiClient
 from robotapp_api.client.api.resources import ROBOTAPPINSTANCES, ROBOTAPPS
 from robotapp_api.model.instance import RobotAppInstance
 from robotapp_api.model.names import Reason
-from robotapp_operator.instance_objects import InstanceObjects
-from robotapp_operator.memory import Memory
-from robotapp_operator.observer import Observer
 from robotapp_operator.plan.render.instance_object import AppInstance
+from robotapp_operator.reconcile.instance_objects import InstanceObjects
+from robotapp_operator.reconcile.observer import Observer
+from robotapp_operator.reconcile.reconcile_state import Memory
 from robotapp_operator.watch.cache import Cache
 
 REFUSED = DomainOutcome(Reason.DOMAIN_EXHAUSTED, "full")

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime, timedelta
 from typing import Any, Final
 
-from robotapp_operator import controller
 from robotapp_operator.plan.status import pace
+from robotapp_operator.reconcile import controller
 from robotapp_operator.watch import informers
 from robotapp_testbed import ControlPlane, audit, wait_until
 from robotapp_testbed.identity import OPERATOR_ACCOUNT, SCHEDULER_ACCOUNT

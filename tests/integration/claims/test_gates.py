@@ -10,8 +10,8 @@ from robotapp_api.claims.domain import DomainOutcome, DomainRequest
 from robotapp_api.claims.objects import Claim
 from robotapp_api.client.api.resources import PODS, ROBOTCLAIMS
 from robotapp_api.model.names import SCHEDULING_GATE
-from robotapp_operator.gates import Gates
 from robotapp_operator.plan.spec.objects import Pod
+from robotapp_operator.reconcile.scheduling_gates import Gates
 from robotapp_operator.watch.cache import Cache
 
 pytestmark = pytest.mark.live

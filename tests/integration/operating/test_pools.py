@@ -11,7 +11,7 @@ from tests.support import quiet
 from tests.support.appwatch import condition
 from tests.support.live import POOLS, Tenant, eventually, part, pool
 
-from robotapp_operator.controller import POOL_REST_S
+from robotapp_operator.reconcile.controller import POOL_REST_S
 from robotapp_operator.watch.informers import POOL_DELAY_S
 from robotapp_testbed import ControlPlane
 

@@ -17,14 +17,14 @@ from robotapp_api.client.api.resources import CONFIGMAPS, DOMAINPOOLS, NODETELEM
 from robotapp_api.model.names import FLEET_CONFIG_MAP, SCHEDULING_GATE, Label
 from robotapp_api.serving.access import Access, Caller
 from robotapp_api.serving.tls import TlsPort, loaded
-from robotapp_operator.fleet_view import FleetView
-from robotapp_operator.gates import Gates
 from robotapp_operator.health import Health
-from robotapp_operator.metrics import Metrics
 from robotapp_operator.plan.spec.objects import Telemetry
-from robotapp_operator.pools import Pools
-from robotapp_operator.probes import Probes
 from robotapp_operator.queue.workqueue import Queue
+from robotapp_operator.reconcile.fleet_view import FleetView
+from robotapp_operator.reconcile.metrics import Metrics
+from robotapp_operator.reconcile.pool_status import Pools
+from robotapp_operator.reconcile.probe_targets import Probes
+from robotapp_operator.reconcile.scheduling_gates import Gates
 from robotapp_operator.watch.cache import Cache
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from tests.support.apiserver import FakeApiServer
 from tests.support.clients import client_for
-from tests.unit.operating.test_children import World
+from tests.unit.operating.reconcile.test_instance_reconciler import World
 
 from robotapp_api.claims.identity import domain_spec, holder_of_app
 from robotapp_api.claims.objects import Claim, ClaimStatus, Meta, Pool, PoolQuota, PoolSpec

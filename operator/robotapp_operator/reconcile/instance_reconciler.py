@@ -21,8 +21,6 @@ from robotapp_api.client import ApiClient, NotFound
 from robotapp_api.client.api.resources import DEPLOYMENTS, NODES, ROBOTAPPS, SERVICES
 from robotapp_api.client.transport.errors import means_gone
 from robotapp_api.model.names import Label, Reason
-from robotapp_operator.execute import execute, stop
-from robotapp_operator.memory import Memory
 from robotapp_operator.plan.diff.diff import (
     Observed,
     Plan,
@@ -39,6 +37,8 @@ from robotapp_operator.plan.spec.instances import allowed_robots
 from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Node, Service
 from robotapp_operator.plan.spec.record import Record
 from robotapp_operator.queue.work import StartOver
+from robotapp_operator.reconcile.apply_plan import execute, stop
+from robotapp_operator.reconcile.reconcile_state import Memory
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.config_maps import ParamsWatch
 from robotapp_operator.watch.lister import cached_domain, needs_domain, problems_now, wanted_instances

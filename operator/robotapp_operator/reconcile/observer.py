@@ -10,7 +10,6 @@ from typing import Any
 from robotapp_api.claims.instances import Instance
 from robotapp_api.values.duration import parse_us
 from robotapp_api.values.round_trips import UNREACHABLE_US
-from robotapp_operator.memory import AppMemory, InstanceMemory, Memory
 from robotapp_operator.plan.render.instance_object import object_name
 from robotapp_operator.plan.render.parameters import config_maps_of
 from robotapp_operator.plan.spec.desired import App, wish_of
@@ -18,6 +17,7 @@ from robotapp_operator.plan.spec.record import Record
 from robotapp_operator.plan.spec.validate import notes_of
 from robotapp_operator.plan.status.facts import AppFacts, InstanceFacts
 from robotapp_operator.plan.status.latency import EdgeKey, EdgeView, publish
+from robotapp_operator.reconcile.reconcile_state import AppMemory, InstanceMemory, Memory
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.lister import cached_domain, instance_facts, instances_by_name, offline_s, problems_now
 

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 
 from robotapp_api.claims.domain import pool_ids
 from robotapp_api.model.names import Reason
-from robotapp_operator.memory import Memory
 from robotapp_operator.plan.spec.desired import App
+from robotapp_operator.reconcile.reconcile_state import Memory
 from robotapp_operator.watch.cache import Cache
 
 Waiting = tuple[str, str]

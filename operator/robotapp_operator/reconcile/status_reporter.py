@@ -11,13 +11,13 @@ from robotapp_api.client.api.resources import ROBOTAPPS
 from robotapp_api.client.api.times import whole_seconds
 from robotapp_api.client.tools.event_recorder import EventRecorder, reference
 from robotapp_api.model.names import API_VERSION
-from robotapp_operator.memory import AppMemory, Memory
-from robotapp_operator.observer import Observer
 from robotapp_operator.plan.spec.record import Record
 from robotapp_operator.plan.status.app_figures import adopt, steady
 from robotapp_operator.plan.status.events import News, end_of_life, news_of
 from robotapp_operator.plan.status.facts import AppFacts
 from robotapp_operator.plan.status.status import render_status, same_status, unreadable_status
+from robotapp_operator.reconcile.observer import Observer
+from robotapp_operator.reconcile.reconcile_state import AppMemory, Memory
 from robotapp_operator.watch.cache import Cache
 
 log = logging.getLogger(__name__)

@@ -11,13 +11,13 @@ from tests.support.factories import app_body, domain_claim, make_app, make_deplo
 from robotapp_api.claims.domain import DomainOutcome
 from robotapp_api.claims.objects import Claim, OwnerReference
 from robotapp_api.model.names import Label, Reason
-from robotapp_operator import observer as module
-from robotapp_operator.memory import Memory
-from robotapp_operator.observer import Observer
 from robotapp_operator.plan.render.instance_object import AppInstance, wanted_object
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import ConfigMap, Node, ReplicaSet, Telemetry
 from robotapp_operator.plan.status.facts import Grace, InstanceFacts
+from robotapp_operator.reconcile import observer as module
+from robotapp_operator.reconcile.observer import Observer
+from robotapp_operator.reconcile.reconcile_state import Memory
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.lister import wanted_instances
 from robotapp_operator.watch.nodes import Nodes

@@ -14,9 +14,9 @@ from tests.support.instance_writing import REFUSED, World
 
 from robotapp_api.client import NotFound
 from robotapp_api.client.api.resources import ROBOTAPPINSTANCES, ROBOTAPPS
-from robotapp_operator.instance_objects import SOON_S
 from robotapp_operator.plan.render.instance_object import object_name, wanted_object
 from robotapp_operator.plan.status.pace import SETTLED_S, STILL_S, URGENT_REST_S
+from robotapp_operator.reconcile.instance_objects import SOON_S
 
 EACH = {"nodeSelector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}
 QUIET_S = 120.0

@@ -7,8 +7,8 @@ from tests.support.factories import app_body
 from robotapp_api.claims.domain import DomainOutcome
 from robotapp_api.claims.objects import Pool
 from robotapp_api.model.names import Reason
-from robotapp_operator.line import Line
-from robotapp_operator.memory import Memory
+from robotapp_operator.reconcile.domain_line import Line
+from robotapp_operator.reconcile.reconcile_state import Memory
 from robotapp_operator.watch.cache import Cache
 
 

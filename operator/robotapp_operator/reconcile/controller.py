@@ -6,20 +6,20 @@ from collections.abc import Awaitable, Callable, Mapping
 from typing import Any, Final
 
 from robotapp_api.client import ApiError, ClientError, TooManyRequests
-from robotapp_operator.children import Children
-from robotapp_operator.fleet_view import FleetView
-from robotapp_operator.gates import Gates
-from robotapp_operator.instance_objects import InstanceObjects
-from robotapp_operator.line import Line
-from robotapp_operator.memory import Memory
-from robotapp_operator.metrics import Metrics
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.record import Record
-from robotapp_operator.pools import Pools
-from robotapp_operator.probes import Probes
 from robotapp_operator.queue.work import StartOver, Work, name_of, namespace_group
 from robotapp_operator.queue.workqueue import Key, Queue
-from robotapp_operator.reporter import Reporter
+from robotapp_operator.reconcile.domain_line import Line
+from robotapp_operator.reconcile.fleet_view import FleetView
+from robotapp_operator.reconcile.instance_objects import InstanceObjects
+from robotapp_operator.reconcile.instance_reconciler import Children
+from robotapp_operator.reconcile.metrics import Metrics
+from robotapp_operator.reconcile.pool_status import Pools
+from robotapp_operator.reconcile.probe_targets import Probes
+from robotapp_operator.reconcile.reconcile_state import Memory
+from robotapp_operator.reconcile.scheduling_gates import Gates
+from robotapp_operator.reconcile.status_reporter import Reporter
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.enqueue import wake_status
 from robotapp_operator.watch.informers import ORPHAN_S

@@ -8,10 +8,10 @@ from tests.support.factories import app_body, make_node, robots
 
 from robotapp_api.claims.objects import OwnerReference
 from robotapp_api.model.names import API_VERSION, Label
-from robotapp_operator.controller import FIRST_OBJECT_S, ROBOTS_REST_S
 from robotapp_operator.plan.spec.objects import Deployment, Meta
 from robotapp_operator.queue.work import Work
 from robotapp_operator.queue.workqueue import Key
+from robotapp_operator.reconcile.controller import FIRST_OBJECT_S, ROBOTS_REST_S
 from robotapp_operator.watch.out_of_sight import Sight
 
 EACH = {"nodeSelector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}

@@ -16,12 +16,12 @@ from robotapp_api.client import ApiClient
 from robotapp_api.client.api.resources import ROBOTAPPS
 from robotapp_api.model.names import Reason
 from robotapp_api.model.status import RobotAppStatus
-from robotapp_operator import observer, reporter
-from robotapp_operator.memory import Memory
-from robotapp_operator.observer import Observer
 from robotapp_operator.plan.spec.record import parse_record
 from robotapp_operator.plan.status.pace import BURST
-from robotapp_operator.reporter import Reporter, same_status, unreadable_status
+from robotapp_operator.reconcile import observer, status_reporter
+from robotapp_operator.reconcile.observer import Observer
+from robotapp_operator.reconcile.reconcile_state import Memory
+from robotapp_operator.reconcile.status_reporter import Reporter, same_status, unreadable_status
 from robotapp_operator.watch.cache import Cache
 
 EACH = {"nodeSelector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}
@@ -267,7 +267,7 @@ async def test_an_app_of_which_nothing_changed_is_not_even_rendered(
     uid = await world.app()
     for _ in range(2):
         await world.reporter.report(uid)
-    monkeypatch.setattr(reporter, "render_status", None)
+    monkeypatch.setattr(status_reporter, "render_status", None)
     assert await world.reporter.report(uid) is None
 
 

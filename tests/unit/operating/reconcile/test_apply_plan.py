@@ -9,11 +9,11 @@ from tests.support.scripted_client import ScriptedClient
 from robotapp_api.claims.domain import Fence
 from robotapp_api.client import AlreadyExists, Conflict, Forbidden, Invalid, NotFound
 from robotapp_api.model.names import Reason
-from robotapp_operator.execute import Written, execute
 from robotapp_operator.plan.diff.diff import Change, Observed, Plan, plan, wanted_children
 from robotapp_operator.plan.spec.desired import Domain, wish_of
 from robotapp_operator.plan.spec.objects import ChildRef
 from robotapp_operator.queue.work import StartOver
+from robotapp_operator.reconcile.apply_plan import Written, execute
 
 APP = make_app(ros2={"discovery": {"mode": "Multicast"}})
 NEWER = make_app(ros2={"discovery": {"mode": "Multicast"}}, generation=2, suspend=True)

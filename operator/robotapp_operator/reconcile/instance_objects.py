@@ -15,13 +15,13 @@ from robotapp_api.client import AlreadyExists, ApiClient, Conflict, NotFound
 from robotapp_api.client.api.resources import ROBOTAPPINSTANCES, ROBOTAPPS
 from robotapp_api.client.api.times import whole_seconds
 from robotapp_api.client.transport.errors import means_gone
-from robotapp_operator.memory import InstanceMemory, Memory
-from robotapp_operator.observer import Observer
 from robotapp_operator.plan.render.instance_object import AppInstance, is_as_wanted, object_name, wanted_object
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.status.facts import AppFacts, of_instance
 from robotapp_operator.plan.status.instance_status import render_instance, same_instance_status
 from robotapp_operator.plan.status.pace import is_urgent
+from robotapp_operator.reconcile.observer import Observer
+from robotapp_operator.reconcile.reconcile_state import InstanceMemory, Memory
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.lister import instances_by_name
 

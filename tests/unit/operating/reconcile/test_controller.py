@@ -10,7 +10,10 @@ from robotapp_api.claims.domain import DomainOutcome
 from robotapp_api.claims.objects import Pool
 from robotapp_api.client import TooManyRequests, Unreachable
 from robotapp_api.model.names import Label, Reason
-from robotapp_operator.controller import (
+from robotapp_operator.plan.render.instance_object import AppInstance, wanted_object
+from robotapp_operator.queue.work import StartOver, Work
+from robotapp_operator.queue.workqueue import Key
+from robotapp_operator.reconcile.controller import (
     BUG_DELAY_S,
     FIRST_OBJECT_S,
     FLEET_REST_S,
@@ -19,9 +22,6 @@ from robotapp_operator.controller import (
     STATUS_REST_S,
     YIELD_S,
 )
-from robotapp_operator.plan.render.instance_object import AppInstance, wanted_object
-from robotapp_operator.queue.work import StartOver, Work
-from robotapp_operator.queue.workqueue import Key
 from robotapp_operator.watch.informers import ORPHAN_S
 
 EACH = {"nodeSelector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}
@@ -82,7 +82,7 @@ async def test_background_work_goes_on_while_others_wait_but_slowly(
     async def pause(seconds: float) -> None:
         pauses.append(seconds)
 
-    monkeypatch.setattr("robotapp_operator.controller.asyncio.sleep", pause)
+    monkeypatch.setattr("robotapp_operator.reconcile.controller.asyncio.sleep", pause)
     world.cache.update_app(app_body())
     world.queue.add(Key(Work.INSTANCE, "uid-1", "a"))
     world.queue.add(Key(Work.CHILDREN, "uid-1", "a"))

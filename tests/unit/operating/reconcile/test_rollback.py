@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from tests.support.apiserver import FakeApiServer
 from tests.support.clients import client_for
-from tests.unit.operating.test_children import VERSION, World
+from tests.unit.operating.reconcile.test_instance_reconciler import VERSION, World
 
 from robotapp_api.client.api.resources import DEPLOYMENTS
 from robotapp_api.model.names import Annotation

@@ -23,12 +23,12 @@ from robotapp_api.client.api.resources import (
     SERVICES,
 )
 from robotapp_api.model.names import API_VERSION, Annotation, Label, Reason
-from robotapp_operator.children import Children
-from robotapp_operator.memory import Memory
 from robotapp_operator.plan.render.parameters import parameter_states
 from robotapp_operator.plan.spec.objects import ConfigMap, Deployment, Service
 from robotapp_operator.queue.work import StartOver
 from robotapp_operator.queue.workqueue import Queue
+from robotapp_operator.reconcile.instance_reconciler import Children
+from robotapp_operator.reconcile.reconcile_state import Memory
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.config_maps import ParamsWatch
 from robotapp_operator.watch.out_of_sight import Sight
@@ -380,7 +380,7 @@ async def test_a_race_that_never_ends_is_given_back_to_the_queue(world: World, m
         turns += 1
         raise StartOver("somebody else was faster")
 
-    monkeypatch.setattr("robotapp_operator.children.execute", never)
+    monkeypatch.setattr("robotapp_operator.reconcile.instance_reconciler.execute", never)
     with pytest.raises(StartOver):
         await world.children.reconcile(uid, "")
     assert turns == 4
