@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from robotapp_api.client.transport.errors import LoginError
 from robotapp_api.serving import logs
 from robotapp_api.serving.port import PortError
-from robotapp_scheduler import options as flags
 from robotapp_scheduler import tools
-from robotapp_scheduler.config import ConfigError
+from robotapp_scheduler.config import flags
+from robotapp_scheduler.config.load import ConfigError
 from robotapp_scheduler.shell import process
 
 

@@ -12,8 +12,8 @@ from robotapp_agent.labeller import main as labeller
 from robotapp_agent.shell.options import parse as parse_agent
 from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME
 from robotapp_operator.settings import parse as parse_operator
-from robotapp_scheduler.config import load as load_config
-from robotapp_scheduler.options import parse as parse_scheduler
+from robotapp_scheduler.config.flags import parse as parse_scheduler
+from robotapp_scheduler.config.load import load as load_config
 from robotapp_scheduler.plugins.registry import catalogue
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -4,8 +4,8 @@ from typing import Any, Final
 
 import pytest
 
-from robotapp_scheduler.config import ConfigError, SchedulerConfig, parse
-from robotapp_scheduler.config_model import API_VERSION, KIND
+from robotapp_scheduler.config.load import ConfigError, SchedulerConfig, parse
+from robotapp_scheduler.config.model import API_VERSION, KIND
 from robotapp_scheduler.core.profiles import Catalogue
 
 Json = dict[str, Any]

@@ -12,7 +12,7 @@ from robotapp_api.client.api.resources import CONFIGMAPS
 from robotapp_api.client.informer.reflector import Change, Reflector
 from robotapp_api.client.tools.event_recorder import reference
 from robotapp_api.client.transport.errors import ApiError, ClientError, Forbidden, NotFound
-from robotapp_scheduler.options import Options
+from robotapp_scheduler.config.flags import Options
 
 log = logging.getLogger(__name__)
 

@@ -17,14 +17,14 @@ from robotapp_api.client.tools.leader_election import LeaderElection, candidate_
 from robotapp_api.client.transport.connect import handle_loop_error
 from robotapp_api.client.transport.kubeconfig import load as login
 from robotapp_api.model.names import SCHEDULER_MANAGER, EventReason
-from robotapp_scheduler import config as configuration
-from robotapp_scheduler.config import ConfigError, SchedulerConfig
+from robotapp_scheduler.config import load as configuration
+from robotapp_scheduler.config.flags import Options
+from robotapp_scheduler.config.load import ConfigError, SchedulerConfig
 from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.groups import groups_of
 from robotapp_scheduler.core.profiles import Catalogue, Profile
-from robotapp_scheduler.options import Options
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.port.pages import pages
 from robotapp_scheduler.port.request_handler import RequestHandler

@@ -12,9 +12,9 @@ from enum import StrEnum
 from typing import Any, Final
 
 from robotapp_api.model.names import EventReason
-from robotapp_scheduler import config as configuration
-from robotapp_scheduler.config import ConfigError, SchedulerConfig
-from robotapp_scheduler.config_page import document
+from robotapp_scheduler.config import load as configuration
+from robotapp_scheduler.config.configz import document
+from robotapp_scheduler.config.load import ConfigError, SchedulerConfig
 from robotapp_scheduler.core.profiles import Catalogue, Profile
 from robotapp_scheduler.shell.config_source import Given, LastGood, NoSource, Source
 

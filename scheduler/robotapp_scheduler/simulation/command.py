@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import BinaryIO, TextIO
 
-from robotapp_scheduler import config as configuration
-from robotapp_scheduler.config import ConfigError
+from robotapp_scheduler.config import load as configuration
+from robotapp_scheduler.config.load import ConfigError
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.simulation.dump import MOST_BYTES, Dump, DumpError, Reader
 from robotapp_scheduler.simulation.kinds import kinds

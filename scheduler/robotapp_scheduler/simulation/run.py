@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import msgspec
 
-from robotapp_scheduler.config import SchedulerConfig
+from robotapp_scheduler.config.load import SchedulerConfig
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.decision import Decision

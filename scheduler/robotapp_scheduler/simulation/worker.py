@@ -13,8 +13,8 @@ from typing import Any, BinaryIO, Final
 import msgspec
 
 from robotapp_api.values import strict_yaml
-from robotapp_scheduler import config as configuration
-from robotapp_scheduler.config import ConfigError, SchedulerConfig
+from robotapp_scheduler.config import load as configuration
+from robotapp_scheduler.config.load import ConfigError, SchedulerConfig
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.simulation.dump import DumpError, Reader
 from robotapp_scheduler.simulation.kinds import kinds

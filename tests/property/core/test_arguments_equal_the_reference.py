@@ -11,8 +11,8 @@ from tests.support.reference_comparison import differences
 from tests.support.reference_scheduler import Config
 from tests.support.seeds import third_of_today
 
-from robotapp_scheduler.config import parse
-from robotapp_scheduler.config_model import API_VERSION, KIND
+from robotapp_scheduler.config.load import parse
+from robotapp_scheduler.config.model import API_VERSION, KIND
 from robotapp_scheduler.plugins.kubernetes.compat import OLD
 from robotapp_scheduler.plugins.registry import catalogue
 

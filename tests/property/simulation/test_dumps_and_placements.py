@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.scheduling import node_json, pod_json
 
-from robotapp_scheduler import config as configuration
+from robotapp_scheduler.config import load as configuration
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.simulation.dump import DumpError, Reader, encode
 from robotapp_scheduler.simulation.kinds import kinds, resources

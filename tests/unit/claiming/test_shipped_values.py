@@ -22,7 +22,7 @@ from robotapp_api.claims.objects import PoolSpec as SweptPoolSpec
 from robotapp_api.client.api.resources import DOMAINPOOLS, PODS, ROBOTAPPS, ROBOTCLAIMS
 from robotapp_api.model.pool import PoolSpec
 from robotapp_operator.settings import Settings
-from robotapp_scheduler.options import parse
+from robotapp_scheduler.config.flags import parse
 
 VALUES: dict[str, Any] = yaml.safe_load(
     (Path(__file__).resolve().parents[3] / "helm" / "robotapp" / "values.yaml").read_text()

@@ -13,7 +13,7 @@ from tests.support.scheduling import Clock
 from robotapp_api.client.transport.errors import Unreachable
 from robotapp_api.serving.access import Access, Caller
 from robotapp_api.serving.port import opened
-from robotapp_scheduler.config import built_in
+from robotapp_scheduler.config.load import built_in
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.port.endpoints import DECIDE_AT_ONCE, DECIDE_PER_S, Endpoints, application
 from robotapp_scheduler.port.frames import NOT_RECORDED, Request, Response

@@ -14,8 +14,8 @@ from tests.support.clients import client_for, until
 
 from robotapp_api.client.api.client import ApiClient
 from robotapp_api.client.api.resources import LEASES, NODES, PODS
-from robotapp_scheduler import config as configuration
-from robotapp_scheduler.options import Options, parse
+from robotapp_scheduler.config import load as configuration
+from robotapp_scheduler.config.flags import Options, parse
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.shell.process import Scheduler
 from robotapp_scheduler.shell.reload import Running

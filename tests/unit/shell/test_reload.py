@@ -11,10 +11,10 @@ from tests.support.apiserver import FakeApiServer
 from tests.support.clients import client_for, configmap, until
 
 from robotapp_api.client.api.resources import CONFIGMAPS
-from robotapp_scheduler import config as configuration
-from robotapp_scheduler.config import ConfigError, SchedulerConfig
+from robotapp_scheduler.config import load as configuration
+from robotapp_scheduler.config.flags import parse
+from robotapp_scheduler.config.load import ConfigError, SchedulerConfig
 from robotapp_scheduler.core.profiles import Profile
-from robotapp_scheduler.options import parse
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.shell.config_source import FileSource, Given, LastGood, MapSource, NoSource, sources
 from robotapp_scheduler.shell.reload import Outcome, Reloader, Running, first

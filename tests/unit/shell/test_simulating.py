@@ -8,7 +8,7 @@ from typing import Any
 
 from tests.support.scheduling import node_json, pod_json
 
-from robotapp_scheduler import config as configuration
+from robotapp_scheduler.config import load as configuration
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.port.pages import kinds, simulation_config
 from robotapp_scheduler.shell.reload import Running

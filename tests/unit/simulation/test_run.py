@@ -5,8 +5,8 @@ from typing import Any
 
 from tests.support.scheduling import make_core, make_info, make_node, node_json, pod_json
 
-from robotapp_scheduler import config as configuration
-from robotapp_scheduler.config import SchedulerConfig
+from robotapp_scheduler.config import load as configuration
+from robotapp_scheduler.config.load import SchedulerConfig
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.simulation.dump import Reader
 from robotapp_scheduler.simulation.kinds import kinds

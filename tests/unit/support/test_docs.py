@@ -17,7 +17,7 @@ from robotapp_operator import settings
 from robotapp_operator.plan.render.parameters import ParameterState
 from robotapp_operator.plan.render.pod_template import environment
 from robotapp_operator.plan.spec.desired import Domain, wish_of
-from robotapp_scheduler import options
+from robotapp_scheduler.config import flags as options
 
 ROOT: Final = Path(__file__).resolve().parents[3]
 FOLDERS: Final = tuple(path.name for path in ROOT.iterdir() if path.is_dir() and not path.name.startswith("."))

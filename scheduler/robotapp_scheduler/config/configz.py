@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from robotapp_scheduler.config import LeaderElection, SchedulerConfig
-from robotapp_scheduler.config_model import API_VERSION, KIND
+from robotapp_scheduler.config.load import LeaderElection, SchedulerConfig
+from robotapp_scheduler.config.model import API_VERSION, KIND
 from robotapp_scheduler.core.profiles import Catalogue, ProfileSpec, expand
 
 

@@ -1,8 +1,8 @@
 import pytest
 from tests.support import configurations
 
-from robotapp_scheduler.config import parse
-from robotapp_scheduler.config_page import document
+from robotapp_scheduler.config.configz import document
+from robotapp_scheduler.config.load import parse
 from robotapp_scheduler.plugins import registry
 
 

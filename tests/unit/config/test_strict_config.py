@@ -8,7 +8,7 @@ from tests.support import configurations
 from tests.support.broken_plugins import UNUSABLE
 from tests.support.configurations import profile
 
-from robotapp_scheduler.config_model import API_VERSION
+from robotapp_scheduler.config.model import API_VERSION
 from robotapp_scheduler.plugins.kubernetes.added_affinity import PREFERRED, REQUIRED
 from robotapp_scheduler.plugins.registry import catalogue
 

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from robotapp_scheduler.options import parse
+from robotapp_scheduler.config.flags import parse
 
 
 def test_without_flags_it_runs_in_a_pod_with_the_built_in_configuration() -> None:

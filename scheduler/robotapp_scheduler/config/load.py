@@ -17,15 +17,16 @@ from pydantic import ValidationError
 
 from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME
 from robotapp_api.values import strict_yaml
-from robotapp_scheduler import config_checks
-from robotapp_scheduler.config_model import (
+from robotapp_scheduler.config import validation
+from robotapp_scheduler.config.model import (
     API_VERSION,
     KIND,
     ConfigurationModel,
     LeaderElectionModel,
     ProfileModel,
 )
-from robotapp_scheduler.config_model import PluginSet as PluginSetModel
+from robotapp_scheduler.config.model import PluginSet as PluginSetModel
+from robotapp_scheduler.config.plugin_names import with_third_party
 from robotapp_scheduler.core.profiles import (
     PLACES,
     Catalogue,
@@ -36,7 +37,6 @@ from robotapp_scheduler.core.profiles import (
     build_profiles,
 )
 from robotapp_scheduler.core.profiles import ConfigError as ProfileError
-from robotapp_scheduler.plugin_catalog import with_third_party
 from robotapp_scheduler.plugins.kubernetes.compat import OLD
 
 KUBE_SCHEDULERS_LEASE = ("kube-system", "kube-scheduler")
@@ -146,12 +146,12 @@ def built_in(catalogue: Catalogue) -> SchedulerConfig:
 def parse(document: object, *, catalogue: Catalogue, third_party: Collection[str] | None = None) -> SchedulerConfig:
     """A decoded document to a configuration; see `load`. `third_party` limits which plugins may be imported."""
     model, unknown_fields = _model(_as_decoded(document))
-    problems = unknown_fields + config_checks.check(model)
+    problems = unknown_fields + validation.check(model)
     profiles = model.profiles or [ProfileModel()]
     built_in_names = frozenset(catalogue.classes)
     catalogue, unknown = with_third_party(catalogue, _plugin_names(profiles), allowed=third_party)
     problems += _name_problems(profiles, unknown)
-    problems += config_checks.argument_kinds(model.profiles, built_in_names)
+    problems += validation.argument_kinds(model.profiles, built_in_names)
     specs = tuple(_spec(profile, catalogue, model.compat_version) for profile in profiles)
     if not problems:
         try:
@@ -169,7 +169,7 @@ def parse(document: object, *, catalogue: Catalogue, third_party: Collection[str
         compat_version=model.compat_version,
         kubeconfig=model.client_connection.kubeconfig,
         third_party=tuple(sorted(catalogue.classes.keys() - built_in_names)),
-        warnings=(*_warnings(model), *config_checks.disabled_in_vain(model.profiles, catalogue.classes)),
+        warnings=(*_warnings(model), *validation.disabled_in_vain(model.profiles, catalogue.classes)),
     )
 
 
@@ -260,9 +260,9 @@ def _leader_election(model: LeaderElectionModel) -> LeaderElection:
         enabled=model.leader_elect,
         name=model.resource_name or str(LeaderElectionModel.model_fields["resource_name"].default),
         namespace=model.resource_namespace,
-        lease_s=config_checks.election_s(model, "lease_duration"),
-        renew_s=config_checks.election_s(model, "renew_deadline"),
-        retry_s=config_checks.election_s(model, "retry_period"),
+        lease_s=validation.election_s(model, "lease_duration"),
+        renew_s=validation.election_s(model, "renew_deadline"),
+        retry_s=validation.election_s(model, "retry_period"),
     )
 
 
@@ -309,9 +309,9 @@ def _shape_problems(error: ValidationError) -> list[str]:
         elif found["type"] == "missing":
             problems.append(f"{path}: Required value")
         elif found["type"] == "model_type":  # its own text names a class of ours
-            problems.append(config_checks.invalid(path, found["input"], "Input should be a mapping"))
+            problems.append(validation.invalid(path, found["input"], "Input should be a mapping"))
         else:
-            problems.append(config_checks.invalid(path, found["input"], found["msg"]))
+            problems.append(validation.invalid(path, found["input"], found["msg"]))
     return problems
 
 

@@ -8,7 +8,7 @@ from typing import Final
 
 from robotapp_api.client.tools.leader_election import JITTER
 from robotapp_api.values.duration import parse_go_ns
-from robotapp_scheduler.config_model import (
+from robotapp_scheduler.config.model import (
     API_VERSION,
     ClientConnectionModel,
     ConfigurationModel,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from robotapp_scheduler.plugin_catalog import UnknownPluginError, load_class
+from robotapp_scheduler.config.plugin_names import UnknownPluginError, load_class
 
 
 def test_a_module_that_is_not_found_is_answered_with_where_it_is_looked_for() -> None:
