@@ -18,9 +18,9 @@ from tests.bench.core_loads import PREEMPTORS, preempting, round_trip_rows, wait
 from tests.support.scheduling import default_profiles, make_node, make_pod, telemetry
 
 from robotapp_api.model.names import Annotation, Label
+from robotapp_scheduler.core.api.core_v1 import Selecting
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
-from robotapp_scheduler.core.objects import Selecting
 
 ZONES = 10
 APPS = 200

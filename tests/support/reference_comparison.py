@@ -14,13 +14,13 @@ from tests.support.reference_scheduler.filtering import OUTSIDE
 from tests.support.scheduling import make_core, to_node, to_pod
 
 from robotapp_api.model.names import SCHEDULER_NAME
-from robotapp_scheduler.core import storage
+from robotapp_scheduler.core.api import storage_v1
+from robotapp_scheduler.core.api.core_v1 import Namespace, Selecting
 from robotapp_scheduler.core.budgets import DisruptionBudget
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.decision import Decision as Found
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.framework import Code
-from robotapp_scheduler.core.objects import Namespace, Selecting
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.resource_claims import ResourceClaim
 
@@ -68,13 +68,13 @@ def build(case: Case, args: Mapping[str, Json] | None = None) -> tuple[Scheduler
 
 
 STORAGE: Mapping[str, tuple[type, str]] = {
-    "PersistentVolumeClaim": (storage.Claim, "claim"),
-    "PersistentVolume": (storage.PersistentVolume, "volume"),
-    "StorageClass": (storage.StorageClass, "class"),
-    "CSINode": (storage.CSINode, "csi_node"),
-    "CSIDriver": (storage.CSIDriver, "driver"),
-    "CSIStorageCapacity": (storage.CSIStorageCapacity, "capacity"),
-    "VolumeAttachment": (storage.VolumeAttachment, "attachment"),
+    "PersistentVolumeClaim": (storage_v1.Claim, "claim"),
+    "PersistentVolume": (storage_v1.PersistentVolume, "volume"),
+    "StorageClass": (storage_v1.StorageClass, "class"),
+    "CSINode": (storage_v1.CSINode, "csi_node"),
+    "CSIDriver": (storage_v1.CSIDriver, "driver"),
+    "CSIStorageCapacity": (storage_v1.CSIStorageCapacity, "capacity"),
+    "VolumeAttachment": (storage_v1.VolumeAttachment, "attachment"),
 }
 """Kind to the product's type and the name of its watch."""
 SELECTING = ("Service", "ReplicationController", "ReplicaSet", "StatefulSet")

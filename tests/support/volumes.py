@@ -6,8 +6,7 @@ from typing import Any
 import msgspec
 from tests.support.scheduling import make_info
 
-from robotapp_scheduler.core.pods import PodInfo
-from robotapp_scheduler.core.storage import (
+from robotapp_scheduler.core.api.storage_v1 import (
     BIND_COMPLETED,
     SELECTED_NODE,
     Claim,
@@ -18,6 +17,7 @@ from robotapp_scheduler.core.storage import (
     StorageClass,
     VolumeAttachment,
 )
+from robotapp_scheduler.core.pods import PodInfo
 
 Json = dict[str, Any]
 HOSTNAME = "kubernetes.io/hostname"

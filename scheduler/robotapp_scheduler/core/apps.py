@@ -11,9 +11,9 @@ from robotapp_api.model.names import ROBOT_END
 from robotapp_api.values.duration import parse_us
 from robotapp_api.values.neighbours import NO_NEIGHBOURS, Neighbours, Part, neighbours
 from robotapp_api.values.tiers import ROBOT
-from robotapp_scheduler.core.objects import Owned, Pod
+from robotapp_scheduler.core.api.core_v1 import Owned, Pod
+from robotapp_scheduler.core.api.robotics_v1alpha1 import Component, Edge, RobotApp
 from robotapp_scheduler.core.pods import Member, member_of
-from robotapp_scheduler.core.robotics import Component, Edge, RobotApp
 from robotapp_scheduler.core.shapes import controller_of
 
 TOPIC: Final = "Topic"

@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 import msgspec
 
 from robotapp_api.values.selector import matches_labels
+from robotapp_scheduler.core.api.core_v1 import Metadata
+from robotapp_scheduler.core.api.structs import Slim
 from robotapp_scheduler.core.changes import Change
-from robotapp_scheduler.core.objects import Metadata
 from robotapp_scheduler.core.pods import PlacedPod
-from robotapp_scheduler.core.slim import Slim
 
 
 class BudgetSpec(Slim):

@@ -10,6 +10,8 @@ from typing import Final
 
 from robotapp_api.claims.objects import Claim
 from robotapp_scheduler.core.alike import Alike
+from robotapp_scheduler.core.api.core_v1 import Node, Owned, Pod
+from robotapp_scheduler.core.api.robotics_v1alpha1 import NodeTelemetry, RobotApp
 from robotapp_scheduler.core.apps import AppIndex
 from robotapp_scheduler.core.budgets import Budgets
 from robotapp_scheduler.core.changes import EVERY_ROW, Change, ChangeLog
@@ -20,14 +22,12 @@ from robotapp_scheduler.core.mirror import Mirror
 from robotapp_scheduler.core.name_index import NameIndex
 from robotapp_scheduler.core.node_table import NodeTable
 from robotapp_scheduler.core.nominations import Nominations
-from robotapp_scheduler.core.objects import Node, Owned, Pod
 from robotapp_scheduler.core.placed import Records
 from robotapp_scheduler.core.pod_groups import PodGroups, in_group
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo, same_groups
 from robotapp_scheduler.core.ports import PortUsers
 from robotapp_scheduler.core.priorities import PriorityColumns
 from robotapp_scheduler.core.resource_claims import ResourceClaims
-from robotapp_scheduler.core.robotics import NodeTelemetry, RobotApp
 from robotapp_scheduler.core.shapes import same_shape
 from robotapp_scheduler.core.stamps import Stamps
 from robotapp_scheduler.core.telemetry import RttModel

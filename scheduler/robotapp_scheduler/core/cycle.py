@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final
 
+from robotapp_scheduler.core.api.ros import InvalidAnnotation
 from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.decision import FAULTS, Decision, failed, skipped_deleting
@@ -25,7 +26,6 @@ from robotapp_scheduler.core.queued import Gate, QueuedPod
 from robotapp_scheduler.core.recorder import Recorder
 from robotapp_scheduler.core.refusal import Refusals, closed, excessive, held, unreadable
 from robotapp_scheduler.core.resolve import qos_fields, resolve
-from robotapp_scheduler.core.ros import InvalidAnnotation
 from robotapp_scheduler.core.tiers import earlier_feasible
 from robotapp_scheduler.core.together import NO_WISH, Advice, Wish, only_one_plan, plan_together
 from robotapp_scheduler.core.waiting import Waker

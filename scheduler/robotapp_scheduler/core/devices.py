@@ -12,8 +12,8 @@ from robotapp_api.claims.device import PREFERENCE, Take, assign, fits_kind, is_d
 from robotapp_api.claims.identity import UNKNOWN_DEVICE_TYPE, device_label, same_holder, shared_devices
 from robotapp_api.claims.node_devices import Device, devices_of_labels
 from robotapp_api.claims.objects import Claim, DeviceThing, TelemetryDevice
-from robotapp_scheduler.core.objects import Pod
-from robotapp_scheduler.core.ros import DeviceHolder, DeviceWish
+from robotapp_scheduler.core.api.core_v1 import Pod
+from robotapp_scheduler.core.api.ros import DeviceHolder, DeviceWish
 
 
 class DeviceGrant(NamedTuple):

@@ -5,7 +5,7 @@ up on every node, would hold up all others for seconds: it is refused before any
 from collections.abc import Callable, Iterator
 from typing import Any, Final
 
-from robotapp_scheduler.core.objects import Container, NodeSelectorTerm, PodAffinity, PodAffinityTerm, PodSpec
+from robotapp_scheduler.core.api.core_v1 import Container, NodeSelectorTerm, PodAffinity, PodAffinityTerm, PodSpec
 
 
 def excess(spec: PodSpec) -> str:

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from typing import Final
 
 from robotapp_api.values.selector import matches_requirements
+from robotapp_scheduler.core.api.core_v1 import Namespace
 from robotapp_scheduler.core.matchers import Requirements
-from robotapp_scheduler.core.objects import Namespace
 
 NO_LABELS: Final[Mapping[str, str]] = {}
 

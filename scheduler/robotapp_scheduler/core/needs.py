@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from robotapp_scheduler.core.objects import PodSpec
+from robotapp_scheduler.core.api.core_v1 import PodSpec
 
 RESTART_ALL: Final = "RestartAllContainersOnContainerExits"
 USER_NAMESPACES: Final = "UserNamespacesHostNetworkSupport"

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from robotapp_api.claims.instances import primary_node
 from robotapp_api.model.names import Annotation, Label
 from robotapp_api.values.requests import amounts
+from robotapp_scheduler.core.api.core_v1 import Node, Taint
 from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.columns import (
     LARGEST,
@@ -20,7 +21,6 @@ from robotapp_scheduler.core.columns import (
     ResourceColumns,
     grown,
 )
-from robotapp_scheduler.core.objects import Node, Taint
 from robotapp_scheduler.core.rows import Rows
 from robotapp_scheduler.core.tenants import Tenants
 

@@ -7,9 +7,9 @@ Two APIs say it: `scheduling.x-k8s.io/v1alpha1` (the label `scheduling.x-k8s.io/
 from typing import Final, NamedTuple
 
 from robotapp_api.model.names import Label
+from robotapp_scheduler.core.api.core_v1 import Pod
+from robotapp_scheduler.core.api.pod_group import GivenPodGroup, PodGroup, understood
 from robotapp_scheduler.core.changes import Change
-from robotapp_scheduler.core.objects import Pod
-from robotapp_scheduler.core.pod_group import GivenPodGroup, PodGroup, understood
 
 COSCHEDULING: Final = "scheduling.x-k8s.io"
 WORKLOADS: Final = "scheduling.k8s.io"

@@ -3,9 +3,9 @@
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from robotapp_scheduler.core.in_tree import handle_of, kind_of
-from robotapp_scheduler.core.objects import Pod
-from robotapp_scheduler.core.pod_volume import Volume
+from robotapp_scheduler.core.api.core_v1 import Pod
+from robotapp_scheduler.core.api.csi_migration import handle_of, kind_of
+from robotapp_scheduler.core.api.volume_source import Volume
 
 
 class ClaimUse(NamedTuple):

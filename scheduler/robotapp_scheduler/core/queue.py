@@ -7,11 +7,11 @@ nothing here sleeps; the shell calls `tick` once a second and `pop` whenever it 
 from collections.abc import Callable, Hashable, Iterable
 from typing import Any, Final
 
+from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.backoff import Backoff, Heap
 from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.flights import Flight, Flights
 from robotapp_scheduler.core.gated import Gated
-from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.queued import Gate, QueuedPod, Rejection
 from robotapp_scheduler.core.waiting import WaitingRoom, Waker, Woken

@@ -11,6 +11,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
@@ -18,7 +19,6 @@ from robotapp_scheduler.core.engine import Engine
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.explain import Record
 from robotapp_scheduler.core.framework import PluginError
-from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.pods import PodInfo
 
 

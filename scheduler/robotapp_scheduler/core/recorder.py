@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from robotapp_api.values.round_trips import is_unreachable
+from robotapp_scheduler.core.api.ros import Endpoint, RosContext
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.engine import Engine
@@ -12,7 +13,6 @@ from robotapp_scheduler.core.explain import MOST_REFUSALS, TOP, EdgeView, Exampl
 from robotapp_scheduler.core.filter_column import FilterColumn
 from robotapp_scheduler.core.front import Finish, Front, Sight
 from robotapp_scheduler.core.pods import PodInfo
-from robotapp_scheduler.core.ros import Endpoint, RosContext
 from robotapp_scheduler.core.tiers import earliest_tier, planned_tier
 
 NO_TOP: Final = Top()

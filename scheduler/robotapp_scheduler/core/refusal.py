@@ -1,6 +1,7 @@
 """A pod that got no node: the decision with upstream's words, and what its profile wants to do about it."""
 
 from robotapp_api.model.names import PodReason
+from robotapp_scheduler.core.api.ros import InvalidAnnotation
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.engine import Engine, Narrowed, pod_hash
@@ -10,7 +11,6 @@ from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.preemption import Failure, Outcome
 from robotapp_scheduler.core.profiles import Profile
 from robotapp_scheduler.core.queued import Gate
-from robotapp_scheduler.core.ros import InvalidAnnotation
 
 LOST_DEVICE = "node(s) lost a device to another pod"
 DEVICE_PLUGIN = "ROSReserve"

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import msgspec
 
 from robotapp_api.values.requests import amount
-from robotapp_scheduler.core.objects import Container, ContainerStatus, Pod, PodStatus, Resources
+from robotapp_scheduler.core.api.core_v1 import Container, ContainerStatus, Pod, PodStatus, Resources
 
 
 def held_per_container(pod: Pod) -> Pod:

@@ -6,10 +6,8 @@ from robotapp_api.claims.device import GPU, claimed
 from robotapp_api.model.names import ROBOT_END, Label
 from robotapp_api.values.duration import parse_us
 from robotapp_api.values.neighbours import NO_NEIGHBOURS
-from robotapp_scheduler.core.apps import App, AppIndex, Link, on_one_node, tied
-from robotapp_scheduler.core.pods import Member, PlacedPod, PodInfo
-from robotapp_scheduler.core.robotics import Component
-from robotapp_scheduler.core.ros import (
+from robotapp_scheduler.core.api.robotics_v1alpha1 import Component
+from robotapp_scheduler.core.api.ros import (
     DEFAULT_QOS_CLASS,
     EXCLUSIVE_TYPES,
     DeviceHolder,
@@ -21,6 +19,8 @@ from robotapp_scheduler.core.ros import (
     RosContext,
     RosRequest,
 )
+from robotapp_scheduler.core.apps import App, AppIndex, Link, on_one_node, tied
+from robotapp_scheduler.core.pods import Member, PlacedPod, PodInfo
 
 NOTHING: Final = RosRequest()
 """Annotations that are there but ask for nothing."""

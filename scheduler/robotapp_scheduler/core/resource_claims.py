@@ -5,9 +5,9 @@ from typing import Final, NamedTuple
 
 import msgspec
 
+from robotapp_scheduler.core.api.core_v1 import Metadata, NodeSelector, Pod
+from robotapp_scheduler.core.api.structs import Slim
 from robotapp_scheduler.core.changes import EVERY_ROW, Change, ChangeLog
-from robotapp_scheduler.core.objects import Metadata, NodeSelector, Pod
-from robotapp_scheduler.core.slim import Slim
 
 MOST_RESERVATIONS: Final = 256
 """As many pods may share a claim."""

@@ -6,9 +6,9 @@ has to take it off its node and put it on again, which is dearer than the decisi
 
 from typing import Final
 
+from robotapp_scheduler.core.api.core_v1 import Pod
+from robotapp_scheduler.core.api.topology_labels import REGION, ZONE
 from robotapp_scheduler.core.columns import LabelColumns
-from robotapp_scheduler.core.objects import Pod
-from robotapp_scheduler.core.zone_labels import REGION, ZONE
 
 KEYS: Final = (ZONE, REGION)
 Stamp = tuple[tuple[str, str], ...]

@@ -4,6 +4,7 @@ import numpy as np
 
 from robotapp_scheduler.core.affinity_index import AffinityIndex
 from robotapp_scheduler.core.affinity_terms import Compiler, Terms
+from robotapp_scheduler.core.api.core_v1 import Namespace, Selecting
 from robotapp_scheduler.core.changes import EVERY_ROW, Change, ChangeLog
 from robotapp_scheduler.core.counts import Counter, PodCounts, Wanted
 from robotapp_scheduler.core.default_selectors import DefaultSelectors
@@ -12,7 +13,6 @@ from robotapp_scheduler.core.images import Images
 from robotapp_scheduler.core.label_sets import LabelSets
 from robotapp_scheduler.core.namespaces import Namespaces
 from robotapp_scheduler.core.node_table import NodeTable
-from robotapp_scheduler.core.objects import Namespace, Selecting
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo
 
 

@@ -7,12 +7,12 @@ from typing import Any, ClassVar, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from robotapp_scheduler.core.api.core_v1 import Taint
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.columns import BoolArray, CodeArray, FloatArray, IntArray, Vocabulary
 from robotapp_scheduler.core.counts import Census, Wanted
 from robotapp_scheduler.core.matchers import pods_of
 from robotapp_scheduler.core.mirror import Plain
-from robotapp_scheduler.core.objects import Taint
 from robotapp_scheduler.core.rows import Row
 from robotapp_scheduler.core.telemetry import RttRow
 

@@ -4,8 +4,8 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from itertools import chain
 from typing import NamedTuple, TypeVar
 
+from robotapp_scheduler.core.api.storage_v1 import VolumeAttachment
 from robotapp_scheduler.core.pod_volumes import Disk, PodVolumes
-from robotapp_scheduler.core.storage import VolumeAttachment
 
 K = TypeVar("K")
 ClaimKey = tuple[str, str]

@@ -7,12 +7,9 @@ nothing here reaches the change log, and pods without volumes never notice.
 from collections.abc import Hashable, Mapping
 from typing import NamedTuple
 
-from robotapp_scheduler.core.changes import Change
-from robotapp_scheduler.core.in_tree import DRIVERS, NEVER, handle_of
-from robotapp_scheduler.core.objects import NodeSelector
-from robotapp_scheduler.core.pod_volumes import PodVolumes
-from robotapp_scheduler.core.pods import PodInfo
-from robotapp_scheduler.core.storage import (
+from robotapp_scheduler.core.api.core_v1 import NodeSelector
+from robotapp_scheduler.core.api.csi_migration import DRIVERS, NEVER, handle_of
+from robotapp_scheduler.core.api.storage_v1 import (
     SELECTED_NODE,
     Claim,
     ClaimRef,
@@ -23,6 +20,9 @@ from robotapp_scheduler.core.storage import (
     StorageClass,
     VolumeAttachment,
 )
+from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.pod_volumes import PodVolumes
+from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.volume_users import ClaimKey, Identity, VolumeUsers
 
 

@@ -12,11 +12,11 @@ from types import TracebackType
 from typing import Any, Final, NamedTuple, Self
 
 from robotapp_api.model.names import GRANTED_PREFIX, PodReason
+from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.asked import asking
 from robotapp_scheduler.core.bind_context import BindContext
 from robotapp_scheduler.core.framework import Code, Loaded, PluginError, Status, histogram
 from robotapp_scheduler.core.guarded import odd_status
-from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.overdue import Overdue
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.profiles import Profile

@@ -26,7 +26,7 @@ from robotapp_api.client.transport.errors import (
     means_gone,
 )
 from robotapp_api.client.transport.http11 import Permitted, always
-from robotapp_scheduler.core.objects import Pod
+from robotapp_scheduler.core.api.core_v1 import Pod
 
 TRIES = 4
 FIRST_DELAY_S = 0.01

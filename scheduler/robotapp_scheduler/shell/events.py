@@ -8,7 +8,7 @@ from robotapp_api.claims.repair import ClaimConflict
 from robotapp_api.client.api.client import ApiClient, Json
 from robotapp_api.client.tools.event_recorder import EventRecorder, reference
 from robotapp_api.model.names import EventReason
-from robotapp_scheduler.core.objects import Pod
+from robotapp_scheduler.core.api.core_v1 import Pod
 
 QUEUE = 20_000
 """Deep enough for the events of a burst of placements, so that none is dropped while the API server catches up."""

@@ -1,7 +1,7 @@
 """The watched resources of groups. An API server without them is asked again only while a pod waits for one."""
 
 from robotapp_api.client.api.resources import COSCHEDULING_PODGROUPS, WORKLOAD_PODGROUPS, Resource
-from robotapp_scheduler.core.pod_group import GivenPodGroup
+from robotapp_scheduler.core.api.pod_group import GivenPodGroup
 from robotapp_scheduler.core.pod_groups import PodGroups
 from robotapp_scheduler.shell.route import Route
 

@@ -25,8 +25,8 @@ from robotapp_api.client.api.resources import PODS
 from robotapp_api.client.transport.errors import ApiError, ClientError, NotFound, may_pass, means_another
 from robotapp_api.model.names import EventReason
 from robotapp_api.values.buckets import Buckets
+from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.decision import skipped_deleting
-from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.shell import texts
 from robotapp_scheduler.shell.newest import Newest
 

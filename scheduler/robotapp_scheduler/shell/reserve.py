@@ -29,9 +29,9 @@ from robotapp_api.client.api.parallelize import at_once
 from robotapp_api.client.api.resources import DOMAINPOOLS, PODS
 from robotapp_api.client.transport.errors import ClientError
 from robotapp_api.model.names import GRANTED_PREFIX, Label, PodReason, Reason
+from robotapp_scheduler.core.api.ros import RosRequest
 from robotapp_scheduler.core.devices import DeviceGrant
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo
-from robotapp_scheduler.core.ros import RosRequest
 
 log = logging.getLogger(__name__)
 

@@ -10,8 +10,7 @@ from robotapp_api.client.api.resources import (
     STORAGECLASSES,
     VOLUMEATTACHMENTS,
 )
-from robotapp_scheduler.core.resource_claims import ResourceClaim, ResourceClaims
-from robotapp_scheduler.core.storage import (
+from robotapp_scheduler.core.api.storage_v1 import (
     Claim,
     CSIDriver,
     CSINode,
@@ -20,6 +19,7 @@ from robotapp_scheduler.core.storage import (
     StorageClass,
     VolumeAttachment,
 )
+from robotapp_scheduler.core.resource_claims import ResourceClaim, ResourceClaims
 from robotapp_scheduler.core.volumes import Volumes
 from robotapp_scheduler.shell.route import Route
 

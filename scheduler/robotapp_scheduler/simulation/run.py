@@ -11,10 +11,10 @@ from typing import Any, Final
 import msgspec
 
 from robotapp_scheduler.config.load import SchedulerConfig
+from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.decision import Decision
-from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.queued import Rejection
 from robotapp_scheduler.core.resized import held_per_container
 from robotapp_scheduler.core.together import advice_of

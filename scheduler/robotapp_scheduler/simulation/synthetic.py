@@ -5,7 +5,7 @@ from typing import Final
 import msgspec
 
 from robotapp_api.model.names import Label
-from robotapp_scheduler.core.objects import Node, Pod
+from robotapp_scheduler.core.api.core_v1 import Node, Pod
 
 ZONES: Final = 10
 TAINTED_EVERY: Final = 50

@@ -10,7 +10,7 @@ from tests.support.clients import until
 from robotapp_api.client import Change, Reflector
 from robotapp_api.client.api.bodies import encode
 from robotapp_api.client.api.resources import PODS
-from robotapp_scheduler.core.objects import Pod
+from robotapp_scheduler.core.api.core_v1 import Pod
 
 
 @pytest.mark.parametrize("place", [pytest.param("real", marks=pytest.mark.live)], indirect=True)

@@ -11,7 +11,7 @@ from tests.support.scheduling import Clock, make_cluster, make_node
 from robotapp_cli.nodes import reported_round_trips
 from robotapp_operator.plan.spec.objects import Telemetry
 from robotapp_operator.watch.cache import Cache
-from robotapp_scheduler.core.robotics import NodeTelemetry
+from robotapp_scheduler.core.api.robotics_v1alpha1 import NodeTelemetry
 
 NAMES = ("a", "b", "c", "d")
 TIMES = st.one_of(st.none(), st.integers(1, 200_000))

@@ -15,8 +15,8 @@ from robotapp_api.claiming.devices import Reservation
 from robotapp_api.claiming.sweeper import Sweeper
 from robotapp_api.claims.identity import granted_devices, shared_devices
 from robotapp_api.client.api.resources import PODS, ROBOTCLAIMS
+from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.devices import Device, DeviceGrant
-from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.shell import reserve
 from robotapp_scheduler.shell.reserve import Readiness, Reserver

@@ -3,8 +3,8 @@ import json
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_scheduler.core.annotations import READ, parse_annotations
-from robotapp_scheduler.core.ros import InvalidAnnotation, RosRequest
+from robotapp_scheduler.core.api.annotations import READ, parse_annotations
+from robotapp_scheduler.core.api.ros import InvalidAnnotation, RosRequest
 
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20),

@@ -14,11 +14,11 @@ from tests.support.scheduling import Clock, make_cluster, make_info, make_node, 
 
 from robotapp_api.model.names import SCHEDULER_NAME, Annotation, Label
 from robotapp_scheduler.core import doubts, patience
+from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.engine import Engine
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.explain import Record, as_json
-from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.core.rows import Row

@@ -11,8 +11,8 @@ from tests.support.pod_groups import arrive, confirm, depart
 from tests.support.scheduling import app_object, chain, make_core, make_node, make_pod, member_pod, telemetry
 
 from robotapp_api.model.names import Label
+from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.decision import Decision
-from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.queued import Rejection
 from robotapp_scheduler.core.together import advice_of
 from robotapp_scheduler.joint.solve import Limits, solve

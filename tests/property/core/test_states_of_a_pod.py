@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from tests.support.scheduling import make_pod, owner
 
 from robotapp_scheduler.core.alike import Alike
-from robotapp_scheduler.core.objects import Pod
+from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.shapes import same_shape, shape_of
 
 FIELDS: dict[str, st.SearchStrategy[Any]] = {

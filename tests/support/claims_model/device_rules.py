@@ -8,10 +8,10 @@ from tests.support import claims_objects as make
 from robotapp_api.claims.device import PodUse, Take, pod_use, release_device, take_device, wants_devices
 from robotapp_api.claims.objects import App, AppSpec, Claim, Component, DeviceRequirement, Holder, Meta
 from robotapp_api.claims.release import Release, preconditions
+from robotapp_scheduler.core.api.core_v1 import Pod
+from robotapp_scheduler.core.api.robotics_v1alpha1 import RobotApp
 from robotapp_scheduler.core.apps import AppIndex
-from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.pods import Member
-from robotapp_scheduler.core.robotics import RobotApp
 
 FREE = -1
 """No pod, no device."""

@@ -8,7 +8,7 @@ from tests.bench.stub import OWN, REUSED, Target, burst, report
 from tests.support.free_api import objects
 from tests.support.free_api.rig import Rig
 
-from robotapp_scheduler.core.objects import Node, Pod
+from robotapp_scheduler.core.api.core_v1 import Node, Pod
 
 
 @pytest.mark.parametrize("template", [objects.PENDING, objects.BOUND, objects.RUNNING])

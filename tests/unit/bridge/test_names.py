@@ -15,7 +15,7 @@ from rigel_bridge.render.workloads import pod_annotations
 from robotapp_agent.devices.kinds import TYPES
 from robotapp_api.model import component, names
 from robotapp_api.values.ranges import MAX_ID, is_safe_id
-from robotapp_scheduler.core.ros import EXCLUSIVE_TYPES, TIERS
+from robotapp_scheduler.core.api.ros import EXCLUSIVE_TYPES, TIERS
 from ros_profile.knowledge import hardware
 from ros_profile.main import CONTROL
 from ros_profile.model.conclusions import Assessment, Hardware, QosClass

@@ -3,7 +3,7 @@
 from tests.support.pod_groups import announce, arrive, depart, pod_group, team_pod
 from tests.support.scheduling import make_core
 
-from robotapp_scheduler.core.objects import Pod
+from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.pod_groups import COSCHEDULING, GroupRef
 
 

@@ -13,12 +13,12 @@ from tests.support.scheduling import (
 )
 
 from robotapp_api.model.names import Label, PodReason
+from robotapp_scheduler.core.api.core_v1 import Node, Owned
+from robotapp_scheduler.core.api.robotics_v1alpha1 import RobotApp
 from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.groups import WHOLE_PLUGIN
-from robotapp_scheduler.core.objects import Node, Owned
 from robotapp_scheduler.core.queued import Rejection
-from robotapp_scheduler.core.robotics import RobotApp
 
 NODES = ("n0", "n1", "n2")
 

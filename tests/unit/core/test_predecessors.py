@@ -7,9 +7,9 @@ from tests.support.pod_groups import arrive, depart, run, tell
 from tests.support.scheduling import app_object, chain, make_core, make_node, member_pod
 
 from robotapp_api.model.names import Label, PodReason
+from robotapp_scheduler.core.api.core_v1 import Node, OwnerReference, Pod
 from robotapp_scheduler.core.changes import Event
 from robotapp_scheduler.core.cycle import SchedulerCore
-from robotapp_scheduler.core.objects import Node, OwnerReference, Pod
 from robotapp_scheduler.core.queued import Gate
 
 EDGE = {str(Label.TIER): "edge"}

@@ -4,11 +4,11 @@ import pytest
 from tests.support.scheduling import app_object, chain, make_cluster, make_info, make_node, make_pod, member_pod
 
 from robotapp_api.model.names import Annotation, Label
+from robotapp_scheduler.core.api.ros import DeviceHolder, Endpoint, Hardware, RosContext, thesis_tier, tier
 from robotapp_scheduler.core.apps import read_app
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.pods import Member, PodInfo
 from robotapp_scheduler.core.resolve import qos_fields, resolve
-from robotapp_scheduler.core.ros import DeviceHolder, Endpoint, Hardware, RosContext, thesis_tier, tier
 
 
 def fleet() -> Cluster:

@@ -8,13 +8,13 @@ from tests.support.scheduling import device_claim, make_info, make_pod
 from robotapp_api.claims.identity import domain_spec
 from robotapp_api.claims.objects import Claim, Meta
 from robotapp_api.model.names import Annotation, Label
+from robotapp_scheduler.core.api.core_v1 import Metadata
+from robotapp_scheduler.core.api.robotics_v1alpha1 import RobotApp
+from robotapp_scheduler.core.api.ros import DeviceWish, RosContext
 from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.framework import Loaded
-from robotapp_scheduler.core.objects import Metadata
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.refusal import BIND_CHECK, FULL_POOL
-from robotapp_scheduler.core.robotics import RobotApp
-from robotapp_scheduler.core.ros import DeviceWish, RosContext
 from robotapp_scheduler.core.wakers import WAKERS
 from robotapp_scheduler.plugins.ros.hardware_affinity import HardwareAffinityFilter
 from robotapp_scheduler.plugins.ros.reserve import ROSReserve

@@ -9,8 +9,8 @@ from tests.support.pod_groups import announce, arrive, pod_group, run, team_pod
 from tests.support.scheduling import Clock, make_core, make_node, make_pod, telemetry
 
 from robotapp_api.model.names import Annotation
+from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cycle import SchedulerCore
-from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.shell.explaining import Explainer, without_nodes
 

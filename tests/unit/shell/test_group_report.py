@@ -18,8 +18,8 @@ from robotapp_api.client.transport.errors import (
     TooManyRequests,
     Unreachable,
 )
-from robotapp_scheduler.core.objects import Pod
-from robotapp_scheduler.core.pod_group import INITIALLY_SCHEDULED, GivenPodGroup
+from robotapp_scheduler.core.api.core_v1 import Pod
+from robotapp_scheduler.core.api.pod_group import INITIALLY_SCHEDULED, GivenPodGroup
 from robotapp_scheduler.core.pod_groups import WORKLOADS
 from robotapp_scheduler.shell.group_report import GroupReporter
 

@@ -7,7 +7,7 @@ import pytest
 from tests.support.scripted_client import ScriptedClient
 
 from robotapp_api.client.transport.errors import NotFound
-from robotapp_scheduler.core.objects import Metadata, Pod, PodSpec, PodStatus
+from robotapp_scheduler.core.api.core_v1 import Metadata, Pod, PodSpec, PodStatus
 from robotapp_scheduler.shell.kubelet_refusals import KubeletRefusals
 from robotapp_scheduler.shell.metrics import Metrics
 

@@ -6,7 +6,7 @@ from tests.support.placing import OURS, Rig
 from tests.support.pod_groups import pod_group
 
 from robotapp_api.model.names import Label, PodReason
-from robotapp_scheduler.core.objects import ClaimReference
+from robotapp_scheduler.core.api.core_v1 import ClaimReference
 from robotapp_scheduler.core.pod_groups import COSCHEDULING, POD_GROUP_LABEL, GroupRef
 from robotapp_scheduler.shell.binder import BindOutcome, BindResult
 from robotapp_scheduler.shell.loop import IN_FLIGHT, SLICE_S

@@ -3,7 +3,7 @@
 from tests.unit.shell.test_placing import Rig
 
 from robotapp_api.model.names import PodReason
-from robotapp_scheduler.core.objects import ClaimReference
+from robotapp_scheduler.core.api.core_v1 import ClaimReference
 
 
 async def test_a_pod_that_cannot_become_a_user_of_its_claims_goes_back_with_the_reason_and_another_is_entered_first() -> (

@@ -14,9 +14,9 @@ from tests.support.scheduling import make_core, make_node, make_pod
 from robotapp_api.client.informer.reflector import Change as Seen
 from robotapp_api.client.informer.watch_decoder import ADDED, WatchDecoder
 from robotapp_api.model.names import SCHEDULER_NAME
+from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.decision import Decision
-from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.queued import Rejection
 from robotapp_scheduler.shell.intake import Intake
 

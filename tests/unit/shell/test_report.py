@@ -5,7 +5,7 @@ import pytest
 from tests.support.scripted_client import ScriptedClient
 
 from robotapp_api.client.transport.errors import ClientError, Conflict, Forbidden, Invalid, NotFound, Unreachable
-from robotapp_scheduler.core.objects import Metadata, Pod, PodCondition, PodSpec, PodStatus
+from robotapp_scheduler.core.api.core_v1 import Metadata, Pod, PodCondition, PodSpec, PodStatus
 from robotapp_scheduler.shell import texts
 from robotapp_scheduler.shell.report import CHANGE_S, CHANGES, NOTE_S, Reporter
 

@@ -4,7 +4,7 @@ import msgspec
 import pytest
 
 from robotapp_api.values.requests import DEFAULT_CPU_MILLI, DEFAULT_MEMORY_BYTES, pod_requests
-from robotapp_scheduler.core.objects import Pod, PodSpec
+from robotapp_scheduler.core.api.core_v1 import Pod, PodSpec
 from robotapp_scheduler.core.resized import held_per_container
 from robotapp_scheduler.core.shapes import requests_of
 

@@ -4,7 +4,7 @@ import msgspec
 import pytest
 
 from robotapp_api.values.selector import integer, matches_labels, matches_node_terms
-from robotapp_scheduler.core.objects import NodeSelectorTerm
+from robotapp_scheduler.core.api.core_v1 import NodeSelectorTerm
 
 Json = dict[str, Any]
 LABELS = {"zone": "a", "rank": "7", "empty": ""}

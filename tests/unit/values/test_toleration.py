@@ -1,7 +1,7 @@
 import pytest
 
 from robotapp_api.values.toleration import tolerates
-from robotapp_scheduler.core.objects import Taint, Toleration
+from robotapp_scheduler.core.api.core_v1 import Taint, Toleration
 
 TAINT = Taint(key="gpu", value="yes", effect="NoSchedule")
 

@@ -11,7 +11,7 @@ from typing import Final
 import msgspec
 
 from robotapp_api.values.selector import NAME_FIELD, integer
-from robotapp_scheduler.core.objects import NodeAffinity, NodeSelector, NodeSelectorTerm, PreferredTerm, Requirement
+from robotapp_scheduler.core.api.core_v1 import NodeAffinity, NodeSelector, NodeSelectorTerm, PreferredTerm, Requirement
 from robotapp_scheduler.plugins.kubernetes.resource_arguments import QUALIFIED
 
 REQUIRED: Final = "requiredDuringSchedulingIgnoredDuringExecution"

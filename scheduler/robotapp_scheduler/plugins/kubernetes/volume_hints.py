@@ -1,10 +1,10 @@
 """Which events about storage may help a waiting pod: questions the volume plugins share."""
 
+from robotapp_scheduler.core.api.core_v1 import Pod
+from robotapp_scheduler.core.api.storage_v1 import CSINode, CSIStorageCapacity
 from robotapp_scheduler.core.changes import Event
-from robotapp_scheduler.core.objects import Pod
 from robotapp_scheduler.core.pod_volumes import PodVolumes, volumes_of
 from robotapp_scheduler.core.pods import PodInfo
-from robotapp_scheduler.core.storage import CSINode, CSIStorageCapacity
 
 PODS = "pods"
 

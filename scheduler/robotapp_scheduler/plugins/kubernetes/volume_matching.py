@@ -10,9 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from robotapp_api.values.selector import matches_labels
-from robotapp_scheduler.core.columns import BoolArray, IntArray
-from robotapp_scheduler.core.framework import PluginError
-from robotapp_scheduler.core.storage import (
+from robotapp_scheduler.core.api.storage_v1 import (
     AVAILABLE,
     NO_PROVISIONER,
     Claim,
@@ -20,6 +18,8 @@ from robotapp_scheduler.core.storage import (
     PersistentVolume,
     StorageClass,
 )
+from robotapp_scheduler.core.columns import BoolArray, IntArray
+from robotapp_scheduler.core.framework import PluginError
 from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.core.volumes import Volumes
 from robotapp_scheduler.plugins.kubernetes.volume_claims import Sorted

@@ -4,15 +4,15 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
+from robotapp_scheduler.core.api.core_v1 import Requirement
+from robotapp_scheduler.core.api.storage_v1 import Claim, PersistentVolume
+from robotapp_scheduler.core.api.topology_labels import SEPARATOR, TODAY
 from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.columns import BoolArray
 from robotapp_scheduler.core.framework import FilterResult, PreFilter
-from robotapp_scheduler.core.objects import Requirement
 from robotapp_scheduler.core.pods import PodInfo
-from robotapp_scheduler.core.storage import Claim, PersistentVolume
 from robotapp_scheduler.core.view import LabelColumn, Nodes
 from robotapp_scheduler.core.volumes import Volumes
-from robotapp_scheduler.core.zone_labels import SEPARATOR, TODAY
 from robotapp_scheduler.plugins.kubernetes.matching import expression_mask
 from robotapp_scheduler.plugins.kubernetes.volume_claims import missing, named_claims, unresolvable
 from robotapp_scheduler.plugins.kubernetes.volume_hints import names_claim, of_pod

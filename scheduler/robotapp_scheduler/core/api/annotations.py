@@ -11,7 +11,7 @@ from typing import Any, Final
 from robotapp_api.model.names import SAFE_IDS, Annotation
 from robotapp_api.values.duration import parse_us
 from robotapp_api.values.ranges import is_safe_id
-from robotapp_scheduler.core.ros import TIERS, Hardware, InvalidAnnotation, RosRequest
+from robotapp_scheduler.core.api.ros import TIERS, Hardware, InvalidAnnotation, RosRequest
 
 MAX_BYTES: Final = 8 * 1024
 MAX_DEPTH: Final = 6

@@ -1,6 +1,6 @@
 """What the scheduler reads of volumes: claims, volumes, classes and what CSI drivers say about nodes.
 
-Slim structs decoded straight from the API server's bytes, as in `objects.py`; never changed after decoding.
+Slim structs decoded straight from the API server's bytes, as in `core_v1.py`; never changed after decoding.
 """
 
 from typing import Any, Final
@@ -8,10 +8,10 @@ from typing import Any, Final
 import msgspec
 
 from robotapp_api.values.requests import amount
-from robotapp_scheduler.core.in_tree import Kind, handle_of, kind_of, translated
-from robotapp_scheduler.core.objects import Metadata, NodeSelector, Quantity
-from robotapp_scheduler.core.pod_volume import AwsDisk, AzureDisk, GceDisk, NamedVolume
-from robotapp_scheduler.core.slim import Slim
+from robotapp_scheduler.core.api.core_v1 import Metadata, NodeSelector, Quantity
+from robotapp_scheduler.core.api.csi_migration import Kind, handle_of, kind_of, translated
+from robotapp_scheduler.core.api.structs import Slim
+from robotapp_scheduler.core.api.volume_source import AwsDisk, AzureDisk, GceDisk, NamedVolume
 
 BETA_CLASS: Final = "volume.beta.kubernetes.io/storage-class"
 BIND_COMPLETED: Final = "pv.kubernetes.io/bind-completed"

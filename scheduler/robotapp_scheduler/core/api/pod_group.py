@@ -10,8 +10,8 @@ from typing import Any, Final
 
 import msgspec
 
-from robotapp_scheduler.core.objects import Metadata, PodCondition
-from robotapp_scheduler.core.slim import Slim
+from robotapp_scheduler.core.api.core_v1 import Metadata, PodCondition
+from robotapp_scheduler.core.api.structs import Slim
 
 INITIALLY_SCHEDULED: Final = "PodGroupInitiallyScheduled"
 PATIENCE_S: Final = 60.0

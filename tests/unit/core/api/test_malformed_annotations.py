@@ -3,8 +3,8 @@
 import pytest
 from tests.support.malformed_annotations import Wrong, malformed_annotations
 
-from robotapp_scheduler.core.annotations import parse_annotations
-from robotapp_scheduler.core.ros import InvalidAnnotation
+from robotapp_scheduler.core.api.annotations import parse_annotations
+from robotapp_scheduler.core.api.ros import InvalidAnnotation
 
 
 def test_there_are_at_least_fifty_different_ones() -> None:

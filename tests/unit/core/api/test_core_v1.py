@@ -1,8 +1,8 @@
 import msgspec
 from tests.support.scheduling import make_core
 
-from robotapp_scheduler.core.objects import Node, Pod
-from robotapp_scheduler.core.robotics import NodeTelemetry, RobotApp
+from robotapp_scheduler.core.api.core_v1 import Node, Pod
+from robotapp_scheduler.core.api.robotics_v1alpha1 import NodeTelemetry, RobotApp
 
 POD = b"""{"apiVersion":"v1","kind":"Pod","metadata":{"name":"p","namespace":"d","uid":"u","creationTimestamp":null,
 "managedFields":[{"manager":"x"}],"ownerReferences":[{"apiVersion":"apps/v1","kind":"ReplicaSet","name":"r","uid":"o",

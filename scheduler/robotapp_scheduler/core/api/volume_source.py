@@ -2,7 +2,7 @@
 
 import msgspec
 
-from robotapp_scheduler.core.slim import Slim
+from robotapp_scheduler.core.api.structs import Slim
 
 
 class ClaimVolume(Slim):

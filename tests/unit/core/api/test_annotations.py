@@ -3,8 +3,8 @@ import json
 import pytest
 
 from robotapp_api.model.names import Annotation
-from robotapp_scheduler.core.annotations import MAX_BYTES, parse_annotations
-from robotapp_scheduler.core.ros import Hardware, InvalidAnnotation, RosRequest
+from robotapp_scheduler.core.api.annotations import MAX_BYTES, parse_annotations
+from robotapp_scheduler.core.api.ros import Hardware, InvalidAnnotation, RosRequest
 
 POLICIES, TOPOLOGY = Annotation.POLICIES, Annotation.TOPOLOGY
 AFFINITY, SHARED, DOMAIN = Annotation.AFFINITY, Annotation.SHARED_DATA, Annotation.DDS_DOMAIN

@@ -11,9 +11,9 @@ from urllib.parse import urlsplit
 
 from msgspec.structs import replace
 
-from robotapp_scheduler.core.objects import NodeSelector, NodeSelectorTerm, Requirement
-from robotapp_scheduler.core.pod_volume import AwsDisk, AzureDisk, GceDisk, NamedVolume
-from robotapp_scheduler.core.zone_labels import OLD_REGION, OLD_ZONE, REGION, SEPARATOR, ZONE
+from robotapp_scheduler.core.api.core_v1 import NodeSelector, NodeSelectorTerm, Requirement
+from robotapp_scheduler.core.api.topology_labels import OLD_REGION, OLD_ZONE, REGION, SEPARATOR, ZONE
+from robotapp_scheduler.core.api.volume_source import AwsDisk, AzureDisk, GceDisk, NamedVolume
 
 UNSPECIFIED: Final = "UNSPECIFIED"
 EBS_ID: Final = re.compile(r"vol-[^/]*")

@@ -2,16 +2,16 @@
 
 Only fields that a rule looks at are here, everything else is skipped by the decoder. The structs are `gc=False`
 (the collector would otherwise walk 50,000 pods) and are never changed after decoding.
-The RobotApp side (RobotApp, NodeTelemetry) is in `robotics.py`, claims are in `robotapp_api.claims.objects`,
-a pod's volumes in `pod_volume.py`.
+The RobotApp side (RobotApp, NodeTelemetry) is in `robotics_v1alpha1.py`, claims are in `robotapp_api.claims.objects`,
+a pod's volumes in `volume_source.py`.
 """
 
 from typing import Any
 
 import msgspec
 
-from robotapp_scheduler.core.pod_volume import Volume, deciding
-from robotapp_scheduler.core.slim import Slim, SlimValue
+from robotapp_scheduler.core.api.structs import Slim, SlimValue
+from robotapp_scheduler.core.api.volume_source import Volume, deciding
 
 Labels = dict[str, str]
 Quantity = str | int | float

@@ -1,7 +1,7 @@
-"""The robotics.io objects as the scheduler reads them: slim structs beside `objects.py`.
+"""The robotics.io objects as the scheduler reads them: slim structs beside `core_v1.py`.
 
 `robotapp_api.model` is the full, validated form; on the scheduler's hot path only the fields that decide a placement
-are decoded. Durations stay Go strings here and are parsed once per app in `apps.py`. A RobotClaim and a component's
+are decoded. Durations stay Go strings here and are parsed once per app in `robotics/app_index.py`. A RobotClaim and a component's
 devices are read as the claim rules read them, `robotapp_api.claims.objects`.
 """
 
@@ -9,8 +9,8 @@ import msgspec
 
 from robotapp_api.claims.objects import DeviceRequirement, TelemetryDevice
 from robotapp_api.values.round_trips import Rtt
-from robotapp_scheduler.core.objects import Metadata
-from robotapp_scheduler.core.slim import Slim, SlimValue
+from robotapp_scheduler.core.api.core_v1 import Metadata
+from robotapp_scheduler.core.api.structs import Slim, SlimValue
 
 
 class ComponentPolicies(Slim):
