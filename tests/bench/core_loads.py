@@ -9,9 +9,9 @@ import numpy as np
 from tests.support.scheduling import default_profiles, make_node, make_pod, telemetry
 
 from robotapp_api.model.names import Label
-from robotapp_scheduler.core.changes import Event
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.events.cluster_event import Event
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.queued import Rejection
 

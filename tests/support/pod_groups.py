@@ -8,8 +8,8 @@ from tests.support.scheduling import Json, make_pod
 
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.api.pod_group import GivenPodGroup
-from robotapp_scheduler.core.changes import Event
 from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.events.cluster_event import Event
 from robotapp_scheduler.core.groups import groups_of
 from robotapp_scheduler.core.pod_groups import COSCHEDULING, POD_GROUP_LABEL
 from robotapp_scheduler.core.queued import Rejection

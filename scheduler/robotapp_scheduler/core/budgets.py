@@ -8,7 +8,7 @@ import msgspec
 from robotapp_api.values.selector import matches_labels
 from robotapp_scheduler.core.api.core_v1 import Metadata
 from robotapp_scheduler.core.api.structs import Slim
-from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.pods import PlacedPod
 
 

@@ -14,9 +14,10 @@ from robotapp_scheduler.core.api.core_v1 import Node, Owned, Pod
 from robotapp_scheduler.core.api.robotics_v1alpha1 import NodeTelemetry, RobotApp
 from robotapp_scheduler.core.apps import AppIndex
 from robotapp_scheduler.core.budgets import Budgets
-from robotapp_scheduler.core.changes import EVERY_ROW, Change, ChangeLog
 from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.core.devices import DeviceGrant, DeviceIndex
+from robotapp_scheduler.core.events.change_log import EVERY_ROW, ChangeLog
+from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.least import Least
 from robotapp_scheduler.core.mirror import Mirror
 from robotapp_scheduler.core.name_index import NameIndex

@@ -4,12 +4,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from robotapp_scheduler.core.api.ros import InvalidAnnotation
-from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.decision import FAULTS, Decision, failed, skipped_deleting
 from robotapp_scheduler.core.devices import DeviceGrant
 from robotapp_scheduler.core.engine import Engine, Stopwatch, pod_hash
 from robotapp_scheduler.core.evaluation import Evaluation
+from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.explain import ExplainRing, Record, finished
 from robotapp_scheduler.core.framework import Code, histogram
 from robotapp_scheduler.core.groups import (

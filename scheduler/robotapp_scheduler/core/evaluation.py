@@ -6,9 +6,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.changes import NODE
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.columns import IntArray
+from robotapp_scheduler.core.events.cluster_event import NODE
 from robotapp_scheduler.core.explain import EXAMPLES, Refusal
 from robotapp_scheduler.core.filter_column import HOLE, Codes, FilterColumn, Reasons
 from robotapp_scheduler.core.front import NOTHING, Scorers, Sight

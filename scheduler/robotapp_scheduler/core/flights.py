@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import Any, Final
 
-from robotapp_scheduler.core.changes import Change, Event
+from robotapp_scheduler.core.events.cluster_event import Change, Event
 
 MOST_LOGGED: Final = 4096
 OFTEN: Final = 256

@@ -5,7 +5,7 @@ A plugin is a class with a `name` and any of the hooks below; nothing has to be 
     class QuietNodes:
         name = "QuietNodes"
         reads = ()                      # pod features the result depends on (core.pods.FEATURES)
-        node_reads = ("requested",)     # node facts it depends on (core.changes.READS)
+        node_reads = ("requested",)     # node facts it depends on (core.events.cluster_event.READS)
         normalize = "minmax"
 
         def score(self, pod, nodes):
@@ -51,7 +51,7 @@ Hooks, in the order of a cycle:
 `minds(pod) -> names`                        optional: the facts that answers for such pods depend on, where they are
                                              fewer than `node_reads`; must follow from `reads` alone
 
-`hint(pod, event) -> bool`                   may this event help a pod the plugin rejected? `event` (core.changes.Event)
+`hint(pod, event) -> bool`                   may this event help a pod the plugin rejected? `event` (core.events.cluster_event.Event)
                                              has resource, action, change, old, new. Asked for kinds of change in
                                              `events`, and for every change of the pod itself (Change.SELF in
                                              event.change); without a hint each of these counts. Decide from the pod and
@@ -97,8 +97,8 @@ import numpy as np
 import numpy.typing as npt
 
 from robotapp_scheduler.core.asked import Asking
-from robotapp_scheduler.core.changes import NODE, READS, Change, interest_of
 from robotapp_scheduler.core.columns import BoolArray, FloatArray, IntArray
+from robotapp_scheduler.core.events.cluster_event import NODE, READS, Change, interest_of
 from robotapp_scheduler.core.plugin_checks import problems_of
 from robotapp_scheduler.core.pods import LIVE, PlacedPod, PodInfo
 from robotapp_scheduler.core.rows import Row

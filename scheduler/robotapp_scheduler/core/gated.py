@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.events.cluster_event import Change
 
 
 class Gated:

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from robotapp_scheduler.core.asked import asking
-from robotapp_scheduler.core.changes import interest_of
+from robotapp_scheduler.core.events.cluster_event import interest_of
 from robotapp_scheduler.core.framework import (
     MAX_SCORE,
     NORMALIZERS,

@@ -4,8 +4,8 @@ from collections.abc import Collection
 
 import numpy as np
 
-from robotapp_scheduler.core.changes import OF_PODS
 from robotapp_scheduler.core.evaluation import Evaluation
+from robotapp_scheduler.core.events.cluster_event import OF_PODS
 from robotapp_scheduler.core.filter_column import HOLE, Codes, FilterColumn
 from robotapp_scheduler.core.framework import Beside, Loaded
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo

@@ -5,8 +5,8 @@ from typing import Final
 
 import numpy as np
 
-from robotapp_scheduler.core.changes import ChangeLog
 from robotapp_scheduler.core.columns import IntArray
+from robotapp_scheduler.core.events.change_log import ChangeLog
 from robotapp_scheduler.core.node_table import NodeTable
 
 MOST_MISSES: Final = 256

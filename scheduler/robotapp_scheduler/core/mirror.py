@@ -8,8 +8,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from robotapp_scheduler.core.changes import ChangeLog
 from robotapp_scheduler.core.columns import FloatArray, IntArray
+from robotapp_scheduler.core.events.change_log import ChangeLog
 from robotapp_scheduler.core.node_table import NodeTable
 
 MOST_PLACES: Final = 64

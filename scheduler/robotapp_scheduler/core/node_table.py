@@ -10,7 +10,6 @@ from robotapp_api.claims.instances import primary_node
 from robotapp_api.model.names import Annotation, Label
 from robotapp_api.values.requests import amounts
 from robotapp_scheduler.core.api.core_v1 import Node, Taint
-from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.columns import (
     LARGEST,
     START_ROWS,
@@ -21,6 +20,7 @@ from robotapp_scheduler.core.columns import (
     ResourceColumns,
     grown,
 )
+from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.rows import Rows
 from robotapp_scheduler.core.tenants import Tenants
 

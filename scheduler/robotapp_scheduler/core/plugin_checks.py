@@ -3,7 +3,7 @@
 from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import Any, Final
 
-from robotapp_scheduler.core.changes import OWN_COLUMN, READS, Change
+from robotapp_scheduler.core.events.cluster_event import OWN_COLUMN, READS, Change
 from robotapp_scheduler.core.pods import FEATURES, LIVE
 
 NAMES: Final = (tuple, list, set, frozenset)

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 from robotapp_api.model.names import Label
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.api.pod_group import GivenPodGroup, PodGroup, understood
-from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.events.cluster_event import Change
 
 COSCHEDULING: Final = "scheduling.x-k8s.io"
 WORKLOADS: Final = "scheduling.k8s.io"

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.backoff import Backoff, Heap
-from robotapp_scheduler.core.changes import Change, Event
+from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.flights import Flight, Flights
 from robotapp_scheduler.core.gated import Gated
 from robotapp_scheduler.core.pods import PodInfo

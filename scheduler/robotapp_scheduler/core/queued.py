@@ -4,7 +4,7 @@ from collections.abc import Hashable
 
 import msgspec
 
-from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.pods import PodInfo
 
 

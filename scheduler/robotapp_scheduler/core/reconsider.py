@@ -12,11 +12,11 @@ import msgspec
 import numpy as np
 
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.engine import Engine
 from robotapp_scheduler.core.evaluation import Evaluation
+from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.explain import Record
 from robotapp_scheduler.core.framework import PluginError
 from robotapp_scheduler.core.pods import PodInfo

@@ -7,7 +7,8 @@ import msgspec
 
 from robotapp_scheduler.core.api.core_v1 import Metadata, NodeSelector, Pod
 from robotapp_scheduler.core.api.structs import Slim
-from robotapp_scheduler.core.changes import EVERY_ROW, Change, ChangeLog
+from robotapp_scheduler.core.events.change_log import EVERY_ROW, ChangeLog
+from robotapp_scheduler.core.events.cluster_event import Change
 
 MOST_RESERVATIONS: Final = 256
 """As many pods may share a claim."""

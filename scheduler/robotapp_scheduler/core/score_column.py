@@ -7,8 +7,9 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.changes import NODE_COMES_OR_GOES, OFFERED, SAID_OF_PODS, News
 from robotapp_scheduler.core.columns import BoolArray, IntArray
+from robotapp_scheduler.core.events.change_log import News
+from robotapp_scheduler.core.events.cluster_event import NODE_COMES_OR_GOES, OFFERED, SAID_OF_PODS
 from robotapp_scheduler.core.framework import (
     MAX_SCORE,
     Loaded,

@@ -5,10 +5,11 @@ import numpy as np
 from robotapp_scheduler.core.affinity_index import AffinityIndex
 from robotapp_scheduler.core.affinity_terms import Compiler, Terms
 from robotapp_scheduler.core.api.core_v1 import Namespace, Selecting
-from robotapp_scheduler.core.changes import EVERY_ROW, Change, ChangeLog
 from robotapp_scheduler.core.counts import Counter, PodCounts, Wanted
 from robotapp_scheduler.core.default_selectors import DefaultSelectors
 from robotapp_scheduler.core.domains import Scopes
+from robotapp_scheduler.core.events.change_log import EVERY_ROW, ChangeLog
+from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.images import Images
 from robotapp_scheduler.core.label_sets import LabelSets
 from robotapp_scheduler.core.namespaces import Namespaces

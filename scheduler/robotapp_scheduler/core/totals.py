@@ -5,10 +5,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.changes import NODE
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.core.doubts import Doubts
+from robotapp_scheduler.core.events.cluster_event import NODE
 from robotapp_scheduler.core.framework import PluginError
 from robotapp_scheduler.core.front import Scorers, Sight
 from robotapp_scheduler.core.level import Hashes

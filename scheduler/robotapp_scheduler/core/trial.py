@@ -8,8 +8,8 @@ computes anew inside, and again afterwards if it was asked inside.
 from types import TracebackType
 from typing import Self
 
-from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.pods import PlacedPod
 
 

@@ -4,7 +4,7 @@ from typing import Final
 
 from robotapp_api.claims.objects import Claim
 from robotapp_api.model.names import Annotation
-from robotapp_scheduler.core.changes import Change, Event
+from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.groups import (
     GROUP_EVENTS,
     GROUP_PLUGIN,

@@ -9,9 +9,9 @@ from collections.abc import Callable, Sequence
 from typing import Final, Protocol
 
 from robotapp_api.model.names import PodReason
-from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.decision import Decision
+from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.explain import ExplainRing
 from robotapp_scheduler.core.framework import Code
 from robotapp_scheduler.core.groups import POD_GROUP_PLUGIN, WHOLE_PLUGIN

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Collection, Mapping
 
 from robotapp_api.claims.objects import Claim
-from robotapp_scheduler.core.changes import Event
+from robotapp_scheduler.core.events.cluster_event import Event
 
 
 class DomainClaims:

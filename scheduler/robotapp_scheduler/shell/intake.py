@@ -4,8 +4,8 @@ from collections.abc import Callable, Collection
 
 from robotapp_api.client.informer.reflector import Change as Seen
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.queue import SchedulingQueue
 from robotapp_scheduler.core.resized import held_per_container

@@ -12,9 +12,9 @@ from functools import partial
 
 from robotapp_api.client.transport.errors import ClientError
 from robotapp_api.model.names import PodReason
-from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.decision import Decision
+from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.posing import Posed
 from robotapp_scheduler.core.queued import QueuedPod, Rejection
 from robotapp_scheduler.core.together import Advice

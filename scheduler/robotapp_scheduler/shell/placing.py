@@ -11,9 +11,9 @@ from functools import partial
 from robotapp_api.client.transport.errors import ClientError
 from robotapp_api.model.names import EventReason, PodReason
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.changes import Event
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.decision import Decision
+from robotapp_scheduler.core.events.cluster_event import Event
 from robotapp_scheduler.core.framework import Code
 from robotapp_scheduler.core.groups import groups_around
 from robotapp_scheduler.core.pods import PodInfo

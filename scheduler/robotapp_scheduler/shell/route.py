@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from robotapp_api.client.api.resources import Resource
-from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.events.cluster_event import Change
 
 
 @dataclass(frozen=True, slots=True)

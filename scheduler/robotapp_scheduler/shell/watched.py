@@ -19,8 +19,8 @@ from robotapp_api.model.names import Label
 from robotapp_scheduler.core.api.core_v1 import Namespace, Node, Owned, Selecting
 from robotapp_scheduler.core.api.robotics_v1alpha1 import NodeTelemetry, RobotApp
 from robotapp_scheduler.core.budgets import DisruptionBudget
-from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.shell.group_feed import group_routes
 from robotapp_scheduler.shell.route import Route
 from robotapp_scheduler.shell.storage_feed import storage_routes

@@ -7,8 +7,8 @@ import pytest
 from tests.support.scheduling import Clock, make_cluster, make_node, telemetry
 
 from robotapp_api.model.names import Label
-from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.latency_export import LatencyExport
 
 RACK = [f"rack-{i}" for i in range(6)]

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robotapp_scheduler.core import flights
-from robotapp_scheduler.core.changes import Change, Event
+from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.flights import Flight, Flights
 
 

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.gated import Gated
 
 CHANGES = st.sampled_from([Change.NONE, Change.POD_REMOVED, Change.NODE_ADDED, Change.POD_REMOVED | Change.LABELS])

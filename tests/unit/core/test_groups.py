@@ -15,8 +15,8 @@ from tests.support.scheduling import (
 from robotapp_api.model.names import Label, PodReason
 from robotapp_scheduler.core.api.core_v1 import Node, Owned
 from robotapp_scheduler.core.api.robotics_v1alpha1 import RobotApp
-from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.groups import WHOLE_PLUGIN
 from robotapp_scheduler.core.queued import Rejection
 

@@ -21,8 +21,8 @@ from tests.support.scheduling import Clock, app_object, make_core, make_info, ma
 from robotapp_api.model.names import Label, PodReason
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.api.pod_group import understood
-from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.groups import WHOLE_PLUGIN, groups_of
 from robotapp_scheduler.core.pod_groups import COSCHEDULING, POD_GROUP_LABEL, WORKLOADS, GroupRef, group_ref_of
 

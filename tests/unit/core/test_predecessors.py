@@ -8,8 +8,8 @@ from tests.support.scheduling import app_object, chain, make_core, make_node, me
 
 from robotapp_api.model.names import Label, PodReason
 from robotapp_scheduler.core.api.core_v1 import Node, OwnerReference, Pod
-from robotapp_scheduler.core.changes import Event
 from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.events.cluster_event import Event
 from robotapp_scheduler.core.queued import Gate
 
 EDGE = {str(Label.TIER): "edge"}

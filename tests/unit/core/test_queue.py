@@ -4,7 +4,7 @@ from hypothesis import strategies as st
 from tests.support.scheduling import Clock, make_info, make_pod
 
 from robotapp_scheduler.core.backoff import Backoff, Heap
-from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.queue import SchedulingQueue
 from robotapp_scheduler.core.queued import Gate, QueuedPod, Rejection
 from robotapp_scheduler.core.waiting import Waker

@@ -9,9 +9,9 @@ from tests.support.scheduling import make_cluster, make_info, make_node, make_po
 from robotapp_scheduler.core import affinity_index, counts
 from robotapp_scheduler.core.affinity_terms import Kind
 from robotapp_scheduler.core.api.core_v1 import Namespace, NodeImage, Selecting
-from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.counts import Census, Wanted
+from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.label_sets import label_key
 from robotapp_scheduler.core.matchers import ByLabel, pods_of
 from robotapp_scheduler.core.trial import Trial

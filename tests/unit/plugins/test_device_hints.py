@@ -11,7 +11,7 @@ from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.api.core_v1 import Metadata
 from robotapp_scheduler.core.api.robotics_v1alpha1 import RobotApp
 from robotapp_scheduler.core.api.ros import DeviceWish, RosContext
-from robotapp_scheduler.core.changes import Change, Event
+from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework import Loaded
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.refusal import BIND_CHECK, FULL_POOL

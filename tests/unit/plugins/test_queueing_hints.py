@@ -6,7 +6,7 @@ import pytest
 from tests.support.scheduling import make_info, make_node, make_pod
 
 from robotapp_scheduler.core.api.core_v1 import Metadata, Namespace
-from robotapp_scheduler.core.changes import Change, Event
+from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework import Loaded
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.plugins.registry import catalogue

@@ -15,7 +15,7 @@ from tests.support.volumes import (
     mounting,
 )
 
-from robotapp_scheduler.core.changes import Change, Event
+from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.plugins.kubernetes.declared_features import NodeDeclaredFeatures
 from robotapp_scheduler.plugins.kubernetes.volume_binding import VolumeBinding
 from robotapp_scheduler.plugins.kubernetes.volume_limits import NodeVolumeLimits

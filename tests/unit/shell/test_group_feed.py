@@ -11,8 +11,8 @@ from tests.support.pod_groups import team_pod
 from tests.support.scheduling import Clock
 
 from robotapp_api.client.api.resources import COSCHEDULING_PODGROUPS, ROBOTAPPS, WORKLOAD_PODGROUPS
-from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.pod_groups import COSCHEDULING, GroupRef
 from robotapp_scheduler.shell import feed as feeding
 from robotapp_scheduler.shell.feed import Feed

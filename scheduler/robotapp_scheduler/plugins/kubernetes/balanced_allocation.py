@@ -7,8 +7,8 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.columns import BoolArray, FloatArray, IntArray
+from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework import MAX_SCORE, ScoreResult
 from robotapp_scheduler.core.lazy import Lazy
 from robotapp_scheduler.core.pods import PodInfo

@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 
 from robotapp_api.values.duration import parse_go_ns
-from robotapp_scheduler.core.changes import Change, Event
+from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework import Code, FilterResult, PreFilter, Status
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.resource_claims import ResourceClaim, not_allocated, trouble, wanted

@@ -5,8 +5,8 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.columns import IntArray
+from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework import MAX_SCORE, ScoreResult
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.view import Nodes

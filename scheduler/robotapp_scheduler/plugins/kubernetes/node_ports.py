@@ -1,6 +1,6 @@
 """NodePorts: a host port is taken once per node, protocol and address."""
 
-from robotapp_scheduler.core.changes import Change, Event
+from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework import Beside, FilterResult
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo
 from robotapp_scheduler.core.ports import clash

@@ -6,7 +6,7 @@ import numpy as np
 
 from robotapp_api.values.toleration import tolerates
 from robotapp_scheduler.core.api.core_v1 import Taint
-from robotapp_scheduler.core.changes import Change, Event
+from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework import FilterResult
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.view import Nodes

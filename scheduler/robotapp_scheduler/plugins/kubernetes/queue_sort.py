@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework import Code, Status
 from robotapp_scheduler.core.pods import PodInfo
 

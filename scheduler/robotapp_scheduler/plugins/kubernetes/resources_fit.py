@@ -8,8 +8,8 @@ import numpy as np
 
 from robotapp_api.values.requests import amounts
 from robotapp_scheduler.core.api.core_v1 import Node, Pod
-from robotapp_scheduler.core.changes import Change, Event
 from robotapp_scheduler.core.columns import BoolArray, FloatArray, IntArray
+from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework import FilterResult, ScoreResult, Verdict
 from robotapp_scheduler.core.lazy import Lazy
 from robotapp_scheduler.core.pods import PodInfo

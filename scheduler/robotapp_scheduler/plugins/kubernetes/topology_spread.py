@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from robotapp_scheduler.core.api.core_v1 import Node, Pod
-from robotapp_scheduler.core.changes import NODE, PLACED, Change, Event
 from robotapp_scheduler.core.columns import BoolArray, FloatArray, IntArray
 from robotapp_scheduler.core.domains import Scope
+from robotapp_scheduler.core.events.cluster_event import NODE, PLACED, Change, Event
 from robotapp_scheduler.core.framework import MAX_SCORE, AmongResult, Beside, FilterResult, Positions, Verdict
 from robotapp_scheduler.core.label_sets import LabelSet
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo

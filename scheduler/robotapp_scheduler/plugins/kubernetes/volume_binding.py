@@ -5,7 +5,7 @@ from collections.abc import Hashable
 import msgspec
 import numpy as np
 
-from robotapp_scheduler.core.changes import Change, Event
+from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework import FilterResult, PreFilter, ScoreResult, Verdict
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.view import Nodes

@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 
 from robotapp_scheduler.core.api.storage_v1 import ONE_POD
-from robotapp_scheduler.core.changes import Change, Event
+from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework import FilterResult, PreFilter, Verdict
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo
 from robotapp_scheduler.core.view import Nodes

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework import ScoreResult
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.view import Nodes

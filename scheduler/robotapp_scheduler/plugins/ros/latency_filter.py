@@ -7,8 +7,8 @@ import numpy as np
 
 from robotapp_api.values.duration import parse_us
 from robotapp_scheduler.core.api.ros import Endpoint
-from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.columns import BoolArray, FloatArray, IntArray
+from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework import FilterResult, Verdict
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.view import Nodes

@@ -4,8 +4,8 @@ import msgspec
 import numpy as np
 
 from robotapp_scheduler.core.api.ros import Endpoint
-from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.columns import FloatArray
+from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework import ScoreResult, Scores
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.view import Nodes

@@ -5,8 +5,8 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from robotapp_scheduler.core.changes import Change
 from robotapp_scheduler.core.columns import FloatArray
+from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework import ScoreResult
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.rows import Row

@@ -8,7 +8,7 @@ from typing import Final
 from robotapp_api.claims.objects import Claim
 from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.changes import Change, Event
+from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework import FilterResult
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.view import Nodes

@@ -4,7 +4,7 @@ from typing import Final
 
 import numpy as np
 
-from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework import Code, FilterResult, PreFilter, Status, Verdict
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.view import Nodes

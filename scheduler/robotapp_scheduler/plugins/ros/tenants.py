@@ -3,7 +3,7 @@
 from typing import Final
 
 from robotapp_api.model.names import Annotation
-from robotapp_scheduler.core.changes import Change
+from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework import FilterResult
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.view import Nodes

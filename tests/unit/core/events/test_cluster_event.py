@@ -1,7 +1,8 @@
 import pytest
 from tests.support.scheduling import make_pod
 
-from robotapp_scheduler.core.changes import EVERY_ROW, Change, ChangeLog, Event
+from robotapp_scheduler.core.events.change_log import EVERY_ROW, ChangeLog
+from robotapp_scheduler.core.events.cluster_event import Change, Event
 
 POD = int(Change.POD_ADDED | Change.POD_REMOVED)
 

@@ -1,0 +1,1 @@
+"""What can change in a cluster, and the log of it."""
