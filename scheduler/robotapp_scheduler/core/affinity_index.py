@@ -11,10 +11,10 @@ from typing import Final
 import numpy as np
 
 from robotapp_scheduler.core.affinity_terms import Kind, Term, Terms
-from robotapp_scheduler.core.columns import CodeArray, IntArray, LabelColumns
 from robotapp_scheduler.core.label_sets import LabelSetKey
 from robotapp_scheduler.core.matchers import ByLabel
 from robotapp_scheduler.core.namespaces import Namespaces
+from robotapp_scheduler.core.nodes.columns import CodeArray, IntArray, LabelColumns
 
 MOST_PULLS: Final = 512
 

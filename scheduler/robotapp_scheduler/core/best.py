@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.core.level import Hashes, Level
+from robotapp_scheduler.core.nodes.columns import IntArray
 
 _VALUE: Final = attrgetter("value")
 NOWHERE: Final = (1, 0)

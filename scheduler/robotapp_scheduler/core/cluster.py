@@ -14,14 +14,13 @@ from robotapp_scheduler.core.api.core_v1 import Node, Owned, Pod
 from robotapp_scheduler.core.api.robotics_v1alpha1 import NodeTelemetry, RobotApp
 from robotapp_scheduler.core.apps import AppIndex
 from robotapp_scheduler.core.budgets import Budgets
-from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.core.devices import DeviceGrant, DeviceIndex
 from robotapp_scheduler.core.events.change_log import EVERY_ROW, ChangeLog
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.least import Least
-from robotapp_scheduler.core.mirror import Mirror
 from robotapp_scheduler.core.name_index import NameIndex
-from robotapp_scheduler.core.node_table import NodeTable
+from robotapp_scheduler.core.nodes.columns import IntArray
+from robotapp_scheduler.core.nodes.node_table import NodeTable
+from robotapp_scheduler.core.nodes.resource_arrays import Least, Mirror
 from robotapp_scheduler.core.nominations import Nominations
 from robotapp_scheduler.core.placed import Records
 from robotapp_scheduler.core.pod_groups import PodGroups, in_group

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from robotapp_scheduler.core.columns import BoolArray, CodeArray, IntArray, LabelColumns
+from robotapp_scheduler.core.nodes.columns import BoolArray, CodeArray, IntArray, LabelColumns
 
 MOST_SCOPES: Final = 128
 NO_ROWS: Final[BoolArray] = np.zeros(0, dtype=np.bool_)

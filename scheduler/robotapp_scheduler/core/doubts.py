@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from robotapp_scheduler.core.cluster import Cluster
-from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.core.events.change_log import News
 from robotapp_scheduler.core.events.cluster_event import OFFERED, PLACED, SAID_OF_PODS, Change
+from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.patience import Patience
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.ranking import INFEASIBLE, Ranking

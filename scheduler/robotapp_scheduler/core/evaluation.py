@@ -7,12 +7,12 @@ import numpy as np
 import numpy.typing as npt
 
 from robotapp_scheduler.core.cluster import Cluster
-from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.core.events.cluster_event import NODE
 from robotapp_scheduler.core.explain import EXAMPLES, Refusal
 from robotapp_scheduler.core.filter_column import HOLE, Codes, FilterColumn, Reasons
 from robotapp_scheduler.core.front import NOTHING, Scorers, Sight
 from robotapp_scheduler.core.level import Hashes
+from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.repair import FEW_ROWS, bring_up, view_of
 from robotapp_scheduler.core.score_column import ScoreColumn

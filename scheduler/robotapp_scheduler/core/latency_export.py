@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from robotapp_scheduler.core.columns import FloatArray
 from robotapp_scheduler.core.estimates import Terms
+from robotapp_scheduler.core.nodes.columns import FloatArray
 from robotapp_scheduler.core.telemetry import RttModel
 from robotapp_scheduler.joint.latencies import Latencies
 

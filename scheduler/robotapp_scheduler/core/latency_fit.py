@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.columns import order_of
+from robotapp_scheduler.core.nodes.columns import order_of
 from robotapp_scheduler.joint.latencies import BoolArray, FloatArray, IndexArray, Measured
 
 PASSES: Final = 8

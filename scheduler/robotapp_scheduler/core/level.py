@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.columns import IntArray
+from robotapp_scheduler.core.nodes.columns import IntArray
 
 Positions = npt.NDArray[np.intp]
 Hashes = npt.NDArray[np.uint64]

@@ -6,8 +6,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from robotapp_api.values.round_trips import Figures
-from robotapp_scheduler.core.columns import FloatArray, order_of
-from robotapp_scheduler.core.node_table import NodeTable
+from robotapp_scheduler.core.nodes.columns import FloatArray, order_of
+from robotapp_scheduler.core.nodes.node_table import NodeTable
 from robotapp_scheduler.joint.latencies import IndexArray, Measured
 
 NO_PAIRS: Final = Measured(np.empty(0, np.int32), np.empty(0, np.int32), np.empty((2, 0)))

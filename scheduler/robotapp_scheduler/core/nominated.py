@@ -5,10 +5,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from robotapp_scheduler.core.cluster import Cluster
-from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.filter_column import Codes
 from robotapp_scheduler.core.influence import Influence
+from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo
 from robotapp_scheduler.core.trial import Trial
 from robotapp_scheduler.core.view import AdjustedNodes, Nodes

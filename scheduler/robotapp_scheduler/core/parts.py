@@ -4,8 +4,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.core.front import Scorers
+from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.score_column import ScoreColumn
 
 

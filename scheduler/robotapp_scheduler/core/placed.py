@@ -5,7 +5,7 @@ from collections.abc import Callable
 from msgspec.structs import replace
 
 from robotapp_scheduler.core.alike import Alike
-from robotapp_scheduler.core.columns import ResourceColumns, sane
+from robotapp_scheduler.core.nodes.columns import ResourceColumns, sane
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo
 from robotapp_scheduler.core.stamps import Stamp
 

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from robotapp_scheduler.core.columns import BoolArray
+from robotapp_scheduler.core.nodes.columns import BoolArray
 from robotapp_scheduler.core.shapes import ANY_IP, HostPort
 
 

@@ -4,8 +4,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from robotapp_scheduler.core.columns import IntArray
-from robotapp_scheduler.core.node_table import NodeTable
+from robotapp_scheduler.core.nodes.columns import IntArray
+from robotapp_scheduler.core.nodes.node_table import NodeTable
 from robotapp_scheduler.core.pods import PlacedPod
 
 PODS = 0

@@ -7,9 +7,9 @@ import numpy as np
 import numpy.typing as npt
 
 from robotapp_scheduler.core.best import Best
-from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.core.front import Sight
 from robotapp_scheduler.core.level import Hashes
+from robotapp_scheduler.core.nodes.columns import IntArray
 
 MANY_ROWS: Final = 256
 """From here on the best rows are looked for anew, not moved one by one."""

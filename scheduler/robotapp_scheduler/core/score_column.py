@@ -7,7 +7,6 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.columns import BoolArray, IntArray
 from robotapp_scheduler.core.events.change_log import News
 from robotapp_scheduler.core.events.cluster_event import NODE_COMES_OR_GOES, OFFERED, SAID_OF_PODS
 from robotapp_scheduler.core.framework import (
@@ -20,9 +19,10 @@ from robotapp_scheduler.core.framework import (
     checked_scores,
     normalized,
 )
+from robotapp_scheduler.core.nodes.columns import BoolArray, IntArray
+from robotapp_scheduler.core.nodes.node_table import Row
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.repair import FEW_ROWS, FEW_TO_ASK, stale_rows
-from robotapp_scheduler.core.rows import Row
 from robotapp_scheduler.core.view import Nodes
 
 log = logging.getLogger(__name__)

@@ -8,7 +8,7 @@ from typing import Final
 
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.api.topology_labels import REGION, ZONE
-from robotapp_scheduler.core.columns import LabelColumns
+from robotapp_scheduler.core.nodes.columns import LabelColumns
 
 KEYS: Final = (ZONE, REGION)
 Stamp = tuple[tuple[str, str], ...]

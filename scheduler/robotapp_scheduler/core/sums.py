@@ -5,9 +5,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.core.events.change_log import News
 from robotapp_scheduler.core.framework import PluginError
+from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.parts import NO_PARTS, Parts
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.repair import FEW_ROWS, bring_up

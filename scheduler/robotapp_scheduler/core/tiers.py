@@ -15,7 +15,7 @@ from robotapp_api.values.tiers import ROBOT
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.filter_column import Reason
-from robotapp_scheduler.core.node_table import NodeTable
+from robotapp_scheduler.core.nodes.node_table import NodeTable
 from robotapp_scheduler.core.pods import PodInfo
 
 RUNS_ON: Final = "RunsOn"

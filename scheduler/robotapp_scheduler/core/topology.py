@@ -10,10 +10,10 @@ from robotapp_scheduler.core.default_selectors import DefaultSelectors
 from robotapp_scheduler.core.domains import Scopes
 from robotapp_scheduler.core.events.change_log import EVERY_ROW, ChangeLog
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.images import Images
 from robotapp_scheduler.core.label_sets import LabelSets
 from robotapp_scheduler.core.namespaces import Namespaces
-from robotapp_scheduler.core.node_table import NodeTable
+from robotapp_scheduler.core.nodes.image_states import Images
+from robotapp_scheduler.core.nodes.node_table import NodeTable
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo
 
 

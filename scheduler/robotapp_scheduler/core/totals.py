@@ -6,12 +6,12 @@ import numpy as np
 import numpy.typing as npt
 
 from robotapp_scheduler.core.cluster import Cluster
-from robotapp_scheduler.core.columns import IntArray
 from robotapp_scheduler.core.doubts import Doubts
 from robotapp_scheduler.core.events.cluster_event import NODE
 from robotapp_scheduler.core.framework import PluginError
 from robotapp_scheduler.core.front import Scorers, Sight
 from robotapp_scheduler.core.level import Hashes
+from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.ranking import INFEASIBLE, Ranking
 from robotapp_scheduler.core.repair import FEW_ROWS, view_of

@@ -7,8 +7,8 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.columns import IntArray
-from robotapp_scheduler.core.rows import NodeAmounts
+from robotapp_scheduler.core.nodes.columns import IntArray
+from robotapp_scheduler.core.nodes.node_table import NodeAmounts
 from robotapp_scheduler.plugins.kubernetes.resource_math import (
     HUNDRED,
     NOTHING,
@@ -21,7 +21,7 @@ from robotapp_scheduler.plugins.kubernetes.resource_math import (
 Wanted = tuple[tuple[int, int, int], ...]
 """(place, amount of the pod, weight) per resource; at this place stand its amounts among those of a node."""
 AmountColumns = npt.NDArray[Any]
-"""int64; or float64 where every node offers all of it and core.mirror vouches that nothing is lost."""
+"""int64; or float64 where every node offers all of it and core.nodes.resource_arrays vouches that nothing is lost."""
 
 
 class Weights(NamedTuple):

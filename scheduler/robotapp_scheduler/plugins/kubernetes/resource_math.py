@@ -4,8 +4,8 @@ from typing import Final
 
 import numpy as np
 
-from robotapp_scheduler.core.columns import FloatArray, IntArray
-from robotapp_scheduler.core.mirror import EXACT_IN_FLOAT
+from robotapp_scheduler.core.nodes.columns import FloatArray, IntArray
+from robotapp_scheduler.core.nodes.resource_arrays import EXACT_IN_FLOAT
 
 NOTHING: Final = np.array(0, dtype=np.int64)
 HUNDRED: Final = np.array(100, dtype=np.int64)

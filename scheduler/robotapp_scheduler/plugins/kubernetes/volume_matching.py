@@ -18,8 +18,8 @@ from robotapp_scheduler.core.api.storage_v1 import (
     PersistentVolume,
     StorageClass,
 )
-from robotapp_scheduler.core.columns import BoolArray, IntArray
 from robotapp_scheduler.core.framework import PluginError
+from robotapp_scheduler.core.nodes.columns import BoolArray, IntArray
 from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.core.volumes import Volumes
 from robotapp_scheduler.plugins.kubernetes.volume_claims import Sorted

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from robotapp_scheduler.core.api.storage_v1 import bytes_of
-from robotapp_scheduler.core.columns import LARGEST, BoolArray, IntArray
+from robotapp_scheduler.core.nodes.columns import LARGEST, BoolArray, IntArray
 from robotapp_scheduler.core.volumes import Volumes
 from robotapp_scheduler.plugins.kubernetes.resource_math import half_away, percent
 from robotapp_scheduler.plugins.kubernetes.volume_matching import Match

@@ -7,9 +7,9 @@ import numpy as np
 from robotapp_scheduler.core.api.core_v1 import Requirement
 from robotapp_scheduler.core.api.storage_v1 import Claim, PersistentVolume
 from robotapp_scheduler.core.api.topology_labels import SEPARATOR, TODAY
-from robotapp_scheduler.core.columns import BoolArray
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework import FilterResult, PreFilter
+from robotapp_scheduler.core.nodes.columns import BoolArray
 from robotapp_scheduler.core.pods import PodInfo
 from robotapp_scheduler.core.view import LabelColumn, Nodes
 from robotapp_scheduler.core.volumes import Volumes

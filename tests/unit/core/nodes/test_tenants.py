@@ -3,7 +3,7 @@
 from robotapp_api.claims.instances import closed_nodes
 from robotapp_api.claims.objects import Meta
 from robotapp_api.model.names import Annotation, Label
-from robotapp_scheduler.core.tenants import Tenants
+from robotapp_scheduler.core.nodes.tenants import Tenants
 
 ALLOWED = str(Annotation.ALLOWED_NAMESPACES)
 

@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 
 from robotapp_scheduler.core.api.core_v1 import NodeImage
-from robotapp_scheduler.core.columns import IntArray
+from robotapp_scheduler.core.nodes.columns import IntArray
 
 MOST_KNOWN: Final = 65536
 

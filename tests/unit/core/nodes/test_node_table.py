@@ -5,7 +5,7 @@ from tests.support.scheduling import make_cluster, make_node, make_pod
 
 from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.node_table import NodeTable
+from robotapp_scheduler.core.nodes.node_table import NodeTable
 from robotapp_scheduler.core.view import Nodes
 
 

@@ -3,7 +3,7 @@
 from tests.support.scheduling import make_cluster, make_node, make_pod
 
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.columns import LARGEST, MOST_RESOURCES, MOST_STRANGE
+from robotapp_scheduler.core.nodes.columns import LARGEST, MOST_RESOURCES, MOST_STRANGE
 
 
 def strange(name: str, *resources: str, amount: str = "1") -> Pod:
