@@ -7,13 +7,13 @@ from typing import Any, Final, NamedTuple
 import msgspec
 
 from robotapp_api.values.requests import PodRequests, pod_requests
-from robotapp_scheduler.core.affinity_terms import affinity_key
 from robotapp_scheduler.core.api.core_v1 import Container, OwnerReference, Pod
 from robotapp_scheduler.core.excess import excess
-from robotapp_scheduler.core.label_sets import LabelSetKey, label_key
 from robotapp_scheduler.core.lazy import Lazy
 from robotapp_scheduler.core.needs import needs_of
 from robotapp_scheduler.core.nodes.columns import ResourceColumns
+from robotapp_scheduler.core.selectors.affinity_terms import affinity_key
+from robotapp_scheduler.core.selectors.label_sets import LabelSetKey, label_key
 
 ANY_IP: Final = "0.0.0.0"  # noqa: S104 - the wildcard a hostPort without hostIP stands for, nothing is bound here
 MOST_SHAPES: Final = 2048

@@ -2,19 +2,19 @@
 
 import numpy as np
 
-from robotapp_scheduler.core.affinity_index import AffinityIndex
-from robotapp_scheduler.core.affinity_terms import Compiler, Terms
 from robotapp_scheduler.core.api.core_v1 import Namespace, Selecting
-from robotapp_scheduler.core.counts import Counter, PodCounts, Wanted
 from robotapp_scheduler.core.default_selectors import DefaultSelectors
-from robotapp_scheduler.core.domains import Scopes
 from robotapp_scheduler.core.events.change_log import EVERY_ROW, ChangeLog
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.label_sets import LabelSets
-from robotapp_scheduler.core.namespaces import Namespaces
 from robotapp_scheduler.core.nodes.image_states import Images
 from robotapp_scheduler.core.nodes.node_table import NodeTable
 from robotapp_scheduler.core.pods import PlacedPod, PodInfo
+from robotapp_scheduler.core.selectors.affinity_index import AffinityIndex
+from robotapp_scheduler.core.selectors.affinity_terms import Compiler, Terms
+from robotapp_scheduler.core.selectors.label_sets import LabelSets
+from robotapp_scheduler.core.selectors.namespaces import Namespaces
+from robotapp_scheduler.core.selectors.pod_counts import Counter, PodCounts, Wanted
+from robotapp_scheduler.core.selectors.topology_domains import Scopes
 
 
 class Topology:

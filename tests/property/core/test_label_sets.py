@@ -5,7 +5,7 @@ from collections import Counter
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_scheduler.core.label_sets import LabelSet, LabelSets, label_key
+from robotapp_scheduler.core.selectors.label_sets import LabelSet, LabelSets, label_key
 
 POOL = [{"app": "a"}, {"app": "a"}, {"app": "b"}, {}, {}]
 """Equal ones among them, and each may be that of pods in two namespaces."""

@@ -6,14 +6,14 @@ import msgspec
 import pytest
 from tests.support.scheduling import make_cluster, make_info, make_node, make_pod, owner, pod_json, to_pod
 
-from robotapp_scheduler.core import affinity_index, counts
-from robotapp_scheduler.core.affinity_terms import Kind
 from robotapp_scheduler.core.api.core_v1 import Namespace, NodeImage, Selecting
 from robotapp_scheduler.core.cluster import Cluster
-from robotapp_scheduler.core.counts import Census, Wanted
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.label_sets import label_key
-from robotapp_scheduler.core.matchers import ByLabel, pods_of
+from robotapp_scheduler.core.selectors import affinity_index, pod_counts
+from robotapp_scheduler.core.selectors.affinity_terms import Kind
+from robotapp_scheduler.core.selectors.label_sets import label_key
+from robotapp_scheduler.core.selectors.pod_counts import Census, Wanted
+from robotapp_scheduler.core.selectors.pod_matcher import ByLabel, pods_of
 from robotapp_scheduler.core.trial import Trial
 from robotapp_scheduler.core.view import Nodes
 
@@ -133,7 +133,7 @@ def test_pods_with_equal_labels_and_terms_share_them() -> None:
 
 
 def test_dropped_counters_and_pulls_are_made_again_when_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(counts, "MOST_COUNTERS", 1)
+    monkeypatch.setattr(pod_counts, "MOST_COUNTERS", 1)
     monkeypatch.setattr(affinity_index, "MOST_PULLS", 1)
     cluster = zones()
     cluster.apply_pod(web("x", "n0", affinity=anti(WEB)))

@@ -5,7 +5,7 @@ from typing import Final
 
 from robotapp_api.values.selector import matches_requirements
 from robotapp_scheduler.core.api.core_v1 import Namespace
-from robotapp_scheduler.core.matchers import Requirements
+from robotapp_scheduler.core.selectors.pod_matcher import Requirements
 
 NO_LABELS: Final[Mapping[str, str]] = {}
 

@@ -8,8 +8,8 @@ import msgspec
 
 from robotapp_api.values.selector import label_requirements, matches_requirements
 from robotapp_scheduler.core.api.core_v1 import Affinity, PodAffinity, PodAffinityTerm
-from robotapp_scheduler.core.matchers import PodMatcher, Requirements
-from robotapp_scheduler.core.namespaces import Namespaces
+from robotapp_scheduler.core.selectors.namespaces import Namespaces
+from robotapp_scheduler.core.selectors.pod_matcher import PodMatcher, Requirements
 
 MOST_COMPILED: Final = 8192
 

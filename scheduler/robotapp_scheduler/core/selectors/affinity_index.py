@@ -10,11 +10,11 @@ from typing import Final
 
 import numpy as np
 
-from robotapp_scheduler.core.affinity_terms import Kind, Term, Terms
-from robotapp_scheduler.core.label_sets import LabelSetKey
-from robotapp_scheduler.core.matchers import ByLabel
-from robotapp_scheduler.core.namespaces import Namespaces
 from robotapp_scheduler.core.nodes.columns import CodeArray, IntArray, LabelColumns
+from robotapp_scheduler.core.selectors.affinity_terms import Kind, Term, Terms
+from robotapp_scheduler.core.selectors.label_sets import LabelSetKey
+from robotapp_scheduler.core.selectors.namespaces import Namespaces
+from robotapp_scheduler.core.selectors.pod_matcher import ByLabel
 
 MOST_PULLS: Final = 512
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from robotapp_scheduler.core.matchers import PodMatcher, handle
+from robotapp_scheduler.core.selectors.pod_matcher import PodMatcher, handle
 
 LabelSetKey = tuple[str, frozenset[tuple[str, str]]]
 
@@ -29,7 +29,7 @@ class LabelSet:
         self.ending: dict[int, int] = {}
         """Of these, terminating."""
         self.counters: tuple[Any, ...] = ()
-        """Counters (core.counts) that count these pods."""
+        """Counters (core.selectors.pod_counts) that count these pods."""
 
     def __repr__(self) -> str:
         return f"LabelSet({self.namespace}, {self.labels}, {self.pods} pods)"

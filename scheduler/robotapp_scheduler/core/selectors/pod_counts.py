@@ -6,10 +6,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from robotapp_scheduler.core.domains import Domains, Scope
-from robotapp_scheduler.core.label_sets import LabelSet, LabelSets
-from robotapp_scheduler.core.matchers import ByLabel, PodMatcher
 from robotapp_scheduler.core.nodes.columns import START_ROWS, IntArray, LabelColumns, grown
+from robotapp_scheduler.core.selectors.label_sets import LabelSet, LabelSets
+from robotapp_scheduler.core.selectors.pod_matcher import ByLabel, PodMatcher
+from robotapp_scheduler.core.selectors.topology_domains import Domains, Scope
 
 MOST_COUNTERS: Final = 256
 MOST_DOMAINS: Final = 16

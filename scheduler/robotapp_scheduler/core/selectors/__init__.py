@@ -1,0 +1,1 @@
+"""Which pods a selector means, and how many of them are where."""
