@@ -12,7 +12,7 @@ from robotapp_api.model.names import Label
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.events.cluster_event import Event
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.queued import Rejection
 
 LOW_PER_NODE: Final = 4

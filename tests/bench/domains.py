@@ -29,7 +29,7 @@ from robotapp_api.claims.objects import ClaimSpec
 from robotapp_api.client.api.resources import NODES, PODS, ROBOTCLAIMS
 from robotapp_api.model.names import Annotation
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.shell import reserve
 from robotapp_scheduler.shell.reserve import Readiness, Reserver
 from robotapp_testbed import ControlPlane, product

@@ -17,7 +17,7 @@ from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.devices import DeviceGrant
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.preemption import Plan
 from robotapp_scheduler.core.profiles import Catalogue, PluginRef, ProfileSpec, build_profiles
 from robotapp_scheduler.core.volumes import VolumePlan

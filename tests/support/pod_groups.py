@@ -11,7 +11,7 @@ from robotapp_scheduler.core.api.pod_group import GivenPodGroup
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.events.cluster_event import Event
 from robotapp_scheduler.core.groups import groups_of
-from robotapp_scheduler.core.pod_groups import COSCHEDULING, POD_GROUP_LABEL
+from robotapp_scheduler.core.pods.pod_group_index import COSCHEDULING, POD_GROUP_LABEL
 from robotapp_scheduler.core.queued import Rejection
 
 

@@ -21,8 +21,8 @@ from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.decision import Decision as Found
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.framework import Code
-from robotapp_scheduler.core.pods import PodInfo
-from robotapp_scheduler.core.resource_claims import ResourceClaim
+from robotapp_scheduler.core.pods.pod_info import PodInfo
+from robotapp_scheduler.core.pods.resource_claims import ResourceClaim
 
 Json = dict[str, Any]
 

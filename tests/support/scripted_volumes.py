@@ -2,7 +2,7 @@
 
 import asyncio
 
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.volumes import VolumePlan
 
 

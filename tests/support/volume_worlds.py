@@ -7,7 +7,7 @@ from tests.support.scheduling import make_core, make_node
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.decision import Decision
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 Json = dict[str, Any]
 

@@ -17,7 +17,7 @@ from robotapp_scheduler.core.api.storage_v1 import (
     StorageClass,
     VolumeAttachment,
 )
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 Json = dict[str, Any]
 HOSTNAME = "kubernetes.io/hostname"

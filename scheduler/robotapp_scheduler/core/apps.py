@@ -13,8 +13,8 @@ from robotapp_api.values.neighbours import NO_NEIGHBOURS, Neighbours, Part, neig
 from robotapp_api.values.tiers import ROBOT
 from robotapp_scheduler.core.api.core_v1 import Owned, Pod
 from robotapp_scheduler.core.api.robotics_v1alpha1 import Component, Edge, RobotApp
-from robotapp_scheduler.core.pods import Member, member_of
-from robotapp_scheduler.core.shapes import controller_of
+from robotapp_scheduler.core.pods.pod_info import Member, member_of
+from robotapp_scheduler.core.pods.pod_signature import controller_of
 
 TOPIC: Final = "Topic"
 ON_BOARD: Final = (ROBOT,)

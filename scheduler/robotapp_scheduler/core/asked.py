@@ -4,7 +4,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from typing import Final
 
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 Asking = Callable[[str, str, PodInfo], AbstractContextManager[object]]
 """(plugin, hook, pod): held while the plugin is asked. Raises PluginError instead when it must not be."""

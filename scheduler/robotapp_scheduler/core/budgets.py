@@ -9,7 +9,7 @@ from robotapp_api.values.selector import matches_labels
 from robotapp_scheduler.core.api.core_v1 import Metadata
 from robotapp_scheduler.core.api.structs import Slim
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.pods import PlacedPod
+from robotapp_scheduler.core.pods.pod_info import PlacedPod
 
 
 class BudgetSpec(Slim):

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 
 from robotapp_scheduler.core.filter_column import FilterColumn, Reasons
 from robotapp_scheduler.core.framework import Loaded
-from robotapp_scheduler.core.pods import OWN_FEATURES, VOLUME_FEATURE, PodInfo
+from robotapp_scheduler.core.pods.pod_info import OWN_FEATURES, VOLUME_FEATURE, PodInfo
 from robotapp_scheduler.core.score_column import ScoreColumn, score_column
 
 COLUMNS_PER_PLUGIN: Final = 32

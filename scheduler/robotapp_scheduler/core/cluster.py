@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Final
 
 from robotapp_api.claims.objects import Claim
-from robotapp_scheduler.core.alike import Alike
 from robotapp_scheduler.core.api.core_v1 import Node, Owned, Pod
 from robotapp_scheduler.core.api.robotics_v1alpha1 import NodeTelemetry, RobotApp
 from robotapp_scheduler.core.apps import AppIndex
@@ -23,12 +22,13 @@ from robotapp_scheduler.core.nodes.node_table import NodeTable
 from robotapp_scheduler.core.nodes.resource_arrays import Least, Mirror
 from robotapp_scheduler.core.nominations import Nominations
 from robotapp_scheduler.core.placed import Records
-from robotapp_scheduler.core.pod_groups import PodGroups, in_group
-from robotapp_scheduler.core.pods import PlacedPod, PodInfo, same_groups
+from robotapp_scheduler.core.pods.interning import Alike
+from robotapp_scheduler.core.pods.pod_group_index import PodGroups, in_group
+from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo, same_groups
+from robotapp_scheduler.core.pods.pod_signature import same_shape
+from robotapp_scheduler.core.pods.resource_claims import ResourceClaims
 from robotapp_scheduler.core.ports import PortUsers
 from robotapp_scheduler.core.priorities import PriorityColumns
-from robotapp_scheduler.core.resource_claims import ResourceClaims
-from robotapp_scheduler.core.shapes import same_shape
 from robotapp_scheduler.core.stamps import Stamps
 from robotapp_scheduler.core.telemetry import RttModel
 from robotapp_scheduler.core.topology import Topology

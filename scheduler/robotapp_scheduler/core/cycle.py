@@ -18,7 +18,7 @@ from robotapp_scheduler.core.groups import (
 )
 from robotapp_scheduler.core.latency_export import LatencyExport
 from robotapp_scheduler.core.nominated import with_nominated
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.posing import Posed, pose
 from robotapp_scheduler.core.profiles import Profile
 from robotapp_scheduler.core.queue import SchedulingQueue

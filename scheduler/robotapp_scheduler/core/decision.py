@@ -7,7 +7,7 @@ import msgspec
 from robotapp_api.model.names import PodReason
 from robotapp_scheduler.core.devices import DeviceGrant
 from robotapp_scheduler.core.framework import Code, PluginError
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.volumes import VolumePlan
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ from typing import Any, Final
 
 from robotapp_api.values.selector import Expression, label_requirements, matches_requirements
 from robotapp_scheduler.core.api.core_v1 import Selecting
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.selectors.pod_matcher import ByLabel, Requirements
 
 SERVICE: Final = "Service"

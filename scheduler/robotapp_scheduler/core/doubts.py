@@ -16,7 +16,7 @@ from robotapp_scheduler.core.events.change_log import News
 from robotapp_scheduler.core.events.cluster_event import OFFERED, PLACED, SAID_OF_PODS, Change
 from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.patience import Patience
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.ranking import INFEASIBLE, Ranking
 from robotapp_scheduler.core.repair import MOST_REPAIRED, bring_up
 from robotapp_scheduler.core.score_column import ScoreColumn, UnderPods

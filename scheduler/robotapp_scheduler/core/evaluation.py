@@ -13,7 +13,7 @@ from robotapp_scheduler.core.filter_column import HOLE, Codes, FilterColumn, Rea
 from robotapp_scheduler.core.front import NOTHING, Scorers, Sight
 from robotapp_scheduler.core.level import Hashes
 from robotapp_scheduler.core.nodes.columns import IntArray
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.repair import FEW_ROWS, bring_up, view_of
 from robotapp_scheduler.core.score_column import ScoreColumn
 from robotapp_scheduler.core.totals import Totals

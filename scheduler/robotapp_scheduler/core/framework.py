@@ -4,7 +4,7 @@ A plugin is a class with a `name` and any of the hooks below; nothing has to be 
 
     class QuietNodes:
         name = "QuietNodes"
-        reads = ()                      # pod features the result depends on (core.pods.FEATURES)
+        reads = ()                      # pod features the result depends on (core.pods.pod_info.FEATURES)
         node_reads = ("requested",)     # node facts it depends on (core.events.cluster_event.READS)
         normalize = "minmax"
 
@@ -101,7 +101,7 @@ from robotapp_scheduler.core.events.cluster_event import NODE, READS, Change, in
 from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray, IntArray
 from robotapp_scheduler.core.nodes.node_table import Row
 from robotapp_scheduler.core.plugin_checks import problems_of
-from robotapp_scheduler.core.pods import LIVE, PlacedPod, PodInfo
+from robotapp_scheduler.core.pods.pod_info import LIVE, PlacedPod, PodInfo
 from robotapp_scheduler.core.view import LabelColumn, Nodes
 from robotapp_scheduler.core.volumes import VolumePlan
 from robotapp_scheduler.core.waiting import Waker

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 from robotapp_scheduler.core.apps import AppIndex
-from robotapp_scheduler.core.pods import Member, PodInfo
+from robotapp_scheduler.core.pods.pod_info import Member, PodInfo
 
 PINNED: Final = 1
 """A pod with so few places is an anchor of the others, whoever its neighbours are."""

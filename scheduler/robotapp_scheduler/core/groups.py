@@ -11,8 +11,8 @@ from robotapp_scheduler.core.api.robotics_v1alpha1 import Component
 from robotapp_scheduler.core.apps import App, AppIndex, Replica
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.events.cluster_event import NODE, PLACED, Change, Event
-from robotapp_scheduler.core.pod_groups import APIS, GroupRef, group_ref_of, in_group
-from robotapp_scheduler.core.pods import Member, PodInfo
+from robotapp_scheduler.core.pods.pod_group_index import APIS, GroupRef, group_ref_of, in_group
+from robotapp_scheduler.core.pods.pod_info import Member, PodInfo
 from robotapp_scheduler.core.queued import Gate
 
 GROUP_PLUGIN: Final = "RobotAppGroup"

@@ -1,8 +1,8 @@
 """Placed pods by namespace and name, and by the name of their Deployment."""
 
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.pods import PlacedPod
-from robotapp_scheduler.core.shapes import controller_of
+from robotapp_scheduler.core.pods.pod_info import PlacedPod
+from robotapp_scheduler.core.pods.pod_signature import controller_of
 
 
 class NameIndex:

@@ -9,7 +9,7 @@ from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.filter_column import Codes
 from robotapp_scheduler.core.influence import Influence
 from robotapp_scheduler.core.nodes.columns import IntArray
-from robotapp_scheduler.core.pods import PlacedPod, PodInfo
+from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.trial import Trial
 from robotapp_scheduler.core.view import AdjustedNodes, Nodes
 

@@ -6,7 +6,7 @@ A nomination is made in memory at the decision and stored in status.nominatedNod
 from collections.abc import Callable
 from typing import NamedTuple
 
-from robotapp_scheduler.core.pods import PlacedPod, PodInfo
+from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 
 
 class Nomination(NamedTuple):

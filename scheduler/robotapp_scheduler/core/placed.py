@@ -4,9 +4,9 @@ from collections.abc import Callable
 
 from msgspec.structs import replace
 
-from robotapp_scheduler.core.alike import Alike
 from robotapp_scheduler.core.nodes.columns import ResourceColumns, sane
-from robotapp_scheduler.core.pods import PlacedPod, PodInfo
+from robotapp_scheduler.core.pods.interning import Alike
+from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.stamps import Stamp
 
 

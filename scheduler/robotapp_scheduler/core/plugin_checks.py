@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import Any, Final
 
 from robotapp_scheduler.core.events.cluster_event import OWN_COLUMN, READS, Change
-from robotapp_scheduler.core.pods import FEATURES, LIVE
+from robotapp_scheduler.core.pods.pod_info import FEATURES, LIVE
 
 NAMES: Final = (tuple, list, set, frozenset)
 KINDS: Final[Mapping[str, tuple[type, ...]]] = {

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from robotapp_scheduler.core.nodes.columns import BoolArray
-from robotapp_scheduler.core.shapes import ANY_IP, HostPort
+from robotapp_scheduler.core.pods.pod_signature import ANY_IP, HostPort
 
 
 def clash(one: HostPort, other: HostPort) -> bool:

@@ -20,7 +20,7 @@ from robotapp_scheduler.core.engine import Engine
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.latency_export import LatencyExport
 from robotapp_scheduler.core.nodes.columns import FloatArray, IntArray
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.tiers import tier_ranks
 from robotapp_scheduler.joint.problem import INF, Edge, Problem, Relation, with_tiers
 

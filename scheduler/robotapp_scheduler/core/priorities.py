@@ -6,7 +6,7 @@ import numpy as np
 
 from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.nodes.node_table import NodeTable
-from robotapp_scheduler.core.pods import PlacedPod
+from robotapp_scheduler.core.pods.pod_info import PlacedPod
 
 PODS = 0
 """Index of the number of pods; the amount of a resource is at its code + 1."""

@@ -12,7 +12,7 @@ import msgspec
 
 from robotapp_scheduler.core.framework import Loaded, NoArgs, PluginError
 from robotapp_scheduler.core.guarded import guarded, is_ours
-from robotapp_scheduler.core.pods import ROS_FEATURES
+from robotapp_scheduler.core.pods.pod_info import ROS_FEATURES
 from robotapp_scheduler.core.shadow import silenced
 
 log = logging.getLogger(__name__)

@@ -12,7 +12,7 @@ from robotapp_scheduler.core.backoff import Backoff, Heap
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.flights import Flight, Flights
 from robotapp_scheduler.core.gated import Gated
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.queued import Gate, QueuedPod, Rejection
 from robotapp_scheduler.core.waiting import WaitingRoom, Waker, Woken
 

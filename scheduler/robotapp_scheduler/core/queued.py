@@ -5,7 +5,7 @@ from collections.abc import Hashable
 import msgspec
 
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 
 class Gate(msgspec.Struct, frozen=True):

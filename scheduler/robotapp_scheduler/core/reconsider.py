@@ -19,7 +19,7 @@ from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.explain import Record
 from robotapp_scheduler.core.framework import PluginError
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 
 class TableReason(msgspec.Struct, frozen=True, rename="camel"):

@@ -7,7 +7,7 @@ from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.engine import Engine, Narrowed, pod_hash
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.framework import Code, Loaded, PluginError, Status, histogram, pre_filter_message
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.preemption import Failure, Outcome
 from robotapp_scheduler.core.profiles import Profile
 from robotapp_scheduler.core.queued import Gate
@@ -28,7 +28,7 @@ misses what its pre_filter would have noted, and ends the chain before preemptio
 
 
 def excessive(pod: PodInfo, nodes: int) -> Decision:
-    """The pod asks for more than anybody is given (core.excess)."""
+    """The pod asks for more than anybody is given (core.pods.limits)."""
     return Decision(
         pod=pod,
         code=Code.UNRESOLVABLE,

@@ -7,7 +7,7 @@ from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.events.change_log import News
 from robotapp_scheduler.core.events.cluster_event import SAID_OF_PODS, Change
 from robotapp_scheduler.core.framework import Loaded
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.view import Nodes
 
 MOST_REPAIRED: Final = 256

@@ -20,7 +20,7 @@ from robotapp_scheduler.core.api.ros import (
     RosRequest,
 )
 from robotapp_scheduler.core.apps import App, AppIndex, Link, on_one_node, tied
-from robotapp_scheduler.core.pods import Member, PlacedPod, PodInfo
+from robotapp_scheduler.core.pods.pod_info import Member, PlacedPod, PodInfo
 
 NOTHING: Final = RosRequest()
 """Annotations that are there but ask for nothing."""

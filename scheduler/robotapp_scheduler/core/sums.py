@@ -9,7 +9,7 @@ from robotapp_scheduler.core.events.change_log import News
 from robotapp_scheduler.core.framework import PluginError
 from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.parts import NO_PARTS, Parts
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.repair import FEW_ROWS, bring_up
 from robotapp_scheduler.core.score_column import ScoreColumn
 from robotapp_scheduler.core.verdicts import Verdicts

@@ -16,7 +16,7 @@ from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.filter_column import Reason
 from robotapp_scheduler.core.nodes.node_table import NodeTable
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 RUNS_ON: Final = "RunsOn"
 """Stands for a plugin name where an explanation lists the nodes of later tiers."""

@@ -12,7 +12,7 @@ from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.explain import ExplainRing
 from robotapp_scheduler.core.framework import Code
 from robotapp_scheduler.core.group_order import group_order
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.posing import Posed
 from robotapp_scheduler.core.whole import all_or_none
 from robotapp_scheduler.joint.problem import INF

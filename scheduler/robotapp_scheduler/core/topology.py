@@ -8,7 +8,7 @@ from robotapp_scheduler.core.events.change_log import EVERY_ROW, ChangeLog
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.nodes.image_states import Images
 from robotapp_scheduler.core.nodes.node_table import NodeTable
-from robotapp_scheduler.core.pods import PlacedPod, PodInfo
+from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.selectors.affinity_index import AffinityIndex
 from robotapp_scheduler.core.selectors.affinity_terms import Compiler, Terms
 from robotapp_scheduler.core.selectors.label_sets import LabelSets

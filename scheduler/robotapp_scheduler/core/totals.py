@@ -12,7 +12,7 @@ from robotapp_scheduler.core.framework import PluginError
 from robotapp_scheduler.core.front import Scorers, Sight
 from robotapp_scheduler.core.level import Hashes
 from robotapp_scheduler.core.nodes.columns import IntArray
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.ranking import INFEASIBLE, Ranking
 from robotapp_scheduler.core.repair import FEW_ROWS, view_of
 from robotapp_scheduler.core.score_column import ScoreColumn

@@ -10,7 +10,7 @@ from typing import Self
 
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.pods import PlacedPod
+from robotapp_scheduler.core.pods.pod_info import PlacedPod
 
 
 class Trial:

@@ -14,7 +14,7 @@ from robotapp_scheduler.core.budgets import Split
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.influence import Influence
 from robotapp_scheduler.core.nodes.node_table import NodeTable
-from robotapp_scheduler.core.pods import PlacedPod
+from robotapp_scheduler.core.pods.pod_info import PlacedPod
 from robotapp_scheduler.core.trial import Trial
 from robotapp_scheduler.core.view import Nodes
 

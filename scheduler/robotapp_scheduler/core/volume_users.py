@@ -5,7 +5,7 @@ from itertools import chain
 from typing import NamedTuple, TypeVar
 
 from robotapp_scheduler.core.api.storage_v1 import VolumeAttachment
-from robotapp_scheduler.core.pod_volumes import Disk, PodVolumes
+from robotapp_scheduler.core.pods.pod_volumes import Disk, PodVolumes
 
 K = TypeVar("K")
 ClaimKey = tuple[str, str]

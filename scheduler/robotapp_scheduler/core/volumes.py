@@ -21,8 +21,8 @@ from robotapp_scheduler.core.api.storage_v1 import (
     VolumeAttachment,
 )
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.pod_volumes import PodVolumes
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
+from robotapp_scheduler.core.pods.pod_volumes import PodVolumes
 from robotapp_scheduler.core.volume_users import ClaimKey, Identity, VolumeUsers
 
 

@@ -16,7 +16,7 @@ from typing import Any, Final, NamedTuple
 from robotapp_scheduler.core.backoff import Heap
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.overdue import Overdue
-from robotapp_scheduler.core.pods import LIVE, PodInfo
+from robotapp_scheduler.core.pods.pod_info import LIVE, PodInfo
 from robotapp_scheduler.core.queued import QueuedPod, Rejection
 
 log = logging.getLogger(__name__)

@@ -15,7 +15,7 @@ from robotapp_scheduler.core.groups import (
     WHOLE_READS,
     asks_otherwise,
 )
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.refusal import ANNOTATIONS, BIND_CHECK, EXCESS, FULL_POOL
 from robotapp_scheduler.core.waiting import Waker
 

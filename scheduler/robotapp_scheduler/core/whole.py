@@ -15,8 +15,8 @@ from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.explain import ExplainRing
 from robotapp_scheduler.core.framework import Code
 from robotapp_scheduler.core.groups import POD_GROUP_PLUGIN, WHOLE_PLUGIN
-from robotapp_scheduler.core.pod_groups import GroupRef
-from robotapp_scheduler.core.pods import Member, PlacedPod, PodInfo
+from robotapp_scheduler.core.pods.pod_group_index import GroupRef
+from robotapp_scheduler.core.pods.pod_info import Member, PlacedPod, PodInfo
 
 UNSCHEDULABLE_GROUP: Final = "pod group is unschedulable, "
 MOST_RESCUED: Final = 64

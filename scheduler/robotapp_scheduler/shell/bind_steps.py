@@ -18,7 +18,7 @@ from robotapp_scheduler.core.bind_context import BindContext
 from robotapp_scheduler.core.framework import Code, Loaded, PluginError, Status, histogram
 from robotapp_scheduler.core.guarded import odd_status
 from robotapp_scheduler.core.overdue import Overdue
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.profiles import Profile
 from robotapp_scheduler.core.queued import Rejection
 from robotapp_scheduler.plugins.kubernetes.resource_arguments import QUALIFIED

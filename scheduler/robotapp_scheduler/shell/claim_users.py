@@ -9,8 +9,8 @@ import msgspec
 from robotapp_api.client.api.client import ApiClient
 from robotapp_api.client.api.resources import RESOURCECLAIMS
 from robotapp_api.client.transport.errors import ClientError, Conflict
-from robotapp_scheduler.core.pods import PodInfo
-from robotapp_scheduler.core.resource_claims import ResourceClaim, trouble, wanted
+from robotapp_scheduler.core.pods.pod_info import PodInfo
+from robotapp_scheduler.core.pods.resource_claims import ResourceClaim, trouble, wanted
 
 TRIES = 5
 """Pods that share a claim enter at the same moment: each write is for the version that was read."""

@@ -2,7 +2,7 @@
 
 from robotapp_api.client.api.resources import COSCHEDULING_PODGROUPS, WORKLOAD_PODGROUPS, Resource
 from robotapp_scheduler.core.api.pod_group import GivenPodGroup
-from robotapp_scheduler.core.pod_groups import PodGroups
+from robotapp_scheduler.core.pods.pod_group_index import PodGroups
 from robotapp_scheduler.shell.route import Route
 
 

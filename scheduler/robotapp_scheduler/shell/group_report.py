@@ -17,7 +17,7 @@ from robotapp_api.client.transport.errors import ApiError, ClientError, NotFound
 from robotapp_api.model.names import PodReason
 from robotapp_scheduler.core.api.pod_group import INITIALLY_SCHEDULED, PodGroup
 from robotapp_scheduler.core.decision import Decision
-from robotapp_scheduler.core.pod_groups import WORKLOADS, GroupRef, PodGroups
+from robotapp_scheduler.core.pods.pod_group_index import WORKLOADS, GroupRef, PodGroups
 from robotapp_scheduler.core.whole import UNSCHEDULABLE_GROUP
 from robotapp_scheduler.shell.newest import Newest
 from robotapp_scheduler.shell.report import utc_now

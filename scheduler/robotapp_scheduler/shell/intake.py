@@ -6,9 +6,9 @@ from robotapp_api.client.informer.reflector import Change as Seen
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.in_place_resize import held_per_container
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.queue import SchedulingQueue
-from robotapp_scheduler.core.resized import held_per_container
 from robotapp_scheduler.shell.report import Reporter
 
 
@@ -28,7 +28,7 @@ class Intake:
         on_vanished: Callable[[Pod], None] = lambda _: None,
         per_container: bool = False,
     ) -> None:
-        """`per_container`: pods that are being resized hold what they held in 1.35 (core.resized)."""
+        """`per_container`: pods that are being resized hold what they held in 1.35 (core.pods.in_place_resize)."""
         self._cluster = cluster
         self._queue = queue
         self._reporter = reporter

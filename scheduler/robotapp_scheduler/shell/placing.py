@@ -16,7 +16,7 @@ from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.events.cluster_event import Event
 from robotapp_scheduler.core.framework import Code
 from robotapp_scheduler.core.groups import groups_around
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.preemption import Plan
 from robotapp_scheduler.core.queued import QueuedPod, Rejection
 from robotapp_scheduler.core.refusal import BIND_CHECK, DEVICE_PLUGIN, FULL_POOL

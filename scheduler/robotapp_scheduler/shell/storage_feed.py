@@ -19,7 +19,7 @@ from robotapp_scheduler.core.api.storage_v1 import (
     StorageClass,
     VolumeAttachment,
 )
-from robotapp_scheduler.core.resource_claims import ResourceClaim, ResourceClaims
+from robotapp_scheduler.core.pods.resource_claims import ResourceClaim, ResourceClaims
 from robotapp_scheduler.core.volumes import Volumes
 from robotapp_scheduler.shell.route import Route
 

@@ -18,7 +18,7 @@ import msgspec
 
 from robotapp_scheduler.core.framework import PluginError
 from robotapp_scheduler.core.guarded import is_ours
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.profiles import Profile
 
 log = logging.getLogger(__name__)

@@ -16,7 +16,7 @@ from robotapp_api.values.selector import matches_node_terms
 from robotapp_scheduler.core.api.storage_v1 import BOUND_BY_CONTROLLER, SELECTED_NODE, Claim, PersistentVolume
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.volume_users import ClaimKey
 from robotapp_scheduler.core.volumes import VolumePlan
 

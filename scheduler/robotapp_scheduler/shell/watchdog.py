@@ -22,7 +22,7 @@ from types import FrameType
 from typing import Any, Final, NamedTuple
 
 from robotapp_scheduler.core.overdue import Overdue
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 log = logging.getLogger(__name__)
 

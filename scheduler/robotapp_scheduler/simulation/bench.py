@@ -15,7 +15,7 @@ from robotapp_scheduler.core.api.core_v1 import Node, Pod
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.engine import Engine
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.profiles import POINTS, Catalogue, ProfileSpec, build_profiles
 
 ROUNDS: Final = 3

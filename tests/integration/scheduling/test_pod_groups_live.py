@@ -13,7 +13,7 @@ from tests.support.stage import Json, Stage, nodes, pod
 from tests.support.twin import THEIRS, kube_scheduler, scraped
 
 from robotapp_api.model.names import SCHEDULER_NAME
-from robotapp_scheduler.core.pod_groups import POD_GROUP_LABEL, WORKLOADS
+from robotapp_scheduler.core.pods.pod_group_index import POD_GROUP_LABEL, WORKLOADS
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.failures import ApiStatusError
 from robotapp_testbed.namespaces import created

@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.scheduling import make_pod, owner
 
-from robotapp_scheduler.core.alike import Alike
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.shapes import same_shape, shape_of
+from robotapp_scheduler.core.pods.interning import Alike
+from robotapp_scheduler.core.pods.pod_signature import same_shape, shape_of
 
 FIELDS: dict[str, st.SearchStrategy[Any]] = {
     "labels": st.sampled_from(({}, {"a": "x"}, {"a": "y"}, {"a": "x", "b": "x"})),  # sorted by name, as on the wire

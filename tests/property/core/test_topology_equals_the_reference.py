@@ -14,7 +14,7 @@ from tests.support.reference_scheduler import ClusterDump, Config, decide
 from tests.support.scheduling import make_core, to_pod
 
 from robotapp_scheduler.core.cycle import SchedulerCore
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 Json = dict[str, Any]
 SETTINGS = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow, HealthCheck.data_too_large]}

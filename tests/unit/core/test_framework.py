@@ -20,7 +20,7 @@ from robotapp_scheduler.core.framework import (
     per_node,
     pre_filter_message,
 )
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.profiles import ConfigError, PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.plugins.registry import catalogue

@@ -9,7 +9,7 @@ from robotapp_api.model.names import Label
 from robotapp_scheduler.core.apps import AppIndex
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.group_order import group_order
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.together import advice_of
 from robotapp_scheduler.joint.solve import Limits, solve
 

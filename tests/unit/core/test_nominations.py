@@ -3,7 +3,7 @@
 from tests.support.scheduling import make_core, make_info, make_node, make_pod
 
 from robotapp_scheduler.core.cycle import SchedulerCore
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 
 def waiting_for(node: str, name: str = "w", *, priority: int = 5, cpu: str = "1") -> PodInfo:

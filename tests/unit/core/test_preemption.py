@@ -7,7 +7,7 @@ from tests.support.scheduling import app_object, chain, make_core, make_info, ma
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.budgets import DisruptionBudget
 from robotapp_scheduler.core.cycle import SchedulerCore
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.profiles import ConfigError
 from robotapp_scheduler.core.queued import Rejection
 

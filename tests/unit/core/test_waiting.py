@@ -6,7 +6,7 @@ import pytest
 from tests.support.scheduling import Clock, make_info, make_node, make_pod
 
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.queue import SchedulingQueue
 from robotapp_scheduler.core.queued import Rejection
 from robotapp_scheduler.core.waiting import Waker

@@ -8,8 +8,8 @@ from tests.support.scheduling import make_core, make_info, make_node, make_pod, 
 
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.pods import PodInfo
-from robotapp_scheduler.core.resource_claims import ResourceClaim
+from robotapp_scheduler.core.pods.pod_info import PodInfo
+from robotapp_scheduler.core.pods.resource_claims import ResourceClaim
 from robotapp_scheduler.plugins.kubernetes.dynamic_resources import DynamicResources
 
 NOT_ALLOCATED = "resource claim 'camera' is not allocated; this scheduler does not allocate devices"

@@ -2,7 +2,7 @@
 
 from tests.support.scheduling import make_info
 
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.plugins.ros.bind import DefaultBinder, ROSBind
 from robotapp_scheduler.plugins.ros.queue_sort import ROSQueueSort, ROSQueueSortArgs
 

@@ -14,7 +14,7 @@ from tests.support.volumes import (
 )
 
 from robotapp_scheduler.core.framework import Code
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 NOT_MATCHED = "node(s) didn't match PersistentVolume's node affinity"
 NONE_FREE = "node(s) didn't find available persistent volumes to bind"

@@ -8,8 +8,8 @@ from tests.support.scheduling import make_info
 from tests.support.scripted_client import ScriptedClient
 
 from robotapp_api.client.transport.errors import Conflict, NotFound
-from robotapp_scheduler.core.pods import PodInfo
-from robotapp_scheduler.core.resource_claims import ResourceClaim
+from robotapp_scheduler.core.pods.pod_info import PodInfo
+from robotapp_scheduler.core.pods.resource_claims import ResourceClaim
 from robotapp_scheduler.shell.claim_users import TRIES, ClaimUsers
 
 OTHER = {"resource": "pods", "name": "other", "uid": "uid-other"}

@@ -9,10 +9,10 @@ import numpy as np
 
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework import MAX_SCORE, ScoreResult
-from robotapp_scheduler.core.lazy import Lazy
 from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray, IntArray
 from robotapp_scheduler.core.nodes.node_table import NodeAmounts, Row
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.cached_property import Lazy
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.plugins.kubernetes.compat import NEW, is_new
 from robotapp_scheduler.plugins.kubernetes.fit_strategies import USUAL, ResourceWeight

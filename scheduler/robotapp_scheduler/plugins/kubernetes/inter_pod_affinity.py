@@ -12,7 +12,7 @@ from robotapp_scheduler.core.api.core_v1 import Affinity, Namespace, Node, PodAf
 from robotapp_scheduler.core.events.cluster_event import PLACED, Change, Event
 from robotapp_scheduler.core.framework import Beside, FilterResult, PerDomain, PluginError, ScoreResult, Verdict
 from robotapp_scheduler.core.nodes.columns import BoolArray, IntArray
-from robotapp_scheduler.core.pods import PlacedPod, PodInfo
+from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.selectors.affinity_index import Pull
 from robotapp_scheduler.core.selectors.affinity_terms import NO_TERMS, Kind, Term, Terms, compiled
 from robotapp_scheduler.core.selectors.pod_counts import Census, Wanted

@@ -2,9 +2,9 @@
 
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework import Beside, FilterResult
-from robotapp_scheduler.core.pods import PlacedPod, PodInfo
+from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
+from robotapp_scheduler.core.pods.pod_signature import host_ports
 from robotapp_scheduler.core.ports import clash
-from robotapp_scheduler.core.shapes import host_ports
 from robotapp_scheduler.core.view import Nodes
 
 

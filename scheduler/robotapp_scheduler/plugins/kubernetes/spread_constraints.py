@@ -12,7 +12,7 @@ from robotapp_scheduler.core.api.core_v1 import Pod, TopologySpreadConstraint
 from robotapp_scheduler.core.api.topology_labels import ZONE
 from robotapp_scheduler.core.framework import PluginError
 from robotapp_scheduler.core.nodes.columns import BoolArray
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.selectors.pod_counts import Census, Counter, Wanted
 from robotapp_scheduler.core.selectors.pod_matcher import PodMatcher, Requirements
 from robotapp_scheduler.core.selectors.topology_domains import Scope

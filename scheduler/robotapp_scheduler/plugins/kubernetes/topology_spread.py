@@ -11,7 +11,7 @@ from robotapp_scheduler.core.api.core_v1 import Node, Pod
 from robotapp_scheduler.core.events.cluster_event import NODE, PLACED, Change, Event
 from robotapp_scheduler.core.framework import MAX_SCORE, AmongResult, Beside, FilterResult, Positions, Verdict
 from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray, IntArray
-from robotapp_scheduler.core.pods import PlacedPod, PodInfo
+from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.selectors.label_sets import LabelSet
 from robotapp_scheduler.core.selectors.topology_domains import Scope
 from robotapp_scheduler.core.view import Nodes

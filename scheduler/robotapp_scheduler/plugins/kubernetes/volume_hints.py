@@ -3,8 +3,8 @@
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.api.storage_v1 import CSINode, CSIStorageCapacity
 from robotapp_scheduler.core.events.cluster_event import Event
-from robotapp_scheduler.core.pod_volumes import PodVolumes, volumes_of
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
+from robotapp_scheduler.core.pods.pod_volumes import PodVolumes, volumes_of
 
 PODS = "pods"
 

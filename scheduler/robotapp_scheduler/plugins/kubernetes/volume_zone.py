@@ -10,7 +10,7 @@ from robotapp_scheduler.core.api.topology_labels import SEPARATOR, TODAY
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework import FilterResult, PreFilter
 from robotapp_scheduler.core.nodes.columns import BoolArray
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.view import LabelColumn, Nodes
 from robotapp_scheduler.core.volumes import Volumes
 from robotapp_scheduler.plugins.kubernetes.matching import expression_mask

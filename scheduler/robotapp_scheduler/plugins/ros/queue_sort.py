@@ -5,7 +5,7 @@ from typing import Any
 import msgspec
 
 from robotapp_scheduler.core.api.ros import DEFAULT_QOS_CLASS, TIERS, thesis_tier, tier
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 
 class ROSQueueSortArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):

@@ -6,7 +6,7 @@ import numpy as np
 
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework import Code, FilterResult, PreFilter, Status, Verdict
-from robotapp_scheduler.core.pods import PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.view import Nodes
 
 NOT_BESIDE: Final = "node(s) didn't run a pod that this one must share its node with"

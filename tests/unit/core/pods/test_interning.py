@@ -1,7 +1,7 @@
 from tests.support.scheduling import make_cluster, make_node, make_pod, owner
 
-from robotapp_scheduler.core.alike import Alike
 from robotapp_scheduler.core.api.core_v1 import NodeImage
+from robotapp_scheduler.core.pods.interning import Alike
 
 REPLICA = owner("ReplicaSet", "rs", "u1")
 

@@ -24,7 +24,13 @@ from robotapp_scheduler.core.api.pod_group import understood
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.groups import WHOLE_PLUGIN, groups_of
-from robotapp_scheduler.core.pod_groups import COSCHEDULING, POD_GROUP_LABEL, WORKLOADS, GroupRef, group_ref_of
+from robotapp_scheduler.core.pods.pod_group_index import (
+    COSCHEDULING,
+    POD_GROUP_LABEL,
+    WORKLOADS,
+    GroupRef,
+    group_ref_of,
+)
 
 
 def team(count: int, *, first: int = 0, **fields: Any) -> list[Pod]:

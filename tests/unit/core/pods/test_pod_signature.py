@@ -6,9 +6,9 @@ import pytest
 from tests.support.scheduling import make_info, make_pod, owner
 
 from robotapp_api.model.names import Annotation
-from robotapp_scheduler.core import shapes
-from robotapp_scheduler.core.pods import FEATURES, LIVE, OWN_FEATURES, PodInfo
-from robotapp_scheduler.core.shapes import shape_of
+from robotapp_scheduler.core.pods import pod_signature
+from robotapp_scheduler.core.pods.pod_info import FEATURES, LIVE, OWN_FEATURES, PodInfo
+from robotapp_scheduler.core.pods.pod_signature import shape_of
 
 ZONE = "topology.kubernetes.io/zone"
 TERM = {"topologyKey": ZONE, "labelSelector": {"matchLabels": {"app": "a"}}}
@@ -73,8 +73,8 @@ def test_pods_with_an_ephemeral_volume_share_nothing_because_its_claim_is_named_
 
 
 def test_the_shapes_that_are_kept_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shapes, "_shapes", {})
-    monkeypatch.setattr(shapes, "MOST_SHAPES", 3)
+    monkeypatch.setattr(pod_signature, "_shapes", {})
+    monkeypatch.setattr(pod_signature, "MOST_SHAPES", 3)
     for i in range(20):
         PodInfo(make_pod(labels={"app": f"a{i}"}))
-    assert len(shapes._shapes) <= 3
+    assert len(pod_signature._shapes) <= 3

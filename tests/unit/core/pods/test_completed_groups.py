@@ -4,7 +4,7 @@ from tests.support.pod_groups import announce, arrive, depart, pod_group, team_p
 from tests.support.scheduling import make_core
 
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.pod_groups import COSCHEDULING, GroupRef
+from robotapp_scheduler.core.pods.pod_group_index import COSCHEDULING, GroupRef
 
 
 def three() -> list[Pod]:

@@ -1,4 +1,4 @@
-from robotapp_scheduler.core.lazy import Lazy
+from robotapp_scheduler.core.pods.cached_property import Lazy
 
 
 class Counted:

@@ -1,4 +1,7 @@
-"""What pods with the same spec, labels and owner have in common, worked out once: 2,000 replicas are one shape."""
+"""What pods with the same spec, labels and owner have in common, worked out once: 2,000 replicas are one shape.
+
+Features of a kubelet that a pod's spec needs, by the names under which nodes declare them.
+"""
 
 from collections.abc import Hashable, Mapping
 from itertools import count
@@ -7,13 +10,32 @@ from typing import Any, Final, NamedTuple
 import msgspec
 
 from robotapp_api.values.requests import PodRequests, pod_requests
-from robotapp_scheduler.core.api.core_v1 import Container, OwnerReference, Pod
-from robotapp_scheduler.core.excess import excess
-from robotapp_scheduler.core.lazy import Lazy
-from robotapp_scheduler.core.needs import needs_of
+from robotapp_scheduler.core.api.core_v1 import Container, OwnerReference, Pod, PodSpec
 from robotapp_scheduler.core.nodes.columns import ResourceColumns
+from robotapp_scheduler.core.pods.cached_property import Lazy
+from robotapp_scheduler.core.pods.limits import excess
 from robotapp_scheduler.core.selectors.affinity_terms import affinity_key
 from robotapp_scheduler.core.selectors.label_sets import LabelSetKey, label_key
+
+RESTART_ALL: Final = "RestartAllContainersOnContainerExits"
+USER_NAMESPACES: Final = "UserNamespacesHostNetworkSupport"
+MOUNT_OPTIONS: Final = "VolumeBindMountOptions"
+NOTHING: Final[frozenset[str]] = frozenset()
+
+
+def needs_of(spec: PodSpec) -> frozenset[str]:
+    """Empty for nearly every pod."""
+    containers = spec.containers if not spec.init_containers else [*spec.containers, *spec.init_containers]
+    found: set[str] = set()
+    if spec.host_network and not spec.host_users:
+        found.add(USER_NAMESPACES)
+    for container in containers:
+        if any(rule.action == "RestartAllContainers" for rule in container.restart_policy_rules):
+            found.add(RESTART_ALL)
+        if any(mount.bind_mount_options for mount in container.volume_mounts):
+            found.add(MOUNT_OPTIONS)
+    return frozenset(found) if found else NOTHING
+
 
 ANY_IP: Final = "0.0.0.0"  # noqa: S104 - the wildcard a hostPort without hostIP stands for, nothing is bound here
 MOST_SHAPES: Final = 2048
@@ -39,7 +61,7 @@ class Shape:
         self.number = next(_numbers)
         """Tells shapes apart; a shape that was dropped and made again has another one."""
         self.keys: dict[tuple[str, ...], tuple[Hashable, ...]] = {}
-        """Features of such pods by their names (core.pods)."""
+        """Features of such pods by their names (core.pods.pod_info)."""
         self.facts: dict[str, Hashable] = {}
         """The same, one by one."""
         self.notes: dict[object, Any] = {}

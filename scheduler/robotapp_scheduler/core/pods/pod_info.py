@@ -15,14 +15,14 @@ from robotapp_api.values.requests import PodRequests
 from robotapp_scheduler.core.api.annotations import any_read, parse_annotations
 from robotapp_scheduler.core.api.core_v1 import Affinity, NodeAffinity, OwnerReference, Pod, Toleration
 from robotapp_scheduler.core.api.ros import InvalidAnnotation, RosContext, RosRequest
-from robotapp_scheduler.core.lazy import Lazy
-from robotapp_scheduler.core.pod_groups import group_ref_of, in_group
-from robotapp_scheduler.core.pod_volumes import PodVolumes, volumes_of
-from robotapp_scheduler.core.resource_claims import wanted
+from robotapp_scheduler.core.pods.cached_property import Lazy
+from robotapp_scheduler.core.pods.pod_group_index import group_ref_of, in_group
+from robotapp_scheduler.core.pods.pod_signature import HostPort, controller_of, shape_of
+from robotapp_scheduler.core.pods.pod_volumes import PodVolumes, volumes_of
+from robotapp_scheduler.core.pods.resource_claims import wanted
 from robotapp_scheduler.core.selectors.affinity_index import PlacedTerm
 from robotapp_scheduler.core.selectors.affinity_terms import attracts_itself
 from robotapp_scheduler.core.selectors.label_sets import LabelSet
-from robotapp_scheduler.core.shapes import HostPort, controller_of, shape_of
 
 ROS_FEATURES: Final = "ros"
 VOLUME_FEATURE: Final = "volumes"

@@ -1,0 +1,1 @@
+"""A pod prepared for scheduling, and what pods have in common."""
