@@ -20,7 +20,7 @@ from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.preemption import Plan
 from robotapp_scheduler.core.profiles import Catalogue, PluginRef, ProfileSpec, build_profiles
-from robotapp_scheduler.core.volumes import VolumePlan
+from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 from robotapp_scheduler.shell.binder import BindOutcome, BindResult
 from robotapp_scheduler.shell.group_report import GroupReporter
 from robotapp_scheduler.shell.loop import SchedulerLoop

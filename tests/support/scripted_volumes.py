@@ -3,7 +3,7 @@
 import asyncio
 
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.volumes import VolumePlan
+from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 
 
 class ScriptedVolumes:

@@ -32,7 +32,7 @@ from robotapp_scheduler.core.priorities import PriorityColumns
 from robotapp_scheduler.core.stamps import Stamps
 from robotapp_scheduler.core.telemetry import RttModel
 from robotapp_scheduler.core.topology import Topology
-from robotapp_scheduler.core.volumes import Volumes
+from robotapp_scheduler.core.volumes.volume_cache import Volumes
 
 WITH_TERMS: Final = {each: each | Change.TERMS for each in (Change.POD_ADDED, Change.POD_REMOVED, Change.POD_UPDATED)}
 """Joining two flags takes longer than counting the pod."""

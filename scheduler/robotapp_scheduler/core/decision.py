@@ -8,7 +8,7 @@ from robotapp_api.model.names import PodReason
 from robotapp_scheduler.core.devices import DeviceGrant
 from robotapp_scheduler.core.framework import Code, PluginError
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.volumes import VolumePlan
+from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 
 if TYPE_CHECKING:
     from robotapp_scheduler.core.preemption import Plan

@@ -19,7 +19,7 @@ from robotapp_scheduler.core.profiles import Profile
 from robotapp_scheduler.core.repair import bring_up
 from robotapp_scheduler.core.score_column import score_column
 from robotapp_scheduler.core.view import Nodes
-from robotapp_scheduler.core.volumes import VolumePlan
+from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 
 log = logging.getLogger(__name__)
 _T = TypeVar("_T")

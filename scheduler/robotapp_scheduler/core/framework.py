@@ -103,7 +103,7 @@ from robotapp_scheduler.core.nodes.node_table import Row
 from robotapp_scheduler.core.plugin_checks import problems_of
 from robotapp_scheduler.core.pods.pod_info import LIVE, PlacedPod, PodInfo
 from robotapp_scheduler.core.view import LabelColumn, Nodes
-from robotapp_scheduler.core.volumes import VolumePlan
+from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 from robotapp_scheduler.core.waiting import Waker
 
 MAX_SCORE: Final = 100

@@ -30,7 +30,7 @@ from robotapp_scheduler.core.framework import (
 from robotapp_scheduler.core.overdue import Overdue
 from robotapp_scheduler.core.plugin_checks import misread
 from robotapp_scheduler.core.view import LabelColumn
-from robotapp_scheduler.core.volumes import VolumePlan
+from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 
 log = logging.getLogger(__name__)
 

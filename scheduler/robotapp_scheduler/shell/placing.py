@@ -20,7 +20,7 @@ from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.preemption import Plan
 from robotapp_scheduler.core.queued import QueuedPod, Rejection
 from robotapp_scheduler.core.refusal import BIND_CHECK, DEVICE_PLUGIN, FULL_POOL
-from robotapp_scheduler.core.volumes import VolumePlan
+from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 from robotapp_scheduler.shell.bind_steps import BindSteps, Refused, failed_step
 from robotapp_scheduler.shell.binder import Binder, BindOutcome, BindResult
 from robotapp_scheduler.shell.claim_users import ClaimUsers

@@ -20,7 +20,7 @@ from robotapp_scheduler.core.api.storage_v1 import (
     VolumeAttachment,
 )
 from robotapp_scheduler.core.pods.resource_claims import ResourceClaim, ResourceClaims
-from robotapp_scheduler.core.volumes import Volumes
+from robotapp_scheduler.core.volumes.volume_cache import Volumes
 from robotapp_scheduler.shell.route import Route
 
 

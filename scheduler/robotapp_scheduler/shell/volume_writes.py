@@ -17,8 +17,8 @@ from robotapp_scheduler.core.api.storage_v1 import BOUND_BY_CONTROLLER, SELECTED
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.volume_users import ClaimKey
-from robotapp_scheduler.core.volumes import VolumePlan
+from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
+from robotapp_scheduler.core.volumes.volume_users import ClaimKey
 
 log = logging.getLogger(__name__)
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 from robotapp_scheduler.core.api.storage_v1 import LOST, Claim
 from robotapp_scheduler.core.framework import Code, PreFilter, Status
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.volumes import Volumes
+from robotapp_scheduler.core.volumes.volume_cache import Volumes
 
 
 class Sorted(NamedTuple):

@@ -12,7 +12,7 @@ from robotapp_scheduler.core.framework import FilterResult, PreFilter
 from robotapp_scheduler.core.nodes.columns import BoolArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.view import LabelColumn, Nodes
-from robotapp_scheduler.core.volumes import Volumes
+from robotapp_scheduler.core.volumes.volume_cache import Volumes
 from robotapp_scheduler.plugins.kubernetes.matching import expression_mask
 from robotapp_scheduler.plugins.kubernetes.volume_claims import missing, named_claims, unresolvable
 from robotapp_scheduler.plugins.kubernetes.volume_hints import names_claim, of_pod

@@ -23,7 +23,7 @@ from robotapp_scheduler.core.api.storage_v1 import (
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.pods.pod_volumes import PodVolumes
-from robotapp_scheduler.core.volume_users import ClaimKey, Identity, VolumeUsers
+from robotapp_scheduler.core.volumes.volume_users import ClaimKey, Identity, VolumeUsers
 
 
 class VolumePlan(NamedTuple):

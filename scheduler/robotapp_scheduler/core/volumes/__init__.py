@@ -1,0 +1,1 @@
+"""Claims, volumes and classes, and which pods use them."""
