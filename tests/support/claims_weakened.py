@@ -162,7 +162,7 @@ def anyone_takes() -> Iterator[None]:
 
     with (
         _instead(claiming__devices__take_device=weak, claiming__devices__same_tuple=_mine),
-        mock.patch("robotapp_scheduler.core.devices.take_device", weak),
+        mock.patch("robotapp_scheduler.core.robotics.device_index.take_device", weak),
     ):
         yield
 

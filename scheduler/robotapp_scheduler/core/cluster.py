@@ -11,9 +11,7 @@ from typing import Final
 from robotapp_api.claims.objects import Claim
 from robotapp_scheduler.core.api.core_v1 import Node, Owned, Pod
 from robotapp_scheduler.core.api.robotics_v1alpha1 import NodeTelemetry, RobotApp
-from robotapp_scheduler.core.apps import AppIndex
 from robotapp_scheduler.core.budgets import Budgets
-from robotapp_scheduler.core.devices import DeviceGrant, DeviceIndex
 from robotapp_scheduler.core.events.change_log import EVERY_ROW, ChangeLog
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.name_index import NameIndex
@@ -29,8 +27,10 @@ from robotapp_scheduler.core.pods.pod_signature import same_shape
 from robotapp_scheduler.core.pods.resource_claims import ResourceClaims
 from robotapp_scheduler.core.ports import PortUsers
 from robotapp_scheduler.core.priorities import PriorityColumns
+from robotapp_scheduler.core.robotics.app_index import AppIndex
+from robotapp_scheduler.core.robotics.device_index import DeviceGrant, DeviceIndex
+from robotapp_scheduler.core.robotics.rtt import RttModel
 from robotapp_scheduler.core.stamps import Stamps
-from robotapp_scheduler.core.telemetry import RttModel
 from robotapp_scheduler.core.topology import Topology
 from robotapp_scheduler.core.volumes.volume_cache import Volumes
 

@@ -6,7 +6,6 @@ from typing import Any, Final
 from robotapp_scheduler.core.api.ros import InvalidAnnotation
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.decision import FAULTS, Decision, failed, skipped_deleting
-from robotapp_scheduler.core.devices import DeviceGrant
 from robotapp_scheduler.core.engine import Engine, Stopwatch, pod_hash
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.events.cluster_event import Change
@@ -16,7 +15,6 @@ from robotapp_scheduler.core.groups import (
     Groups,
     group_key,
 )
-from robotapp_scheduler.core.latency_export import LatencyExport
 from robotapp_scheduler.core.nominated import with_nominated
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.posing import Posed, pose
@@ -25,7 +23,9 @@ from robotapp_scheduler.core.queue import SchedulingQueue
 from robotapp_scheduler.core.queued import Gate, QueuedPod
 from robotapp_scheduler.core.recorder import Recorder
 from robotapp_scheduler.core.refusal import Refusals, closed, excessive, held, unreadable
-from robotapp_scheduler.core.resolve import qos_fields, resolve
+from robotapp_scheduler.core.robotics.device_index import DeviceGrant
+from robotapp_scheduler.core.robotics.resolve import qos_fields, resolve
+from robotapp_scheduler.core.robotics.rtt_matrix import LatencyExport
 from robotapp_scheduler.core.tiers import earlier_feasible
 from robotapp_scheduler.core.together import NO_WISH, Advice, Wish, only_one_plan, plan_together
 from robotapp_scheduler.core.waiting import Waker

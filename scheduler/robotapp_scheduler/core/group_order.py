@@ -4,8 +4,8 @@ import heapq
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
-from robotapp_scheduler.core.apps import AppIndex
 from robotapp_scheduler.core.pods.pod_info import Member, PodInfo
+from robotapp_scheduler.core.robotics.app_index import AppIndex
 
 PINNED: Final = 1
 """A pod with so few places is an anchor of the others, whoever its neighbours are."""

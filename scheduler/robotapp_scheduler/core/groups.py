@@ -8,12 +8,12 @@ from robotapp_api.values.tiers import FAILOVER, ROBOT, on_disconnect
 from robotapp_scheduler.core.api.core_v1 import Metadata
 from robotapp_scheduler.core.api.pod_group import PATIENCE_S
 from robotapp_scheduler.core.api.robotics_v1alpha1 import Component
-from robotapp_scheduler.core.apps import App, AppIndex, Replica
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.events.cluster_event import NODE, PLACED, Change, Event
 from robotapp_scheduler.core.pods.pod_group_index import APIS, GroupRef, group_ref_of, in_group
 from robotapp_scheduler.core.pods.pod_info import Member, PodInfo
 from robotapp_scheduler.core.queued import Gate
+from robotapp_scheduler.core.robotics.app_index import App, AppIndex, Replica
 
 GROUP_PLUGIN: Final = "RobotAppGroup"
 POD_GROUP_PLUGIN: Final = "PodGroup"

@@ -12,9 +12,9 @@ from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.nodes.columns import BoolArray, CodeArray, FloatArray, IntArray, Vocabulary
 from robotapp_scheduler.core.nodes.node_table import Row
 from robotapp_scheduler.core.nodes.resource_arrays import Plain
+from robotapp_scheduler.core.robotics.rtt import RttRow
 from robotapp_scheduler.core.selectors.pod_counts import Census, Wanted
 from robotapp_scheduler.core.selectors.pod_matcher import pods_of
-from robotapp_scheduler.core.telemetry import RttRow
 
 NO_LEDGER: Final[IntArray] = np.zeros((0, 0), dtype=np.int64)
 

@@ -30,8 +30,8 @@ from robotapp_api.client.api.resources import DOMAINPOOLS, PODS
 from robotapp_api.client.transport.errors import ClientError
 from robotapp_api.model.names import GRANTED_PREFIX, Label, PodReason, Reason
 from robotapp_scheduler.core.api.ros import RosRequest
-from robotapp_scheduler.core.devices import DeviceGrant
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
+from robotapp_scheduler.core.robotics.device_index import DeviceGrant
 
 log = logging.getLogger(__name__)
 

@@ -16,8 +16,8 @@ from robotapp_api.claiming.sweeper import Sweeper
 from robotapp_api.claims.identity import granted_devices, shared_devices
 from robotapp_api.client.api.resources import PODS, ROBOTCLAIMS
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.devices import Device, DeviceGrant
 from robotapp_scheduler.core.pods.pod_info import PodInfo
+from robotapp_scheduler.core.robotics.device_index import Device, DeviceGrant
 from robotapp_scheduler.shell import reserve
 from robotapp_scheduler.shell.reserve import Readiness, Reserver
 

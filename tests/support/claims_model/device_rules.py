@@ -10,8 +10,8 @@ from robotapp_api.claims.objects import App, AppSpec, Claim, Component, DeviceRe
 from robotapp_api.claims.release import Release, preconditions
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.api.robotics_v1alpha1 import RobotApp
-from robotapp_scheduler.core.apps import AppIndex
 from robotapp_scheduler.core.pods.pod_info import Member
+from robotapp_scheduler.core.robotics.app_index import AppIndex
 
 FREE = -1
 """No pod, no device."""

@@ -9,9 +9,9 @@ from tests.support.scheduling import Clock, app_object, chain, make_core, make_n
 
 from robotapp_api.model.names import Label
 from robotapp_scheduler.core.cycle import SchedulerCore
-from robotapp_scheduler.core.latency_export import LatencyExport
 from robotapp_scheduler.core.posing import Posed
 from robotapp_scheduler.core.queued import QueuedPod
+from robotapp_scheduler.core.robotics.rtt_matrix import LatencyExport
 from robotapp_scheduler.core.together import Advice, advice_of
 from robotapp_scheduler.joint.problem import Relation
 from robotapp_scheduler.joint.solve import Limits, Solution, solve

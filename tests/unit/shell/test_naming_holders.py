@@ -6,9 +6,9 @@ from tests.support.scheduling import device_claim
 from robotapp_api.model.names import HARDWARE_PREFIX, EventReason
 from robotapp_scheduler.core.api.ros import DeviceHolder, DeviceWish, RosContext
 from robotapp_scheduler.core.decision import Decision
-from robotapp_scheduler.core.devices import DeviceGrant
 from robotapp_scheduler.core.framework import Code
 from robotapp_scheduler.core.refusal import DEVICE_PLUGIN
+from robotapp_scheduler.core.robotics.device_index import DeviceGrant
 
 
 async def refused_while_another_is_placed() -> Rig:

@@ -4,7 +4,7 @@ import numpy as np
 
 from robotapp_scheduler.core.api.ros import Endpoint
 from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray
-from robotapp_scheduler.core.telemetry import ESTIMATED
+from robotapp_scheduler.core.robotics.rtt import ESTIMATED
 from robotapp_scheduler.core.view import Nodes
 
 

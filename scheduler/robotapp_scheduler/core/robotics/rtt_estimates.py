@@ -10,10 +10,10 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from robotapp_api.model.names import Label
-from robotapp_scheduler.core.latency_fit import Fit, fit_nothing, fit_steps
-from robotapp_scheduler.core.measured_pairs import MeasuredPairs
 from robotapp_scheduler.core.nodes.columns import FloatArray
 from robotapp_scheduler.core.nodes.node_table import NodeTable
+from robotapp_scheduler.core.robotics.latency_fit import Fit, fit_nothing, fit_steps
+from robotapp_scheduler.core.robotics.measured_pairs import MeasuredPairs
 from robotapp_scheduler.joint.latencies import IndexArray, estimated_us
 
 REFRESH_S: Final = 1.0

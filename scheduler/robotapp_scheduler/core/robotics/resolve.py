@@ -19,8 +19,8 @@ from robotapp_scheduler.core.api.ros import (
     RosContext,
     RosRequest,
 )
-from robotapp_scheduler.core.apps import App, AppIndex, Link, on_one_node, tied
 from robotapp_scheduler.core.pods.pod_info import Member, PlacedPod, PodInfo
+from robotapp_scheduler.core.robotics.app_index import App, AppIndex, Link, on_one_node, tied
 
 NOTHING: Final = RosRequest()
 """Annotations that are there but ask for nothing."""

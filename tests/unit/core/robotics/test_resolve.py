@@ -5,10 +5,10 @@ from tests.support.scheduling import app_object, chain, make_cluster, make_info,
 
 from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.api.ros import DeviceHolder, Endpoint, Hardware, RosContext, thesis_tier, tier
-from robotapp_scheduler.core.apps import read_app
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.pods.pod_info import Member, PodInfo
-from robotapp_scheduler.core.resolve import qos_fields, resolve
+from robotapp_scheduler.core.robotics.app_index import read_app
+from robotapp_scheduler.core.robotics.resolve import qos_fields, resolve
 
 
 def fleet() -> Cluster:

@@ -9,7 +9,7 @@ from tests.support.scheduling import Clock, make_cluster, make_node, telemetry
 from robotapp_api.model.names import Label
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.latency_export import LatencyExport
+from robotapp_scheduler.core.robotics.rtt_matrix import LatencyExport
 
 RACK = [f"rack-{i}" for i in range(6)]
 FLOOR = [f"floor-{i}" for i in range(6)]

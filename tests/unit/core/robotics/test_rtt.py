@@ -9,8 +9,8 @@ from robotapp_api.model.names import Label
 from robotapp_scheduler.core.api.robotics_v1alpha1 import NodeTelemetry
 from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.latency_export import LatencyExport
-from robotapp_scheduler.core.telemetry import PairView
+from robotapp_scheduler.core.robotics.rtt import PairView
+from robotapp_scheduler.core.robotics.rtt_matrix import LatencyExport
 
 
 def zoned(clock: Clock | None = None, **zones: str) -> Cluster:

@@ -13,10 +13,10 @@ import numpy.typing as npt
 from robotapp_api.model.names import Label
 from robotapp_api.values.round_trips import RoundTrips, is_unreachable
 from robotapp_scheduler.core.api.robotics_v1alpha1 import Load, NodeTelemetry
-from robotapp_scheduler.core.estimates import LatencyEstimates, Terms
-from robotapp_scheduler.core.measured_pairs import MeasuredPairs
 from robotapp_scheduler.core.nodes.columns import FloatArray
 from robotapp_scheduler.core.nodes.node_table import NodeTable
+from robotapp_scheduler.core.robotics.measured_pairs import MeasuredPairs
+from robotapp_scheduler.core.robotics.rtt_estimates import LatencyEstimates, Terms
 from robotapp_scheduler.joint.latencies import Measured
 
 CACHED_ROWS: Final = 512

@@ -6,8 +6,8 @@ from robotapp_api.claims.node_devices import Device, devices_of_labels
 from robotapp_api.claims.objects import TelemetryDevice
 from robotapp_api.model.names import Annotation
 from robotapp_scheduler.core.api.ros import DeviceHolder, DeviceWish
-from robotapp_scheduler.core.devices import DeviceGrant, DeviceIndex
 from robotapp_scheduler.core.events.cluster_event import Change
+from robotapp_scheduler.core.robotics.device_index import DeviceGrant, DeviceIndex
 
 MINE = DeviceHolder(uid="app-1", namespace="default", instance="amr", component="driver", pod_uid="new")
 CAN = DeviceWish("bus", "can")

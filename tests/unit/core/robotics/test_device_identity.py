@@ -9,7 +9,7 @@ from tests.support.scheduling import device_claim, make_cluster, make_node, tele
 from robotapp_api.claims.node_devices import Device
 from robotapp_api.claims.objects import Claim, DeviceThing, TelemetryDevice
 from robotapp_scheduler.core.api.ros import DeviceHolder, DeviceWish
-from robotapp_scheduler.core.devices import DeviceGrant, DeviceIndex
+from robotapp_scheduler.core.robotics.device_index import DeviceGrant, DeviceIndex
 
 CAMERAS = (("cam0", "111"), ("cam1", "222"))
 """Interface and serial of the two cameras that are really there."""

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from robotapp_scheduler.core.estimates import Terms
 from robotapp_scheduler.core.nodes.columns import FloatArray
-from robotapp_scheduler.core.telemetry import RttModel
+from robotapp_scheduler.core.robotics.rtt import RttModel
+from robotapp_scheduler.core.robotics.rtt_estimates import Terms
 from robotapp_scheduler.joint.latencies import Latencies
 
 

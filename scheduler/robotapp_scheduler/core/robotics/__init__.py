@@ -1,0 +1,1 @@
+"""Apps, devices and round-trip times."""
