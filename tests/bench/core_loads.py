@@ -9,7 +9,7 @@ import numpy as np
 from tests.support.scheduling import default_profiles, make_node, make_pod, telemetry
 
 from robotapp_api.model.names import Label
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.events.cluster_event import Event
 from robotapp_scheduler.core.pods.pod_info import PodInfo

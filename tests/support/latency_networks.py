@@ -8,7 +8,7 @@ from typing import Final
 from tests.support.scheduling import Clock, make_cluster, make_node, telemetry
 
 from robotapp_api.model.names import Label
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
 
 MOST_PEERS: Final = 16
 WILD: Final = 0.1

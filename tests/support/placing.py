@@ -12,7 +12,7 @@ from tests.support.scripted_volumes import ScriptedVolumes
 from robotapp_api.client.transport.errors import ClientError, Unreachable
 from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.api.core_v1 import Metadata, Node, NodeStatus, Pod, PodSpec
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.events.cluster_event import Change

@@ -16,7 +16,7 @@ from tests.support.scheduling import make_core, to_node, to_pod
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_scheduler.core.api import storage_v1
 from robotapp_scheduler.core.api.core_v1 import Namespace, Selecting
-from robotapp_scheduler.core.budgets import DisruptionBudget
+from robotapp_scheduler.core.cache.disruption_budgets import DisruptionBudget
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.decision import Decision as Found
 from robotapp_scheduler.core.evaluation import Evaluation

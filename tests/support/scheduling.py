@@ -9,7 +9,7 @@ from robotapp_api.claims.objects import Claim
 from robotapp_api.model.names import API_VERSION, SCHEDULER_NAME, THESIS_SCHEDULER_NAME, Label
 from robotapp_scheduler.core.api.core_v1 import Node, Owned, Pod
 from robotapp_scheduler.core.api.robotics_v1alpha1 import NodeTelemetry, RobotApp
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.profiles import Profile, ProfileSpec, build_profiles

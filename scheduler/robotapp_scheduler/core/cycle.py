@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from robotapp_scheduler.core.api.ros import InvalidAnnotation
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.decision import FAULTS, Decision, failed, skipped_deleting
 from robotapp_scheduler.core.engine import Engine, Stopwatch, pod_hash
 from robotapp_scheduler.core.evaluation import Evaluation

@@ -11,7 +11,8 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.change_log import News
 from robotapp_scheduler.core.events.cluster_event import OFFERED, PLACED, SAID_OF_PODS, Change
 from robotapp_scheduler.core.nodes.columns import IntArray
@@ -22,7 +23,6 @@ from robotapp_scheduler.core.repair import MOST_REPAIRED, bring_up
 from robotapp_scheduler.core.score_column import ScoreColumn, UnderPods
 from robotapp_scheduler.core.sums import Sums
 from robotapp_scheduler.core.verdicts import Verdicts
-from robotapp_scheduler.core.view import Nodes
 
 MOST_DOUBTS: Final = 1024
 """Rows; with more than these all are added up."""

@@ -9,8 +9,9 @@ from typing import Any, Final, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
+from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.classes import ColumnCache
-from robotapp_scheduler.core.cluster import Cluster
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.filter_column import FilterColumn, Reasons
 from robotapp_scheduler.core.framework import Code, Loaded, Status
@@ -18,7 +19,6 @@ from robotapp_scheduler.core.pods.pod_info import FEATURES, LIVE, OWN_FEATURES, 
 from robotapp_scheduler.core.profiles import Profile
 from robotapp_scheduler.core.repair import bring_up
 from robotapp_scheduler.core.score_column import score_column
-from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 
 log = logging.getLogger(__name__)

@@ -6,7 +6,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.cluster_event import NODE
 from robotapp_scheduler.core.explain import EXAMPLES, Refusal
 from robotapp_scheduler.core.filter_column import HOLE, Codes, FilterColumn, Reasons
@@ -18,7 +19,6 @@ from robotapp_scheduler.core.repair import FEW_ROWS, bring_up, view_of
 from robotapp_scheduler.core.score_column import ScoreColumn
 from robotapp_scheduler.core.totals import Totals
 from robotapp_scheduler.core.verdicts import Verdicts
-from robotapp_scheduler.core.view import Nodes
 
 _NODE: Final = int(NODE)
 

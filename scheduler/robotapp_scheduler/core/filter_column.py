@@ -7,13 +7,13 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from robotapp_scheduler.core.cache.snapshot import LabelColumn, Nodes
 from robotapp_scheduler.core.events.change_log import News
 from robotapp_scheduler.core.events.cluster_event import NODE_COMES_OR_GOES
 from robotapp_scheduler.core.framework import Loaded, Verdict, checked_mask
 from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.repair import FEW_TO_ASK, stale_rows
-from robotapp_scheduler.core.view import LabelColumn, Nodes
 
 HOLE: Final = -1
 """Reason code of rows that are no node."""

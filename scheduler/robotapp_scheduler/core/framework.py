@@ -97,12 +97,12 @@ import numpy as np
 import numpy.typing as npt
 
 from robotapp_scheduler.core.asked import Asking
+from robotapp_scheduler.core.cache.snapshot import LabelColumn, Nodes
 from robotapp_scheduler.core.events.cluster_event import NODE, READS, Change, interest_of
 from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray, IntArray
 from robotapp_scheduler.core.nodes.node_table import Row
 from robotapp_scheduler.core.plugin_checks import problems_of
 from robotapp_scheduler.core.pods.pod_info import LIVE, PlacedPod, PodInfo
-from robotapp_scheduler.core.view import LabelColumn, Nodes
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 from robotapp_scheduler.core.waiting import Waker
 

@@ -8,7 +8,7 @@ from robotapp_api.values.tiers import FAILOVER, ROBOT, on_disconnect
 from robotapp_scheduler.core.api.core_v1 import Metadata
 from robotapp_scheduler.core.api.pod_group import PATIENCE_S
 from robotapp_scheduler.core.api.robotics_v1alpha1 import Component
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.events.cluster_event import NODE, PLACED, Change, Event
 from robotapp_scheduler.core.pods.pod_group_index import APIS, GroupRef, group_ref_of, in_group
 from robotapp_scheduler.core.pods.pod_info import Member, PodInfo

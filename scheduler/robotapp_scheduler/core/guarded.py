@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from robotapp_scheduler.core.asked import asking
+from robotapp_scheduler.core.cache.snapshot import LabelColumn
 from robotapp_scheduler.core.events.cluster_event import interest_of
 from robotapp_scheduler.core.framework import (
     MAX_SCORE,
@@ -29,7 +30,6 @@ from robotapp_scheduler.core.framework import (
 )
 from robotapp_scheduler.core.overdue import Overdue
 from robotapp_scheduler.core.plugin_checks import misread
-from robotapp_scheduler.core.view import LabelColumn
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 
 log = logging.getLogger(__name__)

@@ -4,14 +4,14 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.dry_run import Trial
+from robotapp_scheduler.core.cache.snapshot import AdjustedNodes, Nodes
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.filter_column import Codes
 from robotapp_scheduler.core.influence import Influence
 from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
-from robotapp_scheduler.core.trial import Trial
-from robotapp_scheduler.core.view import AdjustedNodes, Nodes
 
 
 def with_nominated(cluster: Cluster, pod: PodInfo, evaluation: Evaluation, *, node: str = "") -> Evaluation:
@@ -62,7 +62,7 @@ def _reasons(
 
 
 def amounts(cluster: Cluster, per_row: Sequence[Sequence[PlacedPod]]) -> IntArray:
-    """What pods hold, one column per list of pods, in the shape of core.priorities."""
+    """What pods hold, one column per list of pods, in the shape of core.cache.priority_usage."""
     total = np.zeros((len(cluster.nodes.resources.names) + 1, len(per_row)), dtype=np.int64)
     for i, records in enumerate(per_row):
         total[0, i] = len(records)

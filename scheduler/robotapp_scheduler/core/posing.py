@@ -14,7 +14,7 @@ from robotapp_api.values.duration import parse_us
 from robotapp_api.values.neighbours import NO_NEIGHBOURS
 from robotapp_scheduler.core.api.robotics_v1alpha1 import Component
 from robotapp_scheduler.core.api.robotics_v1alpha1 import Edge as Connection
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.engine import Engine
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.nodes.columns import FloatArray, IntArray

@@ -11,14 +11,14 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.snapshot import AdjustedNodes, Nodes
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.filter_column import Codes
 from robotapp_scheduler.core.framework import histogram
 from robotapp_scheduler.core.influence import Influence
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.victims import Candidate, by_amounts, by_trial, lower_pods
-from robotapp_scheduler.core.view import AdjustedNodes, Nodes
 
 NOT_HELPFUL: Final = "Preemption is not helpful for scheduling"
 NO_VICTIMS: Final = "No preemption victims found for incoming pod"

@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.engine import Engine
 from robotapp_scheduler.core.evaluation import Evaluation

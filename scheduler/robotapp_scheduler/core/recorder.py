@@ -5,7 +5,7 @@ from typing import Final
 
 from robotapp_api.values.round_trips import is_unreachable
 from robotapp_scheduler.core.api.ros import Endpoint, RosContext
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.engine import Engine
 from robotapp_scheduler.core.evaluation import Evaluation

@@ -2,7 +2,7 @@
 
 from robotapp_api.model.names import PodReason
 from robotapp_scheduler.core.api.ros import InvalidAnnotation
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.engine import Engine, Narrowed, pod_hash
 from robotapp_scheduler.core.evaluation import Evaluation

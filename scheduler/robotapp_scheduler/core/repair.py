@@ -3,12 +3,12 @@
 from collections.abc import Iterable
 from typing import Final, Protocol
 
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.change_log import News
 from robotapp_scheduler.core.events.cluster_event import SAID_OF_PODS, Change
 from robotapp_scheduler.core.framework import Loaded
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.view import Nodes
 
 MOST_REPAIRED: Final = 256
 """With more log entries than this a column is computed anew."""

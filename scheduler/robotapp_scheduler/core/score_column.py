@@ -7,6 +7,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.change_log import News
 from robotapp_scheduler.core.events.cluster_event import NODE_COMES_OR_GOES, OFFERED, SAID_OF_PODS
 from robotapp_scheduler.core.framework import (
@@ -23,7 +24,6 @@ from robotapp_scheduler.core.nodes.columns import BoolArray, IntArray
 from robotapp_scheduler.core.nodes.node_table import Row
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.repair import FEW_ROWS, FEW_TO_ASK, stale_rows
-from robotapp_scheduler.core.view import Nodes
 
 log = logging.getLogger(__name__)
 

@@ -4,11 +4,11 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.score_column import Feasible, ScoreColumn
 from robotapp_scheduler.core.verdicts import Verdicts
-from robotapp_scheduler.core.view import Nodes
 
 EVERY: Final = slice(None)
 

@@ -5,6 +5,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.change_log import News
 from robotapp_scheduler.core.framework import PluginError
 from robotapp_scheduler.core.nodes.columns import IntArray
@@ -13,7 +14,6 @@ from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.repair import FEW_ROWS, bring_up
 from robotapp_scheduler.core.score_column import ScoreColumn
 from robotapp_scheduler.core.verdicts import Verdicts
-from robotapp_scheduler.core.view import Nodes
 
 EVERY: Final = slice(None)
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from robotapp_api.model.names import Label
 from robotapp_api.values.tiers import ROBOT
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.filter_column import Reason
 from robotapp_scheduler.core.nodes.node_table import NodeTable

@@ -7,7 +7,7 @@ be placed whole is placed whole or not at all (core.whole).
 from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple, Protocol
 
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.explain import ExplainRing
 from robotapp_scheduler.core.framework import Code

@@ -5,7 +5,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.doubts import Doubts
 from robotapp_scheduler.core.events.cluster_event import NODE
 from robotapp_scheduler.core.framework import PluginError
@@ -19,7 +20,6 @@ from robotapp_scheduler.core.score_column import ScoreColumn
 from robotapp_scheduler.core.shares import Shares
 from robotapp_scheduler.core.sums import Sums
 from robotapp_scheduler.core.verdicts import Verdicts
-from robotapp_scheduler.core.view import Nodes
 
 _NODE: Final = int(NODE)
 

@@ -10,13 +10,13 @@ from functools import lru_cache
 from operator import add, sub
 from typing import Final, NamedTuple
 
-from robotapp_scheduler.core.budgets import Split
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.disruption_budgets import Split
+from robotapp_scheduler.core.cache.dry_run import Trial
+from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.influence import Influence
 from robotapp_scheduler.core.nodes.node_table import NodeTable
 from robotapp_scheduler.core.pods.pod_info import PlacedPod
-from robotapp_scheduler.core.trial import Trial
-from robotapp_scheduler.core.view import Nodes
 
 PRIORITY_OFFSET: Final = 2**31
 """Makes every priority positive, so that more victims never cost less."""

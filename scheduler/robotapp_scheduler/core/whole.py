@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import Final, Protocol
 
 from robotapp_api.model.names import PodReason
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.explain import ExplainRing

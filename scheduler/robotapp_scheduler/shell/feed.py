@@ -22,7 +22,7 @@ from robotapp_api.client.informer.reflector import Change as Seen
 from robotapp_api.client.informer.reflector import Reflector
 from robotapp_api.client.transport.errors import ClientError, NotFound
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.shell.group_feed import group_routes
 from robotapp_scheduler.shell.metrics import Metrics

@@ -20,7 +20,7 @@ from robotapp_api.model.names import SCHEDULER_MANAGER, EventReason
 from robotapp_scheduler.config import load as configuration
 from robotapp_scheduler.config.flags import Options
 from robotapp_scheduler.config.load import ConfigError, SchedulerConfig
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.groups import groups_of

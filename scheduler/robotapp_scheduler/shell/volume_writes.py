@@ -14,7 +14,7 @@ from robotapp_api.client.api.resources import PERSISTENTVOLUMECLAIMS, PERSISTENT
 from robotapp_api.client.transport.errors import ClientError
 from robotapp_api.values.selector import matches_node_terms
 from robotapp_scheduler.core.api.storage_v1 import BOUND_BY_CONTROLLER, SELECTED_NODE, Claim, PersistentVolume
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan

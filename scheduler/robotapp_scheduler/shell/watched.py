@@ -18,8 +18,8 @@ from robotapp_api.client.api.resources import (
 from robotapp_api.model.names import Label
 from robotapp_scheduler.core.api.core_v1 import Namespace, Node, Owned, Selecting
 from robotapp_scheduler.core.api.robotics_v1alpha1 import NodeTelemetry, RobotApp
-from robotapp_scheduler.core.budgets import DisruptionBudget
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.disruption_budgets import DisruptionBudget
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.shell.group_feed import group_routes
 from robotapp_scheduler.shell.route import Route

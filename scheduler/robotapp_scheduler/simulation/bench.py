@@ -12,7 +12,7 @@ from typing import Any, Final
 from msgspec.structs import replace
 
 from robotapp_scheduler.core.api.core_v1 import Node, Pod
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.engine import Engine
 from robotapp_scheduler.core.pods.pod_info import PodInfo

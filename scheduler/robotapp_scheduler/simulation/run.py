@@ -12,7 +12,7 @@ import msgspec
 
 from robotapp_scheduler.config.load import SchedulerConfig
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.pods.in_place_resize import held_per_container

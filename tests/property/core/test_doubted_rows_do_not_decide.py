@@ -15,6 +15,7 @@ from tests.support.scheduling import Clock, make_cluster, make_info, make_node, 
 from robotapp_api.model.names import SCHEDULER_NAME, Annotation, Label
 from robotapp_scheduler.core import doubts, patience
 from robotapp_scheduler.core.api.core_v1 import Pod
+from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.engine import Engine
 from robotapp_scheduler.core.evaluation import Evaluation
@@ -22,7 +23,6 @@ from robotapp_scheduler.core.explain import Record, as_json
 from robotapp_scheduler.core.nodes.node_table import Row
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
-from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.plugins.kubernetes.balanced_allocation import BalancedArgs, NodeResourcesBalancedAllocation
 from robotapp_scheduler.plugins.kubernetes.resources_fit import FitArgs, NodeResourcesFit
 from robotapp_scheduler.plugins.registry import catalogue

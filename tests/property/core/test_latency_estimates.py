@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tests.support.latency_networks import Network, cluster_of, network
 from tests.support.scheduling import Clock, telemetry
 
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
 
 T = TypeVar("T")
 seeds = st.integers(0, 2**32 - 1)

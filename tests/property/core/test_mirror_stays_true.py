@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.support.scheduling import make_cluster, make_info, make_node, make_pod
 
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.dry_run import Trial
+from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.nodes.resource_arrays import EXACT_IN_FLOAT, MOST_MISSES, Least
-from robotapp_scheduler.core.trial import Trial
-from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.plugins.kubernetes.balanced_allocation import NodeResourcesBalancedAllocation
 from robotapp_scheduler.plugins.kubernetes.resources_fit import NodeResourcesFit
 

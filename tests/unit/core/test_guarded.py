@@ -9,12 +9,12 @@ from tests.support.pod_groups import announce, arrive, pod_group, team_pod
 from tests.support.scheduling import Clock, make_cluster, make_info, make_node
 
 from robotapp_api.model.names import SCHEDULER_NAME, PodReason
+from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.framework import Code, Loaded, Status
 from robotapp_scheduler.core.guarded import guarded
 from robotapp_scheduler.core.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.core.queue import Rejection
-from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.plugins.kubernetes.resources_fit import NodeResourcesFit
 from robotapp_scheduler.plugins.registry import catalogue
 

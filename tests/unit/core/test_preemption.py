@@ -5,7 +5,7 @@ import pytest
 from tests.support.scheduling import app_object, chain, make_core, make_info, make_node, make_pod, member_pod, pod_json
 
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.budgets import DisruptionBudget
+from robotapp_scheduler.core.cache.disruption_budgets import DisruptionBudget
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.profiles import ConfigError

@@ -5,8 +5,8 @@ from tests.support.scheduling import make_cluster, make_info, make_node
 
 from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.api.ros import RosContext
+from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.plugins.ros.tenants import AllowedNamespaces
 
 

@@ -11,7 +11,7 @@ from tests.support.pod_groups import team_pod
 from tests.support.scheduling import Clock
 
 from robotapp_api.client.api.resources import COSCHEDULING_PODGROUPS, ROBOTAPPS, WORKLOAD_PODGROUPS
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.pods.pod_group_index import COSCHEDULING, GroupRef
 from robotapp_scheduler.shell import feed as feeding

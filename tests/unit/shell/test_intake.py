@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from robotapp_api.client.informer.reflector import Change as Seen
 from robotapp_scheduler.core.api.core_v1 import Metadata, Node, NodeStatus, Pod, PodSpec, PodStatus
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.queue import SchedulingQueue
 from robotapp_scheduler.core.queued import Rejection

@@ -11,7 +11,7 @@ from tests.support.poison import pod_body
 from tests.support.poison_objects import POISON_OBJECTS
 from tests.support.scheduling import make_core, make_node, to_pod
 
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.shell.group_feed import group_routes
 from robotapp_scheduler.shell.route import Route
 from robotapp_scheduler.shell.storage_feed import storage_routes

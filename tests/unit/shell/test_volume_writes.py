@@ -10,7 +10,7 @@ from tests.support.scripted_client import ScriptedClient
 from tests.support.volumes import make_claim, make_volume, mounting
 
 from robotapp_api.client.transport.errors import Conflict
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 from robotapp_scheduler.shell.volume_writes import VolumeWriter, claim_patch, volume_patch
 

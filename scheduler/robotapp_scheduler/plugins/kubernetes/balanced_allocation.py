@@ -7,13 +7,13 @@ from typing import Final
 import msgspec
 import numpy as np
 
+from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework import MAX_SCORE, ScoreResult
 from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray, IntArray
 from robotapp_scheduler.core.nodes.node_table import NodeAmounts, Row
 from robotapp_scheduler.core.pods.cached_property import Lazy
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.plugins.kubernetes.compat import NEW, is_new
 from robotapp_scheduler.plugins.kubernetes.fit_strategies import USUAL, ResourceWeight
 from robotapp_scheduler.plugins.kubernetes.resource_arguments import balance_problems, refuse

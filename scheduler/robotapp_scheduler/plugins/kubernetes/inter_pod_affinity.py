@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from robotapp_api.values.selector import matches_requirements
 from robotapp_scheduler.core.api.core_v1 import Affinity, Namespace, Node, PodAffinityTerm
+from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.cluster_event import PLACED, Change, Event
 from robotapp_scheduler.core.framework import Beside, FilterResult, PerDomain, PluginError, ScoreResult, Verdict
 from robotapp_scheduler.core.nodes.columns import BoolArray, IntArray
@@ -17,7 +18,6 @@ from robotapp_scheduler.core.selectors.affinity_index import Pull
 from robotapp_scheduler.core.selectors.affinity_terms import NO_TERMS, Kind, Term, Terms, compiled
 from robotapp_scheduler.core.selectors.pod_counts import Census, Wanted
 from robotapp_scheduler.core.selectors.pod_matcher import Requirements
-from robotapp_scheduler.core.view import Nodes
 
 AFFINITY: Final = "node(s) didn't match pod affinity rules"
 ANTI_AFFINITY: Final = "node(s) didn't match pod anti-affinity rules"

@@ -6,9 +6,9 @@ import numpy as np
 
 from robotapp_api.values.selector import integer, valid_term
 from robotapp_scheduler.core.api.core_v1 import NodeSelectorTerm, Requirement
+from robotapp_scheduler.core.cache.snapshot import LabelColumn, Nodes
 from robotapp_scheduler.core.nodes.columns import BoolArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.view import LabelColumn, Nodes
 
 
 def own_terms_mask(pod: PodInfo, nodes: Nodes) -> BoolArray:

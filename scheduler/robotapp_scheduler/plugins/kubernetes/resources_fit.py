@@ -8,6 +8,7 @@ import numpy as np
 
 from robotapp_api.values.requests import amounts
 from robotapp_scheduler.core.api.core_v1 import Node, Pod
+from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework import FilterResult, ScoreResult, Verdict
 from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray, IntArray
@@ -15,7 +16,6 @@ from robotapp_scheduler.core.nodes.node_table import Row
 from robotapp_scheduler.core.pods.cached_property import Lazy
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.pods.pod_signature import requests_of
-from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.plugins.kubernetes.fit_strategies import (
     STRATEGIES,
     USUAL,

@@ -10,13 +10,13 @@ from robotapp_api.model.names import Label
 from robotapp_api.values.selector import Expression, label_requirements, matches_requirements
 from robotapp_scheduler.core.api.core_v1 import Pod, TopologySpreadConstraint
 from robotapp_scheduler.core.api.topology_labels import ZONE
+from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.framework import PluginError
 from robotapp_scheduler.core.nodes.columns import BoolArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.selectors.pod_counts import Census, Counter, Wanted
 from robotapp_scheduler.core.selectors.pod_matcher import PodMatcher, Requirements
 from robotapp_scheduler.core.selectors.topology_domains import Scope
-from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.plugins.kubernetes.matching import own_terms_mask
 from robotapp_scheduler.plugins.kubernetes.taint_toleration import HARD_EFFECTS, untolerated
 

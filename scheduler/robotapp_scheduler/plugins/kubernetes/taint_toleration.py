@@ -7,10 +7,10 @@ import numpy as np
 
 from robotapp_api.values.toleration import tolerates
 from robotapp_scheduler.core.api.core_v1 import Node, Taint, Toleration
+from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework import FilterResult, ScoreResult
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.view import Nodes
 
 HARD_EFFECTS: Final = frozenset({"NoSchedule", "NoExecute"})
 SOFT: Final = "PreferNoSchedule"

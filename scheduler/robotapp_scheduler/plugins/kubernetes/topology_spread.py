@@ -8,13 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 from robotapp_scheduler.core.api.core_v1 import Node, Pod
+from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.cluster_event import NODE, PLACED, Change, Event
 from robotapp_scheduler.core.framework import MAX_SCORE, AmongResult, Beside, FilterResult, Positions, Verdict
 from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray, IntArray
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.selectors.label_sets import LabelSet
 from robotapp_scheduler.core.selectors.topology_domains import Scope
-from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.plugins.kubernetes.resource_arguments import QUALIFIED
 from robotapp_scheduler.plugins.kubernetes.spread_constraints import (
     HARD,

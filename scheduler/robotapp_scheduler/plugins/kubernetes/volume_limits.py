@@ -5,12 +5,12 @@ from typing import Final
 import msgspec
 import numpy as np
 
+from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework import FilterResult, PluginError, Verdict
 from robotapp_scheduler.core.nodes.columns import BoolArray
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.pods.pod_volumes import PodVolumes, volumes_of
-from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.core.volumes.volume_cache import Volumes
 from robotapp_scheduler.plugins.kubernetes.compat import NEW, is_new
 from robotapp_scheduler.plugins.kubernetes.volume_hints import limit_grew, names_claim, of_pod

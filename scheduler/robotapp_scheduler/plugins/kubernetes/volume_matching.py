@@ -18,9 +18,9 @@ from robotapp_scheduler.core.api.storage_v1 import (
     PersistentVolume,
     StorageClass,
 )
+from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.framework import PluginError
 from robotapp_scheduler.core.nodes.columns import BoolArray, IntArray
-from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.core.volumes.volume_cache import Volumes
 from robotapp_scheduler.plugins.kubernetes.volume_claims import Sorted
 from robotapp_scheduler.plugins.kubernetes.volume_reach import Reach, affinity_mask, selector_mask, topology_mask

@@ -9,8 +9,8 @@ import numpy.typing as npt
 from robotapp_api.values.selector import matches_requirement, valid_requirement, valid_term
 from robotapp_scheduler.core.api.core_v1 import NodeSelector, NodeSelectorTerm, Requirement
 from robotapp_scheduler.core.api.storage_v1 import PersistentVolume, TopologyTerm
+from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.nodes.columns import BoolArray
-from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.plugins.kubernetes.matching import expression_mask, labels_mask, term_mask
 
 Positions = npt.NDArray[np.intp]

@@ -7,11 +7,11 @@ import numpy as np
 from robotapp_scheduler.core.api.core_v1 import Requirement
 from robotapp_scheduler.core.api.storage_v1 import Claim, PersistentVolume
 from robotapp_scheduler.core.api.topology_labels import SEPARATOR, TODAY
+from robotapp_scheduler.core.cache.snapshot import LabelColumn, Nodes
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework import FilterResult, PreFilter
 from robotapp_scheduler.core.nodes.columns import BoolArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.view import LabelColumn, Nodes
 from robotapp_scheduler.core.volumes.volume_cache import Volumes
 from robotapp_scheduler.plugins.kubernetes.matching import expression_mask
 from robotapp_scheduler.plugins.kubernetes.volume_claims import missing, named_claims, unresolvable

@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework import ScoreResult
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.view import Nodes
 from robotapp_scheduler.plugins.ros.round_trips import nearest_us
 
 NEUTRAL = 50.0

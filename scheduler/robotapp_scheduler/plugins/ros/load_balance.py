@@ -5,12 +5,12 @@ from typing import Final
 import msgspec
 import numpy as np
 
+from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework import ScoreResult
 from robotapp_scheduler.core.nodes.columns import FloatArray
 from robotapp_scheduler.core.nodes.node_table import Row
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.view import Nodes
 
 WEIGHTS: Final = {"realtime": (0.65, 0.25, 0.10), "best_effort": (0.35, 0.35, 0.30)}
 """cpu, memory, gpu per QoS class; all others use DEFAULT."""

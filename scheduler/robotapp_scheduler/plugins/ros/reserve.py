@@ -8,10 +8,10 @@ from typing import Final
 from robotapp_api.claims.objects import Claim
 from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.api.core_v1 import Pod
+from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework import FilterResult
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.view import Nodes
 
 BUSY: Final = "node(s) had no free device for the pod"
 

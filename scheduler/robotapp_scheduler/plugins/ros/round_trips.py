@@ -3,9 +3,9 @@
 import numpy as np
 
 from robotapp_scheduler.core.api.ros import Endpoint
+from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray
 from robotapp_scheduler.core.robotics.rtt import ESTIMATED
-from robotapp_scheduler.core.view import Nodes
 
 
 def nearest_us(nodes: Nodes, endpoint: Endpoint, percentile: int | None = None) -> FloatArray:

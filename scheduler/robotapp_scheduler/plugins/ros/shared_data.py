@@ -4,10 +4,10 @@ from typing import Final
 
 import numpy as np
 
+from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework import Code, FilterResult, PreFilter, Status, Verdict
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.view import Nodes
 
 NOT_BESIDE: Final = "node(s) didn't run a pod that this one must share its node with"
 NOT_APART: Final = "node(s) ran a component the pod must be separate from"

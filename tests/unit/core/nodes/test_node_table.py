@@ -4,9 +4,9 @@ import pytest
 from tests.support.scheduling import make_cluster, make_node, make_pod
 
 from robotapp_api.model.names import Annotation, Label
+from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.nodes.node_table import NodeTable
-from robotapp_scheduler.core.view import Nodes
 
 
 def test_a_node_keeps_its_row_and_a_free_row_is_handed_out_again() -> None:

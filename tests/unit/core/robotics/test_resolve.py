@@ -5,7 +5,7 @@ from tests.support.scheduling import app_object, chain, make_cluster, make_info,
 
 from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.api.ros import DeviceHolder, Endpoint, Hardware, RosContext, thesis_tier, tier
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.pods.pod_info import Member, PodInfo
 from robotapp_scheduler.core.robotics.app_index import read_app
 from robotapp_scheduler.core.robotics.resolve import qos_fields, resolve

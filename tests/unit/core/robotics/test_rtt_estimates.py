@@ -7,7 +7,7 @@ import pytest
 from tests.support.scheduling import Clock, make_cluster, make_node, telemetry
 
 from robotapp_api.model.names import Label
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.robotics.rtt_matrix import LatencyExport
 

@@ -2,9 +2,9 @@ import pytest
 from tests.support.scheduling import make_cluster, make_info, make_node, make_pod, member_pod
 
 from robotapp_scheduler.core.api.core_v1 import ResourceRequirements
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.view import Nodes
 
 
 def used(cluster: Cluster, node: str) -> tuple[int, int]:

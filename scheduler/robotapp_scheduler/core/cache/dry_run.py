@@ -8,7 +8,7 @@ computes anew inside, and again afterwards if it was asked inside.
 from types import TracebackType
 from typing import Self
 
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.pods.pod_info import PlacedPod
 

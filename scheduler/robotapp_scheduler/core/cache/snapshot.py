@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from robotapp_scheduler.core.api.core_v1 import Taint
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.nodes.columns import BoolArray, CodeArray, FloatArray, IntArray, Vocabulary
 from robotapp_scheduler.core.nodes.node_table import Row
 from robotapp_scheduler.core.nodes.resource_arrays import Plain
@@ -272,7 +272,7 @@ class Nodes:
 class AdjustedNodes(Nodes):
     """The nodes as they would be if pods held more (or less) there: only requested amounts differ.
 
-    `amounts` has the shape of core.priorities: (1 + resources, rows in view), the number of pods first.
+    `amounts` has the shape of core.cache.priority_usage: (1 + resources, rows in view), the number of pods first.
     """
 
     _as_counted = frozenset({"allocatable"})

@@ -3,7 +3,7 @@
 import numpy as np
 
 from robotapp_scheduler.core.api.core_v1 import Namespace, Selecting
-from robotapp_scheduler.core.default_selectors import DefaultSelectors
+from robotapp_scheduler.core.cache.default_selectors import DefaultSelectors
 from robotapp_scheduler.core.events.change_log import EVERY_ROW, ChangeLog
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.nodes.image_states import Images

@@ -7,15 +7,15 @@ import pytest
 from tests.support.scheduling import make_cluster, make_info, make_node, make_pod, owner, pod_json, to_pod
 
 from robotapp_scheduler.core.api.core_v1 import Namespace, NodeImage, Selecting
-from robotapp_scheduler.core.cluster import Cluster
+from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.dry_run import Trial
+from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.selectors import affinity_index, pod_counts
 from robotapp_scheduler.core.selectors.affinity_terms import Kind
 from robotapp_scheduler.core.selectors.label_sets import label_key
 from robotapp_scheduler.core.selectors.pod_counts import Census, Wanted
 from robotapp_scheduler.core.selectors.pod_matcher import ByLabel, pods_of
-from robotapp_scheduler.core.trial import Trial
-from robotapp_scheduler.core.view import Nodes
 
 WEB = {"matchLabels": {"app": "web"}}
 ZONE = "zone"

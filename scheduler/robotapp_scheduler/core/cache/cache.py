@@ -11,27 +11,26 @@ from typing import Final
 from robotapp_api.claims.objects import Claim
 from robotapp_scheduler.core.api.core_v1 import Node, Owned, Pod
 from robotapp_scheduler.core.api.robotics_v1alpha1 import NodeTelemetry, RobotApp
-from robotapp_scheduler.core.budgets import Budgets
+from robotapp_scheduler.core.cache.disruption_budgets import Budgets
+from robotapp_scheduler.core.cache.host_ports import PortUsers
+from robotapp_scheduler.core.cache.nominator import Nominations
+from robotapp_scheduler.core.cache.placed_pods import Records, Stamps
+from robotapp_scheduler.core.cache.pod_names import NameIndex
+from robotapp_scheduler.core.cache.priority_usage import PriorityColumns
+from robotapp_scheduler.core.cache.topology_index import Topology
 from robotapp_scheduler.core.events.change_log import EVERY_ROW, ChangeLog
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.name_index import NameIndex
 from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.nodes.node_table import NodeTable
 from robotapp_scheduler.core.nodes.resource_arrays import Least, Mirror
-from robotapp_scheduler.core.nominations import Nominations
-from robotapp_scheduler.core.placed import Records
 from robotapp_scheduler.core.pods.interning import Alike
 from robotapp_scheduler.core.pods.pod_group_index import PodGroups, in_group
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo, same_groups
 from robotapp_scheduler.core.pods.pod_signature import same_shape
 from robotapp_scheduler.core.pods.resource_claims import ResourceClaims
-from robotapp_scheduler.core.ports import PortUsers
-from robotapp_scheduler.core.priorities import PriorityColumns
 from robotapp_scheduler.core.robotics.app_index import AppIndex
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant, DeviceIndex
 from robotapp_scheduler.core.robotics.rtt import RttModel
-from robotapp_scheduler.core.stamps import Stamps
-from robotapp_scheduler.core.topology import Topology
 from robotapp_scheduler.core.volumes.volume_cache import Volumes
 
 WITH_TERMS: Final = {each: each | Change.TERMS for each in (Change.POD_ADDED, Change.POD_REMOVED, Change.POD_UPDATED)}
@@ -172,7 +171,7 @@ class Cluster:
         return self._by_node.get(node, {}).values()
 
     def held_below(self, priority: int) -> IntArray:
-        """What pods of a lower priority hold per row (core.priorities)."""
+        """What pods of a lower priority hold per row (core.cache.priority_usage)."""
         return self.by_priority.below(priority, self.nodes, self.placed.values())
 
     def reorder(self, node: str, uids: Iterable[str]) -> None:
