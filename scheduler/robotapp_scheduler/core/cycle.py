@@ -9,7 +9,7 @@ from robotapp_scheduler.core.decision import FAULTS, Decision, failed, skipped_d
 from robotapp_scheduler.core.engine import Engine, Stopwatch, pod_hash
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.explain import ExplainRing, Record, finished
+from robotapp_scheduler.core.explain.record import ExplainRing, Record, finished
 from robotapp_scheduler.core.framework import Code, histogram
 from robotapp_scheduler.core.groups import (
     Groups,

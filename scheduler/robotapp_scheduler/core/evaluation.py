@@ -9,9 +9,9 @@ import numpy.typing as npt
 from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.cluster_event import NODE
-from robotapp_scheduler.core.explain import EXAMPLES, Refusal
+from robotapp_scheduler.core.explain.record import EXAMPLES, Refusal
+from robotapp_scheduler.core.explain.top_nodes import NOTHING, Scorers, Sight
 from robotapp_scheduler.core.filter_column import HOLE, Codes, FilterColumn, Reasons
-from robotapp_scheduler.core.front import NOTHING, Scorers, Sight
 from robotapp_scheduler.core.level import Hashes
 from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo

@@ -4,7 +4,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from robotapp_scheduler.core.front import Scorers
+from robotapp_scheduler.core.explain.top_nodes import Scorers
 from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.score_column import ScoreColumn
 

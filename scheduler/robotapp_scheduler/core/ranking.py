@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from robotapp_scheduler.core.best import Best
-from robotapp_scheduler.core.front import Sight
+from robotapp_scheduler.core.explain.top_nodes import Sight
 from robotapp_scheduler.core.level import Hashes
 from robotapp_scheduler.core.nodes.columns import IntArray
 

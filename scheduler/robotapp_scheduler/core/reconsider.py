@@ -17,7 +17,7 @@ from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.engine import Engine
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.explain import Record
+from robotapp_scheduler.core.explain.record import Record
 from robotapp_scheduler.core.framework import PluginError
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 

@@ -9,9 +9,18 @@ from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.engine import Engine
 from robotapp_scheduler.core.evaluation import Evaluation
-from robotapp_scheduler.core.explain import MOST_REFUSALS, TOP, EdgeView, Example, Record, Refusal, Top, top_bytes
+from robotapp_scheduler.core.explain.record import (
+    MOST_REFUSALS,
+    TOP,
+    EdgeView,
+    Example,
+    Record,
+    Refusal,
+    Top,
+    top_bytes,
+)
+from robotapp_scheduler.core.explain.top_nodes import Finish, Front, Sight
 from robotapp_scheduler.core.filter_column import FilterColumn
-from robotapp_scheduler.core.front import Finish, Front, Sight
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.tiers import earliest_tier, planned_tier
 

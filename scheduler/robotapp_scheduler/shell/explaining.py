@@ -9,7 +9,7 @@ import msgspec
 from robotapp_api.client.api.times import Now, micro_time, utc_now
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cycle import SchedulerCore
-from robotapp_scheduler.core.explain import Record, as_json
+from robotapp_scheduler.core.explain.record import Record, as_json
 from robotapp_scheduler.core.reconsider import reconsider
 
 RECOMPUTED: Final = "decided again just now, on the cluster as it is: not the decision that placed the pod"

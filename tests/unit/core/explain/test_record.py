@@ -1,7 +1,7 @@
 import msgspec
 from tests.support.scheduling import make_core, make_info, make_node
 
-from robotapp_scheduler.core.explain import MOST_REFUSALS, ExplainRing, Record, as_json
+from robotapp_scheduler.core.explain.record import MOST_REFUSALS, ExplainRing, Record, as_json
 
 
 def record(name: str, uid: str) -> Record:

@@ -4,7 +4,7 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from robotapp_scheduler.core.explain import Top
+from robotapp_scheduler.core.explain.record import Top
 
 
 class Scorers(NamedTuple):

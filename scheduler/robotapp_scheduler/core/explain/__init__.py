@@ -1,0 +1,1 @@
+"""Why a pod went where it went."""
