@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from robotapp_scheduler.core.framework import PerDomain, PreFilter, Scores, Status, Verdict
+from robotapp_scheduler.core.framework.interface import PerDomain, PreFilter, Scores, Status, Verdict
 
 
 class Nameless:

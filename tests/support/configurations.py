@@ -6,7 +6,7 @@ import pytest
 
 from robotapp_scheduler.config.load import ConfigError, SchedulerConfig, parse
 from robotapp_scheduler.config.model import API_VERSION, KIND
-from robotapp_scheduler.core.profiles import Catalogue
+from robotapp_scheduler.core.framework.profiles import Catalogue
 
 Json = dict[str, Any]
 PROTOBUF: Final = "application/vnd.kubernetes.protobuf"

@@ -4,7 +4,7 @@ from typing import Any
 
 from robotapp_scheduler.config.load import LeaderElection, SchedulerConfig
 from robotapp_scheduler.config.model import API_VERSION, KIND
-from robotapp_scheduler.core.profiles import Catalogue, ProfileSpec, expand
+from robotapp_scheduler.core.framework.profiles import Catalogue, ProfileSpec, expand
 
 
 def document(config: SchedulerConfig) -> dict[str, Any]:

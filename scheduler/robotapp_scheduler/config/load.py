@@ -27,7 +27,7 @@ from robotapp_scheduler.config.model import (
 )
 from robotapp_scheduler.config.model import PluginSet as PluginSetModel
 from robotapp_scheduler.config.plugin_names import with_third_party
-from robotapp_scheduler.core.profiles import (
+from robotapp_scheduler.core.framework.profiles import (
     PLACES,
     Catalogue,
     PluginRef,
@@ -36,7 +36,7 @@ from robotapp_scheduler.core.profiles import (
     ProfileSpec,
     build_profiles,
 )
-from robotapp_scheduler.core.profiles import ConfigError as ProfileError
+from robotapp_scheduler.core.framework.profiles import ConfigError as ProfileError
 from robotapp_scheduler.plugins.kubernetes.compat import OLD
 
 KUBE_SCHEDULERS_LEASE = ("kube-system", "kube-scheduler")

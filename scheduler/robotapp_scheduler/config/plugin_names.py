@@ -1,6 +1,6 @@
 """Which plugin names exist: ours, third-party ones (entry point or `module:Class`), and upstream's that are not built.
 
-A third-party plugin is any class following the plugin contract of `core/framework.py`. It is named in the configuration
+A third-party plugin is any class following the plugin contract of `core/framework/interface.py`. It is named in the configuration
 either by the name of its entry point (group `robotapp_scheduler.plugins`) or as `package.module:Class`.
 """
 
@@ -11,7 +11,7 @@ from collections.abc import Collection, Iterable
 
 import msgspec
 
-from robotapp_scheduler.core.profiles import OTHER_FORMS, POINTS, Catalogue
+from robotapp_scheduler.core.framework.profiles import OTHER_FORMS, POINTS, Catalogue
 
 ENTRY_POINTS = "robotapp_scheduler.plugins"
 

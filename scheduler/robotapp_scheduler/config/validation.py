@@ -15,7 +15,7 @@ from robotapp_scheduler.config.model import (
     LeaderElectionModel,
     ProfileModel,
 )
-from robotapp_scheduler.core.profiles import PLACES
+from robotapp_scheduler.core.framework.profiles import PLACES
 
 COMPAT_VERSIONS = ("1.35", "1.37")
 ELECTION_TIMES: Final = ("lease_duration", "renew_deadline", "retry_period")

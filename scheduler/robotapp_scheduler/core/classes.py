@@ -10,7 +10,7 @@ from collections.abc import Hashable, Sequence
 from typing import Final, NamedTuple
 
 from robotapp_scheduler.core.filter_column import FilterColumn, Reasons
-from robotapp_scheduler.core.framework import Loaded
+from robotapp_scheduler.core.framework.interface import Loaded
 from robotapp_scheduler.core.pods.pod_info import OWN_FEATURES, VOLUME_FEATURE, PodInfo
 from robotapp_scheduler.core.score_column import ScoreColumn, score_column
 

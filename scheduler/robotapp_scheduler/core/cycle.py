@@ -10,7 +10,9 @@ from robotapp_scheduler.core.engine import Engine, Stopwatch, pod_hash
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.explain.record import ExplainRing, Record, finished
-from robotapp_scheduler.core.framework import Code, histogram
+from robotapp_scheduler.core.framework.interface import Code, histogram
+from robotapp_scheduler.core.framework.profiles import Profile
+from robotapp_scheduler.core.framework.queueing_hint import Waker
 from robotapp_scheduler.core.groups import (
     Groups,
     group_key,
@@ -18,7 +20,6 @@ from robotapp_scheduler.core.groups import (
 from robotapp_scheduler.core.nominated import with_nominated
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.posing import Posed, pose
-from robotapp_scheduler.core.profiles import Profile
 from robotapp_scheduler.core.queue import SchedulingQueue
 from robotapp_scheduler.core.queued import Gate, QueuedPod
 from robotapp_scheduler.core.recorder import Recorder
@@ -28,7 +29,6 @@ from robotapp_scheduler.core.robotics.resolve import qos_fields, resolve
 from robotapp_scheduler.core.robotics.rtt_matrix import LatencyExport
 from robotapp_scheduler.core.tiers import earlier_feasible
 from robotapp_scheduler.core.together import NO_WISH, Advice, Wish, only_one_plan, plan_together
-from robotapp_scheduler.core.waiting import Waker
 from robotapp_scheduler.core.wakers import WAKERS
 
 PREEMPTING: Final = Gate(

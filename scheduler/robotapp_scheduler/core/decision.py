@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Final
 import msgspec
 
 from robotapp_api.model.names import PodReason
-from robotapp_scheduler.core.framework import Code, PluginError
+from robotapp_scheduler.core.framework.interface import Code, PluginError
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan

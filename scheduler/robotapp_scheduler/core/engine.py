@@ -14,9 +14,9 @@ from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.classes import ColumnCache
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.filter_column import FilterColumn, Reasons
-from robotapp_scheduler.core.framework import Code, Loaded, Status
+from robotapp_scheduler.core.framework.interface import Code, Loaded, Status
+from robotapp_scheduler.core.framework.profiles import Profile
 from robotapp_scheduler.core.pods.pod_info import FEATURES, LIVE, OWN_FEATURES, PodInfo
-from robotapp_scheduler.core.profiles import Profile
 from robotapp_scheduler.core.repair import bring_up
 from robotapp_scheduler.core.score_column import score_column
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan

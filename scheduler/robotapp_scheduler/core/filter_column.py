@@ -10,7 +10,7 @@ import numpy.typing as npt
 from robotapp_scheduler.core.cache.snapshot import LabelColumn, Nodes
 from robotapp_scheduler.core.events.change_log import News
 from robotapp_scheduler.core.events.cluster_event import NODE_COMES_OR_GOES
-from robotapp_scheduler.core.framework import Loaded, Verdict, checked_mask
+from robotapp_scheduler.core.framework.interface import Loaded, Verdict, checked_mask
 from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.repair import FEW_TO_ASK, stale_rows

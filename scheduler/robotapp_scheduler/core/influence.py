@@ -8,7 +8,7 @@ from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.events.cluster_event import OF_PODS
 from robotapp_scheduler.core.filter_column import HOLE, Codes, FilterColumn
-from robotapp_scheduler.core.framework import Beside, Loaded
+from robotapp_scheduler.core.framework.interface import Beside, Loaded
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 
 _OF_PODS = int(OF_PODS)

@@ -11,10 +11,11 @@ from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.backoff import Backoff, Heap
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.flights import Flight, Flights
+from robotapp_scheduler.core.framework.queueing_hint import Waker
 from robotapp_scheduler.core.gated import Gated
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.queued import Gate, QueuedPod, Rejection
-from robotapp_scheduler.core.waiting import WaitingRoom, Waker, Woken
+from robotapp_scheduler.core.waiting import WaitingRoom, Woken
 
 UNSCHEDULABLE_TIMEOUT_S: Final = 300.0
 FLUSH_PERIOD_S: Final = 30.0

@@ -18,7 +18,7 @@ from robotapp_scheduler.core.engine import Engine
 from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.explain.record import Record
-from robotapp_scheduler.core.framework import PluginError
+from robotapp_scheduler.core.framework.interface import PluginError
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 

@@ -7,7 +7,7 @@ from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.change_log import News
 from robotapp_scheduler.core.events.cluster_event import SAID_OF_PODS, Change
-from robotapp_scheduler.core.framework import Loaded
+from robotapp_scheduler.core.framework.interface import Loaded
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 MOST_REPAIRED: Final = 256

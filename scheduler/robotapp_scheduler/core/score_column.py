@@ -10,7 +10,7 @@ import numpy.typing as npt
 from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.change_log import News
 from robotapp_scheduler.core.events.cluster_event import NODE_COMES_OR_GOES, OFFERED, SAID_OF_PODS
-from robotapp_scheduler.core.framework import (
+from robotapp_scheduler.core.framework.interface import (
     MAX_SCORE,
     Loaded,
     PerDomain,

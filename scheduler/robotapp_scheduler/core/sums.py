@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.change_log import News
-from robotapp_scheduler.core.framework import PluginError
+from robotapp_scheduler.core.framework.interface import PluginError
 from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.parts import NO_PARTS, Parts
 from robotapp_scheduler.core.pods.pod_info import PodInfo

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple, Protocol
 from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.explain.record import ExplainRing
-from robotapp_scheduler.core.framework import Code
+from robotapp_scheduler.core.framework.interface import Code
 from robotapp_scheduler.core.group_order import group_order
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.posing import Posed

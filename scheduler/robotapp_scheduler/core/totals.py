@@ -10,7 +10,7 @@ from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.doubts import Doubts
 from robotapp_scheduler.core.events.cluster_event import NODE
 from robotapp_scheduler.core.explain.top_nodes import Scorers, Sight
-from robotapp_scheduler.core.framework import PluginError
+from robotapp_scheduler.core.framework.interface import PluginError
 from robotapp_scheduler.core.level import Hashes
 from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo

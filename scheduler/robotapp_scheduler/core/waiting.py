@@ -7,7 +7,6 @@ A device or domain that is given back serves one pod. It wakes the first of each
 others follow in the order of the queue, twice as many every second, so that none waits in vain behind one that cannot use it.
 """
 
-import logging
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from dataclasses import dataclass
 from heapq import nsmallest
@@ -15,55 +14,11 @@ from typing import Any, Final, NamedTuple
 
 from robotapp_scheduler.core.backoff import Heap
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.overdue import Overdue
-from robotapp_scheduler.core.pods.pod_info import LIVE, PodInfo
+from robotapp_scheduler.core.framework.queueing_hint import Waker
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.queued import QueuedPod, Rejection
 
-log = logging.getLogger(__name__)
 _SELF: Final = int(Change.SELF)
-
-
-class Waker(NamedTuple):
-    """What may help a pod that one plugin rejected: kinds of change, then the plugin's own opinion on each."""
-
-    plugin: str
-    events: Change = Change.ALL
-    hint: Callable[[PodInfo, Event], bool] | None = None
-    reads: tuple[str, ...] = ()
-    """Pod features the hint's answer depends on."""
-    of_each: Callable[[Event], bool] | None = None
-    """Events for which it depends on more, so that every pod has to be asked about."""
-    serves: Callable[[PodInfo, Event], int | None] | None = None
-    """How many of the pods that are equal in `reads` such an event can help; None: any number."""
-
-    def key(self, pod: PodInfo) -> Hashable:
-        """Pods with equal keys get equal answers."""
-        if self.hint is None:
-            return ()
-        live = any(name.startswith(LIVE) for name in self.reads)
-        return pod.live_features(self.reads) if live else pod.features(self.reads)
-
-    def wants(self, pod: PodInfo, event: Event) -> bool:
-        """May this event help the pod? A hint that raises counts as yes: it must not hold a pod back for ever."""
-        if not int(event.change) & (int(self.events) | _SELF):
-            return False
-        if self.hint is None or (event.old is None and event.new is None):
-            return True
-        try:
-            return bool(self.hint(pod, event))
-        except (Exception, Overdue):  # a plugin's mistake must not lose a pod; the log has the stack
-            log.exception("queueing hint of %s failed for %s on %s", self.plugin, pod.key, event.label)
-            return True
-
-    def most(self, pod: PodInfo, event: Event) -> int | None:
-        """How many pods like this one the event, which it wants, can help; None: any number."""
-        if self.serves is None or (event.old is None and event.new is None):
-            return None
-        try:
-            return self.serves(pod, event)
-        except (Exception, Overdue):  # as above
-            log.exception("%s cannot tell for %s how many %s serves", self.plugin, pod.key, event.label)
-            return None
 
 
 class Woken(NamedTuple):

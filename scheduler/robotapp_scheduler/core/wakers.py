@@ -5,6 +5,7 @@ from typing import Final
 from robotapp_api.claims.objects import Claim
 from robotapp_api.model.names import Annotation
 from robotapp_scheduler.core.events.cluster_event import Change, Event
+from robotapp_scheduler.core.framework.queueing_hint import Waker
 from robotapp_scheduler.core.groups import (
     GROUP_EVENTS,
     GROUP_PLUGIN,
@@ -17,7 +18,6 @@ from robotapp_scheduler.core.groups import (
 )
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.refusal import ANNOTATIONS, BIND_CHECK, EXCESS, FULL_POOL
-from robotapp_scheduler.core.waiting import Waker
 
 
 def gives_domain_back(_: PodInfo, event: Event) -> bool:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Final
 
-from robotapp_scheduler.core.profiles import Catalogue, PluginRef
+from robotapp_scheduler.core.framework.profiles import Catalogue, PluginRef
 from robotapp_scheduler.plugins.kubernetes.balanced_allocation import NodeResourcesBalancedAllocation
 from robotapp_scheduler.plugins.kubernetes.declared_features import NodeDeclaredFeatures
 from robotapp_scheduler.plugins.kubernetes.default_preemption import DefaultPreemption

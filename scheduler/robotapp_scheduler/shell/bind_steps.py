@@ -13,13 +13,11 @@ from typing import Any, Final, NamedTuple, Self
 
 from robotapp_api.model.names import GRANTED_PREFIX, PodReason
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.asked import asking
-from robotapp_scheduler.core.bind_context import BindContext
-from robotapp_scheduler.core.framework import Code, Loaded, PluginError, Status, histogram
-from robotapp_scheduler.core.guarded import odd_status
-from robotapp_scheduler.core.overdue import Overdue
+from robotapp_scheduler.core.framework.interface import BindContext, Code, Loaded, PluginError, Status, histogram
+from robotapp_scheduler.core.framework.plugin_calls import Overdue, asking
+from robotapp_scheduler.core.framework.profiles import Profile
+from robotapp_scheduler.core.framework.third_party import odd_status
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.profiles import Profile
 from robotapp_scheduler.core.queued import Rejection
 from robotapp_scheduler.plugins.kubernetes.resource_arguments import QUALIFIED
 from robotapp_scheduler.shell.timing import PointTimer

@@ -14,7 +14,7 @@ from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.events.cluster_event import Event
-from robotapp_scheduler.core.framework import Code
+from robotapp_scheduler.core.framework.interface import Code
 from robotapp_scheduler.core.groups import groups_around
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.preemption import Plan

@@ -23,8 +23,8 @@ from robotapp_scheduler.config.load import ConfigError, SchedulerConfig
 from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.events.cluster_event import Change, Event
+from robotapp_scheduler.core.framework.profiles import Catalogue, Profile
 from robotapp_scheduler.core.groups import groups_of
-from robotapp_scheduler.core.profiles import Catalogue, Profile
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.port.pages import pages
 from robotapp_scheduler.port.request_handler import RequestHandler

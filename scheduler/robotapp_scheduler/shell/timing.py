@@ -9,8 +9,8 @@ from collections.abc import Callable, Mapping
 from itertools import cycle
 from typing import Any, Final, TypeVar
 
-from robotapp_scheduler.core.framework import Code, Loaded
-from robotapp_scheduler.core.profiles import Profile
+from robotapp_scheduler.core.framework.interface import Code, Loaded
+from robotapp_scheduler.core.framework.profiles import Profile
 from robotapp_scheduler.shell.histogram import Histogram
 from robotapp_scheduler.shell.metrics import Metrics
 

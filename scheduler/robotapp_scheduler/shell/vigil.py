@@ -16,10 +16,10 @@ from typing import Final, Self
 
 import msgspec
 
-from robotapp_scheduler.core.framework import PluginError
-from robotapp_scheduler.core.guarded import is_ours
+from robotapp_scheduler.core.framework.interface import PluginError
+from robotapp_scheduler.core.framework.profiles import Profile
+from robotapp_scheduler.core.framework.third_party import is_ours
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.profiles import Profile
 
 log = logging.getLogger(__name__)
 

@@ -21,7 +21,7 @@ from collections.abc import Callable, Mapping
 from types import FrameType
 from typing import Any, Final, NamedTuple
 
-from robotapp_scheduler.core.overdue import Overdue
+from robotapp_scheduler.core.framework.plugin_calls import Overdue
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 log = logging.getLogger(__name__)
@@ -52,10 +52,12 @@ class Asked(NamedTuple):
 
 
 ASKING: Final[Mapping[tuple[str, str], Callable[[Mapping[str, Any]], Asked]]] = {
-    ("robotapp_scheduler.core.guarded", "asked"): lambda known: Asked(
+    ("robotapp_scheduler.core.framework.third_party", "asked"): lambda known: Asked(
         known["plugin"], known["hook"], next((each for each in known["args"] if isinstance(each, PodInfo)), None)
     ),
-    ("robotapp_scheduler.core.waiting", "wants"): lambda known: Asked(known["self"].plugin, "hint", known["pod"]),
+    ("robotapp_scheduler.core.framework.queueing_hint", "wants"): lambda known: Asked(
+        known["self"].plugin, "hint", known["pod"]
+    ),
     ("robotapp_scheduler.shell.bind_steps", "_ask"): lambda known: Asked(
         known["loaded"].name, known["hook"], known["pod"]
     ),

@@ -13,8 +13,8 @@ import yaml
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_api.values import strict_yaml
 from robotapp_scheduler.config.plugin_names import with_third_party
-from robotapp_scheduler.core.profiles import Catalogue, ConfigError, PluginRef, PluginSet, ProfileSpec
-from robotapp_scheduler.core.profiles import build_profiles as checked
+from robotapp_scheduler.core.framework.profiles import Catalogue, ConfigError, PluginRef, PluginSet, ProfileSpec
+from robotapp_scheduler.core.framework.profiles import build_profiles as checked
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.simulation import synthetic
 from robotapp_scheduler.simulation.bench import ROUNDS, Cost, Setting, measure

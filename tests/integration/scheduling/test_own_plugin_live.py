@@ -22,7 +22,7 @@ pytestmark = pytest.mark.live
 SOURCE = '''
 import asyncio
 
-from robotapp_scheduler.core.framework import Code, Status
+from robotapp_scheduler.core.framework.interface import Code, Status
 
 
 class Docks:

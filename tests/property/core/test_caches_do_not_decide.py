@@ -22,8 +22,8 @@ from robotapp_api.model.names import SCHEDULER_NAME, Annotation, Label
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.engine import Engine
 from robotapp_scheduler.core.explain.record import Record, as_json
+from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.plugins.registry import KUBERNETES, catalogue
 
 Json = dict[str, Any]

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from tests.support.scheduling import Clock, make_info, make_pod
 
 from robotapp_scheduler.core.events.cluster_event import Change, Event
+from robotapp_scheduler.core.framework.queueing_hint import Waker
 from robotapp_scheduler.core.queue import SchedulingQueue
 from robotapp_scheduler.core.queued import Rejection
-from robotapp_scheduler.core.waiting import Waker
 
 FREED = Event("robotclaims", Change.CLAIMS, old=make_pod("thing"))
 REJECTION = Rejection(frozenset({"Things"}))

@@ -16,8 +16,8 @@ from tests.support.scheduling import Clock, app_object, chain, default_profiles,
 
 from robotapp_api.model.names import SCHEDULER_NAME, Label
 from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.profiles import PluginRef, PluginSet, ProfileSpec
 
 CHECKS = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 SAMPLE: Final = 400

@@ -14,7 +14,7 @@ from tests.support.reference_scheduler.resources import balance_score, fit_score
 from tests.support.reference_scheduler.state import State
 
 from robotapp_scheduler.core.cache.snapshot import Nodes
-from robotapp_scheduler.core.framework import MAX_SCORE
+from robotapp_scheduler.core.framework.interface import MAX_SCORE
 from robotapp_scheduler.core.nodes.node_table import Row
 from robotapp_scheduler.plugins.kubernetes.balanced_allocation import BalancedArgs, NodeResourcesBalancedAllocation
 from robotapp_scheduler.plugins.kubernetes.resources_fit import FitArgs, NodeResourcesFit

@@ -10,7 +10,7 @@ from tests.support.configurations import profile
 from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME
 from robotapp_scheduler.config.load import ConfigError, SchedulerConfig, built_in, load, parse_text
 from robotapp_scheduler.config.model import API_VERSION, KIND
-from robotapp_scheduler.core.profiles import Catalogue, PluginRef
+from robotapp_scheduler.core.framework.profiles import Catalogue, PluginRef
 from robotapp_scheduler.plugins import registry
 
 

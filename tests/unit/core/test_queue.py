@@ -5,9 +5,9 @@ from tests.support.scheduling import Clock, make_info, make_pod
 
 from robotapp_scheduler.core.backoff import Backoff, Heap
 from robotapp_scheduler.core.events.cluster_event import Change
+from robotapp_scheduler.core.framework.queueing_hint import Waker
 from robotapp_scheduler.core.queue import SchedulingQueue
 from robotapp_scheduler.core.queued import Gate, QueuedPod, Rejection
-from robotapp_scheduler.core.waiting import Waker
 
 FIT = Rejection(plugins=frozenset({"Fit"}))
 EVENTS = {"Fit": Change.POD_REMOVED, "Group": Change.POD_SEEN}

@@ -8,7 +8,7 @@ import pytest
 from tests.support.scheduling import make_cluster, make_core, make_info, make_node, make_pod
 
 from robotapp_scheduler.core.cache.snapshot import Nodes
-from robotapp_scheduler.core.framework import Code, PluginError, Verdict
+from robotapp_scheduler.core.framework.interface import Code, PluginError, Verdict
 from robotapp_scheduler.core.nodes.node_table import Row
 from robotapp_scheduler.plugins.kubernetes.balanced_allocation import BalancedArgs, NodeResourcesBalancedAllocation
 from robotapp_scheduler.plugins.kubernetes.fit_strategies import ResourceWeight

@@ -9,7 +9,7 @@ from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.api.ros import DeviceHolder, DeviceWish, Endpoint, Hardware, PeerGroup, RosContext
 from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.cache.snapshot import Nodes
-from robotapp_scheduler.core.framework import Scores, Verdict
+from robotapp_scheduler.core.framework.interface import Scores, Verdict
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.plugins.registry import ROS, catalogue
 from robotapp_scheduler.plugins.ros.deadline_score import DeadlineScore

@@ -13,7 +13,7 @@ from tests.support.volumes import (
     mounting,
 )
 
-from robotapp_scheduler.core.framework import Code
+from robotapp_scheduler.core.framework.interface import Code
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 NOT_MATCHED = "node(s) didn't match PersistentVolume's node affinity"

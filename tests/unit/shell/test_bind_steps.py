@@ -11,8 +11,8 @@ from tests.support.virtual_time import run_virtually
 
 from robotapp_api.model.names import Annotation, PodReason
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.framework import Code, Status
-from robotapp_scheduler.core.profiles import Catalogue, PluginRef, Profile, ProfileSpec, build_profiles
+from robotapp_scheduler.core.framework.interface import Code, Status
+from robotapp_scheduler.core.framework.profiles import Catalogue, PluginRef, Profile, ProfileSpec, build_profiles
 from robotapp_scheduler.shell.bind_steps import BindSteps, Promise, Refused
 from robotapp_scheduler.shell.metrics import Metrics
 from robotapp_scheduler.shell.timing import PointTimer

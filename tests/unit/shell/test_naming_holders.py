@@ -6,7 +6,7 @@ from tests.support.scheduling import device_claim
 from robotapp_api.model.names import HARDWARE_PREFIX, EventReason
 from robotapp_scheduler.core.api.ros import DeviceHolder, DeviceWish, RosContext
 from robotapp_scheduler.core.decision import Decision
-from robotapp_scheduler.core.framework import Code
+from robotapp_scheduler.core.framework.interface import Code
 from robotapp_scheduler.core.refusal import DEVICE_PLUGIN
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant
 

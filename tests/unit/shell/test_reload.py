@@ -14,7 +14,7 @@ from robotapp_api.client.api.resources import CONFIGMAPS
 from robotapp_scheduler.config import load as configuration
 from robotapp_scheduler.config.flags import parse
 from robotapp_scheduler.config.load import ConfigError, SchedulerConfig
-from robotapp_scheduler.core.profiles import Profile
+from robotapp_scheduler.core.framework.profiles import Profile
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.shell.config_source import FileSource, Given, LastGood, MapSource, NoSource, sources
 from robotapp_scheduler.shell.reload import Outcome, Reloader, Running, first

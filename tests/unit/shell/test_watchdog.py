@@ -17,11 +17,11 @@ import pytest
 from tests.support.scheduling import Clock, make_cluster, make_info, make_node
 
 from robotapp_api.model.names import SCHEDULER_NAME, PodReason
-from robotapp_scheduler.core.bind_context import BindContext
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
-from robotapp_scheduler.core.waiting import Waker
+from robotapp_scheduler.core.framework.interface import BindContext
+from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
+from robotapp_scheduler.core.framework.queueing_hint import Waker
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.shell.bind_steps import BindSteps
 from robotapp_scheduler.shell.metrics import Metrics

@@ -9,7 +9,7 @@ import numpy as np
 
 from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.framework import MAX_SCORE, ScoreResult
+from robotapp_scheduler.core.framework.interface import MAX_SCORE, ScoreResult
 from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray, IntArray
 from robotapp_scheduler.core.nodes.node_table import NodeAmounts, Row
 from robotapp_scheduler.core.pods.cached_property import Lazy

@@ -9,7 +9,7 @@ import numpy as np
 from robotapp_api.values.duration import parse_go_ns
 from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.framework import Code, FilterResult, PreFilter, Status
+from robotapp_scheduler.core.framework.interface import Code, FilterResult, PreFilter, Status
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.pods.resource_claims import ResourceClaim, not_allocated, trouble, wanted
 from robotapp_scheduler.plugins.kubernetes.matching import terms_mask

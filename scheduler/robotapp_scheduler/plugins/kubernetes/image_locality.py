@@ -7,7 +7,7 @@ import numpy as np
 
 from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.framework import MAX_SCORE, ScoreResult
+from robotapp_scheduler.core.framework.interface import MAX_SCORE, ScoreResult
 from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.plugins.kubernetes.compat import NEW, is_new

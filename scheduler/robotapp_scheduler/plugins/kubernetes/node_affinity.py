@@ -10,7 +10,15 @@ from robotapp_api.values.selector import NAME_FIELD, matches_node_terms, valid_t
 from robotapp_scheduler.core.api.core_v1 import Node, NodeSelectorTerm, PreferredTerm
 from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.framework import Code, FilterResult, PluginError, PreFilter, ScoreResult, Status, Verdict
+from robotapp_scheduler.core.framework.interface import (
+    Code,
+    FilterResult,
+    PluginError,
+    PreFilter,
+    ScoreResult,
+    Status,
+    Verdict,
+)
 from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.plugins.kubernetes.added_affinity import AddedAffinity, problems

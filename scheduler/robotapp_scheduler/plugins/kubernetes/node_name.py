@@ -4,7 +4,7 @@ import numpy as np
 
 from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.cluster_event import NODE, Event
-from robotapp_scheduler.core.framework import FilterResult
+from robotapp_scheduler.core.framework.interface import FilterResult
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 

@@ -3,7 +3,7 @@
 from typing import Any
 
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.framework import Code, Status
+from robotapp_scheduler.core.framework.interface import Code, Status
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 

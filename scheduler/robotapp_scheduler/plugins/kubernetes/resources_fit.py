@@ -10,7 +10,7 @@ from robotapp_api.values.requests import amounts
 from robotapp_scheduler.core.api.core_v1 import Node, Pod
 from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.framework import FilterResult, ScoreResult, Verdict
+from robotapp_scheduler.core.framework.interface import FilterResult, ScoreResult, Verdict
 from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray, IntArray
 from robotapp_scheduler.core.nodes.node_table import Row
 from robotapp_scheduler.core.pods.cached_property import Lazy

@@ -11,7 +11,7 @@ from robotapp_api.values.selector import Expression, label_requirements, matches
 from robotapp_scheduler.core.api.core_v1 import Pod, TopologySpreadConstraint
 from robotapp_scheduler.core.api.topology_labels import ZONE
 from robotapp_scheduler.core.cache.snapshot import Nodes
-from robotapp_scheduler.core.framework import PluginError
+from robotapp_scheduler.core.framework.interface import PluginError
 from robotapp_scheduler.core.nodes.columns import BoolArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.selectors.pod_counts import Census, Counter, Wanted

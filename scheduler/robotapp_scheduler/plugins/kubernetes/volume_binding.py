@@ -7,7 +7,7 @@ import numpy as np
 
 from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.framework import FilterResult, PreFilter, ScoreResult, Verdict
+from robotapp_scheduler.core.framework.interface import FilterResult, PreFilter, ScoreResult, Verdict
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 from robotapp_scheduler.plugins.kubernetes.compat import NEW, is_new

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from robotapp_scheduler.core.api.storage_v1 import LOST, Claim
-from robotapp_scheduler.core.framework import Code, PreFilter, Status
+from robotapp_scheduler.core.framework.interface import Code, PreFilter, Status
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.volumes.volume_cache import Volumes
 

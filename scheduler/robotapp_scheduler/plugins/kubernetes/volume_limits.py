@@ -7,7 +7,7 @@ import numpy as np
 
 from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.framework import FilterResult, PluginError, Verdict
+from robotapp_scheduler.core.framework.interface import FilterResult, PluginError, Verdict
 from robotapp_scheduler.core.nodes.columns import BoolArray
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.pods.pod_volumes import PodVolumes, volumes_of

@@ -19,7 +19,7 @@ from robotapp_scheduler.core.api.storage_v1 import (
     StorageClass,
 )
 from robotapp_scheduler.core.cache.snapshot import Nodes
-from robotapp_scheduler.core.framework import PluginError
+from robotapp_scheduler.core.framework.interface import PluginError
 from robotapp_scheduler.core.nodes.columns import BoolArray, IntArray
 from robotapp_scheduler.core.volumes.volume_cache import Volumes
 from robotapp_scheduler.plugins.kubernetes.volume_claims import Sorted

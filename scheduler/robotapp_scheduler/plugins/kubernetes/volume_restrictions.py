@@ -7,7 +7,7 @@ import numpy as np
 from robotapp_scheduler.core.api.storage_v1 import ONE_POD
 from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.framework import FilterResult, PreFilter, Verdict
+from robotapp_scheduler.core.framework.interface import FilterResult, PreFilter, Verdict
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.plugins.kubernetes.volume_claims import missing, named_claims, unresolvable
 from robotapp_scheduler.plugins.kubernetes.volume_hints import clashing, names_claim, of_pod, shares_volume

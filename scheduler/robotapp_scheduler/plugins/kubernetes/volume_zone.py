@@ -9,7 +9,7 @@ from robotapp_scheduler.core.api.storage_v1 import Claim, PersistentVolume
 from robotapp_scheduler.core.api.topology_labels import SEPARATOR, TODAY
 from robotapp_scheduler.core.cache.snapshot import LabelColumn, Nodes
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.framework import FilterResult, PreFilter
+from robotapp_scheduler.core.framework.interface import FilterResult, PreFilter
 from robotapp_scheduler.core.nodes.columns import BoolArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.volumes.volume_cache import Volumes

@@ -4,7 +4,7 @@ import numpy as np
 
 from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.framework import ScoreResult
+from robotapp_scheduler.core.framework.interface import ScoreResult
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.plugins.ros.round_trips import nearest_us
 

@@ -8,7 +8,7 @@ from robotapp_api.model.names import HARDWARE_PREFIX
 from robotapp_scheduler.core.api.ros import DeviceWish, Hardware
 from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.framework import FilterResult
+from robotapp_scheduler.core.framework.interface import FilterResult
 from robotapp_scheduler.core.nodes.columns import BoolArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 

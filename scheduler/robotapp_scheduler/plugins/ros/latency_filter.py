@@ -9,7 +9,7 @@ from robotapp_api.values.duration import parse_us
 from robotapp_scheduler.core.api.ros import Endpoint
 from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.framework import FilterResult, Verdict
+from robotapp_scheduler.core.framework.interface import FilterResult, Verdict
 from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray, IntArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.plugins.ros.round_trips import estimated, nearest_us

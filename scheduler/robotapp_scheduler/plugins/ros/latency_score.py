@@ -6,7 +6,7 @@ import numpy as np
 from robotapp_scheduler.core.api.ros import Endpoint
 from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.framework import ScoreResult, Scores
+from robotapp_scheduler.core.framework.interface import ScoreResult, Scores
 from robotapp_scheduler.core.nodes.columns import FloatArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.plugins.ros.round_trips import nearest_us

@@ -7,7 +7,7 @@ import numpy as np
 
 from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.framework import ScoreResult
+from robotapp_scheduler.core.framework.interface import ScoreResult
 from robotapp_scheduler.core.nodes.columns import FloatArray
 from robotapp_scheduler.core.nodes.node_table import Row
 from robotapp_scheduler.core.pods.pod_info import PodInfo

@@ -10,7 +10,7 @@ from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.framework import FilterResult
+from robotapp_scheduler.core.framework.interface import FilterResult
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 BUSY: Final = "node(s) had no free device for the pod"

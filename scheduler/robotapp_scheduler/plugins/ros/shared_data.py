@@ -6,7 +6,7 @@ import numpy as np
 
 from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.framework import Code, FilterResult, PreFilter, Status, Verdict
+from robotapp_scheduler.core.framework.interface import Code, FilterResult, PreFilter, Status, Verdict
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 NOT_BESIDE: Final = "node(s) didn't run a pod that this one must share its node with"

@@ -5,7 +5,7 @@ from typing import Final
 from robotapp_api.model.names import Annotation
 from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.framework import FilterResult
+from robotapp_scheduler.core.framework.interface import FilterResult
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 NOT_ADMITTED: Final = f"node(s) didn't admit the pod's namespace (node annotation {Annotation.ALLOWED_NAMESPACES})"

@@ -6,7 +6,7 @@ import numpy as np
 from robotapp_api.model.names import Label
 from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.framework import MAX_SCORE, ScoreResult, Scores
+from robotapp_scheduler.core.framework.interface import MAX_SCORE, ScoreResult, Scores
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 

@@ -10,10 +10,10 @@ from typing import Any, Final
 
 import msgspec
 
-from robotapp_scheduler.core.framework import Loaded, NoArgs, PluginError
-from robotapp_scheduler.core.guarded import guarded, is_ours
+from robotapp_scheduler.core.framework.interface import Loaded, NoArgs, PluginError
+from robotapp_scheduler.core.framework.shadow import silenced
+from robotapp_scheduler.core.framework.third_party import guarded, is_ours
 from robotapp_scheduler.core.pods.pod_info import ROS_FEATURES
-from robotapp_scheduler.core.shadow import silenced
 
 log = logging.getLogger(__name__)
 

@@ -31,7 +31,7 @@ Hooks, in the order of a cycle:
                                              for each of these positions, already normalised. With `relevant`
 `reserve(pod, node, ctx) -> Status | None`, `permit`, `pre_bind` (the same)
                                              asked in this order between choice and bind, plain or `async`; `node` is
-                                             its name, `ctx` a core.bind_context.BindContext. None = Success;
+                                             its name, `ctx` a core.framework.interface.BindContext. None = Success;
                                              Unschedulable waits for `events`, Pending without back-off, Error is
                                              retried after back-off
 `unreserve(pod, node, ctx)`                  after `reserve`, when the pod is not bound there; may come twice
@@ -96,15 +96,15 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.asked import Asking
 from robotapp_scheduler.core.cache.snapshot import LabelColumn, Nodes
 from robotapp_scheduler.core.events.cluster_event import NODE, READS, Change, interest_of
+from robotapp_scheduler.core.framework.plugin_calls import Asking
+from robotapp_scheduler.core.framework.queueing_hint import Waker
+from robotapp_scheduler.core.framework.validation import problems_of
 from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray, IntArray
 from robotapp_scheduler.core.nodes.node_table import Row
-from robotapp_scheduler.core.plugin_checks import problems_of
 from robotapp_scheduler.core.pods.pod_info import LIVE, PlacedPod, PodInfo
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
-from robotapp_scheduler.core.waiting import Waker
 
 MAX_SCORE: Final = 100
 
@@ -398,3 +398,19 @@ class NodeRow:
     def requested(self, resource: str) -> int:
         """What its pods ask for."""
         return int(self._nodes.requested(resource)[self._i])
+
+
+class BindContext:
+    """One attempt to bind a pod. `annotations` go into the Binding, so the pod has them the moment it is bound.
+
+    `kept` is for the plugin's own use, from `reserve` to `post_bind`.
+    """
+
+    __slots__ = ("annotations", "kept")
+
+    def __init__(self) -> None:
+        self.annotations: dict[str, str] = {}
+        self.kept: dict[str, object] = {}
+
+    def __repr__(self) -> str:
+        return f"BindContext({self.annotations})"

@@ -11,10 +11,9 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.asked import asking
 from robotapp_scheduler.core.cache.snapshot import LabelColumn
 from robotapp_scheduler.core.events.cluster_event import interest_of
-from robotapp_scheduler.core.framework import (
+from robotapp_scheduler.core.framework.interface import (
     MAX_SCORE,
     NORMALIZERS,
     Beside,
@@ -28,8 +27,8 @@ from robotapp_scheduler.core.framework import (
     Verdict,
     checked_scores,
 )
-from robotapp_scheduler.core.overdue import Overdue
-from robotapp_scheduler.core.plugin_checks import misread
+from robotapp_scheduler.core.framework.plugin_calls import Overdue, asking
+from robotapp_scheduler.core.framework.validation import misread
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 
 log = logging.getLogger(__name__)

@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable
 from typing import Any, Final
 
-from robotapp_scheduler.core.framework import Loaded, PluginError
+from robotapp_scheduler.core.framework.interface import Loaded, PluginError
 
 log = logging.getLogger(__name__)
 

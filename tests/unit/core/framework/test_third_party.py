@@ -11,9 +11,9 @@ from tests.support.scheduling import Clock, make_cluster, make_info, make_node
 from robotapp_api.model.names import SCHEDULER_NAME, PodReason
 from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.cycle import SchedulerCore
-from robotapp_scheduler.core.framework import Code, Loaded, Status
-from robotapp_scheduler.core.guarded import guarded
-from robotapp_scheduler.core.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
+from robotapp_scheduler.core.framework.interface import Code, Loaded, Status
+from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
+from robotapp_scheduler.core.framework.third_party import guarded
 from robotapp_scheduler.core.queue import Rejection
 from robotapp_scheduler.plugins.kubernetes.resources_fit import NodeResourcesFit
 from robotapp_scheduler.plugins.registry import catalogue
@@ -99,7 +99,7 @@ def test_pods_an_ordering_plugin_has_no_usable_key_for_come_by_priority_after_th
 def test_scores_in_narrow_or_huge_integers_are_normalised_without_overflow(
     raw: Any, normalize: str, expected: list[int]
 ) -> None:
-    from robotapp_scheduler.core.framework import normalized
+    from robotapp_scheduler.core.framework.interface import normalized
 
     loaded = guarded(Loaded(breaking("score", raw)()))
     assert loaded.score is not None

@@ -11,11 +11,11 @@ from tests.support.scheduling import Clock, make_cluster, make_info, make_node
 
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_scheduler.core.cycle import SchedulerCore
-from robotapp_scheduler.core.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
+from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.simulation import bench_command
 
-MANUAL = Path(__file__).parents[3] / "docs" / "how-to" / "write-a-plugin.md"
+MANUAL = Path(__file__).parents[4] / "docs" / "how-to" / "write-a-plugin.md"
 
 
 def test_the_plugin_of_the_manual_filters_and_decides() -> None:

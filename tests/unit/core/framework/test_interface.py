@@ -9,7 +9,7 @@ from tests.support.scheduling import Clock, make_cluster, make_info, make_node
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.cycle import SchedulerCore
-from robotapp_scheduler.core.framework import (
+from robotapp_scheduler.core.framework.interface import (
     Code,
     Loaded,
     PluginError,
@@ -21,8 +21,8 @@ from robotapp_scheduler.core.framework import (
     per_node,
     pre_filter_message,
 )
+from robotapp_scheduler.core.framework.profiles import ConfigError, PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.profiles import ConfigError, PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.plugins.registry import catalogue
 
 

@@ -3,7 +3,14 @@ from typing import Any
 
 import pytest
 
-from robotapp_scheduler.core.profiles import ConfigError, PluginRef, PluginSet, Profile, ProfileSpec, build_profiles
+from robotapp_scheduler.core.framework.profiles import (
+    ConfigError,
+    PluginRef,
+    PluginSet,
+    Profile,
+    ProfileSpec,
+    build_profiles,
+)
 from robotapp_scheduler.plugins.registry import catalogue
 
 

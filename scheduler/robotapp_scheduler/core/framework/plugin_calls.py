@@ -14,3 +14,7 @@ _UNWATCHED: Final = nullcontext()
 def asking(vigil: Asking | None, plugin: str, hook: str, pod: PodInfo) -> AbstractContextManager[object]:
     """To be held while the plugin is asked. Raises PluginError when it must not be."""
     return _UNWATCHED if vigil is None else vigil(plugin, hook, pod)
+
+
+class Overdue(BaseException):
+    """Raised inside a hook that does not come back (shell.watchdog). No `except Exception` of the plugin's stops it."""

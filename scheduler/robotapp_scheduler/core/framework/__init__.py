@@ -1,0 +1,1 @@
+"""How a plugin is written, loaded and called."""
