@@ -19,10 +19,10 @@ from robotapp_scheduler.core.api.core_v1 import Namespace, Selecting
 from robotapp_scheduler.core.cache.disruption_budgets import DisruptionBudget
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.decision import Decision as Found
-from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.framework.interface import Code
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.pods.resource_claims import ResourceClaim
+from robotapp_scheduler.core.runtime.evaluation import Evaluation
 
 Json = dict[str, Any]
 

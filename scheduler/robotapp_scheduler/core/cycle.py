@@ -6,8 +6,6 @@ from typing import Any, Final
 from robotapp_scheduler.core.api.ros import InvalidAnnotation
 from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.decision import FAULTS, Decision, failed, skipped_deleting
-from robotapp_scheduler.core.engine import Engine, Stopwatch, pod_hash
-from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.explain.record import ExplainRing, Record, finished
 from robotapp_scheduler.core.framework.interface import Code, histogram
@@ -27,6 +25,8 @@ from robotapp_scheduler.core.refusal import Refusals, closed, excessive, held, u
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant
 from robotapp_scheduler.core.robotics.resolve import qos_fields, resolve
 from robotapp_scheduler.core.robotics.rtt_matrix import LatencyExport
+from robotapp_scheduler.core.runtime.evaluation import Evaluation
+from robotapp_scheduler.core.runtime.profile_runner import Engine, Stopwatch, pod_hash
 from robotapp_scheduler.core.tiers import earlier_feasible
 from robotapp_scheduler.core.together import NO_WISH, Advice, Wish, only_one_plan, plan_together
 from robotapp_scheduler.core.wakers import WAKERS

@@ -5,11 +5,11 @@ from collections.abc import Collection
 import numpy as np
 
 from robotapp_scheduler.core.cache.snapshot import Nodes
-from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.events.cluster_event import OF_PODS
-from robotapp_scheduler.core.filter_column import HOLE, Codes, FilterColumn
 from robotapp_scheduler.core.framework.interface import Beside, Loaded
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
+from robotapp_scheduler.core.runtime.evaluation import Evaluation
+from robotapp_scheduler.core.runtime.filter_results import HOLE, Codes, FilterColumn
 
 _OF_PODS = int(OF_PODS)
 

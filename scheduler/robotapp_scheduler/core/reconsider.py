@@ -14,12 +14,12 @@ import numpy as np
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
-from robotapp_scheduler.core.engine import Engine
-from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.explain.record import Record
 from robotapp_scheduler.core.framework.interface import PluginError
 from robotapp_scheduler.core.pods.pod_info import PodInfo
+from robotapp_scheduler.core.runtime.evaluation import Evaluation
+from robotapp_scheduler.core.runtime.profile_runner import Engine
 
 
 class TableReason(msgspec.Struct, frozen=True, rename="camel"):

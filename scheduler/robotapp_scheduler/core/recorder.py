@@ -7,8 +7,6 @@ from robotapp_api.values.round_trips import is_unreachable
 from robotapp_scheduler.core.api.ros import Endpoint, RosContext
 from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.decision import Decision
-from robotapp_scheduler.core.engine import Engine
-from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.explain.record import (
     MOST_REFUSALS,
     TOP,
@@ -20,8 +18,10 @@ from robotapp_scheduler.core.explain.record import (
     top_bytes,
 )
 from robotapp_scheduler.core.explain.top_nodes import Finish, Front, Sight
-from robotapp_scheduler.core.filter_column import FilterColumn
 from robotapp_scheduler.core.pods.pod_info import PodInfo
+from robotapp_scheduler.core.runtime.evaluation import Evaluation
+from robotapp_scheduler.core.runtime.filter_results import FilterColumn
+from robotapp_scheduler.core.runtime.profile_runner import Engine
 from robotapp_scheduler.core.tiers import earliest_tier, planned_tier
 
 NO_TOP: Final = Top()

@@ -4,13 +4,13 @@ from robotapp_api.model.names import PodReason
 from robotapp_scheduler.core.api.ros import InvalidAnnotation
 from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.decision import Decision
-from robotapp_scheduler.core.engine import Engine, Narrowed, pod_hash
-from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.framework.interface import Code, Loaded, PluginError, Status, histogram, pre_filter_message
 from robotapp_scheduler.core.framework.profiles import Profile
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.preemption import Failure, Outcome
 from robotapp_scheduler.core.queued import Gate
+from robotapp_scheduler.core.runtime.evaluation import Evaluation
+from robotapp_scheduler.core.runtime.profile_runner import Engine, Narrowed, pod_hash
 
 LOST_DEVICE = "node(s) lost a device to another pod"
 DEVICE_PLUGIN = "ROSReserve"

@@ -13,10 +13,10 @@ import numpy.typing as npt
 from robotapp_api.model.names import Label
 from robotapp_api.values.tiers import ROBOT
 from robotapp_scheduler.core.cache.cache import Cluster
-from robotapp_scheduler.core.evaluation import Evaluation
-from robotapp_scheduler.core.filter_column import Reason
 from robotapp_scheduler.core.nodes.node_table import NodeTable
 from robotapp_scheduler.core.pods.pod_info import PodInfo
+from robotapp_scheduler.core.runtime.evaluation import Evaluation
+from robotapp_scheduler.core.runtime.filter_results import Reason
 
 RUNS_ON: Final = "RunsOn"
 """Stands for a plugin name where an explanation lists the nodes of later tiers."""

@@ -14,9 +14,9 @@ from msgspec.structs import replace
 from robotapp_scheduler.core.api.core_v1 import Node, Pod
 from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
-from robotapp_scheduler.core.engine import Engine
 from robotapp_scheduler.core.framework.profiles import POINTS, Catalogue, ProfileSpec, build_profiles
 from robotapp_scheduler.core.pods.pod_info import PodInfo
+from robotapp_scheduler.core.runtime.profile_runner import Engine
 
 ROUNDS: Final = 3
 HOOKS: Final = (*POINTS.values(), "filter_row", "score_row")

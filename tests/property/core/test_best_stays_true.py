@@ -7,8 +7,7 @@ import numpy.typing as npt
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_scheduler.core.best import Best
-from robotapp_scheduler.core.level import Hashes, mixed
+from robotapp_scheduler.core.runtime.ranking import Best, Hashes, mixed
 
 HASHES: Final = np.array([(i * 0x9E3779B97F4A7C15) % 2**64 for i in range(24)], dtype=np.uint64)
 TOTALS: Final = st.lists(st.integers(0, 3), min_size=1, max_size=24)

@@ -20,10 +20,10 @@ from tests.support.scheduling import (
 
 from robotapp_api.model.names import SCHEDULER_NAME, Annotation, Label
 from robotapp_scheduler.core.cycle import SchedulerCore
-from robotapp_scheduler.core.engine import Engine
 from robotapp_scheduler.core.explain.record import Record, as_json
 from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.core.pods.pod_info import PodInfo
+from robotapp_scheduler.core.runtime.profile_runner import Engine
 from robotapp_scheduler.plugins.registry import KUBERNETES, catalogue
 
 Json = dict[str, Any]

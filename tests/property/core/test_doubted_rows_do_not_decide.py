@@ -13,16 +13,16 @@ from msgspec.structs import replace
 from tests.support.scheduling import Clock, make_cluster, make_info, make_node, make_pod, pod_json, to_pod
 
 from robotapp_api.model.names import SCHEDULER_NAME, Annotation, Label
-from robotapp_scheduler.core import doubts, patience
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.cycle import SchedulerCore
-from robotapp_scheduler.core.engine import Engine
-from robotapp_scheduler.core.evaluation import Evaluation
 from robotapp_scheduler.core.explain.record import Record, as_json
 from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.core.nodes.node_table import Row
 from robotapp_scheduler.core.pods.pod_info import PodInfo
+from robotapp_scheduler.core.runtime import score_bounds
+from robotapp_scheduler.core.runtime.evaluation import Evaluation
+from robotapp_scheduler.core.runtime.profile_runner import Engine
 from robotapp_scheduler.plugins.kubernetes.balanced_allocation import BalancedArgs, NodeResourcesBalancedAllocation
 from robotapp_scheduler.plugins.kubernetes.resources_fit import FitArgs, NodeResourcesFit
 from robotapp_scheduler.plugins.registry import catalogue
@@ -110,10 +110,10 @@ CHOSEN = st.lists(st.integers(0, len(KINDS) - 1), min_size=1, max_size=4)
 Limits = dict[tuple[Any, str], int]
 LIMITS = st.fixed_dictionaries(
     {
-        (doubts, "MOST_DOUBTS"): st.sampled_from((3, 8, 1024)),
-        (doubts, "MOST_RISING"): st.sampled_from((0, 1024)),
-        (patience, "SOON"): st.sampled_from((0, 6)),
-        (patience, "REST"): st.sampled_from((0, 2)),
+        (score_bounds, "MOST_DOUBTS"): st.sampled_from((3, 8, 1024)),
+        (score_bounds, "MOST_RISING"): st.sampled_from((0, 1024)),
+        (score_bounds, "SOON"): st.sampled_from((0, 6)),
+        (score_bounds, "REST"): st.sampled_from((0, 2)),
     }
 )
 

@@ -13,7 +13,7 @@ from tests.support.reference_scheduler import decide
 from tests.support.reference_scheduler.quantities import exact
 
 from robotapp_api.model.names import SCHEDULER_NAME
-from robotapp_scheduler.core.engine import Engine
+from robotapp_scheduler.core.runtime.profile_runner import Engine
 
 CHECKS = settings(
     max_examples=80, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large]

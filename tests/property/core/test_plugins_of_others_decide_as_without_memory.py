@@ -23,10 +23,10 @@ from tests.support.scheduling import Clock, make_cluster, make_info, telemetry
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.cycle import SchedulerCore
-from robotapp_scheduler.core.engine import Engine
 from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.core.nodes.node_table import Row
 from robotapp_scheduler.core.pods.pod_info import PodInfo
+from robotapp_scheduler.core.runtime.profile_runner import Engine
 from robotapp_scheduler.plugins.registry import catalogue
 
 Json = dict[str, Any]

@@ -11,14 +11,14 @@ import numpy as np
 
 from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.cache.snapshot import Nodes
-from robotapp_scheduler.core.classes import ColumnCache
-from robotapp_scheduler.core.evaluation import Evaluation
-from robotapp_scheduler.core.filter_column import FilterColumn, Reasons
 from robotapp_scheduler.core.framework.interface import Code, Loaded, Status
 from robotapp_scheduler.core.framework.profiles import Profile
 from robotapp_scheduler.core.pods.pod_info import FEATURES, LIVE, OWN_FEATURES, PodInfo
-from robotapp_scheduler.core.repair import bring_up
-from robotapp_scheduler.core.score_column import score_column
+from robotapp_scheduler.core.runtime.evaluation import Evaluation
+from robotapp_scheduler.core.runtime.filter_results import FilterColumn, Reasons
+from robotapp_scheduler.core.runtime.incremental import bring_up
+from robotapp_scheduler.core.runtime.result_cache import ColumnCache
+from robotapp_scheduler.core.runtime.score_results import score_column
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 
 log = logging.getLogger(__name__)

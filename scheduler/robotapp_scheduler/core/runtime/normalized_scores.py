@@ -7,8 +7,8 @@ import numpy as np
 from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.score_column import Feasible, ScoreColumn
-from robotapp_scheduler.core.verdicts import Verdicts
+from robotapp_scheduler.core.runtime.filter_results import Verdicts
+from robotapp_scheduler.core.runtime.score_results import Feasible, ScoreColumn
 
 EVERY: Final = slice(None)
 

@@ -7,19 +7,18 @@ import numpy.typing as npt
 
 from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.cache.snapshot import Nodes
-from robotapp_scheduler.core.doubts import Doubts
 from robotapp_scheduler.core.events.cluster_event import NODE
 from robotapp_scheduler.core.explain.top_nodes import Scorers, Sight
 from robotapp_scheduler.core.framework.interface import PluginError
-from robotapp_scheduler.core.level import Hashes
 from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.ranking import INFEASIBLE, Ranking
-from robotapp_scheduler.core.repair import FEW_ROWS, view_of
-from robotapp_scheduler.core.score_column import ScoreColumn
-from robotapp_scheduler.core.shares import Shares
-from robotapp_scheduler.core.sums import Sums
-from robotapp_scheduler.core.verdicts import Verdicts
+from robotapp_scheduler.core.runtime.filter_results import Verdicts
+from robotapp_scheduler.core.runtime.incremental import FEW_ROWS, view_of
+from robotapp_scheduler.core.runtime.normalized_scores import Shares
+from robotapp_scheduler.core.runtime.ranking import INFEASIBLE, Hashes, Ranking
+from robotapp_scheduler.core.runtime.row_scores import Sums
+from robotapp_scheduler.core.runtime.score_bounds import Doubts
+from robotapp_scheduler.core.runtime.score_results import ScoreColumn
 
 _NODE: Final = int(NODE)
 

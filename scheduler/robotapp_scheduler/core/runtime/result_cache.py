@@ -9,10 +9,10 @@ from collections import OrderedDict
 from collections.abc import Hashable, Sequence
 from typing import Final, NamedTuple
 
-from robotapp_scheduler.core.filter_column import FilterColumn, Reasons
 from robotapp_scheduler.core.framework.interface import Loaded
 from robotapp_scheduler.core.pods.pod_info import OWN_FEATURES, VOLUME_FEATURE, PodInfo
-from robotapp_scheduler.core.score_column import ScoreColumn, score_column
+from robotapp_scheduler.core.runtime.filter_results import FilterColumn, Reasons
+from robotapp_scheduler.core.runtime.score_results import ScoreColumn, score_column
 
 COLUMNS_PER_PLUGIN: Final = 32
 VARIED: Final = frozenset({"requests", "labels", "controller", "images", *OWN_FEATURES}) - {"node_name"}

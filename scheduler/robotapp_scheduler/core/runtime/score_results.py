@@ -23,7 +23,7 @@ from robotapp_scheduler.core.framework.interface import (
 from robotapp_scheduler.core.nodes.columns import BoolArray, IntArray
 from robotapp_scheduler.core.nodes.node_table import Row
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.repair import FEW_ROWS, FEW_TO_ASK, stale_rows
+from robotapp_scheduler.core.runtime.incremental import FEW_ROWS, FEW_TO_ASK, stale_rows
 
 log = logging.getLogger(__name__)
 

@@ -11,14 +11,13 @@ from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.events.cluster_event import NODE
 from robotapp_scheduler.core.explain.record import EXAMPLES, Refusal
 from robotapp_scheduler.core.explain.top_nodes import NOTHING, Scorers, Sight
-from robotapp_scheduler.core.filter_column import HOLE, Codes, FilterColumn, Reasons
-from robotapp_scheduler.core.level import Hashes
 from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.repair import FEW_ROWS, bring_up, view_of
-from robotapp_scheduler.core.score_column import ScoreColumn
-from robotapp_scheduler.core.totals import Totals
-from robotapp_scheduler.core.verdicts import Verdicts
+from robotapp_scheduler.core.runtime.filter_results import HOLE, Codes, FilterColumn, Reasons, Verdicts
+from robotapp_scheduler.core.runtime.incremental import FEW_ROWS, bring_up, view_of
+from robotapp_scheduler.core.runtime.ranking import Hashes
+from robotapp_scheduler.core.runtime.score_results import ScoreColumn
+from robotapp_scheduler.core.runtime.total_scores import Totals
 
 _NODE: Final = int(NODE)
 

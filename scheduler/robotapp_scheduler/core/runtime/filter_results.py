@@ -13,7 +13,7 @@ from robotapp_scheduler.core.events.cluster_event import NODE_COMES_OR_GOES
 from robotapp_scheduler.core.framework.interface import Loaded, Verdict, checked_mask
 from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.repair import FEW_TO_ASK, stale_rows
+from robotapp_scheduler.core.runtime.incremental import FEW_TO_ASK, stale_rows
 
 HOLE: Final = -1
 """Reason code of rows that are no node."""
@@ -210,3 +210,14 @@ class FilterColumn:
         codes = np.where(resolvable, tables[1][which], tables[0][which]).astype(np.int32)
         codes[mask] = 0
         return codes
+
+
+class Verdicts(NamedTuple):
+    """What the filters say: first reason per row (0 = feasible), how many are feasible, and when that changed."""
+
+    reason: Codes
+    feasible: int
+    revision: int
+    """Grows whenever `reason` changes."""
+    combines: int
+    """Grows when any row may have changed."""

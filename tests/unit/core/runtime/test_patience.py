@@ -1,6 +1,6 @@
 """When it pays to leave rows in doubt, and for how long nothing is doubted where it did not."""
 
-from robotapp_scheduler.core.patience import MOST_LOOKS, REST, SOON, WINDOW, Patience
+from robotapp_scheduler.core.runtime.score_bounds import MOST_LOOKS, REST, SOON, WINDOW, Patience
 
 
 def pause(patience: Patience) -> int:

@@ -1,0 +1,330 @@
+"""The total of every row, the best rows by it, and what was said about single ones.
+
+The rows of one total: kept while rows join and leave one by one.
+"""
+
+from bisect import insort
+from collections.abc import Iterable, Sequence
+from operator import attrgetter
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from robotapp_scheduler.core.explain.top_nodes import Sight
+from robotapp_scheduler.core.nodes.columns import IntArray
+
+Positions = npt.NDArray[np.intp]
+Hashes = npt.NDArray[np.uint64]
+
+_ODD: Final = 0xBF58476D1CE4E5B9
+_WORD: Final = np.dtype(np.uint64)
+# As an array: with a NumPy scalar a ufunc takes twice as long over a few elements.
+_FACTOR: Final = np.array(_ODD, dtype=_WORD)
+_BITS: Final = (1 << 64) - 1
+FEW: Final = 8
+"""Up to so many rows are looked at one by one beside an array."""
+GONE: Final = 8
+"""When more than one in so many have left an array, and one of them is met, it is made anew."""
+NOBODY: Final[Positions] = np.zeros(0, dtype=np.intp)
+NO_NAMES: Final[Hashes] = np.zeros(0, dtype=np.uint64)
+
+
+class Level:
+    """Positions whose total is `value`. `total` and `hashes` (of the node names) are those of all positions."""
+
+    __slots__ = ("_gone", "_hashes", "_late", "_names", "_positions", "_total", "value")
+
+    def __init__(self, value: int, total: IntArray, hashes: Hashes, positions: Positions = NOBODY) -> None:
+        self.value = value
+        self._total, self._hashes = total, hashes
+        self._positions = positions
+        """In order; with `_names` beside them, their hashes."""
+        self._names = hashes[positions] if len(positions) else NO_NAMES
+        self._gone: set[int] = set()
+        """Of these, those that have left since."""
+        self._late: set[int] = set()
+        """Those that are here and not among these."""
+
+    def __repr__(self) -> str:
+        return f"Level({len(self)} rows with {self.value})"
+
+    def __len__(self) -> int:
+        return len(self._positions) - len(self._gone) + len(self._late)
+
+    def join(self, position: int) -> None:
+        """A row has this total now."""
+        if position in self._gone:
+            self._gone.discard(position)
+        else:
+            self._late.add(position)
+
+    def leave(self, positions: Iterable[int]) -> bool:
+        """Rows had this total. Does any other have it?"""
+        if self._late:
+            positions = [*positions]
+            self._gone.update(position for position in positions if position not in self._late)
+            self._late.difference_update(positions)
+        else:
+            self._gone.update(positions)
+        return len(self._gone) < len(self._positions) or bool(self._late)
+
+    def least(self, pod: int) -> int:
+        """The position with the least hash of node name and pod."""
+        if len(self._late) > FEW:
+            self._take_in()
+        late = [(mixed_one(self._hashes.item(each), pod), each) for each in self._late] if self._late else []
+        if len(self._positions) == len(self._gone):
+            return min(late)[1]
+        place = self._place(pod)
+        found = self._positions.item(place)
+        return min(*late, (mixed_one(self._names.item(place), pod), found))[1] if late else found
+
+    def first(self, count: int) -> list[int]:
+        """Up to `count` of the positions, lowest first."""
+        if len(self._late) > FEW:
+            self._take_in()
+        few = self._here(count) if self._gone else self._positions[:count].tolist()
+        return sorted((*few, *self._late))[:count] if self._late else few
+
+    def _here(self, count: int) -> list[int]:
+        """The first of the positions that have not left."""
+        gone = self._gone
+        found = [each for each in self._positions[: count + min(count, len(gone))].tolist() if each not in gone]
+        if len(found) < count and len(gone) > count:
+            found = [each for each in self._positions[: count + len(gone)].tolist() if each not in gone]
+        return found[:count]
+
+    def _place(self, pod: int) -> int:
+        """Where among the positions the least of those still here stands; there is one."""
+        values = mixed(self._names, pod)
+        place = int(values.argmin())
+        while self._gone and self._positions.item(place) in self._gone:
+            # All ones: it was passed over before, and nobody else has less.
+            if GONE * len(self._gone) > len(self._positions) or values.item(place) == _BITS:
+                self._close_up()
+                return int(mixed(self._names, pod).argmin())
+            values[place] = _BITS
+            place = int(values.argmin())
+        return place
+
+    def _take_in(self) -> None:
+        """Put the late ones among the others."""
+        self._positions = np.concatenate([self._positions, np.array(sorted(self._late), dtype=np.intp)])
+        self._positions.sort(kind="stable")  # which merges what is in order
+        self._names = self._hashes[self._positions]
+        self._late.clear()
+
+    def _close_up(self) -> None:
+        """Make the positions those that are here."""
+        here = self._total[self._positions] == self.value
+        self._positions, self._names = self._positions[here], self._names[here]
+        self._gone.clear()
+
+
+def mixed(names: Hashes, pod: int) -> Hashes:
+    """64-bit values from node name hashes and one pod hash: for many pods, each name has the least one equally often."""
+    found: Hashes = names ^ np.array(pod, dtype=_WORD)
+    found *= _FACTOR
+    return found
+
+
+def mixed_one(name: int, pod: int) -> int:
+    """The same of one name."""
+    return (name ^ pod) * _ODD & _BITS
+
+
+_VALUE: Final = attrgetter("value")
+NOWHERE: Final = (1, 0)
+"""After the place of every row, in the order of `first`."""
+
+
+class Best:
+    """All positions from some total on, by total. True while it is told of every total that changes (`all_changed`).
+
+    The highest total alone is looked for at first, the next ones when somebody asks for more rows than have it. A row
+    that changes moves from one total to another: a pod that makes its node better or worse than all others costs no
+    new look at all of them.
+
+    `hashes` are those of the node names, by position; at least one total must be that of a feasible row.
+    """
+
+    __slots__ = ("_asked", "_by_value", "_first", "_floor", "_hashes", "_last", "_levels", "_shown", "_total")
+
+    def __init__(self, total: IntArray, hashes: Hashes) -> None:
+        self._total, self._hashes = total, hashes
+        self._by_value: dict[int, Level] = {}
+        self._levels: list[Level] = []
+        """None of them empty, the highest one last."""
+        self._floor = int(total.max())
+        """All positions with this total or more are in a level."""
+        self._add(Level(self._floor, total, hashes, (total == self._floor).nonzero()[0]))
+        self._first: tuple[int, ...] = ()
+        """The last answer of `first`, true while it was asked for `_asked` positions."""
+        self._asked = -1
+        self._shown: frozenset[int] = frozenset()
+        """The same as a set: every change asks it."""
+        self._last = NOWHERE
+
+    def __repr__(self) -> str:
+        return f"Best({len(self)} rows with {self.top})"
+
+    def __len__(self) -> int:
+        return len(self._levels[-1])
+
+    @property
+    def top(self) -> int:
+        """The highest total."""
+        return self._levels[-1].value
+
+    def all_changed(self, positions: Iterable[int], old: Iterable[int], new: Iterable[int]) -> bool:
+        """Rows were added up again, each position once. False when no row is known any more: then this must be made anew."""
+        floor, top, fallen = self._floor, self._levels[-1], []
+        for position, before, after in zip(positions, old, new, strict=True):
+            if after < floor:
+                if before == top.value:
+                    fallen.append(position)
+                elif before >= floor:
+                    self._unsure(position, after)
+                    self._move(position, before, after)
+            else:
+                self._unsure(position, after)
+                if after != before:
+                    self._move(position, before, after)
+        if fallen:
+            # Where several classes take turns, every row that others took leaves the top: all of them go at once.
+            if not self._shown.isdisjoint(fallen):
+                self._asked = -1
+            if not top.leave(fallen):
+                self._drop(top)
+        return bool(self._levels)
+
+    def choose(self, pod: int) -> int:
+        """One of those with the highest total, by node name and a hash of the pod: the same inputs choose the same node."""
+        return self._levels[-1].least(pod)
+
+    def first(self, count: int) -> tuple[int, ...]:
+        """Up to `count` positions, better ones first, lowest first among equals; the same object while none of them was
+        added up again. So many rows must be feasible.
+        """
+        if self._asked != count:
+            while len(found := self._known(count)) < count and self._floor > 0:
+                self._look_below(count)
+            self._first, self._asked, self._shown = tuple(found), count, frozenset(found)
+            self._last = (-self._total.item(found[-1]), found[-1])
+        return self._first
+
+    def _unsure(self, position: int, total: int) -> None:
+        """A row was added up again: is it one of those shown, or better than the last of them?"""
+        if position in self._shown or (-total, position) < self._last:
+            self._asked = -1
+
+    def _known(self, count: int) -> list[int]:
+        found: list[int] = []
+        for level in reversed(self._levels):
+            found += level.first(count - len(found))
+            if len(found) == count:
+                break
+        return found
+
+    def _look_below(self, count: int) -> None:
+        """Take in rows with lower totals: twice as deep as before, or so deep that `count` are known."""
+        total, floor = self._total, self._floor
+        deep = np.partition(total, -count).item(-count)
+        self._floor = max(min(2 * floor - self._levels[-1].value - 1, deep), 0)
+        found = ((total >= self._floor) & (total < floor)).nonzero()[0]
+        above = total[found] - self._floor
+        for step in np.bincount(above).nonzero()[0].tolist():
+            self._add(Level(self._floor + step, total, self._hashes, found[above == step]))
+
+    def _move(self, position: int, old: int, new: int) -> None:
+        if new >= self._floor:
+            level = self._by_value.get(new)
+            if level is None:
+                level = self._add(Level(new, self._total, self._hashes))
+            level.join(position)
+        if old >= self._floor:
+            level = self._by_value[old]
+            if not level.leave((position,)):
+                self._drop(level)
+
+    def _drop(self, level: Level) -> None:
+        del self._by_value[level.value]
+        self._levels.remove(level)
+
+    def _add(self, level: Level) -> Level:
+        self._by_value[level.value] = level
+        insort(self._levels, level, key=_VALUE)
+        return level
+
+
+MANY_ROWS: Final = 256
+"""From here on the best rows are looked for anew, not moved one by one."""
+INFEASIBLE: Final = -1
+"""Total of rows that cannot be chosen."""
+MOST_SIGHTS: Final = 64
+
+
+class Ranking:
+    """`total` is changed by the methods only."""
+
+    __slots__ = ("_best", "sights", "total")
+
+    def __init__(self) -> None:
+        self.total: IntArray = np.zeros(0, dtype=np.int64)
+        self.sights: dict[int, Sight] = {}
+        """Of rows that somebody asked for, until they are added up again."""
+        self._best: Best | None = None
+
+    def __repr__(self) -> str:
+        return f"Ranking({len(self.total)} rows)"
+
+    def replace(self, total: IntArray) -> None:
+        """Every row may have another total."""
+        self.total = total
+        self.renamed()
+
+    def renamed(self) -> None:
+        """Rows may stand for other nodes now."""
+        self._best = None
+        self.sights.clear()
+
+    def put(self, rows: Sequence[int], totals: list[int]) -> None:
+        """These rows, each named once, were added up again."""
+        total, before = self.total, []
+        for row, value in zip(rows, totals, strict=True):
+            before.append(total.item(row))
+            total[row] = value
+        self._moved(rows, before, totals)
+
+    def put_many(self, rows: Sequence[int], index: npt.NDArray[np.intp] | slice, totals: IntArray) -> None:
+        """The same; `index` are the rows as an array."""
+        if len(rows) > MANY_ROWS:
+            self._best = None
+        before = self.total[index].tolist()
+        self.total[index] = totals
+        self._moved(rows, before, totals.tolist())
+
+    def _moved(self, rows: Sequence[int], before: list[int], after: list[int]) -> None:
+        self.unsay(rows)
+        if self._best is not None and not self._best.all_changed(rows, before, after):
+            self._best = None
+
+    def unsay(self, rows: Sequence[int]) -> None:
+        """What was said about these rows is not true any more."""
+        sights = self.sights
+        if sights and not sights.keys().isdisjoint(rows):
+            for row in rows:
+                sights.pop(row, None)
+
+    def say(self, sight: Sight) -> None:
+        """Keep this for the next who asks."""
+        if len(self.sights) >= MOST_SIGHTS:
+            self.sights.clear()
+        self.sights[sight.position] = sight
+
+    def best(self, hashes: Hashes) -> Best:
+        """By `hashes` of the node names. One row at least must be feasible."""
+        if self._best is None:
+            self._best = Best(self.total, hashes)
+        return self._best
