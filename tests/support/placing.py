@@ -18,7 +18,7 @@ from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework.profiles import Catalogue, PluginRef, ProfileSpec, build_profiles
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.preemption import Plan
+from robotapp_scheduler.core.preemption.preemption import Plan
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 from robotapp_scheduler.shell.binder import BindOutcome, BindResult

@@ -15,9 +15,9 @@ from robotapp_scheduler.core.groups import (
     Groups,
     group_key,
 )
-from robotapp_scheduler.core.nominated import with_nominated
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.posing import Posed, pose
+from robotapp_scheduler.core.preemption.nominated_pods import with_nominated
 from robotapp_scheduler.core.queue import SchedulingQueue
 from robotapp_scheduler.core.queued import Gate, QueuedPod
 from robotapp_scheduler.core.recorder import Recorder

@@ -11,7 +11,7 @@ from robotapp_scheduler.core.robotics.device_index import DeviceGrant
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 
 if TYPE_CHECKING:
-    from robotapp_scheduler.core.preemption import Plan
+    from robotapp_scheduler.core.preemption.preemption import Plan
     from robotapp_scheduler.core.queued import QueuedPod
 
 FAULTS: Final = (PluginError, ValueError, OverflowError)

@@ -16,7 +16,7 @@ from robotapp_api.model.names import EventReason
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.preemption import Plan
+from robotapp_scheduler.core.preemption.preemption import Plan
 from robotapp_scheduler.shell import texts
 from robotapp_scheduler.shell.metrics import Metrics
 from robotapp_scheduler.shell.report import Events, utc_now

@@ -12,7 +12,7 @@ from robotapp_scheduler.core.api.core_v1 import Node, Pod
 from robotapp_scheduler.core.cache.disruption_budgets import DisruptionBudget
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.preemption import NO_VICTIMS, NOT_HELPFUL
+from robotapp_scheduler.core.preemption.preemption import NO_VICTIMS, NOT_HELPFUL
 
 PORT = [{"containerPort": 80, "hostPort": 80}]
 TIMES = ("2026-01-01T00:00:01Z", "2026-01-01T00:00:02Z", "2026-01-01T00:00:03Z")

@@ -21,7 +21,7 @@ Hooks, in the order of a cycle:
 `filter(pod, nodes) -> mask | Verdict | True | None`  bool per row, True = may run there; just True = everywhere,
                                              for now; None = no opinion about this pod (Skip; must follow from
                                              `reads` alone)
-`post_filter(pod, failure) -> Outcome`        no node was left: what may be done about it (core.preemption)
+`post_filter(pod, failure) -> Outcome`        no node was left: what may be done about it (core.preemption.preemption)
 `score(pod, nodes) -> array | PerDomain | int | None`
                                              number per row (or per value of a label), higher is better; one number =
                                              the same everywhere, for now; None = Skip (adds 0; must follow from `reads`

@@ -7,9 +7,9 @@ import numpy as np
 from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.cache.dry_run import Trial
 from robotapp_scheduler.core.cache.snapshot import AdjustedNodes, Nodes
-from robotapp_scheduler.core.influence import Influence
 from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
+from robotapp_scheduler.core.preemption.filter_dependencies import Influence
 from robotapp_scheduler.core.runtime.evaluation import Evaluation
 from robotapp_scheduler.core.runtime.filter_results import Codes
 

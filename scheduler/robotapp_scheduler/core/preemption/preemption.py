@@ -14,11 +14,11 @@ import numpy.typing as npt
 from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.cache.snapshot import AdjustedNodes, Nodes
 from robotapp_scheduler.core.framework.interface import histogram
-from robotapp_scheduler.core.influence import Influence
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
+from robotapp_scheduler.core.preemption.filter_dependencies import Influence
+from robotapp_scheduler.core.preemption.victims import Candidate, by_amounts, by_trial, lower_pods
 from robotapp_scheduler.core.runtime.evaluation import Evaluation
 from robotapp_scheduler.core.runtime.filter_results import Codes
-from robotapp_scheduler.core.victims import Candidate, by_amounts, by_trial, lower_pods
 
 NOT_HELPFUL: Final = "Preemption is not helpful for scheduling"
 NO_VICTIMS: Final = "No preemption victims found for incoming pod"

@@ -14,9 +14,9 @@ from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.cache.disruption_budgets import Split
 from robotapp_scheduler.core.cache.dry_run import Trial
 from robotapp_scheduler.core.cache.snapshot import Nodes
-from robotapp_scheduler.core.influence import Influence
 from robotapp_scheduler.core.nodes.node_table import NodeTable
 from robotapp_scheduler.core.pods.pod_info import PlacedPod
+from robotapp_scheduler.core.preemption.filter_dependencies import Influence
 
 PRIORITY_OFFSET: Final = 2**31
 """Makes every priority positive, so that more victims never cost less."""

@@ -1,0 +1,1 @@
+"""Which pods go for a pod that fits nowhere."""
