@@ -13,7 +13,7 @@ from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.events.cluster_event import Event
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.queued import Rejection
+from robotapp_scheduler.core.queue.queued_pod_info import Rejection
 
 LOW_PER_NODE: Final = 4
 SELECTOR: Final = {"matchLabels": {"color": "stuck"}}

@@ -12,7 +12,7 @@ from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.events.cluster_event import Event
 from robotapp_scheduler.core.groups import groups_of
 from robotapp_scheduler.core.pods.pod_group_index import COSCHEDULING, POD_GROUP_LABEL
-from robotapp_scheduler.core.queued import Rejection
+from robotapp_scheduler.core.queue.queued_pod_info import Rejection
 
 
 def pod_group(name: str = "team", *, min_member: Any = 3, **spec: Any) -> GivenPodGroup:

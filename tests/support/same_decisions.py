@@ -20,7 +20,7 @@ from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.explain.record import as_json
-from robotapp_scheduler.core.queued import Rejection
+from robotapp_scheduler.core.queue.queued_pod_info import Rejection
 from robotapp_scheduler.core.together import advice_of
 from robotapp_scheduler.joint.solve import Limits, solve
 

@@ -18,8 +18,8 @@ from robotapp_scheduler.core.groups import (
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.posing import Posed, pose
 from robotapp_scheduler.core.preemption.nominated_pods import with_nominated
-from robotapp_scheduler.core.queue import SchedulingQueue
-from robotapp_scheduler.core.queued import Gate, QueuedPod
+from robotapp_scheduler.core.queue.queued_pod_info import Gate, QueuedPod
+from robotapp_scheduler.core.queue.scheduling_queue import SchedulingQueue
 from robotapp_scheduler.core.recorder import Recorder
 from robotapp_scheduler.core.refusal import Refusals, closed, excessive, held, unreadable
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant

@@ -12,7 +12,7 @@ from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 
 if TYPE_CHECKING:
     from robotapp_scheduler.core.preemption.preemption import Plan
-    from robotapp_scheduler.core.queued import QueuedPod
+    from robotapp_scheduler.core.queue.queued_pod_info import QueuedPod
 
 FAULTS: Final = (PluginError, ValueError, OverflowError)
 """What an attempt raises for a pod that cannot be read or a plugin's answer that cannot be used: it failed, no more."""

@@ -12,7 +12,7 @@ from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.events.cluster_event import NODE, PLACED, Change, Event
 from robotapp_scheduler.core.pods.pod_group_index import APIS, GroupRef, group_ref_of, in_group
 from robotapp_scheduler.core.pods.pod_info import Member, PodInfo
-from robotapp_scheduler.core.queued import Gate
+from robotapp_scheduler.core.queue.queued_pod_info import Gate
 from robotapp_scheduler.core.robotics.app_index import App, AppIndex, Replica
 
 GROUP_PLUGIN: Final = "RobotAppGroup"

@@ -8,7 +8,7 @@ from robotapp_scheduler.core.framework.interface import Code, Loaded, PluginErro
 from robotapp_scheduler.core.framework.profiles import Profile
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.preemption.preemption import Failure, Outcome
-from robotapp_scheduler.core.queued import Gate
+from robotapp_scheduler.core.queue.queued_pod_info import Gate
 from robotapp_scheduler.core.runtime.evaluation import Evaluation
 from robotapp_scheduler.core.runtime.profile_runner import Engine, Narrowed, pod_hash
 

@@ -18,7 +18,7 @@ from robotapp_scheduler.core.framework.plugin_calls import Overdue, asking
 from robotapp_scheduler.core.framework.profiles import Profile
 from robotapp_scheduler.core.framework.third_party import odd_status
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.queued import Rejection
+from robotapp_scheduler.core.queue.queued_pod_info import Rejection
 from robotapp_scheduler.plugins.kubernetes.resource_arguments import QUALIFIED
 from robotapp_scheduler.shell.timing import PointTimer
 

@@ -16,7 +16,7 @@ from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.posing import Posed
-from robotapp_scheduler.core.queued import QueuedPod, Rejection
+from robotapp_scheduler.core.queue.queued_pod_info import QueuedPod, Rejection
 from robotapp_scheduler.core.together import Advice
 from robotapp_scheduler.shell.gathering import Gathering
 from robotapp_scheduler.shell.group_report import GroupReporter

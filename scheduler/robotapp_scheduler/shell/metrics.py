@@ -12,7 +12,7 @@ from prometheus_client import CollectorRegistry, Counter, ProcessCollector, disa
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from robotapp_scheduler.core.queued import QueuedPod
+from robotapp_scheduler.core.queue.queued_pod_info import QueuedPod
 from robotapp_scheduler.shell.histogram import Histogram, Tally
 
 # kube-scheduler has none: a counter's `_created` would be a gauge nobody's dashboard knows.

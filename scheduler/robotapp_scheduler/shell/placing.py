@@ -18,7 +18,7 @@ from robotapp_scheduler.core.framework.interface import Code
 from robotapp_scheduler.core.groups import groups_around
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.preemption.preemption import Plan
-from robotapp_scheduler.core.queued import QueuedPod, Rejection
+from robotapp_scheduler.core.queue.queued_pod_info import QueuedPod, Rejection
 from robotapp_scheduler.core.refusal import BIND_CHECK, DEVICE_PLUGIN, FULL_POOL
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 from robotapp_scheduler.shell.bind_steps import BindSteps, Refused, failed_step

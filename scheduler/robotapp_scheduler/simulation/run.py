@@ -16,7 +16,7 @@ from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.decision import Decision
 from robotapp_scheduler.core.pods.in_place_resize import held_per_container
-from robotapp_scheduler.core.queued import Rejection
+from robotapp_scheduler.core.queue.queued_pod_info import Rejection
 from robotapp_scheduler.core.together import advice_of
 from robotapp_scheduler.joint.solve import Limits, solve
 from robotapp_scheduler.simulation.dump import MOST_PROBLEMS, Dump

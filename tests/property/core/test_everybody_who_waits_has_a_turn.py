@@ -8,8 +8,8 @@ from tests.support.scheduling import Clock, make_info, make_pod
 
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.queueing_hint import Waker
-from robotapp_scheduler.core.queue import SchedulingQueue
-from robotapp_scheduler.core.queued import Rejection
+from robotapp_scheduler.core.queue.queued_pod_info import Rejection
+from robotapp_scheduler.core.queue.scheduling_queue import SchedulingQueue
 
 FREED = Event("robotclaims", Change.CLAIMS, old=make_pod("thing"))
 REJECTION = Rejection(frozenset({"Things"}))

@@ -10,8 +10,8 @@ from tests.support.scheduling import Clock, make_info, make_pod
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.queueing_hint import Waker
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.queue import SchedulingQueue
-from robotapp_scheduler.core.queued import Gate, QueuedPod, Rejection
+from robotapp_scheduler.core.queue.queued_pod_info import Gate, QueuedPod, Rejection
+from robotapp_scheduler.core.queue.scheduling_queue import SchedulingQueue
 
 EVENTS = {"Fit": Change.POD_REMOVED | Change.NODE_ADDED, "Taint": Change.TAINTS, "Quiet": Change.NONE}
 CHANGES = st.sampled_from((Change.POD_REMOVED, Change.TAINTS, Change.NODE_ADDED | Change.TAINTS, Change.LABELS))

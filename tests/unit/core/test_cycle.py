@@ -15,7 +15,7 @@ from robotapp_api.model.names import SCHEDULER_NAME, Annotation, PodReason
 from robotapp_scheduler.core.framework.interface import Code
 from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.queued import Rejection
+from robotapp_scheduler.core.queue.queued_pod_info import Rejection
 from robotapp_scheduler.plugins.registry import catalogue
 
 

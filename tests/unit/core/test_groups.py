@@ -18,7 +18,7 @@ from robotapp_scheduler.core.api.robotics_v1alpha1 import RobotApp
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.groups import WHOLE_PLUGIN
-from robotapp_scheduler.core.queued import Rejection
+from robotapp_scheduler.core.queue.queued_pod_info import Rejection
 
 NODES = ("n0", "n1", "n2")
 

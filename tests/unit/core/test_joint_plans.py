@@ -10,7 +10,7 @@ from tests.support.scheduling import Clock, app_object, chain, make_core, make_n
 from robotapp_api.model.names import Label
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.posing import Posed
-from robotapp_scheduler.core.queued import QueuedPod
+from robotapp_scheduler.core.queue.queued_pod_info import QueuedPod
 from robotapp_scheduler.core.robotics.rtt_matrix import LatencyExport
 from robotapp_scheduler.core.together import Advice, advice_of
 from robotapp_scheduler.joint.problem import Relation

@@ -10,7 +10,7 @@ from robotapp_api.model.names import Label, PodReason
 from robotapp_scheduler.core.api.core_v1 import Node, OwnerReference, Pod
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.events.cluster_event import Event
-from robotapp_scheduler.core.queued import Gate
+from robotapp_scheduler.core.queue.queued_pod_info import Gate
 
 EDGE = {str(Label.TIER): "edge"}
 ROBOT_TIER = {str(Label.TIER): "robot"}

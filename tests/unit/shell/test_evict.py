@@ -12,7 +12,7 @@ from robotapp_api.client.transport.errors import ApiError, Conflict, Forbidden, 
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.preemption.preemption import Plan
-from robotapp_scheduler.core.queued import Rejection
+from robotapp_scheduler.core.queue.queued_pod_info import Rejection
 from robotapp_scheduler.shell.evict import Evictor
 from robotapp_scheduler.shell.metrics import Metrics
 

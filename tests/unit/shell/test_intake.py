@@ -9,8 +9,8 @@ from robotapp_api.client.informer.reflector import Change as Seen
 from robotapp_scheduler.core.api.core_v1 import Metadata, Node, NodeStatus, Pod, PodSpec, PodStatus
 from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.queue import SchedulingQueue
-from robotapp_scheduler.core.queued import Rejection
+from robotapp_scheduler.core.queue.queued_pod_info import Rejection
+from robotapp_scheduler.core.queue.scheduling_queue import SchedulingQueue
 from robotapp_scheduler.shell.intake import Intake
 
 OURS = "ours"

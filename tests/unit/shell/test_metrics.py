@@ -8,7 +8,7 @@ from tests.support.scheduling import device_claim, make_core, make_info, make_no
 
 from robotapp_api.claims.objects import Claim
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.queued import QueuedPod, Rejection
+from robotapp_scheduler.core.queue.queued_pod_info import QueuedPod, Rejection
 from robotapp_scheduler.shell.domain_claims import DomainClaims
 from robotapp_scheduler.shell.metrics import MOST_SERIES, AttemptResult, Metrics
 

@@ -17,7 +17,7 @@ from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.decision import Decision
-from robotapp_scheduler.core.queued import Rejection
+from robotapp_scheduler.core.queue.queued_pod_info import Rejection
 from robotapp_scheduler.shell.intake import Intake
 
 NODES = 200

@@ -9,7 +9,7 @@ from robotapp_scheduler.core.cache.disruption_budgets import DisruptionBudget
 from robotapp_scheduler.core.cycle import SchedulerCore
 from robotapp_scheduler.core.framework.profiles import ConfigError
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.queued import Rejection
+from robotapp_scheduler.core.queue.queued_pod_info import Rejection
 
 FULL = "0/1 nodes are available: 1 Insufficient cpu. preemption: "
 

@@ -3,11 +3,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.scheduling import Clock, make_info, make_pod
 
-from robotapp_scheduler.core.backoff import Backoff, Heap
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework.queueing_hint import Waker
-from robotapp_scheduler.core.queue import SchedulingQueue
-from robotapp_scheduler.core.queued import Gate, QueuedPod, Rejection
+from robotapp_scheduler.core.queue.backoff import Backoff, Heap
+from robotapp_scheduler.core.queue.queued_pod_info import Gate, QueuedPod, Rejection
+from robotapp_scheduler.core.queue.scheduling_queue import SchedulingQueue
 
 FIT = Rejection(plugins=frozenset({"Fit"}))
 EVENTS = {"Fit": Change.POD_REMOVED, "Group": Change.POD_SEEN}

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from heapq import nsmallest
 from typing import Any, Final, NamedTuple
 
-from robotapp_scheduler.core.backoff import Heap
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.queueing_hint import Waker
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.queued import QueuedPod, Rejection
+from robotapp_scheduler.core.queue.backoff import Heap
+from robotapp_scheduler.core.queue.queued_pod_info import QueuedPod, Rejection
 
 _SELF: Final = int(Change.SELF)
 

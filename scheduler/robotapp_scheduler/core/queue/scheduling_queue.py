@@ -8,14 +8,14 @@ from collections.abc import Callable, Hashable, Iterable
 from typing import Any, Final
 
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.backoff import Backoff, Heap
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.flights import Flight, Flights
 from robotapp_scheduler.core.framework.queueing_hint import Waker
-from robotapp_scheduler.core.gated import Gated
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.queued import Gate, QueuedPod, Rejection
-from robotapp_scheduler.core.waiting import WaitingRoom, Woken
+from robotapp_scheduler.core.queue.backoff import Backoff, Heap
+from robotapp_scheduler.core.queue.gated_pods import Gated
+from robotapp_scheduler.core.queue.in_flight import Flight, Flights
+from robotapp_scheduler.core.queue.queued_pod_info import Gate, QueuedPod, Rejection
+from robotapp_scheduler.core.queue.unschedulable_pods import WaitingRoom, Woken
 
 UNSCHEDULABLE_TIMEOUT_S: Final = 300.0
 FLUSH_PERIOD_S: Final = 30.0

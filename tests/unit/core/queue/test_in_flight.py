@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_scheduler.core import flights
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.flights import Flight, Flights
+from robotapp_scheduler.core.queue import in_flight
+from robotapp_scheduler.core.queue.in_flight import Flight, Flights
 
 
 def changes(flight: Flight) -> Change:
@@ -49,7 +49,7 @@ def test_nobody_in_flight_nothing_is_kept() -> None:
 
 
 def test_short_flights_keep_the_objects_of_what_they_saw(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(flights, "MOST_LOGGED", 4)
+    monkeypatch.setattr(in_flight, "MOST_LOGGED", 4)
     found = Flights()
     uids = [f"u{i}" for i in range(20)]
     found.start(uids[0], "")
@@ -71,7 +71,7 @@ steps = st.lists(
 
 @given(steps, st.integers(1, 5))
 def test_the_log_tells_the_same_as_telling_every_pod_at_once(script: list[tuple[str, str, Change]], limit: int) -> None:
-    before, flights.MOST_LOGGED = flights.MOST_LOGGED, limit
+    before, in_flight.MOST_LOGGED = in_flight.MOST_LOGGED, limit
     try:
         found, expected = Flights(), dict[str, int]()
         for step, uid, change in script:
@@ -91,4 +91,4 @@ def test_the_log_tells_the_same_as_telling_every_pod_at_once(script: list[tuple[
                 assert int(changes(landed)) == expected.pop(uid)
         assert set(found) == set(expected)
     finally:
-        flights.MOST_LOGGED = before
+        in_flight.MOST_LOGGED = before
