@@ -20,7 +20,7 @@ from tests.support.scheduling import default_profiles, make_node, make_pod, tele
 from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.api.core_v1 import Selecting
 from robotapp_scheduler.core.cache.cache import Cluster
-from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 
 ZONES = 10
 APPS = 200

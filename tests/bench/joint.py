@@ -17,7 +17,7 @@ from typing import Any
 
 from tests.support.joint_problems import field_problem
 
-from robotapp_scheduler.core.posing import Posed
+from robotapp_scheduler.core.cycle.joint_problem import Posed
 from robotapp_scheduler.joint.problem import Problem
 from robotapp_scheduler.joint.search import first_plans
 from robotapp_scheduler.joint.solve import Limits, Solution, solve

@@ -8,9 +8,9 @@ from tests.support.scheduling import Json, make_pod
 
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.api.pod_group import GivenPodGroup
-from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.cycle.group_gates import groups_of
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.events.cluster_event import Event
-from robotapp_scheduler.core.groups import groups_of
 from robotapp_scheduler.core.pods.pod_group_index import COSCHEDULING, POD_GROUP_LABEL
 from robotapp_scheduler.core.queue.queued_pod_info import Rejection
 

@@ -23,7 +23,7 @@ from tests.support.scheduling import (
 
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_scheduler.core.cache.cache import Cluster
-from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, Profile, ProfileSpec
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.plugins.registry import ROS

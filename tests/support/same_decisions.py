@@ -17,11 +17,11 @@ from tests.support.scheduling import Clock, app_object, chain, make_core, make_n
 
 from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.cycle import SchedulerCore
-from robotapp_scheduler.core.decision import Decision
+from robotapp_scheduler.core.cycle.group_cycle import advice_of
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
+from robotapp_scheduler.core.cycle.schedule_result import Decision
 from robotapp_scheduler.core.explain.record import as_json
 from robotapp_scheduler.core.queue.queued_pod_info import Rejection
-from robotapp_scheduler.core.together import advice_of
 from robotapp_scheduler.joint.solve import Limits, solve
 
 Json = dict[str, Any]

@@ -5,8 +5,8 @@ from typing import Any
 from tests.support.scheduling import make_core, make_node
 
 from robotapp_api.model.names import SCHEDULER_NAME
-from robotapp_scheduler.core.cycle import SchedulerCore
-from robotapp_scheduler.core.decision import Decision
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
+from robotapp_scheduler.core.cycle.schedule_result import Decision
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 Json = dict[str, Any]

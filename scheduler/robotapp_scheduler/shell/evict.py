@@ -14,7 +14,7 @@ from robotapp_api.client.api.resources import PODS
 from robotapp_api.client.transport.errors import ApiError, ClientError, NotFound, may_pass, means_another, means_gone
 from robotapp_api.model.names import EventReason
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.preemption.preemption import Plan
 from robotapp_scheduler.shell import texts

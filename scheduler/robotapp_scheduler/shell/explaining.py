@@ -8,9 +8,9 @@ import msgspec
 
 from robotapp_api.client.api.times import Now, micro_time, utc_now
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.cycle.re_evaluate import reconsider
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.explain.record import Record, as_json
-from robotapp_scheduler.core.reconsider import reconsider
 
 RECOMPUTED: Final = "decided again just now, on the cluster as it is: not the decision that placed the pod"
 NO_NODES: Final = "the table names nodes: it takes the right to get nodes"

@@ -16,9 +16,9 @@ from robotapp_api.client.api.resources import WORKLOAD_PODGROUPS
 from robotapp_api.client.transport.errors import ApiError, ClientError, NotFound, may_pass, means_another
 from robotapp_api.model.names import PodReason
 from robotapp_scheduler.core.api.pod_group import INITIALLY_SCHEDULED, PodGroup
-from robotapp_scheduler.core.decision import Decision
+from robotapp_scheduler.core.cycle.all_or_nothing import UNSCHEDULABLE_GROUP
+from robotapp_scheduler.core.cycle.schedule_result import Decision
 from robotapp_scheduler.core.pods.pod_group_index import WORKLOADS, GroupRef, PodGroups
-from robotapp_scheduler.core.whole import UNSCHEDULABLE_GROUP
 from robotapp_scheduler.shell.newest import Newest
 from robotapp_scheduler.shell.report import utc_now
 

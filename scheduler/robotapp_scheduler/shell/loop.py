@@ -12,12 +12,12 @@ from functools import partial
 
 from robotapp_api.client.transport.errors import ClientError
 from robotapp_api.model.names import PodReason
-from robotapp_scheduler.core.cycle import SchedulerCore
-from robotapp_scheduler.core.decision import Decision
+from robotapp_scheduler.core.cycle.group_cycle import Advice
+from robotapp_scheduler.core.cycle.joint_problem import Posed
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
+from robotapp_scheduler.core.cycle.schedule_result import Decision
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.posing import Posed
 from robotapp_scheduler.core.queue.queued_pod_info import QueuedPod, Rejection
-from robotapp_scheduler.core.together import Advice
 from robotapp_scheduler.shell.gathering import Gathering
 from robotapp_scheduler.shell.group_report import GroupReporter
 from robotapp_scheduler.shell.metrics import Metrics

@@ -11,15 +11,15 @@ from functools import partial
 from robotapp_api.client.transport.errors import ClientError
 from robotapp_api.model.names import EventReason, PodReason
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.cycle import SchedulerCore
-from robotapp_scheduler.core.decision import Decision
+from robotapp_scheduler.core.cycle.diagnosis import BIND_CHECK, DEVICE_PLUGIN, FULL_POOL
+from robotapp_scheduler.core.cycle.group_gates import groups_around
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
+from robotapp_scheduler.core.cycle.schedule_result import Decision
 from robotapp_scheduler.core.events.cluster_event import Event
 from robotapp_scheduler.core.framework.interface import Code
-from robotapp_scheduler.core.groups import groups_around
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.preemption.preemption import Plan
 from robotapp_scheduler.core.queue.queued_pod_info import QueuedPod, Rejection
-from robotapp_scheduler.core.refusal import BIND_CHECK, DEVICE_PLUGIN, FULL_POOL
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 from robotapp_scheduler.shell.bind_steps import BindSteps, Refused, failed_step
 from robotapp_scheduler.shell.binder import Binder, BindOutcome, BindResult

@@ -15,8 +15,8 @@ from typing import Final
 
 import msgspec
 
-from robotapp_scheduler.core.posing import Posed
-from robotapp_scheduler.core.together import Advice, advice_of
+from robotapp_scheduler.core.cycle.group_cycle import Advice, advice_of
+from robotapp_scheduler.core.cycle.joint_problem import Posed
 from robotapp_scheduler.joint.message import decode_solution, encode_problem
 from robotapp_scheduler.joint.problem import Problem
 from robotapp_scheduler.joint.solve import Limits, Solution, solve

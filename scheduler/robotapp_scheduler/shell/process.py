@@ -21,10 +21,10 @@ from robotapp_scheduler.config import load as configuration
 from robotapp_scheduler.config.flags import Options
 from robotapp_scheduler.config.load import ConfigError, SchedulerConfig
 from robotapp_scheduler.core.cache.cache import Cluster
-from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.cycle.group_gates import groups_of
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.profiles import Catalogue, Profile
-from robotapp_scheduler.core.groups import groups_of
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.port.pages import pages
 from robotapp_scheduler.port.request_handler import RequestHandler

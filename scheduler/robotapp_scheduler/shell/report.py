@@ -26,7 +26,7 @@ from robotapp_api.client.transport.errors import ApiError, ClientError, NotFound
 from robotapp_api.model.names import EventReason
 from robotapp_api.values.buckets import Buckets
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.decision import skipped_deleting
+from robotapp_scheduler.core.cycle.schedule_result import skipped_deleting
 from robotapp_scheduler.shell import texts
 from robotapp_scheduler.shell.newest import Newest
 

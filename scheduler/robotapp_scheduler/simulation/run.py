@@ -13,11 +13,11 @@ import msgspec
 from robotapp_scheduler.config.load import SchedulerConfig
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cache.cache import Cluster
-from robotapp_scheduler.core.cycle import SchedulerCore
-from robotapp_scheduler.core.decision import Decision
+from robotapp_scheduler.core.cycle.group_cycle import advice_of
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
+from robotapp_scheduler.core.cycle.schedule_result import Decision
 from robotapp_scheduler.core.pods.in_place_resize import held_per_container
 from robotapp_scheduler.core.queue.queued_pod_info import Rejection
-from robotapp_scheduler.core.together import advice_of
 from robotapp_scheduler.joint.solve import Limits, solve
 from robotapp_scheduler.simulation.dump import MOST_PROBLEMS, Dump
 from robotapp_scheduler.simulation.kinds import routes

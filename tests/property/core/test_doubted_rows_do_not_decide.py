@@ -15,7 +15,7 @@ from tests.support.scheduling import Clock, make_cluster, make_info, make_node, 
 from robotapp_api.model.names import SCHEDULER_NAME, Annotation, Label
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cache.snapshot import Nodes
-from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.explain.record import Record, as_json
 from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.core.nodes.node_table import Row

@@ -8,7 +8,7 @@ from tests.support.pod_groups import announce, arrive, confirm, pod_group, run, 
 from tests.support.scheduling import make_core, make_node
 
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 
 SHAPES = st.lists(st.tuples(st.integers(1, 4), st.integers(0, 2)), min_size=1, max_size=3)
 """(minMember, pods beyond it) per group."""

@@ -12,9 +12,9 @@ from tests.support.scheduling import app_object, chain, make_core, make_node, ma
 
 from robotapp_api.model.names import Label
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.decision import Decision
+from robotapp_scheduler.core.cycle.group_cycle import advice_of
+from robotapp_scheduler.core.cycle.schedule_result import Decision
 from robotapp_scheduler.core.queue.queued_pod_info import Rejection
-from robotapp_scheduler.core.together import advice_of
 from robotapp_scheduler.joint.solve import Limits, solve
 
 NAMES = "abcde"

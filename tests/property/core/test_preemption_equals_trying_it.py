@@ -10,7 +10,7 @@ from tests.support.scheduling import make_core, make_node, make_pod
 
 from robotapp_scheduler.core.api.core_v1 import Node, Pod
 from robotapp_scheduler.core.cache.disruption_budgets import DisruptionBudget
-from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.preemption.preemption import NO_VICTIMS, NOT_HELPFUL
 

@@ -15,7 +15,7 @@ from tests.support.reference_scheduler.model import Json
 from tests.support.scheduling import Clock, app_object, chain, default_profiles, make_cluster, owner, to_pod
 
 from robotapp_api.model.names import SCHEDULER_NAME, Label
-from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 

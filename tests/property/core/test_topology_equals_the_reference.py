@@ -13,7 +13,7 @@ from tests.support.reference_comparison import compare, feed
 from tests.support.reference_scheduler import ClusterDump, Config, decide
 from tests.support.scheduling import make_core, to_pod
 
-from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 Json = dict[str, Any]

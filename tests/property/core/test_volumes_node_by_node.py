@@ -17,7 +17,7 @@ from tests.support.volumes import (
 
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_scheduler.core.cache.snapshot import Nodes
-from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.framework.profiles import ProfileSpec
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.runtime.profile_runner import Engine

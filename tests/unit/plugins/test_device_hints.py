@@ -11,11 +11,10 @@ from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.api.core_v1 import Metadata
 from robotapp_scheduler.core.api.robotics_v1alpha1 import RobotApp
 from robotapp_scheduler.core.api.ros import DeviceWish, RosContext
+from robotapp_scheduler.core.cycle.diagnosis import BIND_CHECK, FULL_POOL, WAKERS
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.interface import Loaded
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.refusal import BIND_CHECK, FULL_POOL
-from robotapp_scheduler.core.wakers import WAKERS
 from robotapp_scheduler.plugins.ros.hardware_affinity import HardwareAffinityFilter
 from robotapp_scheduler.plugins.ros.reserve import ROSReserve
 

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 from tests.support.scheduling import make_core, make_info, make_node, make_pod, to_pod
 
-from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.pods.resource_claims import ResourceClaim

@@ -14,7 +14,7 @@ from tests.support.volumes import (
 )
 
 from robotapp_api.model.names import SCHEDULER_NAME
-from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 
 IN_USE = (
     "node(s) unavailable due to PersistentVolumeClaim with ReadWriteOncePod access mode already in-use by another pod"

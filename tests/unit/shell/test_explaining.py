@@ -10,7 +10,7 @@ from tests.support.scheduling import Clock, make_core, make_node, make_pod, tele
 
 from robotapp_api.model.names import Annotation
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.shell.explaining import Explainer, without_nodes
 

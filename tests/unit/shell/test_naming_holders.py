@@ -5,9 +5,9 @@ from tests.support.scheduling import device_claim
 
 from robotapp_api.model.names import HARDWARE_PREFIX, EventReason
 from robotapp_scheduler.core.api.ros import DeviceHolder, DeviceWish, RosContext
-from robotapp_scheduler.core.decision import Decision
+from robotapp_scheduler.core.cycle.diagnosis import DEVICE_PLUGIN
+from robotapp_scheduler.core.cycle.schedule_result import Decision
 from robotapp_scheduler.core.framework.interface import Code
-from robotapp_scheduler.core.refusal import DEVICE_PLUGIN
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant
 
 

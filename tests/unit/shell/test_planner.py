@@ -10,7 +10,7 @@ from typing import Any
 from tests.support.clients import until
 from tests.support.joint_problems import field_problem
 
-from robotapp_scheduler.core.posing import Posed
+from robotapp_scheduler.core.cycle.joint_problem import Posed
 from robotapp_scheduler.shell.planner import PAUSE_S, Planner
 
 READY = "import sys, time; out = sys.stdout.buffer; out.write(bytes(4)); out.flush();"

@@ -15,8 +15,8 @@ from robotapp_api.client.informer.reflector import Change as Seen
 from robotapp_api.client.informer.watch_decoder import ADDED, WatchDecoder
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.cycle import SchedulerCore
-from robotapp_scheduler.core.decision import Decision
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
+from robotapp_scheduler.core.cycle.schedule_result import Decision
 from robotapp_scheduler.core.queue.queued_pod_info import Rejection
 from robotapp_scheduler.shell.intake import Intake
 

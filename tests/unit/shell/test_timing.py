@@ -9,7 +9,7 @@ from prometheus_client import CollectorRegistry
 from prometheus_client.exposition import generate_latest
 from tests.support.scheduling import Clock, default_profiles, make_cluster, make_info, make_node
 
-from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.framework.interface import Code, PreFilter, Status
 from robotapp_scheduler.shell.metrics import Metrics
 from robotapp_scheduler.shell.timing import ONE_IN, Stopwatch, sampled, status_of, time_plugins

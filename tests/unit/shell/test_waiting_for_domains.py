@@ -6,9 +6,9 @@ from tests.support.scheduling import make_info
 from robotapp_api.claims.identity import device_spec, domain_spec, holder_of_pod
 from robotapp_api.claims.objects import Claim, Meta
 from robotapp_api.model.names import PodReason
+from robotapp_scheduler.core.cycle.diagnosis import DEVICE_PLUGIN, FULL_POOL
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.queue.queued_pod_info import Rejection
-from robotapp_scheduler.core.refusal import DEVICE_PLUGIN, FULL_POOL
 from robotapp_scheduler.shell.loop import POOLS_S
 from robotapp_scheduler.shell.reserve import Readiness, Reserved
 

@@ -2,7 +2,7 @@
 
 from tests.support.scheduling import make_core, make_info, make_node, make_pod
 
-from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 

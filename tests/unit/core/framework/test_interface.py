@@ -8,7 +8,7 @@ from tests.support.scheduling import Clock, make_cluster, make_info, make_node
 
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_scheduler.core.cache.snapshot import Nodes
-from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.framework.interface import (
     Code,
     Loaded,

@@ -6,9 +6,9 @@ from tests.support.cluster_cases import FAMILIES, Case, cases
 from tests.support.poison import poison_pods
 from tests.support.scheduling import make_core, make_node, make_pod, to_pod
 
+from robotapp_scheduler.core.cycle.diagnosis import EXCESS
 from robotapp_scheduler.core.framework.interface import Code
 from robotapp_scheduler.core.pods.limits import excess
-from robotapp_scheduler.core.refusal import EXCESS
 
 EXCESSIVE = {
     "spread-keys-hard": "5000 topologySpreadConstraints, more than 64",

@@ -21,9 +21,9 @@ from tests.support.scheduling import Clock, app_object, make_core, make_info, ma
 from robotapp_api.model.names import Label, PodReason
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.api.pod_group import understood
-from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.cycle.group_gates import WHOLE_PLUGIN, groups_of
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.groups import WHOLE_PLUGIN, groups_of
 from robotapp_scheduler.core.pods.pod_group_index import (
     COSCHEDULING,
     POD_GROUP_LABEL,

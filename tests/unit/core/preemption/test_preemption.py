@@ -6,7 +6,7 @@ from tests.support.scheduling import app_object, chain, make_core, make_info, ma
 
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cache.disruption_budgets import DisruptionBudget
-from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.framework.profiles import ConfigError
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.queue.queued_pod_info import Rejection

@@ -6,7 +6,7 @@ import pytest
 from tests.support.scheduling import make_core, make_info, make_node, make_pod
 from tests.support.volumes import make_claim, make_csi_node, make_volume
 
-from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 
 Json = dict[str, Any]
 IN_USE = (

@@ -8,11 +8,11 @@ from tests.support.scheduling import app_object, chain, make_core, make_node, ma
 
 from robotapp_api.model.names import Label
 from robotapp_scheduler.core.api.core_v1 import Node
-from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.cycle.re_evaluate import reconsider
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
+from robotapp_scheduler.core.cycle.tiers import tier_ranks
 from robotapp_scheduler.core.explain.record import Record
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.reconsider import reconsider
-from robotapp_scheduler.core.tiers import tier_ranks
 
 
 def tiered_node(name: str, tier: str = "", *, robot: str = "", **fields: Any) -> Node:

@@ -8,7 +8,7 @@ from tests.support.scheduling import app_object, chain, make_core, make_node, me
 
 from robotapp_api.model.names import Label, PodReason
 from robotapp_scheduler.core.api.core_v1 import Node, OwnerReference, Pod
-from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.events.cluster_event import Event
 from robotapp_scheduler.core.queue.queued_pod_info import Gate
 

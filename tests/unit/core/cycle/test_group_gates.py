@@ -15,9 +15,9 @@ from tests.support.scheduling import (
 from robotapp_api.model.names import Label, PodReason
 from robotapp_scheduler.core.api.core_v1 import Node, Owned
 from robotapp_scheduler.core.api.robotics_v1alpha1 import RobotApp
-from robotapp_scheduler.core.cycle import SchedulerCore
+from robotapp_scheduler.core.cycle.group_gates import WHOLE_PLUGIN
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.groups import WHOLE_PLUGIN
 from robotapp_scheduler.core.queue.queued_pod_info import Rejection
 
 NODES = ("n0", "n1", "n2")

@@ -6,11 +6,10 @@ from tests.support.pod_groups import arrive
 from tests.support.scheduling import app_object, chain, make_core, make_info, make_node, member_pod, telemetry
 
 from robotapp_api.model.names import Label
-from robotapp_scheduler.core.cycle import SchedulerCore
-from robotapp_scheduler.core.group_order import group_order
+from robotapp_scheduler.core.cycle.group_cycle import advice_of, group_order
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.robotics.app_index import AppIndex
-from robotapp_scheduler.core.together import advice_of
 from robotapp_scheduler.joint.solve import Limits, solve
 
 WIDE = 20

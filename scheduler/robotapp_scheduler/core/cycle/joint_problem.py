@@ -15,13 +15,13 @@ from robotapp_api.values.neighbours import NO_NEIGHBOURS
 from robotapp_scheduler.core.api.robotics_v1alpha1 import Component
 from robotapp_scheduler.core.api.robotics_v1alpha1 import Edge as Connection
 from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cycle.tiers import tier_ranks
 from robotapp_scheduler.core.nodes.columns import FloatArray, IntArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.robotics.app_index import App, on_one_node
 from robotapp_scheduler.core.robotics.rtt_matrix import LatencyExport
 from robotapp_scheduler.core.runtime.evaluation import Evaluation
 from robotapp_scheduler.core.runtime.profile_runner import Engine
-from robotapp_scheduler.core.tiers import tier_ranks
 from robotapp_scheduler.joint.problem import INF, Edge, Problem, Relation, with_tiers
 
 MOST_PODS: Final = 96

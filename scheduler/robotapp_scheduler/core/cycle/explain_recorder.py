@@ -6,7 +6,8 @@ from typing import Final
 from robotapp_api.values.round_trips import is_unreachable
 from robotapp_scheduler.core.api.ros import Endpoint, RosContext
 from robotapp_scheduler.core.cache.cache import Cluster
-from robotapp_scheduler.core.decision import Decision
+from robotapp_scheduler.core.cycle.schedule_result import Decision
+from robotapp_scheduler.core.cycle.tiers import earliest_tier, planned_tier
 from robotapp_scheduler.core.explain.record import (
     MOST_REFUSALS,
     TOP,
@@ -22,7 +23,6 @@ from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.runtime.evaluation import Evaluation
 from robotapp_scheduler.core.runtime.filter_results import FilterColumn
 from robotapp_scheduler.core.runtime.profile_runner import Engine
-from robotapp_scheduler.core.tiers import earliest_tier, planned_tier
 
 NO_TOP: Final = Top()
 

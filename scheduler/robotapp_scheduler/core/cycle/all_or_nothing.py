@@ -10,11 +10,11 @@ from typing import Final, Protocol
 
 from robotapp_api.model.names import PodReason
 from robotapp_scheduler.core.cache.cache import Cluster
-from robotapp_scheduler.core.decision import Decision
+from robotapp_scheduler.core.cycle.group_gates import POD_GROUP_PLUGIN, WHOLE_PLUGIN
+from robotapp_scheduler.core.cycle.schedule_result import Decision
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.explain.record import ExplainRing
 from robotapp_scheduler.core.framework.interface import Code
-from robotapp_scheduler.core.groups import POD_GROUP_PLUGIN, WHOLE_PLUGIN
 from robotapp_scheduler.core.pods.pod_group_index import GroupRef
 from robotapp_scheduler.core.pods.pod_info import Member, PlacedPod, PodInfo
 

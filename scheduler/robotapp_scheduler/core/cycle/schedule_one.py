@@ -5,31 +5,30 @@ from typing import Any, Final
 
 from robotapp_scheduler.core.api.ros import InvalidAnnotation
 from robotapp_scheduler.core.cache.cache import Cluster
-from robotapp_scheduler.core.decision import FAULTS, Decision, failed, skipped_deleting
+from robotapp_scheduler.core.cycle.diagnosis import WAKERS, Refusals, closed, excessive, held, unreadable
+from robotapp_scheduler.core.cycle.explain_recorder import Recorder
+from robotapp_scheduler.core.cycle.group_cycle import NO_WISH, Advice, Wish, only_one_plan, plan_together
+from robotapp_scheduler.core.cycle.group_gates import (
+    Groups,
+    group_key,
+)
+from robotapp_scheduler.core.cycle.joint_problem import Posed, pose
+from robotapp_scheduler.core.cycle.schedule_result import FAULTS, Decision, failed, skipped_deleting
+from robotapp_scheduler.core.cycle.tiers import earlier_feasible
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.explain.record import ExplainRing, Record, finished
 from robotapp_scheduler.core.framework.interface import Code, histogram
 from robotapp_scheduler.core.framework.profiles import Profile
 from robotapp_scheduler.core.framework.queueing_hint import Waker
-from robotapp_scheduler.core.groups import (
-    Groups,
-    group_key,
-)
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.posing import Posed, pose
 from robotapp_scheduler.core.preemption.nominated_pods import with_nominated
 from robotapp_scheduler.core.queue.queued_pod_info import Gate, QueuedPod
 from robotapp_scheduler.core.queue.scheduling_queue import SchedulingQueue
-from robotapp_scheduler.core.recorder import Recorder
-from robotapp_scheduler.core.refusal import Refusals, closed, excessive, held, unreadable
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant
 from robotapp_scheduler.core.robotics.resolve import qos_fields, resolve
 from robotapp_scheduler.core.robotics.rtt_matrix import LatencyExport
 from robotapp_scheduler.core.runtime.evaluation import Evaluation
 from robotapp_scheduler.core.runtime.profile_runner import Engine, Stopwatch, pod_hash
-from robotapp_scheduler.core.tiers import earlier_feasible
-from robotapp_scheduler.core.together import NO_WISH, Advice, Wish, only_one_plan, plan_together
-from robotapp_scheduler.core.wakers import WAKERS
 
 PREEMPTING: Final = Gate(
     plugin="DefaultPreemption",

@@ -8,11 +8,11 @@ from tests.support.pod_groups import arrive
 from tests.support.scheduling import Clock, app_object, chain, make_core, make_node, make_pod, member_pod, telemetry
 
 from robotapp_api.model.names import Label
-from robotapp_scheduler.core.cycle import SchedulerCore
-from robotapp_scheduler.core.posing import Posed
+from robotapp_scheduler.core.cycle.group_cycle import Advice, advice_of
+from robotapp_scheduler.core.cycle.joint_problem import Posed
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.queue.queued_pod_info import QueuedPod
 from robotapp_scheduler.core.robotics.rtt_matrix import LatencyExport
-from robotapp_scheduler.core.together import Advice, advice_of
 from robotapp_scheduler.joint.problem import Relation
 from robotapp_scheduler.joint.solve import Limits, Solution, solve
 

@@ -1,22 +1,71 @@
 """The pods of one group, placed in one go against each other's assumed places.
 
 Greedy, along the edges of the app; a pod that finds no place is moved to the front and the plan starts over. What must
-be placed whole is placed whole or not at all (core.whole).
+be placed whole is placed whole or not at all (core.cycle.all_or_nothing).
+
+In which order the pods of a group are placed one by one: nobody is left between two neighbours that are far apart.
 """
 
-from collections.abc import Mapping, Sequence
+import heapq
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Final, NamedTuple, Protocol
 
 from robotapp_scheduler.core.cache.cache import Cluster
-from robotapp_scheduler.core.decision import Decision
+from robotapp_scheduler.core.cycle.all_or_nothing import all_or_none
+from robotapp_scheduler.core.cycle.joint_problem import Posed
+from robotapp_scheduler.core.cycle.schedule_result import Decision
 from robotapp_scheduler.core.explain.record import ExplainRing
 from robotapp_scheduler.core.framework.interface import Code
-from robotapp_scheduler.core.group_order import group_order
-from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.posing import Posed
-from robotapp_scheduler.core.whole import all_or_none
+from robotapp_scheduler.core.pods.pod_info import Member, PodInfo
+from robotapp_scheduler.core.robotics.app_index import AppIndex
 from robotapp_scheduler.joint.problem import INF
 from robotapp_scheduler.joint.solve import GAP, Solution
+
+PINNED: Final = 1
+"""A pod with so few places is an anchor of the others, whoever its neighbours are."""
+
+
+def group_order(pods: Sequence[PodInfo], room: Mapping[str, int], apps: AppIndex) -> list[PodInfo]:
+    """Who has one place at most, then along the edges of the app from pod to pod; among equals the fewest places first.
+
+    `room` is the number of places by pod uid.
+    """
+    of: dict[Member, list[int]] = {}
+    for i, pod in enumerate(pods):
+        if pod.member is not None:
+            of.setdefault(pod.member, []).append(i)
+    heap = [_entry(pods[i], i, room, reached=False) for i in range(len(pods))]
+    heapq.heapify(heap)
+    order: list[PodInfo] = []
+    done: set[int] = set()
+    walked: set[Member] = set()
+    while heap:
+        *_, i = heapq.heappop(heap)
+        if i in done:
+            continue
+        done.add(i)
+        order.append(pods[i])
+        member = pods[i].member
+        if member is not None and member not in walked:
+            walked.add(member)
+            for near in _neighbours(member, apps):
+                for k in of.get(near, ()):
+                    heapq.heappush(heap, _entry(pods[k], k, room, reached=True))
+    return order
+
+
+def _entry(pod: PodInfo, i: int, room: Mapping[str, int], *, reached: bool) -> tuple[int, int, str, str, int]:
+    places = room[pod.uid]
+    rank = 0 if places <= PINNED else 1 if reached else 2
+    return (rank, places, pod.namespace, pod.name, i)
+
+
+def _neighbours(member: Member, apps: AppIndex) -> Iterator[Member]:
+    """Components at the other ends of its edges, of the same instance."""
+    app = apps.app(member.app_uid)
+    links = app.links.get(member.component, ()) if app is not None else ()
+    return (member._replace(component=link.peer) for link in links)
+
 
 MOST_RESTARTS: Final = 8
 MOST_TRIES: Final = 512

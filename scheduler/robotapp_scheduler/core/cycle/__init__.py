@@ -1,0 +1,1 @@
+"""One attempt to place a pod or a group."""
