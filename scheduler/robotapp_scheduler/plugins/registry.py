@@ -4,24 +4,24 @@ from collections.abc import Mapping
 from typing import Final
 
 from robotapp_scheduler.core.framework.profiles import Catalogue, PluginRef
-from robotapp_scheduler.plugins.kubernetes.balanced_allocation import NodeResourcesBalancedAllocation
-from robotapp_scheduler.plugins.kubernetes.declared_features import NodeDeclaredFeatures
 from robotapp_scheduler.plugins.kubernetes.default_preemption import DefaultPreemption
 from robotapp_scheduler.plugins.kubernetes.dynamic_resources import DynamicResources
-from robotapp_scheduler.plugins.kubernetes.image_locality import ImageLocality
-from robotapp_scheduler.plugins.kubernetes.inter_pod_affinity import InterPodAffinity
-from robotapp_scheduler.plugins.kubernetes.node_affinity import NodeAffinity
-from robotapp_scheduler.plugins.kubernetes.node_name import NodeName
-from robotapp_scheduler.plugins.kubernetes.node_ports import NodePorts
-from robotapp_scheduler.plugins.kubernetes.node_unschedulable import NodeUnschedulable
+from robotapp_scheduler.plugins.kubernetes.node.declared_features import NodeDeclaredFeatures
+from robotapp_scheduler.plugins.kubernetes.node.image_locality import ImageLocality
+from robotapp_scheduler.plugins.kubernetes.node.node_affinity import NodeAffinity
+from robotapp_scheduler.plugins.kubernetes.node.node_name import NodeName
+from robotapp_scheduler.plugins.kubernetes.node.node_ports import NodePorts
+from robotapp_scheduler.plugins.kubernetes.node.node_unschedulable import NodeUnschedulable
+from robotapp_scheduler.plugins.kubernetes.node.taint_toleration import TaintToleration
+from robotapp_scheduler.plugins.kubernetes.node_resources.balanced_allocation import NodeResourcesBalancedAllocation
+from robotapp_scheduler.plugins.kubernetes.node_resources.fit import NodeResourcesFit
 from robotapp_scheduler.plugins.kubernetes.queue_sort import PrioritySort, SchedulingGates
-from robotapp_scheduler.plugins.kubernetes.resources_fit import NodeResourcesFit
-from robotapp_scheduler.plugins.kubernetes.taint_toleration import TaintToleration
-from robotapp_scheduler.plugins.kubernetes.topology_spread import PodTopologySpread
-from robotapp_scheduler.plugins.kubernetes.volume_binding import VolumeBinding
-from robotapp_scheduler.plugins.kubernetes.volume_limits import NodeVolumeLimits
-from robotapp_scheduler.plugins.kubernetes.volume_restrictions import VolumeRestrictions
-from robotapp_scheduler.plugins.kubernetes.volume_zone import VolumeZone
+from robotapp_scheduler.plugins.kubernetes.topology.inter_pod_affinity import InterPodAffinity
+from robotapp_scheduler.plugins.kubernetes.topology.pod_topology_spread import PodTopologySpread
+from robotapp_scheduler.plugins.kubernetes.volumes.volume_binding import VolumeBinding
+from robotapp_scheduler.plugins.kubernetes.volumes.volume_limits import NodeVolumeLimits
+from robotapp_scheduler.plugins.kubernetes.volumes.volume_restrictions import VolumeRestrictions
+from robotapp_scheduler.plugins.kubernetes.volumes.volume_zone import VolumeZone
 from robotapp_scheduler.plugins.ros.bind import DefaultBinder, ROSBind
 from robotapp_scheduler.plugins.ros.deadline_score import DeadlineScore
 from robotapp_scheduler.plugins.ros.hardware_affinity import HardwareAffinityFilter

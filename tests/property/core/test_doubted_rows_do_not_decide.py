@@ -23,8 +23,11 @@ from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.runtime import score_bounds
 from robotapp_scheduler.core.runtime.evaluation import Evaluation
 from robotapp_scheduler.core.runtime.profile_runner import Engine
-from robotapp_scheduler.plugins.kubernetes.balanced_allocation import BalancedArgs, NodeResourcesBalancedAllocation
-from robotapp_scheduler.plugins.kubernetes.resources_fit import FitArgs, NodeResourcesFit
+from robotapp_scheduler.plugins.kubernetes.node_resources.balanced_allocation import (
+    BalancedArgs,
+    NodeResourcesBalancedAllocation,
+)
+from robotapp_scheduler.plugins.kubernetes.node_resources.fit import FitArgs, NodeResourcesFit
 from robotapp_scheduler.plugins.registry import catalogue
 
 Json = dict[str, Any]

@@ -9,8 +9,8 @@ from tests.support.scheduling import make_info, make_pod
 
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.interface import Loaded
-from robotapp_scheduler.plugins.kubernetes.inter_pod_affinity import InterPodAffinity
-from robotapp_scheduler.plugins.kubernetes.topology_spread import PodTopologySpread
+from robotapp_scheduler.plugins.kubernetes.topology.inter_pod_affinity import InterPodAffinity
+from robotapp_scheduler.plugins.kubernetes.topology.pod_topology_spread import PodTopologySpread
 
 WHEN = "requiredDuringSchedulingIgnoredDuringExecution"
 

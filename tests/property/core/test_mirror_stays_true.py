@@ -12,8 +12,8 @@ from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.cache.dry_run import Trial
 from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.nodes.resource_arrays import EXACT_IN_FLOAT, MOST_MISSES, Least
-from robotapp_scheduler.plugins.kubernetes.balanced_allocation import NodeResourcesBalancedAllocation
-from robotapp_scheduler.plugins.kubernetes.resources_fit import NodeResourcesFit
+from robotapp_scheduler.plugins.kubernetes.node_resources.balanced_allocation import NodeResourcesBalancedAllocation
+from robotapp_scheduler.plugins.kubernetes.node_resources.fit import NodeResourcesFit
 
 NAMES = ("cpu", "memory")
 LARGE = ("1", "4", str(EXACT_IN_FLOAT // 1000 - 1), str(EXACT_IN_FLOAT // 500))

@@ -16,8 +16,11 @@ from tests.support.reference_scheduler.state import State
 from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.framework.interface import MAX_SCORE
 from robotapp_scheduler.core.nodes.node_table import Row
-from robotapp_scheduler.plugins.kubernetes.balanced_allocation import BalancedArgs, NodeResourcesBalancedAllocation
-from robotapp_scheduler.plugins.kubernetes.resources_fit import FitArgs, NodeResourcesFit
+from robotapp_scheduler.plugins.kubernetes.node_resources.balanced_allocation import (
+    BalancedArgs,
+    NodeResourcesBalancedAllocation,
+)
+from robotapp_scheduler.plugins.kubernetes.node_resources.fit import FitArgs, NodeResourcesFit
 
 FAMILIES = ("amounts", "extended", "pod-level", "init-steps", "overhead", "boxed-level", "resize")
 UNRESIZED = tuple(family for family in FAMILIES if family != "resize")

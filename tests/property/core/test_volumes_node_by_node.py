@@ -21,7 +21,7 @@ from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.framework.profiles import ProfileSpec
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.runtime.profile_runner import Engine
-from robotapp_scheduler.plugins.kubernetes.volume_binding import VolumeBinding
+from robotapp_scheduler.plugins.kubernetes.volumes.volume_binding import VolumeBinding
 
 NODES = ("n0", "n1", "n2", "n3")
 CLAIMS = ("c0", "c1", "c2")

@@ -9,7 +9,7 @@ from tests.support.broken_plugins import UNUSABLE
 from tests.support.configurations import profile
 
 from robotapp_scheduler.config.model import API_VERSION
-from robotapp_scheduler.plugins.kubernetes.added_affinity import PREFERRED, REQUIRED
+from robotapp_scheduler.plugins.kubernetes.node.added_affinity import PREFERRED, REQUIRED
 from robotapp_scheduler.plugins.registry import catalogue
 
 config = partial(configurations.config, catalogue())

@@ -12,7 +12,7 @@ from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.interface import Code, FilterResult, PreFilter, Status
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.pods.resource_claims import ResourceClaim, not_allocated, trouble, wanted
-from robotapp_scheduler.plugins.kubernetes.matching import terms_mask
+from robotapp_scheduler.plugins.kubernetes.common.node_selector import terms_mask
 
 ELSEWHERE: Final = "resourceclaim not available on the node"
 

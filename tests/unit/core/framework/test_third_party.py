@@ -15,7 +15,7 @@ from robotapp_scheduler.core.framework.interface import Code, Loaded, Status
 from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.core.framework.third_party import guarded
 from robotapp_scheduler.core.queue.scheduling_queue import Rejection
-from robotapp_scheduler.plugins.kubernetes.resources_fit import NodeResourcesFit
+from robotapp_scheduler.plugins.kubernetes.node_resources.fit import NodeResourcesFit
 from robotapp_scheduler.plugins.registry import catalogue
 
 STAR = PluginRef("*")

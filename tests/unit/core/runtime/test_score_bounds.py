@@ -10,7 +10,7 @@ from robotapp_api.model.names import SCHEDULER_NAME, PodReason
 from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
-from robotapp_scheduler.plugins.kubernetes.resources_fit import NodeResourcesFit
+from robotapp_scheduler.plugins.kubernetes.node_resources.fit import NodeResourcesFit
 from robotapp_scheduler.plugins.registry import catalogue
 
 CLASSES = 8

@@ -10,15 +10,18 @@ from tests.support.scheduling import make_cluster, make_core, make_info, make_no
 from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.framework.interface import Code, PluginError, Verdict
 from robotapp_scheduler.core.nodes.node_table import Row
-from robotapp_scheduler.plugins.kubernetes.balanced_allocation import BalancedArgs, NodeResourcesBalancedAllocation
-from robotapp_scheduler.plugins.kubernetes.fit_strategies import ResourceWeight
-from robotapp_scheduler.plugins.kubernetes.node_affinity import NodeAffinity, NodeAffinityArgs
-from robotapp_scheduler.plugins.kubernetes.node_name import NodeName
-from robotapp_scheduler.plugins.kubernetes.node_ports import NodePorts
-from robotapp_scheduler.plugins.kubernetes.node_unschedulable import NodeUnschedulable
+from robotapp_scheduler.plugins.kubernetes.node.node_affinity import NodeAffinity, NodeAffinityArgs
+from robotapp_scheduler.plugins.kubernetes.node.node_name import NodeName
+from robotapp_scheduler.plugins.kubernetes.node.node_ports import NodePorts
+from robotapp_scheduler.plugins.kubernetes.node.node_unschedulable import NodeUnschedulable
+from robotapp_scheduler.plugins.kubernetes.node.taint_toleration import TaintToleration
+from robotapp_scheduler.plugins.kubernetes.node_resources.balanced_allocation import (
+    BalancedArgs,
+    NodeResourcesBalancedAllocation,
+)
+from robotapp_scheduler.plugins.kubernetes.node_resources.fit import FitArgs, NodeResourcesFit
+from robotapp_scheduler.plugins.kubernetes.node_resources.scoring_strategies import ResourceWeight
 from robotapp_scheduler.plugins.kubernetes.queue_sort import PrioritySort, SchedulingGates
-from robotapp_scheduler.plugins.kubernetes.resources_fit import FitArgs, NodeResourcesFit
-from robotapp_scheduler.plugins.kubernetes.taint_toleration import TaintToleration
 
 Json = dict[str, Any]
 

@@ -11,7 +11,7 @@ from robotapp_scheduler.core.api.core_v1 import NodeSelector, NodeSelectorTerm, 
 from robotapp_scheduler.core.api.storage_v1 import PersistentVolume, TopologyTerm
 from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.nodes.columns import BoolArray
-from robotapp_scheduler.plugins.kubernetes.matching import expression_mask, labels_mask, term_mask
+from robotapp_scheduler.plugins.kubernetes.common.node_selector import expression_mask, labels_mask, term_mask
 
 Positions = npt.NDArray[np.intp]
 

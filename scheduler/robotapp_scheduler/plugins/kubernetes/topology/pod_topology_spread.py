@@ -15,8 +15,8 @@ from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray, IntArra
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.selectors.label_sets import LabelSet
 from robotapp_scheduler.core.selectors.topology_domains import Scope
-from robotapp_scheduler.plugins.kubernetes.resource_arguments import QUALIFIED
-from robotapp_scheduler.plugins.kubernetes.spread_constraints import (
+from robotapp_scheduler.plugins.kubernetes.common.arguments import QUALIFIED
+from robotapp_scheduler.plugins.kubernetes.topology.spread_constraints import (
     HARD,
     HOSTNAME,
     PLUGIN,

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.nodes.node_table import NodeAmounts
-from robotapp_scheduler.plugins.kubernetes.resource_math import (
+from robotapp_scheduler.plugins.kubernetes.node_resources.resource_math import (
     HUNDRED,
     NOTHING,
     all_positive,

@@ -16,7 +16,8 @@ from robotapp_scheduler.core.nodes.node_table import Row
 from robotapp_scheduler.core.pods.cached_property import Lazy
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.pods.pod_signature import requests_of
-from robotapp_scheduler.plugins.kubernetes.fit_strategies import (
+from robotapp_scheduler.plugins.kubernetes.common.arguments import fit_problems, refuse
+from robotapp_scheduler.plugins.kubernetes.node_resources.scoring_strategies import (
     STRATEGIES,
     USUAL,
     ResourceWeight,
@@ -26,7 +27,6 @@ from robotapp_scheduler.plugins.kubernetes.fit_strategies import (
     Weights,
     ratio_function,
 )
-from robotapp_scheduler.plugins.kubernetes.resource_arguments import fit_problems, refuse
 
 TOO_MANY: Final = "Too many pods"
 RATIO: Final = "RequestedToCapacityRatio"

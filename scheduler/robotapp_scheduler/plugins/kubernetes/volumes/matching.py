@@ -22,8 +22,8 @@ from robotapp_scheduler.core.cache.snapshot import Nodes
 from robotapp_scheduler.core.framework.interface import PluginError
 from robotapp_scheduler.core.nodes.columns import BoolArray, IntArray
 from robotapp_scheduler.core.volumes.volume_cache import Volumes
-from robotapp_scheduler.plugins.kubernetes.volume_claims import Sorted
-from robotapp_scheduler.plugins.kubernetes.volume_reach import Reach, affinity_mask, selector_mask, topology_mask
+from robotapp_scheduler.plugins.kubernetes.volumes.claims import Sorted
+from robotapp_scheduler.plugins.kubernetes.volumes.node_reach import Reach, affinity_mask, selector_mask, topology_mask
 
 PLUGIN: Final = "VolumeBinding"
 REASONS: Final = (

@@ -16,11 +16,11 @@ from tests.support.volumes import (
 )
 
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.plugins.kubernetes.declared_features import NodeDeclaredFeatures
-from robotapp_scheduler.plugins.kubernetes.volume_binding import VolumeBinding
-from robotapp_scheduler.plugins.kubernetes.volume_limits import NodeVolumeLimits
-from robotapp_scheduler.plugins.kubernetes.volume_restrictions import VolumeRestrictions
-from robotapp_scheduler.plugins.kubernetes.volume_zone import VolumeZone
+from robotapp_scheduler.plugins.kubernetes.node.declared_features import NodeDeclaredFeatures
+from robotapp_scheduler.plugins.kubernetes.volumes.volume_binding import VolumeBinding
+from robotapp_scheduler.plugins.kubernetes.volumes.volume_limits import NodeVolumeLimits
+from robotapp_scheduler.plugins.kubernetes.volumes.volume_restrictions import VolumeRestrictions
+from robotapp_scheduler.plugins.kubernetes.volumes.volume_zone import VolumeZone
 
 POD = mounting("map", ephemeral=["scratch"])
 ZONED = {"topology.kubernetes.io/zone": "z1"}

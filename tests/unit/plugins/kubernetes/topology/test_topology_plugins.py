@@ -10,8 +10,8 @@ from tests.support.scheduling import make_core, make_info, make_node, make_pod
 from robotapp_scheduler.core.api.core_v1 import NodeImage, Selecting
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.framework.interface import Code
-from robotapp_scheduler.plugins.kubernetes.inter_pod_affinity import AffinityArgs
-from robotapp_scheduler.plugins.kubernetes.topology_spread import SpreadArgs
+from robotapp_scheduler.plugins.kubernetes.topology.inter_pod_affinity import AffinityArgs
+from robotapp_scheduler.plugins.kubernetes.topology.pod_topology_spread import SpreadArgs
 
 Json = dict[str, Any]
 PROFILE = "ros-aware-scheduler"

@@ -12,7 +12,7 @@ import msgspec
 
 from robotapp_api.values.selector import NAME_FIELD, integer
 from robotapp_scheduler.core.api.core_v1 import NodeAffinity, NodeSelector, NodeSelectorTerm, PreferredTerm, Requirement
-from robotapp_scheduler.plugins.kubernetes.resource_arguments import QUALIFIED
+from robotapp_scheduler.plugins.kubernetes.common.arguments import QUALIFIED
 
 REQUIRED: Final = "requiredDuringSchedulingIgnoredDuringExecution"
 PREFERRED: Final = "preferredDuringSchedulingIgnoredDuringExecution"

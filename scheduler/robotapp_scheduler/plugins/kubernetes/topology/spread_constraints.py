@@ -17,8 +17,8 @@ from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.selectors.pod_counts import Census, Counter, Wanted
 from robotapp_scheduler.core.selectors.pod_matcher import PodMatcher, Requirements
 from robotapp_scheduler.core.selectors.topology_domains import Scope
-from robotapp_scheduler.plugins.kubernetes.matching import own_terms_mask
-from robotapp_scheduler.plugins.kubernetes.taint_toleration import HARD_EFFECTS, untolerated
+from robotapp_scheduler.plugins.kubernetes.common.node_selector import own_terms_mask
+from robotapp_scheduler.plugins.kubernetes.node.taint_toleration import HARD_EFFECTS, untolerated
 
 PLUGIN: Final = "PodTopologySpread"
 HARD: Final = "DoNotSchedule"

@@ -10,13 +10,13 @@ from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.interface import FilterResult, PreFilter, ScoreResult, Verdict
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
-from robotapp_scheduler.plugins.kubernetes.compat import NEW, is_new
-from robotapp_scheduler.plugins.kubernetes.fit_strategies import ShapePoint, interpolated
-from robotapp_scheduler.plugins.kubernetes.volume_claims import sorted_claims, trouble, unresolvable
-from robotapp_scheduler.plugins.kubernetes.volume_hints import names_claim, of_pod, room_grew
-from robotapp_scheduler.plugins.kubernetes.volume_matching import PLUGIN, REASONS, Match, match
-from robotapp_scheduler.plugins.kubernetes.volume_reach import Reach
-from robotapp_scheduler.plugins.kubernetes.volume_score import score
+from robotapp_scheduler.plugins.kubernetes.common.compat import NEW, is_new
+from robotapp_scheduler.plugins.kubernetes.node_resources.scoring_strategies import ShapePoint, interpolated
+from robotapp_scheduler.plugins.kubernetes.volumes.claims import sorted_claims, trouble, unresolvable
+from robotapp_scheduler.plugins.kubernetes.volumes.matching import PLUGIN, REASONS, Match, match
+from robotapp_scheduler.plugins.kubernetes.volumes.node_reach import Reach
+from robotapp_scheduler.plugins.kubernetes.volumes.queueing_hints import names_claim, of_pod, room_grew
+from robotapp_scheduler.plugins.kubernetes.volumes.score import score
 
 UNBOUND = "pod has unbound immediate PersistentVolumeClaims"
 USUAL_SHAPE = (ShapePoint(0, 10), ShapePoint(100, 0))

@@ -21,9 +21,9 @@ from robotapp_scheduler.core.framework.interface import (
 )
 from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.plugins.kubernetes.added_affinity import AddedAffinity, problems
-from robotapp_scheduler.plugins.kubernetes.matching import own_terms_mask, term_mask, terms_mask
-from robotapp_scheduler.plugins.kubernetes.resource_arguments import refuse
+from robotapp_scheduler.plugins.kubernetes.common.arguments import refuse
+from robotapp_scheduler.plugins.kubernetes.common.node_selector import own_terms_mask, term_mask, terms_mask
+from robotapp_scheduler.plugins.kubernetes.node.added_affinity import AddedAffinity, problems
 
 POD_REASON: Final = "node(s) didn't match Pod's node affinity/selector"
 ENFORCED_REASON: Final = "node(s) didn't match scheduler-enforced node affinity"

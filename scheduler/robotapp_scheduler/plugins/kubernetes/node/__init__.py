@@ -1,0 +1,1 @@
+"""Plugins about the node itself: its name, taints, ports, images, features."""

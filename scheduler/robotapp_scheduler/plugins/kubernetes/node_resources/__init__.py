@@ -1,0 +1,1 @@
+"""Plugins about what a node offers and a pod requests."""

@@ -1,0 +1,1 @@
+"""Plugins about other pods: spreading and pod affinity."""
