@@ -5,8 +5,7 @@ from typing import Any
 from robotapp_api.client.api.resources import PODS, Resource
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cache.cache import Cluster
-from robotapp_scheduler.shell.route import Route
-from robotapp_scheduler.shell.watched import routes
+from robotapp_scheduler.watch.routes import Route, routes
 
 __all__ = ["kinds", "resources", "routes"]
 

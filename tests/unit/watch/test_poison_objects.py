@@ -12,10 +12,7 @@ from tests.support.poison_objects import POISON_OBJECTS
 from tests.support.scheduling import make_core, make_node, to_pod
 
 from robotapp_scheduler.core.cache.cache import Cluster
-from robotapp_scheduler.shell.group_feed import group_routes
-from robotapp_scheduler.shell.route import Route
-from robotapp_scheduler.shell.storage_feed import storage_routes
-from robotapp_scheduler.shell.watched import plain_routes, robotics_routes
+from robotapp_scheduler.watch.routes import Route, group_routes, plain_routes, robotics_routes, storage_routes
 
 MOST_S = 0.8
 """CPU to take one of them over: ten times what the worst needs."""

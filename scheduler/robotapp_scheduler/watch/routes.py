@@ -1,29 +1,103 @@
-"""Everything the scheduler looks at, and where it goes: one table for the watches, the export and the simulation."""
+"""Everything the scheduler looks at, and where it goes: one table for the watches, the export and the simulation.
+
+The watched resources of storage and devices. Without pods that claim any they are mirrored and never looked at.
+
+The watched resources of groups. An API server without them is asked again only while a pod waits for one.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
 from robotapp_api.claims.objects import Claim
 from robotapp_api.client.api.resources import (
+    COSCHEDULING_PODGROUPS,
+    CSIDRIVERS,
+    CSINODES,
+    CSISTORAGECAPACITIES,
     DEPLOYMENTS,
     NAMESPACES,
     NODES,
     NODETELEMETRIES,
+    PERSISTENTVOLUMECLAIMS,
+    PERSISTENTVOLUMES,
     PODDISRUPTIONBUDGETS,
     REPLICASETS,
     REPLICATIONCONTROLLERS,
+    RESOURCECLAIMS,
     ROBOTAPPS,
     ROBOTCLAIMS,
     SERVICES,
     STATEFULSETS,
+    STORAGECLASSES,
+    VOLUMEATTACHMENTS,
+    WORKLOAD_PODGROUPS,
     Resource,
 )
 from robotapp_api.model.names import Label
 from robotapp_scheduler.core.api.core_v1 import Namespace, Node, Owned, Selecting
+from robotapp_scheduler.core.api.pod_group import GivenPodGroup
 from robotapp_scheduler.core.api.robotics_v1alpha1 import NodeTelemetry, RobotApp
+from robotapp_scheduler.core.api.storage_v1 import (
+    Claim as VolumeClaim,
+)
+from robotapp_scheduler.core.api.storage_v1 import (
+    CSIDriver,
+    CSINode,
+    CSIStorageCapacity,
+    PersistentVolume,
+    StorageClass,
+    VolumeAttachment,
+)
 from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.cache.disruption_budgets import DisruptionBudget
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.shell.group_feed import group_routes
-from robotapp_scheduler.shell.route import Route
-from robotapp_scheduler.shell.storage_feed import storage_routes
+from robotapp_scheduler.core.pods.pod_group_index import PodGroups
+from robotapp_scheduler.core.pods.resource_claims import ResourceClaim, ResourceClaims
+from robotapp_scheduler.core.volumes.volume_cache import Volumes
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """How the objects of a resource are decoded, and who takes them; the answer is what changed for pods."""
+
+    resource: Resource
+    as_type: type[Any]
+    apply: Callable[[Any], Change]
+    remove: Callable[[Any], Change]
+    label_selector: str = ""
+    field_selector: str = ""
+    fixed_keys: bool = False
+    known_specs: bool = False
+    """See `WatchDecoder`, for both."""
+
+
+def storage_routes(volumes: Volumes, claims: ResourceClaims) -> tuple[Route, ...]:
+    """Claims of devices and of volumes, volumes, and everything that says where those can be."""
+    return (
+        Route(RESOURCECLAIMS, ResourceClaim, claims.apply, claims.remove),
+        Route(PERSISTENTVOLUMECLAIMS, VolumeClaim, volumes.apply_claim, volumes.remove_claim),
+        Route(PERSISTENTVOLUMES, PersistentVolume, volumes.apply_volume, volumes.remove_volume),
+        Route(STORAGECLASSES, StorageClass, volumes.apply_class, volumes.remove_class),
+        Route(CSINODES, CSINode, volumes.apply_csi_node, volumes.remove_csi_node),
+        Route(CSIDRIVERS, CSIDriver, volumes.apply_driver, volumes.remove_driver),
+        Route(CSISTORAGECAPACITIES, CSIStorageCapacity, volumes.apply_capacity, volumes.remove_capacity),
+        Route(VOLUMEATTACHMENTS, VolumeAttachment, volumes.apply_attachment, volumes.remove_attachment),
+    )
+
+
+def group_routes(groups: PodGroups) -> tuple[Route, ...]:
+    """PodGroups of both APIs."""
+    return (_route(COSCHEDULING_PODGROUPS, groups), _route(WORKLOAD_PODGROUPS, groups))
+
+
+def _route(resource: Resource, groups: PodGroups) -> Route:
+    return Route(
+        resource,
+        GivenPodGroup,
+        lambda group: groups.apply(group, resource.group),
+        lambda group: groups.remove(group, resource.group),
+    )
 
 
 def routes(cluster: Cluster) -> tuple[Route, ...]:

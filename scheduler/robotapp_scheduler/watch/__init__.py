@@ -1,0 +1,1 @@
+"""What the scheduler watches, for the process, the export and the simulation alike."""
