@@ -24,7 +24,7 @@ from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 from robotapp_scheduler.shell.binder import BindOutcome, BindResult
 from robotapp_scheduler.shell.group_report import GroupReporter
 from robotapp_scheduler.shell.loop import SchedulerLoop
-from robotapp_scheduler.shell.metrics import Metrics
+from robotapp_scheduler.shell.metrics.metrics import Metrics
 from robotapp_scheduler.shell.placing import Placer
 from robotapp_scheduler.shell.planner import Planner
 from robotapp_scheduler.shell.reserve import READY, Reserved

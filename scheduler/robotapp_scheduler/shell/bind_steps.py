@@ -20,7 +20,7 @@ from robotapp_scheduler.core.framework.third_party import odd_status
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.queue.queued_pod_info import Rejection
 from robotapp_scheduler.plugins.kubernetes.common.arguments import QUALIFIED
-from robotapp_scheduler.shell.timing import PointTimer
+from robotapp_scheduler.shell.metrics.timing import PointTimer
 
 log = logging.getLogger(__name__)
 

@@ -18,7 +18,7 @@ from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.preemption.preemption import Plan
 from robotapp_scheduler.shell import texts
-from robotapp_scheduler.shell.metrics import Metrics
+from robotapp_scheduler.shell.metrics.metrics import Metrics
 from robotapp_scheduler.shell.report import Events, utc_now
 
 log = logging.getLogger(__name__)

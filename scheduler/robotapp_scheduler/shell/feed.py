@@ -24,7 +24,7 @@ from robotapp_api.client.transport.errors import ClientError, NotFound
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.shell.metrics import Metrics
+from robotapp_scheduler.shell.metrics.metrics import Metrics
 from robotapp_scheduler.watch.routes import Route, group_routes, plain_routes, robotics_routes, storage_routes
 
 log = logging.getLogger(__name__)

@@ -14,7 +14,7 @@ from robotapp_api.client.transport.errors import ClientError
 from robotapp_api.model.names import EventReason
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.shell import texts
-from robotapp_scheduler.shell.metrics import Metrics
+from robotapp_scheduler.shell.metrics.metrics import Metrics
 from robotapp_scheduler.shell.report import Events
 
 log = logging.getLogger(__name__)

@@ -20,7 +20,7 @@ from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.queue.queued_pod_info import QueuedPod, Rejection
 from robotapp_scheduler.shell.gathering import Gathering
 from robotapp_scheduler.shell.group_report import GroupReporter
-from robotapp_scheduler.shell.metrics import Metrics
+from robotapp_scheduler.shell.metrics.metrics import Metrics
 from robotapp_scheduler.shell.placing import Placer
 from robotapp_scheduler.shell.planner import Planner
 from robotapp_scheduler.shell.report import Reporter

@@ -24,11 +24,11 @@ from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 from robotapp_scheduler.shell.bind_steps import BindSteps, Refused, failed_step
 from robotapp_scheduler.shell.binder import Binder, BindOutcome, BindResult
 from robotapp_scheduler.shell.claim_users import ClaimUsers
-from robotapp_scheduler.shell.metrics import AttemptResult, Metrics
+from robotapp_scheduler.shell.metrics.metrics import AttemptResult, Metrics
+from robotapp_scheduler.shell.metrics.timing import PointTimer
 from robotapp_scheduler.shell.report import Reporter
 from robotapp_scheduler.shell.reserve import READY, Readiness, Reserved, Reserver, wants
 from robotapp_scheduler.shell.texts import budget_without_end, device_busy
-from robotapp_scheduler.shell.timing import PointTimer
 from robotapp_scheduler.shell.volume_writes import VolumeWriter
 
 log = logging.getLogger(__name__)

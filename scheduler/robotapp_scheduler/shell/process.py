@@ -33,7 +33,6 @@ from robotapp_scheduler.shell import collector, huge_pages, vigil
 from robotapp_scheduler.shell.binder import Binder
 from robotapp_scheduler.shell.claim_users import ClaimUsers
 from robotapp_scheduler.shell.config_source import LastGood, NoSource, Source, sources
-from robotapp_scheduler.shell.domain_claims import DomainClaims
 from robotapp_scheduler.shell.events import PodEvents
 from robotapp_scheduler.shell.evict import Evictor
 from robotapp_scheduler.shell.explaining import Explainer
@@ -43,14 +42,15 @@ from robotapp_scheduler.shell.health import Checks
 from robotapp_scheduler.shell.intake import Intake
 from robotapp_scheduler.shell.kubelet_refusals import KubeletRefusals
 from robotapp_scheduler.shell.loop import SchedulerLoop
-from robotapp_scheduler.shell.metrics import Metrics
+from robotapp_scheduler.shell.metrics.domain_claims import DomainClaims
+from robotapp_scheduler.shell.metrics.metrics import Metrics
+from robotapp_scheduler.shell.metrics.timing import Stopwatch, time_plugins
 from robotapp_scheduler.shell.placing import Placer
 from robotapp_scheduler.shell.planner import Planner
 from robotapp_scheduler.shell.published import publish
 from robotapp_scheduler.shell.reload import Reloader, Running, first
 from robotapp_scheduler.shell.report import Reporter
 from robotapp_scheduler.shell.reserve import Reserver, granted_pods
-from robotapp_scheduler.shell.timing import Stopwatch, time_plugins
 from robotapp_scheduler.shell.volume_writes import INTERESTING, VolumeWriter
 from robotapp_scheduler.shell.watchdog import Watchdog
 

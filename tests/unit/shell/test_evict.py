@@ -14,7 +14,7 @@ from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.preemption.preemption import Plan
 from robotapp_scheduler.core.queue.queued_pod_info import Rejection
 from robotapp_scheduler.shell.evict import Evictor
-from robotapp_scheduler.shell.metrics import Metrics
+from robotapp_scheduler.shell.metrics.metrics import Metrics
 
 NOW = "2026-11-21T00:00:00Z"
 ANOTHER_UID = Invalid("field is immutable", status=422, causes=(("metadata.uid", "FieldValueInvalid", "immutable"),))

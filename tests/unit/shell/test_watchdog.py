@@ -24,8 +24,8 @@ from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, Pro
 from robotapp_scheduler.core.framework.queueing_hint import Waker
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.shell.bind_steps import BindSteps
-from robotapp_scheduler.shell.metrics import Metrics
-from robotapp_scheduler.shell.timing import PointTimer
+from robotapp_scheduler.shell.metrics.metrics import Metrics
+from robotapp_scheduler.shell.metrics.timing import PointTimer
 from robotapp_scheduler.shell.watchdog import Watchdog
 
 LONG_S = 5.0

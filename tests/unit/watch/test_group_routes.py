@@ -16,7 +16,7 @@ from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.pods.pod_group_index import COSCHEDULING, GroupRef
 from robotapp_scheduler.shell import feed as feeding
 from robotapp_scheduler.shell.feed import Feed
-from robotapp_scheduler.shell.metrics import Metrics
+from robotapp_scheduler.shell.metrics.metrics import Metrics
 
 
 async def test_they_cost_one_question_each_until_a_pod_names_one(monkeypatch: pytest.MonkeyPatch) -> None:

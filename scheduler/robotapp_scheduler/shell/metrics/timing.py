@@ -11,8 +11,8 @@ from typing import Any, Final, TypeVar
 
 from robotapp_scheduler.core.framework.interface import Code, Loaded
 from robotapp_scheduler.core.framework.profiles import Profile
-from robotapp_scheduler.shell.histogram import Histogram
-from robotapp_scheduler.shell.metrics import Metrics
+from robotapp_scheduler.shell.metrics.histogram import Histogram
+from robotapp_scheduler.shell.metrics.metrics import Metrics
 
 ONE_IN: Final = 10
 HOOKS: Final = {

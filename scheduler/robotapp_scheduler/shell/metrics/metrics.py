@@ -13,7 +13,7 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.registry import Collector
 
 from robotapp_scheduler.core.queue.queued_pod_info import QueuedPod
-from robotapp_scheduler.shell.histogram import Histogram, Tally
+from robotapp_scheduler.shell.metrics.histogram import Histogram, Tally
 
 # kube-scheduler has none: a counter's `_created` would be a gauge nobody's dashboard knows.
 disable_created_metrics()  # type: ignore[no-untyped-call]  # the library does not say its type

@@ -11,8 +11,8 @@ from tests.support.scheduling import Clock, default_profiles, make_cluster, make
 
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.framework.interface import Code, PreFilter, Status
-from robotapp_scheduler.shell.metrics import Metrics
-from robotapp_scheduler.shell.timing import ONE_IN, Stopwatch, sampled, status_of, time_plugins
+from robotapp_scheduler.shell.metrics.metrics import Metrics
+from robotapp_scheduler.shell.metrics.timing import ONE_IN, Stopwatch, sampled, status_of, time_plugins
 
 
 def ticking() -> Any:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from prometheus_client import CollectorRegistry
 from prometheus_client.exposition import generate_latest
 
-from robotapp_scheduler.shell.histogram import Histogram
+from robotapp_scheduler.shell.metrics.histogram import Histogram
 
 BUCKETS = [0.001, 0.01, 0.25, 1.0, 16.0]
 VALUES = st.one_of(st.sampled_from(BUCKETS), st.floats(min_value=0, max_value=100))

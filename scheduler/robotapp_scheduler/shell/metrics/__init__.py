@@ -1,0 +1,1 @@
+"""Metrics and how long plugins take."""
