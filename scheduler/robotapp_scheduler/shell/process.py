@@ -32,7 +32,8 @@ from robotapp_scheduler.port.supervisor import PortSupervisor
 from robotapp_scheduler.shell import collector, huge_pages, vigil
 from robotapp_scheduler.shell.binder import Binder
 from robotapp_scheduler.shell.claim_users import ClaimUsers
-from robotapp_scheduler.shell.config_source import LastGood, NoSource, Source, sources
+from robotapp_scheduler.shell.config.reload import Reloader, Running, first
+from robotapp_scheduler.shell.config.sources import LastGood, NoSource, Source, sources
 from robotapp_scheduler.shell.events import PodEvents
 from robotapp_scheduler.shell.evict import Evictor
 from robotapp_scheduler.shell.explaining import Explainer
@@ -48,7 +49,6 @@ from robotapp_scheduler.shell.metrics.timing import Stopwatch, time_plugins
 from robotapp_scheduler.shell.placing import Placer
 from robotapp_scheduler.shell.planner import Planner
 from robotapp_scheduler.shell.published import publish
-from robotapp_scheduler.shell.reload import Reloader, Running, first
 from robotapp_scheduler.shell.report import Reporter
 from robotapp_scheduler.shell.reserve import Reserver, granted_pods
 from robotapp_scheduler.shell.volume_writes import INTERESTING, VolumeWriter

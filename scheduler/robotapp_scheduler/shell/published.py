@@ -4,9 +4,9 @@ from collections.abc import Callable, Mapping
 
 from robotapp_api.client.api.client import ApiClient
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
+from robotapp_scheduler.shell.config.reload import Running
 from robotapp_scheduler.shell.metrics.domain_claims import DomainClaims
 from robotapp_scheduler.shell.metrics.metrics import Metrics
-from robotapp_scheduler.shell.reload import Running
 
 
 def publish(

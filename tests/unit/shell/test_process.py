@@ -17,8 +17,8 @@ from robotapp_api.client.api.resources import LEASES, NODES, PODS
 from robotapp_scheduler.config import load as configuration
 from robotapp_scheduler.config.flags import Options, parse
 from robotapp_scheduler.plugins.registry import catalogue
+from robotapp_scheduler.shell.config.reload import Running
 from robotapp_scheduler.shell.process import Scheduler
-from robotapp_scheduler.shell.reload import Running
 
 
 @pytest.fixture(autouse=True)

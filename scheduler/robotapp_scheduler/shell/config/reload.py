@@ -16,7 +16,7 @@ from robotapp_scheduler.config import load as configuration
 from robotapp_scheduler.config.configz import document
 from robotapp_scheduler.config.load import ConfigError, SchedulerConfig
 from robotapp_scheduler.core.framework.profiles import Catalogue, Profile
-from robotapp_scheduler.shell.config_source import Given, LastGood, NoSource, Source
+from robotapp_scheduler.shell.config.sources import Given, LastGood, NoSource, Source
 
 log = logging.getLogger(__name__)
 

@@ -16,8 +16,8 @@ from robotapp_scheduler.config.flags import parse
 from robotapp_scheduler.config.load import ConfigError, SchedulerConfig
 from robotapp_scheduler.core.framework.profiles import Profile
 from robotapp_scheduler.plugins.registry import catalogue
-from robotapp_scheduler.shell.config_source import FileSource, Given, LastGood, MapSource, NoSource, sources
-from robotapp_scheduler.shell.reload import Outcome, Reloader, Running, first
+from robotapp_scheduler.shell.config.reload import Outcome, Reloader, Running, first
+from robotapp_scheduler.shell.config.sources import FileSource, Given, LastGood, MapSource, NoSource, sources
 
 
 def text(**fields: Any) -> str:
